@@ -47,12 +47,10 @@ class TestRecordings:
     """As `estimate`, `live` and `batch` see them."""
 
     def test_a_third_of_the_mistakes(self) -> None:
-        pytest.importorskip("estimator.diagnose", reason="a recording has no verdict yet")
         check(outcomes(RECORDED, 1 / 3))
 
     @pytest.mark.slow
     def test_all_mistakes_on_all_rigs(self) -> None:
-        pytest.importorskip("estimator.diagnose", reason="a recording has no verdict yet")
         check(outcomes(RECORDED, draws=4, rigs=range(len(KINDS))) + outcomes(PICTURED, rigs=range(len(KINDS))))
 
 
@@ -60,12 +58,10 @@ class TestSessions:
     """As `calibrate` and the wizard see them."""
 
     def test_some_mistakes(self) -> None:
-        pytest.importorskip("vbaa_calib.diagnose.session", reason="a session has no table of hypotheses yet")
         check(outcomes(TAKEN, 1 / 10))
 
     @pytest.mark.slow
     def test_all_mistakes_on_all_rigs(self) -> None:
-        pytest.importorskip("vbaa_calib.diagnose.session", reason="a session has no table of hypotheses yet")
         check(outcomes(TAKEN, draws=2, rigs=range(len(KINDS))))
 
 

@@ -5,16 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from estimator import ContactEstimator
+from estimator import ContactEstimator, recording_verdict
 from estimator.contact.recording import estimate_pictures
 from estimator.table.contacts import LOCATED, Contact, Measured
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError, Verdict
-from vbaa_calib.rig import Rig
 
 from .pictures import Pictured
 from .recordings import NAMED, NOTHING, REPORTED, Data, Mistake, Recording, Truth
@@ -67,7 +65,7 @@ def judged_pictures(mistake: Mistake[Pictured], clean: Pictured, rng: np.random.
 def _judged(
     mistake: Mistake[Data], recording: Recording | Pictured, several: Sequence[Measured], contacts: Sequence[Contact]
 ) -> Outcome:
-    verdict = verdict_of(recording.rig, several, contacts)
+    verdict = recording_verdict(recording.rig, several, contacts)
     names = tuple(one.name for one in verdict.findings)
     located = sum(one.status in LOCATED for one in contacts)
     # where the joints are not to be tested, and that is reported, only what the antenna's own frame says is judged
@@ -90,16 +88,6 @@ def _refused(mistake: Mistake[Data], error: VbaaError) -> Outcome:
     name = min(mistake.right) if right else "refused"
     words = Diagnosis(name, str(error), "", "wrong")
     return Outcome(outcome_of(mistake, Verdict.of([words])), (f"refused: {getattr(error, 'what', error)}",), "wrong")
-
-
-def verdict_of(rig: Rig, several: Sequence[Measured], contacts: Sequence[Contact]) -> Verdict:
-    """What the estimator's diagnosis reports of a recording; nothing where there is none."""
-    try:
-        found = import_module("estimator.diagnose").recording_verdict(rig, several, contacts)
-    except (ModuleNotFoundError, AttributeError):
-        return Verdict()
-    assert isinstance(found, Verdict)
-    return found
 
 
 def outcome_of(mistake: Mistake[Data], verdict: Verdict) -> str:

@@ -25,7 +25,7 @@ from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.write import write_session
 
-from .recordings import DOUBTED, MOVED, NAMED, Mistake, Truth
+from .recordings import DOUBTED, MOVED, NAMED, Mistake, Truth, frozen_rows, neighbour_rows, swapped_rows
 from .rigs import NITINOL, STEEL
 
 
@@ -193,23 +193,6 @@ def _rows(which: Callable[[int, np.random.Generator], np.ndarray]) -> Changed:
     return altered
 
 
-def _frozen(count: int, rng: np.random.Generator) -> np.ndarray:
-    rows, begin = np.arange(count), int(count * rng.uniform(0.2, 0.6))
-    rows[begin : begin + int(rng.integers(8, 16))] = begin
-    return rows
-
-
-def _exchanged(count: int, rng: np.random.Generator) -> np.ndarray:
-    rows = np.arange(count)
-    one, other = rng.choice(count, 2, replace=False)
-    rows[[one, other]] = other, one
-    return rows
-
-
-def _neighbour(count: int, rng: np.random.Generator) -> np.ndarray:
-    return np.clip(np.arange(count) + rng.choice([-1, 1]), 0, count - 1)
-
-
 def _row(what: str, must: str, right: str, altered: Changed, says: str = "") -> Mistake[Pictured]:
     return Mistake(what, must, frozenset(right.split()), altered, says)
 
@@ -231,8 +214,15 @@ PICTURES = (
     _row("pictures shifted by 5 to 15 px", NAMED, MOVED, _warped(_shift)),
     _row("camera turned by 0.3 to 0.6°", NAMED, MOVED, _warped(_turn)),
     _row("refocused by 0.8 to 3 %", NAMED, SCALED, _warped(_focus)),
-    _row("camera frozen for 8 to 16 frames", NAMED, "camera_frozen", _rows(_frozen)),
-    _row("two pictures exchanged", DOUBTED, "pictures_exchanged", _rows(_exchanged)),
-    _row("pictures of the neighbour rows", NAMED, "pictures_late clock_offset", _rows(_neighbour)),
+    _row(
+        "camera frozen for 8 to 16 frames",
+        NAMED,
+        "camera_frozen",
+        _rows(lambda count, rng: frozen_rows(count, rng, (0.2, 0.6), 16)),
+    ),
+    _row(
+        "two pictures exchanged", DOUBTED, "pictures_exchanged", _rows(lambda count, rng: swapped_rows(count, rng, 0))
+    ),
+    _row("pictures of the neighbour rows", NAMED, "pictures_late clock_offset", _rows(neighbour_rows)),
 )
 """The matrix's rows about pictures. Edit the names of the findings here."""

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 
 from estimator.contact.inputs import Batch
+from estimator.solver.frames import Frames
 from estimator.solver.ladder import solve
 from estimator.solver.linearised import free_antennas, linearised
 from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.core.least_squares import score_test
 from vbaa_calib.rig import Rig
 
 from .settings import RecordingSettings
@@ -54,6 +55,10 @@ class Recorded:
         """With other columns of the batch."""
         return replace(self, batch=replace(self.batch, **columns))
 
+    def without_moments(self) -> Recorded:
+        """With no reading of the moment sensors."""
+        return self.with_readings(readings_Nm=np.full_like(self.batch.readings_Nm, np.nan))
+
     def with_rig(self, rig: Rig, first: int = 0) -> Recorded:
         """With another rig, from a frame on."""
         return replace(self, later=(first, rig)) if first else replace(self, rig=rig)
@@ -85,9 +90,10 @@ class Fitted:
         self.recorded, self.settings = recorded, RecordingSettings()
         self.numbers = FitNumbers.empty(len(recorded))
         self.points = np.zeros(len(recorded))
-        self.parts = [(rows, _arrays(rig, recorded.friction_rad)) for rows, rig in recorded.parts]
-        for rows, arrays in self.parts:
-            frames = recorded.batch.picked(rows).frames(arrays)
+        self.parts = []
+        for rows, rig in recorded.parts:
+            frames = recorded.batch.picked(rows).frames(_arrays(rig, recorded.friction_rad))
+            self.parts.append((rows, frames))
             self.points[rows] = frames.usable.sum(axis=-1)
             self.numbers.put(rows, solve(frames, RUNGS[-1]))
         numbers = self.numbers
@@ -100,7 +106,7 @@ class Fitted:
     @property
     def steps(self) -> int:
         """R, the number of the rig's axes."""
-        return self.parts[0][1].axes.shape[1]
+        return self.parts[0][1].rig_arrays.axes.shape[1]
 
     @property
     def free(self) -> np.ndarray:
@@ -117,13 +123,12 @@ class Fitted:
         """(F,) moments about y that a sensor would read, and their standard deviations without its noise: of frames
         that were fitted without one. Infinite where the picture leaves a mirror image."""
         expected, own = np.full((2, len(self.recorded)), np.inf)
-        for rows, arrays in self.parts:
-            expected[rows], own[rows] = self._moments(rows, arrays)
+        for rows, frames in self.parts:
+            expected[rows], own[rows] = self._moments(rows, frames)
         return expected, own
 
-    def _moments(self, rows: np.ndarray, arrays: RigArrays) -> tuple[np.ndarray, np.ndarray]:
-        weak, free = 1e-6, self.free[rows, None]
-        frames = self.recorded.batch.picked(rows).frames(arrays)
+    def _moments(self, rows: np.ndarray, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
+        weak, free, arrays = 1e-6, self.free[rows, None], frames.rig_arrays
         tips = frames.available[:, 2]
         frames = replace(frames, available=np.column_stack([np.full((len(rows), 2), weak), tips]))
         size, std = UNKNOWNS + arrays.steps, arrays.std[0]
@@ -151,16 +156,18 @@ class Fitted:
         without prior; the frame's own unknowns eliminated. as_free : (F,) which frames count as free."""
         free, count = self.free if as_free is None else as_free, self.steps + more.shape[1]
         information, score = np.zeros((len(free), count, count)), np.zeros((len(free), count))
-        for part, arrays in self.parts:
+        for part, frames in self.parts:
+            arrays = frames.rig_arrays
             wide = replace(arrays, axes=np.ascontiguousarray(np.hstack([arrays.axes, more])))
-            for rows, touched in ((part[free[part]], False), (part[~free[part]], True)):
-                if len(rows):
-                    information[rows], score[rows] = self._about_rig(rows, wide, touched)
+            for own, touched in ((free[part], False), (~free[part], True)):
+                if own.any():
+                    some = replace(frames.picked(np.flatnonzero(own)), rig_arrays=wide)
+                    information[part[own]], score[part[own]] = self._about_rig(part[own], some, touched)
         return information, score
 
-    def _about_rig(self, rows: np.ndarray, arrays: RigArrays, touched: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _about_rig(self, rows: np.ndarray, frames: Frames, touched: bool) -> tuple[np.ndarray, np.ndarray]:
         """As `shared`, of some frames that are all free, or all touched."""
-        frames, count = self.recorded.batch.picked(rows).frames(arrays), arrays.axes.shape[1]
+        count = frames.rig_arrays.axes.shape[1]
         if touched:
             found = linearised(frames, RUNGS[-1], self.numbers.unknowns[rows])
             whole, side, kept = found.information.copy(), found.side, np.arange(UNKNOWNS, UNKNOWNS + count)
@@ -244,16 +251,23 @@ def weighed(
     frame's readings in the reported unit over that in their own; a frame that nothing explains has none.
     """
     settings, size = fits.settings, fits.steps
-    none = np.zeros((len(fits.parts[0][1].axes), 0))
+    none = np.zeros((len(fits.parts[0][1].rig_arrays.axes), 0))
     information, score = fits.shared(none if more is None else more, as_free)
     own, pull = information[:, :size, :size], score[:, :size]
     cost = fits.cost if as_free is None else np.where(as_free, fits.alone, fits.touched)
     # of the frame by itself the rig had its prior: here all frames have it together
     alone = 0.5 * np.einsum("bs,bs->b", pull, np.linalg.solve(own + np.eye(size), pull[..., None])[..., 0])
     base = np.where(np.isfinite(cost), (cost + alone - best) / scale, np.inf)
+
+    def costs_at(steps: np.ndarray) -> np.ndarray:
+        return np.asarray(base + (0.5 * np.einsum("bij,i,j->b", own, steps, steps) - pull @ steps) / scale)
+
+    def clipped(steps: np.ndarray) -> np.ndarray:
+        return np.minimum(np.maximum(costs_at(steps), 0.0) - log_density, settings.most)
+
     steps, weights = np.zeros(size), np.ones(len(cost))
     for _ in range(settings.reweightings):
-        costs = base + (0.5 * np.einsum("bij,i,j->b", own, steps, steps) - pull @ steps) / scale
+        costs = costs_at(steps)
         # where all are far off, those that are less so lead to the others
         usual = max(settings.most, float(np.median(costs[np.isfinite(costs)]))) if np.isfinite(costs).any() else 1.0
         weights = np.where(np.isfinite(costs), 1.0 / (1.0 + np.maximum(costs, 0.0) / usual) ** 2, 0.0) / scale
@@ -261,10 +275,6 @@ def weighed(
         steps = np.linalg.solve(np.einsum("b,bij->ij", weights, own) + np.eye(size), weights @ pull)
         if np.abs(steps - before).max(initial=0.0) < 1e-3:
             break
-
-    def clipped(steps: np.ndarray) -> np.ndarray:
-        costs = base + (0.5 * np.einsum("bij,i,j->b", own, steps, steps) - pull @ steps) / scale
-        return np.minimum(np.maximum(costs, 0.0) - log_density, settings.most)
 
     # far from where the frames are linear, steps may lead nowhere
     if not clipped(steps).sum() + 0.5 * steps @ steps < clipped(0.0 * steps).sum():
@@ -280,7 +290,6 @@ class Case:
     best, scale : (F,) least cost of each frame, with a rig that may have changed in everything and without its moment;
         and by how much its points scatter more than their standard deviations say, squared.
     axes : (18 + P, Q) along which the rig may have changed.
-    tried : what was worked out of it already.
     """
 
     recorded: Recorded
@@ -288,7 +297,6 @@ class Case:
     scale: np.ndarray
     axes: np.ndarray
     settings: RecordingSettings = field(default_factory=RecordingSettings)
-    tried: dict[str, Any] = field(default_factory=dict)
 
     @staticmethod
     def of(recorded: Recorded, axes: np.ndarray) -> Case:
@@ -298,8 +306,7 @@ class Case:
         if not recorded.fit.plain.mean() > RecordingSettings.plain:
             rig = recorded.rig
             wide = rig.with_covariance(rig.covariance_with_tip + axes @ axes.T)
-            silent = recorded.with_readings(readings_Nm=np.full_like(recorded.batch.readings_Nm, np.nan))
-            least = np.minimum(silent.with_rig(wide).fit.cost, least)
+            least = np.minimum(recorded.without_moments().with_rig(wide).fit.cost, least)
         best = np.where(np.isfinite(least), least, expected)
         return Case(recorded, best, np.clip(best / expected, 1.0, None), axes)
 
@@ -357,10 +364,9 @@ class Case:
         explained, also of what most frames share."""
         for together in (self.reported, self.as_free) if self.many_lost else (self.reported,):
             information, score = together.about_others(first)
-            unit = information[np.ix_(columns, columns)] + np.eye(len(columns))
-            if np.isfinite(unit).all():
-                pull = score[columns]
-                yield 0.5 * float(pull @ np.linalg.solve(unit, pull)) - 0.5 * float(np.linalg.slogdet(unit)[1])
+            found = score_test(information[np.ix_(columns, columns)], score[columns], 1.0)
+            if found is not None:
+                yield found.log_evidence
 
     @property
     def cost(self) -> float:

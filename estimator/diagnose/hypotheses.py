@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -321,7 +321,7 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
     there = np.isfinite(read)
     if there.sum() < RecordingSettings.fewest_moments:
         return
-    without = recorded.with_readings(readings_Nm=np.full_like(recorded.batch.readings_Nm, np.nan))
+    without = recorded.without_moments()
     constant = np.ptp(read[there]) <= 1e-3 * std
     # a reading that says nothing lies anywhere within its range
     spread = max(float(np.ptp(read[there])), std * RecordingSettings.varies_std)
@@ -398,19 +398,17 @@ def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
     yield from _compared(case, likely)
 
 
+@lru_cache(maxsize=1)
 def _tried(case: Case) -> list[tuple[Reading, float]]:
     """Rows about joints and pictures that the least bent frames could tell, and what these gain by each."""
-    if "joints" not in case.tried:
-        few, found = case.picked(_least_bent(case)), []
-        for row in READINGS:
-            calm = case.sound and not case.changed
-            if row.of_moment or ((row.of_pictures or row.name == "joint_offset") and calm):
-                continue
-            corrected = row.correct(few.recorded)
-            if corrected is not None and _differs(corrected, few.recorded):
-                found.append((row, few.cost - few.cost_of(corrected, row.log_density)))
-        case.tried["joints"] = found
-    return case.tried["joints"]
+    few, calm, found = case.picked(_least_bent(case)), case.sound and not case.changed, []
+    for row in READINGS:
+        if row.of_moment or ((row.of_pictures or row.name == "joint_offset") and calm):
+            continue
+        corrected = row.correct(few.recorded)
+        if corrected is not None and _differs(corrected, few.recorded):
+            found.append((row, few.cost - few.cost_of(corrected, row.log_density)))
+    return found
 
 
 def unseen_joints(case: Case) -> list[str]:
@@ -503,10 +501,11 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
         found = fitted(case, row, axes[:, own], first)
         if found is None or abs(found.size) < row.least:
             continue
-        since = f", from row {int(case.recorded.order[first])} on" if first else ""
+        begin = int(case.recorded.order[first]) if first else 0
+        since = f", from row {begin} on" if first else ""
         diagnosis = Diagnosis(row.name, found.words + since, row.remedy, row.severity)
         odds = found.log_odds - settings.unlikely + row.log_prior - (fair if first else 0.0)
-        yield Explanation(diagnosis, odds, partial(case.explained_by, found.recorded))
+        yield Explanation(diagnosis, odds, partial(case.explained_by, found.recorded), first=begin)
 
 
 TABLE: tuple[Hypothesis[Case], ...] = (explanations,)

@@ -12,7 +12,7 @@ import numpy as np
 from estimator.contact.inputs import Batch, OutlierSettings, point_scatter, shared_share
 from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import Diagnosis, Verdict
-from vbaa_calib.diagnose.decision import diagnose
+from vbaa_calib.diagnose.decision import explained, joined
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Drift
 
@@ -149,14 +149,15 @@ class RecordingWatch:
             rows += [row for _, own in saturated for row in own]
             found += [one for one, _ in saturated]
             case = Case.of(recorded, axes_of(recorded.rig, CHANGES)[0])
-            causes = diagnose(case, TABLE)
-            grave = [one for one in causes if one.grave]
+            rounds, _ = explained(case, TABLE)
+            causes = [joined(best) for best in rounds]
+            grave = [best[0] for best in rounds if best[0].diagnosis.grave]
             # a cause of all is one of single rows, too
             found = found if grave else [*found, *self._of_rows()]
             found = [*causes, *found] if not found or not found[0].grave else [*found, *causes]
             found += [*self._scatter(case, causes), *([] if grave else _untested(case))]
             if grave:
-                first = min(map(_since, grave))
+                first = min(one.first for one in grave)
             elif (left := self._unexplained(case)) is not None:
                 found.append(left)
                 first = 0 if left.grave else None
@@ -181,7 +182,7 @@ class RecordingWatch:
 
     def _beyond(self, some: Recorded, value: float, largest: bool) -> bool:
         """Whether pictures of some frames ask for a moment beyond one."""
-        expected, std = some.with_readings(readings_Nm=np.full((len(some), 2), np.nan)).fit.moments
+        expected, std = some.without_moments().fit.moments
         off = (expected - value) * (1.0 if largest else -1.0) / np.hypot(std, self.rig.moment_sensor.std_Nm)
         return bool((off[np.isfinite(std)] > self.settings.beyond_std).any())
 
@@ -244,8 +245,7 @@ class RecordingWatch:
         later = lost.sum() >= least and lost[first:].mean() > self.settings.contradicting
         if not (lost.mean() > self.settings.unexplained or later):
             return None
-        silent = case.recorded.with_readings(readings_Nm=np.full_like(case.recorded.batch.readings_Nm, np.nan))
-        alone = (silent.fit.cost - case.best)[lost] / case.scale[lost]
+        alone = (case.recorded.without_moments().fit.cost - case.best)[lost] / case.scale[lost]
         by_moment = float(np.mean(alone < 0.5 * case.settings.most))
         block = (
             "moments and pictures contradict each other"
@@ -287,12 +287,6 @@ def _readings(measured: Measured) -> np.ndarray:
 def _same_picture(measured: Measured, before: Measured) -> bool:
     a, b = measured.points_px, before.points_px
     return len(a) > 0 and a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True))
-
-
-def _since(one: Diagnosis) -> int:
-    """The row from which on a diagnosis holds."""
-    _, _, row = one.words.partition(", from row ")
-    return int(row.split()[0]) if row else 0
 
 
 def recording_verdict(rig: Rig, several: Sequence[Measured], contacts: Sequence[Contact]) -> Verdict:

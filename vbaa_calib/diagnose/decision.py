@@ -32,12 +32,14 @@ class Explanation(Generic[_Data]):
     log_odds : posterior, against "as reported".
     applied : the observations with the mistake put right; None where nothing can be sought behind it.
     covers : names of the hypotheses that this one makes superfluous.
+    first : row of the observations from which on it holds, where they have an order.
     """
 
     diagnosis: Diagnosis
     log_odds: float
     applied: Callable[[], _Data] | None = None
     covers: tuple[str, ...] = ()
+    first: int = 0
 
 
 Hypothesis = Callable[[_Data], Iterable[Explanation[_Data]]]
@@ -61,24 +63,21 @@ def diagnose(
     data: _Data, table: Sequence[Hypothesis[_Data]], settings: DecisionSettings = DecisionSettings()
 ) -> list[Diagnosis]:
     """What is wrong, the likeliest first: see `explained`."""
-    return explained(data, table, settings)[0]
+    return [joined(best) for best in explained(data, table, settings)[0]]
 
 
 def explained(
     data: _Data, table: Sequence[Hypothesis[_Data]], settings: DecisionSettings = DecisionSettings()
-) -> tuple[list[Diagnosis], _Data]:
-    """What is wrong, the likeliest first, and the observations with all of it put right: the table is gone through
-    again with each round's best explanation applied.
-
-    Where the data do not decide between several, the first one names the others.
-    """
-    found: list[Diagnosis] = []
+) -> tuple[list[list[Explanation[_Data]]], _Data]:
+    """What is wrong, the likeliest first, each with those that the data hardly tell from it; and the observations with
+    all of it put right: the table is gone through again with each round's best explanation applied."""
+    found: list[list[Explanation[_Data]]] = []
     for _ in range(settings.rounds):
-        known = {_subject(one) for one in found}
+        known = {_subject(joined(each)) for each in found}
         best = decide((one for row in table for one in row(data) if _subject(one.diagnosis) not in known), settings)
         if not best:
             break
-        found.append(joined([one.diagnosis for one in best]))
+        found.append(best)
         if best[0].applied is None:
             break
         data = best[0].applied()
@@ -90,11 +89,11 @@ def _subject(one: Diagnosis) -> str:
     return one.words if " row " in one.words else one.name
 
 
-def joined(alike: Sequence[Diagnosis]) -> Diagnosis:
-    """One diagnosis of several between which the data do not decide, under the first one's name."""
-    first, *others = alike
+def joined(alike: Sequence[Explanation[_Data]]) -> Diagnosis:
+    """One diagnosis of several explanations between which the data do not decide, under the first one's name."""
+    first, *others = every = [one.diagnosis for one in alike]
     if not others:
         return first
     words = "; or ".join([first.words, *(one.words for one in others)])
-    remedy = "; or ".join(dict.fromkeys(one.remedy for one in alike))
+    remedy = "; or ".join(dict.fromkeys(one.remedy for one in every))
     return Diagnosis(first.name, words, remedy, first.severity)

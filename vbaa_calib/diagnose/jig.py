@@ -507,7 +507,7 @@ def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:
         return []
     best = decide(data.explanation(case) for row in _TABLE for case in row(data))
     # the antenna's length is for those who know its loads
-    return [] if not best or best[0].diagnosis.name == "antenna_length" else [joined([one.diagnosis for one in best])]
+    return [] if not best or best[0].diagnosis.name == "antenna_length" else [joined(best)]
 
 
 def plane_contradicted(joint: BundleAdjustment, limits: _JigSettings = _JigSettings()) -> bool:

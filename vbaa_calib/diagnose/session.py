@@ -19,7 +19,7 @@ from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import STANDARD_GRAVITY_M_S2 as G
 from vbaa_calib.session import Load, Session, Still, gravity_antenna
 
-from .decision import DecisionSettings, Explanation, explained
+from .decision import DecisionSettings, Explanation, diagnose, explained, joined
 from .sensor import TABLE as SENSOR
 from .sensor import MomentReadings
 from .settings import SETTINGS, SessionSettings
@@ -739,7 +739,7 @@ def _sensor_diagnoses(readings: MomentReadings, s: SessionSettings = SETTINGS) -
     seen = np.isfinite(readings.read).all() and np.ptp(readings.true) >= s.seen_std * readings.std_Nm
     if len(readings.read) < s.fewest or not seen:
         return []
-    return explained(readings, SENSOR)[0]
+    return diagnose(readings, SENSOR)
 
 
 def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
@@ -756,7 +756,8 @@ def session_diagnoses(
 ) -> list[Diagnosis]:
     """`still_diagnoses` of observations that need not have a common solution. Raises SolveError."""
     witness = Witness.of(session, kinematics, observations, before)
-    found, right = explained(witness, [_explanations])
+    rounds, right = explained(witness, [_explanations])
+    found = [joined(best) for best in rounds]
     fit = right.reported
     if fit is None or fit.scale > SETTINGS.fits:
         return [_contradiction(right, np.inf if fit is None else fit.scale), *found]
