@@ -1,0 +1,24 @@
+"""Work on several processors, for functions of the core that release the interpreter's lock."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+_PIECE = 16
+"""Items that a thread takes at once."""
+
+
+def cores() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def in_threads(work: Callable[[int, int], None], count: int, jobs: int) -> None:
+    """Call `work(begin, end)` on pieces of a range in so many threads."""
+    if jobs <= 1 or count <= _PIECE:
+        work(0, count)
+        return
+    with ThreadPoolExecutor(jobs) as pool:
+        list(pool.map(lambda begin: work(begin, min(begin + _PIECE, count)), range(0, count, _PIECE)))

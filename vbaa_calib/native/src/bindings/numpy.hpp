@@ -1,0 +1,57 @@
+// NumPy's arrays as the core's: no copies, checked for kind and contiguity; shapes are the caller's to check.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <cstdint>
+
+#include "arrays.hpp"
+
+namespace vbaa {
+
+namespace nb = nanobind;
+
+template <class T, int N>
+using Numpy = nb::ndarray<nb::numpy, T, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
+
+using InVector = Numpy<const double, 1>;
+using InMatrix = Numpy<const double, 2>;
+using InCube = Numpy<const double, 3>;
+using OutVector = Numpy<double, 1>;
+using OutMatrix = Numpy<double, 2>;
+using OutCube = Numpy<double, 3>;
+
+// A window on an array that Python keeps.
+template <class... Kind>
+auto view(const nb::ndarray<Kind...>& array) {
+    using Found = nb::ndarray<Kind...>;
+    constexpr int axes = Found::Config::N;
+    View<typename Found::Scalar, axes> found;
+    found.data = array.data();
+    for (int axis = 0; axis < axes; ++axis) found.shape[axis] = static_cast<int>(array.shape(axis));
+    return found;
+}
+
+// The same of an attribute of a Python object, such as a named tuple or a dataclass of arrays.
+template <class T, int N>
+View<T, N> attribute(nb::handle object, const char* name) {
+    return view(nb::cast<Numpy<T, N>>(object.attr(name), false));
+}
+
+template <class T>
+T number(nb::handle object, const char* name) {
+    return nb::cast<T>(object.attr(name));
+}
+
+// A new array for Python, which keeps what the core has made.
+template <class T, int N>
+Numpy<T, N> to_numpy(Array<T, N>&& made) {
+    auto* kept = new Array<T, N>(std::move(made));
+    nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<Array<T, N>*>(p); });
+    std::array<std::size_t, N> shape;
+    for (int axis = 0; axis < N; ++axis) shape[axis] = kept->shape[axis];
+    return Numpy<T, N>(kept->values.data(), N, shape.data(), owner);
+}
+
+}  // namespace vbaa

@@ -1,0 +1,65 @@
+// Eight numbers that the processor works on at once: AVX-512 in one go, others in two or four.
+#pragma once
+
+#include <cmath>
+#include <cstring>
+
+namespace vbaa {
+
+constexpr int LANES = 8;
+using Lanes = double __attribute__((vector_size(8 * sizeof(double))));
+
+// The smallest multiple of LANES that holds so many numbers.
+constexpr int whole_lanes(int count) { return (count + LANES - 1) / LANES * LANES; }
+
+inline Lanes load(const double* from) {
+    Lanes values;
+    std::memcpy(&values, from, sizeof values);
+    return values;
+}
+
+inline void store(double* to, Lanes values) { std::memcpy(to, &values, sizeof values); }
+
+inline Lanes spread(double value) { return Lanes{} + value; }
+
+// The values where the test is above 0, the others elsewhere and where it is not a number.
+inline Lanes where_positive(Lanes test, Lanes values, Lanes others) { return test > Lanes{} ? values : others; }
+inline Lanes where_positive(Lanes test, double values, Lanes others) {
+    return test > Lanes{} ? spread(values) : others;
+}
+inline Lanes where_positive(Lanes test, Lanes values, double others) {
+    return test > Lanes{} ? values : spread(others);
+}
+inline Lanes where_positive(Lanes test, double values, double others) {
+    return test > Lanes{} ? spread(values) : spread(others);
+}
+
+inline Lanes absolute(Lanes values) { return values < Lanes{} ? -values : values; }
+
+inline double sum(Lanes values) {
+    double total = 0.0;
+    for (int lane = 0; lane < LANES; ++lane) total += values[lane];
+    return total;
+}
+
+inline Lanes sqrt(Lanes values) {
+    for (int lane = 0; lane < LANES; ++lane) values[lane] = std::sqrt(values[lane]);
+    return values;
+}
+
+inline Lanes exp(Lanes values) {
+    for (int lane = 0; lane < LANES; ++lane) values[lane] = std::exp(values[lane]);
+    return values;
+}
+
+inline Lanes sin(Lanes values) {
+    for (int lane = 0; lane < LANES; ++lane) values[lane] = std::sin(values[lane]);
+    return values;
+}
+
+inline Lanes cos(Lanes values) {
+    for (int lane = 0; lane < LANES; ++lane) values[lane] = std::cos(values[lane]);
+    return values;
+}
+
+}  // namespace vbaa
