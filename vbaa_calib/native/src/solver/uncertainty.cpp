@@ -217,13 +217,13 @@ void touch_covariance(const Uncertainty& found, double (&total)[6][6]) {
 }
 
 void widen_by_profile(const Rig& rig, const Frame& frame, int rung, const Fit& fit, Uncertainty& found, Work& work) {
-    double std[UNKNOWNS], unit[UNKNOWNS][UNKNOWNS], values[UNKNOWNS], vectors[UNKNOWNS][UNKNOWNS];
+    double sigma[UNKNOWNS], unit[UNKNOWNS][UNKNOWNS], values[UNKNOWNS], vectors[UNKNOWNS][UNKNOWNS];
     for (double each : view(found.covariance)) {
         if (!std::isfinite(each)) return;
     }
-    for (int a = 0; a < UNKNOWNS; ++a) std[a] = std::sqrt(found.covariance[a][a]);
+    for (int a = 0; a < UNKNOWNS; ++a) sigma[a] = std::sqrt(found.covariance[a][a]);
     for (int a = 0; a < UNKNOWNS; ++a) {
-        for (int b = 0; b < UNKNOWNS; ++b) unit[a][b] = found.covariance[a][b] / (std[a] * std[b]);
+        for (int b = 0; b < UNKNOWNS; ++b) unit[a][b] = found.covariance[a][b] / (sigma[a] * sigma[b]);
     }
     symmetric_eigen(view(unit), view(values), view(vectors));
     double wider = 1.0;
@@ -231,7 +231,7 @@ void widen_by_profile(const Rig& rig, const Frame& frame, int rung, const Fit& f
     for (double far : PROFILE_STEPS) {
         double axis[UNKNOWNS];
         for (int a = 0; a < UNKNOWNS; ++a) {
-            axis[a] = far * std[a] * vectors[a][UNKNOWNS - 1] * std::sqrt(values[UNKNOWNS - 1]);
+            axis[a] = far * sigma[a] * vectors[a][UNKNOWNS - 1] * std::sqrt(values[UNKNOWNS - 1]);
         }
         there = fit;
         there.unknowns = moved_unknowns(rig, fit.unknowns, axis);
@@ -267,14 +267,14 @@ void predicted_bias(const Errors& errors, const Uncertainty& found, double (&bia
     constexpr int DISTANCE_AND_FORCE[] = {0, UNKNOWNS + 4, UNKNOWNS + 5};
     double covariance[6][6];
     touch_covariance(found, covariance);
-    const double std[] = {std::sqrt(found.covariance[0][0]), std::sqrt(covariance[4][4]), std::sqrt(covariance[5][5])};
-    const bool sound = std::isfinite(std[0]) && std::isfinite(std[1]) && std::isfinite(std[2]);
+    const double sigma[] = {std::sqrt(found.covariance[0][0]), std::sqrt(covariance[4][4]), std::sqrt(covariance[5][5])};
+    const bool sound = std::isfinite(sigma[0]) && std::isfinite(sigma[1]) && std::isfinite(sigma[2]);
     for (int rung = PAPER; rung <= REFERENCE; ++rung) {
         bias[rung] = sound ? 0.0 : INFINITE;
         if (rung == REFERENCE || !sound) continue;
         for (int k = 0; k < 3; ++k) {
-            const double shape = errors[rung][DISTANCE_AND_FORCE[k]] / std[k];
-            const double friction = rung < ELASTICA ? errors[BY_FRICTION][DISTANCE_AND_FORCE[k]] / std[k] : 0.0;
+            const double shape = errors[rung][DISTANCE_AND_FORCE[k]] / sigma[k];
+            const double friction = rung < ELASTICA ? errors[BY_FRICTION][DISTANCE_AND_FORCE[k]] / sigma[k] : 0.0;
             const double both = std::sqrt(shape * shape + friction * friction);
             if (!(both <= bias[rung])) bias[rung] = both;
         }
