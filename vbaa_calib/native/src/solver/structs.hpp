@@ -219,7 +219,6 @@ struct Grid {
     Array<double, 1> best_steps;  // (R + L,) of the rig, at the best force
     Array<double, 1> weight;      // (N,) of the points
     Array<double, 2> crossed;     // (R + L, 2 G + LANES) what rig steps and unit forces have in common
-    double along[2][NODES];       // scratch room
 };
 
 // First-order uncertainty of a fit with R rig steps.
