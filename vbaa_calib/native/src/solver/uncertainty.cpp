@@ -267,7 +267,8 @@ void predicted_bias(const Errors& errors, const Uncertainty& found, double (&bia
     constexpr int DISTANCE_AND_FORCE[] = {0, UNKNOWNS + 4, UNKNOWNS + 5};
     double covariance[6][6];
     touch_covariance(found, covariance);
-    const double sigma[] = {std::sqrt(found.covariance[0][0]), std::sqrt(covariance[4][4]), std::sqrt(covariance[5][5])};
+    const double sigma[] = {std::sqrt(found.covariance[0][0]), std::sqrt(covariance[4][4]),
+                            std::sqrt(covariance[5][5])};
     const bool sound = std::isfinite(sigma[0]) && std::isfinite(sigma[1]) && std::isfinite(sigma[2]);
     for (int rung = PAPER; rung <= REFERENCE; ++rung) {
         bias[rung] = sound ? 0.0 : INFINITE;
