@@ -18,6 +18,22 @@ namespace vbaa::lens {
 // What the map onto the sensor needs, the tilt aside: nothing, a radial gain, or decentring and prism, too.
 enum class Path { none, radial, full };
 
+// A model with its numbers; all that the maps need (lens_maps.hpp).
+struct Model {
+    bool fisheye = false;
+    Path path = Path::none;
+    bool rational = false, tilted = false;  // with a denominator; with the coefficients of a tilted sensor
+    double fx = 1.0, fy = 1.0, cx = 0.0, cy = 0.0;
+    std::array<double, 14> coefficients = {};  // k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 τx τy, or the fisheye's k1 to k4
+    int distortions = 0;                       // how many of them the model has
+    std::array<double, 9> turn = {};           // of the tilted sensor, a rotation matrix
+
+    int parameters() const { return 4 + distortions; }
+};
+
+// Of fx, fy, cx, cy and coefficients: parameters (4 + k,).
+Model model_of(bool fisheye, ConstVector parameters);
+
 // The ideal radius r at even steps of ρ/(1 + ρ), over the branch on which the distorted radius ρ grows.
 struct RadialTable {
     std::vector<double> nodes = {0.0, 0.0};  // r at each node
@@ -31,26 +47,42 @@ struct RadialTable {
 struct Rim {
     std::vector<double> radii;
     double inner = 0.0;  // the smallest of them
+
+    bool encloses(double x, double y) const;
 };
 
-// A lens, its camera matrix, and how far it may be trusted.
-struct Lens {
-    bool fisheye = false, tilted = false;
-    Path path = Path::none;
-    double fx = 1.0, fy = 1.0, cx = 0.0, cy = 0.0;
-    std::array<double, 14> coefficients = {};  // k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 τx τy, or the fisheye's k1 to k4
-    int distortions = 0;                       // how many of them the model has
-    RadialTable table;                         // unless nothing is distorted
-    Rim ideal, reach;  // full: rim of the trusted region, and one around everything that it is distorted to
+// A model made ready: how far it may be trusted, and where a search for the way back starts.
+//
+// With decentring or prism it is trusted direction by direction: the symmetric part of the Jacobian is positive
+// definite from the axis to the rim. Without prism the Jacobian is symmetric, so the rim is where its determinant first
+// reaches zero, the fold. The region is convex (where the folds leave it notched, the largest disc inside is taken),
+// and on a convex region the map is then one to one: (F(a) − F(b))·(a − b) > 0 for any two of its points.
+struct Lens : Model {
+    RadialTable table;                                // unless nothing is distorted
+    Rim ideal, reach;                                 // full: rim of the region, and one around all it is distorted to
     double ideal_limit = 0.0, distorted_limit = 0.0;  // largest radii trusted in every direction; may be infinite
-
-    int parameters() const { return 4 + distortions; }
 };
 
-// A lens made ready; matrix (4,) fx, fy, cx, cy, coefficients (k,).
-Lens prepared(bool fisheye, ConstVector matrix, ConstVector coefficients);
+Lens prepared(bool fisheye, ConstVector parameters);
 
-// X/Z, Y/Z (N, 2) of pixels (N, 2), d(X/Z, Y/Z)/d(u, v) (N, 4) row by row, and validity (N,); anything finite or not
+// Whether an ideal point of the chart lies in the region, connected to the axis, where the lens is one to one.
+bool sees(const Lens& lens, double x, double y);
+
+// An ideal point (x, y) of a distorted one on an untilted sensor that a few Newton steps did not find; false where
+// there is none. On entry (x, y) is what those steps ended with.
+bool searched(const Lens& lens, double distorted_x, double distorted_y, double& x, double& y);
+
+// Pixels (N, 2) of points (N, 3) in the camera's frame and validity (N,); NaN where not valid. Where asked for (not
+// empty), d(u, v)/d(point) (N, 2, 3) and d(u, v)/d(fx, fy, cx, cy, *distortion) (N, 2, 4 + k); zeros where not valid.
+void project(const Lens& lens, ConstMatrix points, Matrix pixels, bool* valid, Cube by_point, Cube by_lens);
+
+// Unit rays (N, 3) of pixels (N, 2) and validity (N,); NaN where not valid.
+void rays_of_pixels(const Lens& lens, ConstMatrix pixels, Matrix rays, bool* valid);
+
+// And d(ray)/d(u, v) (N, 3, 2), d(ray)/d(fx, fy, cx, cy, *distortion) for a fixed pixel (N, 3, 4 + k).
+void rays_with_slopes(const Lens& lens, ConstMatrix pixels, Matrix rays, Cube by_pixel, Cube by_lens, bool* valid);
+
+// X/Z, Y/Z (N, 2) of pixels (N, 2), d(X/Z, Y/Z)/d(u, v) (N, 4) row by row unless that is empty, and validity (N,); NaN
 // where not valid.
 void normalized_of_pixels(const Lens& lens, ConstMatrix pixels, Matrix points, Matrix slopes, bool* valid);
 
@@ -58,11 +90,27 @@ void normalized_of_pixels(const Lens& lens, ConstMatrix pixels, Matrix points, M
 // seen. seen: X/Z and Y/Z in the first two rows, then scratch room; the third says 1 where the point is seen, 0 else.
 void normalized_by_lens(const Lens& lens, double (&seen)[6][LANES], Cube columns);
 
-// Whether an ideal point of the chart lies in the region, connected to the axis, where the lens is one to one.
-bool sees(const Lens& lens, double x, double y);
+// The same of points (N, 2): slopes (N, 2, 4 + k), NaN where not seen.
+void normalized_by_lens(const Lens& lens, ConstMatrix points, Cube slopes);
 
-// Pixels (N, 2) of points (N, 3) that a pose carries into the camera's frame, and validity (N,).
-void pixels_of_points(const Lens& lens, ConstMatrix rotation, ConstVector translation_m, ConstMatrix points_m,
-                      Matrix pixels, bool* valid);
+// A plane normal·x = offset that a camera sees, and axes (2 or 3, 3) of the coordinates wanted on it.
+struct Plane {
+    ConstMatrix rotation;  // (3, 3) and (3,) the camera's pose in the plane's frame, m
+    ConstVector translation_m;
+    ConstVector normal;  // (3,)
+    double offset_m = 0.0;
+    ConstMatrix axes;
+};
+
+// Coordinates (N, 2 or 3) m of the points where the rays of pixels (N, 2) meet a plane, and validity (N,); NaN where
+// not valid: no ray, grazing, behind the camera, a plane through its centre. In single precision the lens is, too.
+void plane_of_pixels(const Lens& lens, const Plane& plane, ConstMatrix pixels, Matrix points, bool* valid);
+void plane_of_pixels(const Lens& lens, const Plane& plane, View<const float, 2> pixels, View<float, 2> points,
+                     bool* valid);
+
+// Their derivatives (N, 2 or 3, P), NaN where not valid: by the pixel (P = 2), or by the lens' parameters, then a turn
+// (rotation vector, rad) and a shift (m) of the camera in the plane's frame (P = 4 + k + 6).
+void plane_by_pixel(const Lens& lens, const Plane& plane, ConstMatrix pixels, Cube slopes);
+void plane_by_calibration(const Lens& lens, const Plane& plane, ConstMatrix pixels, Cube slopes);
 
 }  // namespace vbaa::lens
