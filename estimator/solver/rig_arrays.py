@@ -27,7 +27,7 @@ _NEGLIGIBLE = 1e-9
 @lru_cache(32)
 def lens_of(intrinsics):
     parameters = np.array([intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *intrinsics.coefficients])
-    return core.lens.Lens(intrinsics.model == "fisheye", parameters)
+    return core.lens.Lens(intrinsics.model.name == "fisheye", parameters)
 
 
 @dataclass(frozen=True, eq=False)
