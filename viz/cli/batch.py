@@ -149,7 +149,7 @@ _NAMED = 20
 
 
 def _where(args: argparse.Namespace, count: int) -> Where:
-    from vbaa_calib.core.compiled import cores
+    from vbaa_calib.core.threads import cores
     from vbaa_calib.core.errors import InputError
     from viz.batch.cluster import Where, at_scheduler
 

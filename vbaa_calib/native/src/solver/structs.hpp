@@ -18,8 +18,10 @@ constexpr int POSES = 6, ANTENNA = 9;  // parameters of the camera's pose and of
 constexpr int NODES_TO_CONTACT = 40, NODES_BEYOND = 17, NODES = NODES_TO_CONTACT + NODES_BEYOND;
 constexpr int CONTACT = NODES_TO_CONTACT - 1, LAST = NODES - 1;  // the contact's node and the tip's
 constexpr int WIDE_NODES = whole_lanes(NODES);
-constexpr int GRID = 3 * LANES;             // distances that are tried before a fit begins
-constexpr int STARTS = 2;                   // minima that are searched for each frame
+constexpr int GRID = 3 * LANES;  // distances that are tried before a fit begins
+constexpr int STARTS = 2;        // minima that are searched for each frame
+// Evaluations of the model after which a frame is given up: sound frames take 3 to 30, by vision alone up to 200.
+constexpr int MOST_EVALUATIONS = 400;
 constexpr double TIP = 1.0;                 // the tip's distance in antenna lengths
 constexpr double HUBER = 2.5;               // whitened residuals beyond this count linearly
 constexpr double TIP_DEFLECTION_STD = 0.3;  // prior of the tip's deflection, in antenna lengths
@@ -202,7 +204,7 @@ struct Work {
     Array<double, 2> factor;       // (K′, K′)
     Array<double, 1> scale, step;  // (K′,)
     Unknowns start = {};
-    int evaluations = 0, most = 0;  // of the model so far, and after how many to give up
+    int evaluations = 0, most = MOST_EVALUATIONS;  // of the model so far, and after how many to give up
 
     Work(const Rig& rig, int points);
 };
