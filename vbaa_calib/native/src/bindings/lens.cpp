@@ -149,10 +149,12 @@ void bind_lens(nb::module_& module) {
         .def_ro("distorted_limit", &Lens::distorted_limit)
         .def_prop_ro("undistorted", [](const Lens& lens) { return lens.path == lens::Path::none; })
         .def_prop_ro("radial", [](const Lens& lens) { return lens.path == lens::Path::radial; })
-        .def_prop_ro("nodes", [](const Lens& lens) { return copy_of(lens.table.nodes); }, nb::rv_policy::automatic)
+        .def_prop_ro(
+            "nodes", [](const Lens& lens) { return copy_of(lens.table.nodes); }, nb::rv_policy::automatic)
         .def_prop_ro("nodes_per_unit", [](const Lens& lens) { return lens.table.nodes_per_unit; })
         .def_prop_ro("table_limit", [](const Lens& lens) { return lens.table.distorted_limit; })
-        .def_prop_ro("ideal_rim", [](const Lens& lens) { return copy_of(lens.ideal.radii); }, nb::rv_policy::automatic)
+        .def_prop_ro(
+            "ideal_rim", [](const Lens& lens) { return copy_of(lens.ideal.radii); }, nb::rv_policy::automatic)
         .def_prop_ro("reach_rim", [](const Lens& lens) { return copy_of(lens.reach.radii); }, nb::rv_policy::automatic);
 }
 
