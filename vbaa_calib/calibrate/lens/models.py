@@ -105,6 +105,11 @@ def _radial_curve(
     return curve, slope, by_distortion
 
 
+def corner_radius(intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
+    """Distorted radius of the picture's furthest corner from the axis, and 2 % more; intrinsics (4 + k,)."""
+    return float(core.bundle.corner_radius(np.array(intrinsics, float), *image_size))
+
+
 def _poles(model: LensModel, intrinsics: np.ndarray) -> np.ndarray:
     """Complex squares (m,) of the ideal radii at which the distorted one is infinite."""
     bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]
@@ -124,7 +129,7 @@ def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int
     near = squares[(squares.real > 0.0) & (np.abs(squares.imag) < _NEARLY * np.abs(squares))].real
     if len(near):
         before = np.linspace(0.0, _BEFORE_POLE * np.sqrt(near.min()), _SAMPLES)
-        if _radial_curve(model, intrinsics[4:], before)[0].max() < core.bundle.corner_radius(intrinsics, *image_size):
+        if _radial_curve(model, intrinsics[4:], before)[0].max() < corner_radius(intrinsics, image_size):
             return False
     return camera_of(model, intrinsics, image_size).valid_region().image_fraction == 1.0
 
@@ -150,7 +155,7 @@ def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[
     that sees more than 86° off its axis or folds. From other starts a rational lens often has a pole just beyond the
     corners.
     """
-    reach = core.bundle.corner_radius(intrinsics, *image_size)
+    reach = corner_radius(intrinsics, image_size)
     angles = np.linspace(0.0, _WIDEST_RAD, _SAMPLES)
     curve, slope, _ = _radial_curve(fisheye, intrinsics[4:], angles)
     seen = angles < angles[np.argmax(curve >= reach)]

@@ -328,11 +328,12 @@ bool factored(Matrix matrix, int size) {
 }
 
 double median(std::vector<double>& values) {
-    if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-    const auto below = [](double a, double b) { return a < b || (a == a && b != b); };
+    constexpr double INFINITE = std::numeric_limits<double>::infinity();
+    if (values.empty()) return INFINITE;
+    for (double& value : values) value = value == value ? value : INFINITE;
     const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::nth_element(values.begin(), middle, values.end(), below);
-    return values.size() % 2 ? *middle : 0.5 * (*middle + *std::max_element(values.begin(), middle, below));
+    std::nth_element(values.begin(), middle, values.end());
+    return values.size() % 2 ? *middle : 0.5 * (*middle + *std::max_element(values.begin(), middle));
 }
 
 void descend(State& state, const Corners& corners, Column column, const Priors& priors, const Rules& rules, bool robust,

@@ -89,6 +89,6 @@ void standardised(ConstMatrix residuals, ConstCube slopes, const bool* used, Vie
 double homography(ConstMatrix points, ConstMatrix image, View<const std::int64_t, 2> picks, double division,
                   Matrix found);
 
-double median(std::vector<double>& values);  // reorders them
+double median(std::vector<double>& values);  // reorders them; what is not a number counts as infinite
 
 }  // namespace vbaa::bundle

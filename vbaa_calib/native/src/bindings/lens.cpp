@@ -130,6 +130,7 @@ Numpy<double, 1> copy_of(const std::vector<double>& values) {
 }  // namespace
 
 void bind_lens(nb::module_& module) {
+    nb::set_leak_warnings(false);  // Python remembers lenses to its end
     auto room_of_lenses = module.def_submodule("lens", "Pixels and rays of every lens model, with all derivatives.");
     nb::class_<Lens>(room_of_lenses, "Lens", "A lens made ready, of a model and fx, fy, cx, cy, *distortion.")
         .def("__init__", [](Lens* at, bool fisheye, InVector p) { new (at) Lens(make(fisheye, p)); })
