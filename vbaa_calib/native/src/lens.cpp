@@ -143,8 +143,8 @@ Undone<T> undone(const Lens& lens, T u, T v) {
         found.x = beyond > T{} ? found.x + (bent.yy * off_x - bent.xy * off_y) * scale : found.x;
         found.y = beyond > T{} ? found.y + (bent.xx * off_y - bent.yx * off_x) * scale : found.y;
     }
-    // in single precision the last digits are not asked for again
-    Mask<T> good = (single ? beyond < S(9) * allowed : beyond <= T{}) & bent.definite();
+    // in single precision a rounding more may be left, a fraction of 1e-3 px
+    Mask<T> good = (single ? beyond <= S(1.5) * allowed : beyond <= T{}) & bent.definite();
     const T square = found.x * found.x + found.y * found.y;
     const Mask<T> within = square < T{} + S(lens.ideal_limit * lens.ideal_limit);
     good &= full ? enclosed<T>(lens.ideal, within, found.x, found.y) : within;
@@ -301,6 +301,15 @@ void project(const Lens& lens, ConstMatrix points, Matrix pixels, bool* valid, C
         };
         place(0, at.x, zero), place(1, zero, at.y), place(2, spread(1.0), zero), place(3, zero, spread(1.0));
         by_coefficients(lens, x, y, at, [&](int i, Lanes dx, Lanes dy) { place(4 + i, lens.fx * dx, lens.fy * dy); });
+    });
+}
+
+void chart_of_pixels(const Lens& lens, ConstMatrix pixels, Matrix points, bool* valid) {
+    in_vectors<Lanes, 2>(pixels, [&](int begin, int some, const std::array<Lanes, 2>& pixel) {
+        const Undone<Lanes> p = undone(lens, pixel[0], pixel[1]);
+        put(points.data, 2, 0, begin, some, known<Lanes>(p.valid, p.x));
+        put(points.data, 2, 1, begin, some, known<Lanes>(p.valid, p.y));
+        put_valid<Lanes>(valid, begin, some, p.valid);
     });
 }
 

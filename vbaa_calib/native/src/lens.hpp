@@ -76,6 +76,9 @@ bool searched(const Lens& lens, double distorted_x, double distorted_y, double& 
 // empty), d(u, v)/d(point) (N, 2, 3) and d(u, v)/d(fx, fy, cx, cy, *distortion) (N, 2, 4 + k); zeros where not valid.
 void project(const Lens& lens, ConstMatrix points, Matrix pixels, bool* valid, Cube by_point, Cube by_lens);
 
+// Points (N, 2) on the model's chart of pixels (N, 2) and validity (N,); NaN where not valid.
+void chart_of_pixels(const Lens& lens, ConstMatrix pixels, Matrix points, bool* valid);
+
 // Unit rays (N, 3) of pixels (N, 2) and validity (N,); NaN where not valid.
 void rays_of_pixels(const Lens& lens, ConstMatrix pixels, Matrix rays, bool* valid);
 

@@ -27,6 +27,15 @@ auto project(const Lens& lens, InMatrix points, bool with_slopes) {
     return std::make_tuple(pixels, valid, by_point, by_lens);
 }
 
+auto chart(const Lens& lens, InMatrix pixels) {
+    check_last(pixels, 2, PIXELS);
+    auto points = room<double>(pixels.shape(0), 2);
+    auto valid = room<bool>(pixels.shape(0));
+    nb::gil_scoped_release released;
+    lens::chart_of_pixels(lens, view(pixels), view(points), valid.data());
+    return std::make_pair(points, valid);
+}
+
 auto unproject(const Lens& lens, InMatrix pixels) {
     check_last(pixels, 2, PIXELS);
     auto rays = room<double>(pixels.shape(0), 3);
@@ -44,7 +53,7 @@ auto rays_with_slopes(const Lens& lens, InMatrix pixels) {
     auto valid = room<bool>(n);
     nb::gil_scoped_release released;
     lens::rays_with_slopes(lens, view(pixels), view(rays), view(by_pixel), view(by_lens), valid.data());
-    return std::make_tuple(rays, by_pixel, by_lens, valid);
+    return std::make_tuple(rays, valid, by_pixel, by_lens);
 }
 
 auto normalized(const Lens& lens, InMatrix pixels, bool with_slopes) {
@@ -54,7 +63,7 @@ auto normalized(const Lens& lens, InMatrix pixels, bool with_slopes) {
     auto valid = room<bool>(n);
     nb::gil_scoped_release released;
     lens::normalized_of_pixels(lens, view(pixels), view(points), view(slopes), valid.data());
-    return std::make_tuple(points, slopes, valid);
+    return std::make_tuple(points, valid, slopes);
 }
 
 auto normalized_by_lens(const Lens& lens, InMatrix points) {
@@ -62,7 +71,7 @@ auto normalized_by_lens(const Lens& lens, InMatrix points) {
     auto slopes = room<double>(points.shape(0), 2, lens.parameters());
     nb::gil_scoped_release released;
     lens::normalized_by_lens(lens, view(points), view(slopes));
-    return slopes;
+    return std::make_tuple(slopes);
 }
 
 auto sees(const Lens& lens, InMatrix points) {
@@ -91,7 +100,7 @@ struct SeenFrom {
 };
 
 template <class T>
-auto on_plane(const Lens& lens, InMatrix pose, InVector plane, InMatrix axes, Numpy<const T, 2> pixels) {
+auto on_plane(const Lens& lens, Numpy<const T, 2> pixels, InMatrix pose, InVector plane, InMatrix axes) {
     check_last(pixels, 2, PIXELS);
     const SeenFrom from(pose, plane, axes);
     auto points = room<T>(pixels.shape(0), axes.shape(0));
@@ -101,7 +110,7 @@ auto on_plane(const Lens& lens, InMatrix pose, InVector plane, InMatrix axes, Nu
     return std::make_pair(points, valid);
 }
 
-auto plane_slopes(const Lens& lens, InMatrix pose, InVector plane, InMatrix axes, InMatrix pixels,
+auto plane_slopes(const Lens& lens, InMatrix pixels, InMatrix pose, InVector plane, InMatrix axes,
                   bool by_calibration) {
     check_last(pixels, 2, PIXELS);
     const SeenFrom from(pose, plane, axes);
@@ -109,7 +118,7 @@ auto plane_slopes(const Lens& lens, InMatrix pose, InVector plane, InMatrix axes
     nb::gil_scoped_release released;
     if (by_calibration) lens::plane_by_calibration(lens, from.plane, view(pixels), view(slopes));
     if (!by_calibration) lens::plane_by_pixel(lens, from.plane, view(pixels), view(slopes));
-    return slopes;
+    return std::make_tuple(slopes);
 }
 
 Numpy<double, 1> copy_of(const std::vector<double>& values) {
@@ -126,10 +135,11 @@ void bind_lens(nb::module_& module) {
         .def("__init__", [](Lens* at, bool fisheye, InVector p) { new (at) Lens(make(fisheye, p)); })
         .def("project", &project, nb::arg("points"), nb::arg("with_slopes") = false,
              "Pixels (N, 2), validity, and if asked for d(pixel)/d(point) (N, 2, 3), d(pixel)/d(lens) (N, 2, 4 + k).")
+        .def("chart", &chart, "Points (N, 2) on the model's chart of pixels (N, 2), and validity.")
         .def("unproject", &unproject, "Unit rays (N, 3) of pixels (N, 2), and validity.")
-        .def("rays_with_slopes", &rays_with_slopes, "Rays, their derivatives by pixel and by lens, and validity.")
+        .def("rays_with_slopes", &rays_with_slopes, "Rays, validity, derivatives by pixel and by lens.")
         .def("normalized", &normalized, nb::arg("pixels"), nb::arg("with_slopes") = false,
-             "X/Z, Y/Z (N, 2) of pixels (N, 2), if asked for d(X/Z, Y/Z)/d(u, v) (N, 4), and validity.")
+             "X/Z, Y/Z (N, 2) of pixels (N, 2), validity, and if asked for d(X/Z, Y/Z)/d(u, v) (N, 4).")
         .def("normalized_by_lens", &normalized_by_lens, "d(X/Z, Y/Z)/d(lens) (N, 2, 4 + k) of fixed pixels at (N, 2).")
         .def("sees", &sees, "Whether points (N, 2) of the model's chart lie where the lens is one to one.")
         .def("on_plane", &on_plane<double>, "Coordinates (N, 2 or 3) m of pixels (N, 2) on a plane, and validity.")
@@ -139,11 +149,11 @@ void bind_lens(nb::module_& module) {
         .def_ro("distorted_limit", &Lens::distorted_limit)
         .def_prop_ro("undistorted", [](const Lens& lens) { return lens.path == lens::Path::none; })
         .def_prop_ro("radial", [](const Lens& lens) { return lens.path == lens::Path::radial; })
-        .def_prop_ro("nodes", [](const Lens& lens) { return copy_of(lens.table.nodes); })
+        .def_prop_ro("nodes", [](const Lens& lens) { return copy_of(lens.table.nodes); }, nb::rv_policy::automatic)
         .def_prop_ro("nodes_per_unit", [](const Lens& lens) { return lens.table.nodes_per_unit; })
         .def_prop_ro("table_limit", [](const Lens& lens) { return lens.table.distorted_limit; })
-        .def_prop_ro("ideal_rim", [](const Lens& lens) { return copy_of(lens.ideal.radii); })
-        .def_prop_ro("reach_rim", [](const Lens& lens) { return copy_of(lens.reach.radii); });
+        .def_prop_ro("ideal_rim", [](const Lens& lens) { return copy_of(lens.ideal.radii); }, nb::rv_policy::automatic)
+        .def_prop_ro("reach_rim", [](const Lens& lens) { return copy_of(lens.reach.radii); }, nb::rv_policy::automatic);
 }
 
 }  // namespace vbaa
