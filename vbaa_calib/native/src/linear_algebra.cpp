@@ -10,48 +10,52 @@ namespace {
 
 constexpr double LEAST_DAMPING = 1e-12;  // a direction without information stays where it is
 constexpr int SWEEPS = 12;               // of Jacobi's rotations; 4 × 4 are diagonal to the last digit after five
-constexpr int BLOCK = 4;  // vectors that are worked on next to each other: one alone would wait for itself
 
-// Row a of the factor, COUNT vectors from column b on: what the rows above leave of it.
+// Takes what the rows above explain out of row a, in COUNT vectors of columns from `first` on. Even and odd rows are
+// summed apart, since a sum waits for itself.
 template <int COUNT>
-void eliminate(double* rows, int wide, int a, int b) {
-    Lanes left[COUNT];
-    double* own = rows + a * wide + b;
-    for (int k = 0; k < COUNT; ++k) left[k] = load(own + k * LANES);
-    const double *row = rows + b, *part = rows + a;
-    for (int above = 0; above < a; ++above, row += wide, part += wide) {
-        for (int k = 0; k < COUNT; ++k) left[k] -= *part * load(row + k * LANES);
+void eliminate(Matrix factor, int a, int first) {
+    const int wide = factor.shape[1];
+    Lanes even[COUNT], odd[COUNT];
+    double* own = &factor(a, first);
+    for (int c = 0; c < COUNT; ++c) even[c] = load(own + c * LANES), odd[c] = spread(0.0);
+    const double *row = factor.data + first, *part = factor.data + a;
+    for (int pair = 0; pair < a / 2; ++pair, row += 2 * wide, part += 2 * wide) {
+        for (int c = 0; c < COUNT; ++c) {
+            even[c] -= part[0] * load(row + c * LANES);
+            odd[c] -= part[wide] * load(row + wide + c * LANES);
+        }
     }
-    for (int k = 0; k < COUNT; ++k) store(own + k * LANES, left[k]);
+    for (int c = 0; c < COUNT; ++c) {
+        if (a % 2) even[c] -= part[0] * load(row + c * LANES);
+        store(own + c * LANES, even[c] + odd[c]);
+    }
 }
 
-// COUNT vectors of right sides, from a column on, in place.
+// COUNT vectors of right sides (size, wide), in place.
 template <int COUNT>
 void solve_columns(ConstMatrix factor, ConstVector scale, int size, double* sides, int wide, bool whole) {
-    Lanes row[COUNT];
-    for (int k = 0; k < size; ++k) {
-        double* own = sides + k * wide;
-        for (int c = 0; c < COUNT; ++c) row[c] = scale[k] * load(own + c * LANES);
-        for (int b = 0; b < k; ++b) {
-            for (int c = 0; c < COUNT; ++c) row[c] -= factor(b, k) * load(sides + b * wide + c * LANES);
-        }
-        const double inverse = 1.0 / factor(k, k);
-        for (int c = 0; c < COUNT; ++c) store(own + c * LANES, inverse * row[c]);
-    }
-    if (!whole) return;
-    for (int k = size - 1; k >= 0; --k) {
+    const auto solved = [&](int k, int first, int last) {
+        Lanes row[COUNT];
         double* own = sides + k * wide;
         for (int c = 0; c < COUNT; ++c) row[c] = load(own + c * LANES);
-        for (int b = k + 1; b < size; ++b) {
-            for (int c = 0; c < COUNT; ++c) row[c] -= factor(k, b) * load(sides + b * wide + c * LANES);
+        const double* parts = &factor(k, 0);
+        for (int b = first; b < last; ++b) {
+            for (int c = 0; c < COUNT; ++c) row[c] -= parts[b] * load(sides + b * wide + c * LANES);
         }
-        const double inverse = 1.0 / factor(k, k);
-        for (int c = 0; c < COUNT; ++c) store(own + c * LANES, inverse * row[c]);
-    }
-    for (int k = 0; k < size; ++k) {
-        for (int c = 0; c < COUNT; ++c)
-            store(sides + k * wide + c * LANES, scale[k] * load(sides + k * wide + c * LANES));
-    }
+        for (int c = 0; c < COUNT; ++c) store(own + c * LANES, parts[k] * row[c]);
+    };
+    const auto rescale = [&] {
+        for (int k = 0; k < size; ++k) {
+            double* own = sides + k * wide;
+            for (int c = 0; c < COUNT; ++c) store(own + c * LANES, scale[k] * load(own + c * LANES));
+        }
+    };
+    rescale();
+    for (int k = 0; k < size; ++k) solved(k, 0, k);
+    if (!whole) return;
+    for (int k = size - 1; k >= 0; --k) solved(k, k + 1, size);
+    rescale();
 }
 
 // LANES × LANES·COUNT inner products of columns from a on with those of the product from b on.
@@ -91,58 +95,63 @@ void rotate(Matrix matrix, Matrix vectors, int a, int b) {
 }  // namespace
 
 void factorise(ConstMatrix information, int first, int size, double damping, Matrix factor, Vector scale) {
-    const int filled = whole_lanes(size), wide = factor.shape[1];
+    const int filled = whole_lanes(size);
     for (int a = 0; a < size; ++a) {
         const double own = information(first + a, first + a);
         scale[a] = own > 0.0 ? 1.0 / std::sqrt(own) : 1.0;
     }
     for (int a = 0; a < size; ++a) {
+        const double* from = &information(first + a, first);
         double* row = &factor(a, 0);
-        for (int b = a / LANES * LANES; b < size; ++b) row[b] = information(first + a, first + b) * scale[a] * scale[b];
+        for (int b = a / LANES * LANES; b < size; ++b) row[b] = from[b] * scale[a] * scale[b];
         for (int b = size; b < filled; ++b) row[b] = 0.0;
         row[a] += damping + LEAST_DAMPING;
-        int b = a / LANES * LANES;
-        for (; b + BLOCK * LANES <= filled; b += BLOCK * LANES) eliminate<BLOCK>(factor.data, wide, a, b);
-        for (; b + 2 * LANES <= filled; b += 2 * LANES) eliminate<2>(factor.data, wide, a, b);
-        for (; b < filled; b += LANES) eliminate<1>(factor.data, wide, a, b);
+    }
+    for (int a = 0; a < size; ++a) {
+        const int start = a / LANES * LANES;
+        double* row = &factor(a, 0);
+        by_vectors(filled - start, [&](auto count, int b) { eliminate<count>(factor, a, start + b); });
         const double inverse = row[a] > 0.0 ? 1.0 / std::sqrt(row[a]) : std::numeric_limits<double>::quiet_NaN();
-        for (b = a / LANES * LANES; b < filled; b += LANES) store(row + b, inverse * load(row + b));
+        for (int b = start; b < filled; b += LANES) store(row + b, inverse * load(row + b));
+        row[a] = inverse;
+    }
+    for (int a = 1; a < size; ++a) {
+        for (int b = 0; b < a; ++b) factor(a, b) = factor(b, a);
     }
 }
 
 void solve_factorised(ConstMatrix factor, ConstVector scale, int size, const double* right_side, double* step) {
     for (int a = 0; a < size; ++a) step[a] = right_side[a] * scale[a];
     for (int k = 0; k < size; ++k) {
-        const double *row = &factor(k, 0), part = step[k] / row[k];
+        const double *row = &factor(k, 0), part = step[k] * row[k];
         step[k] = part;
         for (int b = k + 1; b < size; ++b) step[b] -= row[b] * part;
     }
+    solve_upper(factor, scale, size, step);
+}
+
+void solve_upper(ConstMatrix factor, ConstVector scale, int size, double* step) {
     for (int k = size - 1; k >= 0; --k) {
-        const double* row = &factor(k, 0);
-        double total = step[k];
-        for (int b = k + 1; b < size; ++b) total -= row[b] * step[b];
-        step[k] = total / row[k];
+        const double *row = &factor(k, 0), part = step[k] * row[k];
+        step[k] = part;
+        for (int b = 0; b < k; ++b) step[b] -= row[b] * part;
     }
     for (int a = 0; a < size; ++a) step[a] *= scale[a];
 }
 
 void solve_many(ConstMatrix factor, ConstVector scale, int size, Matrix sides, bool whole) {
     const int wide = sides.shape[1];
-    int first = 0;
-    for (; first + BLOCK * LANES <= wide; first += BLOCK * LANES) {
-        solve_columns<BLOCK>(factor, scale, size, sides.data + first, wide, whole);
-    }
-    for (; first + 2 * LANES <= wide; first += 2 * LANES) {
-        solve_columns<2>(factor, scale, size, sides.data + first, wide, whole);
-    }
-    for (; first < wide; first += LANES) solve_columns<1>(factor, scale, size, sides.data + first, wide, whole);
+    by_vectors(wide, [&](auto count, int first) {
+        solve_columns<count>(factor, scale, size, sides.data + first, wide, whole);
+    });
 }
 
 void inner_products(ConstMatrix columns, ConstMatrix product, Matrix total) {
-    for (int a = 0; a < total.shape[0]; a += LANES) {
-        int b = 0;
-        for (; b + LANES <= a; b += 2 * LANES) block_of_products<2>(columns, product, a, b, total);
-        for (; b <= a; b += LANES) block_of_products<1>(columns, product, a, b, total);
+    const int wide = total.shape[0];
+    for (int a = 0; a < wide; a += LANES) {
+        int b = a;
+        for (; b + LANES < wide; b += 2 * LANES) block_of_products<2>(columns, product, a, b, total);
+        if (b < wide) block_of_products<1>(columns, product, a, b, total);
     }
 }
 

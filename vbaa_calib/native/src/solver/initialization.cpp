@@ -55,32 +55,42 @@ void weighted_sums(Fit& free, int every, const Array<double, 1>& weights) {
     }
 }
 
-// What the rig's column a has in common with unit forces along y and z at all distances, and with the residuals.
+// What COUNT of the rig's columns from a on have in common with unit forces along y and z at all distances, and with
+// the residuals.
+template <int COUNT>
 void cross(const Fit& free, Grid& grid, ConstMatrix product, int a) {
-    const double by_y = free.reading_columns(1, a), by_z = free.reading_columns(0, a);
-    double rest = by_z * free.residual[0] + by_y * free.residual[1];
-    constexpr int count = GRID / LANES;
-    Lanes y[count], z[count];
-    for (int k = 0; k < count; ++k) {
-        y[k] = by_y * load(grid.moment[0] + k * LANES);
-        z[k] = by_z * load(grid.moment[1] + k * LANES);
-    }
-    for (int j = 0; j < NODES; ++j) {
-        rest += free.columns(j, a) * free.pull[j];
-        const double along_y = product(j, a) * grid.image[0][j], along_z = product(j, a) * grid.image[1][j];
-        for (int k = 0; k < count; ++k) {
-            const Lanes bent = load(BENT.of[j] + k * LANES);
-            y[k] += along_y * bent;
-            z[k] += along_z * bent;
+    constexpr int vectors = GRID / LANES;
+    Lanes y[COUNT][vectors], z[COUNT][vectors];
+    double rest[COUNT];
+    for (int c = 0; c < COUNT; ++c) {
+        const double by_y = free.reading_columns(1, a + c), by_z = free.reading_columns(0, a + c);
+        rest[c] = by_z * free.residual[0] + by_y * free.residual[1];
+        for (int k = 0; k < vectors; ++k) {
+            y[c][k] = by_y * load(grid.moment[0] + k * LANES);
+            z[c][k] = by_z * load(grid.moment[1] + k * LANES);
         }
     }
-    double* row = &grid.crossed(a - UNKNOWNS, 0);
-    for (int k = 0; k < count; ++k) {
-        store(row + k * LANES, y[k]);
-        store(row + GRID + k * LANES, z[k]);
+    for (int j = 0; j < NODES; ++j) {
+        for (int c = 0; c < COUNT; ++c) {
+            rest[c] += free.columns(j, a + c) * free.pull[j];
+            const double along = product(j, a + c), along_y = along * grid.image[0][j],
+                         along_z = along * grid.image[1][j];
+            for (int k = 0; k < vectors; ++k) {
+                const Lanes bent = load(BENT.of[j] + k * LANES);
+                y[c][k] += along_y * bent;
+                z[c][k] += along_z * bent;
+            }
+        }
     }
-    store(row + REST, spread(0.0));
-    row[REST] = rest;
+    for (int c = 0; c < COUNT; ++c) {
+        double* row = &grid.crossed(a + c - UNKNOWNS, 0);
+        for (int k = 0; k < vectors; ++k) {
+            store(row + k * LANES, y[c][k]);
+            store(row + GRID + k * LANES, z[c][k]);
+        }
+        store(row + REST, spread(0.0));
+        row[REST] = rest[c];
+    }
 }
 
 // Normal equations of forces along y and z at LANES distances.
@@ -137,14 +147,11 @@ void every_force(const Rig& rig, const Fit& free, Grid& grid) {
 // The rig's likeliest steps at the best distance and force.
 void rig_steps(Grid& grid, int best, ConstMatrix factor, ConstVector scale) {
     const int count = grid.best_steps.size();
-    const auto& force = grid.force[best];
-    for (int k = count - 1; k >= 0; --k) {
+    for (int k = 0; k < count; ++k) {
         const double* row = &grid.crossed(k, 0);
-        double total = row[REST] - force[0] * row[best] - force[1] * row[GRID + best];
-        for (int b = k + 1; b < count; ++b) total -= factor(k, b) * grid.best_steps[b];
-        grid.best_steps[k] = total / factor(k, k);
+        grid.best_steps[k] = row[REST] - grid.force[best][0] * row[best] - grid.force[best][1] * row[GRID + best];
     }
-    for (int k = 0; k < count; ++k) grid.best_steps[k] *= scale[k];
+    solve_upper(factor, scale, count, grid.best_steps.begin());
 }
 
 // Best forces, the cost that each explains, the rig's steps at the best. Returns the best distance's index.
@@ -153,16 +160,16 @@ int best_forces(const Rig& rig, Fit& free, int every, Grid& grid, Work& work) {
     // the unknowns' own columns, which are not used, come along
     times_tridiagonal(free, free.columns, work.product);
     inner_products(free.columns, work.product, free.information);
-    for (int a = UNKNOWNS; a < free.size; ++a) cross(free, grid, work.product, a);
+    const int size = free.size;
+    int a = UNKNOWNS;
+    for (; a + 2 <= size; a += 2) cross<2>(free, grid, work.product, a);
+    if (a < size) cross<1>(free, grid, work.product, a);
     // moments only: where the antenna ends may be wrong
-    for (int a = UNKNOWNS; a < free.size; ++a) {
-        free.information(a, a) += 1.0;
-        for (int b = UNKNOWNS; b <= a; ++b) {
-            for (int reading = 0; reading < 2; ++reading) {
-                free.information(a, b) += free.reading_columns(reading, a) * free.reading_columns(reading, b);
-            }
-            free.information(b, a) = free.information(a, b);
-        }
+    const double *by_y = &free.reading_columns(0, 0), *by_z = &free.reading_columns(1, 0);
+    for (a = UNKNOWNS; a < size; ++a) {
+        double* row = &free.information(a, 0);
+        for (int b = a; b < size; ++b) row[b] += by_y[a] * by_y[b] + by_z[a] * by_z[b];
+        row[a] += 1.0;
     }
     const int steps = free.steps.size();
     factorise(free.information, UNKNOWNS, steps, 0.0, work.factor, work.scale);

@@ -57,6 +57,17 @@ struct Sums {
     }
 };
 
+// COUNT vectors of the right side's part from the points, from a column on.
+template <int COUNT>
+void pull_along(Fit& fit, int first) {
+    Lanes totals[COUNT];
+    for (Lanes& total : totals) total = spread(0.0);
+    for (int j = 0; j < NODES; ++j) {
+        for (int c = 0; c < COUNT; ++c) totals[c] += fit.pull[j] * load(&fit.columns(j, first + c * LANES));
+    }
+    for (int c = 0; c < COUNT; ++c) store(&fit.side[first + c * LANES], totals[c]);
+}
+
 double state_of(const Fit& fit, int column) {
     return column < UNKNOWNS ? fit.unknowns[column] : fit.steps[column - UNKNOWNS];
 }
@@ -72,17 +83,17 @@ double prior_of(const Rig& rig, const Fit& fit, int column) {
 
 void nearest_feet(const Rig& rig, const Frame& frame, Fit& fit) {
     const double *u = frame.u(), *v = frame.v();
+    double at_node[NODES];
+    for (int j = 0; j < NODES; j += EVERY) at_node[j] = arclength_of_node(fit, rig.length_m, j);
     for (int i = 0; i < fit.points; i += LANES) {
-        Lanes best = spread(std::numeric_limits<double>::infinity()), nearest = spread(0.0);
+        Lanes best = spread(std::numeric_limits<double>::infinity()), foot_m = spread(at_node[0]);
         for (int j = 0; j < NODES; j += EVERY) {
             const Lanes off_u = load(u + i) - fit.u[j], off_v = load(v + i) - fit.v[j];
             const Lanes square = off_u * off_u + off_v * off_v, nearer = best - square;
             best = where_positive(nearer, square, best);
-            nearest = where_positive(nearer, spread(j), nearest);
+            foot_m = where_positive(nearer, at_node[j], foot_m);
         }
-        for (int lane = 0; lane < LANES; ++lane) {
-            fit.foot_m[i + lane] = arclength_of_node(fit, rig.length_m, nearest[lane]);
-        }
+        store(fit.foot_m.begin() + i, foot_m);
     }
     for (int step = 0; step < FOOT_STEPS; ++step) point_residuals(rig, frame, fit);
 }
@@ -218,11 +229,7 @@ void normal_equations(const Rig& rig, Fit& fit, int first, Matrix product) {
     times_tridiagonal(fit, fit.columns, product);
     inner_products(fit.columns, product, fit.information);
     const int size = fit.size, wide = fit.side.size();
-    for (int k = 0; k < wide; k += LANES) {
-        Lanes total = spread(0.0);
-        for (int j = 0; j < NODES; ++j) total += fit.pull[j] * load(&fit.columns(j, k));
-        store(&fit.side[k], total);
-    }
+    by_vectors(wide, [&](auto count, int k) { pull_along<count>(fit, k); });
     for (int reading = 0; reading < 3; ++reading) {
         weight[reading] = huber_weight(fit.residual[reading]);
         cost += huber_loss(fit.residual[reading]);
@@ -232,9 +239,8 @@ void normal_equations(const Rig& rig, Fit& fit, int first, Matrix product) {
     for (int a = first; a < size; ++a) {
         const double y = weight[0] * by_y[a], z = weight[1] * by_z[a], end = weight[2] * by_end[a];
         fit.side[a] += y * fit.residual[0] + z * fit.residual[1] + end * fit.residual[2];
-        // what comes after the diagonal is overwritten below
         double* row = &fit.information(a, 0);
-        for (int b = 0; b <= a; b += LANES) {
+        for (int b = a / LANES * LANES; b < wide; b += LANES) {
             store(row + b, load(row + b) + y * load(by_y + b) + z * load(by_z + b) + end * load(by_end + b));
         }
     }
@@ -243,7 +249,7 @@ void normal_equations(const Rig& rig, Fit& fit, int first, Matrix product) {
         fit.information(a, a) += prior;
         fit.side[a] -= prior * at;
         cost += 0.5 * prior * at * at;
-        for (int b = first; b < a; ++b) fit.information(b, a) = fit.information(a, b);
+        for (int b = first; b < a; ++b) fit.information(a, b) = fit.information(b, a);
     }
     fit.cost = cost;
 }

@@ -89,9 +89,12 @@ void friction_column(const Rig& rig, Fit& fit) {
 
 Bent::Bent(const Rig& rig)
     : by_step{},
+      axes(rig.axes.shape[0], whole_lanes(UNKNOWNS + rig.shared)),
       raw(NODES, whole_lanes(rig.axes.shape[0]) + LANES),
       raw_readings(3, whole_lanes(rig.axes.shape[0]) + LANES),
-      raw_point_force(6, whole_lanes(rig.axes.shape[0]) + LANES) {}
+      raw_point_force(6, whole_lanes(rig.axes.shape[0]) + LANES) {
+    for (int q = 0; q < axes.shape[0]; ++q) std::copy_n(&rig.axes(q, 0), rig.shared, &axes(q, UNKNOWNS));
+}
 
 void lay(const Rig& rig, Bent& bent, const Unknowns& unknowns) {
     for (int k = 0; k < ANTENNA; ++k) store(bent.parameters[k], spread(rig.antenna_parameters[k]));

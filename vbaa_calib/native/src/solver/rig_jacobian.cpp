@@ -14,7 +14,8 @@ namespace {
 constexpr int PLACE = 2;         // of the antenna's parameters the first ones are the clamp's place, y and z
 constexpr int BASE = LANES - 1;  // the lane of the antenna as it is
 constexpr int SENSOR = POSES + ANTENNA, LENS = SENSOR + 2;  // where these parameters of the rig begin
-static_assert(ANTENNA - PLACE <= BASE);
+constexpr Lanes OF_UNKNOWNS = {1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0};
+static_assert(ANTENNA - PLACE <= BASE && UNKNOWNS == 4);
 
 // Raw derivatives by the pose's tangent, of the fit's points.
 void by_pose(const Rig& rig, Bent& bent, const Fit& fit, const TipAxis& end) {
@@ -120,36 +121,34 @@ void by_lens(const Rig& rig, Bent& bent, const Fit& fit, const TipAxis& end) {
     }
 }
 
-// ROWS rows of derivatives along COUNT vectors of axes, from an axis on.
-template <int ROWS, int COUNT>
-void block_along_axes(const Rig& rig, ConstMatrix raw, int row, int first, Matrix columns) {
-    Lanes sums[ROWS][COUNT] = {};
-    for (int q = 0; q < rig.axes.shape[0]; ++q) {
-        for (int r = 0; r < ROWS; ++r) {
-            for (int c = 0; c < COUNT; ++c) sums[r][c] += raw(row + r, q) * load(&rig.axes(q, first + c * LANES));
+// Three rows of derivatives by the rig's parameters along the axes in COUNT vectors of columns.
+template <int COUNT>
+void three_along_axes(ConstMatrix axes, ConstMatrix raw, int row, int first, Matrix columns) {
+    Lanes sums[3][COUNT];
+    for (auto& sums_of_row : sums) {
+        for (Lanes& sum : sums_of_row) sum = spread(0.0);
+    }
+    const int wide = axes.shape[1], apart = raw.shape[1];
+    const double *axis = axes.data + first, *parts = raw.data + row * apart;
+    for (int q = 0; q < axes.shape[0]; ++q, axis += wide) {
+        for (int c = 0; c < COUNT; ++c) {
+            const Lanes along = load(axis + c * LANES);
+            for (int r = 0; r < 3; ++r) sums[r][c] += parts[r * apart + q] * along;
         }
     }
-    for (int r = 0; r < ROWS; ++r) {
-        for (int c = 0; c < COUNT; ++c) {
-            const int axis = first + c * LANES, count = rig.shared - axis;
-            double* to = &columns(row + r, UNKNOWNS + axis);
-            if (count >= LANES) {
-                store(to, sums[r][c]);
-            } else {
-                for (int k = 0; k < count; ++k) to[k] = sums[r][c][k];
-            }
-        }
+    for (int r = 0; r < 3; ++r) {
+        double* to = &columns(row + r, first);
+        if (first == 0) sums[r][0] = where_positive(OF_UNKNOWNS, load(to), sums[r][0]);
+        for (int c = 0; c < COUNT; ++c) store(to + c * LANES, sums[r][c]);
     }
 }
 
-// Derivatives by the rig's parameters (rows, Q) along its axes (Q, R), into the columns after the unknowns.
-// Three rows at a time: there are 3, 6 or NODES of them.
-void along_axes(const Rig& rig, ConstMatrix raw, Matrix columns) {
+// Derivatives by the rig's parameters (rows, Q) along the axes (Q, K′), into the columns after the unknowns.
+void along_axes(ConstMatrix axes, ConstMatrix raw, Matrix columns) {
     static_assert(NODES % 3 == 0);
     for (int row = 0; row < raw.shape[0]; row += 3) {
-        int first = 0;
-        for (; first + LANES < rig.shared; first += 2 * LANES) block_along_axes<3, 2>(rig, raw, row, first, columns);
-        for (; first < rig.shared; first += LANES) block_along_axes<3, 1>(rig, raw, row, first, columns);
+        by_vectors(axes.shape[1],
+                   [&](auto count, int first) { three_along_axes<count>(axes, raw, row, first, columns); });
     }
 }
 
@@ -180,9 +179,9 @@ void rig_jacobian(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit&
     by_sensor(rig, bent);
     if (rig.with_lens) by_lens(rig, bent, fit, end);
     if (rig.with_tip) bent.raw_readings(2, rig.axes.shape[0] - 1) = end.per_m;
-    along_axes(rig, bent.raw, fit.columns);
-    along_axes(rig, bent.raw_readings, fit.reading_columns);
-    along_axes(rig, bent.raw_point_force, fit.point_force_columns);
+    along_axes(bent.axes, bent.raw, fit.columns);
+    along_axes(bent.axes, bent.raw_readings, fit.reading_columns);
+    along_axes(bent.axes, bent.raw_point_force, fit.point_force_columns);
     for (int reading = 0; reading < 3; ++reading) {
         for (int k = 0; k < rig.shared; ++k) fit.reading_columns(reading, UNKNOWNS + k) *= frame.available[reading];
     }

@@ -176,7 +176,7 @@ struct Place {
 Place locate(const Fit& fit, double length_m, double arclength_m);
 
 // Shapes of LANES antennas next to each other and their ideal picture; scratch room of one frame.
-struct Bent {
+struct alignas(LANES * sizeof(double)) Bent {
     double parameters[ANTENNA][LANES];
     double contact_m[LANES], push_N[2][LANES], friction_rad[LANES];
     double points_m[3][NODES][LANES];
@@ -185,6 +185,7 @@ struct Bent {
     double u[NODES][LANES], v[NODES][LANES], depth[NODES][LANES];
     double by_step[LANES];  // one over each lane's step
     double by_lens[2][18][LANES], seen[6][LANES];
+    Array<double, 2> axes;  // (Q, K′) the rig's, in the columns that a fit has for them, zeros elsewhere
     // derivatives (M, Q′), (3, Q′), (6, Q′) by the rig's Q parameters, with room to write whole vectors anywhere
     Array<double, 2> raw, raw_readings, raw_point_force;
 
