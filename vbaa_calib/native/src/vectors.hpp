@@ -48,11 +48,11 @@ template <class A, class B>
 }
 
 inline double norm(const Point& a) { return std::sqrt(dot(a, a)); }
+inline Lanes norm(const Vectors& a) { return sqrt(dot(a, a)); }
 
 template <class T>
 Vec3<T> unit(const Vec3<T>& a) {
-    using std::sqrt;
-    return 1.0 / sqrt(dot(a, a)) * a;
+    return 1.0 / norm(a) * a;
 }
 
 inline Point lane(const Vectors& a, int i) { return {a.x[i], a.y[i], a.z[i]}; }

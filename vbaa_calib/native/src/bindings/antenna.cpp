@@ -23,11 +23,7 @@ antenna::Presses presses(const InMatrix& parameters, double length_m, const InMa
 }
 
 auto bent(int rung, int sweeps, const antenna::Presses& presses) {
-    antenna::Bent made;
-    {
-        nb::gil_scoped_release release;
-        made = antenna::bend_batch(rung, sweeps, presses);
-    }
+    auto made = unlocked([&] { return antenna::bend_batch(rung, sweeps, presses); });
     return std::make_tuple(to_numpy(std::move(made.points_m)), to_numpy(std::move(made.tangents)),
                            to_numpy(std::move(made.force_N)), to_numpy(std::move(made.moment_Nm)));
 }
@@ -63,10 +59,7 @@ void bend_lanes(int rung, const InMatrix& parameters, double length_m, const InV
 auto universal_curve(const InMatrix& upsilon, const InVector& friction_rad) {
     check(upsilon.shape(0) == friction_rad.shape(0) && upsilon.shape(1) > 0, "give (B, N), N > 0, and (B,)");
     Array<double, 3> curve(3, upsilon.shape(0), upsilon.shape(1));
-    {
-        nb::gil_scoped_release release;
-        antenna::universal_curve(view(upsilon), view(friction_rad), curve);
-    }
+    unlocked([&] { antenna::universal_curve(view(upsilon), view(friction_rad), curve); });
     return to_numpy(std::move(curve));
 }
 
@@ -90,11 +83,8 @@ auto solve_rods(nb::handle rod, const InMatrix& loads, double unit_Nm, const InM
     check_loads(loads, moment_Nm, steps);
     check(limit_Nm.shape(0) == loads.shape(0) && limit_Nm.shape(1) == 2, "rods need limits (B, 2)");
     antenna::Rod numbers = rod_of(rod);
-    antenna::Rods rods;
-    {
-        nb::gil_scoped_release release;
-        rods = antenna::solve_rods(numbers, view(loads), unit_Nm, view(limit_Nm), view(moment_Nm), steps);
-    }
+    auto rods = unlocked(
+        [&] { return antenna::solve_rods(numbers, view(loads), unit_Nm, view(limit_Nm), view(moment_Nm), steps); });
     return std::make_tuple(to_numpy(std::move(rods.nodes)), to_numpy(std::move(rods.moment_Nm)),
                            to_numpy(std::move(rods.left)));
 }
@@ -102,12 +92,7 @@ auto solve_rods(nb::handle rod, const InMatrix& loads, double unit_Nm, const InM
 auto shoot_rods(nb::handle rod, const InMatrix& loads, const InMatrix& moment_Nm, int steps) {
     check_loads(loads, moment_Nm, steps);
     antenna::Rod numbers = rod_of(rod);
-    Array<double, 4> nodes;
-    {
-        nb::gil_scoped_release release;
-        nodes = antenna::shoot_rods(numbers, view(loads), view(moment_Nm), steps);
-    }
-    return to_numpy(std::move(nodes));
+    return to_numpy(unlocked([&] { return antenna::shoot_rods(numbers, view(loads), view(moment_Nm), steps); }));
 }
 
 }  // namespace

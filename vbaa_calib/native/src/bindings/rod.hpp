@@ -11,6 +11,13 @@ inline void check(bool fits, const char* otherwise) {
     if (!fits) throw nb::value_error(otherwise);
 }
 
+// What a computation gives, without the interpreter's lock.
+template <class Computation>
+auto unlocked(Computation computation) {
+    nb::gil_scoped_release release;
+    return computation();
+}
+
 // A rod as vbaa_calib.antenna.rod.RodNumbers has it.
 inline antenna::Rod rod_of(nb::handle numbers) {
     auto clamp = attribute<const double, 2>(numbers, "clamp");
