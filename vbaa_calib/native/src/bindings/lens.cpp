@@ -130,6 +130,7 @@ Numpy<double, 1> copy_of(const std::vector<double>& values) {
 }  // namespace
 
 void bind_lens(nb::module_& module) {
+    nb::set_leak_warnings(false);  // Python remembers lenses to its end
     auto room_of_lenses = module.def_submodule("lens", "Pixels and rays of every lens model, with all derivatives.");
     nb::class_<Lens>(room_of_lenses, "Lens", "A lens made ready, of a model and fx, fy, cx, cy, *distortion.")
         .def("__init__", [](Lens* at, bool fisheye, InVector p) { new (at) Lens(make(fisheye, p)); })
@@ -149,10 +150,12 @@ void bind_lens(nb::module_& module) {
         .def_ro("distorted_limit", &Lens::distorted_limit)
         .def_prop_ro("undistorted", [](const Lens& lens) { return lens.path == lens::Path::none; })
         .def_prop_ro("radial", [](const Lens& lens) { return lens.path == lens::Path::radial; })
-        .def_prop_ro("nodes", [](const Lens& lens) { return copy_of(lens.table.nodes); }, nb::rv_policy::automatic)
+        .def_prop_ro(
+            "nodes", [](const Lens& lens) { return copy_of(lens.table.nodes); }, nb::rv_policy::automatic)
         .def_prop_ro("nodes_per_unit", [](const Lens& lens) { return lens.table.nodes_per_unit; })
         .def_prop_ro("table_limit", [](const Lens& lens) { return lens.table.distorted_limit; })
-        .def_prop_ro("ideal_rim", [](const Lens& lens) { return copy_of(lens.ideal.radii); }, nb::rv_policy::automatic)
+        .def_prop_ro(
+            "ideal_rim", [](const Lens& lens) { return copy_of(lens.ideal.radii); }, nb::rv_policy::automatic)
         .def_prop_ro("reach_rim", [](const Lens& lens) { return copy_of(lens.reach.radii); }, nb::rv_policy::automatic);
 }
 
