@@ -36,7 +36,11 @@ auto view(const nb::ndarray<Kind...>& array) {
 // The same of an attribute of a Python object, such as a named tuple or a dataclass of arrays.
 template <class T, int N>
 View<T, N> attribute(nb::handle object, const char* name) {
-    return view(nb::cast<Numpy<T, N>>(object.attr(name), false));
+    Numpy<T, N> array;
+    if (!nb::try_cast(object.attr(name), array, false)) {
+        nb::raise_type_error("%s is not a contiguous array of the right kind with %d axes", name, N);
+    }
+    return view(array);
 }
 
 template <class T>

@@ -153,7 +153,7 @@ void free_antennas(const Rig& rig, nb::handle frames_, InMatrix steps, double fa
 }
 
 auto edge_on(const Rig& rig, InMatrix unknowns) {
-    check_last(unknowns, UNKNOWNS, "unknowns must be (B, 4)");
+    check(unknowns.shape(1) >= 3, "unknowns must be (B, 3) or more");
     auto angles = room<double>(unknowns.shape(0));
     const ConstMatrix at = view(unknowns);
     for (int b = 0; b < at.shape[0]; ++b) angles.data()[b] = solver::angle_edge_on(rig, at.row(b).data);
