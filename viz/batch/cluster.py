@@ -11,9 +11,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.core.compiled import cores
 from vbaa_calib.core.errors import InputError, VbaaError, clipped, require_extra
 from vbaa_calib.core.files import require_file
+from vbaa_calib.core.threads import cores
 
 from . import work
 from .recordings import Recording

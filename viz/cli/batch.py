@@ -149,8 +149,8 @@ _NAMED = 20
 
 
 def _where(args: argparse.Namespace, count: int) -> Where:
-    from vbaa_calib.core.compiled import cores
     from vbaa_calib.core.errors import InputError
+    from vbaa_calib.core.threads import cores
     from viz.batch.cluster import Where, at_scheduler
 
     elsewhere = args.scheduler is not None or args.scheduler_file is not None
