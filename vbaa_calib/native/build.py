@@ -3,7 +3,7 @@
     python vbaa_calib/native/build.py [EXTRAS]
 
 Tools that the machine lacks come from PyPI into `.venv/build`: CMake, Ninja and, where there is no C++ compiler, zig's.
-CXX names another compiler. The full output is in `.venv/build/log.txt`.
+CXX names a compiler. The full output is in `.venv/build/log.txt`.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ def main() -> None:
     LOG.write_text("")
     wanted = ["scikit-build-core", "nanobind"]
     wanted += [name for name in ("cmake", "ninja") if not shutil.which(name)]
-    compiler = next(
-        (name for name in (os.environ.get("CXX"), "c++", "g++", "clang++") if name and _compiles(name)), None
-    )
+    named = os.environ.get("CXX")
+    compiler = next(filter(_compiles, [named] if named else ["c++", "g++", "clang++"]), None)
+    if named and compiler is None:
+        sys.exit(f"CXX={named} makes no modules of C++17: name another compiler, or unset it")
     if compiler is None:
         wanted.append("ziglang")
     _pip("install", "--quiet", "--upgrade", "--target", TOOLS, *wanted)
