@@ -12,21 +12,25 @@ import sys
 from importlib import import_module
 from typing import Any
 
-_LEVELS = ("base", "v3", "v4")
+
+def _levels() -> tuple[str, ...]:
+    """Builds that this processor runs, the best one last."""
+    every = ("base", "v3", "v4")
+    return every[: 1 + every.index(import_module(f"{__name__}.processor").LEVEL)]
 
 
 def _core() -> Any:
-    try:
-        best = _LEVELS.index(import_module(f"{__name__}.processor").LEVEL)
-        asked = os.environ.get("VBAA_PROCESSOR", _LEVELS[best])
-        if asked not in (*_LEVELS[: best + 1], "sanitized"):
-            sys.exit(f"VBAA_PROCESSOR={asked}: this processor runs {', '.join(_LEVELS[: best + 1])}; unset it")
-        return import_module(f"{__name__}.{asked}.core")
-    except ModuleNotFoundError as error:
-        raise ImportError(
-            "the compiled core of vbaa-calib is not built for this Python: run `make install` in a checkout, "
-            "or `pip install .`"
-        ) from error
+    level = os.environ.get("VBAA_PROCESSOR", levels[-1])
+    if level not in (*levels, "sanitized"):
+        sys.exit(f"VBAA_PROCESSOR={level}: this processor runs {', '.join(levels)}; unset it")
+    return import_module(f"{__name__}.{level}.core")
 
 
-core: Any = _core()
+try:
+    levels = _levels()
+    core: Any = _core()
+except ModuleNotFoundError as error:
+    raise ImportError(
+        "the compiled core of vbaa-calib is not built for this Python: run `make install` in a checkout, "
+        "or `pip install .`"
+    ) from error
