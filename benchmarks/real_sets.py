@@ -18,7 +18,7 @@ from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty
 from vbaa_calib.calibrate.lens_from_views import solve_lens
-from vbaa_calib.camera.projection import ray_derivatives
+from vbaa_calib.camera.lens import ray_derivatives
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import list_images, read_gray
 from vbaa_calib.detect.board.corners import BoardView, detect_corners, detect_folder

@@ -91,17 +91,18 @@ def _touches(args: argparse.Namespace, rig: Rig) -> Touches:
     import numpy as np
 
     from estimator.budget.parts import ordinary_touches, touch_of_force
-    from estimator.solver.convergence import NEAREST
     from estimator.solver.rig_arrays import RigArrays
+    from vbaa_calib.native import core
 
     pan, tilt = pan_tilt_rad(args)
     if args.distance is None:
         return ordinary_touches(rig, pan, tilt)
     distance, length = args.distance, rig.antenna.length_m
-    if not NEAREST * length < distance <= length:
+    nearest = core.solver.NEAREST * length
+    if not nearest < distance <= length:
         raise InputError(
             f"--distance {args.distance:g} m is not on the antenna",
-            remedy=f"give {NEAREST * length:.3g} to {length:.4g} m",
+            remedy=f"give {nearest:.3g} to {length:.4g} m",
         )
     force = np.array([args.force_y, args.force_z])
     touch = touch_of_force(RigArrays.from_rig(rig, args.friction, drift=False), distance, force, pan, tilt)

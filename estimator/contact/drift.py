@@ -11,7 +11,7 @@ import numpy as np
 from estimator.solver.frames import Frames
 from estimator.solver.linearised import FreeAntennas, free_antennas
 from estimator.solver.rig_arrays import LINE_ERRORS, RigArrays
-from vbaa_calib.camera.compiled_lens import compiled_lens
+from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.core.robust import chi_square, finite_or_none
 from vbaa_calib.detect.whisker.antenna import free_curve
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
@@ -157,7 +157,7 @@ def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.nd
             yield
         at = at + steps[0, :size]
         moving = rig.moved(axes @ at)
-    compiled_lens(moving.camera.intrinsics)  # remembered: tabled here, it delays no frame
+    lens_of(moving.camera.intrinsics)  # remembered: tabled here, it delays no frame
     yield
     covariance = axes @ np.linalg.solve(total, axes.T)
     own_information = equations.information[:, size:, size:]

@@ -25,19 +25,17 @@ from vbaa_calib.core.arrays import (
     as_floats,
     check_each,
 )
-from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.polyline import beside, resample
 from vbaa_calib.core.robust import mad_std
 from vbaa_calib.detect.whisker.antenna import pixels
 from vbaa_calib.detect.whisker.crossings import too_short
+from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
 
 from .status import CONTACT_EVIDENCE, unexplained
 
 _LEAST_END_PX = 0.02
-_SLIGHTLY = 1e-6
-"""Weight of the other coordinate when points are put in order: it separates points of one column."""
 
 Values = Sequence[float | None] | np.ndarray | None
 """A number for every frame, None where there is none."""
@@ -419,7 +417,7 @@ def _in_order(rig: Rig, points_px: np.ndarray, sigma_px: np.ndarray) -> tuple[np
     lost = outside(points_px, rig.camera.image_size)
     if lost.any():
         points_px = np.where(lost[..., None], np.nan, points_px)
-    place, disordered = _places(np.ascontiguousarray(points_px))
+    place, disordered = core.solver.places(np.ascontiguousarray(points_px))
     rows = np.flatnonzero(disordered)
     if len(rows):
         order = np.argsort(place[rows], axis=1)
@@ -439,25 +437,3 @@ def _no_less(points_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
         least = OutlierSettings.precise * float(np.median(sigma[there])) if there.any() else 0.0
         np.maximum(sigma, least, out=sigma)
     return sigma_px
-
-
-@kernel
-def _places(points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(B, N) where points (B, N, 2) lie along the longer side of their frame's, and which (B,) are not in order."""
-    place, disordered = np.empty(points_px.shape[:2]), np.zeros(len(points_px), np.bool_)
-    for b in range(len(points_px)):
-        least, most = np.full(2, np.inf), np.full(2, -np.inf)
-        for n in range(points_px.shape[1]):
-            for axis in range(2):
-                value = points_px[b, n, axis]
-                if value < least[axis]:
-                    least[axis] = value
-                if value > most[axis]:
-                    most[axis] = value
-        longer = 0 if most[0] - least[0] >= most[1] - least[1] else 1
-        for n in range(points_px.shape[1]):
-            place[b, n] = points_px[b, n, longer] + _SLIGHTLY * points_px[b, n, 1 - longer]
-            # NaN before a number is out of order, those that fill up a row are not
-            after = n > 0 and (np.isnan(place[b, n - 1]) or place[b, n] < place[b, n - 1])
-            disordered[b] = disordered[b] or (after and not np.isnan(place[b, n]))
-    return place, disordered

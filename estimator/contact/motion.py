@@ -15,105 +15,17 @@ import numpy as np
 from scipy.special import ndtri
 
 from vbaa_calib.core.arrays import Rows
-from vbaa_calib.core.compiled import kernel
+from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
 
 _MOST = 64  # at most so many frames on either side count: what a judge of a recording must remember is bounded
-_PATH, _TESTED = 4, 7
-"""Degree of the path about which points should scatter as they are said to, and the fewest frames that can test it."""
-PIECES = 12
+PIECES = core.solver.PIECES
 """The antenna is judged at the middles of so many equal pieces; each one's inertia acts there as a point force."""
 _FALSE_ALARM = 1e-5
 """Probability that a frame at rest is taken for a moving one, at most: over all pieces and axes together."""
 _CLAMPED_FREE, _FASTEST = 1.8751040687119611, 4.6945
 """βL of the free antenna's first mode, and a bound for any contact's: where it sits on a node of the second mode."""
 _TABLE = 65
-
-
-@kernel
-def _accelerations(
-    time_s: np.ndarray,
-    points: np.ndarray,
-    std: np.ndarray,
-    judged: np.ndarray,
-    mode_rad_s: np.ndarray,
-    longest_s: float,
-    live: bool,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Second derivatives of points (n, G, 3) at times (n,) in the judged frames (R,), their standard deviations, and
-    the response of `Inertia`: (R, G, 3), (R, G, 3), (R,). NaN where there are not frames enough for a parabola.
-
-    Counted are the frames within a quarter of the mode's (R,) period, the next in any case; `live`: only earlier ones,
-    two in any case. A gap longer than `longest_s`, or none at all, ends them. `std` (n, 1) or (n, G) is that of one
-    component of a point. Where there are `_TESTED` frames or more, and the points scatter about a smooth path by more,
-    the result's grows by as much; it never shrinks.
-    """
-    pieces, several = points.shape[1], std.shape[1] > 1
-    second, deviation = np.full((len(judged), pieces, 3), np.nan), np.full((len(judged), pieces, 3), np.nan)
-    response, least = np.full(len(judged), np.nan), 2 if live else 1
-    powers, lower = np.zeros((_PATH + 1, 2 * _MOST + 1)), np.zeros((_PATH + 1, _PATH + 1))
-    for r in range(len(judged)):
-        centre, reach_s = judged[r], 0.5 * np.pi / mode_rad_s[r]
-        first, end = centre, centre + 1
-        while first > max(centre - _MOST, 0) and 0.0 < time_s[first] - time_s[first - 1] <= longest_s:
-            if time_s[centre] - time_s[first - 1] > reach_s and centre - first >= least:
-                break
-            first -= 1
-        while not live and end <= min(centre + _MOST, len(time_s) - 1):
-            if not 0.0 < time_s[end] - time_s[end - 1] <= longest_s:
-                break
-            if time_s[end] - time_s[centre] > reach_s and end - centre > least:
-                break
-            end += 1
-        count = end - first
-        if centre - first < least or (not live and end - centre <= least):
-            continue
-        # polynomials of rising degree, orthonormal over these frames; those beyond the parabola test the scatter
-        degree = _PATH if count >= _TESTED else 2
-        farthest_s = max(time_s[centre] - time_s[first], time_s[end - 1] - time_s[centre])
-        for w in range(count):
-            powers[0, w] = 1.0
-            for k in range(1, degree + 1):
-                powers[k, w] = powers[k - 1, w] * (time_s[first + w] - time_s[centre]) / farthest_s
-        for k in range(degree + 1):
-            for j in range(k + 1):
-                product = 0.0
-                for w in range(count):
-                    product += powers[k, w] * powers[j, w]
-                lower[k, j] = product
-        # Cholesky's factor of their products, and the powers by it
-        for k in range(degree + 1):
-            for j in range(k + 1):
-                for i in range(j):
-                    lower[k, j] -= lower[k, i] * lower[j, i]
-                lower[k, j] = np.sqrt(lower[k, k]) if j == k else lower[k, j] / lower[j, j]
-            for w in range(count):
-                for i in range(k):
-                    powers[k, w] -= lower[k, i] * powers[i, w]
-                powers[k, w] /= lower[k, k]
-        scale, seen = 2.0 / (farthest_s**2 * lower[2, 2]), 0.0
-        for w in range(count):
-            seen += powers[2, w] * np.cos(mode_rad_s[r] * (time_s[first + w] - time_s[centre]))
-        response[r] = -scale * seen / mode_rad_s[r] ** 2
-        for g in range(pieces):
-            expected, variance = 0.0, 0.0
-            for w in range(count):
-                own = std[first + w, g if several else 0] ** 2
-                expected, variance = expected + own, variance + powers[2, w] ** 2 * own
-            for axis in range(3):
-                squares = 0.0
-                for w in range(count):
-                    squares += (points[first + w, g, axis] - points[centre, g, axis]) ** 2
-                for k in range(degree + 1):
-                    part = 0.0
-                    for w in range(count):
-                        part += powers[k, w] * (points[first + w, g, axis] - points[centre, g, axis])
-                    squares -= part**2
-                    if k == 2:
-                        second[r, g, axis] = scale * part
-                scatter = squares * count / (expected * (count - _PATH - 1.0)) if count >= _TESTED else 1.0
-                deviation[r, g, axis] = scale * np.sqrt(variance * max(scatter, 1.0))
-    return second, deviation, response
 
 
 @dataclass(frozen=True)
@@ -215,7 +127,9 @@ def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bo
     place = (np.cumsum(known) - 1)[judged]
     rows, points, std = known[judged], np.ascontiguousarray(kept.points_m), np.ascontiguousarray(kept.std_m)
     longest_s = math.pi / beam.slowest_rad_s
-    each = _accelerations(kept.time_s, points, std, place[rows], mode[rows], longest_s, live)
+    each = core.solver.accelerations(
+        kept.time_s, points, std, place[rows], mode[rows], longest_s, _MOST, live
+    )
     if rows.all():
         acceleration, std, response = each
     else:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.solver.convergence import MOST_EVALUATIONS, NEAREST, WRONG_SHAPE
-from estimator.solver.numbers import SMALL_BIAS, FitNumbers
+from estimator.solver.numbers import FitNumbers
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.robust import chi_square_p
+from vbaa_calib.native import core
 
 FEWEST_POINTS = 5
 CONTACT_EVIDENCE = 14.0
@@ -50,7 +50,7 @@ def statuses(numbers: FitNumbers) -> np.ndarray:
         edge_on, mirrored = numbers.edge_on_rad < EDGE_ON_RAD, _mirrored(numbers)
         determined = np.isfinite(numbers.std[:, 0])
         # a fit that stopped somewhere says nothing about whether there is a contact
-        stopped = ~numbers.converged & (numbers.scatter > WRONG_SHAPE)
+        stopped = ~numbers.converged & (numbers.scatter > core.solver.WRONG_SHAPE)
         order = [
             (numbers.points < FEWEST_POINTS, NO_ANTENNA),
             (~numbers.finite | np.isfinite(numbers.left_px), FAILED),
@@ -69,7 +69,7 @@ def statuses(numbers: FitNumbers) -> np.ndarray:
 
 def unexplained(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether no one contact, as contacts are thought possible, explains the frame."""
-    wrong = ~numbers.converged | (numbers.scatter > WRONG_SHAPE)
+    wrong = ~numbers.converged | (numbers.scatter > core.solver.WRONG_SHAPE)
     # without a reading a steep bend along the line of sight fits almost anything, if not quite
     steep = np.abs(numbers.unknowns[:, 3]) > STEEPEST_BLIND
     wrong |= _mirrored(numbers) & ((numbers.scatter > 1.0) | steep)
@@ -92,7 +92,7 @@ def _mirrored(numbers: FitNumbers) -> np.ndarray:
 
 def _at_clamp(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether the contact lies at the least distance that is searched."""
-    return numbers.unknowns[:, 0] <= NEAREST * (1.0 + 1e-6)
+    return numbers.unknowns[:, 0] <= core.solver.NEAREST * (1.0 + 1e-6)
 
 
 def _friction_exceeded(numbers: FitNumbers) -> np.ndarray:
@@ -174,15 +174,17 @@ def _misfit(numbers: FitNumbers, length_m: float) -> str:
     if two:
         return f"the shape is not that of one contact: {two}"
     if _at_clamp(numbers)[0]:
-        return f"the contact lies nearer to the clamp than {1e3 * NEAREST * length_m:.0f} mm, where none is looked for"
+        nearest_mm = 1e3 * core.solver.NEAREST * length_m
+        return f"the contact lies nearer to the clamp than {nearest_mm:.0f} mm, where none is looked for"
     if _friction_exceeded(numbers)[0]:
         return f"the force would have to lean {lean:.1f} times as far from the normal as friction is thought to tilt it"
-    if scatter > WRONG_SHAPE or (scatter > 1.0 and _mirrored(numbers)[0]):
+    if scatter > core.solver.WRONG_SHAPE or (scatter > 1.0 and _mirrored(numbers)[0]):
         far = f"points lie {scatter:.1f} std off or more"
         return f"the shape is not that of one contact: {far}, or their std is stated too small"
     if not numbers.converged[0]:
-        given_up = numbers.evaluations[0] >= MOST_EVALUATIONS
-        return f"the fit did not converge{f' in {MOST_EVALUATIONS} evaluations of the model' if given_up else ''}"
+        most = core.solver.MOST_EVALUATIONS
+        in_most = f" in {most} evaluations of the model" if numbers.evaluations[0] >= most else ""
+        return f"the fit did not converge{in_most}"
     return f"picture and moment contradict each other by {_disagreement(numbers)[0]:.0f} std: check the sensor"
 
 
@@ -204,9 +206,9 @@ def _model(numbers: FitNumbers, requested: str) -> str:
     rung, bias = int(numbers.rung[0]), numbers.bias[0]
     name = RUNGS[rung]
     if requested != "auto":
-        too_low = f", and is {bias[rung]:.1f} std off, which is in the deviations" if bias[rung] > SMALL_BIAS else ""
+        too_low = f", and is {bias[rung]:.1f} std off, which is in the deviations" if bias[rung] > core.solver.SMALL_BIAS else ""
         return f"{name} was asked for{too_low}"
-    low = [lower for lower in range(rung) if bias[lower] > SMALL_BIAS]
+    low = [lower for lower in range(rung) if bias[lower] > core.solver.SMALL_BIAS]
     if not low:
         return f"{name}: its bias is {bias[rung]:.2f} std"
     return f"{name}: {RUNGS[low[-1]]} would be {bias[low[-1]]:.1f} std off"

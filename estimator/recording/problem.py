@@ -13,12 +13,12 @@ import numpy as np
 
 from estimator.contact.inputs import Batch
 from estimator.contact.status import ODD_END
-from estimator.solver.convergence import EXCESS_SCATTER
 from estimator.solver.linearised import Linearised, free_antennas, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.robust import huber_weights
+from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import KnownObject
 
@@ -256,7 +256,7 @@ def _trust(taken: Batch, found: Linearised) -> np.ndarray:
     end lies where the antenna's may be."""
     points = np.maximum(np.isfinite(taken.points_px).all(axis=-1).sum(axis=1), 1)
     scatter = np.where(points > 1, found.excess, 1.0)  # a camera that saw nothing has none
-    more = scatter > 1.0 + EXCESS_SCATTER / np.sqrt(points)
+    more = scatter > 1.0 + core.solver.EXCESS_SCATTER / np.sqrt(points)
     return np.stack(
         [np.where(more, 1.0 / np.maximum(scatter, 1.0), 1.0), np.abs(found.residual[:, 2]) <= ODD_END], axis=1
     )

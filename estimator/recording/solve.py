@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.solver.convergence import NEAREST
 from vbaa_calib.core.least_squares import TELLS, Rules, disagreement, disagreement_p, levenberg_marquardt
+from vbaa_calib.native import core
 
 from .problem import Equations, Problem, State, spread_evenly
 
@@ -303,7 +303,7 @@ def _moved(problem: Problem, unknowns: np.ndarray, step: np.ndarray) -> np.ndarr
     limited = np.clip(step[:, :1], -_LONGEST * old, _LONGEST * old)
     share = np.where(step[:, :1] == 0.0, 1.0, limited / np.where(step[:, :1] == 0.0, 1.0, step[:, :1]))
     step = step * share
-    distance = np.clip(old + step[:, :1], NEAREST, 1.0)
+    distance = np.clip(old + step[:, :1], core.solver.NEAREST, 1.0)
     distance[problem.held] = 1.0
     force = (unknowns[:, 1:3] * (old + step[:, :1]) + old * step[:, 1:3]) / distance
     return np.concatenate([distance, force, unknowns[:, 3:] + step[:, 3:]], axis=1)

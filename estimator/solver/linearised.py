@@ -8,20 +8,10 @@ import numpy as np
 
 from vbaa_calib.antenna.rungs import RUNGS, curves
 from vbaa_calib.antenna.shape import Curves
-from vbaa_calib.camera.compiled_lens import Lens
-from vbaa_calib.core.compiled import kernel
+from vbaa_calib.native import core
 
-from .convergence import empty_work
-from .fit import NODES
-from .frames import Frames, frame_of
-from .initialization import free_antenna, grid_search, largest_gain
-from .linear_algebra import put
-from .normal_equations import linearise, nearest_feet, normal_equations, prior_of, residuals_with_rig
-from .numbers import angle_edge_on
-from .prediction import predict
-from .rig_arrays import ANTENNA, UNKNOWNS, RigArrays, RigRecord
-from .rig_jacobian import rig_jacobian
-from .uncertainty import huber_excess
+from .frames import Frames
+from .rig_arrays import ANTENNA, UNKNOWNS, RigArrays
 
 
 class Linearised(NamedTuple):
@@ -51,49 +41,17 @@ class Linearised(NamedTuple):
 def linearised(frames: Frames, rung: str, unknowns: np.ndarray) -> Linearised:
     """The frames at unknowns (B, 4), the rig as calibrated."""
     count, size = len(frames), UNKNOWNS + frames.rig_arrays.steps
-    shapes = ((3, NODES), (6,), (6, size), (3,), (3, size), (size, size), (size,), (size,), ())
+    shapes = ((3, core.solver.NODES), (6,), (6, size), (3,), (3, size), (size, size), (size,), (size,), ())
     found = Linearised(*(np.empty((count, *shape)) for shape in shapes))
-    rig = frames.rig_arrays
-    _linearise(rig.tables, rig.lens, frames.tables, RUNGS.index(rung), np.ascontiguousarray(unknowns, float), found)
+    rig, at = frames.rig_arrays.core, np.ascontiguousarray(unknowns, float)
+    core.solver.linearise(rig, frames, RUNGS.index(rung), at, found)
     return found
-
-
-@kernel
-def _linearise(rig_tables, lens_tables, tables, rung, unknowns, found):
-    rig, lens = RigRecord(*rig_tables), Lens(*lens_tables)
-    for index in range(len(unknowns)):
-        frame = frame_of(tables, index)
-        work = empty_work(rig, lens, len(frame.u))
-        fit = work.best
-        put(unknowns[index], fit.unknowns)
-        predict(rig, frame, rung, work.bent, fit, True)
-        rig_jacobian(rig, frame, rung, work.bent, fit)
-        nearest_feet(rig, frame, fit)
-        linearise(rig, frame, fit, work)
-        normal_equations(rig, fit, 0, work.product)
-        found.tangents[index] = fit.tangents
-        found.point_force[index], found.columns[index] = fit.point_force, fit.point_force_columns[:, : fit.size]
-        found.residual[index], found.readings[index] = fit.residual, fit.reading_columns[:, : fit.size]
-        found.information[index] = fit.information[: fit.size, : fit.size]
-        found.side[index] = fit.side[: fit.size]
-        for a in range(fit.size):
-            found.prior[index, a] = prior_of(rig, fit, a)
-        found.excess[index] = huber_excess(fit)
 
 
 def edge_on(rig_arrays: RigArrays, unknowns: np.ndarray) -> np.ndarray:
     """(B,) angle between the deformation plane 𝒟 of unknowns (B, 4) and the ray to the contact, rad; at 0 the antenna
     looks straight however it bends."""
-    found = np.empty(len(unknowns))
-    _edge_on(rig_arrays.tables, np.ascontiguousarray(unknowns, float), found)
-    return found
-
-
-@kernel
-def _edge_on(rig_tables, unknowns, found):
-    rig = RigRecord(*rig_tables)
-    for index in range(len(found)):
-        found[index] = angle_edge_on(rig, unknowns[index])
+    return np.asarray(core.solver.edge_on(rig_arrays.core, np.ascontiguousarray(unknowns, float)))
 
 
 def bend(frames: Frames, rung: str, unknowns: np.ndarray, steps: np.ndarray | None = None) -> Curves:
@@ -127,27 +85,5 @@ def free_antennas(frames: Frames, steps: np.ndarray | None = None, farthest_std:
     count, size, rig = len(frames), frames.rig_arrays.steps, frames.rig_arrays
     found = FreeAntennas(np.empty((count, size, size)), np.empty((count, size)), np.empty(count))
     at = np.zeros((count, size)) if steps is None else np.ascontiguousarray(steps, float)
-    _free(rig.tables, rig.lens, frames.tables, at, farthest_std, found)
+    core.solver.free_antennas(rig.core, frames, at, farthest_std, found)
     return found
-
-
-@kernel
-def _free(rig_tables, lens_tables, tables, steps, farthest_std, found):
-    rig, lens = RigRecord(*rig_tables), Lens(*lens_tables)
-    for index in range(len(steps)):
-        frame = frame_of(tables, index)
-        work = empty_work(rig, lens, len(frame.u))
-        fit = work.best
-        free_antenna(rig, frame, fit, work)
-        found.gain[index] = largest_gain(grid_search(rig, frame, fit, 1, work))
-        variance = 1.0
-        for k in range(len(fit.steps)):
-            variance += fit.reading_columns[2, UNKNOWNS + k] ** 2
-        if not abs(fit.residual[2]) <= farthest_std * np.sqrt(variance):
-            fit.predicted_residual[2] = 0.0
-            fit.reading_columns[2] = 0.0
-        put(steps[index], fit.steps)
-        residuals_with_rig(fit, work.shift)
-        normal_equations(rig, fit, UNKNOWNS, work.product)
-        found.information[index] = fit.information[UNKNOWNS : fit.size, UNKNOWNS : fit.size]
-        found.side[index] = fit.side[UNKNOWNS : fit.size]

@@ -7,7 +7,8 @@ import pytest
 import torch
 from torch.autograd import gradcheck, gradgradcheck
 
-from vbaa_calib.camera.projection import Intrinsics, chart_to_pixel, pixel_to_chart, pixel_to_ray, ray_derivatives
+from vbaa_calib.camera.lens import Intrinsics, ray_derivatives
+from vbaa_calib.camera.tensors import chart_to_pixel, pixel_to_chart, pixel_to_ray, to_chart
 
 from .lenses import LENSES
 
@@ -50,7 +51,7 @@ def test_projection_derivatives(name):
 
     def function(points, K, c):
         intrinsics = Intrinsics(camera.intrinsics.model, K[0, 0], K[1, 1], K[0, 2], K[1, 2], c)
-        x, y, _ = camera.intrinsics.model.chart.to_plane(torch, *points.unbind(-1))
+        x, y, _ = to_chart(camera.intrinsics.model, *points.unbind(-1))
         return torch.stack(chart_to_pixel(intrinsics, x, y)[:2])
 
     assert gradcheck(function, (rays.requires_grad_(), K, c), eps=1e-6, atol=1e-4)

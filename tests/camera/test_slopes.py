@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.camera.lens import lens_of
-from vbaa_calib.camera.projection import by_lens_of_points, by_pixel_of_points, ray_derivatives
+from vbaa_calib.camera.lens import prepared, ray_derivatives
+from vbaa_calib.camera.tensors import solve_on_device
 
 from .lenses import LENSES, border_and_grid
 from .lenses import camera as camera_of
@@ -90,28 +90,25 @@ def test_behind_a_tilted_sensor_there_is_nothing():
     assert np.isfinite(steep.lens_slopes_at(points)).all(axis=(-1, -2)).tolist() == [True, False]
 
 
-@pytest.mark.parametrize("name", [*EACH_KIND, "barrel folding", "realsense author"])
-def test_the_formulas_for_tensors_are_those_for_arrays(name):
-    # on other devices the formulas run on tensors; here the same code runs on tensors of the processor
+@pytest.mark.parametrize("name", [*EACH_KIND, "barrel folding", "realsense author", "rational with a pole", "prism strong"])
+def test_the_search_on_other_devices_is_the_cores(name):
+    # the processor's tensors are the core's memory; here the same code runs on them as on a GPU's
     camera = LENSES[name]
-    lens = lens_of(camera.intrinsics.model, camera.intrinsics.coefficients)
-    pixels = border_and_grid(camera, 15)
-    points = camera.unproject_normalized(pixels)[0]
-    for function, given in ((by_pixel_of_points, pixels), (by_lens_of_points, points)):
-        with np.errstate(all="ignore"):
-            *expected, valid, _ = function(np, camera.intrinsics, lens, given[:, 0], given[:, 1], True)
-        tensor = torch.tensor(given)
-        *found, known, _ = function(torch, camera.intrinsics, lens, tensor[:, 0], tensor[:, 1], True)
-        np.testing.assert_array_equal(known.numpy(), valid)
-        for ours, theirs in zip(found, expected, strict=True):
-            ours, theirs = (np.broadcast_to(np.asarray(values), valid.shape)[valid] for values in (ours, theirs))
-            np.testing.assert_allclose(ours, theirs, rtol=1e-7, atol=1e-9)
+    own = camera.distortion[:12].tolist()
+    lens = prepared(camera.model == "fisheye", (1.0, 1.0, 0.0, 0.0, *own))
+    pixels = np.concatenate([border_and_grid(camera, 15), [[np.nan, 1.0], [np.inf, 1.0]]])
+    sensor = (pixels - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
+    expected, known = lens.chart(sensor)
+    x, y, valid = solve_on_device(camera.intrinsics.model, lens, own, *torch.tensor(sensor).unbind(-1))
+    np.testing.assert_array_equal(valid.numpy(), known)
+    np.testing.assert_allclose(np.stack([x, y], -1)[known], expected[known], rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["pinhole", "fisheye equidistant"])
-def test_results_stay_on_the_device(name):
-    camera, pixels = LENSES[name], torch.empty(4, 3, 2, dtype=torch.float64, device="meta")
+def test_tensors_come_back_as_tensors(name):
+    camera, pixels = LENSES[name], torch.full((4, 3, 2), 300.0)
     points, slopes, valid = camera.normalized_with_slopes(pixels)
     by_lens = camera.lens_slopes_at(points)
-    assert {values.device.type for values in (points, slopes, valid, by_lens)} == {"meta"}
+    assert points.dtype == slopes.dtype == by_lens.dtype == torch.float32
+    assert valid.dtype == torch.bool
     assert by_lens.shape == (4, 3, 2, len(camera.parameter_names))

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.estimator.scenes import elastica_shapes
-from estimator.contact.status import HIGHEST_BIAS, WRONG_SHAPE
+from estimator.contact.status import HIGHEST_BIAS
 from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.native import core
 
 from ..rod_scenes import LENGTH_M, RIG_STD, World, camera_pose
 from .contact_scenes import (
@@ -84,7 +85,7 @@ def made_and_said(rung: str, std: float, straight: bool) -> tuple[np.ndarray, np
     )
     made = np.abs(off / fitted_std(found, scenes, rung, 0.0)).max(axis=1)
     said = found.numbers.bias[:, RUNGS.index(rung)]
-    counted = found.numbers.converged & (found.numbers.scatter <= WRONG_SHAPE) & (made > 0.3) & (made < 10.0)
+    counted = found.numbers.converged & (found.numbers.scatter <= core.solver.WRONG_SHAPE) & (made > 0.3) & (made < 10.0)
     return made[counted], said[counted]
 
 

@@ -8,7 +8,7 @@ moment is zero at the contact, so with υ = u·√(F/EI)
 
 is an initial value problem, and for each α one universal curve holds every load, contact distance and stiffness. The
 clamp only says where that curve is cut: θ_c = ψ(√a) with the load a = F·l²/EI. The curve is a pendulum let go at rest,
-with k² = (1 − sin α)/2 and its coordinates C = ∫cos ψ dυ, S = ∫sin ψ dυ in Jacobi's functions (`antenna.pendulum`).
+with k² = (1 − sin α)/2 and its coordinates C = ∫cos ψ dυ, S = ∫sin ψ dυ in Jacobi's functions (`pendulum.hpp` of the core).
 
 Only what a dead force leans at the contact has to be solved for.
 """
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ellipeinc, ellipkinc
 
-from .pendulum import universal_curve
+from vbaa_calib.native import core
 
 _DEAD_LOAD = 60.0
 
@@ -97,9 +97,7 @@ def normal_load(s: ArrayLike, load: ArrayLike, lean_rad: ArrayLike = 0.0) -> _Pl
     # υ along the bent part; the clamp, where it is √a, rides along as the first column
     bent = np.where(along >= 0.0, np.maximum(back, 0.0), np.nan) * root
     upsilon = np.concatenate([root, bent], -1)
-    curve = np.empty((3, *upsilon.shape))
-    universal_curve(upsilon, lean, curve)
-    psi, cos_integral, sin_integral = curve
+    psi, cos_integral, sin_integral = core.antenna.universal_curve(upsilon, lean)
     theta = psi[:, :1] - psi[:, 1:]
     onward = (cos_integral[:, :1] - cos_integral[:, 1:]) / root - np.minimum(back, 0.0)
     aside = (sin_integral[:, :1] - sin_integral[:, 1:]) / root

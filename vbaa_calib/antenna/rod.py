@@ -14,15 +14,31 @@ clamp gives r, d1, d2 at s = 0; the clamp moment M(0) is shot for, so that M(L) 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
+from vbaa_calib.native import core
 
-from .shooting import TOLERANCE, RodNumbers, solve_rods
+STEPS_PER_SEGMENT: int = core.antenna.STEPS_PER_SEGMENT
 
-STEPS_PER_SEGMENT = 32  # runge-Kutta steps from the clamp to the contact, and again from there to the tip
+
+class RodNumbers(NamedTuple):
+    """A rod as the core reads it.
+
+    length_m : from the clamp to the tip. bend, twist : 1/EI and 1/GJ. mass_per_length_kg_m : as the rod's.
+    curvature_y, curvature_z : natural curvature, 1/m. clamp : (3, 3) the clamp's place, d1 and d2 there.
+    """
+
+    length_m: float
+    bend: float
+    twist: float
+    mass_per_length_kg_m: float
+    curvature_y: float
+    curvature_z: float
+    clamp: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +74,7 @@ class Rod:
 
     @property
     def numbers(self) -> RodNumbers:
-        """What the kernels know of it."""
+        """As the core reads it."""
         curvature_y, curvature_z = self.natural_curvature_per_m
         pose = self.T_antenna_clamp
         return RodNumbers(
@@ -125,9 +141,9 @@ def solve_rod(
         start = guess_moment_Nm - np.cross(lever, force + weight)
     # no lever is longer than the arc, so no component of the clamp moment exceeds the load's
     limits = np.stack([load, np.maximum(load, 1e-6 * unit)], axis=1)
-    nodes, moment = empty_nodes(len(contact)), np.array(start, float, order="C")
-    left = solve_rods(rod.numbers, np.column_stack([gravity, force, contact]), unit, limits, moment, nodes)
-    if not (left <= TOLERANCE).all():
+    loads = np.column_stack([gravity, force, contact])
+    nodes, moment, left = core.antenna.solve_rods(rod.numbers, loads, unit, limits, start, STEPS_PER_SEGMENT)
+    if not (left <= core.antenna.ROD_TOLERANCE).all():
         worst = int(np.argmax(left))
         raise SolveError(
             f"rod {worst} of {len(left)} found no equilibrium: force {force[worst]} N at {contact[worst]:.4f} m"
@@ -136,13 +152,8 @@ def solve_rod(
     return shape_of(rod, contact, nodes, moment + np.cross(lever, force + weight))
 
 
-def empty_nodes(count: int) -> np.ndarray:
-    """(B, N, 4, 3) to be written by the kernels: per node the position, the directors d1 and d2, the moment."""
-    return np.empty((count, 2 * STEPS_PER_SEGMENT + 1, 4, 3))
-
-
 def shape_of(rod: Rod, contact_m: np.ndarray, nodes: np.ndarray, clamp_moment_Nm: np.ndarray) -> RodShape:
-    """B solved rods by their nodes (B, N, 4, 3)."""
+    """B solved rods by their nodes (B, N, 4, 3): position, directors d1 and d2, moment."""
     tangents = nodes[:, :, 1] / np.linalg.norm(nodes[:, :, 1], axis=-1, keepdims=True)
     return RodShape(_node_arclength(rod, contact_m).T, nodes[:, :, 0], tangents, clamp_moment_Nm)
 

@@ -12,11 +12,12 @@ import numpy as np
 
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.native import core
 
-from .shape import Curves, curves_of, pressed
-from .shape_kernel import ELASTICA_SWEEPS, ROD_SWEEPS, RUNGS
+from .shape import Curves, curves_of
 
-__all__ = ["RUNGS", "curves"]
+RUNGS = ("paper", "linear", "elastica", "rod")
+"""Lowest first, in the order of the core's."""
 
 
 @gate
@@ -51,6 +52,8 @@ def curves(
     for (name, shape), values in zip(shapes.items(), (gravity_m_s2, contact_m, force_N, friction_rad), strict=True):
         if values is not None and values.shape != shape:
             raise InputError(f"{name} has shape {values.shape}", remedy=f"give {shape}")
-    presses = pressed(parameters, length_m, gravity_m_s2, contact_m, force_N, friction_rad)
-    sweeps = ELASTICA_SWEEPS if rung == "elastica" else ROD_SWEEPS
-    return curves_of(RUNGS.index(rung), presses, dead=False, sweeps=sweeps)
+    friction_rad = np.zeros(count) if friction_rad is None else friction_rad
+    bent = core.antenna.curves(
+        RUNGS.index(rung), parameters, length_m, gravity_m_s2, contact_m, force_N, friction_rad
+    )
+    return curves_of(contact_m, length_m, bent)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from vbaa_calib.core.arrays import Rows
+from vbaa_calib.native import core
 
 from .nodes import CONTACT, NEAREST_TO_TIP, aligned_arclength
-from .shape_kernel import CURVE_NODES, RUNGS, Bent, Presses, bend_batch
 
 PARAMETERS = (
     "clamp_y_m",
@@ -84,31 +84,12 @@ def bend(
     -----
     Without weight, bow and `dead` the elastica is in equilibrium, and the sweeps leave it as it is.
     """
-    presses = pressed(parameters, length_m, gravity_m_s2, contact_m, force_N, friction_rad)
-    return curves_of(RUNGS.index("rod"), presses, dead=dead, sweeps=sweeps)
-
-
-def pressed(
-    parameters: np.ndarray,
-    length_m: float,
-    gravity_m_s2: np.ndarray,
-    contact_m: np.ndarray,
-    force_N: np.ndarray,
-    friction_rad: np.ndarray | None,
-) -> Presses:
-    """What `bend` takes, as the compiled code does."""
     friction_rad = np.zeros(len(contact_m)) if friction_rad is None else friction_rad
-    given, gravity, contact, force, lean = (
-        np.array(values, float, order="C") for values in (parameters, gravity_m_s2, contact_m, force_N, friction_rad)
-    )
-    return Presses(given, float(length_m), gravity, contact, force, lean)
+    bent = core.antenna.bend(dead, sweeps, parameters, length_m, gravity_m_s2, contact_m, force_N, friction_rad)
+    return curves_of(contact_m, length_m, bent)
 
 
-def curves_of(rung: int, presses: Presses, *, dead: bool, sweeps: int) -> Curves:
-    """Shapes of B antennas; `rung` is the index in RUNGS."""
-    count = len(presses.contact_m)
-    nodes = (count, CURVE_NODES, 3)
-    bent = Bent(np.empty(nodes), np.empty(nodes), np.empty((count, 3)), np.empty(count))
-    bend_batch(rung, dead, sweeps, presses, bent)
-    contact = np.minimum(presses.contact_m, (1.0 - NEAREST_TO_TIP) * presses.length_m)
-    return Curves(aligned_arclength(contact, presses.length_m), *bent)
+def curves_of(contact_m: np.ndarray, length_m: float, bent: tuple[np.ndarray, ...]) -> Curves:
+    """What the core has made of contacts (B,)."""
+    contact = np.minimum(contact_m, (1.0 - NEAREST_TO_TIP) * length_m)
+    return Curves(aligned_arclength(contact, length_m), *bent)

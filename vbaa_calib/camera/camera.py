@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,22 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import ArrayT, gate, masked, of_shape, working
+from vbaa_calib.core.arrays import ArrayT, gate, is_tensor, masked, of_shape, working
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.files import read_json
 from vbaa_calib.geometry.independent_axes import is_covariance
 
-from .lens import lens_of
+from .lens import Intrinsics, from_core, lens_of
 from .models import MODELS, LensModel
-from .projection import (
-    Intrinsics,
-    normalized_by_lens,
-    pixel_to_chart,
-    pixel_to_normalized,
-    pixel_to_normalized_with_slopes,
-    pixel_to_ray,
-    point_to_pixel,
-)
 
 
 def _checked_image_size(image_size: Any) -> tuple[int, int]:
@@ -216,46 +208,50 @@ class Camera:
 
     def unproject(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT]:
         """Unit rays (..., 3) in the camera frame of pixels (..., 2), and whether each is valid (...)."""
-        return self._answer(pixel_to_ray, pixels, 2, "pixels")
+        return self._answer("unproject", "pixel_to_ray", pixels, 2, "pixels")
 
     def project(self, points: ArrayT) -> tuple[ArrayT, ArrayT]:
         """Pixels (..., 2) of points (..., 3) in the camera frame, and whether each is valid (...).
 
         Valid are points that the lens sees one to one, also outside the image's borders.
         """
-        return self._answer(point_to_pixel, points, 3, "points")
+        return self._answer("project", "point_to_pixel", points, 3, "points")
 
     def unproject_normalized(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT]:
         """Ideal X/Z, Y/Z (..., 2) of pixels (..., 2), and validity (...). Rays at 90° and beyond are not valid."""
-        return self._answer(pixel_to_normalized, pixels, 2, "pixels")
+        return self._answer("normalized", "pixel_to_normalized", pixels, 2, "pixels")
 
     def normalized_with_slopes(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT, ArrayT]:
         """`unproject_normalized` with its slopes d(X/Z, Y/Z)/d(u, v): points (..., 2), slopes (..., 2, 2), valid (...).
 
         They carry pixel noise to normalized coordinates. NaN where not valid. Tensors come back without gradients.
         """
-        work = working(pixels, 2, "pixels")
-        points, slopes, valid = pixel_to_normalized_with_slopes(self.intrinsics, work.values)
-        return work.restore(points), work.restore(slopes), valid
+        points, valid, slopes = from_core(self.intrinsics, "normalized", pixels, 2, "pixels", True)
+        return points, slopes.reshape(*valid.shape, 2, 2), valid
 
     def lens_slopes_at(self, points: ArrayT) -> ArrayT:
         """d(X/Z, Y/Z)/d(parameters), (..., 2, 4 + k), of the fixed pixels of ideal normalized points (..., 2).
 
         NaN where the lens does not see the point one to one. Tensors come back without gradients.
         """
-        work = working(points, 2, "points")
-        return work.restore(normalized_by_lens(self.intrinsics, work.values))
+        return from_core(self.intrinsics, "normalized_by_lens", points, 2, "points")[0]
 
     def valid_region(self) -> ValidRegion:
         """Where this lens is one to one, and what share of the image that covers, border pixels included."""
-        lens = lens_of(self.intrinsics.model, self.intrinsics.coefficients)
+        lens = lens_of(self.intrinsics)
         columns, rows = (np.linspace(-0.5, size - 0.5, _SAMPLES_PER_SIDE) for size in self.image_size)
-        valid = pixel_to_chart(self.intrinsics, *np.meshgrid(columns, rows))[2]
-        half_angle = lens.model.chart.half_angle(lens.ideal_limit)
-        return ValidRegion(lens.ideal_limit, lens.distorted_limit, half_angle, float(valid.mean()))
+        valid = self.unproject(np.stack(np.meshgrid(columns, rows), -1))[1]
+        limit = lens.ideal_limit
+        half_angle = limit if self.intrinsics.model.is_fisheye else math.atan(limit)
+        return ValidRegion(limit, lens.distorted_limit, half_angle, float(valid.mean()))
 
-    def _answer(self, function: Any, given: ArrayT, last: int, name: str) -> tuple[ArrayT, ArrayT]:
-        work = working(given, last, name)
-        with np.errstate(all="ignore"):
-            values, valid = function(self.intrinsics, work.values)
-        return work.restore(masked(values, valid)), valid
+    def _answer(self, method: str, of_tensors: str, values: ArrayT, last: int, name: str) -> tuple[ArrayT, ArrayT]:
+        """By a method of the core's lens for arrays, by a function of `tensors` for tensors."""
+        if not is_tensor(values):
+            result, valid, *_ = from_core(self.intrinsics, method, values, last, name)
+            return result, valid
+        from . import tensors  # loads torch
+
+        work = working(values, last, name)
+        result, valid = getattr(tensors, of_tensors)(self.intrinsics, work.values)
+        return work.restore(masked(result, valid)), valid

@@ -13,8 +13,7 @@ import numpy as np
 from vbaa_calib.core.compiled import compiled, kernel, record
 from vbaa_calib.core.lanes import LANES, load, spread, store, where_positive
 
-from .lens import lens_of
-from .projection import Intrinsics
+from .lens import Intrinsics, lens_of
 
 _NONE, _RADIAL, _FULL = 0, 1, 2
 _STEPS = 5
@@ -55,24 +54,24 @@ Lens = record(CompiledLens)
 @lru_cache(maxsize=32)
 def compiled_lens(intrinsics: Intrinsics) -> CompiledLens:
     """Made ready for compiled functions."""
-    lens = lens_of(intrinsics.model, intrinsics.coefficients)
+    lens, model = lens_of(intrinsics), intrinsics.model
     coefficients = np.zeros(14)
-    coefficients[: len(lens.coefficients)] = lens.coefficients
-    table, region, one = lens.table, lens.sectors, np.ones(2)
+    coefficients[: len(intrinsics.coefficients)] = intrinsics.coefficients
+    full = not (lens.undistorted or lens.radial)
     return CompiledLens(
-        lens.model.name == "fisheye",
-        lens.model.tilt(lens.coefficients) is not None,
-        _NONE if table is None else _RADIAL if region is None else _FULL,
+        model.is_fisheye,
+        bool(coefficients[12:].any()),
+        _NONE if lens.undistorted else _RADIAL if lens.radial else _FULL,
         np.array([intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy], float),
         coefficients,
-        len(lens.coefficients),
-        one if table is None else np.ascontiguousarray(table.nodes),
-        one if table is None else np.ascontiguousarray(table.steps),
-        1.0 if table is None else float(table.nodes_per_unit),
-        np.array([lens.ideal_limit, lens.distorted_limit if table is None else table.distorted_limit]),
-        one if region is None else np.ascontiguousarray(region.ideal.radii),
-        one if region is None else np.ascontiguousarray(region.reach.radii),
-        one if region is None else np.array([region.ideal.inner, region.reach.inner]),
+        len(intrinsics.coefficients),
+        lens.nodes,
+        np.append(np.diff(lens.nodes), 0.0),
+        lens.nodes_per_unit,
+        np.array([lens.ideal_limit, lens.distorted_limit if lens.undistorted else lens.table_limit]),
+        lens.ideal_rim,
+        lens.reach_rim,
+        np.array([lens.ideal_rim.min(), lens.reach_rim.min()]) if full else np.ones(2),
     )
 
 

@@ -7,14 +7,15 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from vbaa_calib.core.arrays import ArrayT, as_tensor, is_tensor, like, masked, working
+from vbaa_calib.core.arrays import ArrayT, is_tensor, like, masked, working
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import PLANE_C, Plane, Pose
 
 from .camera import Camera
+from .lens import Intrinsics, from_core
 from .models import MODELS
-from .plane import Crossing, cross, in_plane_axes
-from .projection import Intrinsics, pixel_to_ray, ray_derivatives
+from .plane import cross, in_plane_axes
+from .tensors import pixel_to_ray
 
 _POSE_NAMES = ("rotation_x", "rotation_y", "rotation_z", "translation_x", "translation_y", "translation_z")
 """Small motion of the camera, as `Pose.retract` takes it: rotation vector in rad, translation in m, antenna frame."""
@@ -78,11 +79,11 @@ class CameraOnPlane(torch.nn.Module):
 
         On plane C they are the antenna frame's x and y; on the hinge plane x and the way along the roll.
         """
-        return self._answer(pixels, lambda crossing: crossing.points @ self.axes.to(crossing.points).T)
+        return self._answer(pixels, self.axes)
 
     def points(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT]:
         """The same points (..., 3) m in the antenna frame, and validity (...)."""
-        return self._answer(pixels, lambda crossing: crossing.points)
+        return self._answer(pixels, torch.eye(3, dtype=torch.float64))
 
     def pixel_jacobian(self, pixels: ArrayT) -> ArrayT:
         """d(coordinates on the plane)/d(u, v), (..., 2, 2) m/px. NaN where not valid."""
@@ -111,43 +112,30 @@ class CameraOnPlane(torch.nn.Module):
                 self._buffers[name] = value.to(moved.device) if moved.dtype != value.dtype else moved
         return self
 
-    def _crossing(self, rays: torch.Tensor) -> tuple[torch.Tensor, Crossing]:
-        directions = rays @ self.rotation.to(rays).T
-        return directions, cross(self.translation_m.to(rays), directions, self.normal.to(rays), self.offset_m.to(rays))
-
-    def _answer(self, pixels: ArrayT, wanted: Callable[[Crossing], torch.Tensor]) -> tuple[ArrayT, ArrayT]:
+    def _answer(self, pixels: ArrayT, axes: torch.Tensor) -> tuple[ArrayT, ArrayT]:
+        if not is_tensor(pixels):
+            place = self._place(axes)
+            points, known = from_core(self._intrinsics(), "on_plane", pixels, 2, "pixels", *place, single=True)
+            return points, known
         work = working(pixels, 2, "pixels")
-        values = as_tensor(work.values)
-        K, c = self.matrix.to(values), self.distortion.to(values)
+        K, c = self.matrix.to(work.values), self.distortion.to(work.values)
         intrinsics = Intrinsics(MODELS[self.camera.model], K[0, 0], K[1, 1], K[0, 2], K[1, 2], c)
-        rays, seen = pixel_to_ray(intrinsics, values)
-        _, crossing = self._crossing(rays)
+        rays, seen = pixel_to_ray(intrinsics, work.values)
+        pose = self.translation_m.to(rays), rays @ self.rotation.to(rays).T
+        crossing = cross(*pose, self.normal.to(rays), self.offset_m.to(rays))
         valid = seen & crossing.valid
-        result = masked(wanted(crossing), valid)
-        if is_tensor(pixels):
-            return work.restore(result), valid
-        return work.restore(result.detach().numpy()), valid.numpy()
+        return work.restore(masked(crossing.points @ axes.to(rays).T, valid)), valid
 
     def _jacobian(self, pixels: ArrayT, by_parameter: bool) -> ArrayT:
-        work = working(pixels, 2, "pixels")
-        with torch.no_grad():
-            jacobian = self._sliding(as_tensor(work.values), by_parameter)
-        return work.restore(jacobian if is_tensor(pixels) else jacobian.numpy())
+        place = self._place(self.axes)
+        return from_core(self._intrinsics(), "plane_slopes", pixels, 2, "pixels", *place, by_parameter)[0]
 
-    def _sliding(self, pixels: torch.Tensor, by_parameter: bool) -> torch.Tensor:
-        """How a point slides on the plane while its ray turns and its origin moves."""
+    def _intrinsics(self) -> Intrinsics:
         (fx, _, cx), (_, fy, cy), _ = self.matrix.tolist()
-        intrinsics = Intrinsics(MODELS[self.camera.model], fx, fy, cx, cy, tuple(self.distortion.tolist()))
-        rays, by_pixel, by_lens, valid = ray_derivatives(intrinsics, pixels)
-        directions, crossing = self._crossing(rays)
-        # the origin moved by a step moves the point by (1 − m nᵀ/(n·m)) times it; the direction moved, by t times that
-        identity, normal = torch.eye(3).to(pixels), self.normal.to(pixels)
-        slide = identity - directions[..., :, None] * normal / crossing.slant[..., None, None]
-        by_origin = self.axes.to(pixels) @ slide
-        by_direction = by_origin * crossing.range_m[..., None, None]
-        turned = by_direction @ self.rotation.to(pixels)
-        if not by_parameter:
-            return masked(turned @ by_pixel, valid & crossing.valid)
-        by_rotation = torch.linalg.cross(directions[..., None, :], by_direction, dim=-1)
-        whole = torch.cat([turned @ by_lens, by_rotation, by_origin], -1)
-        return masked(whole, valid & crossing.valid)
+        return Intrinsics(MODELS[self.camera.model], fx, fy, cx, cy, tuple(self.distortion.tolist()))
+
+    def _place(self, axes: torch.Tensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The camera's pose (3, 4), the plane's normal and offset (4,), and axes (2 or 3, 3), for the core."""
+        place = torch.cat([self.rotation, self.translation_m[:, None]], 1), torch.cat([self.normal, self.offset_m[None]])
+        pose, plane, rows = (each.detach().double().cpu().contiguous().numpy() for each in (*place, axes))
+        return pose, plane, rows

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.camera.projection import ray_derivatives
+from vbaa_calib.camera.lens import ray_derivatives
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry.independent_axes import independent_axes, largest_std
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.camera import Camera
-from vbaa_calib.camera.compiled_lens import compiled_lens, pixels_of_points
 from vbaa_calib.core.polyline import arc_lengths, followed
 from vbaa_calib.geometry import Pose
 
@@ -30,12 +29,7 @@ def free_curve(parameters: np.ndarray, length_m: float, gravity_m_s2: np.ndarray
 def pixels(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray) -> np.ndarray:
     """(M, 2) pixels of a shape's points (M, 3), antenna frame, as far as they may be `followed`; points that the lens
     cannot show are left out."""
-    lens = compiled_lens(camera.intrinsics)
-    if lens.tilted:
-        projected, valid = camera.project(T_camera_antenna @ points_m)
-    else:
-        pose = map(np.ascontiguousarray, (T_camera_antenna.rotation, T_camera_antenna.translation_m, points_m))
-        projected, valid = pixels_of_points(lens, *pose)
+    projected, valid = camera.project(T_camera_antenna @ points_m)
     return followed(projected[valid], camera.image_size)
 
 

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <new>
 #include <vector>
 
 namespace vbaa {
@@ -66,10 +67,24 @@ struct View {
     }
 };
 
+// Memory whose start is one of the processor's widest vectors'.
+template <class T>
+struct Aligned {
+    using value_type = T;
+
+    Aligned() = default;
+    template <class U>
+    Aligned(const Aligned<U>&) {}
+    T* allocate(std::size_t count) { return static_cast<T*>(::operator new(count * sizeof(T), std::align_val_t(64))); }
+    void deallocate(T* memory, std::size_t) { ::operator delete(memory, std::align_val_t(64)); }
+    bool operator==(const Aligned&) const { return true; }
+    bool operator!=(const Aligned&) const { return false; }
+};
+
 // Numbers of its own, zeros at first.
 template <class T, int N>
 struct Array {
-    std::vector<T> values;
+    std::vector<T, Aligned<T>> values;
     std::array<int, N> shape = {};
 
     Array() = default;

@@ -14,6 +14,7 @@ void bind_profile(nb::module_& module);
 }  // namespace vbaa
 
 NB_MODULE(core, module) {
+    nb::set_leak_warnings(false);  // what is cached lives until the interpreter ends
     module.doc() = "Compiled inner loops of vbaa_calib and estimator; arrays are float64 and contiguous.";
     vbaa::bind_lens(module);
     vbaa::bind_bundle(module);

@@ -1,9 +1,225 @@
-#include "numpy.hpp"
+// The fit of frames. Arrays come as fields of Python's own objects (`RigArrays`, `Frames`, `FitNumbers`, …), by name.
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
+
+#include <string>
+
+#include "lens_bindings.hpp"
+#include "solver/convergence.hpp"
+#include "solver/ladder.hpp"
+#include "solver/linearised.hpp"
+#include "solver/motion.hpp"
 
 namespace vbaa {
+namespace {
+
+using solver::Frames;
+using solver::Rig;
+using solver::UNKNOWNS;
+using Released = nb::gil_scoped_release;
+
+void check(bool sound, const char* what) {
+    if (!sound) throw nb::value_error(what);
+}
+
+// Fields of one shape, by name.
+template <class T, std::size_t N, class... More>
+void read(nb::handle object, std::array<int, N> shape, const char* name, View<T, static_cast<int>(N)>& target,
+          More&&... more) {
+    target = attribute<T, static_cast<int>(N)>(object, name);
+    if (target.shape != shape) throw nb::value_error((std::string(name) + " has another shape than is needed").c_str());
+    if constexpr (sizeof...(more) > 0) read(object, shape, more...);
+}
+
+// Numbers of fields, by name.
+template <class T, class... More>
+void read_numbers(nb::handle object, const char* name, T& target, More&&... more) {
+    target = number<T>(object, name);
+    if constexpr (sizeof...(more) > 0) read_numbers(object, more...);
+}
+
+// Arrays of fields into places for as many, by name.
+template <class T, class... More>
+void read_copies(nb::handle object, const char* name, T& target, More&&... more) {
+    const auto values = nb::cast<nb::ndarray<const double, nb::c_contig, nb::device::cpu>>(object.attr(name), false);
+    check(values.nbytes() == sizeof target, name);
+    std::copy_n(values.data(), values.size(), reinterpret_cast<double*>(&target));
+    if constexpr (sizeof...(more) > 0) read_copies(object, more...);
+}
+
+Rig rig_of(nb::handle object, const lens::Lens& lens) {
+    Rig rig = {};
+    rig.lens = &lens;
+    read_numbers(object, "length_m", rig.length_m, "friction_rad", rig.friction_rad, "force_unit_N", rig.force_unit_N,
+                 "unit_load", rig.unit_load, "tip_offset_m", rig.tip_offset_m, "stiffness_Nm2", rig.stiffness_Nm2,
+                 "focal", rig.focal, "with_tip", rig.with_tip, "with_second_sensor", rig.with_second_sensor,
+                 "with_lens", rig.with_lens);
+    read_copies(object, "antenna_parameters", rig.antenna_parameters, "antenna_steps", rig.antenna_steps, "pose_lanes",
+                rig.pose_lanes, "by_pose_step", rig.by_pose_step, "rotation", rig.rotation, "translation_m",
+                rig.translation_m, "gain", rig.gain, "offset", rig.offset, "std", rig.std, "to_camera", rig.to_camera,
+                "eye_m", rig.eye_m);
+    const ConstMatrix axes = attribute<const double, 2>(object, "axes");
+    const int parameters = solver::POSES + solver::ANTENNA + 2 + (rig.with_lens ? lens.parameters() : 0);
+    check(axes.shape[0] == parameters + rig.with_tip, "axes are not those of the rig's parameters");
+    rig.shared = axes.shape[1];
+    rig.axes = Array<double, 2>(axes.shape[0], whole_lanes(rig.shared));
+    for (int q = 0; q < axes.shape[0]; ++q) std::copy_n(axes.row(q).data, rig.shared, rig.axes.row(q).data);
+    rig.line = Array<double, 1>(attribute<const double, 1>(object, "line"));
+    return rig;
+}
+
+Frames frames_of(nb::handle object) {
+    Frames frames;
+    frames.usable = attribute<const double, 2>(object, "usable");
+    const int count = frames.size(), points = frames.usable.shape[1];
+    read(object, std::array{count, points, 2}, "points", frames.points);
+    read(object, std::array{count, points, 3}, "covariance", frames.covariance);
+    read(object, std::array{count, 2}, "moment_Nm", frames.moment_Nm, "tip", frames.tip);
+    read(object, std::array{count, 3}, "tip_covariance", frames.tip_covariance, "available", frames.available,
+         "gravity_m_s2", frames.gravity_m_s2);
+    return frames;
+}
+
+solver::Numbers numbers_of(nb::handle object, int count) {
+    solver::Numbers n;
+    read(object, std::array{count}, "points", n.points, "evaluations", n.evaluations, "rung", n.rung, "rig_axes",
+         n.rig_axes, "outliers", n.outliers, "converged", n.converged, "at_tip", n.at_tip, "finite", n.finite,
+         "ambiguous", n.ambiguous, "shared_std", n.shared_std, "friction_share", n.friction_share, "tip_std", n.tip_std,
+         "cost", n.cost, "rig_chi_square", n.rig_chi_square, "evidence", n.evidence, "scatter", n.scatter, "condition",
+         n.condition, "alternative_cost", n.alternative_cost, "second_gain", n.second_gain, "second_place",
+         n.second_place, "second_shift", n.second_shift, "edge_on_rad", n.edge_on_rad, "drift_px", n.drift_px,
+         "drift_readings", n.drift_readings, "left_px", n.left_px, "farthest", n.farthest);
+    read(object, std::array{count, 2}, "sensor_available", n.sensor_available, "residual", n.residual, "residual_std",
+         n.residual_std);
+    read(object, std::array{count, 3}, "point_m", n.point_m, "force_N", n.force_N, "tangent", n.tangent, "deflection_m",
+         n.deflection_m);
+    read(object, std::array{count, UNKNOWNS}, "unknowns", n.unknowns, "std", n.std, "alternative_unknowns",
+         n.alternative_unknowns, "bias", n.bias);
+    read(object, std::array{count, 6, 6}, "covariance", n.covariance, "with_pose", n.with_pose, "shared", n.shared);
+    read(object, std::array{count, solver::PIECES}, "pieces_std_m", n.pieces_std_m);
+    read(object, std::array{count, solver::PIECES, 3}, "pieces_m", n.pieces_m);
+    read(object, std::array{count, solver::PIECES, 2}, "push", n.push);
+    return n;
+}
+
+void solve(const Rig& rig, const Rig& exact, nb::handle frames_, int begin, int end, int rung, InMatrix warm,
+           InVector pieces_m, nb::handle numbers_) {
+    const Frames frames = frames_of(frames_);
+    const solver::Numbers numbers = numbers_of(numbers_, frames.size());
+    check(0 <= begin && end <= frames.size(), "begin and end must be frames");
+    check(solver::AUTO <= rung && rung <= solver::ROD, "no such rung");
+    check(view(warm).shape == std::array{frames.size(), UNKNOWNS}, "warm must be (B, 4)");
+    check(pieces_m.size() == 0 || pieces_m.size() == solver::PIECES, "another number of pieces is tested");
+    Released released;
+    solver::solve_frames(rig, exact, frames, begin, end, rung, view(warm), view(pieces_m), numbers);
+}
+
+void rough(const Rig& rig, nb::handle frames_, OutMatrix unknowns, OutCube points_m) {
+    const Frames frames = frames_of(frames_);
+    check(view(unknowns).shape == std::array{frames.size(), UNKNOWNS}, "unknowns must be (B, 4)");
+    check(view(points_m).shape == std::array{frames.size(), solver::NODES, 3}, "points must be (B, M, 3)");
+    Released released;
+    solver::rough_frames(rig, frames, view(unknowns), view(points_m));
+}
+
+void linearise(const Rig& rig, nb::handle frames_, int rung, InMatrix unknowns, nb::handle found_) {
+    const Frames frames = frames_of(frames_);
+    const int count = frames.size(), size = UNKNOWNS + rig.steps();
+    solver::Linearised found;
+    read(found_, std::array{count, 3, solver::NODES}, "tangents", found.tangents);
+    read(found_, std::array{count, 6}, "point_force", found.point_force);
+    read(found_, std::array{count, 6, size}, "columns", found.columns);
+    read(found_, std::array{count, 3}, "residual", found.residual);
+    read(found_, std::array{count, 3, size}, "readings", found.readings);
+    read(found_, std::array{count, size, size}, "information", found.information);
+    read(found_, std::array{count, size}, "side", found.side, "prior", found.prior);
+    read(found_, std::array{count}, "excess", found.excess);
+    check(solver::PAPER <= rung && rung <= solver::ROD, "no such rung");
+    check(view(unknowns).shape == std::array{count, UNKNOWNS}, "unknowns must be (B, 4)");
+    Released released;
+    solver::linearise_frames(rig, frames, rung, view(unknowns), found);
+}
+
+void free_antennas(const Rig& rig, nb::handle frames_, InMatrix steps, double farthest_std, nb::handle found_) {
+    const Frames frames = frames_of(frames_);
+    const int count = frames.size(), size = rig.steps();
+    solver::FreeAntennas found;
+    read(found_, std::array{count, size, size}, "information", found.information);
+    read(found_, std::array{count, size}, "side", found.side);
+    read(found_, std::array{count}, "gain", found.gain);
+    check(view(steps).shape == std::array{count, size}, "steps must be (B, R)");
+    Released released;
+    solver::free_frames(rig, frames, view(steps), farthest_std, found);
+}
+
+auto edge_on(const Rig& rig, InMatrix unknowns) {
+    check(unknowns.shape(1) >= 3, "unknowns must be (B, 3) or more");
+    auto angles = room<double>(unknowns.shape(0));
+    const ConstMatrix at = view(unknowns);
+    for (int b = 0; b < at.shape[0]; ++b) angles.data()[b] = solver::angle_edge_on(rig, at.row(b).data);
+    return angles;
+}
+
+auto ideal_points(const lens::Lens& lens, InMatrix pixels, InVector sigma_px) {
+    check_last(pixels, 2, "pixels must be (N, 2)");
+    check(sigma_px.size() == pixels.shape(0), "sigma_px must be (N,)");
+    const std::size_t count = pixels.shape(0);
+    auto points = room<double>(count, 2), covariance = room<double>(count, 3);
+    auto usable = room<double>(count);
+    Released released;
+    solver::ideal_points(lens, view(pixels), view(sigma_px), view(points), view(covariance), view(usable));
+    return std::make_tuple(points, covariance, usable);
+}
+
+auto places(InCube points_px) {
+    check_last(points_px, 2, "points must be (B, N, 2)");
+    auto place = room<double>(points_px.shape(0), points_px.shape(1));
+    auto disordered = room<bool>(points_px.shape(0));
+    Released released;
+    solver::places(view(points_px), view(place), view(disordered));
+    return std::make_pair(place, disordered);
+}
+
+auto accelerations(InVector time_s, InCube points, InMatrix sigma, Numpy<const std::int64_t, 1> judged,
+                   InVector mode_rad_s, double longest_s, int most, bool live) {
+    const std::size_t count = time_s.size(), pieces = points.shape(1), asked = judged.size();
+    check(points.shape(0) == count && points.shape(2) == 3, "points must be (n, G, 3)");
+    check(sigma.shape(0) == count && (sigma.shape(1) == 1 || sigma.shape(1) == pieces), "std must be (n, 1 or G)");
+    check(mode_rad_s.size() == asked && most >= 0, "mode_rad_s must be (R,)");
+    for (std::int64_t index : view(judged)) check(0 <= index && index < static_cast<int>(count), "no such frame");
+    auto second = room<double>(asked, pieces, 3), deviation = room<double>(asked, pieces, 3);
+    auto response = room<double>(asked);
+    Released released;
+    solver::accelerations(view(time_s), view(points), view(sigma), view(judged), view(mode_rad_s), longest_s, most,
+                          live, view(second), view(deviation), view(response));
+    return std::make_tuple(second, deviation, response);
+}
+
+}  // namespace
 
 void bind_solver(nb::module_& module) {
-    module.def_submodule("solver", "The fit of frames: contacts with uncertainty and other minima.");
+    auto room = module.def_submodule("solver", "The fit of frames: contacts with uncertainty and other minima.");
+    nb::class_<Rig>(room, "Rig", "What is known before a frame is seen, made of `RigArrays.fields` and its lens.")
+        .def(
+            "__init__", [](Rig* at, nb::handle fields, const lens::Lens& lens) { new (at) Rig(rig_of(fields, lens)); },
+            nb::keep_alive<1, 3>());
+    room.def("solve", &solve, "Fits frames from `begin` to `end` on a rung, −1: the highest, into `FitNumbers`.");
+    room.def("rough", &rough, "Rough minima (B, 4) on a low rung and the antennas' nodes there (B, M, 3).");
+    room.def("linearise", &linearise, "Frames on a rung at unknowns (B, 4), into `Linearised`.");
+    room.def("free_antennas", &free_antennas, "Frames as the free antenna about rig steps (B, R).");
+    room.def("edge_on", &edge_on,
+             "Angles (B,) between the deformation plane of unknowns (B, 4) and the line of sight.");
+    room.def("ideal_points", &ideal_points, "Ideal points (N, 2) of pixels, covariances (N, 3), and which are usable.");
+    room.def("places", &places,
+             "Places (B, N) along the longer side of points (B, N, 2), and which frames lack order.");
+    room.def("accelerations", &accelerations, "Second derivatives of points in judged frames, their std, response.");
+    room.attr("NEAREST") = solver::NEAREST;
+    room.attr("EXCESS_SCATTER") = solver::EXCESS_SCATTER;
+    room.attr("WRONG_SHAPE") = solver::WRONG_SHAPE;
+    room.attr("MOST_EVALUATIONS") = solver::MOST_EVALUATIONS;
+    room.attr("SMALL_BIAS") = solver::SMALL_BIAS;
+    room.attr("PIECES") = solver::PIECES;
+    room.attr("NODES") = solver::NODES;
 }
 
 }  // namespace vbaa

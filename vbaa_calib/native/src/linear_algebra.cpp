@@ -1,0 +1,185 @@
+#include "linear_algebra.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace vbaa {
+
+namespace {
+
+constexpr double LEAST_DAMPING = 1e-12;  // a direction without information stays where it is
+constexpr int SWEEPS = 12;               // of Jacobi's rotations; 4 × 4 are diagonal to the last digit after five
+
+// Takes what the rows above explain out of row a, in COUNT vectors of columns from `first` on. Even and odd rows are
+// summed apart, since a sum waits for itself.
+template <int COUNT>
+void eliminate(Matrix factor, int a, int first) {
+    const int wide = factor.shape[1];
+    Lanes even[COUNT], odd[COUNT];
+    double* own = &factor(a, first);
+    for (int c = 0; c < COUNT; ++c) even[c] = load(own + c * LANES), odd[c] = spread(0.0);
+    const double *row = factor.data + first, *part = factor.data + a;
+    for (int pair = 0; pair < a / 2; ++pair, row += 2 * wide, part += 2 * wide) {
+        for (int c = 0; c < COUNT; ++c) {
+            even[c] -= part[0] * load(row + c * LANES);
+            odd[c] -= part[wide] * load(row + wide + c * LANES);
+        }
+    }
+    for (int c = 0; c < COUNT; ++c) {
+        if (a % 2) even[c] -= part[0] * load(row + c * LANES);
+        store(own + c * LANES, even[c] + odd[c]);
+    }
+}
+
+// COUNT vectors of right sides (size, wide), in place.
+template <int COUNT>
+void solve_columns(ConstMatrix factor, ConstVector scale, int size, double* sides, int wide, bool whole) {
+    const auto solved = [&](int k, int first, int last) {
+        Lanes row[COUNT];
+        double* own = sides + k * wide;
+        for (int c = 0; c < COUNT; ++c) row[c] = load(own + c * LANES);
+        const double* parts = &factor(k, 0);
+        for (int b = first; b < last; ++b) {
+            for (int c = 0; c < COUNT; ++c) row[c] -= parts[b] * load(sides + b * wide + c * LANES);
+        }
+        for (int c = 0; c < COUNT; ++c) store(own + c * LANES, parts[k] * row[c]);
+    };
+    const auto rescale = [&] {
+        for (int k = 0; k < size; ++k) {
+            double* own = sides + k * wide;
+            for (int c = 0; c < COUNT; ++c) store(own + c * LANES, scale[k] * load(own + c * LANES));
+        }
+    };
+    rescale();
+    for (int k = 0; k < size; ++k) solved(k, 0, k);
+    if (!whole) return;
+    for (int k = size - 1; k >= 0; --k) solved(k, k + 1, size);
+    rescale();
+}
+
+// LANES × LANES·COUNT inner products of columns from a on with those of the product from b on.
+template <int COUNT>
+void block_of_products(ConstMatrix columns, ConstMatrix product, int a, int b, Matrix total) {
+    Lanes sums[LANES][COUNT] = {};
+    for (int j = 0; j < product.shape[0]; ++j) {
+        const double *left = &columns(j, a), *right = &product(j, b);
+        for (int k = 0; k < LANES; ++k) {
+            for (int c = 0; c < COUNT; ++c) sums[k][c] += left[k] * load(right + c * LANES);
+        }
+    }
+    for (int k = 0; k < LANES; ++k) {
+        for (int c = 0; c < COUNT; ++c) store(&total(a + k, b + c * LANES), sums[k][c]);
+    }
+}
+
+// The rotation that makes one pair of entries zero.
+void rotate(Matrix matrix, Matrix vectors, int a, int b) {
+    const double off_diagonal = matrix(a, b);
+    const int size = matrix.shape[0];
+    if (off_diagonal == 0.0) return;
+    const double half = (matrix(b, b) - matrix(a, a)) / (2.0 * off_diagonal);
+    const double size_of_tangent = 1.0 / (std::abs(half) + std::sqrt(1.0 + half * half));
+    const double tangent = half < 0.0 ? -size_of_tangent : size_of_tangent;
+    const double cos = 1.0 / std::sqrt(1.0 + tangent * tangent), sin = tangent * cos;
+    const auto turn = [&](double& first, double& second) {
+        const double before = first;
+        first = cos * before - sin * second;
+        second = sin * before + cos * second;
+    };
+    for (int k = 0; k < size; ++k) turn(matrix(k, a), matrix(k, b));
+    for (int k = 0; k < size; ++k) turn(matrix(a, k), matrix(b, k));
+    for (int k = 0; k < size; ++k) turn(vectors(k, a), vectors(k, b));
+}
+
+}  // namespace
+
+void factorise(ConstMatrix information, int first, int size, double damping, Matrix factor, Vector scale) {
+    const int filled = whole_lanes(size);
+    for (int a = 0; a < size; ++a) {
+        const double own = information(first + a, first + a);
+        scale[a] = own > 0.0 ? 1.0 / std::sqrt(own) : 1.0;
+    }
+    for (int a = 0; a < size; ++a) {
+        const double* from = &information(first + a, first);
+        double* row = &factor(a, 0);
+        for (int b = a / LANES * LANES; b < size; ++b) row[b] = from[b] * scale[a] * scale[b];
+        for (int b = size; b < filled; ++b) row[b] = 0.0;
+        row[a] += damping + LEAST_DAMPING;
+    }
+    for (int a = 0; a < size; ++a) {
+        const int start = a / LANES * LANES;
+        double* row = &factor(a, 0);
+        by_vectors(filled - start, [&](auto count, int b) { eliminate<count>(factor, a, start + b); });
+        const double inverse = row[a] > 0.0 ? 1.0 / std::sqrt(row[a]) : std::numeric_limits<double>::quiet_NaN();
+        for (int b = start; b < filled; b += LANES) store(row + b, inverse * load(row + b));
+        row[a] = inverse;
+    }
+    for (int a = 1; a < size; ++a) {
+        for (int b = 0; b < a; ++b) factor(a, b) = factor(b, a);
+    }
+}
+
+void solve_factorised(ConstMatrix factor, ConstVector scale, int size, const double* right_side, double* step) {
+    for (int a = 0; a < size; ++a) step[a] = right_side[a] * scale[a];
+    for (int k = 0; k < size; ++k) {
+        const double *row = &factor(k, 0), part = step[k] * row[k];
+        step[k] = part;
+        for (int b = k + 1; b < size; ++b) step[b] -= row[b] * part;
+    }
+    solve_upper(factor, scale, size, step);
+}
+
+void solve_upper(ConstMatrix factor, ConstVector scale, int size, double* step) {
+    for (int k = size - 1; k >= 0; --k) {
+        const double *row = &factor(k, 0), part = step[k] * row[k];
+        step[k] = part;
+        for (int b = 0; b < k; ++b) step[b] -= row[b] * part;
+    }
+    for (int a = 0; a < size; ++a) step[a] *= scale[a];
+}
+
+void solve_many(ConstMatrix factor, ConstVector scale, int size, Matrix sides, bool whole) {
+    const int wide = sides.shape[1];
+    by_vectors(wide, [&](auto count, int first) {
+        solve_columns<count>(factor, scale, size, sides.data + first, wide, whole);
+    });
+}
+
+void inner_products(ConstMatrix columns, ConstMatrix product, Matrix total) {
+    const int wide = total.shape[0];
+    for (int a = 0; a < wide; a += LANES) {
+        int b = a;
+        for (; b + LANES < wide; b += 2 * LANES) block_of_products<2>(columns, product, a, b, total);
+        if (b < wide) block_of_products<1>(columns, product, a, b, total);
+    }
+}
+
+void symmetric_eigen(Matrix matrix, Vector values, Matrix vectors) {
+    const int size = values.shape[0];
+    fill(vectors, 0.0);
+    for (int a = 0; a < size; ++a) vectors(a, a) = 1.0;
+    for (int sweep = 0; sweep < SWEEPS; ++sweep) {
+        double off_diagonal = 0.0, diagonal = 0.0;
+        for (int a = 0; a < size; ++a) {
+            diagonal += matrix(a, a) * matrix(a, a);
+            for (int b = 0; b < a; ++b) off_diagonal += matrix(a, b) * matrix(a, b);
+        }
+        if (!(off_diagonal > 1e-36 * diagonal)) break;
+        for (int a = 0; a < size - 1; ++a) {
+            for (int b = a + 1; b < size; ++b) rotate(matrix, vectors, a, b);
+        }
+    }
+    for (int a = 0; a < size; ++a) values[a] = matrix(a, a);
+    for (int a = 0; a < size - 1; ++a) {
+        int least = a;
+        for (int b = a + 1; b < size; ++b) {
+            if (values[b] < values[least]) least = b;
+        }
+        if (least == a) continue;
+        std::swap(values[a], values[least]);
+        for (int k = 0; k < size; ++k) std::swap(vectors(k, a), vectors(k, least));
+    }
+}
+
+}  // namespace vbaa

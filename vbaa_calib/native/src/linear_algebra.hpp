@@ -1,0 +1,47 @@
+// Small dense linear algebra: symmetric matrices of a few to a few dozen rows. Rows are whole vectors of LANES.
+#pragma once
+
+#include <type_traits>
+
+#include "arrays.hpp"
+#include "lanes.hpp"
+
+namespace vbaa {
+
+// Calls work(std::integral_constant<int, COUNT>, first) for COUNT vectors at a time, at most four, of a row of `wide`
+// numbers: sums next to each other need not wait for themselves.
+template <class Work>
+void by_vectors(int wide, Work&& work) {
+    int first = 0;
+    for (; first + 4 * LANES <= wide; first += 4 * LANES) work(std::integral_constant<int, 4>{}, first);
+    switch ((wide - first) / LANES) {
+        case 3:
+            return work(std::integral_constant<int, 3>{}, first);
+        case 2:
+            return work(std::integral_constant<int, 2>{}, first);
+        case 1:
+            return work(std::integral_constant<int, 1>{}, first);
+    }
+}
+
+// Cholesky's upper factor U (K, K) of an information matrix, `size` rows from `first` on, scaled (K,) to a unit
+// diagonal, with damping added. On the diagonal stand one over U's numbers, below it U's transpose. Factor and scale
+// are filled from 0 on. Only the upper triangle of the information is read; what is not a positive matrix gives NaN.
+void factorise(ConstMatrix information, int first, int size, double damping, Matrix factor, Vector scale);
+
+// Step (size,) of normal equations that `factorise` has factorised; may be the right side's own place.
+void solve_factorised(ConstMatrix factor, ConstVector scale, int size, const double* right_side, double* step);
+
+// The second half of that: from the solution of Uᵀ x = scaled right side, in place.
+void solve_upper(ConstMatrix factor, ConstVector scale, int size, double* step);
+
+// The same for right sides (size, C), in place, C a multiple of LANES; half the way where not `whole`.
+void solve_many(ConstMatrix factor, ConstVector scale, int size, Matrix sides, bool whole);
+
+// The upper triangle (K, K) of columnsᵀ · product, both (M, K).
+void inner_products(ConstMatrix columns, ConstMatrix product, Matrix total);
+
+// Eigenvalues (K,), lowest first, and eigenvectors, the columns (K, K), by Jacobi's rotations. Spoils the matrix.
+void symmetric_eigen(Matrix matrix, Vector values, Matrix vectors);
+
+}  // namespace vbaa

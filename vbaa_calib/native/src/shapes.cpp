@@ -1,0 +1,263 @@
+#include "shapes.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "equilibrium.hpp"
+#include "pendulum.hpp"
+
+namespace vbaa::antenna {
+
+namespace {
+
+// LANES antennas and what bends them, see vbaa_calib/antenna/shape.py.
+struct Pressed {
+    Lanes clamp_y_m, clamp_z_m, about_y_rad, about_z_rad, bow_y_per_m, bow_z_per_m, stiffness_Nm2, mass_kg_m, give_m;
+    double length_m;
+    Vectors gravity_m_s2;
+    Lanes contact_m, push_y_N, push_z_N, friction_rad;
+    bool dead;
+};
+
+// Where LANES shapes go, as in bend_lanes.
+struct Made {
+    Cube points_m, tangents;
+    Matrix force_N;
+    Vector moment_Nm;
+};
+
+Pressed pressed(ConstMatrix parameters, double length_m, Vectors gravity_m_s2, ConstVector contact_m,
+                ConstMatrix push_N, ConstVector friction_rad, bool dead) {
+    auto row = [](ConstMatrix values, int i) { return load(&values(i, 0)); };
+    double limit = (1.0 - NEAREST_TO_TIP) * length_m;
+    Lanes contact = load(contact_m.data);
+    return {row(parameters, 0),
+            row(parameters, 1),
+            row(parameters, 2),
+            row(parameters, 3),
+            row(parameters, 4),
+            row(parameters, 5),
+            exp(row(parameters, 6)),
+            exp(row(parameters, 7)),
+            row(parameters, 8),
+            length_m,
+            gravity_m_s2,
+            where_positive(contact - limit, limit, contact),
+            row(push_N, 0),
+            row(push_N, 1),
+            load(friction_rad.data),
+            dead};
+}
+
+void put(Cube field, int node, Vectors v) {
+    store(&field(0, node, 0), v.x);
+    store(&field(1, node, 0), v.y);
+    store(&field(2, node, 0), v.z);
+}
+
+void put_loads(const Made& made, Vectors force_N, Lanes moment_Nm) {
+    store(&made.force_N(0, 0), force_N.x);
+    store(&made.force_N(1, 0), force_N.y);
+    store(&made.force_N(2, 0), force_N.z);
+    store(made.moment_Nm.data, moment_Nm);
+}
+
+// Rotation by the vector (0, y, z) in rad: Rodrigues' formula.
+Frame rotation(Lanes about_y, Lanes about_z) {
+    Lanes half = 0.5 * sqrt(about_y * about_y + about_z * about_z);
+    Lanes half_sinc = where_positive(half, sin(half) / half, 1.0);
+    Lanes sine = half_sinc * cos(half), versine = 0.5 * half_sinc * half_sinc;
+    Lanes y = sine * about_y, z = sine * about_z, both = versine * about_y * about_z;
+    Lanes y_square = versine * about_y * about_y, z_square = versine * about_z * about_z;
+    return {{1.0 - y_square - z_square, z, -y}, {-z, 1.0 - z_square, both}, {y, both, 1.0 - y_square}};
+}
+
+// Interpolate the first shape's tangents, eight nodes at a time.
+void put_first_tangents(const Field& field, Cube tangents) {
+    const NodeTables& tables = node_tables();
+    for (int row = 0; row < NODE_ROWS; ++row) {
+        Vectors total = {};
+        auto add = [&](const double* weights, const Vectors& v) {
+            Lanes nodes = load(weights);
+            total = total + Vectors{v.x[0] * nodes, v.y[0] * nodes, v.z[0] * nodes};
+        };
+        if (row < INNER_ROWS)
+            for (int node = 0; node < INNER_NODES; ++node) add(&tables.by_inner_node[node][LANES * row], field[node]);
+        else
+            for (int node = 0; node < OUTER_NODES; ++node)
+                add(&tables.by_outer_node[node][LANES * (row - INNER_ROWS)], field[INNER_NODES + node]);
+        put(tangents, row, total);
+    }
+}
+
+void put_tangents(const Field& field, Cube tangents) {
+    const NodeTables& tables = node_tables();
+    auto put_inner = [&](std::size_t row, Vectors v) { put(tangents, int(row), v); };
+    integrated(tables.at_inner_curve, field.data(), Vectors{}, put_inner);
+    auto put_outer = [&](std::size_t row, Vectors v) { put(tangents, NODES_TO_CONTACT + int(row), v); };
+    integrated(tables.at_outer_curve, &field[INNER_NODES], Vectors{}, put_outer);
+}
+
+// Integrate the tangents, which are multiplied by their side's length, from the clamp on.
+void put_points(const Pressed& press, Field& field, Cube points_m) {
+    const NodeTables& tables = node_tables();
+    for (int node = 0; node < NODES; ++node)
+        field[node] = (node < INNER_NODES ? press.contact_m : press.length_m - press.contact_m) * field[node];
+    Vectors contact;
+    auto put_inner = [&](std::size_t row, Vectors v) { put(points_m, int(row), contact = v); };
+    integrated(tables.to_inner_curve, field.data(), Vectors{Lanes{}, press.clamp_y_m, press.clamp_z_m}, put_inner);
+    auto put_outer = [&](std::size_t row, Vectors v) { put(points_m, NODES_TO_CONTACT + int(row), v); };
+    integrated(tables.to_outer_curve, &field[INNER_NODES], contact, put_outer);
+}
+
+// Large deflections.
+void bend_far(int sweeps, const Pressed& press, const Made& made) {
+    Lanes stiffness = press.stiffness_Nm2, friction = press.friction_rad;
+    Frame clamp = rotation(press.about_y_rad, press.about_z_rad);
+    Vectors applied = {Lanes{}, press.push_y_N / stiffness, press.push_z_N / stiffness};
+    if (press.dead) {
+        applied = clamp.turned_back(applied);
+        friction = Lanes{};
+    }
+    Lanes size = sqrt(applied.y * applied.y + applied.z * applied.z);
+    // the force's direction; along y where there is none
+    Lanes y = where_positive(size, applied.y / size, 1.0), z = where_positive(size, applied.z / size, applied.z);
+    // the clamp's frame, rolled until its y points there
+    Frame frame = {clamp.x, y * clamp.y + z * clamp.z, y * clamp.z - z * clamp.y};
+    Vectors weight = press.mass_kg_m / stiffness * press.gravity_m_s2;
+    Loads loads = {press.contact_m,
+                   press.length_m,
+                   size,
+                   friction,
+                   press.dead,
+                   applied.x,
+                   frame.turned_back(weight),
+                   press.bow_y_per_m * y + press.bow_z_per_m * z,
+                   press.bow_z_per_m * y - press.bow_y_per_m * z,
+                   press.give_m};
+    Field nodes;
+    Equilibrium found = equilibrium(loads, sweeps, nodes);
+    frame = {frame.turned(found.axes.x), frame.turned(found.axes.y), frame.turned(found.axes.z)};
+    for (Vectors& tangent : nodes) tangent = frame.turned(tangent);
+    if (made.tangents.shape[1] == CURVE_NODES) put_tangents(nodes, made.tangents);
+    if (made.tangents.shape[1] == NODE_ROWS) put_first_tangents(nodes, made.tangents);
+    put_points(press, nodes, made.points_m);
+    Vectors force = frame.turned(found.force_per_m2);
+    // about the antenna frame's origin: the clamp stands next to it, by (0, y, z)
+    Lanes moment = frame.turned(found.moment_per_m).y;
+    Lanes about_origin = moment + press.clamp_z_m * (force.x + press.length_m * weight.x);
+    put_loads(made, stiffness * force, -stiffness * about_origin);
+}
+
+// Small deflections y and z, or their slopes, by what bends or moves the antenna.
+struct Lateral {
+    Lanes y, z;
+};
+
+Lateral operator+(Lateral a, Lateral b) { return {a.y + b.y, a.z + b.z}; }
+Lateral operator*(Lanes factor, Lateral a) { return {factor * a.y, factor * a.z}; }
+
+// Small deflections of contact, lateral weight, bow, clamp and its give, superposed (vbaa_calib/antenna/linear.py).
+//
+// The paper's beam has the contact alone. A contact before the clamp gives what is not a number.
+void bend_little(bool paper, const Pressed& press, const Made& made) {
+    Lanes contact = where_positive(-press.contact_m, std::numeric_limits<double>::quiet_NaN(), press.contact_m);
+    Lanes compliance = 1.0 / press.stiffness_Nm2, friction = Lanes{};
+    double length = press.length_m;
+    Lateral push = {press.push_y_N, press.push_z_N}, clamp_moment = contact * push, start = {}, turn = {}, bow = {};
+    Vectors weight = {};
+    if (!paper) {
+        start = {press.clamp_y_m, press.clamp_z_m};
+        weight = press.mass_kg_m * press.gravity_m_s2;
+        clamp_moment = clamp_moment + spread(0.5 * length * length) * Lateral{weight.y, weight.z};
+        // turned or bowed about z the antenna goes to +y, about y to −z
+        turn = Lateral{press.about_z_rad, -press.about_y_rad} + press.give_m * compliance * clamp_moment;
+        bow = {press.bow_z_per_m, -press.bow_y_per_m};
+        SineCosine angle = sine_and_cosine(press.friction_rad);
+        friction = -sqrt(push.y * push.y + push.z * push.z) * (angle.sine / angle.cosine);
+    }
+    Lateral sagging = {weight.y, weight.z}, at_contact = {};
+    for (int node = 0; node < CURVE_NODES; ++node) {
+        Lanes s = curve_share(node) * (node <= CONTACT ? contact : length - contact);
+        if (node > CONTACT) s += contact;
+        s = where_positive(s - length, length, s);
+        Lanes near = where_positive(contact - s, s, contact), far = where_positive(contact - s, contact, s);
+        Lanes by_push = (3.0 * far - near) * near * near * compliance / 6.0;
+        Lanes by_weight = s * s * (6.0 * length * length - 4.0 * length * s + s * s) * compliance / 24.0;
+        Lateral at = start + s * (turn + 0.5 * s * bow) + by_push * push + by_weight * sagging;
+        put(made.points_m, node, {s, at.y, at.z});
+        if (made.tangents.shape[1] || node == CONTACT) {
+            by_push = 0.5 * compliance * (2.0 * contact - near) * near;
+            by_weight = s * (3.0 * length * length - 3.0 * length * s + s * s) * compliance / 6.0;
+            Lateral slope = turn + s * bow + by_push * push + by_weight * sagging;
+            Lanes x = 1.0 / sqrt(1.0 + slope.y * slope.y + slope.z * slope.z);
+            Vectors tangent = {x, slope.y * x, slope.z * x};
+            if (made.tangents.shape[1] == CURVE_NODES) {
+                put(made.tangents, node, tangent);
+            } else if (made.tangents.shape[1]) {
+                made.tangents(0, node / LANES, node % LANES) = tangent.x[0];
+                made.tangents(1, node / LANES, node % LANES) = tangent.y[0];
+                made.tangents(2, node / LANES, node % LANES) = tangent.z[0];
+            }
+            if (node == CONTACT) at_contact = slope;
+        }
+    }
+    // what the force along x adds to shape and moment is of second order; its direction in the world it is not
+    Lanes along = friction - push.y * at_contact.y - push.z * at_contact.z;
+    put_loads(made, {along, push.y, push.z}, clamp_moment.z - start.z * (friction + length * weight.x));
+}
+
+void bend(int rung, int sweeps, const Pressed& press, const Made& made) {
+    if (rung <= LINEAR)
+        bend_little(rung == PAPER, press, made);
+    else
+        bend_far(sweeps, press, made);
+}
+
+}  // namespace
+
+void bend_lanes(int rung, ConstMatrix parameters, double length_m, const double* gravity_m_s2, ConstVector contact_m,
+                ConstMatrix push_N, ConstVector friction_rad, Cube points_m, Cube tangents, Matrix force_N,
+                Vector moment_Nm) {
+    Vectors gravity = {spread(gravity_m_s2[0]), spread(gravity_m_s2[1]), spread(gravity_m_s2[2])};
+    Pressed press = pressed(parameters, length_m, gravity, contact_m, push_N, friction_rad, false);
+    bend(rung, sweeps_of(rung), press, {points_m, tangents, force_N, moment_Nm});
+}
+
+Bent bend_batch(int rung, int sweeps, const Presses& presses) {
+    int count = presses.contact_m.shape[0];
+    Bent bent = {Array<double, 3>(count, CURVE_NODES, 3), Array<double, 3>(count, CURVE_NODES, 3),
+                 Array<double, 2>(count, 3), Array<double, 1>(count)};
+    Array<double, 2> parameters(9, LANES), gravity(3, LANES), push(2, LANES), force(3, LANES);
+    Array<double, 1> contact(LANES), friction(LANES), moment(LANES);
+    Array<double, 3> points(3, CURVE_NODES, LANES), tangents(3, CURVE_NODES, LANES);
+    for (int start = 0; start < count; start += LANES) {
+        for (int lane = 0; lane < LANES; ++lane) {
+            // what is left of the last eight repeats the last shape
+            int row = std::min(start + lane, count - 1);
+            for (int i = 0; i < 9; ++i) parameters(i, lane) = presses.parameters(row, i);
+            for (int i = 0; i < 3; ++i) gravity(i, lane) = presses.gravity_m_s2(row, i);
+            for (int i = 0; i < 2; ++i) push(i, lane) = presses.push_N(row, i);
+            contact[lane] = presses.contact_m[row];
+            friction[lane] = presses.friction_rad[row];
+        }
+        Vectors weight = {load(&gravity(0, 0)), load(&gravity(1, 0)), load(&gravity(2, 0))};
+        Pressed press =
+            pressed(parameters, presses.length_m, weight, contact.view(), push, friction.view(), presses.dead);
+        bend(rung, sweeps, press, {points, tangents, force, moment});
+        for (int lane = 0; lane < std::min(LANES, count - start); ++lane) {
+            int row = start + lane;
+            for (int axis = 0; axis < 3; ++axis) bent.force_N(row, axis) = force(axis, lane);
+            for (int node = 0; node < CURVE_NODES; ++node)
+                for (int axis = 0; axis < 3; ++axis) {
+                    bent.points_m(row, node, axis) = points(axis, node, lane);
+                    bent.tangents(row, node, axis) = tangents(axis, node, lane);
+                }
+            bent.moment_Nm[row] = moment[lane];
+        }
+    }
+    return bent;
+}
+
+}  // namespace vbaa::antenna

@@ -1,0 +1,61 @@
+// The static rod of vbaa_calib/antenna/rod.py: one rod from its clamp to its tip, and what brings the tip's moment to
+// 0.
+#pragma once
+
+#include "arrays.hpp"
+#include "vectors.hpp"
+
+namespace vbaa::antenna {
+
+// Runge-Kutta steps from the clamp to the contact, and again from there to the tip.
+constexpr int STEPS_PER_SEGMENT = 32;
+
+// On the moment left at the tip, relative to the moment of the loads.
+constexpr double ROD_TOLERANCE = 1e-11;
+
+struct Rod {
+    double length_m;     // from the clamp to the tip
+    double bend, twist;  // 1/EI and 1/GJ
+    double mass_per_length_kg_m;
+    double curvature_y, curvature_z;  // natural curvature, 1/m
+    Point origin, d1, d2;             // of the clamp
+};
+
+// Loads on eight rods: weight, and a force at an arc length from the clamp.
+struct RodLoads {
+    Point gravity_m_s2;
+    Vectors force_N;
+    Lanes contact_m;
+};
+
+struct Shots {
+    Vectors contact_m, tangent;  // of the contact
+    Vectors tip_moment_Nm;
+};
+
+// Integrate eight rods from the clamp with supposed moments there; in equilibrium the tip's comes out as zero.
+//
+// By Runge and Kutta over two segments of so many equal steps that meet at the contact. A contact at the tip leaves no
+// second segment; the rod is then split in its middle. Writes 2·steps + 1 nodes (N, 4, 3) of the first rod if there is
+// room: position, tangent d1, director d2 and moment, antenna frame.
+Shots shoot(const Rod& rod, const RodLoads& loads, Vectors moment_Nm, int steps, double* nodes = nullptr);
+
+// Nodes (B, N, 4, 3), as above, of B rods under loads (B, 7), gravity, force and the arc length at which it acts, from
+// supposed clamp moments (B, 3).
+Array<double, 4> shoot_rods(const Rod& rod, ConstMatrix loads, ConstMatrix moment_Nm, int steps);
+
+// B rods.
+struct Rods {
+    Array<double, 4> nodes;      // (B, N, 4, 3) as in shoot
+    Array<double, 2> moment_Nm;  // (B, 3) at the clamp
+    Array<double, 1> left;       // (B,) moment left at the tip, relative
+};
+
+// Rods in equilibrium, each by itself; where Newton fails at once the load is brought on in shares.
+//
+// loads: (B, 7) as above. unit_Nm: EI/L. limit_Nm: (B, 2) no component of
+// the clamp's moment is larger; what the tip's moment counts in. moment_Nm: (B, 3) the clamp's moment to start from.
+Rods solve_rods(const Rod& rod, ConstMatrix loads, double unit_Nm, ConstMatrix limit_Nm, ConstMatrix moment_Nm,
+                int steps);
+
+}  // namespace vbaa::antenna

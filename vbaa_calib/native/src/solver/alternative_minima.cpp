@@ -1,0 +1,157 @@
+#include "solver/alternative_minima.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "order.hpp"
+#include "solver/convergence.hpp"
+#include "solver/initialization.hpp"
+#include "solver/normal_equations.hpp"
+
+namespace vbaa::solver {
+namespace {
+
+// Contacts closer than this, in antenna lengths and in parts of the force, are taken for the same.
+constexpr double SAME_DISTANCE = 1e-2, SAME_FORCE = 0.05;
+// Parts of the force along the line of sight that lead to the mirror image, and to the least force.
+constexpr double MIRRORED[] = {-2.0, -1.0};
+// Deflections of the tip along the line of sight, in antenna lengths, from which other contacts are searched.
+constexpr double LARGE_DEFLECTIONS[] = {0.1, 0.3, -0.1, -0.3};
+// Largest error of a point: parts of the antenna's length, σ of its own, and of the rig's errors there.
+constexpr double OF_LENGTH = 0.005, OF_NOISE = 30.0, OF_RIG = 6.0;
+// So many points are near the antenna by chance at most, or where it cannot reach by mistake.
+constexpr double NEAR = 0.4, BEYOND = 0.15;
+// A search for whatever is near begins at every sixth distance of the grid; iterations of each; how many of them go on,
+// and for how many more.
+constexpr int APART = 6, FIRST = 5, GO_ON = 3, MORE = 15;
+// Moments that differ by fewer σ do not distinguish a contact from its mirror image.
+constexpr double DISTINGUISHABLE = 5.0;
+
+// The part of a force along the line of sight.
+double along_sight(const Rig& rig, const Unknowns& unknowns) {
+    return unknowns[1] * rig.to_camera[0] + unknowns[2] * rig.to_camera[1];
+}
+
+}  // namespace
+
+void try_start(const Rig& rig, const Frame& frame, int rung, const Unknowns& start, Fit& best, Alternative& other,
+               Work& work) {
+    Fit& found = work.found;
+    found.unknowns = start;
+    converge(rig, frame, rung, found, work, false);
+    const double own = unscaled_cost(rig, best), cost = unscaled_cost(rig, found);
+    const bool better = found.converged && (cost < own || !best.converged);
+    const double loser = better ? own : cost;
+    if (best.converged && found.converged && different(best.unknowns, found.unknowns) && loser < other.cost) {
+        other = {better ? best.unknowns : found.unknowns, loser};
+    }
+    if (better) best = found;
+}
+
+bool different(const Unknowns& first, const Unknowns& second) {
+    const double gap = std::hypot(first[1] - second[1], first[2] - second[2]);
+    return std::abs(first[0] - second[0]) > SAME_DISTANCE || gap > SAME_FORCE * std::hypot(first[1], first[2]);
+}
+
+double most_distance(const Rig& rig, const Frame& frame, const Fit& fit, int every, const double (&shift)[NODES]) {
+    const int count = (frame.count + every - 1) / every;
+    std::vector<double> size(count);
+    for (int k = 0; k < count; ++k) {
+        const int i = k * every, node = fit.node[i];
+        const double foot = fit.foot_m[i];
+        const double across = fit.distance[i] - shift[node] - fit.share[i] * (shift[node + 1] - shift[node]);
+        double along = 0.0;
+        if (!(0.0 < foot && foot < rig.length_m)) {
+            const int end = foot <= 0.0 ? 0 : LAST;
+            along = (frame.u()[i] - fit.u[end]) * fit.normal_v[end] - (frame.v()[i] - fit.v[end]) * fit.normal_u[end];
+        }
+        size[k] = std::hypot(across, along);
+    }
+    return nth_smallest(size, static_cast<int>(NEAR * count));
+}
+
+double beyond_reach(const Rig& rig, const Frame& frame) {
+    const double x = rig.translation_m[0], y = rig.translation_m[1], z = rig.translation_m[2];
+    std::vector<double> further(frame.count);
+    for (int i = 0; i < frame.count; ++i) {
+        const double u = frame.u()[i], v = frame.v()[i], a = y - z * v, b = z * u - x, c = x * v - y * u;
+        further[i] = std::sqrt((a * a + b * b + c * c) / (1.0 + u * u + v * v)) - rig.length_m;
+    }
+    const int last = frame.count - 1 - static_cast<int>(BEYOND * frame.count);
+    return nth_smallest(further, last) / std::sqrt(x * x + y * y + z * z);
+}
+
+LargestError largest_error(const Rig& rig, const Fit& free, int every) {
+    const int count = (free.points + every - 1) / every;
+    double square = 0.0, noise = 0.0;
+    for (int j = 0; j < NODES; ++j) {
+        for (int k = UNKNOWNS; k < free.size; ++k) square += free.columns(j, k) * free.columns(j, k);
+    }
+    for (int k = 0; k < count; ++k) noise += 1.0 / std::sqrt(free.precision[k * every]);
+    noise /= count;
+    const double of_length = OF_LENGTH * rig.length_m / free.depth[CONTACT];
+    const double far = std::max(std::max(of_length, OF_NOISE * noise), OF_RIG * std::sqrt(square / NODES));
+    return {far, far / noise};
+}
+
+double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unknowns& start, LargestError error,
+                     Unknowns& nearest) {
+    constexpr int COUNT = 2 + GRID / APART;
+    constexpr double NEVER = std::numeric_limits<double>::infinity();
+    const double unmoved[NODES] = {};
+    Work work(exact, frame.count);
+    Fit& fit = work.best;
+    std::array<Unknowns, COUNT> starts = {start, {start[0], 0.0, 0.0, 0.0}};  // the second is the free antenna
+    for (int k = 2; k < COUNT; ++k) {
+        const int g = (k - 1) * APART - 1;
+        start_at(exact, grid, g, g, 0.0, starts[k]);
+    }
+    std::array<double, COUNT> lefts = {};
+    double least = NEVER;
+    for (int turn = 0; turn < COUNT + GO_ON; ++turn) {
+        const bool again = turn >= COUNT;
+        const int k = again ? static_cast<int>(std::min_element(lefts.begin(), lefts.end()) - lefts.begin()) : turn;
+        fit.unknowns = starts[k];
+        if (turn == 1) std::fill_n(frame.available, 3, 0.0);
+        coarse_minimum(exact, frame, ELASTICA, fit, work, false, error.scatter, again ? MORE : FIRST);
+        const double left = most_distance(exact, frame, fit, 1, unmoved);
+        starts[k] = fit.unknowns;
+        lefts[k] = again || left != left ? NEVER : left;
+        if (left < least || turn == 0) {
+            least = left;
+            nearest = fit.unknowns;
+        }
+        if (least <= error.far) break;
+    }
+    return least;
+}
+
+bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit) {
+    const double along = along_sight(rig, fit.unknowns);
+    for (int about = 0; about < 2; ++about) {
+        // the sensor about y responds to f_z, the one about z to f_y
+        const double response = rig.force_unit_N * rig.length_m * fit.unknowns[0] * rig.gain[about] / rig.std[about];
+        double variance = 1.0;  // noise and calibration
+        for (int k = UNKNOWNS; k < fit.size; ++k) {
+            variance += fit.reading_columns(about, k) * fit.reading_columns(about, k);
+        }
+        const double change = std::abs(2.0 * response * along * rig.to_camera[1 - about]) * frame.available[about];
+        if (!(change / std::sqrt(variance) < DISTINGUISHABLE)) return false;
+    }
+    return true;
+}
+
+void try_mirrors(const Rig& rig, const Frame& frame, int rung, Unknowns unknowns, Fit& best, Alternative& other,
+                 Work& work) {
+    const double along = along_sight(rig, unknowns), sway = tip_deflection(rig, unknowns[0]);
+    const auto try_along = [&](double part) {
+        Unknowns start = unknowns;
+        for (int axis = 0; axis < 2; ++axis) start[1 + axis] += part * rig.to_camera[axis];
+        try_start(rig, frame, rung, start, best, other, work);
+    };
+    for (double part : MIRRORED) try_along(part * along);
+    for (double large : LARGE_DEFLECTIONS) try_along(large / sway - along);
+}
+
+}  // namespace vbaa::solver

@@ -1,0 +1,56 @@
+// Other contacts that explain the same frame: searched, compared, and remembered.
+#pragma once
+
+#include "solver/structs.hpp"
+
+namespace vbaa::solver {
+
+// The next best of a frame's different minima: its unknowns, and its cost with the σ that the points came with.
+struct Alternative {
+    Unknowns unknowns;
+    double cost;
+};
+
+// Fits a frame from another start: the better fit is kept, the next best remembered if it is different.
+void try_start(const Rig& rig, const Frame& frame, int rung, const Unknowns& start, Fit& best, Alternative& other,
+               Work& work);
+
+// Whether unknowns are those of different contacts.
+bool different(const Unknowns& first, const Unknowns& second);
+
+// Distance, in the ideal picture, that most of every n-th point have at least from the fit's curve, which is displaced
+// along its normals (M,); beyond its ends from them.
+double most_distance(const Rig& rig, const Frame& frame, const Fit& fit, int every, const double (&shift)[NODES]);
+
+// How much further from the clamp than the antenna is long the rays of many of the points pass it at least, in the
+// ideal picture.
+double beyond_reach(const Rig& rig, const Frame& frame);
+
+// Distance in the ideal picture by which noise, rig and rung may put points of the antenna off a rough fit of it, and
+// the same in the points' σ.
+struct LargestError {
+    double far, scatter;
+};
+LargestError largest_error(const Rig& rig, const Fit& free, int every);
+
+// How near any contact brings the antenna to most of a frame's points, in the ideal picture; less than `far` is near
+// enough. Leaves the unknowns in `nearest`.
+//
+// The search takes a few of the points, which scatter so many times more than their noise, and the rig as if it were
+// exactly known: a tenth of a fit's work for each iteration. From the given start it heeds the readings, then the
+// picture alone; the best of the starts go on.
+double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unknowns& start, LargestError error,
+                     Unknowns& nearest);
+
+// Whether the moments do not distinguish the contact from its mirror image.
+//
+// The mirror is the plane through the antenna's x axis across the line of sight: small deflections before and behind
+// it look alike, but for perspective.
+bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit);
+
+// Fits from contacts that may look like these unknowns: the mirror image, the least force that the picture asks for,
+// and forces that bend the antenna far before and behind the mirror.
+void try_mirrors(const Rig& rig, const Frame& frame, int rung, Unknowns unknowns, Fit& best, Alternative& other,
+                 Work& work);
+
+}  // namespace vbaa::solver

@@ -1,0 +1,247 @@
+#include "solver/convergence.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "linear_algebra.hpp"
+#include "order.hpp"
+#include "solver/normal_equations.hpp"
+#include "solver/prediction.hpp"
+#include "solver/rig_jacobian.hpp"
+
+namespace vbaa::solver {
+namespace {
+
+constexpr int ITERATIONS = 40;
+// A step that promises to lower the cost by less is the last: a hundredth of a standard deviation, or a tenth.
+constexpr double TOLERANCE = 1e-4, COARSE_TOLERANCE = 1e-2;
+// A step that promises less than this part of the tolerance is not even taken.
+constexpr double NEGLIGIBLE = 0.1;
+// A rise of the cost by less is none: it is no better known while the feet are not yet the nearest.
+constexpr double COST_NOISE = 1e-3;
+// Largest friction angle that is searched, in standard deviations of its prior.
+constexpr double LARGEST_FRICTION = 4.0;
+// Least damping, on a unit diagonal, after a step that was poorly predicted.
+constexpr double DAMPING = 1e-3;
+// A step to more than this many times the lowest cost is not followed.
+constexpr double MOST_COST = 100.0;
+// Longest step of the tip's deflection, in antenna lengths: along the line of sight hardly anything limits it.
+constexpr double LONGEST = 0.2;
+// Part of a step over which the lever's derivative is taken.
+constexpr double AHEAD = 1e-3;
+// A distance this near to the tip is fixed there if that costs no more than this: two standard deviations.
+constexpr double NEAR_TIP = 0.03, TIP_COST = 2.0;
+// Change of the distance or the tip's deflection, in antenna lengths, after which the rig's derivatives are renewed.
+constexpr double FAR = 0.02;
+// The scatter is estimated again until it changes by less than this part.
+constexpr int ROUNDS = 3;
+constexpr double SCATTER_CHANGE = 0.1;
+// Evaluations for each search while most points lie far off every fit so far.
+constexpr int MOST_HOPELESS = 60;
+constexpr double POLISH_TOLERANCE = 1e-6;
+constexpr int POLISH_ITERATIONS = 3;
+
+// Residuals and normal equations again, of the same prediction.
+void renew(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
+    linearise(rig, frame, fit, work);
+    normal_equations(rig, fit, 0, work.product);
+}
+
+// The fit at its unknowns, with the rig as calibrated and its derivatives for small deflections.
+void begin(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, bool with_feet, double scatter) {
+    fill(fit.steps.view(), 0.0);
+    fit.scatter = scatter;
+    fit.converged = fit.at_tip = false;
+    predict(rig, frame, rung, work.bent, fit, true);
+    rig_jacobian(rig, frame, LINEAR, work.bent, fit);
+    if (!with_feet) nearest_feet(rig, frame, fit);
+    renew(rig, frame, fit, work);
+}
+
+// The clamp's moment per force, in antenna lengths; friction adds the load F·l²/EI over 6 to it.
+double lever_of(const Rig& rig, double distance, double force_y, double force_z, double friction) {
+    const double load = rig.unit_load * std::hypot(force_y, force_z) * distance * distance;
+    return distance * std::min(std::max(1.0 - std::tan(rig.friction_rad * friction) * load / 6.0, 0.2), 5.0);
+}
+
+// Levenberg–Marquardt's step (K,) from a fit, into `work.step`; gives by how much it promises to lower the cost.
+double damped_step(const Rig& rig, const Fit& fit, double damping, Work& work) {
+    const int size = fit.size;
+    const double distance = fit.unknowns[0];
+    Array<double, 1>& step = work.step;
+    bool fixed = fit.at_tip;
+    if (!fixed) {
+        factorise(fit.information, 0, size, damping, work.factor, work.scale);
+        solve_factorised(work.factor, work.scale, size, fit.side.begin(), step.begin());
+        fixed = (distance <= NEAREST && step[0] < 0.0) || (distance >= TIP && step[0] > 0.0);
+    }
+    if (fixed) {
+        step[0] = 0.0;
+        factorise(fit.information, 1, size - 1, damping, work.factor, work.scale);
+        solve_factorised(work.factor, work.scale, size - 1, fit.side.begin() + 1, step.begin() + 1);
+    }
+    const double bent = std::hypot(step[1], step[2]) * tip_deflection(rig, distance);
+    const double shorter = std::min(LONGEST / std::max(bent, 1e-12), 1.0);
+    for (int a = 0; a < size; ++a) step[a] *= shorter;
+    double promise = 0.0;
+    for (int a = 0; a < size; ++a) {
+        double curvature = 0.0;
+        for (int b = 0; b < size; ++b) curvature += fit.information(a, b) * step[b];
+        promise += (fit.side[a] - 0.5 * curvature) * step[a];
+    }
+    return promise;
+}
+
+// The minimum below a fit, converged or not.
+//
+// A step that raises the cost is accepted once, since along a bent valley the next one may lower it; if that one does
+// not either, the descent goes on from its lowest state, damped.
+void descend(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, double tolerance, int iterations) {
+    double damping = 0.0, least = fit.cost;
+    bool uphill = false, stale = false, done = false;
+    for (int iteration = 0; iteration < iterations; ++iteration) {
+        const double promise = damped_step(rig, fit, damping, work);
+        done = done || (promise < NEGLIGIBLE * tolerance && !uphill);
+        if ((done && !stale) || work.evaluations >= work.most) break;
+        if (done) fill(work.step.view(), 0.0);
+        const bool last = promise < tolerance;
+        const double before = fit.cost;
+        if (!uphill) keep(fit, work.kept);
+        fit.unknowns = moved_unknowns(rig, fit.unknowns, work.step.begin());
+        for (int k = 0; k < fit.steps.size(); ++k) fit.steps[k] += work.step[UNKNOWNS + k];
+        evaluate(rig, frame, rung, fit, work);
+        const bool better = fit.cost <= least + COST_NOISE || done;
+        done = done || (last && !uphill);
+        const double gain = (before - fit.cost) / std::max(promise, 1e-300);
+        if (better) {
+            if (gain > 0.75) damping *= 0.1;
+            if (gain < 0.25) damping = std::max(4.0 * damping, DAMPING);
+            least = fit.cost;
+            uphill = stale = false;
+            continue;
+        }
+        const bool back = uphill || done || !(fit.cost < MOST_COST * least);
+        if (back) {
+            go_back(work.kept, fit);
+            damping = std::max(10.0 * damping, DAMPING);
+        }
+        uphill = !back;
+        stale = true;
+    }
+    if (uphill) go_back(work.kept, fit);
+    fit.converged = done;
+    if (stale) evaluate(rig, frame, rung, fit, work);
+}
+
+// Whether a descent went so far that the rig's derivatives have changed.
+bool moved_far(const Rig& rig, const Unknowns& start, const Unknowns& end) {
+    const double first = tip_deflection(rig, start[0]), last = tip_deflection(rig, end[0]);
+    const double bent = std::hypot(end[1] * last - start[1] * first, end[2] * last - start[2] * first);
+    return std::abs(end[0] - start[0]) > FAR || bent > FAR;
+}
+
+// The minimum with the rig's derivatives taken near it: where a rough descent ends.
+void descend_with_rig(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work) {
+    Unknowns start = {};
+    descend(rig, frame, rung, fit, work, COARSE_TOLERANCE, ITERATIONS);
+    for (int turn = 0; turn < 1 + ROUNDS && (turn == 0 || moved_far(rig, start, fit.unknowns)); ++turn) {
+        start = fit.unknowns;
+        rig_jacobian(rig, frame, rung, work.bent, fit);
+        renew(rig, frame, fit, work);
+        descend(rig, frame, rung, fit, work, TOLERANCE, ITERATIONS);
+    }
+}
+
+// Median residual of the points over its expectation, 1 unless it is too large for noise.
+double scatter_of(const Fit& fit) {
+    const int count = fit.points;
+    if (count == 0) return 1.0;
+    const double largest = 1.0 + EXCESS_SCATTER / std::sqrt(count);
+    const double bound = (largest / MAD_SCALE) * (largest / MAD_SCALE);
+    int above = 0;
+    for (int i = 0; i < count; ++i) above += !(fit.distance[i] * fit.distance[i] * fit.precision[i] <= bound);
+    if (above < count - count / 2) return 1.0;
+    std::vector<double> size(count);
+    for (int i = 0; i < count; ++i) size[i] = std::abs(fit.distance[i]) * std::sqrt(fit.precision[i]);
+    const double median = MAD_SCALE * nth_smallest(size, count / 2);
+    return median > largest ? std::min(median, MOST_SCATTER) : 1.0;
+}
+
+// The fit, its distance fixed at the tip if the data cannot tell it from there.
+void try_tip(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work) {
+    Fit& free = work.other;
+    free = fit;
+    fit.unknowns[0] = TIP;
+    fit.at_tip = true;
+    evaluate(rig, frame, rung, fit, work);
+    descend(rig, frame, rung, fit, work, TOLERANCE, ITERATIONS);
+    if (!(fit.cost <= free.cost + TIP_COST)) fit = free;
+}
+
+}  // namespace
+
+void converge(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, bool with_feet) {
+    begin(rig, frame, rung, fit, work, with_feet, 1.0);
+    if (fit.steps.size()) {
+        descend_with_rig(rig, frame, rung, fit, work);
+    } else {
+        descend(rig, frame, rung, fit, work, TOLERANCE, ITERATIONS);
+    }
+    for (int round = 0; round < ROUNDS; ++round) {
+        const double scatter = scatter_of(fit);
+        if (!(std::abs(scatter - fit.scatter) > SCATTER_CHANGE * fit.scatter)) break;
+        fit.scatter = scatter;
+        renew(rig, frame, fit, work);
+        descend(rig, frame, rung, fit, work, TOLERANCE, ITERATIONS);
+    }
+    if (fit.scatter < MOST_SCATTER) work.most = MOST_EVALUATIONS;
+    if (fit.unknowns[0] > TIP - NEAR_TIP) try_tip(rig, frame, rung, fit, work);
+}
+
+bool converge_there(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work) {
+    begin(rig, frame, rung, fit, work, true, 1.0);
+    rig_jacobian(rig, frame, rung, work.bent, fit);
+    renew(rig, frame, fit, work);
+    fit.at_tip = true;
+    descend(rig, frame, rung, fit, work, TOLERANCE, ITERATIONS);
+    fit.at_tip = false;
+    return fit.converged && scatter_of(fit) == 1.0;
+}
+
+void begin_search(Work& work) {
+    const int granted = std::min(work.evaluations + MOST_HOPELESS, MOST_EVALUATIONS);
+    work.most = std::max(work.most, granted);
+}
+
+void polish(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work) {
+    const bool converged = fit.converged;
+    descend(rig, frame, rung, fit, work, POLISH_TOLERANCE, POLISH_ITERATIONS);
+    fit.converged = converged;
+}
+
+void coarse_minimum(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, bool with_feet, double scatter,
+                    int iterations) {
+    begin(rig, frame, rung, fit, work, with_feet, scatter);
+    descend(rig, frame, rung, fit, work, COARSE_TOLERANCE, iterations);
+}
+
+Unknowns moved_unknowns(const Rig& rig, const Unknowns& unknowns, const double* step) {
+    const double old = unknowns[0], force_y = unknowns[1], force_z = unknowns[2];
+    const double distance = std::min(std::max(old + step[0], std::max(0.5 * old, NEAREST)), TIP);
+    const double friction = std::min(std::max(unknowns[3] + step[3], -LARGEST_FRICTION), LARGEST_FRICTION);
+    const double lever = lever_of(rig, old, force_y, force_z, unknowns[3]);
+    const double ahead = lever_of(rig, old + AHEAD * step[0], force_y + AHEAD * step[1], force_z + AHEAD * step[2],
+                                  unknowns[3] + AHEAD * step[3]);
+    const double change = (ahead - lever) / AHEAD;
+    const double moment_y = lever * (force_y + step[1]) + change * force_y;
+    const double moment_z = lever * (force_z + step[2]) + change * force_z;
+    double found_y = force_y, found_z = force_z;
+    for (int round = 0; round < 2; ++round) {
+        const double there = lever_of(rig, distance, found_y, found_z, friction);
+        found_y = moment_y / there;
+        found_z = moment_z / there;
+    }
+    return {distance, found_y, found_z, friction};
+}
+
+}  // namespace vbaa::solver

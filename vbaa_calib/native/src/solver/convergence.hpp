@@ -1,0 +1,42 @@
+// Levenberg–Marquardt for one frame, and the steps around it that make a fit converge.
+#pragma once
+
+#include "solver/structs.hpp"
+
+namespace vbaa::solver {
+
+// Least contact distance that is searched, in antenna lengths.
+constexpr double NEAREST = 0.03;
+// N points whose median residual exceeds its expectation by this over √N scatter more than noise: three deviations.
+constexpr double EXCESS_SCATTER = 3.5;
+// Iterations of a rough descent.
+constexpr int COARSE_ITERATIONS = 5;
+// Median residual, in standard deviations, beyond which the shape is not that of one contact.
+constexpr double WRONG_SHAPE = 3.0;
+// Largest scatter: with more, a fit would end at its priors.
+constexpr double MOST_SCATTER = 5.0;
+
+// The minimum reached from the fit's unknowns, with the rig as calibrated and feet near the right ones, if known.
+//
+// What neither noise nor rig explains (a second contact, a kink) must not be fitted as if it were exact, nor must most
+// points count as outliers for it: such a frame is fitted again with the scatter of its points.
+void converge(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, bool with_feet);
+
+// The minimum at the fit's distance, with feet near the right ones; whether that explains the frame. A force that
+// hardly anything asks for leaves its distance open: a descent would wander along the antenna.
+bool converge_there(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work);
+
+// Grants evaluations of the model for a search; a fit that explains most points grants all.
+void begin_search(Work& work);
+
+// The same minimum to a few ten-thousandths of a deviation: whether a last step was taken must not show.
+void polish(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work);
+
+// A rough minimum reached from the fit's unknowns, the points scattering so many times more than their noise.
+void coarse_minimum(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, bool with_feet, double scatter,
+                    int iterations);
+
+// Unknowns after a step (4,), taken straight in the clamp's moment: in the force its valley is bent.
+Unknowns moved_unknowns(const Rig& rig, const Unknowns& unknowns, const double* step);
+
+}  // namespace vbaa::solver

@@ -1,0 +1,105 @@
+#include "solver/frames.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+
+#include "lens.hpp"
+
+namespace vbaa::solver {
+namespace {
+
+// Weight of the other coordinate when points are put in order: it separates points of one column.
+constexpr double SLIGHTLY = 1e-6;
+
+// Room for a frame's points, what fills the rows repeats the last one.
+template <class Row>
+void put_points(Frame& frame, int count, Row&& row_of) {
+    frame.count = count;
+    frame.points = Array<double, 2>(5, whole_lanes(count));
+    for (int i = 0; i < frame.points.shape[1] && count; ++i) {
+        const std::array<double, 5> row = row_of(std::min(i, count - 1));
+        for (int k = 0; k < 5; ++k) frame.points(k, i) = row[k];
+    }
+}
+
+}  // namespace
+
+Frame frame_of(const Frames& frames, int index) {
+    const ConstVector usable = frames.usable.row(index);
+    std::vector<int> rows;
+    rows.reserve(usable.size());
+    for (int i = 0; i < usable.size(); ++i) {
+        if (usable[i] > 0.0) rows.push_back(i);
+    }
+    Frame frame;
+    put_points(frame, static_cast<int>(rows.size()), [&](int i) -> std::array<double, 5> {
+        const double *point = &frames.points(index, rows[i], 0), *spread = &frames.covariance(index, rows[i], 0);
+        return {point[0], point[1], spread[0], spread[1], spread[2]};
+    });
+    std::copy_n(frames.moment_Nm.row(index).data, 2, frame.moment_Nm);
+    std::copy_n(frames.tip.row(index).data, 2, frame.tip);
+    std::copy_n(frames.tip_covariance.row(index).data, 3, frame.tip_covariance);
+    std::copy_n(frames.available.row(index).data, 3, frame.available);
+    std::copy_n(frames.gravity_m_s2.row(index).data, 3, frame.gravity_m_s2);
+    return frame;
+}
+
+Thinned thinned(const Frame& frame, int most) {
+    const int every = std::max(frame.count / most, 1);
+    Thinned few = {frame, every};
+    put_points(few.frame, (frame.count + every - 1) / every, [&](int i) -> std::array<double, 5> {
+        const ConstMatrix points = frame.points;
+        const int at = i * every;
+        return {points(0, at), points(1, at), points(2, at), points(3, at), points(4, at)};
+    });
+    return few;
+}
+
+void ideal_points(const lens::Lens& lens, ConstMatrix pixels, ConstVector sigma_px, Matrix points, Matrix covariance,
+                  Vector usable) {
+    const int count = pixels.shape[0];
+    Array<double, 2> slopes(count, 4);
+    const auto valid = std::make_unique<bool[]>(count);
+    lens::normalized_of_pixels(lens, pixels, points, slopes, valid.get());
+    for (int i = 0; i < count; ++i) {
+        const bool finite = std::isfinite(pixels(i, 0)) && std::isfinite(pixels(i, 1)) && std::isfinite(sigma_px[i]);
+        if (finite && valid[i] && !lens.tilted) {
+            const double variance = sigma_px[i] * sigma_px[i], *slope = slopes.row(i).data;
+            covariance(i, 0) = variance * (slope[0] * slope[0] + slope[1] * slope[1]);
+            covariance(i, 1) = variance * (slope[0] * slope[2] + slope[1] * slope[3]);
+            covariance(i, 2) = variance * (slope[2] * slope[2] + slope[3] * slope[3]);
+            usable[i] = 1.0;
+        } else {
+            points(i, 0) = points(i, 1) = covariance(i, 1) = 0.0;
+            covariance(i, 0) = covariance(i, 2) = 1.0;
+            usable[i] = finite ? -1.0 : 0.0;
+        }
+    }
+}
+
+void places(ConstCube points_px, Matrix place, View<bool, 1> disordered) {
+    for (int b = 0; b < points_px.shape[0]; ++b) {
+        double least[2], most[2];
+        std::fill_n(least, 2, std::numeric_limits<double>::infinity());
+        std::fill_n(most, 2, -std::numeric_limits<double>::infinity());
+        for (int n = 0; n < points_px.shape[1]; ++n) {
+            for (int axis = 0; axis < 2; ++axis) {
+                // NaN is neither
+                least[axis] = std::min(least[axis], points_px(b, n, axis));
+                most[axis] = std::max(most[axis], points_px(b, n, axis));
+            }
+        }
+        const int longer = most[0] - least[0] >= most[1] - least[1] ? 0 : 1;
+        disordered[b] = false;
+        for (int n = 0; n < points_px.shape[1]; ++n) {
+            const double here = points_px(b, n, longer) + SLIGHTLY * points_px(b, n, 1 - longer);
+            place(b, n) = here;
+            // NaN before a number is out of order, those that fill up a row are not
+            if (n > 0 && here == here && !(here >= place(b, n - 1))) disordered[b] = true;
+        }
+    }
+}
+
+}  // namespace vbaa::solver

@@ -1,0 +1,34 @@
+// Many frames' data as they come from Python, and one of them as the fit takes it.
+#pragma once
+
+#include "solver/structs.hpp"
+
+namespace vbaa::solver {
+
+// B frames of N points at most, see `Frames` in Python.
+struct Frames {
+    ConstCube points, covariance;  // (B, N, 2) in the ideal picture, (B, N, 3) xx, xy, yy
+    ConstMatrix usable;            // (B, N) 1 for a point, 0 for what is missing
+    ConstMatrix moment_Nm, tip, tip_covariance, available, gravity_m_s2;  // (B, 2), (B, 2), (B, 3), (B, 3), (B, 3)
+
+    int size() const { return usable.shape[0]; }
+};
+
+Frame frame_of(const Frames& frames, int index);
+
+// Every n-th point of a frame, about `most` of them, and n.
+struct Thinned {
+    Frame frame;
+    int every;
+};
+Thinned thinned(const Frame& frame, int most);
+
+// Pixels (N, 2) with standard deviations (N,) across the antenna: ideal points (N, 2), their covariances (N, 3), and
+// whether they can be used (N,): 1, or 0 where one is not finite; −1 for a point that the lens does not solve.
+void ideal_points(const lens::Lens& lens, ConstMatrix pixels, ConstVector sigma_px, Matrix points, Matrix covariance,
+                  Vector usable);
+
+// Where points (B, N, 2) lie along the longer side of their frame's, (B, N), and which frames (B,) are not in order.
+void places(ConstCube points_px, Matrix place, View<bool, 1> disordered);
+
+}  // namespace vbaa::solver

@@ -1,0 +1,302 @@
+#include "solver/initialization.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "linear_algebra.hpp"
+#include "solver/normal_equations.hpp"
+#include "solver/prediction.hpp"
+#include "solver/rig_jacobian.hpp"
+
+namespace vbaa::solver {
+
+namespace {
+
+constexpr double NEAREST = 0.05;   // the grid's first distance, in antenna lengths; the last is the tip
+constexpr int ROUNDS = 2;          // reweightings of the points by the residuals of the best distance
+constexpr double WARM_COST = 8.0;  // a known start is taken unless another distance explains so much more
+constexpr double FREE = 0.5;       // the free antenna is a contact here without a force: it only places the nodes
+constexpr double LARGEST_LOAD =
+    3.0;                        // F·l²/EI of a start: far bends ask small deflections for a force many times too large
+constexpr int REST = 2 * GRID;  // the column of `crossed` with the residuals
+constexpr double INFINITE = std::numeric_limits<double>::infinity();
+
+double grid_distance(int g) { return NEAREST + (1.0 - NEAREST) * g / (GRID - 1); }
+
+// Deflections of the free antenna's nodes by unit forces at all distances of the grid.
+struct Deflections {
+    double of[NODES][GRID];
+
+    Deflections() {
+        for (int j = 0; j < NODES; ++j) {
+            const double past = std::max(j - CONTACT, 0);
+            const double along = FREE * (j - past) / CONTACT + (1.0 - FREE) * past / NODES_BEYOND;
+            for (int g = 0; g < GRID; ++g) of[j][g] = deflection(along, grid_distance(g));
+        }
+    }
+};
+const Deflections BENT;
+
+// Weighted sums of every n-th point over the nodes, into the fit's.
+void weighted_sums(Fit& free, int every, const Array<double, 1>& weights) {
+    std::fill_n(free.diagonal, NODES, 0.0);
+    std::fill_n(free.off_diagonal, NODES, 0.0);
+    std::fill_n(free.pull, NODES, 0.0);
+    for (int k = 0, i = 0; k < weights.size(); ++k, i += every) {
+        const int node = free.node[i];
+        const double share = free.share[i], weight = weights[k];
+        const double first = weight * share, second = first * share, pull = weight * free.distance[i];
+        free.diagonal[node] += weight - 2.0 * first + second;
+        free.diagonal[node + 1] += second;
+        free.off_diagonal[node] += first - second;
+        free.pull[node] += pull - pull * share;
+        free.pull[node + 1] += pull * share;
+    }
+}
+
+// What COUNT of the rig's columns from a on have in common with unit forces along y and z at all distances, and with
+// the residuals.
+template <int COUNT>
+void cross(const Fit& free, Grid& grid, ConstMatrix product, int a) {
+    constexpr int vectors = GRID / LANES;
+    Lanes y[COUNT][vectors], z[COUNT][vectors];
+    double rest[COUNT];
+    for (int c = 0; c < COUNT; ++c) {
+        const double by_y = free.reading_columns(1, a + c), by_z = free.reading_columns(0, a + c);
+        rest[c] = by_z * free.residual[0] + by_y * free.residual[1];
+        for (int k = 0; k < vectors; ++k) {
+            y[c][k] = by_y * load(grid.moment[0] + k * LANES);
+            z[c][k] = by_z * load(grid.moment[1] + k * LANES);
+        }
+    }
+    for (int j = 0; j < NODES; ++j) {
+        for (int c = 0; c < COUNT; ++c) {
+            rest[c] += free.columns(j, a + c) * free.pull[j];
+            const double along = product(j, a + c), along_y = along * grid.image[0][j],
+                         along_z = along * grid.image[1][j];
+            for (int k = 0; k < vectors; ++k) {
+                const Lanes bent = load(BENT.of[j] + k * LANES);
+                y[c][k] += along_y * bent;
+                z[c][k] += along_z * bent;
+            }
+        }
+    }
+    for (int c = 0; c < COUNT; ++c) {
+        double* row = &grid.crossed(a + c - UNKNOWNS, 0);
+        for (int k = 0; k < vectors; ++k) {
+            store(row + k * LANES, y[c][k]);
+            store(row + GRID + k * LANES, z[c][k]);
+        }
+        store(row + REST, spread(0.0));
+        row[REST] = rest[c];
+    }
+}
+
+// Normal equations of forces along y and z at LANES distances.
+struct ForceSums {
+    Lanes yy, yz, zz, y, z;
+};
+
+void best_force(const Rig& rig, Grid& grid, int g, const ForceSums& sums, int lane) {
+    const double prior = tip_deflection(rig, grid.distance[g]) / TIP_DEFLECTION_STD;
+    const double yy = sums.yy[lane] + prior * prior, zz = sums.zz[lane] + prior * prior, yz = sums.yz[lane];
+    const double y = sums.y[lane], z = sums.z[lane], inverse = 1.0 / std::max(yy * zz - yz * yz, 1e-300);
+    grid.force[g][0] = (zz * y - yz * z) * inverse;
+    grid.force[g][1] = (yy * z - yz * y) * inverse;
+    grid.gain[g] = 0.5 * (grid.force[g][0] * y + grid.force[g][1] * z);
+}
+
+// The best forces at all distances, and the costs that they explain.
+void every_force(const Rig& rig, const Fit& free, Grid& grid) {
+    const auto &image_y = grid.image[0], &image_z = grid.image[1];
+    for (int first = 0; first < GRID; first += LANES) {
+        // a force along y acts about z, and one along z about y
+        Lanes by_y = load(grid.moment[0] + first), by_z = load(grid.moment[1] + first);
+        ForceSums sums = {by_y * by_y, spread(0.0), by_z * by_z, free.residual[1] * by_y, free.residual[0] * by_z};
+        Lanes bent = load(BENT.of[0] + first);
+        for (int j = 0; j < NODES; ++j) {
+            const double y = image_y[j], z = image_z[j];
+            const Lanes own = free.diagonal[j] * bent * bent, pull = free.pull[j] * bent;
+            sums.y += y * pull;
+            sums.z += z * pull;
+            sums.yy += y * y * own;
+            sums.yz += y * z * own;
+            sums.zz += z * z * own;
+            if (j == LAST) break;
+            const double next_y = image_y[j + 1], next_z = image_z[j + 1];
+            const Lanes next = load(BENT.of[j + 1] + first), mixed = free.off_diagonal[j] * bent * next;
+            sums.yy += 2.0 * y * next_y * mixed;
+            sums.zz += 2.0 * z * next_z * mixed;
+            sums.yz += (y * next_z + next_y * z) * mixed;
+            bent = next;
+        }
+        for (int a = 0; a < grid.crossed.shape[0]; ++a) {
+            const double *row = &grid.crossed(a, 0), rest = row[REST];
+            by_y = load(row + first), by_z = load(row + GRID + first);
+            sums.yy -= by_y * by_y;
+            sums.yz -= by_y * by_z;
+            sums.zz -= by_z * by_z;
+            sums.y -= rest * by_y;
+            sums.z -= rest * by_z;
+        }
+        for (int lane = 0; lane < LANES; ++lane) best_force(rig, grid, first + lane, sums, lane);
+    }
+}
+
+// The rig's likeliest steps at the best distance and force.
+void rig_steps(Grid& grid, int best, ConstMatrix factor, ConstVector scale) {
+    const int count = grid.best_steps.size();
+    for (int k = 0; k < count; ++k) {
+        const double* row = &grid.crossed(k, 0);
+        grid.best_steps[k] = row[REST] - grid.force[best][0] * row[best] - grid.force[best][1] * row[GRID + best];
+    }
+    solve_upper(factor, scale, count, grid.best_steps.begin());
+}
+
+// Best forces, the cost that each explains, the rig's steps at the best. Returns the best distance's index.
+int best_forces(const Rig& rig, Fit& free, int every, Grid& grid, Work& work) {
+    weighted_sums(free, every, grid.weight);
+    // the unknowns' own columns, which are not used, come along
+    times_tridiagonal(free, free.columns, work.product);
+    inner_products(free.columns, work.product, free.information);
+    const int size = free.size;
+    int a = UNKNOWNS;
+    for (; a + 2 <= size; a += 2) cross<2>(free, grid, work.product, a);
+    if (a < size) cross<1>(free, grid, work.product, a);
+    // moments only: where the antenna ends may be wrong
+    const double *by_y = &free.reading_columns(0, 0), *by_z = &free.reading_columns(1, 0);
+    for (a = UNKNOWNS; a < size; ++a) {
+        double* row = &free.information(a, 0);
+        for (int b = a; b < size; ++b) row[b] += by_y[a] * by_y[b] + by_z[a] * by_z[b];
+        row[a] += 1.0;
+    }
+    const int steps = free.steps.size();
+    factorise(free.information, UNKNOWNS, steps, 0.0, work.factor, work.scale);
+    solve_many(work.factor, work.scale, steps, grid.crossed, false);
+    every_force(rig, free, grid);
+    int best = 0;
+    for (int g = 0; g < GRID; ++g) {
+        if (grid.gain[g] > grid.gain[best] || std::isnan(grid.gain[best])) best = g;
+    }
+    rig_steps(grid, best, work.factor, work.scale);
+    return best;
+}
+
+}  // namespace
+
+void free_antenna(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
+    fit.unknowns = {FREE};
+    fit.scatter = 1.0;
+    fill(fit.steps.view(), 0.0);
+    predict(rig, frame, REFERENCE, work.bent, fit, false);
+    rig_jacobian(rig, frame, LINEAR, work.bent, fit);
+    feet_along_chord(rig, frame, fit);
+    point_residuals(rig, frame, fit);
+    std::copy_n(fit.predicted_residual, 3, fit.residual);
+}
+
+// For small deflections the picture is linear in the force once the distance is known, so force and rig are profiled
+// out. A force along y or z displaces the picture by one shape for all frames times `point_jacobian` of each frame, so
+// that sums over nodes are matrix products with shapes.
+Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, int every, Work& work) {
+    Grid grid;
+    const int count = (free.points + every - 1) / every;
+    grid.best_steps = Array<double, 1>(free.steps.size());
+    grid.weight = Array<double, 1>(count);
+    grid.crossed = Array<double, 2>(free.steps.size(), REST + LANES);
+    point_jacobian(rig, free, grid.image);
+    const double unit = rig.unit_load * rig.length_m;
+    for (auto& image : grid.image) {
+        for (double& displacement : image) displacement *= unit;
+    }
+    for (int g = 0; g < GRID; ++g) {
+        grid.distance[g] = grid_distance(g);
+        const double moment = grid.distance[g] * rig.force_unit_N * rig.length_m;
+        grid.moment[0][g] = rig.gain[1] / rig.std[1] * moment * frame.available[1];
+        grid.moment[1][g] = rig.gain[0] / rig.std[0] * moment * frame.available[0];
+    }
+    for (int k = 0; k < count; ++k) grid.weight[k] = free.precision[k * every];
+    for (int round = 0; round < ROUNDS; ++round) {
+        const int best = best_forces(rig, free, every, grid, work);
+        // displacement by the best force and the rig's steps that go with it
+        shift_by_steps(free, UNKNOWNS, grid.best_steps.begin(), grid.best_steps.size(), work.shift);
+        for (int j = 0; j < NODES; ++j) {
+            const auto& force = grid.force[best];
+            work.shift[j] += (force[0] * grid.image[0][j] + force[1] * grid.image[1][j]) * BENT.of[j][best];
+        }
+        for (int k = 0, i = 0; k < count; ++k, i += every) {
+            const double *shift = work.shift + free.node[i], precision = free.precision[i];
+            const double off = free.distance[i] - shift[0] - free.share[i] * (shift[1] - shift[0]);
+            grid.weight[k] = precision * huber_weight(off * std::sqrt(precision));
+        }
+    }
+    return grid;
+}
+
+double largest_gain(const Grid& grid) {
+    double most = -INFINITE;
+    for (double gain : grid.gain) {
+        if (!(gain <= most)) most = gain;
+    }
+    return most;
+}
+
+void limit_load(const Rig& rig, Unknowns& start) {
+    const double load = rig.unit_load * std::hypot(start[1], start[2]) * start[0] * start[0];
+    for (int axis = 1; axis < 3; ++axis) start[axis] *= std::min(LARGEST_LOAD / std::max(load, 1e-12), 1.0);
+}
+
+void start_at(const Rig& rig, const Grid& grid, int from, int to, double part, Unknowns& start) {
+    const double here = grid.distance[from], there = grid.distance[to], distance = here + part * (there - here);
+    start[0] = distance, start[3] = 0.0;
+    for (int axis = 0; axis < 2; ++axis) {
+        // the tip's deflection changes little from one distance to the next, the force much
+        const double sway = grid.force[from][axis] * here * here * (3.0 - here);
+        const double sway_there = grid.force[to][axis] * there * there * (3.0 - there);
+        const double force = (sway + part * (sway_there - sway)) / (distance * distance * (3.0 - distance));
+        // where no force could be fitted the free antenna is as good a start as any
+        start[1 + axis] = std::isfinite(force) ? force : 0.0;
+    }
+    limit_load(rig, start);
+}
+
+void lowest_of_grid(const Rig& rig, const Grid& grid, Starts& starts, StartCosts& costs) {
+    costs.fill(INFINITE);
+    const double* gain = grid.gain;
+    std::array<int, STARTS> places = {};
+    for (int g = 0; g < GRID; ++g) {
+        if ((g > 0 && gain[g] < gain[g - 1]) || (g < GRID - 1 && gain[g] < gain[g + 1])) continue;
+        double cost = -gain[g];
+        int place = g;
+        for (int k = 0; k < STARTS; ++k) {
+            if (cost < costs[k]) std::swap(cost, costs[k]), std::swap(place, places[k]);
+        }
+    }
+    for (int k = 0; k < STARTS; ++k) {
+        const int g = places[k];
+        int next = g;
+        double part = 0.0;
+        if (0 < g && g < GRID - 1) {
+            const double bend = 2.0 * gain[g] - gain[g - 1] - gain[g + 1];
+            if (bend > 0.0) part = std::min(std::max(0.5 * (gain[g + 1] - gain[g - 1]) / bend, -0.5), 0.5);
+            next = part < 0.0 ? g - 1 : g + 1;
+        }
+        start_at(rig, grid, g, next, std::abs(part), starts[k]);
+    }
+}
+
+void warm_start(const Grid& grid, const Unknowns& warm, Starts& starts, StartCosts& costs) {
+    for (double value : warm) {
+        if (!std::isfinite(value)) return;
+    }
+    int near = 0;
+    for (int g = 0; g < GRID; ++g) {
+        if (std::abs(grid.distance[g] - warm[0]) < std::abs(grid.distance[near] - warm[0])) near = g;
+    }
+    if (!(grid.gain[near] > largest_gain(grid) - WARM_COST)) return;
+    starts[0] = warm;
+    std::fill(costs.begin() + 1, costs.end(), INFINITE);
+}
+
+}  // namespace vbaa::solver

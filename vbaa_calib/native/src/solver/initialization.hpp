@@ -1,0 +1,38 @@
+// Where to begin: for each distance on a grid, the best force and the cost it explains, for small deflections.
+#pragma once
+
+#include "solver/structs.hpp"
+
+namespace vbaa::solver {
+
+using Starts = std::array<Unknowns, STARTS>;
+using StartCosts = std::array<double, STARTS>;
+
+// The free antenna, with the rig's derivatives for small deflections, and the points' residuals from it.
+void free_antenna(const Rig& rig, const Frame& frame, Fit& fit, Work& work);
+
+// Deflection of a beam of unit length and stiffness at a place by a unit force at another: Eq. (1), Eq. (2).
+inline double deflection(double along, double contact) {
+    const double near = along < contact ? along : contact, far = along < contact ? contact : along;
+    return (3.0 * far - near) * near * near / 6.0;
+}
+
+// The best force at each distance of the grid, from every n-th of the points' residuals from the free antenna.
+Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, int every, Work& work);
+
+// The most that any force of the grid explains.
+double largest_gain(const Grid& grid);
+
+// Reduce the force of a start that is too large to be one for large deflections.
+void limit_load(const Rig& rig, Unknowns& start);
+
+// Unknowns at a part of the way from one distance of the grid to another, the force within `limit_load`.
+void start_at(const Rig& rig, const Grid& grid, int from, int to, double part, Unknowns& start);
+
+// Unknowns at the lowest local minima over the grid, lowest first, and their costs, else infinite.
+void lowest_of_grid(const Rig& rig, const Grid& grid, Starts& starts, StartCosts& costs);
+
+// A known start alone, where no other distance explains the frame much better; `warm` may be NaN.
+void warm_start(const Grid& grid, const Unknowns& warm, Starts& starts, StartCosts& costs);
+
+}  // namespace vbaa::solver

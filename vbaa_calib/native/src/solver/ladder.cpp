@@ -1,0 +1,260 @@
+#include "solver/ladder.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <utility>
+
+#include "solver/convergence.hpp"
+#include "solver/initialization.hpp"
+#include "solver/normal_equations.hpp"
+#include "solver/prediction.hpp"
+
+namespace vbaa::solver {
+namespace {
+
+// Minima are searched with about so many of a frame's points.
+constexpr int COARSE_POINTS = 64;
+// A larger scatter, or a friction angle of more σ, is a reason to search elsewhere.
+constexpr double LOST_SCATTER = 2.0, LOST_FRICTION = 2.5;
+// Below this gain over the free antenna neither distance nor other minima are searched: contact takes three times as
+// much.
+constexpr double FAINT = 5.0;
+// Without a force of so many σ in any direction there is no contact whose mirror image would matter.
+constexpr double SIGNIFICANT_FORCE = 3.0;
+// Minima whose distances differ by less, in antenna lengths, are taken for the same.
+constexpr double SAME_MINIMUM = 1e-2;
+// A minimum that costs this many times the lowest one, and this much more, is dropped.
+constexpr double HOPELESS = 50.0, HOPELESS_FACTOR = 4.0;
+constexpr double NEVER = std::numeric_limits<double>::infinity(), NOT_KNOWN = std::numeric_limits<double>::quiet_NaN();
+
+// One frame on its way: what is searched with, and rough minima, lowest first, their costs infinite where there is
+// none.
+struct Search {
+    const Rig &rig, &exact;
+    const Frame& frame;
+    Thinned few;  // some of its points
+    Work& work;
+    Grid grid;
+    Starts starts;
+    StartCosts costs;
+};
+
+// Replaces starts by the rough minima that they lead to on a low rung, lowest first, and their costs. Minima that
+// another start reached too, and hopeless ones, come out with infinite cost.
+void coarse_minima(Search& search) {
+    Work work(search.rig, search.few.frame.count);
+    Fit& fit = work.best;
+    for (int k = 0; k < STARTS; ++k) {
+        const Unknowns& start = search.starts[k];
+        const bool finite = std::all_of(start.begin(), start.end(), [](double each) { return std::isfinite(each); });
+        const double cost = std::exchange(search.costs[k], NEVER);
+        if (!std::isfinite(cost) || !finite) continue;
+        fit.unknowns = start;
+        // feet near the right ones
+        for (int i = 0; i < fit.points; ++i) fit.foot_m[i] = search.work.free.foot_m[i * search.few.every];
+        coarse_minimum(search.rig, search.few.frame, LINEAR, fit, work, true, 1.0, COARSE_ITERATIONS);
+        search.starts[k] = fit.unknowns;
+        if (fit.cost == fit.cost) search.costs[k] = fit.cost;
+    }
+    for (int a = 0; a < STARTS - 1; ++a) {
+        for (int b = a + 1; b < STARTS; ++b) {
+            if (!(search.costs[b] < search.costs[a])) continue;
+            std::swap(search.costs[a], search.costs[b]);
+            std::swap(search.starts[a], search.starts[b]);
+        }
+    }
+    for (int k = 1; k < STARTS; ++k) {
+        const bool apart = std::abs(search.starts[k][0] - search.starts[0][0]) > SAME_MINIMUM;
+        if (!(apart && search.costs[k] < HOPELESS_FACTOR * search.costs[0] + HOPELESS)) search.costs[k] = NEVER;
+    }
+}
+
+// Rough minima, and the free antenna. `warm`, unknowns near the truth where finite, may take their place. A frame with
+// several descends on a low rung to see which of them are useful; with `always`, each does.
+Search begun(const Rig& rig, const Rig& exact, const Frame& frame, const Unknowns& warm, bool always, Work& work) {
+    free_antenna(rig, frame, work.free, work);
+    Thinned few = thinned(frame, COARSE_POINTS);
+    Grid grid = grid_search(rig, frame, work.free, few.every, work);
+    Search search = {rig, exact, frame, std::move(few), work, std::move(grid), {}, {}};
+    lowest_of_grid(rig, search.grid, search.starts, search.costs);
+    const bool distinct = always || largest_gain(search.grid) > FAINT;
+    if (distinct) warm_start(search.grid, warm, search.starts, search.costs);
+    if (distinct && (always || std::isfinite(search.costs[STARTS - 1]))) {
+        coarse_minima(search);
+        if (!always) {
+            for (Unknowns& start : search.starts) limit_load(rig, start);
+        }
+    }
+    return search;
+}
+
+// Of a frame that no contact comes near to, how far many points stay from the nearest antenna, whose unknowns are left
+// in `nearest`; else NaN.
+double left_over(const Search& search, Unknowns& nearest) {
+    const Rig& rig = search.rig;
+    const Fit& free = search.work.free;
+    const int every = search.few.every;
+    const LargestError error = largest_error(rig, free, every);
+    nearest = search.starts[0];
+    double left = beyond_reach(rig, search.few.frame);
+    if (!(left > error.far)) {
+        left = most_distance(rig, search.frame, free, every, search.work.shift);
+        if (left > error.far) {
+            left = nearest_shape(search.exact, search.few.frame, search.grid, search.starts[0], error, nearest);
+        }
+    }
+    return left > error.far ? left : NOT_KNOWN;
+}
+
+bool is_lost(const Fit& fit) {
+    return !fit.converged || fit.scatter > LOST_SCATTER || std::abs(fit.unknowns[UNKNOWNS - 1]) > LOST_FRICTION;
+}
+
+// Searches a lost frame again: with new feet, and from the picture alone on the exact rig.
+void search_lost(const Search& search, int rung, Alternative& other) {
+    const Rig& rig = search.rig;
+    Work& work = search.work;
+    Fit& best = work.best;
+    if (!is_lost(best)) return;
+    try_start(rig, search.frame, rung, best.unknowns, best, other, work);
+    if (!is_lost(best)) return;
+    begin_search(work);
+    Unknowns start;
+    const double scatter = largest_error(rig, work.free, search.few.every).scatter;
+    nearest_shape(search.exact, search.few.frame, search.grid, best.unknowns, {0.0, scatter}, start);
+    try_start(rig, search.frame, rung, start, best, other, work);
+}
+
+// Whether the force stands out of its uncertainty in some direction across the antenna.
+bool is_significant(const Unknowns& unknowns, const Uncertainty& found) {
+    const double first = unknowns[1], second = unknowns[2];
+    const double own = found.covariance[1][1], cross = found.covariance[1][2], opposite = found.covariance[2][2];
+    const double apart = opposite * first * first - 2.0 * cross * first * second + own * second * second;
+    return apart > SIGNIFICANT_FORCE * SIGNIFICANT_FORCE * (own * opposite - cross * cross);
+}
+
+// The best of a frame's minima on a rung and its uncertainty; whether its mirror image looks like it.
+bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative& other) {
+    const Rig& rig = search.rig;
+    const Frame& frame = search.frame;
+    Work& work = search.work;
+    Fit& best = work.best;
+    const bool distinct = largest_gain(search.grid) > FAINT;
+    best.unknowns = search.starts[0];
+    best.foot_m = work.free.foot_m;
+    if (distinct || !converge_there(rig, frame, rung, best, work)) converge(rig, frame, rung, best, work, true);
+    other = {best.unknowns, NEVER};
+    if (distinct) {
+        for (int k = 1; k < STARTS; ++k) {
+            if (std::isfinite(search.costs[k])) try_start(rig, frame, rung, search.starts[k], best, other, work);
+        }
+        search_lost(search, rung, other);
+        polish(rig, frame, rung, best, work);
+    }
+    uncertainty(best, found, work);
+    const bool ambiguous = is_significant(best.unknowns, found) && mirror_ambiguous(rig, frame, best);
+    if (ambiguous && best.converged && best.scatter <= WRONG_SHAPE) {
+        const Unknowns before = best.unknowns;
+        try_mirrors(rig, frame, rung, before, best, other, work);
+        // what turned out better has a mirror image of its own
+        if (different(before, best.unknowns)) try_mirrors(rig, frame, rung, best.unknowns, best, other, work);
+        uncertainty(best, found, work);
+        widen_by_profile(rig, frame, rung, best, found, work);
+    }
+    return ambiguous;
+}
+
+// The fit with the residuals of the highest rung, whose shapes are right.
+Fit& with_right_shapes(const Search& search, int rung) {
+    Work& work = search.work;
+    if (rung == REFERENCE) return work.best;
+    work.found = work.best;
+    predict(search.rig, search.frame, REFERENCE, work.bent, work.found, false);
+    linearise(search.rig, search.frame, work.found, work);
+    points_cost(work.found);
+    return work.found;
+}
+
+// What rungs leave out: their bias, and which is the lowest that is good enough.
+void judge_rungs(const Search& search, int model, const Fit& problem, const Uncertainty& found, Findings& findings) {
+    if (model == REFERENCE) return;
+    double bias[REFERENCE + 1];
+    first_order_errors(search.rig, search.frame, findings.rung, search.work.best, problem, findings.errors,
+                       search.work);
+    predicted_bias(findings.errors, found, bias);
+    if (model == AUTO) {
+        std::copy_n(bias, REFERENCE + 1, findings.bias);
+        findings.needed = 0;
+        while (findings.needed < REFERENCE && !(bias[findings.needed] <= SMALL_BIAS)) ++findings.needed;
+    } else {
+        findings.bias[findings.rung] = bias[findings.rung];
+    }
+}
+
+// One frame on a rung, by default on the highest: then also which one would have been good enough.
+void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model, const Unknowns& warm,
+                 ConstVector pieces_m, const Numbers& numbers, int row, Uncertainty& found, Work& work) {
+    const Search search = begun(rig, exact, frame, warm, false, work);
+    const int rung = model == AUTO ? REFERENCE : model;
+    Findings findings;
+    findings.rung = findings.needed = rung;
+    std::fill_n(findings.bias, REFERENCE + 1, NOT_KNOWN);
+    const double left = left_over(search, findings.other.unknowns);
+    const bool given_up = std::isfinite(left);
+    if (given_up) {
+        work.best.unknowns = findings.other.unknowns;
+        findings.other.cost = NEVER;
+        coarse_minimum(rig, frame, rung, work.best, work, false, MOST_SCATTER, 0);
+        uncertainty(work.best, found, work);
+    } else {
+        findings.ambiguous = fit_on_rung(search, rung, found, findings.other);
+    }
+    const Fit& problem = with_right_shapes(search, rung);
+    judge_rungs(search, model, problem, found, findings);
+    findings.evidence = NOT_KNOWN;
+    if (!given_up) {
+        const double distance_std = std::sqrt(found.covariance[0][0]);
+        findings.second = second_force(rig, frame, rung, work.best, problem, distance_std, work);
+        findings.evidence = contact_evidence(rig, rung, work.best, problem, work);
+    }
+    findings.other.cost -= unscaled_cost(rig, work.best);
+    findings.left_px = rig.focal * left;
+    write_numbers(rig, frame, found, findings, pieces_m, numbers, row, work);
+}
+
+}  // namespace
+
+void solve_frames(const Rig& rig, const Rig& exact, const Frames& frames, int begin, int end, int rung,
+                  ConstMatrix warm, ConstVector pieces_m, const Numbers& numbers) {
+    std::unique_ptr<Work> work;
+    Uncertainty found(rig.steps());
+    for (int index = begin; index < end; ++index) {
+        const Frame frame = frame_of(frames, index);
+        if (!work || work->best.points != frame.count) work = std::make_unique<Work>(rig, frame.count);
+        work->evaluations = work->most = 0;
+        begin_search(*work);
+        Unknowns start;
+        std::copy_n(warm.row(index).data, UNKNOWNS, start.begin());
+        solve_frame(rig, exact, frame, rung, start, pieces_m, numbers, index, found, *work);
+    }
+}
+
+void rough_frames(const Rig& rig, const Frames& frames, Matrix unknowns, Cube points_m) {
+    Unknowns warm;
+    warm.fill(NOT_KNOWN);
+    for (int index = 0; index < frames.size(); ++index) {
+        const Frame frame = frame_of(frames, index);
+        Work work(rig, frame.count);
+        const Search search = begun(rig, rig, frame, warm, true, work);
+        work.best.unknowns = search.starts[0];
+        std::copy_n(search.starts[0].begin(), UNKNOWNS, unknowns.row(index).data);
+        predict(rig, frame, LINEAR, work.bent, work.best, false);
+        for (int j = 0; j < NODES; ++j) {
+            for (int axis = 0; axis < 3; ++axis) points_m(index, j, axis) = work.best.points_m[axis][j];
+        }
+    }
+}
+
+}  // namespace vbaa::solver

@@ -1,0 +1,316 @@
+#include "solver/normal_equations.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "linear_algebra.hpp"
+#include "solver/prediction.hpp"
+
+namespace vbaa::solver {
+
+namespace {
+
+constexpr int EVERY = 4, FOOT_STEPS = 2;  // a foot is searched from the nearest of every fourth node by Newton steps
+constexpr double CONVERGED = 1e-4;        // part of the cost that the last step of a linear problem promises at most
+
+using LaneIndices = int __attribute__((vector_size(LANES * sizeof(int))));
+
+// The numbers at eight places so many numbers apart.
+Lanes gather(const double* from, const int* at, int apart = 1) {
+    Lanes values = {};
+    for (int lane = 0; lane < LANES; ++lane) values[lane] = from[apart * at[lane]];
+    return values;
+}
+
+// Half the squares of whitened residuals of these sizes, linear beyond HUBER; what is not a number stays so.
+Lanes huber_losses(Lanes size) {
+    const Lanes inner = where_positive(size - HUBER, HUBER, size);
+    return inner * (size - 0.5 * inner);
+}
+
+double huber_loss(double residual) {
+    const double size = std::abs(residual), inner = size > HUBER ? HUBER : size;
+    return inner * (size - 0.5 * inner);
+}
+
+// Take a displacement (M,) of the curve out of the points' distances.
+void take_out(Fit& fit, const double (&shift)[NODES]) {
+    double* distance = fit.distance.begin();
+    for (int i = 0; i < fit.points; i += LANES) {
+        const int* node = fit.node.begin() + i;
+        const Lanes before = gather(shift, node), after = gather(shift + 1, node);
+        store(distance + i, load(distance + i) - before - load(fit.share.begin() + i) * (after - before));
+    }
+}
+
+// Sums of weights w and residuals r of neighbouring points between the same two nodes, at shares s of the way.
+struct Sums {
+    double w = 0.0, ws = 0.0, wss = 0.0, wr = 0.0, wrs = 0.0;
+
+    void put(Fit& fit, int node) const {
+        fit.diagonal[node] += w - 2.0 * ws + wss;
+        fit.diagonal[node + 1] += wss;
+        fit.off_diagonal[node] += ws - wss;
+        fit.pull[node] += wr - wrs;
+        fit.pull[node + 1] += wrs;
+    }
+};
+
+// COUNT vectors of the right side's part from the points, from a column on.
+template <int COUNT>
+void pull_along(Fit& fit, int first) {
+    Lanes totals[COUNT];
+    for (Lanes& total : totals) total = spread(0.0);
+    for (int j = 0; j < NODES; ++j) {
+        for (int c = 0; c < COUNT; ++c) totals[c] += fit.pull[j] * load(&fit.columns(j, first + c * LANES));
+    }
+    for (int c = 0; c < COUNT; ++c) store(&fit.side[first + c * LANES], totals[c]);
+}
+
+double state_of(const Fit& fit, int column) {
+    return column < UNKNOWNS ? fit.unknowns[column] : fit.steps[column - UNKNOWNS];
+}
+
+}  // namespace
+
+double prior_of(const Rig& rig, const Fit& fit, int column) {
+    if (column == 0) return 0.0;
+    if (column >= UNKNOWNS - 1) return 1.0;
+    const double bent = tip_deflection(rig, fit.contact_m / rig.length_m) / TIP_DEFLECTION_STD;
+    return bent * bent;
+}
+
+void nearest_feet(const Rig& rig, const Frame& frame, Fit& fit) {
+    const double *u = frame.u(), *v = frame.v();
+    double at_node[NODES];
+    for (int j = 0; j < NODES; j += EVERY) at_node[j] = arclength_of_node(fit, rig.length_m, j);
+    for (int i = 0; i < fit.points; i += LANES) {
+        Lanes best = spread(std::numeric_limits<double>::infinity()), foot_m = spread(at_node[0]);
+        for (int j = 0; j < NODES; j += EVERY) {
+            const Lanes off_u = load(u + i) - fit.u[j], off_v = load(v + i) - fit.v[j];
+            const Lanes square = off_u * off_u + off_v * off_v, nearer = best - square;
+            best = where_positive(nearer, square, best);
+            foot_m = where_positive(nearer, at_node[j], foot_m);
+        }
+        store(fit.foot_m.begin() + i, foot_m);
+    }
+    for (int step = 0; step < FOOT_STEPS; ++step) point_residuals(rig, frame, fit);
+}
+
+void feet_along_chord(const Rig& rig, const Frame& frame, Fit& fit) {
+    const double start_u = fit.u[0], start_v = fit.v[0], chord_u = fit.u[LAST] - start_u,
+                 chord_v = fit.v[LAST] - start_v;
+    const double by_square = 1.0 / (chord_u * chord_u + chord_v * chord_v);
+    const double near = fit.depth[0], far = fit.depth[LAST];
+    const double *u = frame.u(), *v = frame.v();
+    for (int i = 0; i < fit.foot_m.size(); ++i) {
+        const double along = ((u[i] - start_u) * chord_u + (v[i] - start_v) * chord_v) * by_square;
+        const double seen = std::min(std::max(along, 0.0), 1.0);
+        fit.foot_m[i] = seen * near / (far - (far - near) * seen) * rig.length_m;
+    }
+}
+
+// The curve is taken as its parabola at the feet before: what is left of a foot's error e then counts as e³.
+void point_residuals(const Rig& rig, const Frame& frame, Fit& fit) {
+    const double length = rig.length_m, contact = fit.contact_m;
+    const double inner = contact / CONTACT, outer = (length - contact) / NODES_BEYOND;
+    const double by_inner = 1.0 / inner, by_outer = 1.0 / outer;
+    const double *u = frame.u(), *v = frame.v(), *xx = frame.xx(), *xy = frame.xy(), *yy = frame.yy();
+    double *feet = fit.foot_m.begin(), *shares = fit.share.begin();
+    double *distances = fit.distance.begin(), *precisions = fit.precision.begin();
+    int* nodes = fit.node.begin();
+    for (int i = 0; i < fit.points; i += LANES) {
+        const Lanes foot = load(feet + i), beyond = where_positive(foot - contact, foot - contact, 0.0);
+        const Lanes along = (foot - beyond) * by_inner + beyond * by_outer;
+        const Lanes within = where_positive(along, along, 0.0);
+        constexpr double end = LAST - 1e-6;
+        const auto node = __builtin_convertvector(where_positive(within - end, end, within), LaneIndices);
+        std::memcpy(nodes + i, &node, sizeof node);
+        const Lanes before = __builtin_convertvector(node, Lanes), share = along - before;
+        store(shares + i, share);
+        Lanes cubic[8];
+        for (int q = 0; q < 8; ++q) cubic[q] = gather(fit.cubics[0] + q, nodes + i, 8);
+        const Lanes rise_u = cubic[3] * share, rise_v = cubic[7] * share, bend_u = cubic[2], bend_v = cubic[6];
+        const Lanes off_u = load(u + i) - (((rise_u + bend_u) * share + cubic[1]) * share + cubic[0]);
+        const Lanes off_v = load(v + i) - (((rise_v + bend_v) * share + cubic[5]) * share + cubic[4]);
+        const Lanes u1 = (3.0 * rise_u + 2.0 * bend_u) * share + cubic[1], u2 = 6.0 * rise_u + 2.0 * bend_u;
+        const Lanes v1 = (3.0 * rise_v + 2.0 * bend_v) * share + cubic[5], v2 = 6.0 * rise_v + 2.0 * bend_v;
+        const Lanes square = u1 * u1 + v1 * v1, by_square = 1.0 / square;
+        const Lanes ahead = (off_u * u1 + off_v * v1) * by_square;
+        const Lanes bounded = where_positive(ahead - 1.0, 1.0, where_positive(-1.0 - ahead, -1.0, ahead));
+        // the normal is (−v′, u′)/√(u′² + v′²)
+        const Lanes across = off_v * u1 - off_u * v1 - 0.5 * (v2 * u1 - u2 * v1) * bounded * bounded;
+        store(distances + i, across * sqrt(by_square));
+        store(precisions + i,
+              square / (load(xx + i) * v1 * v1 - 2.0 * load(xy + i) * u1 * v1 + load(yy + i) * u1 * u1));
+        const Lanes there = foot + ahead * where_positive(CONTACT - 0.5 - before, inner, outer);
+        // a prediction that left the domain of the model is rejected by its cost, not here
+        const Lanes positive = where_positive(there, there, 0.0);
+        store(feet + i, where_positive(positive - length, length, positive));
+    }
+    for (int i = fit.points; i < fit.distance.size(); ++i) distances[i] = precisions[i] = 0.0;
+}
+
+void shift_by_steps(const Fit& fit, int first, const double* steps, int count, double (&shift)[NODES]) {
+    for (int j = 0; j < NODES; ++j) {
+        const double* row = &fit.columns(j, first);
+        double total = 0.0;
+        for (int k = 0; k < count; ++k) total += row[k] * steps[k];
+        shift[j] = total;
+    }
+}
+
+void residuals_with_rig(Fit& fit, double (&shift)[NODES]) {
+    std::copy_n(fit.predicted_residual, 3, fit.residual);
+    const int count = fit.steps.size();
+    if (count == 0) return;
+    shift_by_steps(fit, UNKNOWNS, fit.steps.begin(), count, shift);
+    take_out(fit, shift);
+    for (int reading = 0; reading < 3; ++reading) {
+        for (int k = 0; k < count; ++k) {
+            fit.residual[reading] -= fit.reading_columns(reading, UNKNOWNS + k) * fit.steps[k];
+        }
+    }
+}
+
+double points_cost(Fit& fit) {
+    std::fill_n(fit.diagonal, NODES, 0.0);
+    std::fill_n(fit.off_diagonal, NODES, 0.0);
+    std::fill_n(fit.pull, NODES, 0.0);
+    const double by_scatter = 1.0 / fit.scatter, square = by_scatter * by_scatter;
+    Lanes costs = spread(0.0);
+    Sums sums;  // written when the next node comes
+    int before = 0;
+    for (int i = 0; i < fit.points; i += LANES) {
+        const Lanes precision = load(fit.precision.begin() + i), distance = load(fit.distance.begin() + i);
+        const Lanes size = absolute(distance) * sqrt(precision) * by_scatter;
+        costs += huber_losses(size);
+        // NaN has full weight here: its cost shows it
+        const Lanes w = HUBER / where_positive(size - HUBER, size, HUBER) * precision * square;
+        const Lanes share = load(fit.share.begin() + i), ws = w * share, wr = w * distance;
+        double table[5][LANES];
+        store(table[0], w), store(table[1], ws), store(table[2], ws * share), store(table[3], wr);
+        store(table[4], wr * share);
+        const int some = std::min(LANES, fit.points - i), *nodes = fit.node.begin() + i;
+        for (int lane = 0; lane < some; ++lane) {
+            if (nodes[lane] != before) {
+                sums.put(fit, before);
+                sums = Sums{};
+                before = nodes[lane];
+            }
+            sums.w += table[0][lane];
+            sums.ws += table[1][lane];
+            sums.wss += table[2][lane];
+            sums.wr += table[3][lane];
+            sums.wrs += table[4][lane];
+        }
+    }
+    sums.put(fit, before);
+    return sum(costs);
+}
+
+void times_tridiagonal(const Fit& fit, ConstMatrix columns, Matrix product) {
+    const double *diagonal = fit.diagonal, *off_diagonal = fit.off_diagonal;
+    for (int first = 0; first < columns.shape[1]; first += LANES) {
+        Lanes before = spread(0.0), here = load(&columns(0, first));
+        double by_before = 0.0;
+        for (int j = 0; j < LAST; ++j) {
+            const Lanes after = load(&columns(j + 1, first));
+            store(&product(j, first), by_before * before + diagonal[j] * here + off_diagonal[j] * after);
+            before = here, here = after, by_before = off_diagonal[j];
+        }
+        store(&product(LAST, first), by_before * before + diagonal[LAST] * here);
+    }
+}
+
+void normal_equations(const Rig& rig, Fit& fit, int first, Matrix product) {
+    double cost = points_cost(fit), weight[3];
+    times_tridiagonal(fit, fit.columns, product);
+    inner_products(fit.columns, product, fit.information);
+    const int size = fit.size, wide = fit.side.size();
+    by_vectors(wide, [&](auto count, int k) { pull_along<count>(fit, k); });
+    for (int reading = 0; reading < 3; ++reading) {
+        weight[reading] = huber_weight(fit.residual[reading]);
+        cost += huber_loss(fit.residual[reading]);
+    }
+    const double *by_y = &fit.reading_columns(0, 0), *by_z = &fit.reading_columns(1, 0),
+                 *by_end = &fit.reading_columns(2, 0);
+    for (int a = first; a < size; ++a) {
+        const double y = weight[0] * by_y[a], z = weight[1] * by_z[a], end = weight[2] * by_end[a];
+        fit.side[a] += y * fit.residual[0] + z * fit.residual[1] + end * fit.residual[2];
+        double* row = &fit.information(a, 0);
+        for (int b = a / LANES * LANES; b < wide; b += LANES) {
+            store(row + b, load(row + b) + y * load(by_y + b) + z * load(by_z + b) + end * load(by_end + b));
+        }
+    }
+    for (int a = first; a < size; ++a) {
+        const double prior = prior_of(rig, fit, a), at = state_of(fit, a);
+        fit.information(a, a) += prior;
+        fit.side[a] -= prior * at;
+        cost += 0.5 * prior * at * at;
+        for (int b = first; b < a; ++b) fit.information(a, b) = fit.information(b, a);
+    }
+    fit.cost = cost;
+}
+
+void linearise(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
+    point_residuals(rig, frame, fit);
+    residuals_with_rig(fit, work.shift);
+}
+
+void evaluate(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work) {
+    ++work.evaluations;
+    predict(rig, frame, rung, work.bent, fit, true);
+    linearise(rig, frame, fit, work);
+    normal_equations(rig, fit, 0, work.product);
+}
+
+double total_cost(const Rig& rig, const Fit& fit) {
+    Lanes costs = spread(0.0);
+    for (int i = 0; i < fit.points; i += LANES) {
+        const Lanes distance = load(fit.distance.begin() + i), precision = load(fit.precision.begin() + i);
+        costs += huber_losses(absolute(distance) * sqrt(precision) * (1.0 / fit.scatter));
+    }
+    double cost = sum(costs);
+    for (double residual : fit.residual) cost += huber_loss(residual);
+    for (int a = 1; a < fit.size; ++a) {
+        const double at = state_of(fit, a);
+        cost += 0.5 * prior_of(rig, fit, a) * at * at;
+    }
+    return cost;
+}
+
+double least_cost(const Rig& rig, Fit& fit, int first, int rounds, Work& work) {
+    const int size = fit.size - first;
+    double* step = work.step.begin();
+    for (int round = 0; round < rounds; ++round) {
+        normal_equations(rig, fit, first, work.product);
+        factorise(fit.information, first, size, 0.0, work.factor, work.scale);
+        solve_factorised(work.factor, work.scale, size, &fit.side[first], step);
+        double promise = 0.0;
+        for (int k = 0; k < size; ++k) promise += fit.side[first + k] * step[k];
+        shift_by_steps(fit, first, step, size, work.shift);
+        take_out(fit, work.shift);
+        for (int k = 0; k < size; ++k) {
+            const int a = first + k;
+            for (int reading = 0; reading < 3; ++reading) {
+                fit.residual[reading] -= fit.reading_columns(reading, a) * step[k];
+            }
+            (a < UNKNOWNS ? fit.unknowns[a] : fit.steps[a - UNKNOWNS]) += step[k];
+        }
+        if (promise < CONVERGED * (1.0 + fit.cost)) break;
+    }
+    return total_cost(rig, fit);
+}
+
+double unscaled_cost(const Rig& rig, Fit& fit) {
+    if (fit.scatter == 1.0) return fit.cost;
+    const double scatter = fit.scatter;
+    fit.scatter = 1.0;
+    const double cost = total_cost(rig, fit);
+    fit.scatter = scatter;
+    return cost;
+}
+
+}  // namespace vbaa::solver

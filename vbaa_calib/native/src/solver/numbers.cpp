@@ -1,0 +1,275 @@
+#include "solver/numbers.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "linear_algebra.hpp"
+#include "solver/initialization.hpp"
+#include "solver/normal_equations.hpp"
+
+namespace vbaa::solver {
+namespace {
+
+// No place is known better: near the clamp the model's own errors are all there is.
+constexpr double LEAST_STD_M = 1e-6;
+constexpr double NOT_KNOWN = std::numeric_limits<double>::quiet_NaN();
+
+// The point of the predicted antenna at an arc length, antenna frame.
+std::array<double, 3> point_at(const Fit& fit, double length_m, double arclength_m) {
+    const Place place = locate(fit, length_m, arclength_m);
+    std::array<double, 3> point_m;
+    for (int axis = 0; axis < 3; ++axis) {
+        const double start = fit.points_m[axis][place.node], gap = fit.points_m[axis][place.node + 1] - start;
+        const double leave = fit.tangents[axis][place.node] * place.width;
+        const double arrive = fit.tangents[axis][place.node + 1] * place.width;
+        const double bend = 3.0 * gap - 2.0 * leave - arrive, twist = leave + arrive - 2.0 * gap;
+        point_m[axis] = ((twist * place.share + bend) * place.share + leave) * place.share + start;
+    }
+    return point_m;
+}
+
+// A rung that was demanded though it is too low: what it makes wrong is doubt. Writes the standard deviations (4,).
+void add_model_errors(const Rig& rig, const Findings& findings, const Uncertainty& found, double (&covariance)[6][6],
+                      Vector std) {
+    const double bias = findings.bias[findings.rung];
+    double errors[2][UNKNOWNS + 6] = {};
+    if (findings.rung != REFERENCE && bias > SMALL_BIAS && std::isfinite(bias)) {
+        std::copy_n(findings.errors[findings.rung], UNKNOWNS + 6, errors[0]);
+        if (findings.rung < ELASTICA && rig.friction_rad > 0.0) {
+            std::copy_n(findings.errors[BY_FRICTION], UNKNOWNS + 6, errors[1]);
+            // that friction turns the force along the antenna is in the point and force's own covariance already
+            errors[1][UNKNOWNS + 3] = 0.0;
+        }
+    }
+    for (int a = 0; a < UNKNOWNS; ++a) {
+        std[a] = std::sqrt(found.covariance[a][a] + errors[0][a] * errors[0][a] + errors[1][a] * errors[1][a]);
+    }
+    for (int p = 0; p < 6; ++p) {
+        for (int q = 0; q < 6; ++q) {
+            for (const auto& kind : errors) covariance[p][q] += kind[UNKNOWNS + p] * kind[UNKNOWNS + q];
+        }
+    }
+}
+
+// Adds a part of contact point and force of a linear beam, foreshortened, for distance and force.
+void add_touch_of_beam(const Rig& rig, const double (&at)[3], double part, std::array<double, 6>& total) {
+    const double distance = at[0] * rig.length_m;
+    const double by_force = rig.force_unit_N / 3.0 * distance * distance * distance / rig.stiffness_Nm2;
+    const double shift_y = at[1] * by_force, shift_z = at[2] * by_force, near = std::max(distance, 1e-9);
+    total[0] += part * (distance - 0.6 * (shift_y * shift_y + shift_z * shift_z) / near);
+    total[1] += part * shift_y;
+    total[2] += part * shift_z;
+    total[3] += part * -1.5 * (at[1] * shift_y + at[2] * shift_z) * rig.force_unit_N / near;
+}
+
+// Adds the second order of contact point and force in the unknowns: linear beam, foreshortening, slope.
+// A point known badly along a bent antenna is known within a bow, which a thin straight ellipsoid would leave.
+void add_bows(const Rig& rig, const Unknowns& unknowns, const Uncertainty& found, double (&total)[6][6]) {
+    double part[3][3], sizes[3], axes[3][3];
+    for (int a = 0; a < UNKNOWNS; ++a) {
+        for (int b = 0; b < UNKNOWNS; ++b) {
+            if (!std::isfinite(found.covariance[a][b])) return;
+            if (a < 3 && b < 3) part[a][b] = found.covariance[a][b];
+        }
+    }
+    symmetric_eigen(view(part), view(sizes), view(axes));
+    std::array<double, 6> middle = {};
+    add_touch_of_beam(rig, {unknowns[0], unknowns[1], unknowns[2]}, -2.0, middle);
+    for (int k = 0; k < 3; ++k) {
+        std::array<double, 6> bow = middle;
+        for (double side : {-1.0, 1.0}) {
+            double there[3];
+            for (int a = 0; a < 3; ++a) there[a] = unknowns[a] + side * axes[a][k] * std::sqrt(std::max(sizes[k], 0.0));
+            add_touch_of_beam(rig, there, 1.0, bow);
+        }
+        for (int p = 0; p < 6; ++p) {
+            // the mean square of z²/2 is 3/4
+            for (int q = 0; q < 6; ++q) total[p][q] += 0.75 * bow[p] * bow[q];
+        }
+    }
+}
+
+// By how many px, rms along the antenna, and σ of the readings the rig's own steps move both.
+void write_drift(const Rig& rig, const Fit& fit, const Numbers& numbers, int row) {
+    const auto moved = [&](const double* columns) {
+        double total = 0.0;
+        for (int k = 0; k < rig.shared; ++k) total += columns[UNKNOWNS + k] * fit.steps[k];
+        return total;
+    };
+    double square = 0.0, most = 0.0;
+    for (int j = 0; j < NODES; ++j) {
+        const double shift = moved(fit.columns.row(j).data);
+        square += shift * shift;
+    }
+    for (int reading = 0; reading < 2; ++reading) {
+        most = std::max(most, std::abs(moved(fit.reading_columns.row(reading).data)));
+    }
+    numbers.drift_px[row] = rig.focal * std::sqrt(square / NODES);
+    numbers.drift_readings[row] = most;
+}
+
+// Points of the fitted antenna at the pieces, antenna frame, and their σ by one frame's noise: from frame to frame, for
+// the rig as it is, of the linear beam, since the rig's errors are the same in all.
+void write_pieces(const Rig& rig, const Fit& fit, ConstVector pieces_m, const Numbers& numbers, int row, Work& work) {
+    const double contact = fit.unknowns[0] * rig.length_m, by_stiffness = rig.force_unit_N / rig.stiffness_Nm2;
+    factorise(fit.information, 0, UNKNOWNS, 0.0, work.factor, work.scale);
+    for (int g = 0; g < PIECES; ++g) {
+        const double at = pieces_m[g], near = std::min(at, contact);
+        const double by_force = by_stiffness * deflection(at, contact);
+        const double by_distance = 0.5 * by_stiffness * near * (2.0 * at - near) * rig.length_m;
+        const std::array<double, 3> point_m = point_at(fit, rig.length_m, at);
+        std::copy(point_m.begin(), point_m.end(), numbers.pieces_m.row(row).row(g).data);
+        double total = 0.0;
+        for (int axis = 1; axis < 3; ++axis) {
+            Unknowns slopes = {fit.unknowns[axis] * by_distance}, moved;
+            slopes[axis] = by_force;
+            solve_factorised(work.factor, work.scale, UNKNOWNS, slopes.data(), moved.data());
+            for (int a = 0; a < UNKNOWNS; ++a) total += slopes[a] * moved[a];
+        }
+        numbers.pieces_std_m(row, g) = std::sqrt(std::max(total, LEAST_STD_M * LEAST_STD_M));
+    }
+}
+
+// How far a load of 1 N/m on each piece, along y and z, would move the distance, in σ.
+void write_push(const Rig& rig, const Frame& frame, const Fit& fit, ConstVector pieces_m, double distance_std,
+                const Numbers& numbers, int row, Work& work) {
+    constexpr int FORCES = 2 * PIECES;
+    const double width = rig.length_m / PIECES;
+    double bent[NODES][PIECES], lever[PIECES], columns[NODES][FORCES], weighted[NODES][FORCES], readings[3][FORCES];
+    for (int g = 0; g < PIECES; ++g) lever[g] = pieces_m[g] * width;
+    for (int j = 0; j < NODES; ++j) {
+        const double at = arclength_of_node(fit, rig.length_m, j);
+        for (int g = 0; g < PIECES; ++g) bent[j][g] = deflection(at, pieces_m[g]) / rig.stiffness_Nm2 * width;
+    }
+    force_columns(rig, frame, fit, view(bent), view(lever), view(columns), view(readings));
+    times_tridiagonal(fit, view(columns), view(weighted));
+    factorise(fit.information, 0, fit.size, 0.0, work.factor, work.scale);
+    // of each pull only the distance's answer is wanted: the first row of the inverse
+    fill(work.step.view(), 0.0);
+    work.step[0] = 1.0;
+    solve_factorised(work.factor, work.scale, fit.size, work.step.begin(), work.step.begin());
+    double moved[FORCES] = {};
+    const auto add = [&](const double* columns_there, double weight, const double* pulls) {
+        double response = 0.0;
+        for (int a = 0; a < fit.size; ++a) response += work.step[a] * columns_there[a];
+        for (int k = 0; k < FORCES; ++k) moved[k] += weight * response * pulls[k];
+    };
+    for (int j = 0; j < NODES; ++j) add(fit.columns.row(j).data, 1.0, weighted[j]);
+    for (int k = 0; k < 3; ++k) add(fit.reading_columns.row(k).data, huber_weight(fit.residual[k]), readings[k]);
+    for (int k = 0; k < FORCES; ++k) numbers.push(row, k / 2, k % 2) = moved[k] / distance_std;
+}
+
+// Contact point, force and their covariances.
+void write_touch(const Rig& rig, const Uncertainty& found, const Findings& findings, const Numbers& numbers, int row,
+                 const Work& work) {
+    const Fit& fit = work.best;
+    const int shared = rig.shared, steps = fit.size - UNKNOWNS;
+    double covariance[6][6], by_distance = 0.0;
+    touch_covariance(found, covariance);
+    // how far a unit error of each of the rig's axes, which all frames share, turns a result
+    Array<double, 2> with_rig(6, shared);
+    for (int k = 0; k < shared; ++k) {
+        Unknowns response = {};
+        for (int a = 0; a < UNKNOWNS; ++a) {
+            for (int b = 0; b < UNKNOWNS; ++b) response[a] += found.covariance[a][b] * found.rig_response(k, b);
+        }
+        by_distance += response[0] * response[0];
+        for (int q = 0; q < 6; ++q) {
+            double turned = found.rig_touch(k, q);
+            for (int a = 0; a < UNKNOWNS; ++a) turned += found.touch[q][a] * response[a];
+            with_rig(q, k) = turned;
+        }
+    }
+    numbers.shared_std[row] = std::sqrt(by_distance);
+    if (!fit.at_tip) add_bows(rig, fit.unknowns, found, covariance);
+    add_model_errors(rig, findings, found, covariance, numbers.std.row(row));
+    const std::array<double, 3> free_point = point_at(work.free, rig.length_m, fit.unknowns[0] * rig.length_m);
+    for (int q = 0; q < 6; ++q) {
+        double touch = fit.point_force[q];
+        for (int k = 0; k < steps; ++k) touch += fit.point_force_columns(q, UNKNOWNS + k) * fit.steps[k];
+        (q < 3 ? numbers.point_m : numbers.force_N)(row, q % 3) = touch;
+        if (q < 3) {
+            numbers.deflection_m(row, q) = touch - free_point[q];
+            numbers.tangent(row, q) = fit.tangents[q][CONTACT];
+        }
+        for (int p = 0; p < 6; ++p) {
+            double pose = 0.0, both = 0.0;
+            for (int k = 0; k < shared; ++k) {
+                pose += with_rig(q, k) * rig.axes(p, k);
+                both += with_rig(q, k) * with_rig(p, k);
+            }
+            numbers.covariance(row, q, p) = covariance[q][p];
+            numbers.with_pose(row, q, p) = pose;
+            numbers.shared(row, q, p) = both;
+        }
+    }
+}
+
+}  // namespace
+
+void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found, const Findings& findings,
+                   ConstVector pieces_m, const Numbers& numbers, int row, Work& work) {
+    const Fit& fit = work.best;
+    write_touch(rig, found, findings, numbers, row, work);
+    write_drift(rig, fit, numbers, row);
+    numbers.points[row] = fit.points;
+    numbers.evaluations[row] = work.evaluations;
+    const double distance_std = std::sqrt(found.covariance[0][0]);
+    const double friction = found.covariance[0][3] / (distance_std * std::sqrt(found.covariance[3][3]));
+    numbers.friction_share[row] = friction * friction;
+    const bool with_end = frame.available[2] > 0.0 && findings.left_px != findings.left_px;
+    numbers.tip_std[row] = with_end ? fit.residual[2] / found.reading_std[2] : NOT_KNOWN;
+    numbers.cost[row] = fit.cost;
+    bool finite = std::isfinite(fit.cost);
+    for (int a = 0; a < UNKNOWNS; ++a) {
+        numbers.unknowns(row, a) = fit.unknowns[a];
+        numbers.alternative_unknowns(row, a) = findings.other.unknowns[a];
+        finite = finite && std::isfinite(fit.unknowns[a]);
+    }
+    numbers.finite[row] = finite;
+    for (int reading = 0; reading < 2; ++reading) {
+        numbers.residual(row, reading) = fit.residual[reading];
+        numbers.residual_std(row, reading) = found.reading_std[reading];
+        numbers.sensor_available(row, reading) = frame.available[reading] > 0.0;
+    }
+    double chi_square = 0.0, largest = 0.0;
+    for (double step : fit.steps) chi_square += step * step;
+    for (int i = 0; i < fit.points; ++i)
+        largest = std::max(largest, fit.distance[i] * fit.distance[i] * fit.precision[i]);
+    numbers.rig_chi_square[row] = chi_square;
+    numbers.rig_axes[row] = fit.size - UNKNOWNS;
+    numbers.converged[row] = fit.converged;
+    numbers.at_tip[row] = fit.at_tip;
+    numbers.scatter[row] = fit.scatter;
+    numbers.condition[row] = found.condition;
+    numbers.evidence[row] = findings.evidence;
+    numbers.alternative_cost[row] = findings.other.cost;
+    numbers.second_gain[row] = findings.second.gain;
+    numbers.second_place[row] = findings.second.place;
+    numbers.second_shift[row] = findings.second.shift;
+    numbers.ambiguous[row] = findings.ambiguous;
+    std::copy_n(findings.bias, REFERENCE + 1, numbers.bias.row(row).data);
+    numbers.farthest[row] = std::sqrt(largest);
+    numbers.outliers[row] = 0;
+    numbers.edge_on_rad[row] = angle_edge_on(rig, fit.unknowns.data());
+    numbers.rung[row] = findings.needed;
+    numbers.left_px[row] = findings.left_px;
+    if (pieces_m.size()) {
+        write_pieces(rig, fit, pieces_m, numbers, row, work);
+        write_push(rig, frame, fit, pieces_m, distance_std, numbers, row, work);
+    } else {
+        fill(numbers.pieces_m.row(row), NOT_KNOWN);
+        fill(numbers.pieces_std_m.row(row), NOT_KNOWN);
+        fill(numbers.push.row(row), NOT_KNOWN);
+    }
+}
+
+double angle_edge_on(const Rig& rig, const double* unknowns) {
+    const double x = rig.eye_m[0] - unknowns[0] * rig.length_m, y = rig.eye_m[1], z = rig.eye_m[2];
+    const double roll = std::atan2(unknowns[2], unknowns[1]);
+    const double height = std::cos(roll) * z - std::sin(roll) * y;
+    return std::atan2(std::abs(height), std::sqrt(std::max(x * x + y * y + z * z - height * height, 0.0)));
+}
+
+}  // namespace vbaa::solver

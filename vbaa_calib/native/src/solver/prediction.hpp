@@ -1,0 +1,35 @@
+// What the model predicts of a frame at given unknowns, and its derivatives by the unknowns.
+// Everything lives on the nodes of the predicted curve. Between nodes the picture's displacement along the normal is
+// taken as linear, which costs a ten-thousandth of it; the curve itself is a cubic.
+#pragma once
+
+#include "solver/structs.hpp"
+
+namespace vbaa::solver {
+
+// Nodes nearer to the camera's plane than this, or behind it, are taken to lie there: their picture is far off.
+constexpr double NEAREST_DEPTH_M = 1e-4;
+
+// All lanes' antenna, contact and force alike.
+void lay(const Rig& rig, Bent& bent, const Unknowns& unknowns);
+
+// All lanes' shapes and pictures; tangents of the first lane's shape.
+void bend_and_see(const Rig& rig, const Frame& frame, int rung, Bent& bent, bool with_tangents);
+
+// What turns a point of the picture into its place along the antenna's end, in σ of the end's own, and a length.
+struct TipAxis {
+    double u, v, per_m;
+};
+TipAxis tip_axis(const Frame& frame, double slope_u, double slope_v);
+TipAxis fitted_tip_axis(const Rig& rig, const Frame& frame, const Fit& fit);
+
+// (2, M) displacement along the picture's normals per metre that a node moves along y and z, antenna frame.
+void point_jacobian(const Rig& rig, const Fit& fit, double (&image)[2][NODES]);
+
+// What the sensor about y (0) or z (1) would read of a lane's shape, in its σ.
+double predicted_moment(const Rig& rig, const Frame& frame, const Bent& bent, int lane, int about);
+
+// The prediction at the fit's unknowns; without `derivatives` its columns by the unknowns stay as they are.
+void predict(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit, bool derivatives);
+
+}  // namespace vbaa::solver

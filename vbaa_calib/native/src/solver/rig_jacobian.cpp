@@ -1,0 +1,191 @@
+#include "solver/rig_jacobian.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "lens.hpp"
+#include "linear_algebra.hpp"
+#include "solver/prediction.hpp"
+
+namespace vbaa::solver {
+
+namespace {
+
+constexpr int PLACE = 2;         // of the antenna's parameters the first ones are the clamp's place, y and z
+constexpr int BASE = LANES - 1;  // the lane of the antenna as it is
+constexpr int SENSOR = POSES + ANTENNA, LENS = SENSOR + 2;  // where these parameters of the rig begin
+constexpr Lanes OF_UNKNOWNS = {1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0};
+static_assert(ANTENNA - PLACE <= BASE && UNKNOWNS == 4);
+
+// Raw derivatives by the pose's tangent, of the fit's points.
+void by_pose(const Rig& rig, Bent& bent, const Fit& fit, const TipAxis& end) {
+    const Lanes by_step = load(rig.by_pose_step);
+    for (int j = 0; j < NODES; ++j) {
+        const double x = fit.points_m[0][j], y = fit.points_m[1][j], z = fit.points_m[2][j];
+        const auto seen = [&](int axis) {
+            const auto& pose = rig.pose_lanes[axis];
+            return x * load(pose[0]) + y * load(pose[1]) + z * load(pose[2]) + load(pose[3]);
+        };
+        Lanes ahead = seen(2);
+        ahead = where_positive(NEAREST_DEPTH_M - ahead, NEAREST_DEPTH_M, ahead);
+        const Lanes by_depth = 1.0 / ahead;
+        const Lanes u = (seen(0) * by_depth - fit.u[j]) * by_step, v = (seen(1) * by_depth - fit.v[j]) * by_step;
+        store(&bent.raw(j, 0), u * fit.normal_u[j] + v * fit.normal_v[j]);
+        if (j == LAST) store(&bent.raw_readings(2, 0), u * end.u + v * end.v);
+    }
+}
+
+// Raw derivatives by all of the antenna's parameters but its place: as many as fit next to the antenna as it is.
+void by_antenna(const Rig& rig, const Frame& frame, int rung, Bent& bent, const Fit& fit, const TipAxis& end) {
+    constexpr int count = ANTENNA - PLACE, first = POSES + PLACE;
+    lay(rig, bent, fit.unknowns);
+    bent.by_step[BASE] = 0.0;
+    for (int lane = 0; lane < count; ++lane) {
+        bent.parameters[PLACE + lane][lane] += rig.antenna_steps[PLACE + lane];
+        bent.by_step[lane] = 1.0 / rig.antenna_steps[PLACE + lane];
+    }
+    bend_and_see(rig, frame, rung, bent, false);
+    const Lanes by_step = load(bent.by_step);
+    const auto change = [&](const double (&values)[LANES]) { return load(values) - values[BASE]; };
+    for (int j = 0; j < NODES; ++j) {
+        const Lanes u = change(bent.u[j]) * (by_step * fit.normal_u[j]);
+        store(&bent.raw(j, first), u + change(bent.v[j]) * (by_step * fit.normal_v[j]));
+    }
+    store(&bent.raw_readings(2, first), (change(bent.u[LAST]) * end.u + change(bent.v[LAST]) * end.v) * by_step);
+    for (int about = 0; about < 2; ++about) {
+        const double base = predicted_moment(rig, frame, bent, BASE, about);
+        for (int lane = 0; lane < count; ++lane) {
+            const double moment = predicted_moment(rig, frame, bent, lane, about);
+            bent.raw_readings(about, first + lane) = (moment - base) * bent.by_step[lane];
+        }
+    }
+    for (int axis = 0; axis < 3; ++axis) {
+        store(&bent.raw_point_force(axis, first), change(bent.points_m[axis][CONTACT]) * by_step);
+        store(&bent.raw_point_force(3 + axis, first), change(bent.force_N[axis]) * by_step);
+    }
+}
+
+// Raw derivatives by where the clamp stands across the antenna frame's x axis: the whole antenna goes with it.
+void by_place(const Rig& rig, const Frame& frame, int rung, Bent& bent, const Fit& fit, const TipAxis& end) {
+    const auto& turn = rig.rotation;
+    double image[2][NODES];
+    point_jacobian(rig, fit, image);
+    const double pull = bent.force_N[0][BASE];
+    const double weight = std::exp(rig.antenna_parameters[7]) * rig.length_m * frame.gravity_m_s2[0];
+    // small deflections: only friction's part of the pull has a moment about the clamp's place
+    double lever = pull;
+    if (rung < ELASTICA) {
+        lever = -std::hypot(bent.push_N[0][BASE], bent.push_N[1][BASE]) * std::tan(bent.friction_rad[BASE]);
+    }
+    for (int k = 0; k < PLACE; ++k) {
+        const int column = POSES + k;
+        for (int j = 0; j < NODES; ++j) bent.raw(j, column) = image[k][j];
+        const double ahead = (end.u * fit.u[LAST] + end.v * fit.v[LAST]) * turn[2][1 + k];
+        bent.raw_readings(2, column) = (end.u * turn[0][1 + k] + end.v * turn[1][1 + k] - ahead) / fit.depth[LAST];
+        for (int q = 0; q < 6; ++q) bent.raw_point_force(q, column) = q == 1 + k ? 1.0 : 0.0;
+    }
+    const double about_z = rig.with_second_sensor ? -(pull + weight) : 0.0;
+    bent.raw_readings(0, POSES) = bent.raw_readings(1, POSES + 1) = 0.0;
+    bent.raw_readings(0, POSES + 1) = -(lever + weight) * rig.gain[0] / rig.std[0];
+    bent.raw_readings(1, POSES) = about_z * rig.gain[1] / rig.std[1];
+}
+
+// Raw derivatives of what is read, in σ, by gain and offset of the sensor about y.
+void by_sensor(const Rig& rig, Bent& bent) {
+    const double gain = rig.gain[0] != 0.0 ? rig.gain[0] : 1.0;
+    bent.raw_readings(0, SENSOR) = bent.moment_Nm[BASE] * rig.gain[0] / gain / rig.std[0];
+    bent.raw_readings(0, SENSOR + 1) = 1.0 / rig.std[0];
+}
+
+// Raw derivatives by the lens, which moves the seen points, not the curve.
+void by_lens(const Rig& rig, Bent& bent, const Fit& fit, const TipAxis& end) {
+    const int count = rig.lens->parameters();
+    for (int begin = 0; begin < NODES; begin += LANES) {
+        const int some = std::min(LANES, NODES - begin);
+        for (int lane = 0; lane < LANES; ++lane) {
+            const int j = begin + std::min(lane, some - 1);
+            bent.seen[0][lane] = fit.u[j], bent.seen[1][lane] = fit.v[j];
+        }
+        lens::normalized_by_lens(*rig.lens, bent.seen, view(bent.by_lens));
+        for (int lane = 0; lane < some; ++lane) {
+            const int j = begin + lane;
+            for (int k = 0; k < count; ++k) {
+                const double u = bent.by_lens[0][k][lane], v = bent.by_lens[1][k][lane];
+                bent.raw(j, LENS + k) = -(fit.normal_u[j] * u + fit.normal_v[j] * v);
+            }
+        }
+    }
+    constexpr int last = LAST % LANES;
+    for (int k = 0; k < count; ++k) {
+        bent.raw_readings(2, LENS + k) = -(end.u * bent.by_lens[0][k][last] + end.v * bent.by_lens[1][k][last]);
+    }
+}
+
+// Three rows of derivatives by the rig's parameters along the axes in COUNT vectors of columns.
+template <int COUNT>
+void three_along_axes(ConstMatrix axes, ConstMatrix raw, int row, int first, Matrix columns) {
+    Lanes sums[3][COUNT];
+    for (auto& sums_of_row : sums) {
+        for (Lanes& sum : sums_of_row) sum = spread(0.0);
+    }
+    const int wide = axes.shape[1], apart = raw.shape[1];
+    const double *axis = axes.data + first, *parts = raw.data + row * apart;
+    for (int q = 0; q < axes.shape[0]; ++q, axis += wide) {
+        for (int c = 0; c < COUNT; ++c) {
+            const Lanes along = load(axis + c * LANES);
+            for (int r = 0; r < 3; ++r) sums[r][c] += parts[r * apart + q] * along;
+        }
+    }
+    for (int r = 0; r < 3; ++r) {
+        double* to = &columns(row + r, first);
+        if (first == 0) sums[r][0] = where_positive(OF_UNKNOWNS, load(to), sums[r][0]);
+        for (int c = 0; c < COUNT; ++c) store(to + c * LANES, sums[r][c]);
+    }
+}
+
+// Derivatives by the rig's parameters (rows, Q) along the axes (Q, K′), into the columns after the unknowns.
+void along_axes(ConstMatrix axes, ConstMatrix raw, Matrix columns) {
+    static_assert(NODES % 3 == 0);
+    for (int row = 0; row < raw.shape[0]; row += 3) {
+        by_vectors(axes.shape[1],
+                   [&](auto count, int first) { three_along_axes<count>(axes, raw, row, first, columns); });
+    }
+}
+
+// The found line's own errors: offset, slope and curvature along the antenna, which readings and contact do not have.
+void by_line(const Rig& rig, Fit& fit) {
+    for (int k = 0; k < rig.line.size(); ++k) {
+        const int column = UNKNOWNS + rig.shared + k;
+        for (int j = 0; j < NODES; ++j) {
+            const double along = 2.0 * arclength_of_node(fit, rig.length_m, j) / rig.length_m - 1.0;
+            const double shape = k == 0 ? 1.0 : k == 1 ? along : 1.5 * along * along - 0.5;
+            fit.columns(j, column) = shape * rig.line[k];
+        }
+        for (int reading = 0; reading < 3; ++reading) fit.reading_columns(reading, column) = 0.0;
+        for (int q = 0; q < 6; ++q) fit.point_force_columns(q, column) = 0.0;
+    }
+}
+
+}  // namespace
+
+void rig_jacobian(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit) {
+    if (rig.steps() == 0) return;
+    rung = std::max<int>(rung, LINEAR);
+    const TipAxis end = fitted_tip_axis(rig, frame, fit);
+    // each writes whole vectors, whose ends the next one overwrites
+    by_pose(rig, bent, fit, end);
+    by_antenna(rig, frame, rung, bent, fit, end);
+    by_place(rig, frame, rung, bent, fit, end);
+    by_sensor(rig, bent);
+    if (rig.with_lens) by_lens(rig, bent, fit, end);
+    if (rig.with_tip) bent.raw_readings(2, rig.axes.shape[0] - 1) = end.per_m;
+    along_axes(bent.axes, bent.raw, fit.columns);
+    along_axes(bent.axes, bent.raw_readings, fit.reading_columns);
+    along_axes(bent.axes, bent.raw_point_force, fit.point_force_columns);
+    for (int reading = 0; reading < 3; ++reading) {
+        for (int k = 0; k < rig.shared; ++k) fit.reading_columns(reading, UNKNOWNS + k) *= frame.available[reading];
+    }
+    by_line(rig, fit);
+}
+
+}  // namespace vbaa::solver

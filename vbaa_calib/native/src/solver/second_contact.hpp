@@ -1,0 +1,24 @@
+// Is there a second contact? A score test: what another force elsewhere would still explain.
+#pragma once
+
+#include "solver/structs.hpp"
+
+namespace vbaa::solver {
+
+// The best second force: how much it lowers the cost, at the scatter that neighbouring points have; where it acts, in
+// antenna lengths; how far the first contact's distance would move, in σ. Zeros where the residuals have no structure.
+struct SecondForce {
+    double gain = 0.0, place = 0.0, shift = 0.0;
+};
+
+// What the best second force would do to a frame. problem: the fit with the residuals of the highest rung, whose shapes
+// are right, and their sums.
+SecondForce second_force(const Rig& rig, const Frame& frame, int rung, const Fit& fit, const Fit& problem,
+                         double distance_std, Work& work);
+
+// What forces along y and z at G places do: displacement (M, 2 G), and what is read (3, 2 G), in σ.
+// bent: (M, G) how far each deflects the antenna, m. lever: (G,) its moment at the clamp, N·m.
+void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, ConstMatrix bent, ConstVector lever,
+                   Matrix columns, Matrix readings);
+
+}  // namespace vbaa::solver

@@ -1,0 +1,238 @@
+// What the fit of a frame works on: rig, frame, fit, uncertainty and scratch room.
+#pragma once
+
+#include <array>
+
+#include "arrays.hpp"
+#include "lanes.hpp"
+
+namespace vbaa::lens {
+struct Lens;
+}
+
+namespace vbaa::solver {
+
+constexpr int UNKNOWNS =
+    4;  // distance in antenna lengths, force along y and z of the clamp in units, friction angle in σ
+constexpr int POSES = 6, ANTENNA = 9;  // parameters of the camera's pose and of the antenna
+constexpr int NODES_TO_CONTACT = 40, NODES_BEYOND = 17, NODES = NODES_TO_CONTACT + NODES_BEYOND;
+constexpr int CONTACT = NODES_TO_CONTACT - 1, LAST = NODES - 1;  // the contact's node and the tip's
+constexpr int WIDE_NODES = whole_lanes(NODES);
+constexpr int GRID = 3 * LANES;  // distances that are tried before a fit begins
+constexpr int STARTS = 2;        // minima that are searched for each frame
+// Evaluations of the model after which a frame is given up: sound frames take 3 to 30, by vision alone up to 200.
+constexpr int MOST_EVALUATIONS = 400;
+constexpr double TIP = 1.0;                 // the tip's distance in antenna lengths
+constexpr double HUBER = 2.5;               // whitened residuals beyond this count linearly
+constexpr double TIP_DEFLECTION_STD = 0.3;  // prior of the tip's deflection, in antenna lengths
+
+// Models of the antenna, lowest first; the shapes of those from ELASTICA on depend on friction.
+enum Rung { PAPER, LINEAR, ELASTICA, ROD };
+constexpr int REFERENCE = ROD;
+
+using Unknowns = std::array<double, UNKNOWNS>;
+
+template <class T, std::size_t A>
+View<T, 1> view(T (&values)[A]) {
+    return {values, {static_cast<int>(A)}};
+}
+template <class T, std::size_t A, std::size_t B>
+View<T, 2> view(T (&values)[A][B]) {
+    return {values[0], {static_cast<int>(A), static_cast<int>(B)}};
+}
+template <class T, std::size_t A, std::size_t B, std::size_t C>
+View<T, 3> view(T (&values)[A][B][C]) {
+    return {values[0][0], {static_cast<int>(A), static_cast<int>(B), static_cast<int>(C)}};
+}
+
+// What is known before a frame is seen, see `RigArrays` in Python.
+struct Rig {
+    double length_m, friction_rad, force_unit_N, unit_load, tip_offset_m, stiffness_Nm2;
+    // whether the rig knows the antenna's end, a sensor about z, and the lens' uncertainty
+    bool with_tip, with_second_sensor, with_lens;
+    const lens::Lens* lens;
+    double antenna_parameters[ANTENNA], antenna_steps[ANTENNA];
+    double pose_lanes[3][4][LANES];  // rotation and translation into the camera of poses moved along each tangent axis
+    double by_pose_step[LANES];      // one over those steps, zeros after the sixth
+    double rotation[3][3], translation_m[3];  // antenna frame to camera
+    double gain[2], offset[2], std[2];        // of the sensors about y and z; a missing one has the gain 0
+    int shared;                               // R independent axes of the rig's errors, which all frames share
+    Array<double, 2> axes;  // (Q, R) steps of the Q parameters of unit σ, each row filled with zeros to whole vectors
+    Array<double, 1> line;  // (L,) σ of the found line's own errors: offset, slope, curvature; or none
+    double to_camera[2];    // unit direction across the antenna's x axis to the camera
+    double eye_m[3];        // the camera's centre in the clamp's frame
+    double focal;           // mean focal length, px
+
+    int steps() const { return shared + line.size(); }
+};
+
+// Small deflection of the tip by a unit force at a distance, both in antenna lengths.
+inline double tip_deflection(const Rig& rig, double distance) {
+    return rig.unit_load / 6.0 * distance * distance * (3.0 - distance);
+}
+
+// One frame: its usable points in the ideal picture and what the sensors read.
+struct Frame {
+    int count;                // N points
+    Array<double, 2> points;  // (5, N′) u, v and covariance xx, xy, yy; what fills the rows to whole vectors is finite
+    double moment_Nm[2];      // read about y and z
+    double tip[2], tip_covariance[3];  // the antenna's end, as the points
+    double available[3];     // 1 where there is a reading about y, about z, an end; less where it is noisier; 0 without
+    double gravity_m_s2[3];  // antenna frame
+
+    const double* u() const { return points.begin(); }
+    const double* v() const { return points.begin() + points.shape[1]; }
+    const double* xx() const { return points.begin() + 2 * points.shape[1]; }
+    const double* xy() const { return points.begin() + 3 * points.shape[1]; }
+    const double* yy() const { return points.begin() + 4 * points.shape[1]; }
+};
+
+// Where a descent stands: what it goes back to if a step was none.
+struct State {
+    Unknowns unknowns = {};
+    Array<double, 1> steps;   // (R + L,) along the rig's independent axes, in σ
+    Array<double, 1> foot_m;  // (N′,) arc lengths of the points of the curve nearest to the seen ones
+    double cost = 0.0;        // robust, priors included
+    double scatter = 1.0;     // factor on the points' σ
+    double contact_m = 0.0;   // the contact's arc length on the nodes
+    bool converged = false;
+    bool at_tip = false;           // the distance is fixed at the tip
+    Array<double, 2> information;  // (K′, K′) of the normal equations, priors included
+    Array<double, 1> side;         // (K′,) their right side
+
+    State(int points, int rig_steps)
+        : steps(rig_steps),
+          foot_m(whole_lanes(points)),
+          information(whole_lanes(UNKNOWNS + rig_steps), whole_lanes(UNKNOWNS + rig_steps)),
+          side(whole_lanes(UNKNOWNS + rig_steps)) {}
+};
+
+// A fit of N points in K unknowns and rig steps. Rows are whole vectors: K′ and N′ are K and N rounded up, and what
+// fills them is zero, or finite and without weight. Assignment copies one fit into another of the same sizes.
+struct Fit : State {
+    int points, size;                               // N, K
+    double points_m[3][NODES], tangents[3][NODES];  // of the predicted antenna, antenna frame
+    double u[NODES], v[NODES], depth[NODES];        // its ideal picture
+    double normal_u[NODES], normal_v[NODES];        // unit normals there
+    double cubics[NODES][8];   // the picture between nodes: four coefficients of u, then of v, by the share of the way
+    Array<double, 2> columns;  // (M, K′) displacement along the normals by unknowns and rig steps
+    Array<double, 2> reading_columns;  // (3, K′) of the predicted readings, in σ: moments about y and z, and the end
+    double point_force[6];             // contact point, m, and force, N, antenna frame
+    Array<double, 2> point_force_columns;       // (6, K′)
+    double predicted_residual[3], residual[3];  // what was read less what is predicted, in σ; with the rig's steps
+    Array<int, 1> node;                         // (N′,) the node before each foot
+    Array<double, 1> share;                     // (N′,) the part of the way to the next one
+    Array<double, 1> distance;   // (N′,) of the points from the curve along its normal, the rig's steps taken out
+    Array<double, 1> precision;  // (N′,) one over the variance of that
+    // weighted sums of the points over nodes, a tridiagonal information and its right side. For values c on the nodes,
+    // linear between them: Σ w c² = Σ diagonal·c² + 2 Σ off_diagonal·c·c₊₁ and Σ w c·r = Σ pull·c
+    double diagonal[NODES], off_diagonal[NODES], pull[NODES];
+
+    Fit(int count, int rig_steps)
+        : State(count, rig_steps),
+          points(count),
+          size(UNKNOWNS + rig_steps),
+          points_m{},
+          tangents{},
+          u{},
+          v{},
+          depth{},
+          normal_u{},
+          normal_v{},
+          cubics{},
+          columns(NODES, whole_lanes(size)),
+          reading_columns(3, whole_lanes(size)),
+          point_force{},
+          point_force_columns(6, whole_lanes(size)),
+          predicted_residual{},
+          residual{},
+          node(whole_lanes(count)),
+          share(whole_lanes(count)),
+          distance(whole_lanes(count)),
+          precision(whole_lanes(count)),
+          diagonal{},
+          off_diagonal{},
+          pull{} {}
+};
+
+inline void keep(const Fit& fit, State& kept) { kept = fit; }
+
+// Return to a state; what belongs to the curve stays as it is.
+inline void go_back(const State& kept, Fit& fit) { static_cast<State&>(fit) = kept; }
+
+// Arc length, m, of a place given in nodes: they are equally spaced on either side of the contact.
+inline double arclength_of_node(const Fit& fit, double length_m, double node) {
+    const double past = node > CONTACT ? node - CONTACT : 0.0;
+    return (node - past) * (fit.contact_m / CONTACT) + past * ((length_m - fit.contact_m) / NODES_BEYOND);
+}
+
+struct Place {
+    int node;      // before it
+    double share;  // of the way to the next node
+    double width;  // from node to node, m
+};
+
+// Where an arc length lies between the nodes.
+Place locate(const Fit& fit, double length_m, double arclength_m);
+
+// Shapes of LANES antennas next to each other and their ideal picture; scratch room of one frame.
+struct alignas(LANES * sizeof(double)) Bent {
+    double parameters[ANTENNA][LANES];
+    double contact_m[LANES], push_N[2][LANES], friction_rad[LANES];
+    double points_m[3][NODES][LANES];
+    double tangents[3][WIDE_NODES];  // of the first shape
+    double force_N[3][LANES], moment_Nm[LANES];
+    double u[NODES][LANES], v[NODES][LANES], depth[NODES][LANES];
+    double by_step[LANES];  // one over each lane's step
+    double by_lens[2][18][LANES], seen[6][LANES];
+    Array<double, 2> axes;  // (Q, K′) the rig's, in the columns that a fit has for them, zeros elsewhere
+    // derivatives (M, Q′), (3, Q′), (6, Q′) by the rig's Q parameters, with room to write whole vectors anywhere
+    Array<double, 2> raw, raw_readings, raw_point_force;
+
+    explicit Bent(const Rig& rig);
+};
+
+// Scratch room for one frame at a time.
+struct Work {
+    Bent bent;
+    Fit free;         // the free antenna
+    Fit best, found;  // of the frame's minima
+    Fit other;        // for whatever is done at the moment
+    State kept;       // lowest of a descent
+    double shift[NODES];
+    Array<double, 2> product;      // (M, K′)
+    Array<double, 2> factor;       // (K′, K′)
+    Array<double, 1> scale, step;  // (K′,)
+    Unknowns start = {};
+    int evaluations = 0, most = MOST_EVALUATIONS;  // of the model so far, and after how many to give up
+
+    Work(const Rig& rig, int points);
+};
+
+// Distances of the grid, what unit forces there do, and what the best forces explain.
+struct Grid {
+    double distance[GRID];   // antenna lengths
+    double image[2][NODES];  // displacement of the picture by a unit force along y and z, per deflection of a unit beam
+    double moment[2][GRID];  // response, in σ, of the sensor about z to a unit force along y; of that about y to one
+                             // along z
+    double force[GRID][2];   // the best ones
+    double gain[GRID];       // the cost that each explains
+    Array<double, 1> best_steps;  // (R + L,) of the rig, at the best force
+    Array<double, 1> weight;      // (N,) of the points
+    Array<double, 2> crossed;     // (R + L, 2 G + LANES) what rig steps and unit forces have in common
+};
+
+// First-order uncertainty of a fit with R rig steps.
+struct Uncertainty {
+    double covariance[UNKNOWNS][UNKNOWNS];  // from noise and rig together; infinite where not observable
+    Array<double, 2> rig_response;          // (R, 4) how the rig's likeliest steps go with the unknowns
+    double touch[6][UNKNOWNS];              // contact point and force by the unknowns, the rig's steps going with them
+    Array<double, 2> rig_touch;  // (R, 6) covariance of the rig's steps, for a known contact, with point and force
+    double touch_by_rig[6][6];   // what the rig's steps, for a known contact, make of their covariance
+    double condition;            // of the contact's own information, scaled to a unit diagonal
+    double reading_std[3];       // σ of each reading's whitened residual, below one as far as the moment was fitted
+
+    explicit Uncertainty(int steps) : rig_response(steps, UNKNOWNS), rig_touch(steps, 6) {}
+};
+
+}  // namespace vbaa::solver
