@@ -4,7 +4,7 @@
 #pragma once
 
 #include <array>
-#include <initializer_list>
+#include <vector>
 
 #include "arrays.hpp"
 
@@ -25,7 +25,7 @@ struct SmoothCurve {
 // Weighted fit at places `share` (N,), fractions of the way, of values (N,) with initial weights (N,), by cubic
 // B-splines on so many pieces. One round for each of the scales: the residual at which a point counts half.
 // stiffness : of the penalty on bends, as a fraction of the mean weight of a coefficient.
-SmoothCurve fit_smooth(ConstVector share, ConstVector values, ConstVector weights, std::initializer_list<double> scales,
+SmoothCurve fit_smooth(ConstVector share, ConstVector values, ConstVector weights, const std::vector<double>& scales,
                        int pieces, double stiffness);
 
 // Values (M,) of the curve at other places (M,), fractions of the way.
@@ -47,5 +47,8 @@ double quantile(ConstVector values, double share);
 
 // The upper median of values (N,), N > 0.
 double median(ConstVector values);
+
+// The value at a place of what is linear between ascending places (N,), N > 0, with values (N,), constant beyond them.
+double interpolated(ConstVector places, ConstVector values, double at);
 
 }  // namespace vbaa

@@ -54,4 +54,11 @@ Numpy<T, N> to_numpy(Array<T, N>&& made) {
     return Numpy<T, N>(kept->values.data(), N, shape.data(), owner);
 }
 
+// The same of marks (N,), as NumPy's bool.
+inline Numpy<bool, 1> to_flags(Array<unsigned char, 1>&& made) {
+    const auto marks = to_numpy(std::move(made));
+    const std::size_t count = marks.shape(0);
+    return Numpy<bool, 1>(reinterpret_cast<bool*>(marks.data()), 1, &count, nb::find(marks));
+}
+
 }  // namespace vbaa

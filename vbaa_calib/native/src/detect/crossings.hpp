@@ -1,6 +1,8 @@
 // Raw pixels across a path: one profile for every column (or row) of pixels that the path crosses.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <memory>
 
 #include "arrays.hpp"
@@ -44,9 +46,15 @@ Array<double, 2> moved(const Crossings& found, ConstVector shift);
 void remove_background(Matrix rows);
 
 // Σ of the products of two rows (T,).
-double dot(ConstVector one, ConstVector other);
+inline double dot(ConstVector one, ConstVector other) {
+    double total = 0.0;
+    for (int t = 0; t < one.shape[0]; ++t) total += one[t] * other[t];
+    return total;
+}
 
 // A distance in whole pixels, below twice the length of a profile.
-int pixels_off(double distance, int length);
+inline int pixels_off(double distance, int length) {
+    return static_cast<int>(std::min(2.0 * length - 1.0, std::abs(distance)));
+}
 
 }  // namespace vbaa::detect
