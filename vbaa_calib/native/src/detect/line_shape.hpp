@@ -59,7 +59,7 @@ CrossSection nearest(const Binned& seen, const Shapes& known);
 // The smooth symmetric shape that the heights show, whatever it is.
 CrossSection learn(const Binned& seen, const Shapes& known);
 
-// Lines fitted to N profiles of T pixels.
+// Lines fitted to N profiles of T pixels, in whole lanes: what lies behind the pixels means nothing.
 struct Fits {
     Numbers shift;         // (N,) how far the line lies from the assumed centre along the profile, px
     Numbers height;        // (N,) grey levels
