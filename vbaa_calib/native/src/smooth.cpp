@@ -168,17 +168,16 @@ Array<double, 1> running_mean(ConstVector values, int size, Beyond beyond) {
 Array<double, 2> triangle_sums(ConstMatrix values, int count) {
     const int rows = values.shape[0], columns = values.shape[1], ahead = count - count / 2;
     Array<double, 2> once(rows, columns), twice(rows, columns);
-    std::vector<double> total(columns);
+    const std::vector<double> nothing(columns);
     const auto running = [&](ConstMatrix from, Matrix sums) {
-        std::fill(total.begin(), total.end(), 0.0);
-        for (int n = 0; n < std::min(ahead, rows); ++n)
-            for (int m = 0; m < columns; ++m) total[m] += from(n, m);
+        const auto row = [&](int n) { return n >= 0 && n < rows ? from.row(n).data : nothing.data(); };
         for (int n = 0; n < rows; ++n) {
-            for (int m = 0; m < columns; ++m) sums(n, m) = total[m];
-            if (n + ahead < rows)
-                for (int m = 0; m < columns; ++m) total[m] += from(n + ahead, m);
-            if (n - count / 2 >= 0)
-                for (int m = 0; m < columns; ++m) total[m] -= from(n - count / 2, m);
+            const double *before = n ? sums.row(n - 1).data : nothing.data(), *entering = row(n - 1 + ahead);
+            const double* leaving = row(n ? n - 1 - count / 2 : -1);
+            double* __restrict to = sums.row(n).data;
+            for (int m = 0; m < columns; ++m) to[m] = before[m] + entering[m] - leaving[m];
+            for (int other = 0; n == 0 && other < ahead - 1; ++other)
+                for (int m = 0; m < columns; ++m) to[m] += row(other)[m];
         }
     };
     running(values, once);

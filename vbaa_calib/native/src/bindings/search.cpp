@@ -120,6 +120,8 @@ void bind_paths(nb::module_& room) {
         const auto path = points(path_px);
         return unlocked([&] { return detect::crossings(taken, path, half, sign); });
     });
+    room.attr("CURVE_POINTS") = detect::CURVE_POINTS;
+    room.attr("CURVE_STEP_PX") = detect::CURVE_STEP_PX;
     nb::class_<detect::Curves>(room, "Curves")
         .def("__init__", [](detect::Curves* made, int reach, InMatrix curves, InVector bent, InMatrix finer) {
             require(reach > 0, "curves reach one pixel at least");
@@ -204,6 +206,9 @@ ConstMatrix looks_of(const InMatrix& looks) {
 }
 
 void bind_colours(nb::module_& room) {
+    room.attr("RUN") = detect::RUN;
+    room.attr("FOREIGN") = detect::FOREIGN;
+    room.attr("MOSTLY_FOREIGN") = detect::MOSTLY_FOREIGN;
     room.def("colours_at", [](InPicture image, double level, InMatrix at) {
         return to_numpy(detect::colours_at(picture(image), level, points(at)));
     });

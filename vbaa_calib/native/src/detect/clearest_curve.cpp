@@ -9,8 +9,8 @@
 namespace vbaa::detect {
 namespace {
 
-// Spacing of the curves that are tried, and what a bent one must show more.
-constexpr double CURVE_STEP_PX = 2.0, BENT_COST = 0.3;
+// What a bent curve must show more.
+constexpr double BENT_COST = 0.3;
 // After so many points each, a curve is given up that the rest cannot make the clearest.
 constexpr int GIVEN_UP = 12;
 // Another curve is followed, too, if it is this part as clear and far off the clearest in so many of the points after

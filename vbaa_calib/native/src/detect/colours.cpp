@@ -9,10 +9,8 @@ namespace vbaa::detect {
 namespace {
 
 constexpr double NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();
-// Points averaged for a colour, and the fewest points from which the light follows.
-constexpr int RUN = 15, LEAST_POINTS = 20;
-// Deviations from the usual colour beyond which a point is no antenna, and, in the median, the whole line is none.
-constexpr double FOREIGN = 4.0, MOSTLY_FOREIGN = 2.5;
+// The fewest points from which the light follows.
+constexpr int LEAST_POINTS = 20;
 // Limits of its brightness, over that in the light, where an antenna may lie in a shadow; a quantile of how far its hue
 // is off in the light, and how many times that it may be off in a shadow.
 constexpr double SHADE[2] = {0.33, 1.15}, TINT[2] = {0.9, 2.0};

@@ -5,6 +5,11 @@
 
 namespace vbaa::detect {
 
+// Points averaged for a colour. Deviations from the usual one beyond which a point is no antenna, and, in the median,
+// the whole line is none.
+constexpr int RUN = 15;
+constexpr double FOREIGN = 4.0, MOSTLY_FOREIGN = 2.5;
+
 // (N, 3) colours at the pixels nearest to points (N, 2), grey levels of 8 bits, one of which is `level` of the
 // picture's; grey is three times one.
 Array<double, 2> colours_at(const Picture& picture, double level, ConstMatrix points);

@@ -15,6 +15,7 @@ constexpr double SPACING_PX = 0.95;
 constexpr int BOW_RUN = 23;
 
 using Pixels = View<int, 2>;
+using Profiles = std::array<Array<double, 2>, 2>;
 
 Crossings empty(int count, int length) {
     Crossings found;
@@ -22,8 +23,8 @@ Crossings empty(int count, int length) {
     found.axis = Array<int, 1>(count);
     found.inside = Array<unsigned char, 1>(count);
     found.along = found.stretch = found.side = found.bow = Array<double, 1>(count);
-    const auto both = std::make_shared<std::array<Array<double, 2>, 2>>();
-    both->fill(Array<double, 2>(count, length));
+    const auto both =
+        std::make_shared<const Profiles>(Profiles{Array<double, 2>(count, length), Array<double, 2>(count, length)});
     found.across = (*both)[0];
     found.profiles = (*both)[1];
     found.kept = both;
@@ -131,8 +132,8 @@ Crossings every(const Crossings& found, int step) {
     some.side = every_row(found.side.view(), step);
     some.bow = every_row(found.bow.view(), step);
     some.inside = every_row(found.inside.view(), step);
-    const auto both = std::make_shared<const std::array<Array<double, 2>, 2>>(
-        std::array<Array<double, 2>, 2>{every_row(found.across, step), every_row(found.profiles, step)});
+    const auto both =
+        std::make_shared<const Profiles>(Profiles{every_row(found.across, step), every_row(found.profiles, step)});
     some.across = (*both)[0];
     some.profiles = (*both)[1];
     some.kept = both;

@@ -6,8 +6,9 @@
 
 namespace vbaa::detect {
 
-// Points of the curves that are tried.
+// Points and spacing of the curves that are tried.
 constexpr int CURVE_POINTS = 60;
+constexpr double CURVE_STEP_PX = 2.0;
 
 // Curves that are tried across a strip of 2·reach + 1 rows.
 struct Curves {

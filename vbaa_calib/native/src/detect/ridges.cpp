@@ -7,6 +7,7 @@ namespace vbaa::detect {
 namespace {
 
 constexpr int STEPS[DIRECTIONS][2] = {{0, 1}, {1, 1}, {1, 0}, {1, -1}};
+constexpr double LENGTHS[DIRECTIONS] = {1.0, 1.4142135623730951, 1.0, 1.4142135623730951};
 // Quantile of the response that is taken as the background's texture.
 constexpr double TEXTURE_QUANTILE = 0.8;
 // Fraction of their length over which two paths must differ to be two.
@@ -43,9 +44,9 @@ int across(double u, double v) {
     int nearest = 0;
     double most = -1.0;
     for (int step = 0; step < DIRECTIONS; ++step) {
-        const double size = std::hypot(STEPS[step][0], STEPS[step][1]);
-        const double along = std::abs(u * (STEPS[step][1] / size) - v * (STEPS[step][0] / size));
-        if (along > most) nearest = step, most = along;
+        const double along = std::abs(u * STEPS[step][1] - v * STEPS[step][0]) / LENGTHS[step];
+        nearest = along > most ? step : nearest;
+        most = std::max(most, along);
     }
     return nearest;
 }
@@ -72,16 +73,17 @@ Array<std::int32_t, 2> places(ConstCube paths_px, const Reduction& reduction) {
     const int count = paths_px.shape[0], samples = paths_px.shape[1];
     Array<std::int32_t, 2> index(count, samples);
     const auto reduced = [&](double px) { return std::rint(((px + 0.5) / factor - 0.5) / pool); };
-    for (int p = 0; p < count; ++p)
+    for (int p = 0; p < count; ++p) {
+        const ConstMatrix path = paths_px.row(p);
         for (int s = 0; s < samples; ++s) {
             const int before = std::max(s - 1, 0), after = std::min(s + 1, samples - 1);
-            const int direction =
-                across(paths_px(p, after, 0) - paths_px(p, before, 0), paths_px(p, after, 1) - paths_px(p, before, 1));
-            const double column = reduced(paths_px(p, s, 0)), row = reduced(paths_px(p, s, 1));
+            const int direction = across(path(after, 0) - path(before, 0), path(after, 1) - path(before, 1));
+            const double column = reduced(path(s, 0)), row = reduced(path(s, 1));
             const bool inside = column >= 0.0 && column < columns && row >= 0.0 && row < rows;
             index(p, s) = inside ? (direction * rows + static_cast<int>(row)) * columns + static_cast<int>(column)
                                  : DIRECTIONS * rows * columns;
         }
+    }
     return index;
 }
 
@@ -136,20 +138,19 @@ Array<double, 1> scores(Bytes flat, View<const std::int32_t, 2> index, ConstVect
 std::vector<int> clearest_paths(ConstVector score, ConstCube paths_px, double apart_px, int count, double share) {
     const int paths = score.shape[0];
     std::vector<int> found = {static_cast<int>(std::max_element(score.begin(), score.end()) - score.begin())};
-    std::vector<bool> left(paths);
+    std::vector<char> left(paths);
     for (int p = 0; p < paths; ++p) left[p] = score[p] >= share * score[found[0]];
-    const auto differs = [&](int p, int best) {
+    const auto differs = [&](ConstMatrix path, ConstMatrix best) {
         int apart = 0, several = 0;
-        for (int s = 0; s < paths_px.shape[1]; s += COMPARED, ++several)
-            apart += std::max(std::abs(paths_px(p, s, 0) - paths_px(best, s, 0)),
-                              std::abs(paths_px(p, s, 1) - paths_px(best, s, 1))) > apart_px;
+        for (int s = 0; s < path.shape[0]; s += COMPARED, ++several)
+            apart += std::max(std::abs(path(s, 0) - best(s, 0)), std::abs(path(s, 1) - best(s, 1))) > apart_px;
         return apart >= APART * several;
     };
     while (static_cast<int>(found.size()) < count) {
         int other = -1;
         for (int p = 0; p < paths; ++p) {
             if (!left[p]) continue;
-            left[p] = differs(p, found.back());
+            left[p] = differs(paths_px.row(p), paths_px.row(found.back()));
             if (left[p] && (other < 0 || score[p] > score[other])) other = p;
         }
         if (other < 0) break;
