@@ -41,31 +41,46 @@ struct Pixels {
     }
 };
 
-Lanes bounded(Lanes values, double low, double high) {
+Lanes clamped(Lanes values, double low, double high) {
     const Lanes raised = where_positive(values - low, values, low);
     return where_positive(high - raised, raised, high);
 }
 
-// Profile n's cross-section and its derivative at distances (T,) from the centre, px: into (T,) each, T whole lanes.
-void look_up(const CrossSection& section, int n, ConstVector across, double* value, double* slope) {
-    const int last = section.values.shape[0] - 1, several = section.values.shape[1];
-    const double* const weights = section.weights.size() ? section.weights.row(n).data : nullptr;
-    const auto weighted = [&](const double* row) {
-        return weights ? dot({weights, {several}}, {row, {several}}) : *row;
-    };
-    for (int t = 0; t < across.shape[0]; t += LANES) {
-        const Lanes place = bounded(load(&across[t]) * PER_PX + 0.5 * last, 0.0, last);
-        Lanes far = place, values, next_values, slopes, next_slopes;
-        for (int lane = 0; lane < LANES; ++lane) {
-            const int row = std::min(static_cast<int>(place[lane]), last - 1), at = row * several;
-            far[lane] -= row;
-            values[lane] = weighted(section.values.begin() + at);
-            next_values[lane] = weighted(section.values.begin() + at + several);
-            slopes[lane] = weighted(section.slopes.begin() + at);
-            next_slopes[lane] = weighted(section.slopes.begin() + at + several);
+// A place in tables of so many rows, at a distance from their middle: the row before it, and the part of the way on.
+struct Place {
+    int row;
+    double far;
+
+    Place(double across, int last) {
+        const double place = bounded(across * PER_PX + 0.5 * last, 0.0, last);
+        row = std::min(static_cast<int>(place), last - 1);
+        far = place - row;
+    }
+};
+
+// Profile n's cross-section and its derivative at distances (T,) from the centre, px: into (T,) each.
+void look_up(const CrossSection& section, int n, ConstVector across, double* __restrict value,
+             double* __restrict slope) {
+    const int last = section.values.shape[0] - 1, several = section.values.shape[1], count = across.shape[0];
+    const double *const values = section.values.begin(), *const slopes = section.slopes.begin();
+    if (several == 1) {
+        for (int t = 0; t < count; ++t) {
+            const Place at(across[t], last);
+            value[t] = (1.0 - at.far) * values[at.row] + at.far * values[at.row + 1];
+            slope[t] = (1.0 - at.far) * slopes[at.row] + at.far * slopes[at.row + 1];
         }
-        store(value + t, (1.0 - far) * values + far * next_values);
-        store(slope + t, (1.0 - far) * slopes + far * next_slopes);
+        return;
+    }
+    const double* const weights = section.weights.row(n).data;
+    for (int t = 0; t < count; ++t) {
+        const Place at(across[t], last);
+        double v = 0.0, s = 0.0;
+        for (int c = 0, i = at.row * several; c < several; ++c, ++i) {
+            v += weights[c] * ((1.0 - at.far) * values[i] + at.far * values[i + several]);
+            s += weights[c] * ((1.0 - at.far) * slopes[i] + at.far * slopes[i + several]);
+        }
+        value[t] = v;
+        slope[t] = s;
     }
 }
 
@@ -222,7 +237,7 @@ CrossSection learn(const Binned& seen, const Shapes& known) {
             const double weight = seen.number[b] * bin[i];
             if (weight == 0.0) continue;
             side(i, 0) += weight * seen.mean[b];
-            for (int j = 0; j <= i; ++j) matrix(i, j) += weight * bin[j];
+            for (int j = std::max(i - 3, 0); j <= i; ++j) matrix(i, j) += weight * bin[j];  // others do not overlap
         }
     }
     constexpr std::array<double, 3> second = {1.0, -2.0, 1.0};
@@ -262,7 +277,7 @@ Fits fit(const CrossSection& section, const Crossings& found, ConstVector centre
         const double by_centre = -found.side[n] / found.stretch[n];
         for (int t = 0; t < padded; t += LANES) {
             store(change + t, by_centre * load(change + t));
-            store(edge + t, bounded(load(&across[t]), -1.0, 1.0));
+            store(edge + t, clamped(load(&across[t]), -1.0, 1.0));
         }
         for (int i = 0; i < 4; ++i) pixels.remove_background(rows.row(i).data);
         Lanes sums[7] = {};
