@@ -1,9 +1,253 @@
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/vector.h>
+
+#include "bindings/picture.hpp"
+#include "detect/colours.hpp"
+#include "detect/crossings.hpp"
+#include "detect/free_shape.hpp"
+#include "detect/path_refinement.hpp"
+#include "detect/ridges.hpp"
 #include "numpy.hpp"
+#include "polyline.hpp"
+#include "smooth.hpp"
 
 namespace vbaa {
+namespace {
+
+using detect::Crossings;
+
+template <class Work>
+auto unlocked(const Work& work) {
+    const nb::gil_scoped_release release;
+    return work();
+}
+
+void require(bool holds, const char* rule) {
+    if (!holds) throw nb::value_error(rule);
+}
+
+ConstMatrix points(const InMatrix& array) {
+    require(array.shape(1) == 2, "points are an array (K, 2)");
+    return view(array);
+}
+
+ConstVector of_size(const InVector& array, std::size_t count) {
+    require(array.shape(0) == count, "arrays of one number of points go together");
+    return view(array);
+}
+
+// Along which something is looked for: profiles and columns are as long as the antenna is wide.
+void require_pixels(double px) { require(px >= 0.0 && px < 1e4, "a width or reach is 0 to 10000 px"); }
+
+auto answer(detect::RefinedPath&& found) {
+    require(found.path_px.size() > 0, "a path has two points at least, all of them numbers");
+    return nb::make_tuple(to_numpy(std::move(found.path_px)), found.share, found.strength,
+                          to_numpy(std::move(found.other_px)), found.clear);
+}
+
+void bind_smooth(nb::module_& room) {
+    room.def("fit_smooth", [](InVector share, InVector values, InVector weights, const std::vector<double>& scales,
+                              int pieces, double stiffness) {
+        const std::size_t count = share.shape(0);
+        require(pieces > 0 && pieces < 10000, "a curve has 1 to 10000 pieces");
+        const auto at = view(share), level = of_size(values, count), weight = of_size(weights, count);
+        auto curve = unlocked([&] { return fit_smooth(at, level, weight, scales, pieces, stiffness); });
+        return to_numpy(std::move(curve.values));
+    });
+    room.def(
+        "solve_definite",
+        [](OutMatrix matrix, OutMatrix sides) {
+            const std::size_t count = matrix.shape(0);
+            require(matrix.shape(1) == count && sides.shape(0) == count, "a system is (M, M) for sides (M, S)");
+            solve_definite(view(matrix), view(sides));
+        },
+        nb::arg().noconvert(), nb::arg().noconvert());
+    room.def("running_mean", [](InVector values, int size, int beyond) {
+        require(size > 0 && beyond >= 0 && beyond <= 2, "a mean is of one value at least, with ends of a known kind");
+        return to_numpy(running_mean(view(values), size, static_cast<Beyond>(beyond)));
+    });
+    room.def("triangle_sums", [](InMatrix values, int count) {
+        require(count > 0, "a triangle has one value at least");
+        return to_numpy(triangle_sums(view(values), count));
+    });
+    room.def("quantile", [](InVector values, double share) {
+        require(values.shape(0) > 0 && share >= 0.0 && share <= 1.0, "a quantile, 0 to 1, is of one value at least");
+        return quantile(view(values), share);
+    });
+}
+
+void bind_polyline(nb::module_& room) {
+    room.def("arc_lengths", [](InMatrix polyline) { return to_numpy(arc_lengths(points(polyline))); });
+    room.def("resample", [](InMatrix polyline, double spacing) {
+        for (const double each : points(polyline)) require(std::isfinite(each), "a polyline's points must be numbers");
+        auto found = unlocked([&] { return resample(view(polyline), spacing); });
+        return nb::make_tuple(to_numpy(std::move(found.points)), to_numpy(std::move(found.along)));
+    });
+    room.def("normals", [](InMatrix polyline) {
+        require(polyline.shape(0) > 1, "a polyline has two points at least");
+        return to_numpy(normals(points(polyline)));
+    });
+    room.def("nearest_on", [](InMatrix polyline, InMatrix others) {
+        require(polyline.shape(0) > 1, "a polyline has two points at least");
+        const auto line = points(polyline), some = points(others);
+        auto found = unlocked([&] { return nearest_on(line, some); });
+        return nb::make_tuple(to_numpy(std::move(found.index)), to_numpy(std::move(found.distance)));
+    });
+}
+
+// A copy of one of the crossings' arrays.
+template <int N, class Field>
+void field(nb::class_<Crossings>& found, const char* name, Field Crossings::* which) {
+    const auto copied = [which](const Crossings& each) { return to_numpy(Array<double, N>(each.*which)); };
+    found.def_prop_ro(name, copied, nb::rv_policy::move);
+}
+
+void bind_paths(nb::module_& room) {
+    nb::class_<Crossings> found(room, "Crossings");
+    field<2>(found, "points", &Crossings::points);
+    field<1>(found, "along", &Crossings::along);
+    field<1>(found, "stretch", &Crossings::stretch);
+    field<1>(found, "bow", &Crossings::bow);
+    field<2>(found, "across", &Crossings::across);
+    field<2>(found, "profiles", &Crossings::profiles);
+    const auto inside = [](const Crossings& each) { return to_flags(Array<unsigned char, 1>(each.inside)); };
+    found.def_prop_ro("inside", inside, nb::rv_policy::move);
+    room.def("crossings", [](InPicture image, InMatrix path_px, int half, double sign) {
+        require(half > 0, "a profile has three pixels at least");
+        require_pixels(half);
+        const auto taken = picture(image);
+        const auto path = points(path_px);
+        return unlocked([&] { return detect::crossings(taken, path, half, sign); });
+    });
+    room.attr("CURVE_POINTS") = detect::CURVE_POINTS;
+    room.attr("CURVE_STEP_PX") = detect::CURVE_STEP_PX;
+    nb::class_<detect::Curves>(room, "Curves")
+        .def("__init__", [](detect::Curves* made, int reach, InMatrix curves, InVector bent, InMatrix finer) {
+            require(reach > 0, "curves reach one pixel at least");
+            require_pixels(reach);
+            for (const auto& some : {curves, finer})
+                require(some.shape(0) > 0 && some.shape(1) == detect::CURVE_POINTS, "curves have 60 points each");
+            new (made) detect::Curves(reach, view(curves), of_size(bent, curves.shape(0)), view(finer));
+        });
+    room.def("refine_path", [](InPicture image, InMatrix path_px, double width_px, double reach_px, double sign) {
+        require_pixels(width_px);
+        require_pixels(reach_px);
+        const auto taken = picture(image);
+        const auto path = points(path_px);
+        return answer(unlocked([&] { return detect::refine_path(taken, path, width_px, reach_px, sign); }));
+    });
+    room.def("refine_changing_path", [](InPicture image, InMatrix path_px, double width_px, const detect::Curves& tried,
+                                        InMatrix levels) {
+        require_pixels(width_px);
+        const auto taken = picture(image);
+        const auto path = points(path_px), usual = points(levels);
+        require(usual.shape[0] != 1, "levels are at two places at least");
+        return answer(unlocked([&] { return detect::refine_changing_path(taken, path, width_px, tried, usual); }));
+    });
+}
+
+void bind_ridges(nb::module_& room) {
+    room.def("places", [](InCube paths_px, int factor, int pool, std::pair<int, int> shape) {
+        require(paths_px.shape(2) == 2 && factor > 0 && pool > 0, "paths are (P, S, 2), factors positive");
+        return to_numpy(detect::places(view(paths_px), {factor, pool, shape.first, shape.second}));
+    });
+    room.def("ridge_responses", [](Numpy<const std::uint8_t, 2> small, int reach, int pool, int sign) {
+        require(small.size() > 0 && reach > 0 && pool > 0, "a picture is not empty, reaches are positive");
+        require_pixels(std::max(reach, pool));
+        return to_numpy(unlocked([&] { return detect::ridge_responses(view(small), reach, pool, sign); }));
+    });
+    room.def("scores", [](Numpy<const std::uint8_t, 1> flat, Numpy<const std::int32_t, 2> index, InVector weight) {
+        require(flat.shape(0) > 0, "responses are not empty");
+        const auto each = of_size(weight, index.shape(0));
+        return to_numpy(unlocked([&] { return detect::scores(view(flat), view(index), each); }));
+    });
+    room.def("clearest_paths", [](InVector score, InCube paths_px, double apart_px, int count, double share) {
+        require(paths_px.shape(2) == 2 && paths_px.shape(0) > 0, "paths are (P, S, 2)");
+        const auto each = of_size(score, paths_px.shape(0));
+        return unlocked([&] { return detect::clearest_paths(each, view(paths_px), apart_px, count, share); });
+    });
+}
+
+detect::FreeShape free_shape(nb::handle shape) {
+    const detect::FreeShape found{attribute<const double, 1>(shape, "clamp_m"),
+                                  attribute<const double, 2>(shape, "axes"),
+                                  attribute<const double, 2>(shape, "segments_m")};
+    require(found.clamp_m.size() == 3 && found.axes.shape == std::array{3, 3} && found.segments_m.shape[1] == 3 &&
+                found.segments_m.shape[0] > 0,
+            "a free shape has a clamp (3,), axes (3, 3) and segments (S, 3)");
+    return found;
+}
+
+void bind_shapes(nb::module_& room) {
+    room.def("bent", [](nb::handle free, std::array<double, detect::SHAPE_UNKNOWNS> unknowns) {
+        return to_numpy(std::move(detect::bent(free_shape(free), unknowns).curve));
+    });
+    room.def("nearest_shape", [](nb::handle free, InMatrix seen, InVector variance, std::array<double, 3> allowed,
+                                 double enough, InMatrix starts) {
+        require(starts.shape(1) == detect::SHAPE_UNKNOWNS, "a shape has five unknowns");
+        const auto shape = free_shape(free);
+        const auto some = points(seen);
+        const auto each = of_size(variance, seen.shape(0));
+        const auto [misfit, unknowns] = unlocked(
+            [&] { return detect::nearest_shape(shape, some, each, {allowed.data(), {3}}, enough, view(starts)); });
+        return nb::make_tuple(misfit, unknowns);
+    });
+    room.def("means_of_runs", [](InMatrix px, InVector sigma, int most) {
+        require(most > 0, "there is one run at least");
+        auto runs = detect::means_of_runs(points(px), of_size(sigma, px.shape(0)), most);
+        return nb::make_tuple(to_numpy(std::move(runs.means)), to_numpy(std::move(runs.variance)));
+    });
+}
+
+ConstMatrix looks_of(const InMatrix& looks) {
+    require(looks.shape(0) > 0 && looks.shape(1) == 4, "looks are an array (PLACES, 4)");
+    return view(looks);
+}
+
+void bind_colours(nb::module_& room) {
+    room.attr("RUN") = detect::RUN;
+    room.attr("FOREIGN") = detect::FOREIGN;
+    room.attr("MOSTLY_FOREIGN") = detect::MOSTLY_FOREIGN;
+    room.def("colours_at", [](InPicture image, double level, InMatrix at) {
+        return to_numpy(detect::colours_at(picture(image), level, points(at)));
+    });
+    room.def(
+        "weigh_channels",
+        [](InPicture image, InMatrix at, InMatrix weights, int reach, Numpy<float, 2> plane) {
+            const auto taken = picture(image);
+            require(image.ndim() == 3 && image.shape(2) >= 3 && image.shape(0) == plane.shape(0) &&
+                        image.shape(1) == plane.shape(1),
+                    "a plane (H, W) is of a colour picture (H, W, 3)");
+            require(weights.shape(0) == at.shape(0) && weights.shape(1) == 3, "weights are an array (K, 3)");
+            require_pixels(reach);
+            const auto near = points(at);
+            unlocked([&] { detect::weigh_channels(taken, near, view(weights), reach, view(plane)); });
+        },
+        nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().noconvert());
+    room.def("light_at_clamp", [](InPicture image, double level, InMatrix axis, InVector along, InMatrix looks) {
+        const auto each = of_size(along, axis.shape(0));
+        const auto found = detect::light_at_clamp(picture(image), level, points(axis), each, looks_of(looks));
+        return nb::make_tuple(found.light, found.sigma);
+    });
+    room.def("foreign", [](InPicture image, double level, InMatrix at, InVector shares, InMatrix looks) {
+        const auto each = of_size(shares, at.shape(0));
+        auto found = detect::foreign(picture(image), level, points(at), each, looks_of(looks));
+        return nb::make_tuple(to_flags(std::move(found.other)), to_numpy(std::move(found.off)),
+                              to_numpy(std::move(found.hue)), to_flags(std::move(found.tinted)));
+    });
+}
+
+}  // namespace
 
 void bind_search(nb::module_& module) {
-    module.def_submodule("search", "The antenna in a picture: corridor, paths, lines.");
+    nb::module_ room = module.def_submodule("search", "The antenna in a picture: corridor, paths, lines.");
+    bind_smooth(room);
+    bind_polyline(room);
+    bind_paths(room);
+    bind_ridges(room);
+    bind_shapes(room);
+    bind_colours(room);
 }
 
 }  // namespace vbaa
