@@ -8,7 +8,6 @@ from itertools import combinations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.spatial import cKDTree
 
 from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.linearised import bend
@@ -221,6 +220,8 @@ def _about_curve(
     points, sigma = points_px[there], np.broadcast_to(sigma_px, len(points_px))[there]
     if len(points) < settings.scatter_points:
         return None
+    from scipy.spatial import cKDTree  # takes longer to load than a contact to find
+
     apart = cKDTree(points).query(points, k=5)[0][:, -1]
     near = apart <= settings.lonely * np.median(apart)
     centred = points - points[near].mean(axis=0)

@@ -10,7 +10,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
 
 from vbaa_calib.core import smooth
 from vbaa_calib.core.compiled import kernel
@@ -397,4 +396,6 @@ def _noise(rms: np.ndarray, quiet: float) -> float:
 @lru_cache(maxsize=32)
 def _quiet_part(freedom: int) -> float:
     """The `QUIET` quantile of the root mean square of so many normal numbers."""
+    from scipy.special import chdtri  # slow to load
+
     return float(np.sqrt(chdtri(freedom, 1.0 - QUIET) / freedom))
