@@ -98,7 +98,7 @@ class ContactEstimator:
         sigma_px : standard deviation across the antenna, one or (N,); by default what the rig's own pictures showed.
         moment_z : reading of a second sensor about z, if the rig has one.
         plane_xy_m : in place of centreline_px, (N, 2) m on plane C as `rig.camera_on_plane()` gives them of one
-            camera's pixels, NumPy or tensor: the contact is that of the pixels. What the layer cannot have given
+            camera's pixels, NumPy or tensor: the contact is that of the pixels. What the layer cannot give
             (behind the camera, beyond its lens, grazing) counts among the points outside the picture.
         covariance_m2 : (N, 2, 2) m² of these points, or (2, 2) of all; by default the pixels' `sigma_px`.
 

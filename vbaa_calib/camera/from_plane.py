@@ -6,15 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import FARTHEST_M, as_floats, check_each
+from vbaa_calib.core.arrays import FARTHEST_M, FARTHEST_PX, as_floats, check_each
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import PLANE_C, Pose
 
 from .camera import Camera
 from .plane import intersect_plane
-
-_OUTSIDE_PX = -1e6
-"""Where a point is put that no picture of the camera shows."""
 
 
 def pixels_on_plane(
@@ -23,7 +20,7 @@ def pixels_on_plane(
     """Pixels (..., 2) of points (..., 2) m on plane C, antenna frame; with covariances also their standard deviation
     (...) px, the mean of both axes', and their covariance over its square (..., 2, 2).
 
-    Missing points (NaN) stay missing; those that the metric layer cannot have given (behind the camera, beyond its
+    Missing points (NaN) stay missing; those that the metric layer cannot give (behind the camera, beyond its
     lens, at a grazing angle) are put far outside the picture. Arrays, lists and tensors are taken alike.
 
     covariance_m2 : (..., 2, 2) of each point, or (2, 2) of all; None: no covariances.
@@ -46,8 +43,9 @@ def pixels_on_plane(
     )
     seen = T_antenna_camera.inverse() @ points
     pixels, valid = camera.project(seen)
-    pixels = np.where((valid & crosses)[..., None], pixels, _OUTSIDE_PX)
-    pixels = np.where(missing[..., None], np.nan, np.clip(pixels, _OUTSIDE_PX, -_OUTSIDE_PX))
+    farthest_px = 0.1 * FARTHEST_PX
+    pixels = np.where((valid & crosses)[..., None], np.clip(pixels, -farthest_px, farthest_px), -farthest_px)
+    pixels = np.where(missing[..., None], np.nan, pixels)
     if covariance_m2 is None:
         return pixels, None, None
     covariance = _covariances(covariance_m2, xy.shape[:-1], missing)
