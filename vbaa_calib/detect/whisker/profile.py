@@ -9,7 +9,6 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import chdtri
 
 from vbaa_calib.native import core
 
@@ -87,4 +86,6 @@ def _measured(
 @lru_cache(maxsize=32)
 def _quiet_part(freedom: int) -> float:
     """The `_QUIET` quantile of the root mean square of so many normal numbers."""
+    from scipy.special import chdtri  # slow to load
+
     return float(np.sqrt(chdtri(freedom, 1.0 - _QUIET) / freedom))
