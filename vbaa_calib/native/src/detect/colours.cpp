@@ -159,7 +159,7 @@ Foreign foreign(const Picture& picture, double level, ConstMatrix points, ConstV
     }
     const int known = static_cast<int>(alike.size());
     const double most = known > LEAST_POINTS ? TINT[1] * quantile({alike.data(), {known}}, TINT[0]) : -1.0;
-    const bool whole = middle(found.off.values) > MOSTLY_FOREIGN;
+    const bool whole = middle({found.off.begin(), found.off.end()}) > MOSTLY_FOREIGN;
     for (int n = 0; n < count; ++n) {
         found.tinted[n] = tint[n] > most;
         found.other[n] |= whole;
