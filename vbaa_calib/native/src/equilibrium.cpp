@@ -33,8 +33,8 @@ struct State {
 // Length beyond the node.
 Lanes beyond(const Loads& loads, int node) {
     const NodeTables& tables = node_tables();
-    if (node < INNER_NODES) return loads.length_m - loads.contact_m * tables.inner[node];
-    return (loads.length_m - loads.contact_m) * (1.0 - tables.outer[node - INNER_NODES]);
+    if (node < INNER_NODES) return loads.length_m - loads.contact_m * spread(tables.inner[node]);
+    return (loads.length_m - loads.contact_m) * spread(1.0 - tables.outer[node - INNER_NODES]);
 }
 
 // Length of the side of the contact that the node lies on.
@@ -126,7 +126,7 @@ void roll_out(Work& work, ClampTurn clamp) {
 
 // Half the turns about y and z of a straight antenna that weight and bow bend a little.
 ClampTurn bent_a_little(const Loads& loads, int node) {
-    double length = loads.length_m;
+    Lanes length = loads.length_m;
     Lanes rest = beyond(loads, node), along = length - rest;
     Lanes by_weight = (length * length * length - rest * rest * rest) / 6.0;
     return {0.5 * (along * loads.bow_y_per_m - by_weight * loads.weight_per_m3.z),
@@ -141,8 +141,7 @@ ClampTurn first_turns(const Loads& loads, Work& work) {
         work.field[node] = {-work.hinge.sine[node] * contact.y, here.y - work.hinge.cosine[node] * contact.y,
                             here.z - contact.z};
     }
-    Lanes half_give = 0.5 * loads.give_m;
-    double half_square = 0.5 * loads.length_m * loads.length_m;
+    Lanes half_give = 0.5 * loads.give_m, half_square = 0.5 * loads.length_m * loads.length_m;
     ClampTurn clamp = {-half_give * (half_square * loads.weight_per_m3.z),
                        half_give * (half_square * loads.weight_per_m3.y + loads.contact_m * loads.push_per_m2)};
     roll_out(work, clamp);

@@ -102,8 +102,9 @@ void put_tangents(const Field& field, Cube tangents) {
 // Integrate the tangents, which are multiplied by their side's length, from the clamp on.
 void put_points(const Pressed& press, Field& field, Cube points_m) {
     const NodeTables& tables = node_tables();
+    Lanes beyond = press.length_m - press.contact_m;
     for (int node = 0; node < NODES; ++node)
-        field[node] = (node < INNER_NODES ? press.contact_m : press.length_m - press.contact_m) * field[node];
+        field[node] = (node < INNER_NODES ? press.contact_m : beyond) * field[node];
     Vectors contact;
     auto put_inner = [&](std::size_t row, Vectors v) { put(points_m, int(row), contact = v); };
     integrated(tables.to_inner_curve, field.data(), Vectors{Lanes{}, press.clamp_y_m, press.clamp_z_m}, put_inner);
@@ -127,7 +128,7 @@ void bend_far(int sweeps, const Pressed& press, const Made& made) {
     Frame frame = {clamp.x, y * clamp.y + z * clamp.z, y * clamp.z - z * clamp.y};
     Vectors weight = press.mass_kg_m / stiffness * press.gravity_m_s2;
     Loads loads = {press.contact_m,
-                   press.length_m,
+                   spread(press.length_m),
                    size,
                    friction,
                    press.dead,
@@ -164,13 +165,13 @@ Lateral operator*(Lanes factor, Lateral a) { return {factor * a.y, factor * a.z}
 void bend_little(bool paper, const Pressed& press, const Made& made) {
     Lanes contact = where_positive(-press.contact_m, std::numeric_limits<double>::quiet_NaN(), press.contact_m);
     Lanes compliance = 1.0 / press.stiffness_Nm2, friction = Lanes{};
-    double length = press.length_m;
+    const Lanes length = spread(press.length_m);
     Lateral push = {press.push_y_N, press.push_z_N}, clamp_moment = contact * push, start = {}, turn = {}, bow = {};
     Vectors weight = {};
     if (!paper) {
         start = {press.clamp_y_m, press.clamp_z_m};
         weight = press.mass_kg_m * press.gravity_m_s2;
-        clamp_moment = clamp_moment + spread(0.5 * length * length) * Lateral{weight.y, weight.z};
+        clamp_moment = clamp_moment + 0.5 * length * length * Lateral{weight.y, weight.z};
         // turned or bowed about z the antenna goes to +y, about y to −z
         turn = Lateral{press.about_z_rad, -press.about_y_rad} + press.give_m * compliance * clamp_moment;
         bow = {press.bow_z_per_m, -press.bow_y_per_m};
@@ -179,7 +180,7 @@ void bend_little(bool paper, const Pressed& press, const Made& made) {
     }
     Lateral sagging = {weight.y, weight.z}, at_contact = {};
     for (int node = 0; node < CURVE_NODES; ++node) {
-        Lanes s = curve_share(node) * (node <= CONTACT ? contact : length - contact);
+        Lanes s = spread(curve_share(node)) * (node <= CONTACT ? contact : length - contact);
         if (node > CONTACT) s += contact;
         s = where_positive(s - length, length, s);
         Lanes near = where_positive(contact - s, s, contact), far = where_positive(contact - s, contact, s);

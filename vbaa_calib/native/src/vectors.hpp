@@ -34,7 +34,13 @@ template <class T>
 
 template <class Factor, class T>
 [[gnu::always_inline]] inline auto operator*(Factor factor, const Vec3<T>& a) {
-    return Vec3<decltype(factor * a.x)>{factor * a.x, factor * a.y, factor * a.z};
+    using Product = decltype(factor * a.x);
+    if constexpr (sizeof(Product) > sizeof(Factor)) {
+        Product all = spread(factor);
+        return Vec3<Product>{all * a.x, all * a.y, all * a.z};
+    } else {
+        return Vec3<Product>{factor * a.x, factor * a.y, factor * a.z};
+    }
 }
 
 template <class A, class B>
