@@ -30,6 +30,11 @@ struct State {
     Vectors seen, force;
 };
 
+// Where integrals go.
+auto into(Vectors* field) {
+    return [=](std::size_t row, const Vectors& v) { field[row] = v; };
+}
+
 // Length beyond the node.
 Lanes beyond(const Loads& loads, int node) {
     const NodeTables& tables = node_tables();
@@ -165,12 +170,10 @@ State state_of(const Loads& loads, Work& work, ClampTurn clamp, Field& tangents)
         work.integrand[node] = side(loads, node) * cross(tangents[node], internal);
     }
     const NodeTables& tables = node_tables();
-    Vectors* moments = work.moments.data();
-    auto put_outer = [&](std::size_t row, Vectors v) { moments[INNER_NODES + row] = v; };
-    integrated(tables.outer_from_tip, &work.integrand[INNER_NODES], Vectors{}, put_outer);
+    Field& moments = work.moments;
+    integrated(tables.outer_from_tip, &work.integrand[INNER_NODES], Vectors{}, into(&moments[INNER_NODES]));
     // the first node beyond the contact is the contact itself
-    auto put_inner = [&](std::size_t row, Vectors v) { moments[row] = v; };
-    integrated(tables.inner_from_tip, work.integrand.data(), moments[INNER_NODES], put_inner);
+    integrated(tables.inner_from_tip, work.integrand.data(), moments[INNER_NODES], into(moments.data()));
     return {seen, force};
 }
 
@@ -193,12 +196,10 @@ ClampTurn swept(const Loads& loads, Work& work, Vectors seen) {
         work.integrand[node] = 0.5 * side(loads, node) * change;
     }
     const NodeTables& tables = node_tables();
-    Vectors* field = work.field.data();
+    Field& field = work.field;
     Vectors at_contact = {field[INNER_NODES - 1].x, Lanes{}, Lanes{}};
-    auto put_inner = [&](std::size_t row, Vectors v) { field[row] = v; };
-    integrated(tables.inner_from_contact, work.integrand.data(), at_contact, put_inner);
-    auto put_outer = [&](std::size_t row, Vectors v) { field[INNER_NODES + row] = v; };
-    integrated(tables.outer_from_contact, &work.integrand[INNER_NODES], at_contact, put_outer);
+    integrated(tables.inner_from_contact, work.integrand.data(), at_contact, into(field.data()));
+    integrated(tables.outer_from_contact, &work.integrand[INNER_NODES], at_contact, into(&field[INNER_NODES]));
     ClampTurn clamp = {half_give * at_clamp.y, half_give * at_clamp.z};
     roll_out(work, clamp);
     return clamp;

@@ -55,13 +55,13 @@ inline Lanes where_positive(Lanes test, Lanes values, Lanes others) {
     return same_bits<Lanes>(found);
 }
 inline Lanes where_positive(Lanes test, double values, Lanes others) {
-    return test > Lanes{} ? spread(values) : others;
+    return where_positive(test, spread(values), others);
 }
 inline Lanes where_positive(Lanes test, Lanes values, double others) {
-    return test > Lanes{} ? values : spread(others);
+    return where_positive(test, values, spread(others));
 }
 inline Lanes where_positive(Lanes test, double values, double others) {
-    return test > Lanes{} ? spread(values) : spread(others);
+    return where_positive(test, spread(values), spread(others));
 }
 
 inline Lanes absolute(Lanes values) { return values < Lanes{} ? -values : values; }

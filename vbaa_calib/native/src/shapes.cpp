@@ -29,23 +29,25 @@ struct Made {
 
 Pressed pressed(ConstMatrix parameters, double length_m, Vectors gravity_m_s2, ConstVector contact_m,
                 ConstMatrix push_N, ConstVector friction_rad, bool dead) {
-    auto row = [](ConstMatrix values, int i) { return load(&values(i, 0)); };
     double limit = (1.0 - NEAREST_TO_TIP) * length_m;
     Lanes contact = load(contact_m.data);
-    return {row(parameters, 0),
-            row(parameters, 1),
-            row(parameters, 2),
-            row(parameters, 3),
-            row(parameters, 4),
-            row(parameters, 5),
-            exp(row(parameters, 6)),
-            exp(row(parameters, 7)),
-            row(parameters, 8),
+    Lanes p[9];
+    for (int i = 0; i < 9; ++i) p[i] = load(&parameters(i, 0));
+    Lanes stiffness = exp(p[6]), mass = exp(p[7]), on_shaft = where_positive(contact - limit, limit, contact);
+    return {p[0],
+            p[1],
+            p[2],
+            p[3],
+            p[4],
+            p[5],
+            stiffness,
+            mass,
+            p[8],
             length_m,
             gravity_m_s2,
-            where_positive(contact - limit, limit, contact),
-            row(push_N, 0),
-            row(push_N, 1),
+            on_shaft,
+            load(&push_N(0, 0)),
+            load(&push_N(1, 0)),
             load(friction_rad.data),
             dead};
 }
@@ -54,6 +56,10 @@ void put(Cube field, int node, Vectors v) {
     store(&field(0, node, 0), v.x);
     store(&field(1, node, 0), v.y);
     store(&field(2, node, 0), v.z);
+}
+
+auto into(Cube field, int first) {
+    return [=](std::size_t row, const Vectors& v) { put(field, first + int(row), v); };
 }
 
 void put_loads(const Made& made, Vectors force_N, Lanes moment_Nm) {
@@ -93,10 +99,8 @@ void put_first_tangents(const Field& field, Cube tangents) {
 
 void put_tangents(const Field& field, Cube tangents) {
     const NodeTables& tables = node_tables();
-    auto put_inner = [&](std::size_t row, Vectors v) { put(tangents, int(row), v); };
-    integrated(tables.at_inner_curve, field.data(), Vectors{}, put_inner);
-    auto put_outer = [&](std::size_t row, Vectors v) { put(tangents, NODES_TO_CONTACT + int(row), v); };
-    integrated(tables.at_outer_curve, &field[INNER_NODES], Vectors{}, put_outer);
+    integrated(tables.at_inner_curve, field.data(), Vectors{}, into(tangents, 0));
+    integrated(tables.at_outer_curve, &field[INNER_NODES], Vectors{}, into(tangents, NODES_TO_CONTACT));
 }
 
 // Integrate the tangents, which are multiplied by their side's length, from the clamp on.
@@ -105,11 +109,10 @@ void put_points(const Pressed& press, Field& field, Cube points_m) {
     Lanes beyond = press.length_m - press.contact_m;
     for (int node = 0; node < NODES; ++node)
         field[node] = (node < INNER_NODES ? press.contact_m : beyond) * field[node];
-    Vectors contact;
-    auto put_inner = [&](std::size_t row, Vectors v) { put(points_m, int(row), contact = v); };
-    integrated(tables.to_inner_curve, field.data(), Vectors{Lanes{}, press.clamp_y_m, press.clamp_z_m}, put_inner);
-    auto put_outer = [&](std::size_t row, Vectors v) { put(points_m, NODES_TO_CONTACT + int(row), v); };
-    integrated(tables.to_outer_curve, &field[INNER_NODES], contact, put_outer);
+    Vectors clamp = {Lanes{}, press.clamp_y_m, press.clamp_z_m};
+    integrated(tables.to_inner_curve, field.data(), clamp, into(points_m, 0));
+    Vectors contact = {load(&points_m(0, CONTACT, 0)), load(&points_m(1, CONTACT, 0)), load(&points_m(2, CONTACT, 0))};
+    integrated(tables.to_outer_curve, &field[INNER_NODES], contact, into(points_m, NODES_TO_CONTACT));
 }
 
 // Large deflections.

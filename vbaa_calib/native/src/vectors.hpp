@@ -1,6 +1,7 @@
 // Vectors of three numbers, or of three times eight: they stay in registers, so all of it is inline.
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <cstring>
 
@@ -67,6 +68,14 @@ inline void set_lane(Vectors& a, int i, const Point& value) {
     a.x[i] = value.x;
     a.y[i] = value.y;
     a.z[i] = value.z;
+}
+
+// Put its numbers into an array from a place on.
+template <class T, std::size_t N>
+void set(std::array<T, N>& values, int first, const Vec3<T>& a) {
+    values[first] = a.x;
+    values[first + 1] = a.y;
+    values[first + 2] = a.z;
 }
 
 // Rotation matrix, as its rows.
