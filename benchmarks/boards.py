@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.board_faults import SCATTERED, VIEW, Corners, spoilt
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine
-from vbaa_calib.calibrate.lens.models import LENS_MODELS, PROJECTIONS, LensModel, camera_of
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, LensModel, camera_of
 from vbaa_calib.camera import Camera
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
@@ -143,8 +143,8 @@ def draw(rig: Rig, seed: int) -> Draw:
     wholly = rng.permutation(rig.views)[:wrong_views] if wrong_views else ()
     while len(found.views) < rig.views:
         pose = _pose(rig, rng)
-        pixels = PROJECTIONS[rig.model.camera_model](points, pose.vector, rig.intrinsics)[0]
         space = pose @ points
+        pixels = camera_of(rig.model, rig.intrinsics, rig.image_size).project(space)[0]
         ahead = space[:, 2] > _LEAST_COSINE * np.linalg.norm(space, axis=1)
         seen = ahead & np.all((pixels > 0) & (pixels < np.array(rig.image_size) - 1), axis=1)
         if seen.sum() < min(20, 0.6 * len(points)):

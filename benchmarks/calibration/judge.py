@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from benchmarks.boards import Draw, error_mm, jig_pose, offsets_on_plane_m, on_plane, seen_on_plane
-from vbaa_calib.calibrate.lens.models import PROJECTIONS
+from vbaa_calib.calibrate.lens.models import pose_slopes, projected
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 
@@ -78,8 +78,11 @@ def plane_jacobian(camera: Camera, T_camera_plane: Pose, points_m: np.ndarray, f
 
     from_jig : the pose of the plane goes along as least squares over the same points make it.
     """
-    _, by_lens, by_pose = PROJECTIONS[camera.model](on_plane(points_m), T_camera_plane.vector, camera.parameters)
+    lever = on_plane(points_m) @ T_camera_plane.rotation.T
+    _, by_place, by_lens = projected(camera, lever + T_camera_plane.translation_m)
+    by_lens = by_lens.reshape(2 * len(points_m), -1)
     if from_jig:
+        by_pose = pose_slopes(by_place, lever).reshape(-1, 6)
         by_lens = by_lens - by_pose @ np.linalg.lstsq(by_pose, by_lens, rcond=None)[0]
-    by_point = by_pose.reshape(len(points_m), 2, 6)[..., 3:] @ T_camera_plane.rotation[:, :2]
+    by_point = by_place @ T_camera_plane.rotation[:, :2]
     return -np.linalg.solve(by_point, by_lens.reshape(len(points_m), 2, -1))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,18 +13,16 @@ from benchmarks.harness import concatenated, picked
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from vbaa_calib.antenna.elastica import normal_load, planar_elastica
-from vbaa_calib.antenna.rod import empty_nodes, sample_shape, shape_of
-from vbaa_calib.antenna.shooting import RodNumbers, shoot
+from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, sample_shape, shape_of
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.errors import InputError, SolveError
-from vbaa_calib.core.newton import newton_for
 from vbaa_calib.geometry import Pose
-from vbaa_calib.geometry.vectors import Vector, dot, scaled, vector
+from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
 
 _TOLERANCE = 1e-10
 """On the moment left at the tip in EI/L, and on the sine of the force's angle."""
+_DIFFERENCE, _ITERATIONS, _HALVINGS = -1e-7, 30, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +96,19 @@ def rod_shapes(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shapes:
     straight = np.cross(
         rod.T_antenna_clamp.rotation[:, 0], touches.distance_m[:, None] * force + rod.length_m / 2 * weight
     )
-    state, nodes = np.concatenate([straight / unit, lean[:, None]], axis=1), empty_nodes(len(size))
-    given = np.column_stack([touches.gravity_m_s2, touches.distance_m, size, toward, np.sin(touches.friction_rad)])
-    left, contact = _pushed(rod.numbers, given, unit, state, nodes)
+    contact = np.where(touches.distance_m < rod.length_m, STEPS_PER_SEGMENT, 2 * STEPS_PER_SEGMENT)
+
+    def shot(x: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes (K, N, 4, 3) of touches (K,) in states (K, 4), clamp's moment and lean; what is left (K, 4) there."""
+        direction = _leaning(x[:, 3], toward[which])
+        columns = [touches.gravity_m_s2[which], size[which, None] * direction, touches.distance_m[which]]
+        nodes = core.antenna.shoot_rods(rod.numbers, np.column_stack(columns), unit * x[:, :3], STEPS_PER_SEGMENT)
+        angle = (direction * nodes[np.arange(len(x)), contact[which], 1]).sum(axis=1)
+        return nodes, np.column_stack([nodes[:, -1, 3] / unit, angle + np.sin(touches.friction_rad[which])])
+
+    state = np.concatenate([straight / unit, lean[:, None]], axis=1)
+    left = _solved(lambda x, which: shot(x, which)[1], state)
+    nodes = shot(state, np.arange(len(size)))[0]
     if not (left <= _TOLERANCE).all():
         worst = int(np.argmax(left))
         raise SolveError(f"no equilibrium for a push of {size[worst]:.3g} N at {touches.distance_m[worst]:.4f} m")
@@ -112,50 +120,29 @@ def rod_shapes(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shapes:
     return Shapes(points, nodes[*at, 0], force, -moment[:, 1], nodes[*at, 1])
 
 
-class _Push(NamedTuple):
-    """One touch as the kernels know it: (8,) gravity, arc length, size, direction (2), sine of the friction's angle.
+def _solved(residual: Callable[[np.ndarray, np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+    """Damped Newton with difference quotients on B systems (B, n), each by itself: overwrites x, returns what is left.
 
-    moment_Nm : what the moments count in. nodes : (N, 4, 3) scratch.
+    residual : (states (K, n), which of the systems they belong to (K,)) → (K, n).
     """
-
-    rod: RodNumbers
-    given: np.ndarray
-    moment_Nm: float
-    nodes: np.ndarray
-
-
-@kernel
-def _shot(push: _Push, x: np.ndarray) -> tuple[int, Vector]:
-    """Write the nodes in the state x (4,), clamp's moment and lean; which is the contact, and the force's direction."""
-    given = push.given
-    direction = -np.sin(x[3]), np.cos(x[3]) * given[5], np.cos(x[3]) * given[6]
-    moment = scaled(push.moment_Nm, vector(x))
-    return shoot(push.rod, vector(given), given[3], scaled(given[4], direction), moment, push.nodes), direction
-
-
-@kernel
-def _residual(push: _Push, x: np.ndarray, values: np.ndarray) -> None:
-    """The moment left at the tip, and how far the force is from its angle to the antenna."""
-    contact, direction = _shot(push, x)
-    for i in range(3):
-        values[i] = push.nodes[-1, 3, i] / push.moment_Nm
-    values[3] = dot(direction, vector(push.nodes[contact, 1])) + push.given[7]
-
-
-_newton = newton_for(_residual)
-
-
-@kernel
-def _pushed(
-    rod: RodNumbers, given: np.ndarray, moment_Nm: float, x: np.ndarray, nodes: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """B touches (B, 8) from states x (B, 4), which are overwritten: what is left of each, and the contact's node."""
-    left, contact, free = np.empty(len(x)), np.empty(len(x), np.int64), np.full(4, np.inf)
-    for i in range(len(x)):
-        push = _Push(rod, given[i], moment_Nm, nodes[i])
-        left[i] = _newton(push, x[i], -free, free, _TOLERANCE)
-        contact[i], _ = _shot(push, x[i])
-    return left, contact
+    n, values = x.shape[1], residual(x, np.arange(len(x)))
+    size = np.abs(values).max(axis=1)
+    for _ in range(_ITERATIONS):
+        busy = np.flatnonzero(size > _TOLERANCE)
+        moved = (x[busy, None] + _DIFFERENCE * np.eye(n)).reshape(-1, n)
+        others = residual(moved, np.repeat(busy, n)).reshape(-1, n, n)
+        slopes = np.swapaxes(others - values[busy, None], 1, 2) / _DIFFERENCE
+        step = -np.einsum("bij,bj->bi", np.linalg.pinv(slopes), values[busy])
+        for halving in range(_HALVINGS):
+            trial = x[busy] + 0.5**halving * step
+            found = residual(trial, busy)
+            better = np.abs(found).max(axis=1) < size[busy]
+            at = busy[better]
+            x[at], values[at], size[at] = trial[better], found[better], np.abs(found[better]).max(axis=1)
+            busy, step = busy[~better], step[~better]
+        if not (size > _TOLERANCE).any():
+            break
+    return size
 
 
 def _leaning(lean_rad: np.ndarray, toward: np.ndarray) -> np.ndarray:

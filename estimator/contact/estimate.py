@@ -18,8 +18,8 @@ from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import FRICTION_RAD, Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.arrays import as_float, as_floats, gate
-from vbaa_calib.core.threads import cores
 from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.threads import cores
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 

@@ -126,9 +126,7 @@ def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bo
     place = (np.cumsum(known) - 1)[judged]
     rows, points, std = known[judged], np.ascontiguousarray(kept.points_m), np.ascontiguousarray(kept.std_m)
     longest_s = math.pi / beam.slowest_rad_s
-    each = core.solver.accelerations(
-        kept.time_s, points, std, place[rows], mode[rows], longest_s, _MOST, live
-    )
+    each = core.solver.accelerations(kept.time_s, points, std, place[rows], mode[rows], longest_s, _MOST, live)
     if rows.all():
         acceleration, std, response = each
     else:

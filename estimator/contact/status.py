@@ -206,7 +206,11 @@ def _model(numbers: FitNumbers, requested: str) -> str:
     rung, bias = int(numbers.rung[0]), numbers.bias[0]
     name = RUNGS[rung]
     if requested != "auto":
-        too_low = f", and is {bias[rung]:.1f} std off, which is in the deviations" if bias[rung] > core.solver.SMALL_BIAS else ""
+        too_low = (
+            f", and is {bias[rung]:.1f} std off, which is in the deviations"
+            if bias[rung] > core.solver.SMALL_BIAS
+            else ""
+        )
         return f"{name} was asked for{too_low}"
     low = [lower for lower in range(rung) if bias[lower] > core.solver.SMALL_BIAS]
     if not low:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.native import core
 
-from .rig_arrays import RigArrays, lens_of
+from .rig_arrays import RigArrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +71,4 @@ def _ideal(
     flat = np.ascontiguousarray(points_px, float).reshape(-1, 2)
     sigma = np.ascontiguousarray(sigma_px, float).reshape(-1)
     points, covariance, usable = core.solver.ideal_points(lens, flat, sigma)
-    hard = np.flatnonzero(usable < 0.0)
-    if len(hard):
-        values, slopes, valid = rig_arrays.rig.camera.normalized_with_slopes(flat[hard])
-        variance = (sigma[hard] ** 2)[:, None]
-        spread = np.stack([(slopes[:, a] * slopes[:, b]).sum(-1) for a, b in ((0, 0), (0, 1), (1, 1))], axis=-1)
-        points[hard] = np.where(valid[:, None], values, 0.0)
-        covariance[hard] = np.where(valid[:, None], variance * spread, [1.0, 0.0, 1.0])
-        usable[hard] = valid
     return points.reshape(*shape, 2), covariance.reshape(*shape, 3), usable.reshape(shape)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
+from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.native import core
@@ -22,12 +23,6 @@ standard deviations of its prior."""
 LINE_ERRORS = 3
 _NEGLIGIBLE = 1e-9
 """Axes of the joint covariance below this fraction of the largest are dropped."""
-
-
-@lru_cache(32)
-def lens_of(intrinsics):
-    parameters = np.array([intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *intrinsics.coefficients])
-    return core.lens.Lens(intrinsics.model.name == "fisheye", parameters)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +67,9 @@ class RigArrays:
         """The core's: `structs.hpp` says what its fields mean."""
         rig, poses = self.rig, np.array(RIG_STEPS[:POSES])
         # the pose moved along each axis of its tangent; lanes are eight
-        moved = [rig.T_antenna_camera.retract(step).inverse() for step in np.diag(np.append(poses, [0.0, 0.0]))[:, :POSES]]
+        moved = [
+            rig.T_antenna_camera.retract(step).inverse() for step in np.diag(np.append(poses, [0.0, 0.0]))[:, :POSES]
+        ]
         lanes = [np.column_stack([pose.rotation, pose.translation_m]) for pose in moved]
         y_m, z_m, about_y, about_z = rig.antenna.parameters[:4]
         T_antenna_clamp = Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y_m, z_m]))

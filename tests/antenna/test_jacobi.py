@@ -7,22 +7,12 @@ import numpy as np
 import pytest
 from scipy.special import ellipeinc, ellipj, ellipk
 
-from vbaa_calib.antenna.pendulum import jacobi_at, landen
-from vbaa_calib.core.compiled import kernel
-
-
-@kernel
-def jacobi_each(u: np.ndarray, m: float, found: np.ndarray) -> None:
-    """Write `jacobi_at` (4, N) for u (N,)."""
-    for n in range(len(u)):
-        found[0, n], found[1, n], found[2, n], found[3, n] = jacobi_at(u[n], landen(m))
+from vbaa_calib.native import core
 
 
 def jacobi(u: np.ndarray, m: float) -> np.ndarray:
     """(4, N) sn, cn, dn, and E(am)."""
-    found = np.empty((4, u.size))
-    jacobi_each(u, m, found)
-    return found
+    return np.transpose([core.antenna.jacobi(each, m) for each in u])
 
 
 @pytest.mark.parametrize("m", [0.0, 1e-12, 1e-3, 0.1, 0.5, 0.9, 0.999, 1 - 1e-5])

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.models import PROJECTIONS, LensModel
+from vbaa_calib.calibrate.lens.models import LensModel
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
 SPEC = BoardSpec(squares_x=9, squares_y=6, square_m=0.012, marker_m=0.009)
 CENTRE = corner_points(SPEC).mean(axis=0)
+
+
+def projection(camera_model: str, points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray) -> tuple[np.ndarray, ...]:
+    """OpenCV's pixels (N, 2) of points (N, 3) through a pose (6,) and intrinsics (4 + k,), and the derivatives of the
+    interleaved pixels by intrinsics (2N, 4 + k) and by the pose's rotation vector and translation (2N, 6)."""
+    fx, fy, cx, cy, *distortion = intrinsics
+    matrix, padded = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]), np.array(distortion or [0.0] * 4)
+    if camera_model == "fisheye":
+        pixels, by = cv2.fisheye.projectPoints(points[:, None], pose[:3], pose[3:], matrix, padded)
+        return pixels.reshape(-1, 2), by[:, :8], by[:, 8:14]
+    pixels, by = cv2.projectPoints(points, pose[:3], pose[3:], matrix, padded)
+    return pixels.reshape(-1, 2), by[:, 6 : 6 + len(intrinsics)], by[:, :6]
 
 
 def pose_towards(rng: np.random.Generator, distance_m: float, tilt_rad: float, offset: float = 0.25) -> Pose:
@@ -27,7 +40,7 @@ def pose_towards(rng: np.random.Generator, distance_m: float, tilt_rad: float, o
 
 def project_board(model: LensModel, intrinsics: np.ndarray, pose: Pose) -> np.ndarray:
     """(corner_count, 2) pixels of all corners."""
-    return PROJECTIONS[model.camera_model](corner_points(SPEC), pose.vector, intrinsics)[0]
+    return projection(model.camera_model, corner_points(SPEC), pose.vector, intrinsics)[0]
 
 
 def board_view(

@@ -11,13 +11,12 @@ import pytest
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import STRETCH
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.calibrate.lens.models import PROJECTIONS
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.diagnose.boards import ViewSet, find_change, resolution_changed, same_pose, view_set_diagnoses
 from vbaa_calib.geometry import Pose
 
 from .photo_sets import detected
-from .synthetic_views import CENTRE, SPEC, board_view, pose_towards
+from .synthetic_views import CENTRE, SPEC, board_view, pose_towards, projection
 
 SIZE = (1280, 720)
 INTRINSICS = np.array([1100.0, 1102.0, 640.0, 362.0, -0.18, 0.06, 7e-4, -5e-4])
@@ -44,7 +43,7 @@ def pictures(
     for index, (pose, factor) in enumerate(zip(placed, focal, strict=True)):
         lens = INTRINSICS * np.array([factor, factor, 1, 1, 1, 1, 1, 1])
         lens[2] += 0.0 if shift_px is None else shift_px[index]
-        pixels = PROJECTIONS["opencv"](points, np.array([*pose.rotvec_rad, *pose.translation_m]), lens)[0]
+        pixels = projection("opencv", points, np.array([*pose.rotvec_rad, *pose.translation_m]), lens)[0]
         views.append(board_view(f"{index:02d}.png", pixels, SIZE, rng, sigma_px))
     return views
 

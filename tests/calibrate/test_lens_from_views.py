@@ -10,12 +10,11 @@ import pytest
 from targets.board import corner_points
 from vbaa_calib.calibrate.from_corners import calibrate_lens
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
-from vbaa_calib.calibrate.lens.models import PROJECTIONS
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.detect.board.corners import BoardView
 
 from .photo_sets import detected
-from .synthetic_views import SPEC, board_view, pose_towards
+from .synthetic_views import SPEC, board_view, pose_towards, projection
 from .test_diagnose_views import INTRINSICS, SIZE, pictures
 
 
@@ -46,7 +45,7 @@ def with_a_wrong_view(fault: str, count: int, seed: int) -> tuple[list[BoardView
         case "camera":
             other = np.array([0.7, 0.7, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]) * INTRINSICS
             other += (0, 0, 60.0, -30.0, 0.1, -0.1, 0.0, 0.0)
-            pixels = PROJECTIONS["opencv"](corner_points(SPEC), pose_towards(rng, 0.13, 0.8).vector, other)[0]
+            pixels = projection("opencv", corner_points(SPEC), pose_towards(rng, 0.13, 0.8).vector, other)[0]
             elsewhere = board_view(wrong.name, pixels, SIZE, rng, 0.1)
             ids, corners = elsewhere.ids, elsewhere.corners_px
     views[at] = dataclasses.replace(wrong, ids=ids, corners_px=corners)

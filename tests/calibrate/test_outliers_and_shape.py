@@ -18,13 +18,14 @@ from vbaa_calib.calibrate.lens.information import information, observations_of
 from vbaa_calib.calibrate.lens.initialization import rough_lens, unfolded, widened
 from vbaa_calib.calibrate.lens.models import (
     LENS_MODELS,
-    PROJECTIONS,
     LensModel,
     camera_of,
     corner_radius,
     is_monotonic,
     rational_like,
 )
+
+from .synthetic_views import projection
 
 RIGS, POINTS = rigs(), corner_points(BOARD)
 SPOILT = RIGS[4]
@@ -115,7 +116,7 @@ def test_corners_and_slopes_are_opencvs(model: LensModel) -> None:
     residuals, by_shared, by_pose, bounds = rows(bundle, seen)
     bent = POINTS + deformations(POINTS) @ shape
     for pose, first, last in zip(poses, bounds[:-1], bounds[1:], strict=True):
-        pixels, by_lens, by_board = PROJECTIONS[model.camera_model](bent, pose, intrinsics)
+        pixels, by_lens, by_board = projection(model.camera_model, bent, pose, intrinsics)
         np.testing.assert_allclose(-residuals[first:last], pixels, rtol=1e-12)
         by_lens, by_board = by_lens.reshape(-1, 2, len(intrinsics)), by_board.reshape(-1, 2, 6)
         np.testing.assert_allclose(by_shared[first:last, :, : len(intrinsics)], by_lens, rtol=1e-9, atol=1e-9)

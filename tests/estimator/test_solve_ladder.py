@@ -85,7 +85,8 @@ def made_and_said(rung: str, std: float, straight: bool) -> tuple[np.ndarray, np
     )
     made = np.abs(off / fitted_std(found, scenes, rung, 0.0)).max(axis=1)
     said = found.numbers.bias[:, RUNGS.index(rung)]
-    counted = found.numbers.converged & (found.numbers.scatter <= core.solver.WRONG_SHAPE) & (made > 0.3) & (made < 10.0)
+    fits = found.numbers.converged & (found.numbers.scatter <= core.solver.WRONG_SHAPE)
+    counted = fits & (made > 0.3) & (made < 10.0)
     return made[counted], said[counted]
 
 

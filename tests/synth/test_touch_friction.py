@@ -7,7 +7,8 @@ import pytest
 
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.simulate.contact.stick_slip import Bases, Setting, gripped
+from vbaa_calib.native import core
+from vbaa_calib.simulate.contact.stick_slip import Bases, Setting
 from vbaa_calib.simulate.contact.strokes import follow
 from vbaa_calib.simulate.contact.touch import touch, touch_strokes
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
@@ -55,7 +56,7 @@ def test_the_grip_keeps_its_law(friction: float) -> None:
     press, lift = rng.uniform(0.5, 5.0, count), 0.1 * rng.normal(size=(count, 2))
     pull = before - stick * way + stick * np.einsum("bij,bj->bi", give, now)
     each = zip(now, pull, stick * give, press, lift, strict=True)
-    grip = np.array([gripped(*one, friction) for one in each])
+    grip = np.array([core.simulate.gripped(*one, friction) for one in each])
     moved = way + np.einsum("bij,bj->bi", give, grip - now)
     rim = friction * np.maximum(press + (lift * (grip - now)).sum(axis=1), 0.0)
     pulled = before - stick * moved

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.lens.models import LENS_MODELS, PROJECTIONS, camera_of
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.cli.main import main
 from viz.report.lens import _maps, _straightened
 
@@ -52,7 +52,8 @@ def test_the_sample_is_straight(name: str, intrinsics: np.ndarray) -> None:
     camera = camera_of(model, intrinsics, size)
     image = np.full((size[1], size[0], 3), 255, np.uint8)
     line = np.array([[x, 0.32 + 0.25 * x, 1.0] for x in np.linspace(-0.6, 0.6, 400)])
-    seen = PROJECTIONS[model.camera_model](line, np.zeros(6), intrinsics)[0]
+    project = cv2.fisheye.projectPoints if name == "fisheye" else cv2.projectPoints
+    seen = project(line[:, None], np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)[0].reshape(-1, 2)
     cv2.polylines(image, [np.round(8 * seen).astype(int)], False, (0, 0, 0), 2, cv2.LINE_AA, shift=3)
     rows, columns = np.nonzero(_straightened(camera, image)[1][..., 0] < 100)
     bent = np.polyfit(columns, rows, 1, full=True)[1][0] / len(rows)

@@ -14,12 +14,8 @@ import numpy as np
 from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import Rows
-from vbaa_calib.core.compiled import kernel
 from vbaa_calib.geometry import Pose
-
-_FOOT_STEPS = 2
-"""Newton steps from the nearest node to the foot: each squares an error of a few hundredths of the nodes' spacing."""
-
+from vbaa_calib.native import core
 
 @dataclass(frozen=True, eq=False)
 class SeenPoints(Rows):
@@ -48,7 +44,13 @@ class ImageCurves(Rows):
 
     def at(self, which: int, arclength_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points and derivatives (N, 2) of one curve at arc lengths (N,), by cubic Hermite between the nodes."""
-        return _interpolated(arclength_m, self.arclength_m[which], self.nodes[which], self.slopes[which])
+        points, along = core.lens.interpolate(*self._arrays_from(which), np.array(arclength_m, float))
+        return points, along
+
+    def _arrays_from(self, first: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Arc lengths, nodes and slopes from one curve on, for the core."""
+        s, nodes, slopes = (np.ascontiguousarray(each[first:], float) for each in vars(self).values())
+        return s, nodes, slopes
 
 
 def see(camera: Camera, points_px: np.ndarray, sigma_px: np.ndarray, with_lens: bool = False) -> SeenPoints:
@@ -91,7 +93,8 @@ def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> Ima
 
 def feet(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
     """(N,) arc lengths of the points of the first curve nearest to the seen points."""
-    return _feet(seen.points, curves.arclength_m[0], curves.nodes[0], curves.slopes[0])
+    found: np.ndarray = core.lens.feet(*curves._arrays_from(), seen.points)
+    return found
 
 
 def whitened_residuals(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
@@ -100,7 +103,14 @@ def whitened_residuals(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
     All curves are compared at the arc lengths of the feet on the first, which to first order is the distance itself
     (the foot is where it is stationary). Points beyond an end of the curve get the distance from its tangent there.
     """
-    return _whitened(seen.points, seen.covariance, curves.arclength_m, curves.nodes, curves.slopes)[0]
+    return _whitened(seen, curves)[0]
+
+
+def _whitened(seen: SeenPoints, curves: ImageCurves) -> tuple[np.ndarray, np.ndarray]:
+    """`whitened_residuals`, and the normals (N, 2) at the feet over the standard deviations along them."""
+    points, covariance = (np.ascontiguousarray(each, float) for each in (seen.points, seen.covariance))
+    residuals, normals = core.lens.whitened(*curves._arrays_from(), points, covariance)
+    return residuals, normals
 
 
 def whitened_with_lens(seen: SeenPoints, curves: ImageCurves) -> tuple[np.ndarray, np.ndarray]:
@@ -108,80 +118,10 @@ def whitened_with_lens(seen: SeenPoints, curves: ImageCurves) -> tuple[np.ndarra
 
     P is 0 where the lens counts as exact.
     """
-    residuals, unit = _whitened(seen.points, seen.covariance, curves.arclength_m, curves.nodes, curves.slopes)
+    residuals, unit = _whitened(seen, curves)
     if seen.by_lens is None:
         return residuals, np.zeros((len(seen), 0))
     return residuals, (unit[:, None] @ seen.by_lens)[:, 0]
-
-
-@kernel
-def _whitened(
-    seen: np.ndarray, covariance: np.ndarray, nodes_s: np.ndarray, nodes: np.ndarray, slopes: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """`whitened_residuals`, and the normals (N, 2) at the feet over the deviations along them."""
-    foot = _feet(seen, nodes_s[0], nodes[0], slopes[0])
-    _, along = _interpolated(foot, nodes_s[0], nodes[0], slopes[0])
-    units, residuals = np.empty((len(seen), 2)), np.empty((len(seen), len(nodes)))
-    for n in range(len(seen)):
-        x, y = along[n]
-        own = covariance[n]
-        deviation = np.sqrt(own[0, 0] * y**2 - (own[0, 1] + own[1, 0]) * x * y + own[1, 1] * x**2)
-        units[n, 0], units[n, 1] = -y / deviation, x / deviation
-    for k in range(len(nodes)):
-        points, _ = _interpolated(foot, nodes_s[k], nodes[k], slopes[k])
-        for n in range(len(seen)):
-            off_x, off_y = seen[n, 0] - points[n, 0], seen[n, 1] - points[n, 1]
-            residuals[n, k] = off_x * units[n, 0] + off_y * units[n, 1]
-    return residuals, units
-
-
-@kernel
-def _feet(seen: np.ndarray, nodes_s: np.ndarray, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """`feet` on a curve with nodes (M, 2) at arc lengths (M,) and slopes (M, 2)."""
-    found = np.empty(len(seen))
-    for n in range(len(seen)):
-        u, v = seen[n]
-        nearest, least = 0, np.inf
-        for i in range(len(nodes)):
-            square = (nodes[i, 0] - u) ** 2 + (nodes[i, 1] - v) ** 2
-            if square < least:
-                nearest, least = i, square
-        s = nodes_s[nearest]
-        for _ in range(_FOOT_STEPS):
-            x, y, along_x, along_y = _on_curve(s, nodes_s, nodes, slopes)
-            s += ((u - x) * along_x + (v - y) * along_y) / (along_x**2 + along_y**2)
-            s = min(max(s, nodes_s[0]), nodes_s[-1])
-        found[n] = s
-    return found
-
-
-@kernel
-def _interpolated(
-    arclength_m: np.ndarray, nodes_s: np.ndarray, nodes: np.ndarray, slopes: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    points, along = np.empty((len(arclength_m), 2)), np.empty((len(arclength_m), 2))
-    for n, s in enumerate(arclength_m):
-        points[n, 0], points[n, 1], along[n, 0], along[n, 1] = _on_curve(s, nodes_s, nodes, slopes)
-    return points, along
-
-
-@kernel
-def _on_curve(
-    s: float, nodes_s: np.ndarray, nodes: np.ndarray, slopes: np.ndarray
-) -> tuple[float, float, float, float]:
-    """Point and derivative of a curve at an arc length, by cubic Hermite between the nodes."""
-    left = min(max(int(np.searchsorted(nodes_s, s, side="right")) - 1, 0), len(nodes_s) - 2)
-    span = nodes_s[left + 1] - nodes_s[left]
-    t = (s - nodes_s[left]) / span
-    x, along_x = _hermite(t, nodes[left, 0], nodes[left + 1, 0], span * slopes[left, 0], span * slopes[left + 1, 0])
-    y, along_y = _hermite(t, nodes[left, 1], nodes[left + 1, 1], span * slopes[left, 1], span * slopes[left + 1, 1])
-    return x, y, along_x / span, along_y / span
-
-
-@kernel
-def _hermite(t: float, p0: float, p1: float, d0: float, d1: float) -> tuple[float, float]:
-    a, b = 2.0 * (p0 - p1) + d0 + d1, 3.0 * (p1 - p0) - 2.0 * d0 - d1
-    return ((a * t + b) * t + d0) * t + p0, (3.0 * a * t + 2.0 * b) * t + d0
 
 
 def whitened_along(end: SeenPoints, curves: ImageCurves) -> tuple[np.ndarray, np.ndarray, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from vbaa_calib.antenna.rod import Rod, solve_rod
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.simulate.scene.distance import first_within
+from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Scene, Sweep
@@ -58,7 +58,7 @@ def _first_touch(place: Place, sweep: Sweep, points_antenna_m: np.ndarray, other
     for divided in range(_DIVISIONS + 1):
         poses = place.kinematics.world_antenna(*_joints(sweep.press, angles, np.full_like(angles, other_rad)))
         # where the free antenna would penetrate the object
-        hit = first_within(place.object.numbers, *poses, points_antenna_m, place.radius_m)
+        hit = core.simulate.first_within(place.object.numbers, *poses, points_antenna_m, place.radius_m)
         if divided == 0 and hit in (0, len(angles)):
             raise InputError(
                 f"the antenna never meets the object by {sweep.press} in the "

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
-from vbaa_calib.calibrate.lens.models import PROJECTIONS
+from vbaa_calib.calibrate.lens.models import pose_slopes, projected
 from vbaa_calib.calibrate.lens.outliers import DroppedView, inlier_masks, usable_views
 from vbaa_calib.calibrate.lens.uncertainty import compensate, pixel_grid, projection_jacobian
 from vbaa_calib.calibrate.pose.board_pose import jig_estimate, solve_board_pose
@@ -79,7 +79,8 @@ def check_lens(
     blocks = []
     for view in views:
         points = view.T_camera_board @ points_m[view.ids[view.good]]
-        _, by_lens, by_pose = PROJECTIONS[camera.model](points, np.zeros(6), camera.parameters)
+        _, by_point, by_lens = projected(camera, points)
+        by_pose, by_lens = pose_slopes(by_point, points).reshape(-1, 6), by_lens.reshape(2 * len(points), -1)
         axes, _ = np.linalg.qr(by_pose / np.linalg.norm(by_pose, axis=0))
         both = np.column_stack([by_lens, view.residuals_px[view.good].ravel()])
         blocks.append(both - axes @ (axes.T @ both))

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.least_squares import Rules
 from vbaa_calib.core.robust import radial_std
+from vbaa_calib.native import core
 
-from .board_shape import SHAPE, ShapePrior
-from .descent import Held, State, Stop, descend
+from .board_shape import SHAPE, TAIL, ShapePrior
 from .models import LensModel, Unfolding
-from .projection import Corners, corner_rows
 
 CONVERGED = Rules(300, 1e-8, may_rise_share=1e-13, damping=1e-3, growth=8.0, after_failure=0.0)
 """Enough for decisions; `polished` for what is reported."""
@@ -33,15 +33,55 @@ class BoardCorners(Rows):
     weight: float = 1.0  # of its residuals; less than 1 for a noisy view
 
 
+class Corners(NamedTuple):
+    """Corners of V views: board points (N, 3) m, by how much they move with the board's shape (N, 3, 5), pixels (N, 2).
+
+    weights : (N,) of their residuals. bounds : (V + 1,), view v has corners bounds[v] to bounds[v + 1].
+    """
+
+    points_m: np.ndarray
+    deformation: np.ndarray
+    pixels: np.ndarray
+    weights: np.ndarray
+    bounds: np.ndarray
+
+
+class State(NamedTuple):
+    """Lens (4 + k,), board's shape (5,), poses (V, 6)."""
+
+    fisheye: bool
+    lens: np.ndarray
+    shape: np.ndarray
+    poses: np.ndarray
+
+
+class Priors(NamedTuple):
+    """What holds the board's shape and the lens, besides the corners.
+
+    mean, std : (5,) of the shape's prior, Student's t, weighed by noise_px; zero where there is none.
+    least_slope : of the distorted radius by the ideal one, wherever the picture reaches; zero where there is none.
+    stiffness_px : residual of a slope of zero at one of the radii checked.
+    """
+
+    mean: np.ndarray
+    std: np.ndarray
+    noise_px: float
+    least_slope: float
+    stiffness_px: float
+    width: int
+    height: int
+    tail: float = TAIL
+
+
 def _corners_of(observations: Sequence[BoardCorners]) -> Corners:
     """All views' corners, concatenated."""
     counts = [len(view.pixels) for view in observations]
     rigid = [np.zeros((len(v.pixels), 3, SHAPE)) if v.deformation is None else v.deformation for v in observations]
     return Corners(
-        np.concatenate([view.points_m for view in observations]),
+        np.concatenate([view.points_m for view in observations], dtype=float),
         np.concatenate(rigid),
-        np.concatenate([view.pixels for view in observations]),
-        np.repeat([view.weight for view in observations], counts),
+        np.concatenate([view.pixels for view in observations], dtype=float),
+        np.repeat(np.array([view.weight for view in observations], float), counts),
         np.concatenate([[0], np.cumsum(counts)]),
     )
 
@@ -50,7 +90,7 @@ def rows(bundle: Bundle, observations: Sequence[BoardCorners]) -> tuple[np.ndarr
     """Residuals (N, 2) px of all corners, negative derivatives by intrinsics and shape (N, 2, 4 + k + 5) and by the
     poses' tangents (N, 2, 6, `Pose.retract`), and bounds (V + 1,): view v has rows bounds[v] to bounds[v + 1]."""
     corners = _corners_of(observations)
-    residuals, slopes = corner_rows(*bundle.state, bundle.model.is_fisheye, corners)
+    residuals, slopes = core.bundle.corner_rows(bundle.state, corners)
     return residuals, slopes[..., :-6], slopes[..., -6:], corners.bounds
 
 
@@ -91,17 +131,23 @@ class Bundle:
     @property
     def state(self) -> State:
         """What a descent moves."""
-        return State(*(np.ascontiguousarray(part, float) for part in (self.intrinsics, self.shape, self.poses)))
+        parts = (np.array(part, float) for part in (self.intrinsics, self.shape, self.poses))
+        return State(self.model.is_fisheye, *parts)
 
     @property
-    def held(self) -> Held:
+    def priors(self) -> Priors:
         """Priors and penalties."""
-        nil, unfolding = np.zeros(SHAPE), self.unfolding or Unfolding(0.0, 0.0, (0, 0))
-        mean, std, noise_px = (
-            (nil, nil, 0.0) if self.prior is None else (self.prior.mean, self.prior.std, self.noise_px)
-        )
+        unfolding = self.unfolding or Unfolding(0.0, 0.0, (0, 0))
         stiffness = float(np.sqrt(unfolding.weight_px2))
-        return Held(mean, std, float(noise_px), unfolding.least_slope, stiffness, unfolding.image_size)
+        if self.prior is None:
+            return Priors(np.zeros(SHAPE), np.zeros(SHAPE), 0.0, unfolding.least_slope, stiffness, *unfolding.image_size)
+        mean, std = (np.array(each, float) for each in (self.prior.mean, self.prior.std))
+        return Priors(mean, std, float(self.noise_px), unfolding.least_slope, stiffness, *unfolding.image_size)
+
+    def unfolding_rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (m,) px of the radii where the slope is too small, their negative derivatives (m, 4 + k)."""
+        lacking, by_lens = core.bundle.unfolding_rows(self.state.lens, self.model.is_fisheye, self.priors)
+        return lacking, by_lens
 
     def prior_rows(self) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (m,) px of the shape's prior as IRLS has them, and their negative derivatives (m, 4 + k + 5)."""
@@ -141,15 +187,16 @@ def refine(
 ) -> Bundle:
     """Levenberg–Marquardt on the reprojection error; robust : by Cauchy's loss, so gross errors do not pull."""
     corners, directions = _corners_of(observations), start.directions
-    # each number of lens and shape is part of one unknown, or held
+    # each number of lens and shape is part of one unknown, or kept
     column = np.where(directions.any(axis=1), directions.argmax(axis=1) if directions.size else 0, -1)
-    stop = Stop(rules.iterations, rules.tolerance, rules.damping, rules.growth, rules.may_rise_share)
-    state, residuals = descend(start.state, start.model.is_fisheye, corners, column, start.held, stop, robust)
+    lens, shape, poses, residuals = core.bundle.descend(
+        start.state, corners, column, start.priors, rules, robust
+    )
     return replace(
         start,
-        intrinsics=state.lens,
-        shape=state.shape,
-        poses=state.poses,
+        intrinsics=lens,
+        shape=shape,
+        poses=poses,
         residuals_px=of_views(residuals, corners.bounds),
     )
 

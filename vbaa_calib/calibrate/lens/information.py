@@ -13,7 +13,6 @@ from vbaa_calib.detect.board.corners import BoardView
 
 from .board_shape import SHAPE, deformations
 from .bundle import CONVERGED, BoardCorners, Bundle, refine, rows
-from .descent import unfolding_rows
 from .models import LensModel, camera_of, is_monotonic
 from .uncertainty import compensate, pixel_grid, projection_jacobian
 
@@ -104,7 +103,7 @@ def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Informa
     roots = np.asarray(np.linalg.qr(np.concatenate([by_view, own], axis=-1), mode="r"))
     held = prior_rows = np.column_stack([by_shape @ half, prior])
     if bundle.unfolding is not None:
-        steep = unfolding_rows(bundle.intrinsics, bundle.model.is_fisheye, bundle.held)[1] @ half[:-SHAPE]
+        steep = bundle.unfolding_rows()[1] @ half[:-SHAPE]
         held = np.vstack([held, np.pad(steep, ((0, 0), (0, 1)))])
     return Information(
         half=half,

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from vbaa_calib.camera import Camera
+from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.camera.models import MODELS
-
-from .projection import corner_radius, radial_slopes
+from vbaa_calib.native import core
 
 
 @dataclass(frozen=True)
@@ -50,32 +49,10 @@ LENS_MODELS = {
     )
 }
 
-_Projected = tuple[np.ndarray, np.ndarray, np.ndarray]
-
-
 def _camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
     """(3, 3) camera matrix from (fx, fy, cx, cy, *distortion)."""
     fx, fy, cx, cy = intrinsics[:4]
     return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-
-
-def _project_opencv(points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray) -> _Projected:
-    distortion = intrinsics[4:] if len(intrinsics) > 4 else np.zeros(4)
-    pixels, jacobian = cv2.projectPoints(points, pose[:3], pose[3:], _camera_matrix(intrinsics), distortion)
-    return pixels.reshape(-1, 2), jacobian[:, 6 : 6 + len(intrinsics)], jacobian[:, :6]
-
-
-def _project_fisheye(points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray) -> _Projected:
-    turn, shift, distortion = pose[:3, None], pose[3:, None], intrinsics[4:, None]
-    pixels, jacobian = cv2.fisheye.projectPoints(
-        points.reshape(-1, 1, 3), turn, shift, _camera_matrix(intrinsics), distortion
-    )
-    return pixels.reshape(-1, 2), jacobian[:, :8], jacobian[:, 8:14]
-
-
-PROJECTIONS = {"opencv": _project_opencv, "fisheye": _project_fisheye}
-"""Camera model → projection of points (N, 3), pose (6,) = rotation vector and translation, intrinsics (4 + k,), to
-pixels (N, 2) and the derivatives of the interleaved pixels by intrinsics (2N, 4 + k) and by the pose (2N, 6)."""
 
 
 def camera_of(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> Camera:
@@ -92,13 +69,9 @@ def projected(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
     Points that the lens does not see are far outside the picture, with derivatives of zero.
     """
-    seen = camera.project(points)[1][:, None]
-    ahead = np.where(seen, points, [0.0, 0.0, 1.0])
-    pixels, by_lens, by_pose = PROJECTIONS[camera.model](ahead, np.zeros(6), camera.parameters)
-    by_point, by_lens = (
-        np.where(seen[..., None], each.reshape(len(points), 2, -1), 0.0) for each in (by_pose[:, 3:], by_lens)
-    )
-    return np.where(seen, pixels, _UNSEEN_PX), by_point, by_lens
+    points = np.ascontiguousarray(points, float)
+    pixels, seen, by_point, by_lens = lens_of(camera.intrinsics).project(points, True)
+    return np.where(seen[:, None], pixels, _UNSEEN_PX), by_point, by_lens
 
 
 def pose_slopes(by_point: np.ndarray, lever: np.ndarray) -> np.ndarray:
@@ -128,7 +101,13 @@ def _radial_curve(
     model: LensModel, distortion: np.ndarray, radii: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distorted radius (m,) at ideal radii (m,), its slope (m,), and the slope's derivatives (m, k)."""
-    return radial_slopes(np.ascontiguousarray(distortion), model.is_fisheye, radii)
+    curve, slope, by_distortion = core.bundle.radial_slopes(np.array(distortion, float), model.is_fisheye, radii)
+    return curve, slope, by_distortion
+
+
+def corner_radius(intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
+    """Distorted radius of the picture's furthest corner from the axis, and 2 % more; intrinsics (4 + k,)."""
+    return float(core.bundle.corner_radius(np.array(intrinsics, float), *image_size))
 
 
 def _poles(model: LensModel, intrinsics: np.ndarray) -> np.ndarray:

@@ -7,18 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vbaa_calib.core.compiled import kernel
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.detect.quality.screen import screen_views, too_few
+from vbaa_calib.native import core
 
 from .bundle import BoardCorners, Bundle, of_views, refine, residuals_px, rows
-from .descent import factored
 
 _LEAST_CORNERS = 4
 """Four corners fix the pose of a plane."""
 _CHANCE, _LEAST_PX, _ROUNDS, _BLURRED = 1e-6, 0.25, 8, 5.0
-_BELOW, _LEAST_VARIANCE = 5.0, 0.05
+_BELOW = 5.0
 _NOISIER, _USUAL_CORNERS = 1.2, 10
 
 
@@ -87,39 +86,8 @@ def _standardised(
     """Per view (N,) px, length of each corner's residual over its standard deviation, which is 1 for a corner whose
     view's pose is known: less for those that the pose rests on, by `masks` (N,), more for the others."""
     residuals, _, by_pose, bounds = rows(bundle, observations)
-    return list(of_views(_lengths(residuals, np.ascontiguousarray(by_pose), np.concatenate(masks), bounds), bounds))
-
-
-@kernel
-def _lengths(residuals: np.ndarray, slopes: np.ndarray, used: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """(N,) as `_standardised`, from residuals (N, 2), their slopes by the views' poses (N, 2, 6), and masks (N,)."""
-    lengths, half = np.empty(len(residuals)), np.zeros((2, 6))
-    for view in range(len(bounds) - 1):
-        factor = np.zeros((6, 6))
-        for n in range(bounds[view], bounds[view + 1]):
-            for i in range(6 if used[n] else 0):
-                for j in range(i + 1):
-                    factor[i, j] += slopes[n, 0, i] * slopes[n, 0, j] + slopes[n, 1, i] * slopes[n, 1, j]
-        fixed = factored(factor, 6)
-        for n in range(bounds[view], bounds[view + 1]):
-            for axis in range(2):
-                for i in range(6):
-                    left = slopes[n, axis, i] if fixed else 0.0
-                    for j in range(i):
-                        left -= factor[i, j] * half[axis, j]
-                    half[axis, i] = left * factor[i, i]
-            first, both, second = 0.0, 0.0, 0.0
-            for i in range(6):
-                first, second = first + half[0, i] ** 2, second + half[1, i] ** 2
-                both += half[0, i] * half[1, i]
-            sign = -1.0 if used[n] else 1.0
-            middle, apart = 1.0 + 0.5 * sign * (first + second), 0.5 * np.hypot(first - second, 2.0 * both)
-            turn = 0.5 * np.arctan2(2.0 * sign * both, sign * (first - second))
-            u, v = residuals[n, 0], residuals[n, 1]
-            along = (u * np.cos(turn) + v * np.sin(turn)) / np.sqrt(max(middle + apart, _LEAST_VARIANCE))
-            across = (v * np.cos(turn) - u * np.sin(turn)) / np.sqrt(max(middle - apart, _LEAST_VARIANCE))
-            lengths[n] = np.hypot(along, across)
-    return lengths
+    lengths = core.bundle.standardised(residuals, np.ascontiguousarray(by_pose), np.concatenate(masks), bounds)
+    return list(of_views(lengths, bounds))
 
 
 def inlier_masks(distances: Sequence[np.ndarray]) -> list[np.ndarray]:

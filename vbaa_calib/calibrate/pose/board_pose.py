@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, deformations
-from vbaa_calib.calibrate.lens.models import PROJECTIONS
+from vbaa_calib.calibrate.lens.models import pose_slopes, projected
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.least_squares import SOFT_L1, SQUARES, Linearised, Loss, Rules, levenberg_marquardt
@@ -197,14 +197,9 @@ class _SeenBoard:
 
     def derivatives(self, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray]:
         """Of the interleaved pixels by the pose's tangent (2N, 6) and by the lens' parameters (2N, 4 + k)."""
-        project, camera = PROJECTIONS[self.camera.model], self.camera
-        _, by_lens, by_vector = project(self.points, T_camera_board.vector, camera.parameters)
-        by_position = by_vector[:, 3:].reshape(-1, 2, 3)
-        # turning by w about the board's origin moves a point by w × lever
-        by_turn = np.cross((self.points @ T_camera_board.rotation.T)[:, None], by_position)
-        seen = camera.project(T_camera_board @ self.points)[1]
-        by_pose = np.concatenate([by_turn, by_position], axis=-1)
-        return np.where(seen[:, None, None], by_pose, 0.0).reshape(-1, 6), by_lens
+        _, by_point, by_lens = projected(self.camera, T_camera_board @ self.points)
+        by_pose = pose_slopes(by_point, self.points @ T_camera_board.rotation.T)
+        return by_pose.reshape(-1, 6), by_lens.reshape(2 * len(self.points), -1)
 
     def refined(self, T_camera_board: Pose, loss: Loss) -> Pose:
         """The pose of least cost near by."""

@@ -70,12 +70,12 @@ Shots shoot(const Rod& rod, const RodLoads& loads, Vectors moment_Nm, int steps,
     Vectors zero = {};
     Sections at = {zero + rod.origin, zero + rod.d1, zero + rod.d2, moment_Nm}, middle = at;
     for (int segment = 0; segment < 2; ++segment) {
-        Lanes step = (segment ? length - split : split) / steps, start = segment ? split : Lanes{};
+        Lanes step = (segment ? length - split : split) / spread(steps), start = segment ? split : Lanes{};
         Lanes pushed = at_tip ? spread(1.0) : spread(segment ? 0.0 : 1.0);
         Vectors force = pushed * loads.force_N;
         for (int i = 0; i < steps; ++i) {
             if (nodes) write_node(at, nodes + 12 * (segment * steps + i));
-            at = stepped(rod, at, step, force + (length - start - i * step) * weight, weight);
+            at = stepped(rod, at, step, force + (length - start - spread(i) * step) * weight, weight);
         }
         if (segment == 0) middle = at;
     }

@@ -24,23 +24,18 @@ sphere at the normal at which it started.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from vbaa_calib.antenna.rod import Rod, RodShape, empty_nodes, sample_shape, solve_rod
-from vbaa_calib.antenna.shooting import RodNumbers, shoot
-from vbaa_calib.core.compiled import kernel
+from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
 from vbaa_calib.core.errors import SolveError
-from vbaa_calib.core.newton import newton_for
-from vbaa_calib.geometry.vectors import dot, moved, scaled, unit, vector
+from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.objects import TouchObject
 
 from .stick_slip import TOLERANCE, Bases, Contacts, Held, Setting, tangent_axes
 
 _SAMPLES = 400
 _PARALLEL = 0.05
-_DEPTH_LADDER = tuple((i / 12) ** 1.5 for i in range(1, 13))
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,18 +196,19 @@ def _first_guess(problem: _Problem, rows: np.ndarray) -> np.ndarray:
 
 def _solved(problem: _Problem, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Arc length, normal force (R,) and normal (R, 3); frames that do not converge are pushed in step by step."""
-    rod, core, normal = problem.rod, problem.core, problem.normal[rows]
+    rod, normal = problem.rod, problem.normal[rows]
     state = _first_guess(problem, rows)
     steep = rod.length_m / np.maximum(problem.arclength_m[rows], 0.05 * rod.length_m)
     ones = np.ones_like(steep)
     upper = np.stack([*[50.0 * steep] * 3, ones, 50.0 * steep**2, 3.0 * ones, 3.0 * ones], axis=1)
     limits = np.stack([np.where(np.arange(7) == 3, 0.01, -upper), upper], axis=1)
     force_unit = rod.bending_stiffness_Nm2 / rod.length_m**2
-    object_ = np.array([problem.reach_m, problem.compliance_m_N * force_unit, force_unit])
+    pressing = problem.reach_m, problem.compliance_m_N * force_unit, force_unit, TOLERANCE
     depth = problem.depth_m[rows, None, None] * normal[:, None]
-    vectors = [problem.gravity[rows, None], core.center_m[rows, None], depth, core.across[rows], normal[:, None]]
-    frames = np.concatenate([*vectors, tangent_axes(normal)], axis=1)
-    failed = _touching(rod.numbers, object_, frames, limits, state, empty_nodes(1)[0])
+    middle, across = problem.core.center_m[rows, None], problem.core.across[rows]
+    vectors = [problem.gravity[rows, None], middle, depth, across, normal[:, None], tangent_axes(normal)]
+    frames = np.concatenate(vectors, axis=1)
+    state, failed = core.simulate.touch_at_once(rod.numbers, pressing, frames, limits, state)
     if failed >= 0:
         frame = int(rows[failed])
         raise SolveError(
@@ -222,66 +218,3 @@ def _solved(problem: _Problem, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray
     found = normal + np.einsum("bi,bij->bj", state[:, 5:], frames[:, 7:])
     found /= np.linalg.norm(found, axis=1, keepdims=True)
     return state[:, 3] * rod.length_m, state[:, 4] * force_unit, found
-
-
-class _Frame(NamedTuple):
-    """One frame as the kernels know it.
-
-    vectors : (9, 3) gravity, core, what the depth is along the normal, the projection across the core, the normal at
-        which the search starts, and the axes across it.
-    share : below 1 the object is drawn back until only that share of the depth is left.
-    object : (3,) the object's radius plus the antenna's, its compliance in m per EI/L², and EI/L².
-    nodes : (N, 4, 3) scratch.
-    """
-
-    rod: RodNumbers
-    object: np.ndarray
-    vectors: np.ndarray
-    share: float
-    nodes: np.ndarray
-
-
-@kernel
-def _residual(frame: _Frame, x: np.ndarray, values: np.ndarray) -> None:
-    """What is left of the seven equations in the state x (7,), scaled."""
-    rod, given, (reach, compliance, force_unit) = frame.rod, frame.vectors, frame.object
-    length = rod.length_m
-    normal = unit(moved(moved(vector(given[6]), x[5], vector(given[7])), x[6], vector(given[8])))
-    moment, force = scaled(force_unit * length, vector(x)), scaled(force_unit * x[4], normal)
-    contact = shoot(rod, vector(given[0]), x[3] * length, force, moment, frame.nodes)
-    point, tangent = vector(frame.nodes[contact, 0]), vector(frame.nodes[contact, 1])
-    away = moved(moved(point, -1.0, vector(given[1])), 1.0 - frame.share, vector(given[2]))
-    reach -= compliance * x[4]
-    for i in range(3):
-        across = vector(given[3 + i])
-        in_plane = dot(across, normal)
-        values[i] = frame.nodes[-1, 3, i] / (force_unit * length)
-        # along a line core the offset says nothing; there the normal's own component has to vanish
-        values[3 + i] = (dot(across, away) - reach * in_plane) / length + (normal[i] - in_plane)
-    values[6] = min(1.0 - x[3], -dot(normal, tangent))
-
-
-_newton = newton_for(_residual)
-
-
-@kernel
-def _touching(
-    rod: RodNumbers, object_: np.ndarray, frames: np.ndarray, limits: np.ndarray, x: np.ndarray, nodes: np.ndarray
-) -> int:
-    """Solve frames (R, 9, 3) from states x (R, 7), which are overwritten, within limits (R, 2, 7), low and high.
-
-    Returns
-    -------
-    int : the first frame that was not found, −1 where all were.
-    """
-    for i in range(len(x)):
-        start, (low, high) = x[i].copy(), limits[i]
-        size = _newton(_Frame(rod, object_, frames[i], 1.0, nodes), x[i], low, high, TOLERANCE)
-        if not size <= TOLERANCE:
-            x[i] = start
-            x[i, 4] *= _DEPTH_LADDER[0]
-            for share in _DEPTH_LADDER:
-                size = _newton(_Frame(rod, object_, frames[i], share, nodes), x[i], low, high, TOLERANCE)
-            if not size <= TOLERANCE:
-                return i
-    return -1

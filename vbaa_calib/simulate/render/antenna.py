@@ -8,14 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from vbaa_calib.core.compiled import kernel
+from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import Lens, project
 
 from .picture import Patch, Studio, frame_around
 
 _SUBPIXELS = 4
-_AMBIENT = 0.45
-_ROOM_PX, _BEYOND_PX = 2.5, 50
 
 DepthOfObstacle = Callable[[np.ndarray], np.ndarray]
 """Pixels (N, 2) to the depth (N,) along the camera's z of whatever may stand in front; inf where nothing does."""
@@ -81,14 +79,15 @@ def tube_patch(
     paint : albedo, 0 to 1.
     asymmetry : how much brighter one flank is; with 0 the centroid across the tube lies on the axis.
     """
-    rows, columns, nearest = _near(seen.pixels, seen.half_width_px, np.array(place.rays.lens.image_size))
-    if not rows.size:
-        return None
     steps = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
     inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    centres = np.stack([columns, rows], axis=1).astype(float)
     curve = np.column_stack([seen.pixels, seen.tangents, seen.normals, seen.half_width_px])
-    coverage, shade = _covered(centres, nearest, curve, inner, asymmetry)
+    size = place.rays.lens.image_size
+    found = core.simulate.tube_pixels(curve, *size, inner, _SUBPIXELS, asymmetry)
+    rows, columns, nearest, coverage, shade = found
+    if not rows.size:
+        return None
+    centres = np.stack([columns, rows], axis=1).astype(float)
     if obstacle is not None:
         which, sample = np.nonzero(coverage)
         hidden = obstacle(centres[which] + inner[sample]) < seen.depth_m[nearest[which]]
@@ -103,65 +102,6 @@ def tube_patch(
         return fine.reshape((bottom - top) * _SUBPIXELS, (right - left) * _SUBPIXELS)
 
     return Patch(left, top, _SUBPIXELS, laid_out(light[:, None] * shade), laid_out(coverage))
-
-
-@kernel
-def _near(
-    pixels: np.ndarray, half_width_px: np.ndarray, image_size: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows and columns of the pixels that the tube may touch, and which of its samples is nearest to each."""
-    width, height = image_size
-    reach = _ROOM_PX + half_width_px.max()
-    distance, nearest = np.full((height, width), reach**2), np.full((height, width), -1)
-    for i, (u, v) in enumerate(pixels):
-        if not (-_BEYOND_PX < u < width + _BEYOND_PX and -_BEYOND_PX < v < height + _BEYOND_PX):
-            continue
-        for row in range(max(int(v - reach), 0), min(int(v + reach) + 2, height)):
-            for column in range(max(int(u - reach), 0), min(int(u + reach) + 2, width)):
-                square = (column - u) ** 2 + (row - v) ** 2
-                if square < distance[row, column]:
-                    distance[row, column], nearest[row, column] = square, i
-    rows, columns = np.nonzero(nearest >= 0)
-    found = np.empty(len(rows), np.int64)
-    for i in range(len(rows)):
-        found[i] = nearest[rows[i], columns[i]]
-    return rows, columns, found
-
-
-@kernel
-def _covered(
-    centres: np.ndarray, nearest: np.ndarray, curve: np.ndarray, inner: np.ndarray, asymmetry: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Covered part and brightness (K, 16) of the sub-pixels `inner` (16, 2) of the pixels (K, 2).
-
-    curve : (N, 7) pixel, tangent, normal and half width of the tube's samples.
-    """
-    coverage, shade = np.zeros((len(centres), len(inner))), np.zeros((len(centres), len(inner)))
-    half = 0.5 / _SUBPIXELS
-    for i, at in enumerate(nearest):
-        u, v, tangent_u, tangent_v, normal_u, normal_v, half_width = curve[at]
-        for j in range(len(inner)):
-            x, y = centres[i, 0] + inner[j, 0] - u, centres[i, 1] + inner[j, 1] - v
-            across, along = x * normal_u + y * normal_v, x * tangent_u + y * tangent_v
-            low = min(max((across - half) / half_width, -1.0), 1.0)
-            high = min(max((across + half) / half_width, -1.0), 1.0)
-            present = 1.0
-            if at == 0:
-                present = min(max(0.5 + along * _SUBPIXELS, 0.0), 1.0)
-            if at == len(curve) - 1:
-                present *= min(max(0.5 - along * _SUBPIXELS, 0.0), 1.0)
-            if present > 0.0 and high > low:
-                scale = present * half_width * _SUBPIXELS
-                coverage[i, j] = (high - low) * scale
-                shade[i, j] = (_summed(high, asymmetry) - _summed(low, asymmetry)) * scale
-    return coverage, shade
-
-
-@kernel
-def _summed(u: float, asymmetry: float) -> float:
-    """The round tube's shading, integrated across it from its axis to u, −1 to 1."""
-    round_part = (u * np.sqrt(1.0 - u**2) + np.arcsin(u)) / 2
-    return _AMBIENT * u + (1.0 - _AMBIENT) * round_part + asymmetry * u**2 / 2
 
 
 def visible_centreline(lens: Lens, seen: Tube, obstacle: DepthOfObstacle | None, step_px: float = 1.0) -> np.ndarray:

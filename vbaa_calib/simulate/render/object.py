@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from vbaa_calib.geometry import Pose
+from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import project
-from vbaa_calib.simulate.scene.objects import BOX_FACE_M, LINES, WEDGES, TouchObject
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, LINES, WEDGES, ObjectNumbers, TouchObject
 
 from .antenna import DepthOfObstacle
-from .casting import Body, cast_rays, shade
 from .picture import LAMP_WORLD, Patch, Studio, frame_around
 
 _BLADE_HALF_ANGLE_RAD, _BLADE_DEPTH_M = np.deg2rad(3.0), 0.025
@@ -26,9 +27,22 @@ _SUBPIXELS = 4
 def cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """First hits of rays from one origin (3,) along directions (N, 3), world frame: depth (N,) in lengths of the ray's
     vector (inf: a miss), normal (N, 3), face (N,), a round side being face 0."""
-    normal, face = np.empty((len(directions), 3)), np.empty(len(directions), np.int64)
-    depth = cast_rays(_body(obj), origin_m, np.ascontiguousarray(directions), normal, face)
-    return depth, normal, face
+    found: tuple[np.ndarray, np.ndarray, np.ndarray] = core.simulate.cast_rays(_body(obj), origin_m, directions)
+    return found
+
+
+class Body(NamedTuple):
+    """What is drawn of an object, as the core reads it.
+
+    sides : (K, 4) half-spaces normal·(x − centre) ≤ offset. across : (3, 3) projects on the directions across its axis.
+    reach_m : radius about the centre that holds it. steepest : how fast F grows at most along a way in a free form.
+    """
+
+    object: ObjectNumbers
+    sides: np.ndarray
+    across: np.ndarray
+    reach_m: float
+    steepest: float
 
 
 def _body(obj: TouchObject) -> Body:
@@ -96,7 +110,8 @@ def _shaded(
     """Brightness, whether the object is hit, and its face, each (N,)."""
     depth, normal, face = cast(obj, origin_m, directions)
     light = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(normal @ LAMP_WORLD, 0.0)
-    return albedo * shade(_body(obj), origin_m, directions, depth, light), np.isfinite(depth), face
+    shade = core.simulate.shade(obj.center_world_m, origin_m, directions, depth, light)
+    return albedo * shade, np.isfinite(depth), face
 
 
 def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Patch | None:

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vbaa_calib.core.compiled import kernel
-from vbaa_calib.geometry.vectors import dot, vector
+from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import Lens, RayMap, ray_map
 from vbaa_calib.simulate.scene.scene import PictureSpec
 
@@ -120,25 +119,8 @@ def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
     The bench is far away: it turns with the camera and does not shift. Directions are laid out stereographically,
     straight down in the middle, so that it goes on past the horizon.
     """
-    texel = _texels(place.rays.padded, np.ascontiguousarray(R_world_camera))
+    texel = core.simulate.bench_texels(place.rays.padded, R_world_camera, _BENCH_TEXELS, _BENCH_REACH)
     return cv2.remap(place.bench, texel, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-
-
-@kernel
-def _texels(padded: np.ndarray, R_world_camera: np.ndarray) -> np.ndarray:
-    """(height, width, 2) float32 where on the bench the pixels' rays end."""
-    height, width = padded.shape[0] - 2, padded.shape[1] - 2
-    texels = np.empty((height, width, 2), np.float32)
-    first, second, third = vector(R_world_camera[0]), vector(R_world_camera[1]), vector(R_world_camera[2])
-    for row in range(height):
-        for column in range(width):
-            ray = padded[row + 1, column + 1, 0], padded[row + 1, column + 1, 1], 1.0
-            x, y, z = dot(first, ray), dot(second, ray), dot(third, ray)
-            # scaled by 1/n, not normalised first: u = dx / (|d| − dz)
-            below = max(np.sqrt(x * x + y * y + z * z) - z, 1e-3)
-            texels[row, column, 0] = (x / below / _BENCH_REACH + 1.0) * (_BENCH_TEXELS / 2)
-            texels[row, column, 1] = (y / below / _BENCH_REACH + 1.0) * (_BENCH_TEXELS / 2)
-    return texels
 
 
 def composed(canvas: np.ndarray, patch: Patch) -> np.ndarray:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.native import core
 
 _PRECISE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
 _POINTS = 4000
@@ -90,22 +90,7 @@ class RayMap:
 
     def at(self, pixels: np.ndarray) -> np.ndarray:
         """(N, 2) x/z and y/z at pixels (N, 2) inside the picture, interpolated linearly."""
-        return _between(self.padded, np.ascontiguousarray(pixels))
-
-
-@kernel
-def _between(padded: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    rays = np.empty(pixels.shape)
-    rows, columns = padded.shape[0] - 1.001, padded.shape[1] - 1.001
-    for i, pixel in enumerate(pixels):
-        u, v = min(max(pixel[0] + 1.0, 0.0), columns), min(max(pixel[1] + 1.0, 0.0), rows)
-        column, row = int(u), int(v)
-        a, b = u - column, v - row
-        for j in range(2):
-            upper = (1 - a) * padded[row, column, j] + a * padded[row, column + 1, j]
-            lower = (1 - a) * padded[row + 1, column, j] + a * padded[row + 1, column + 1, j]
-            rays[i, j] = (1 - b) * upper + b * lower
-    return rays
+        return np.asarray(core.simulate.rays_between(self.padded, pixels))
 
 
 def invertible(lens: Lens, step_px: int = 8) -> bool:

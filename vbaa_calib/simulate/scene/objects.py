@@ -13,13 +13,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from .distance import ObjectNumbers, elevations, rough_distances, signed_distances, surface_radii
+from vbaa_calib.native import core
 
 SHAPES = ("cylinder", "sphere", "knife_edge", "box_edge", "freeform")
-"""In the order of `distance`."""
+"""In the order of the core's kinds."""
 LINES = ("cylinder", "knife_edge", "box_edge")
 """Shapes with an axis, along which they end."""
 WEDGES = ("knife_edge", "box_edge")
@@ -40,6 +41,17 @@ class Bump:
     direction_world: np.ndarray
     height_m: float
     width_m: float
+
+
+class ObjectNumbers(NamedTuple):
+    """An object as the core reads it: its kind, vectors (3,), and bumps (K, 5), directions, heights and widths."""
+
+    kind: int
+    center_m: np.ndarray
+    axis: np.ndarray
+    wedge: np.ndarray
+    radius_m: float
+    bumps: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,19 +116,18 @@ class TouchObject:
         -------
         distance (...,) m and normal (..., 3).
         """
-        points = np.ascontiguousarray(points_world, float)
-        normal = np.empty(points.shape)
-        distance = signed_distances(self.numbers, points.reshape(-1, 3), normal.reshape(-1, 3))
-        return distance.reshape(points.shape[:-1]), normal
+        points = np.asarray(points_world, float)
+        distance, normal = core.simulate.signed_distances(self.numbers, points.reshape(-1, 3))
+        return distance.reshape(points.shape[:-1]), normal.reshape(points.shape)
 
     def rough_distance(self, points_world: np.ndarray) -> np.ndarray:
         """(...) a cheaper distance with the same order over points (..., 3), zero on the surface too."""
-        points = np.ascontiguousarray(points_world, float)
-        return rough_distances(self.numbers, points.reshape(-1, 3)).reshape(points.shape[:-1])
+        points = np.asarray(points_world, float)
+        return core.simulate.rough_distances(self.numbers, points.reshape(-1, 3)).reshape(points.shape[:-1])
 
     @property
     def numbers(self) -> ObjectNumbers:
-        """What the kernels know of it."""
+        """As the core reads it."""
         center, axis, wedge = (
             np.ascontiguousarray(v, float) for v in (self.center_world_m, self.axis_world, self.wedge_world)
         )
@@ -130,12 +141,11 @@ def _rows(bumps: Sequence[Bump]) -> np.ndarray:
 
 def implicit(points_m: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> tuple[np.ndarray, np.ndarray]:
     """F (...) and its gradient (..., 3) at points (..., 3) from the centre; in it, the gradient is NaN."""
-    points = np.ascontiguousarray(points_m, float)
-    slope = np.empty(points.shape)
-    value = elevations(points.reshape(-1, 3), float(radius_m), _rows(bumps), slope.reshape(-1, 3))
-    return value.reshape(points.shape[:-1]), slope
+    points = np.asarray(points_m, float)
+    value, slope = core.simulate.elevations(points.reshape(-1, 3), radius_m, _rows(bumps))
+    return value.reshape(points.shape[:-1]), slope.reshape(points.shape)
 
 
 def surface_radius(directions: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> np.ndarray:
     """(K,) distance of the surface from the centre along unit vectors (K, 3)."""
-    return surface_radii(np.ascontiguousarray(directions, float), float(radius_m), _rows(bumps))
+    return core.simulate.surface_radii(directions, radius_m, _rows(bumps))

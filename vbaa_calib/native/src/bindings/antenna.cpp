@@ -1,5 +1,3 @@
-#include <nanobind/stl/tuple.h>
-
 #include "../nodes.hpp"
 #include "../pendulum.hpp"
 #include "../shapes.hpp"
@@ -23,13 +21,8 @@ antenna::Presses presses(const InMatrix& parameters, double length_m, const InMa
 }
 
 auto bent(int rung, int sweeps, const antenna::Presses& presses) {
-    antenna::Bent made;
-    {
-        nb::gil_scoped_release release;
-        made = antenna::bend_batch(rung, sweeps, presses);
-    }
-    return std::make_tuple(to_numpy(std::move(made.points_m)), to_numpy(std::move(made.tangents)),
-                           to_numpy(std::move(made.force_N)), to_numpy(std::move(made.moment_Nm)));
+    auto made = unlocked([&] { return antenna::bend_batch(rung, sweeps, presses); });
+    return arrays(made.points_m, made.tangents, made.force_N, made.moment_Nm);
 }
 
 auto curves(int rung, const InMatrix& parameters, double length_m, const InMatrix& gravity_m_s2,
@@ -63,10 +56,7 @@ void bend_lanes(int rung, const InMatrix& parameters, double length_m, const InV
 auto universal_curve(const InMatrix& upsilon, const InVector& friction_rad) {
     check(upsilon.shape(0) == friction_rad.shape(0) && upsilon.shape(1) > 0, "give (B, N), N > 0, and (B,)");
     Array<double, 3> curve(3, upsilon.shape(0), upsilon.shape(1));
-    {
-        nb::gil_scoped_release release;
-        antenna::universal_curve(view(upsilon), view(friction_rad), curve);
-    }
+    unlocked([&] { antenna::universal_curve(view(upsilon), view(friction_rad), curve); });
     return to_numpy(std::move(curve));
 }
 
@@ -90,24 +80,15 @@ auto solve_rods(nb::handle rod, const InMatrix& loads, double unit_Nm, const InM
     check_loads(loads, moment_Nm, steps);
     check(limit_Nm.shape(0) == loads.shape(0) && limit_Nm.shape(1) == 2, "rods need limits (B, 2)");
     antenna::Rod numbers = rod_of(rod);
-    antenna::Rods rods;
-    {
-        nb::gil_scoped_release release;
-        rods = antenna::solve_rods(numbers, view(loads), unit_Nm, view(limit_Nm), view(moment_Nm), steps);
-    }
-    return std::make_tuple(to_numpy(std::move(rods.nodes)), to_numpy(std::move(rods.moment_Nm)),
-                           to_numpy(std::move(rods.left)));
+    auto rods = unlocked(
+        [&] { return antenna::solve_rods(numbers, view(loads), unit_Nm, view(limit_Nm), view(moment_Nm), steps); });
+    return arrays(rods.nodes, rods.moment_Nm, rods.left);
 }
 
 auto shoot_rods(nb::handle rod, const InMatrix& loads, const InMatrix& moment_Nm, int steps) {
     check_loads(loads, moment_Nm, steps);
     antenna::Rod numbers = rod_of(rod);
-    Array<double, 4> nodes;
-    {
-        nb::gil_scoped_release release;
-        nodes = antenna::shoot_rods(numbers, view(loads), view(moment_Nm), steps);
-    }
-    return to_numpy(std::move(nodes));
+    return to_numpy(unlocked([&] { return antenna::shoot_rods(numbers, view(loads), view(moment_Nm), steps); }));
 }
 
 }  // namespace

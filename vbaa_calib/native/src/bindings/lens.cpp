@@ -1,6 +1,7 @@
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 
+#include "image_curve.hpp"
 #include "lens_bindings.hpp"
 
 namespace vbaa {
@@ -127,10 +128,51 @@ Numpy<double, 1> copy_of(const std::vector<double>& values) {
     return copy;
 }
 
+void check_curves(InMatrix arclength_m, InCube nodes, InCube slopes) {
+    const std::size_t count = arclength_m.shape(1);
+    if (count < 2 || arclength_m.shape(0) != nodes.shape(0) || view(nodes).shape != view(slopes).shape ||
+        nodes.shape(0) < 1 || nodes.shape(1) != count || nodes.shape(2) != 2)
+        throw nb::value_error("curves have nodes and slopes (K, M, 2) at arc lengths (K, M), M at least 2");
+}
+
+lens::ImageCurve first_of(InMatrix arclength_m, InCube nodes, InCube slopes) {
+    check_curves(arclength_m, nodes, slopes);
+    return {view(arclength_m).row(0), view(nodes).row(0), view(slopes).row(0)};
+}
+
+auto interpolate(InMatrix arclength_m, InCube nodes, InCube slopes, InVector at) {
+    auto points = room<double>(at.shape(0), 2), along = room<double>(at.shape(0), 2);
+    lens::interpolate(first_of(arclength_m, nodes, slopes), view(at), view(points), view(along));
+    return std::make_pair(points, along);
+}
+
+auto feet(InMatrix arclength_m, InCube nodes, InCube slopes, InMatrix points) {
+    check_last(points, 2, "points must be (N, 2)");
+    auto found = room<double>(points.shape(0));
+    lens::feet(first_of(arclength_m, nodes, slopes), view(points), view(found));
+    return found;
+}
+
+auto whitened(InMatrix arclength_m, InCube nodes, InCube slopes, InMatrix points, InCube covariance) {
+    check_curves(arclength_m, nodes, slopes);
+    check_last(points, 2, "points must be (N, 2)");
+    if (covariance.shape(0) != points.shape(0) || covariance.shape(1) != 2 || covariance.shape(2) != 2)
+        throw nb::value_error("the covariance must be (N, 2, 2)");
+    auto residuals = room<double>(points.shape(0), nodes.shape(0)), normals = room<double>(points.shape(0), 2);
+    nb::gil_scoped_release released;
+    lens::whitened(view(points), view(covariance), view(arclength_m), view(nodes), view(slopes), view(residuals),
+                   view(normals));
+    return std::make_pair(residuals, normals);
+}
+
 }  // namespace
 
 void bind_lens(nb::module_& module) {
+    nb::set_leak_warnings(false);  // Python remembers lenses to its end
     auto room_of_lenses = module.def_submodule("lens", "Pixels and rays of every lens model, with all derivatives.");
+    room_of_lenses.def("interpolate", &interpolate, "Points and derivatives (N, 2) of the first curve at (N,).");
+    room_of_lenses.def("feet", &feet, "Arc lengths (N,) of the points of the first curve nearest to points (N, 2).");
+    room_of_lenses.def("whitened", &whitened, "Residuals (N, K), and normals (N, 2) over standard deviations.");
     nb::class_<Lens>(room_of_lenses, "Lens", "A lens made ready, of a model and fx, fy, cx, cy, *distortion.")
         .def("__init__", [](Lens* at, bool fisheye, InVector p) { new (at) Lens(make(fisheye, p)); })
         .def("project", &project, nb::arg("points"), nb::arg("with_slopes") = false,
@@ -149,10 +191,12 @@ void bind_lens(nb::module_& module) {
         .def_ro("distorted_limit", &Lens::distorted_limit)
         .def_prop_ro("undistorted", [](const Lens& lens) { return lens.path == lens::Path::none; })
         .def_prop_ro("radial", [](const Lens& lens) { return lens.path == lens::Path::radial; })
-        .def_prop_ro("nodes", [](const Lens& lens) { return copy_of(lens.table.nodes); }, nb::rv_policy::automatic)
+        .def_prop_ro(
+            "nodes", [](const Lens& lens) { return copy_of(lens.table.nodes); }, nb::rv_policy::automatic)
         .def_prop_ro("nodes_per_unit", [](const Lens& lens) { return lens.table.nodes_per_unit; })
         .def_prop_ro("table_limit", [](const Lens& lens) { return lens.table.distorted_limit; })
-        .def_prop_ro("ideal_rim", [](const Lens& lens) { return copy_of(lens.ideal.radii); }, nb::rv_policy::automatic)
+        .def_prop_ro(
+            "ideal_rim", [](const Lens& lens) { return copy_of(lens.ideal.radii); }, nb::rv_policy::automatic)
         .def_prop_ro("reach_rim", [](const Lens& lens) { return copy_of(lens.reach.radii); }, nb::rv_policy::automatic);
 }
 

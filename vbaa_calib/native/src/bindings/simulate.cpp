@@ -1,9 +1,172 @@
-#include "numpy.hpp"
+#include <nanobind/stl/array.h>
+
+#include "../simulate_at_once.hpp"
+#include "../simulate_casting.hpp"
+#include "../simulate_picture.hpp"
+#include "../simulate_stick_slip.hpp"
+#include "rod.hpp"
 
 namespace vbaa {
 
+namespace {
+
+Point vector_of(nb::handle object, const char* name) {
+    auto values = attribute<const double, 1>(object, name);
+    check(values.size() == 3, "an object's vectors are (3,)");
+    return read<Point>(values.data);
+}
+
+void check_points(const InMatrix& points) { check(points.shape(1) == 3, "points and directions are (K, 3)"); }
+void check_bumps(ConstMatrix bumps) { check(bumps.shape[1] == 5, "bumps are (K, 5)"); }
+
+// An object as vbaa_calib.simulate.scene.objects.ObjectNumbers has it.
+simulate::Object object_of(nb::handle object) {
+    auto bumps = attribute<const double, 2>(object, "bumps");
+    check_bumps(bumps);
+    return {number<int>(object, "kind"), vector_of(object, "center_m"),      vector_of(object, "axis"),
+            vector_of(object, "wedge"),  number<double>(object, "radius_m"), bumps};
+}
+
+// A body as vbaa_calib.simulate.render.object.Body has it.
+simulate::Body body_of(nb::handle body) {
+    auto sides = attribute<const double, 2>(body, "sides"), across = attribute<const double, 2>(body, "across");
+    check(sides.shape[1] == 4 && across.size() == 9, "a body's sides are (K, 4), what lies across it (3, 3)");
+    return {object_of(body.attr("object")), sides, read<Rotation>(across.data), number<double>(body, "reach_m"),
+            number<double>(body, "steepest")};
+}
+
+auto both(simulate::Surfaces&& found) { return arrays(found.distances_m, found.normals); }
+
+auto signed_distances(nb::handle object, const InMatrix& points_m) {
+    check_points(points_m);
+    simulate::Object kind = object_of(object);
+    return both(unlocked([&] { return simulate::signed_distances(kind, view(points_m)); }));
+}
+
+auto rough_distances(nb::handle object, const InMatrix& points_m) {
+    check_points(points_m);
+    simulate::Object kind = object_of(object);
+    return to_numpy(unlocked([&] { return simulate::rough_distances(kind, view(points_m)); }));
+}
+
+auto elevations(const InMatrix& points_m, double radius_m, const InMatrix& bumps) {
+    check_points(points_m);
+    check_bumps(view(bumps));
+    return both(unlocked([&] { return simulate::elevations(view(points_m), radius_m, view(bumps)); }));
+}
+
+auto surface_radii(const InMatrix& directions, double radius_m, const InMatrix& bumps) {
+    check_points(directions);
+    check_bumps(view(bumps));
+    return to_numpy(unlocked([&] { return simulate::surface_radii(view(directions), radius_m, view(bumps)); }));
+}
+
+int first_within(nb::handle object, const InCube& rotations, const InMatrix& origins_m, const InMatrix& points_m,
+                 double room_m) {
+    check_points(points_m);
+    check_points(origins_m);
+    check(rotations.shape(0) == origins_m.shape(0) && rotations.shape(1) == 3 && rotations.shape(2) == 3,
+          "poses are (A, 3, 3) and (A, 3)");
+    simulate::Object kind = object_of(object);
+    nb::gil_scoped_release release;
+    return simulate::first_within(kind, view(rotations), view(origins_m), view(points_m), room_m);
+}
+
+auto cast_rays(nb::handle body, const InVector& origin_m, const InMatrix& directions) {
+    check_points(directions);
+    auto drawn = body_of(body);
+    auto origin = read_from<Point, 1>(origin_m);
+    auto hits = unlocked([&] { return simulate::cast_rays(drawn, origin, view(directions)); });
+    return arrays(hits.depths, hits.normals, hits.faces);
+}
+
+auto shade(const InVector& center_m, const InVector& origin_m, const InMatrix& directions, const InVector& depths,
+           const InVector& lights) {
+    check_points(directions);
+    check(directions.shape(0) == depths.size() && depths.size() == lights.size(), "each ray has a depth and a light");
+    auto center = read_from<Point, 1>(center_m), origin = read_from<Point, 1>(origin_m);
+    return to_numpy(simulate::shade(center, origin, view(directions), view(depths), view(lights)));
+}
+
+void check_map(const InCube& padded) {
+    check(padded.shape(0) > 2 && padded.shape(1) > 2 && padded.shape(2) == 2, "a map of rays is (H + 2, W + 2, 2)");
+}
+
+auto rays_between(const InCube& padded, const InMatrix& pixels) {
+    check_map(padded);
+    check(pixels.shape(1) == 2, "pixels are (N, 2)");
+    return to_numpy(simulate::rays_between(view(padded), view(pixels)));
+}
+
+auto bench_texels(const InCube& padded, const InMatrix& R_world_camera, int texels, double reach) {
+    check_map(padded);
+    auto turn = read_from<Rotation, 2>(R_world_camera);
+    return to_numpy(unlocked([&] { return simulate::bench_texels(view(padded), turn, texels, reach); }));
+}
+
+auto tube_pixels(const InMatrix& curve, int width, int height, const InMatrix& inner, int divisions, double asymmetry) {
+    check(curve.shape(1) == 7 && inner.shape(1) == 2 && width > 0 && height > 0, "give (N, 7) and (S, 2)");
+    auto found =
+        unlocked([&] { return simulate::tube_pixels(view(curve), width, height, view(inner), divisions, asymmetry); });
+    return arrays(found.rows, found.columns, found.nearest, found.coverage, found.shade);
+}
+
+auto touch_at_once(nb::handle rod, std::array<double, 4> pressing, const InCube& frames, const InCube& limits,
+                   const InMatrix& x) {
+    check(x.shape(1) == 7 && frames.shape(0) == x.shape(0) && frames.shape(1) == 9 && frames.shape(2) == 3 &&
+              limits.shape(0) == x.shape(0) && limits.shape(1) == 2 && limits.shape(2) == 7,
+          "frames are (R, 9, 3), limits (R, 2, 7), states (R, 7)");
+    auto numbers = rod_of(rod);
+    Array<double, 2> state(view(x));
+    simulate::Pressing units = {pressing[0], pressing[1], pressing[2], pressing[3]};
+    int failed = unlocked([&] { return simulate::touch_at_once(numbers, units, view(frames), view(limits), state); });
+    return std::make_tuple(to_numpy(std::move(state)), failed);
+}
+
+auto advance(nb::handle rod, nb::handle object, std::array<double, 5> touching, const InCube& frames,
+             const InCube& ends) {
+    check(frames.shape(1) == 7 && frames.shape(2) == 3 && ends.shape(0) == frames.shape(0) && ends.shape(1) == 2 &&
+              ends.shape(2) == 23,
+          "frames are (B, 7, 3), their ends (B, 2, 23)");
+    auto numbers = rod_of(rod);
+    auto kind = object_of(object);
+    simulate::Touching units = {touching[0], touching[1], touching[2], touching[3], touching[4]};
+    auto found = unlocked([&] { return simulate::advance(numbers, kind, units, view(frames), view(ends)); });
+    return arrays(found.held, found.good);
+}
+
+auto gripped(const InVector& now, const InVector& pull, const InMatrix& spring, double press, const InVector& lift,
+             double friction) {
+    check(spring.size() == 4, "the spring is (2, 2)");
+    simulate::Pair rows[] = {read<simulate::Pair>(spring.data()), read<simulate::Pair>(spring.data() + 2)};
+    auto grip = simulate::gripped({read_from<simulate::Pair, 1>(now),
+                                   read_from<simulate::Pair, 1>(pull),
+                                   {rows[0], rows[1]},
+                                   press,
+                                   read_from<simulate::Pair, 1>(lift),
+                                   friction});
+    return std::make_tuple(grip.first, grip.second);
+}
+
+}  // namespace
+
 void bind_simulate(nb::module_& module) {
-    module.def_submodule("simulate", "The simulator's rods and pictures; shares nothing with what it tests.");
+    auto room =
+        module.def_submodule("simulate", "The simulator's rods and pictures; shares nothing with what it tests.");
+    room.def("signed_distances", &signed_distances,
+             "Distances (K,) of points (K, 3) from an object, and normals there.");
+    room.def("rough_distances", &rough_distances, "(K,) of points (K, 3): zero on the surface too, without a search.");
+    room.def("elevations", &elevations, "F (K,) of a free form at points (K, 3) from its centre, and its gradients.");
+    room.def("surface_radii", &surface_radii, "(K,) distance of a free form's surface from its centre.");
+    room.def("first_within", &first_within, "The first of A poses that brings a point near; A where none does.");
+    room.def("cast_rays", &cast_rays, "Depths (N,), normals (N, 3) and faces (N,) of the first hits of rays.");
+    room.def("shade", &shade, "(N,) how much of the light on hits comes back.");
+    room.def("rays_between", &rays_between, "(N, 2) x/z and y/z at pixels (N, 2).");
+    room.def("bench_texels", &bench_texels, "(H, W, 2) float32 where on the bench the pixels' rays end.");
+    room.def("tube_pixels", &tube_pixels, "Rows, columns, nearest samples (K,), coverage and shade (K, S) of a tube.");
+    room.def("touch_at_once", &touch_at_once, "States (R, 7), and the first that was not found or -1.");
+    room.def("advance", &advance, "Contacts (B, 23) after a step with friction, and which were found (B,) uint8.");
+    room.def("gripped", &gripped, "The grip that keeps Coulomb's law, two components.");
 }
 
 }  // namespace vbaa

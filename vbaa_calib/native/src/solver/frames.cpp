@@ -64,17 +64,15 @@ void ideal_points(const lens::Lens& lens, ConstMatrix pixels, ConstVector sigma_
     const auto valid = std::make_unique<bool[]>(count);
     lens::normalized_of_pixels(lens, pixels, points, slopes, valid.get());
     for (int i = 0; i < count; ++i) {
-        const bool finite = std::isfinite(pixels(i, 0)) && std::isfinite(pixels(i, 1)) && std::isfinite(sigma_px[i]);
-        if (finite && valid[i] && !lens.tilted) {
+        usable[i] = valid[i] && std::isfinite(sigma_px[i]);
+        if (usable[i] > 0.0) {
             const double variance = sigma_px[i] * sigma_px[i], *slope = slopes.row(i).data;
             covariance(i, 0) = variance * (slope[0] * slope[0] + slope[1] * slope[1]);
             covariance(i, 1) = variance * (slope[0] * slope[2] + slope[1] * slope[3]);
             covariance(i, 2) = variance * (slope[2] * slope[2] + slope[3] * slope[3]);
-            usable[i] = 1.0;
         } else {
             points(i, 0) = points(i, 1) = covariance(i, 1) = 0.0;
             covariance(i, 0) = covariance(i, 2) = 1.0;
-            usable[i] = finite ? -1.0 : 0.0;
         }
     }
 }

@@ -23,8 +23,8 @@ struct Thinned {
 };
 Thinned thinned(const Frame& frame, int most);
 
-// Pixels (N, 2) with standard deviations (N,) across the antenna: ideal points (N, 2), their covariances (N, 3), and
-// whether they can be used (N,): 1, or 0 where one is not finite; −1 for a point that the lens does not solve.
+// Pixels (N, 2) with standard deviations (N,) across the antenna: ideal points (N, 2), their covariances (N, 3), and 1
+// for those that can be used (N,); the others, 0, are finite all the same.
 void ideal_points(const lens::Lens& lens, ConstMatrix pixels, ConstVector sigma_px, Matrix points, Matrix covariance,
                   Vector usable);
 

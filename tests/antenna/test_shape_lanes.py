@@ -1,16 +1,17 @@
-"""Shapes bent side by side, compiled: against the same formulas in plain Python, and blind to their neighbours."""
+"""Eight shapes at once, by the core: against a rod integrated by SciPy, and blind to their neighbours."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from tests.antenna.test_shape import LENGTH, cases
-from vbaa_calib.antenna import equilibrium, pendulum, shape_kernel
-from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.antenna.nodes import CONTACT, aligned_arclength
 from vbaa_calib.antenna.rungs import RUNGS, curves
-from vbaa_calib.core.lanes import LANES
+from vbaa_calib.native import core
 
+LANES, NODES = 8, core.antenna.NODES_TO_CONTACT + core.antenna.NODES_BEYOND
 LARGE = RUNGS.index("elastica"), RUNGS.index("rod")
 GRAVITY = np.array([1.0, -3.0, -9.0])
 
@@ -28,38 +29,57 @@ def presses(slope_deg: float, seed: int) -> dict[str, np.ndarray]:
 
 
 def bent(rung: int, press: dict[str, np.ndarray]) -> list[np.ndarray]:
-    """Points, tangents, force and moment, by the kernel that works off whole batches: the last axis is the batch."""
-    nodes = shape_kernel.CURVE_NODES
-    made = [np.full(shape, 7.0) for shape in ((LANES, nodes, 3), (LANES, nodes, 3), (LANES, 3), (LANES,))]
-    parameters, force = (np.ascontiguousarray(press[name].T) for name in ("parameters", "force_N"))
+    """Points, tangents, force and moment, as whole batches are bent: the last axis is the batch."""
+    parameters, force = press["parameters"].T, press["force_N"].T
     gravity = np.tile(GRAVITY, (LANES, 1))
-    given = shape_kernel.Presses(parameters, LENGTH, gravity, press["contact_m"], force, press["friction_rad"])
-    sweeps = shape_kernel.ELASTICA_SWEEPS if RUNGS[rung] == "elastica" else shape_kernel.ROD_SWEEPS
-    shape_kernel.bend_batch(rung, False, sweeps, given, shape_kernel.Bent(*made))
+    made = core.antenna.curves(rung, parameters, LENGTH, gravity, press["contact_m"], force, press["friction_rad"])
     return [each.T for each in made]
 
 
-def lanes(rung: int, press: dict[str, np.ndarray], rows: int = shape_kernel.CURVE_NODES) -> list[np.ndarray]:
-    """The same by the kernel that the solver calls."""
-    nodes = shape_kernel.CURVE_NODES
-    made = [np.full(shape, 7.0) for shape in ((3, nodes, LANES), (3, rows, LANES), (3, LANES), (LANES,))]
-    given = press["parameters"], LENGTH, GRAVITY, press["contact_m"], press["force_N"], press["friction_rad"]
-    shape_kernel.bend_lanes(rung, *given, *made)
+def lanes(
+    rung: int, press: dict[str, np.ndarray], rows: int = NODES, gravity_m_s2: np.ndarray = GRAVITY
+) -> list[np.ndarray]:
+    """The same as the solver has it."""
+    made = [np.full(shape, 7.0) for shape in ((3, NODES, LANES), (3, rows, LANES), (3, LANES), (LANES,))]
+    given = press["parameters"], LENGTH, gravity_m_s2, press["contact_m"], press["force_N"], press["friction_rad"]
+    core.antenna.bend_lanes(rung, *given, *made)
     return made
 
 
-@pytest.mark.parametrize("rung", range(len(RUNGS)))
-@pytest.mark.parametrize("slope_deg", [0.0, 20.0, 60.0])
-def test_compiled_is_plain_python(rung: int, slope_deg: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def integrated(
+    stiffness: float, weight: np.ndarray, contact_m: float, force: np.ndarray, tip: np.ndarray
+) -> np.ndarray:
+    """Position, tangent and moment (N, 9) at a shape's nodes of a rod without bow, whose torsion moves nothing.
+
+    From its tip (6,), where no moment is, back to the clamp: r' = t, t' = M/EI × t, M' = n × t.
+    """
+    s, state, parts = aligned_arclength(np.array([contact_m]), LENGTH)[0], np.concatenate([tip, np.zeros(3)]), []
+    for pushed, nodes in ((0.0, s[CONTACT:]), (1.0, s[: CONTACT + 1])):
+
+        def rates(at: float, y: np.ndarray, pushed: float = pushed) -> np.ndarray:
+            inner = pushed * force + (LENGTH - at) * weight
+            return np.concatenate([y[3:6], np.cross(y[6:], y[3:6]) / stiffness, np.cross(inner, y[3:6])])
+
+        found = solve_ivp(rates, nodes[[-1, 0]], state, "DOP853", nodes[::-1], rtol=1e-12, atol=1e-14).y.T[::-1]
+        state = found[0]
+        parts.append(found)
+    return np.concatenate([parts[1], parts[0][1:]])
+
+
+@pytest.mark.parametrize(("rung", "weight", "slope_deg"), [("elastica", 0.0, 60.0), ("rod", 1.0, 20.0)])
+def test_a_shape_is_that_of_an_integrated_rod(rung: str, weight: float, slope_deg: float) -> None:
+    """Begun where the shape ends and under the force that it names, the rod ends in the clamp with the same moment."""
     press = presses(slope_deg, seed=1)
-    compiled = bent(rung, press)
-    for module in (shape_kernel, equilibrium, pendulum):
-        for name, function in list(vars(module).items()):
-            monkeypatch.setattr(module, name, getattr(function, "py_func", function))
-    with np.errstate(invalid="ignore"):
-        plain = bent(rung, press)
-    for found, expected in zip(compiled, plain, strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
+    press["parameters"][4:6] = press["parameters"][8] = 0.0
+    points, tangents, force, moment = lanes(RUNGS.index(rung), press, gravity_m_s2=weight * GRAVITY)
+    for lane, (stiffness, mass) in enumerate(np.exp(press["parameters"][6:8]).T):
+        tip, load = np.concatenate([points[:, -1, lane], tangents[:, -1, lane]]), mass * weight * GRAVITY
+        rod = integrated(stiffness, load, press["contact_m"][lane], force[:, lane], tip)
+        np.testing.assert_allclose(points[..., lane].T, rod[:, :3], rtol=0, atol=1e-7)
+        np.testing.assert_allclose(tangents[..., lane].T, rod[:, 3:6], rtol=0, atol=2e-6)
+        np.testing.assert_allclose(rod[0, :3], [0.0, *press["parameters"][:2, lane]], rtol=0, atol=1e-7)
+        clamp_moment = rod[0, 6:] + np.cross(rod[0, :3], force[:, lane] + LENGTH * load)
+        np.testing.assert_allclose(-clamp_moment[1], moment[lane], rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("rung", range(len(RUNGS)))
@@ -97,10 +117,10 @@ def test_series_and_closed_form_meet(rung: int) -> None:
 def test_tangents_of_the_first_shape_alone(rung: int) -> None:
     press = presses(25.0, seed=6)
     every = lanes(rung, press)
-    for rows in (0, shape_kernel.NODE_ROWS):
+    for rows in (0, core.antenna.NODE_ROWS):
         some = lanes(rung, press, rows)
         np.testing.assert_array_equal(some[0], every[0])
-    first = some[1].reshape(3, -1)[:, : shape_kernel.CURVE_NODES]
+    first = some[1].reshape(3, -1)[:, :NODES]
     np.testing.assert_allclose(first, every[1][..., 0], rtol=0, atol=1e-15)
 
 

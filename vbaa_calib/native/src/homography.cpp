@@ -1,0 +1,155 @@
+// Homographies of a flat board to its picture, of which less than half of the corners may be wrong.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "bundle.hpp"
+#include "linear_algebra.hpp"
+
+namespace vbaa::bundle {
+namespace {
+
+constexpr double LEAST_SIZE = 1e-300, RAYLEIGH_MEDIAN = 1.1774;
+constexpr double BELOW_MEDIAN = 5.0 / RAYLEIGH_MEDIAN;  // distance over the median one up to which points are fitted
+constexpr int LEAST_CORNERS = 4;                        // they fix a homography
+constexpr double NONE = std::numeric_limits<double>::quiet_NaN();
+
+struct Homography {
+    double m[3][3] = {};
+
+    Homography operator*(const Homography& by) const {
+        Homography found;
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j)
+                for (int k = 0; k < 3; ++k) found.m[i][k] += m[i][j] * by.m[j][k];
+        return found;
+    }
+
+    // The inverse but for its scale; a singular matrix gives one that fits nothing.
+    Homography adjugate() const {
+        Homography found;
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j) {
+                const int a = (i + 1) % 3, b = (i + 2) % 3, c = (j + 1) % 3, d = (j + 2) % 3;
+                found.m[j][i] = m[a][c] * m[b][d] - m[a][d] * m[b][c];
+            }
+        return found;
+    }
+
+    // Of the image of a point from where it is.
+    double distance(const double* point, const double* image) const {
+        const auto row = [&](int i) { return m[i][0] * point[0] + m[i][1] * point[1] + m[i][2]; };
+        const double w = row(2), off_x = row(0) / w - image[0], off_y = row(1) / w - image[1];
+        return std::sqrt(off_x * off_x + off_y * off_y);
+    }
+};
+
+// Points (N, 2), in place, about their mean, by their size (Hartley); returns what makes them that.
+Homography normalise(Matrix points) {
+    const int count = points.shape[0];
+    double x = 0.0, y = 0.0, square = 0.0;
+    for (int n = 0; n < count; ++n) x += points(n, 0) / count, y += points(n, 1) / count;
+    for (int n = 0; n < count; ++n) {
+        points(n, 0) -= x, points(n, 1) -= y;
+        square += points(n, 0) * points(n, 0) + points(n, 1) * points(n, 1);
+    }
+    const double scale = 1.0 / std::max(std::sqrt(0.5 * square / count), LEAST_SIZE);
+    for (double& one : points) one *= scale;
+    return {{{scale, 0.0, -scale * x}, {0.0, scale, -scale * y}, {0.0, 0.0, 1.0}}};
+}
+
+// The homography that takes a projective basis to four of the points (N, 2).
+Homography basis(ConstMatrix points, const std::int64_t* pick) {
+    const auto at = [&](int i) { return &points(static_cast<int>(pick[i % 3]), 0); };
+    const double* fourth = &points(static_cast<int>(pick[3]), 0);
+    Homography found;
+    for (int i = 0; i < 3; ++i) {
+        const double *p = at(i), *q = at(i + 1), *r = at(i + 2);
+        const double weight = fourth[0] * (q[1] - r[1]) + fourth[1] * (r[0] - q[0]) + (q[0] * r[1] - q[1] * r[0]);
+        found.m[0][i] = weight * p[0], found.m[1][i] = weight * p[1], found.m[2][i] = weight;
+    }
+    return found;
+}
+
+// What fits half of the points (N, 2) best, of those through four of them.
+Homography least_median(ConstMatrix points, ConstMatrix image, View<const std::int64_t, 2> picks) {
+    const int count = points.shape[0];
+    Homography best;
+    best.m[0][0] = best.m[2][2] = NONE;
+    double least = std::numeric_limits<double>::infinity();
+    std::vector<double> distances(count);
+    for (int pick = 0; pick < picks.shape[0]; ++pick) {
+        const std::int64_t* own = &picks(pick, 0);
+        const Homography trial = basis(image, own) * basis(points, own).adjugate();
+        int worse = 0;
+        for (int n = 0; n < count && 2 * worse <= count + 1; ++n) {
+            distances[n] = trial.distance(&points(n, 0), &image(n, 0));
+            if (!(distances[n] < least)) ++worse;
+        }
+        if (2 * worse > count + 1) continue;
+        const double middle = median(distances);
+        if (middle < least) best = trial, least = middle;
+    }
+    return best;
+}
+
+// Of least algebraic error over the points (N, 2) within the limit.
+Homography least_squares(ConstMatrix points, ConstMatrix image, const std::vector<double>& distances, double limit) {
+    Array<double, 2> scatter(9, 9), vectors(9, 9);
+    Array<double, 1> values(9);
+    for (int n = 0; n < points.shape[0]; ++n) {
+        if (!(distances[n] <= limit)) continue;
+        const double x = points(n, 0), y = points(n, 1);
+        for (int axis = 0; axis < 2; ++axis) {
+            double row[9] = {};
+            row[3 * axis] = x, row[3 * axis + 1] = y, row[3 * axis + 2] = 1.0;
+            row[6] = -image(n, axis) * x, row[7] = -image(n, axis) * y, row[8] = -image(n, axis);
+            for (int i = 0; i < 9; ++i)
+                for (int j = 0; j < 9; ++j) scatter(i, j) += row[i] * row[j];
+        }
+    }
+    symmetric_eigen(scatter, values, vectors);
+    Homography found;
+    for (int i = 0; i < 9; ++i) found.m[i / 3][i % 3] = vectors(i, 0);
+    return found;
+}
+
+}  // namespace
+
+double homography(ConstMatrix points, ConstMatrix image, View<const std::int64_t, 2> picks, double division,
+                  Matrix found) {
+    const int count = points.shape[0];
+    Array<double, 2> board(points), ideal(image);
+    std::vector<double> stretch(count), distances(count);
+    for (int n = 0; n < count; ++n) {
+        stretch[n] = 1.0 + division * (image(n, 0) * image(n, 0) + image(n, 1) * image(n, 1));
+        ideal(n, 0) /= stretch[n], ideal(n, 1) /= stretch[n];
+    }
+    const Homography by_board = normalise(board), by_ideal = normalise(ideal);
+    Homography best = least_median(board, ideal, picks);
+    const auto measure = [&] {
+        double total = 0.0;
+        for (int n = 0; n < count; ++n) total += distances[n] = best.distance(&board(n, 0), &ideal(n, 0));
+        return total;
+    };
+    for (int turn = 0; turn < 2; ++turn) {
+        if (!std::isfinite(measure())) return NONE;
+        std::vector<double> sorted = distances;
+        const double middle = median(sorted);
+        // the smallest distances that four points have, those that are equal counted once
+        std::sort(sorted.begin(), sorted.end());
+        const auto unique = std::unique(sorted.begin(), sorted.end());
+        const auto fourth = unique - sorted.begin() < LEAST_CORNERS ? NONE : sorted[LEAST_CORNERS - 1];
+        const double limit = fourth == fourth ? fourth : std::numeric_limits<double>::infinity();
+        best = least_squares(board, ideal, distances, std::max(BELOW_MEDIAN * middle, limit));
+    }
+    measure();
+    for (int n = 0; n < count; ++n) distances[n] *= std::abs(stretch[n]);
+    const double scale = by_ideal.m[0][0];
+    // its adjugate is the inverse times the square of the scale
+    const Homography whole = by_ideal.adjugate() * best * by_board;
+    for (int i = 0; i < 9; ++i) found(i / 3, i % 3) = whole.m[i / 3][i % 3] / (scale * scale);
+    return median(distances) / (RAYLEIGH_MEDIAN * scale);
+}
+
+}  // namespace vbaa::bundle

@@ -1,0 +1,121 @@
+#include "simulate_casting.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace vbaa::simulate {
+
+namespace {
+
+constexpr int STEPS = 100;
+constexpr double HIT_M = 1e-6, INF = std::numeric_limits<double>::infinity();
+
+struct Hit {
+    double depth = INF;
+    Point normal = {};
+    int face = -1;
+};
+
+struct Interval {
+    double first, last;
+};
+
+// Where a ray is in a convex quadric, a·t² + 2·half_b·t + c < 0 inside; (∞, −∞) when it passes by.
+Interval quadric(double a, double half_b, double c) {
+    double root = half_b * half_b - a * c;
+    if (root < 0.0 || a <= 0.0) return {INF, -INF};
+    return {(-half_b - std::sqrt(root)) / a, (-half_b + std::sqrt(root)) / a};
+}
+
+Point side_of(const Body& body, int k) { return read<Point>(&body.sides(k, 0)); }
+
+// A convex body: behind all of its planes and inside its quadric.
+Hit meet(const Body& body, const Point& start, const Point& ray) {
+    Interval inside = {-INF, INF};
+    int face = 0, round_sides = 0;
+    Point across = ray, aside = start;
+    double radius = body.object.radius_m;
+    if (body.object.kind != KNIFE) {
+        across = body.across.turned(ray);
+        aside = body.across.turned(start);
+        inside = quadric(dot(across, across), dot(across, aside), dot(aside, aside) - radius * radius);
+        round_sides = 1;
+    }
+    for (int k = 0; k < body.sides.shape[0]; ++k) {
+        double speed = dot(side_of(body, k), ray);
+        if (std::abs(speed) < 1e-12) speed = 1e-12;
+        double crossed = (body.sides(k, 3) - dot(side_of(body, k), start)) / speed;
+        if (speed > 0.0) {
+            inside.last = std::min(inside.last, crossed);
+        } else if (crossed > inside.first) {
+            inside.first = crossed;
+            face = k + round_sides;
+        }
+    }
+    if (!(0.0 < inside.first && inside.first < inside.last)) return {};
+    if (face < round_sides) return {inside.first, 1.0 / radius * (aside + inside.first * across), face};
+    return {inside.first, side_of(body, face - round_sides), face};
+}
+
+// How far one may go on from a point without passing the drawn surface, as depth; the normal and the face there.
+Hit room_at(const Body& body, const Point& offset) {
+    if (body.object.kind == FREEFORM) {
+        auto [value, slope] = elevation(offset, body.object.radius_m, body.object.bumps);
+        return {value / body.steepest, unit(slope), 0};
+    }
+    auto [room, normal] = signed_distance(body.object, offset + body.object.center_m);
+    Hit found = {room, normal, 0};
+    for (int k = 0; k < body.sides.shape[0]; ++k) {
+        double away = dot(side_of(body, k), offset) - body.sides(k, 3);
+        if (away > found.depth) found = {away, side_of(body, k), k + 1};
+    }
+    return found;
+}
+
+// A body of which only the distance is known.
+Hit march(const Body& body, const Point& start, const Point& ray) {
+    double length = norm(ray), reach = 1.01 * body.reach_m;
+    Point way = 1.0 / length * ray;
+    auto [enter, leave] = quadric(1.0, dot(way, start), dot(start, start) - reach * reach);
+    double depth = std::max(enter, 0.0);
+    for (int step = 0; step < STEPS && depth < leave; ++step) {
+        Hit here = room_at(body, start + depth * way);
+        if (here.depth < HIT_M) return {depth / length, here.normal, here.face};
+        depth += here.depth;
+    }
+    return {};
+}
+
+}  // namespace
+
+Hits cast_rays(const Body& body, const Point& origin_m, ConstMatrix directions) {
+    int count = directions.shape[0];
+    Hits hits = {Array<double, 1>(count), Array<double, 2>(count, 3), Array<std::int64_t, 1>(count)};
+    Point start = origin_m - body.object.center_m;
+    bool marched = body.object.kind == BOX || body.object.kind == FREEFORM;
+    for (int i = 0; i < count; ++i) {
+        Point ray = read<Point>(&directions(i, 0));
+        Hit hit = marched ? march(body, start, ray) : meet(body, start, ray);
+        hits.depths[i] = hit.depth;
+        hits.faces[i] = hit.face;
+        write(hit.normal, &hits.normals(i, 0));
+    }
+    return hits;
+}
+
+Array<double, 1> shade(const Point& center_m, const Point& origin_m, ConstMatrix directions, ConstVector depths,
+                       ConstVector lights) {
+    Array<double, 1> shades(depths.shape[0]);
+    Point start = origin_m - center_m;
+    for (int i = 0; i < depths.shape[0]; ++i) {
+        if (!(depths[i] < INF)) continue;
+        Point point = start + depths[i] * read<Point>(&directions(i, 0));
+        double stains = std::sin(dot(point, Point{310.0, 120.0, -90.0}));
+        stains += std::sin(dot(point, Point{-70.0, 210.0, 260.0}) + 1.0);
+        shades[i] = lights[i] * (1.0 + 0.04 * stains);
+    }
+    return shades;
+}
+
+}  // namespace vbaa::simulate
