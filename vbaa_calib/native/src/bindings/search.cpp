@@ -63,9 +63,13 @@ void bind_smooth(nb::module_& room) {
             solve_definite(view(matrix), view(sides));
         },
         nb::arg().noconvert(), nb::arg().noconvert());
-    room.def("running_mean", [](InVector values, int size, int beyond) {
-        require(size > 0 && beyond >= 0 && beyond <= 2, "a mean is of one value at least, with ends of a known kind");
-        return to_numpy(running_mean(view(values), size, static_cast<Beyond>(beyond)));
+    nb::enum_<Beyond>(room, "Beyond")
+        .value("zeros", Beyond::zeros)
+        .value("end_value", Beyond::end_value)
+        .value("mirrored", Beyond::mirrored);
+    room.def("running_mean", [](InVector values, int size, Beyond beyond) {
+        require(size > 0, "a mean is of one value at least");
+        return to_numpy(running_mean(view(values), size, beyond));
     });
     room.def("triangle_sums", [](InMatrix values, int count) {
         require(count > 0, "a triangle has one value at least");
@@ -74,6 +78,10 @@ void bind_smooth(nb::module_& room) {
     room.def("quantile", [](InVector values, double share) {
         require(values.shape(0) > 0 && share >= 0.0 && share <= 1.0, "a quantile, 0 to 1, is of one value at least");
         return quantile(view(values), share);
+    });
+    room.def("median", [](InVector values) {
+        require(values.shape(0) > 0, "a median is of one value at least");
+        return median(view(values));
     });
 }
 

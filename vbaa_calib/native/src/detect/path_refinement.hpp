@@ -23,12 +23,11 @@ struct Curves {
 
 // A path that follows a ridge.
 struct RefinedPath {
-    Array<double, 2> path_px;  // (K, 2); none where the rough path has no two columns
-    double share = 0.0;        // of the path along which there is a ridge
-    double strength = 0.0;     // median height of the ridge where there is one, grey levels
-    Array<double, 2>
-        other_px;        // (K, 2) another path, nearly as clear, that leaves this one; (0, 2) where there is none
-    double clear = 0.0;  // how clearly the antenna shows along it, where its polarity changes
+    Array<double, 2> path_px;         // (K, 2); none where the rough path has no two columns
+    double share = 0.0;               // of the path along which there is a ridge
+    double strength = 0.0;            // median height of the ridge where there is one, grey levels
+    Array<double, 2> other_px{0, 2};  // (K, 2) another path, nearly as clear, that leaves this one, if there is one
+    double clear = 0.0;               // how clearly the antenna shows along it, where its polarity changes
 };
 
 // Along what is brighter (sign 1) or darker (−1) than both flanks, at most `reach_px` off a path (K, 2).
