@@ -71,7 +71,7 @@ def test_small_systems_means_and_quantiles() -> None:
 
 
 def test_polylines() -> None:
-    line = np.cumsum(RNG.normal(size=(80, 2)) + [2.0, 0.0], axis=0)
+    line = np.cumsum(RNG.normal([2.0, 0.0], 1.0, (80, 2)), axis=0)
     along = np.append(0.0, np.hypot(*np.diff(line, axis=0).T).cumsum())
     np.testing.assert_allclose(arc_lengths(line), along)
     fine, at = resample(line, 0.3)
@@ -143,11 +143,10 @@ def test_ridges(sign: int, reach: int, pool: int) -> None:
 
 
 def test_places_of_paths_and_those_that_differ() -> None:
-    paths = np.cumsum(RNG.normal(size=(9, 40, 2)) + [2.0, 1.0], axis=1)
+    paths = np.cumsum(RNG.normal([2.0, 1.0], 1.0, (9, 40, 2)), axis=1)
     steps = np.array([[0, 1], [1, 1], [1, 0], [1, -1]]) / np.sqrt([[1], [2], [1], [2]])
-    way = np.concatenate(
-        [paths[:, 1:2] - paths[:, :1], paths[:, 2:] - paths[:, :-2], paths[:, -1:] - paths[:, -2:-1]], 1
-    )
+    framed = np.pad(paths, ((0, 0), (1, 1), (0, 0)), mode="edge")
+    way = framed[:, 2:] - framed[:, :-2]
     direction = np.abs(way[..., :1] * steps[:, 1] - way[..., 1:] * steps[:, 0]).argmax(axis=-1)
     column, row = np.moveaxis(np.rint(((paths + 0.5) / 3 - 0.5) / 2).astype(int), -1, 0)
     inside = (column >= 0) & (column < 12) & (row >= 0) & (row < 6)
@@ -170,9 +169,8 @@ def _curve(free: SimpleNamespace, unknowns: np.ndarray) -> np.ndarray:
     turned = 1.0 - left**2 - (lateral**2 + depth**2) / 30.0 * (left**2 - left**6)
     steps = Rotation.from_rotvec(turned[:, None] * [0.0, -depth, lateral]).apply(free.segments_m)
     steps[:, :2] += turn * np.stack([-steps[:, 1], steps[:, 0]], axis=1)
-    points = (
-        free.clamp_m + np.concatenate([[[0.0, offset, 0.0]], [0.0, offset, 0.0] + steps.cumsum(axis=0)]) @ free.axes
-    )
+    own = np.array([0.0, offset, 0.0]) + np.insert(steps.cumsum(axis=0), 0, 0.0, axis=0)
+    points = free.clamp_m + own @ free.axes
     return points[:, :2] / points[:, 2:]
 
 
@@ -214,10 +212,9 @@ def test_colours(depth: type) -> None:
     picture[:, 60:75] *= [1.0, 0.2, 0.6]
     taken = (picture * level).astype(depth)
     colours = core.search.colours_at(taken, level, path)
-    np.testing.assert_array_equal(
-        colours, taken[np.rint(path[:, 1]).astype(int), np.rint(path[:, 0]).astype(int)] / level
-    )
-    plane, weights = np.full((80, 100), 7.0, np.float32), RNG.normal(size=path.shape[:1] + (3,))
+    column, row = np.rint(path.T).astype(int)
+    np.testing.assert_allclose(colours, taken[row, column] / level)
+    plane, weights = np.full((80, 100), 7.0, np.float32), RNG.normal(size=(len(path), 3))
     core.search.weigh_channels(taken, path, weights, 6, plane)
     near = apart < 5.5
     np.testing.assert_allclose(plane[near], (taken * weights[nearest]).sum(axis=-1)[near], rtol=1e-4, atol=0.01 * level)
