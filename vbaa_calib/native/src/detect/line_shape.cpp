@@ -3,6 +3,8 @@
 
 #include <array>
 
+#include "lanes.hpp"
+
 namespace vbaa::detect {
 
 namespace {
@@ -14,25 +16,56 @@ constexpr double KNOT_PX = 0.85;       // spacing of the splines' knots: finer t
 constexpr double BEND_PENALTY = 1e-3;  // of a learned shape's coefficients, over the mean weight of a bin
 constexpr double MIN_FREED = 0.15;
 
-// Profile n's cross-section and its derivative at distances (T,) from the centre, px: into (T,) each.
-void look_up(const CrossSection& section, int n, ConstVector across, Vector value, Vector slope) {
-    const int last = section.values.shape[0] - 1, several = section.values.shape[1];
-    const double* const values = section.values.begin();
-    const double* const slopes = section.slopes.begin();
-    const double* const weights = section.weights.size() ? section.weights.row(n).data : nullptr;
-    for (int t = 0; t < across.shape[0]; ++t) {
-        const double place = bounded(across[t] * PER_PX + 0.5 * last, 0.0, last);
-        const int row = std::min(static_cast<int>(place), last - 1);
-        const double far = place - row, near = 1.0 - far;
-        if (!weights) {
-            value[t] = near * values[row] + far * values[row + 1];
-            slope[t] = near * slopes[row] + far * slopes[row + 1];
-            continue;
+// Profiles of so many pixels in whole lanes, zeros behind them.
+struct Pixels {
+    int length, padded;
+    double per_spread;
+    Table kept;                   // (2, padded)
+    const double *ones, *offset;  // where there are pixels, and their distance from the middle
+
+    explicit Pixels(int pixels) : length(pixels), padded(whole_lanes(pixels)), kept(2, padded) {
+        per_spread = 12.0 / (length * (square(length) - 1.0));
+        for (int t = 0; t < length; ++t) kept(0, t) = 1.0, kept(1, t) = t - 0.5 * (length - 1);
+        ones = kept.row(0).data, offset = kept.row(1).data;
+    }
+    // Takes level and slope off a row.
+    void remove_background(double* row) const {
+        Lanes level = {}, slope = {};
+        for (int t = 0; t < padded; t += LANES) {
+            level += load(row + t) * load(ones + t);
+            slope += load(row + t) * load(offset + t);
         }
+        const double mean = sum(level) / length, rise = sum(slope) * per_spread;
+        for (int t = 0; t < padded; t += LANES)
+            store(row + t, (load(row + t) - mean) * load(ones + t) - rise * load(offset + t));
+    }
+};
+
+Lanes clamped(Lanes values, double low, double high) {
+    const Lanes raised = where_positive(values - low, values, low);
+    return where_positive(high - raised, raised, high);
+}
+
+// Profile n's cross-section and its derivative at distances (T,) from the centre, px: into (T,) each.
+void look_up(const CrossSection& section, int n, ConstVector across, double* __restrict value,
+             double* __restrict slope) {
+    const int last = section.values.shape[0] - 1, several = section.values.shape[1], count = across.shape[0];
+    const double *const values = section.values.begin(), *const slopes = section.slopes.begin();
+    if (several == 1) {
+        for (int t = 0; t < count; ++t) {
+            const Place at(across[t], last);
+            value[t] = (1.0 - at.far) * values[at.row] + at.far * values[at.row + 1];
+            slope[t] = (1.0 - at.far) * slopes[at.row] + at.far * slopes[at.row + 1];
+        }
+        return;
+    }
+    const double* const weights = section.weights.row(n).data;
+    for (int t = 0; t < count; ++t) {
+        const Place at(across[t], last);
         double v = 0.0, s = 0.0;
-        for (int c = 0, at = row * several; c < several; ++c, ++at) {
-            v += weights[c] * (near * values[at] + far * values[at + several]);
-            s += weights[c] * (near * slopes[at] + far * slopes[at + several]);
+        for (int c = 0, i = at.row * several; c < several; ++c, ++i) {
+            v += weights[c] * ((1.0 - at.far) * values[i] + at.far * values[i + several]);
+            s += weights[c] * ((1.0 - at.far) * slopes[i] + at.far * slopes[i + several]);
         }
         value[t] = v;
         slope[t] = s;
@@ -118,14 +151,8 @@ Shapes shapes(double width_px, double blur_px, int reach_px) {
     made.slopes = even_splines(spline_slope, inner, reach_px, PER_PX, 0.0, rows);
     for (double& slope : made.slopes) slope *= static_cast<double>(inner) / reach_px;
     made.ordinary = expected(width_px, blur_px, reach_px);
-    made.blurred_bins = Table(WIDTHS.size() * BLURS_PX.size(), bins);
     for (double part : WIDTHS)
-        for (double blur : BLURS_PX) {
-            const int f = static_cast<int>(made.blurred.size());
-            made.blurred.push_back(expected(width_px * part, blur, reach_px));
-            for (int b = 0; b < bins; ++b)
-                made.blurred_bins(f, b) = made.blurred[f].values.values[(2 * b + 1) * PER_PX / (2 * BINS_PER_PX)];
-        }
+        for (double blur : BLURS_PX) made.blurred.push_back(expected(width_px * part, blur, reach_px));
     return made;
 }
 
@@ -165,22 +192,22 @@ double lopsided(const Binned& seen, double noise) {
 CrossSection nearest(const Binned& seen, const Shapes& known) {
     const int bins = seen.number.size();
     const double whole = total(seen.number), offset = dot(seen.mean, seen.number) / whole;
-    int best = 0;
+    const CrossSection* best = nullptr;
     double most = -INFINITY;
-    for (int f = 0; f < known.blurred_bins.shape[0]; ++f) {
-        const ConstVector shape = known.blurred_bins.row(f);
+    for (const CrossSection& section : known.blurred) {
+        const Numbers shape =
+            each(bins, [&](int b) { return section.values.values[(2 * b + 1) * PER_PX / (2 * BINS_PER_PX)]; });
         const double middle = dot(shape, seen.number) / whole;
         double product = 0.0, power = 0.0;
         for (int b = 0; b < bins; ++b) {
-            const double weighted = (shape[b] - middle) * seen.number[b];
-            product += weighted * (seen.mean[b] - offset);
-            power += weighted * (shape[b] - middle);
+            product += (shape[b] - middle) * seen.number[b] * (seen.mean[b] - offset);
+            power += square(shape[b] - middle) * seen.number[b];
         }
         // the height that fits each shape best is left free
         const double match = product * product / std::max(power, 1e-9);
-        if (match > most) best = f, most = match;
+        if (!best || match > most) best = &section, most = match;
     }
-    return known.blurred[best];
+    return *best;
 }
 
 CrossSection learn(const Binned& seen, const Shapes& known) {
@@ -192,7 +219,7 @@ CrossSection learn(const Binned& seen, const Shapes& known) {
             const double weight = seen.number[b] * bin[i];
             if (weight == 0.0) continue;
             side(i, 0) += weight * seen.mean[b];
-            for (int j = 0; j <= i; ++j) matrix(i, j) += weight * bin[j];
+            for (int j = std::max(i - 3, 0); j <= i; ++j) matrix(i, j) += weight * bin[j];  // others do not overlap
         }
     }
     constexpr std::array<double, 3> second = {1.0, -2.0, 1.0};
@@ -214,59 +241,59 @@ CrossSection learn(const Binned& seen, const Shapes& known) {
 
 Fits fit(const CrossSection& section, const Crossings& found, ConstVector centre) {
     const int count = found.profiles.shape[0], length = found.profiles.shape[1];
-    const double middle = 0.5 * (length - 1), per_spread = 12.0 / (length * (square(length) - 1.0));
+    const Pixels pixels(length);
+    const int padded = pixels.padded;
     Fits fits;
     for (Numbers* each : {&fits.shift, &fits.height, &fits.unit_height, &fits.rms, &fits.stepped, &fits.stepped_unit})
         *each = Numbers(count);
-    for (Table* each : {&fits.gain, &fits.residuals, &fits.freed}) *each = Table(count, length);
+    for (Table* each : {&fits.gain, &fits.residuals, &fits.freed}) *each = Table(count, padded);
     // shape, change with its place, grey levels and a step: their background is removed
-    Numbers across(length);
-    Table rows(4, length);
-    double *const v = rows.row(0).data, *const s = rows.row(1).data, *const y = rows.row(2).data,
-                  *const b = rows.row(3).data;
+    Table rows(4, padded);
+    Numbers across(padded);
+    double *const shape = rows.row(0).data, *const change = rows.row(1).data;
+    double *const levels = rows.row(2).data, *const edge = rows.row(3).data;
     for (int n = 0; n < count; ++n) {
-        distances(found, n, centre[n], across);
-        look_up(section, n, across, rows.row(0), rows.row(1));
+        distances(found, n, centre[n], Vector(across.begin(), {length}));
+        look_up(section, n, across, shape, change);
+        std::copy_n(found.profiles.row(n).data, length, levels);
         const double by_centre = -found.side[n] / found.stretch[n];
-        const double* const levels = found.profiles.row(n).data;
-        for (int t = 0; t < length; ++t) {
-            s[t] *= by_centre;
-            y[t] = levels[t];
-            b[t] = bounded(across[t], -1.0, 1.0);
+        for (int t = 0; t < padded; t += LANES) {
+            store(change + t, by_centre * load(change + t));
+            store(edge + t, clamped(load(&across[t]), -1.0, 1.0));
         }
-        remove_background(rows);
-        double vv = 0.0, vs = 0.0, ss = 0.0, vy = 0.0, sy = 0.0, vb = 0.0, sb = 0.0;
-        for (int t = 0; t < length; ++t) {
-            vv += v[t] * v[t], vs += v[t] * s[t], ss += s[t] * s[t];
-            vy += v[t] * y[t], sy += s[t] * y[t], vb += v[t] * b[t], sb += s[t] * b[t];
+        for (int i = 0; i < 4; ++i) pixels.remove_background(rows.row(i).data);
+        Lanes sums[7] = {};
+        for (int t = 0; t < padded; t += LANES) {
+            const Lanes v = load(shape + t), s = load(change + t), y = load(levels + t), b = load(edge + t);
+            sums[0] += v * v, sums[1] += v * s, sums[2] += s * s;
+            sums[3] += v * y, sums[4] += s * y, sums[5] += v * b, sums[6] += s * b;
         }
-        const double determinant = std::max(vv * ss - vs * vs, 1e-9);
+        const double vv = sum(sums[0]), vs = sum(sums[1]), ss = sum(sums[2]), vy = sum(sums[3]), sy = sum(sums[4]);
+        const double vb = sum(sums[5]), sb = sum(sums[6]), determinant = std::max(vv * ss - vs * vs, 1e-9);
         const double height = (ss * vy - vs * sy) / determinant, product = (vv * sy - vs * vy) / determinant;
         const double per_height = 1.0 / (std::abs(height) > 1e-6 ? height : 1e-6);
         // the step, less what height and place make of it
         const double moved = (vv * sb - vs * vb) / determinant, left = (ss * vb - vs * sb) / determinant;
         const double by_slope = vv / determinant, by_value = vs / determinant, per_power = 1.0 / std::max(vv, 1e-9);
-        double *const gain = fits.gain.row(n).data, *const residuals = fits.residuals.row(n).data,
-                      *const freed = fits.freed.row(n).data;
-        double squares = 0.0, power = 0.0, stepped = 0.0;
-        for (int t = 0; t < length; ++t) {
-            const double x = t - middle, by_pixel = by_slope * s[t] - by_value * v[t];
-            const double residual = y[t] - height * v[t] - product * s[t];
-            const double leverage = 1.0 / length + x * x * per_spread + by_pixel * s[t] + v[t] * v[t] * per_power;
-            const double apart = b[t] - left * v[t] - moved * s[t];
-            gain[t] = by_pixel * per_height;
-            residuals[t] = residual;
-            freed[t] = std::max(1.0 - leverage, MIN_FREED);
+        Lanes squares = {}, powers = {}, steps = {};
+        for (int t = 0; t < padded; t += LANES) {
+            const Lanes v = load(shape + t), s = load(change + t), x = load(pixels.offset + t);
+            const Lanes by_pixel = by_slope * s - by_value * v, residual = load(levels + t) - height * v - product * s;
+            const Lanes leverage = 1.0 / length + x * x * pixels.per_spread + by_pixel * s + v * v * per_power;
+            const Lanes apart = load(edge + t) - left * v - moved * s, freed = 1.0 - leverage;
+            store(&fits.gain(n, t), by_pixel * per_height);
+            store(&fits.residuals(n, t), residual);
+            store(&fits.freed(n, t), where_positive(freed - MIN_FREED, freed, MIN_FREED));
             squares += residual * residual;
-            power += apart * apart;
-            stepped += apart * residual;
+            powers += apart * apart;
+            steps += apart * residual;
         }
-        power = std::max(power, 1e-9);
+        const double power = std::max(sum(powers), 1e-9);
         fits.shift[n] = bounded(product * per_height, -0.5 * length, 0.5 * length);
         fits.height[n] = height;
         fits.unit_height[n] = std::sqrt(ss / determinant);
-        fits.rms[n] = std::sqrt(squares / (length - 4));
-        fits.stepped[n] = -moved * per_height * stepped / power;
+        fits.rms[n] = std::sqrt(sum(squares) / (length - 4));
+        fits.stepped[n] = -moved * per_height * sum(steps) / power;
         fits.stepped_unit[n] = std::abs(moved * per_height) / std::sqrt(power);
     }
     return fits;
@@ -276,23 +303,28 @@ Observed observed(const CrossSection& section, const Crossings& found, ConstVect
                   const Flags& chosen) {
     const int count = found.profiles.shape[0], length = found.profiles.shape[1];
     const Numbers share = shares(found);
+    const Pixels pixels(length);
     Observed seen = {Table(count, length), 0.0};
-    Numbers across(length);
-    Table rows(2, length);  // the shape, and its change with the width
+    Numbers across(pixels.padded);
+    Table rows(2, pixels.padded);  // the shape, and its change with the width
+    double *const shape = rows.row(0).data, *const change = rows.row(1).data;
     // sums of information, and of it and of the slopes by share
     double informed = 0.0, by_share = 0.0, by_square = 0.0, slopes = 0.0, slopes_by_share = 0.0;
     for (int n : places(chosen)) {
-        distances(found, n, centre[n], across);
-        look_up(section, n, across, rows.row(0), rows.row(1));
-        for (int t = 0; t < length; ++t) {
-            seen.heights(n, t) = rows(0, t) + fits.residuals(n, t) / fits.height[n];
-            rows(1, t) *= -across[t];
+        distances(found, n, centre[n], Vector(across.begin(), {length}));
+        look_up(section, n, across, shape, change);
+        const double* const residuals = fits.residuals.row(n).data;
+        for (int t = 0; t < length; ++t) seen.heights(n, t) = shape[t] + residuals[t] / fits.height[n];
+        for (int t = 0; t < pixels.padded; t += LANES) store(change + t, -load(&across[t]) * load(change + t));
+        for (double* row : {shape, change}) pixels.remove_background(row);
+        Lanes sums[5] = {};
+        for (int t = 0; t < pixels.padded; t += LANES) {
+            const Lanes v = load(shape + t), w = load(change + t), r = load(residuals + t);
+            sums[0] += v * v, sums[1] += v * w, sums[2] += w * w, sums[3] += r * v, sums[4] += r * w;
         }
-        remove_background(rows);
-        const ConstVector v = rows.row(0), w = rows.row(1), residuals = fits.residuals.row(n);
-        const double vv = dot(v, v), vw = dot(v, w), rv = dot(residuals, v), rw = dot(residuals, w);
+        const double vv = sum(sums[0]), vw = sum(sums[1]), ww = sum(sums[2]), rv = sum(sums[3]), rw = sum(sums[4]);
         // less what the height makes of it
-        const double information = (dot(w, w) - vw * vw / vv) * square(fits.height[n]);
+        const double information = (ww - vw * vw / vv) * square(fits.height[n]);
         const double toward = (rw - rv * vw / vv) * fits.height[n];
         informed += information;
         by_share += information * share[n];

@@ -196,7 +196,7 @@ struct Selection {
 // the disturbed ones kept with the deviations that they deserve.
 Selection selection(const Crossings& found, const Lines& lines, bool changing) {
     const Fits& fits = lines.fits;
-    const double half = 0.5 * (fits.gain.shape[1] - 1), noise = lines.noise;
+    const double half = 0.5 * (found.profiles.shape[1] - 1), noise = lines.noise;
     const int all = found.inside.size();
     Flags seen = each(all, [&](int n) {
         const double least = changing ? SEEN_CHANGING * noise : SEEN_RATIO * std::max(fits.rms[n], noise);
