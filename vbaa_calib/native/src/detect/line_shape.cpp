@@ -96,13 +96,6 @@ Table even_splines(Spline function, int inner, int reach_px, int per_px, double 
     return table;
 }
 
-// (R, 1) of a table (R, M) and coefficients (M,).
-Table product(const Table& table, ConstVector coefficients) {
-    Table values(table.shape[0], 1);
-    for (int r = 0; r < table.shape[0]; ++r) values.values[r] = dot(table.row(r), coefficients);
-    return values;
-}
-
 }  // namespace
 
 Table slopes_of(const Table& values) {
@@ -114,6 +107,12 @@ Table slopes_of(const Table& values) {
             slopes(r, c) = (values(after, c) - values(before, c)) * (static_cast<double>(PER_PX) / (after - before));
     }
     return slopes;
+}
+
+Table product(const Table& table, ConstVector coefficients) {
+    Table values(table.shape[0], 1);
+    for (int r = 0; r < table.shape[0]; ++r) values.values[r] = dot(table.row(r), coefficients);
+    return values;
 }
 
 CrossSection expected(double width_px, double blur_px, int reach_px) {

@@ -36,6 +36,9 @@ struct Place {
 // (2R + 1, C) derivatives per px of functions tabled in `PER_PX` rows a pixel.
 Table slopes_of(const Table& values);
 
+// (R, 1) of a table (R, M) and coefficients (M,).
+Table product(const Table& table, ConstVector coefficients);
+
 // A round, evenly painted antenna of this width, seen through this blur and the pixel's own square.
 CrossSection expected(double width_px, double blur_px, int reach_px);
 

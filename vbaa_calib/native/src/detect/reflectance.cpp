@@ -374,14 +374,7 @@ CrossSection mean_shape(const Reflectance& reflectance, const std::vector<int>& 
     const ConstVector coefficients(mean.data(), {K});
     const double height = std::sqrt(std::max(mean_square(coefficients), 1e-12));
     for (double& each : mean) each /= height;
-    const CrossSection& known = reflectance.section;
-    const int rows = known.values.shape[0];
-    CrossSection section = {Table(rows, 1), Table(rows, 1), {}};
-    for (int r = 0; r < rows; ++r) {
-        section.values.values[r] = dot(known.values.row(r), coefficients);
-        section.slopes.values[r] = dot(known.slopes.row(r), coefficients);
-    }
-    return section;
+    return {product(reflectance.section.values, coefficients), product(reflectance.section.slopes, coefficients), {}};
 }
 
 LearnedReflectance learn_reflectance(const Crossings& found, const Silhouette& initial, const KnownCourse& known) {
