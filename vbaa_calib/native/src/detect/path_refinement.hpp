@@ -1,7 +1,6 @@
 // A rough path moved onto the antenna: the best place across it, column by column, and a smooth curve through these.
 #pragma once
 
-#include "detect/known.hpp"
 #include "detect/picture.hpp"
 
 namespace vbaa::detect {
@@ -29,6 +28,14 @@ struct RefinedPath {
     Array<double, 2> other_px{0, 2};  // (K, 2) another path, nearly as clear, that leaves this one, if there is one
     double clear = 0.0;               // how clearly the antenna shows along it, where its polarity changes
 };
+
+// The antenna's usual grey level, and its standard deviation.
+struct Level {
+    double usual, spread;
+};
+
+// At a share of the way from clamp to tip, of levels (L, 2) at places, L ≥ 2.
+Level usual_level(ConstMatrix levels, double share);
 
 // Along what is brighter (sign 1) or darker (−1) than both flanks, at most `reach_px` off a path (K, 2).
 RefinedPath refine_path(const Picture& picture, ConstMatrix path_px, double width_px, double reach_px, double sign);
