@@ -145,7 +145,7 @@ Course mean_course(const Numbers& share, const Flags& inside, const Numbers& off
 // for between a highlight's sides many explain as much.
 Course initial_course(const Crossings& found, const Silhouette& silhouette, int near) {
     const int count = found.along.size(), length = found.profiles.shape[1];
-    const int steps = static_cast<int>(std::ceil(0.6 * silhouette.width_px / START_STEP_PX));
+    const int steps = std::max(1, static_cast<int>(std::ceil(0.6 * silhouette.width_px / START_STEP_PX)));
     const Numbers offsets = each(2 * steps + 1, [&](int o) { return START_STEP_PX * (o - steps); });
     const Table values = blurred_polynomials(silhouette, length / 2 + 2);
     Coefficients ridge, coefficients;
