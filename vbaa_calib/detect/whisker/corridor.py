@@ -9,7 +9,6 @@ import numpy as np
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.polyline import arc_lengths, beside, followed, normals, resample
-from vbaa_calib.core.smooth import median
 from vbaa_calib.native import core
 
 from .centreline import Centreline, Visibility
@@ -180,7 +179,7 @@ def _reject_beside_clamp(line: Centreline, where: Corridor, changing: bool) -> C
         return line
     across = (line.points_px[first] - start) @ normals(where.axis_px)[0]
     bend, slope, offset = np.polyfit(along[first], across, 2)
-    spread = 2.0 * median(line.sigma_px[first])
+    spread = 2.0 * core.search.median(line.sigma_px[first])
     turn = (abs(slope) - BENDS_MORE[changing] * abs(2.0 * bend)) / part_px - spread * FROM_CLAMP / (0.1 * part_px)
     if np.hypot(offset / (where.clamp_px + spread), max(turn, 0.0) / where.clamp_rad) > 1.0:
         aside = np.degrees(np.arctan(abs(slope) / part_px))

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vbaa_calib.core.compiled import kernel
 from vbaa_calib.native import core
 
 CURVE_POINTS, CURVE_STEP_PX, CLAMP_PX = core.search.CURVE_POINTS, core.search.CURVE_STEP_PX, 8.0
@@ -71,16 +70,6 @@ def refine_path(
         tried = _tried(int(np.ceil(reach_px)), min(known.clamp_px, CLAMP_PX), known.leaves_along)
         return RefinedPath(*core.search.refine_changing_path(image, path_px, width_px, tried, known.levels))
     return RefinedPath(*core.search.refine_path(image, path_px, width_px, reach_px, 1.0 if bright else -1.0))
-
-
-@kernel
-def usual_level(levels: np.ndarray, share: float) -> tuple[float, float]:
-    """The usual brightness of an antenna and its deviation, levels (L, 2), so far from clamp to tip."""
-    at = min(max(share * len(levels) - 0.5, 0.0), len(levels) - 1.0)
-    near = min(int(at), len(levels) - 2)
-    part = at - near
-    usual = levels[near, 0] * (1.0 - part) + levels[near + 1, 0] * part
-    return usual, levels[near, 1] * (1.0 - part) + levels[near + 1, 1] * part
 
 
 @lru_cache(maxsize=8)

@@ -10,7 +10,6 @@ from enum import Enum
 import numpy as np
 
 from vbaa_calib.core.polyline import arc_lengths
-from vbaa_calib.core.smooth import MIRRORED, running_mean
 from vbaa_calib.native import core
 
 from .centreline import Centreline, Visibility
@@ -155,7 +154,7 @@ def _causes(found: Crossings, seen: np.ndarray, width: float, look: tuple[float,
 
 
 def _averaged(values: np.ndarray) -> np.ndarray:
-    return running_mean(values, RUN, MIRRORED)
+    return core.search.running_mean(values, RUN, core.search.Beyond.mirrored)
 
 
 def _merged(causes: np.ndarray, along: np.ndarray, shortest_px: float) -> np.ndarray:

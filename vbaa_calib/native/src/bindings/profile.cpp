@@ -28,36 +28,21 @@ void require_pixels(double width_px, double blur_px, int reach_px) {
 // Fields of a Centreline but for the verdict, and of acceptance.Evidence.
 nb::object answer(detect::MeasuredLine&& found) {
     auto& [line, seen, end] = found;
-    detect::Table points(detect::count(line.kept), 2);
-    int k = 0;
-    for (int n : detect::places(line.kept)) copy(seen.everywhere.row(n), points.row(k++));
     constexpr const char* kinds[] = {"tip", "hidden", "border", "unsure"};
-    Array<double, 1> place(2);
-    std::copy(end.place.begin(), end.place.end(), place.begin());
-    nb::dict centreline, evidence;
-    centreline["points_px"] = to_numpy(std::move(points));
-    centreline["sigma_px"] = to_numpy(detect::selected(line.sigma_px, line.kept));
-    centreline["effective_px"] = to_numpy(detect::selected(line.effective_px, line.kept));
-    centreline["seen"] = seen.seen;
-    centreline["amplitude"] = seen.height;
-    centreline["breadth"] = line.breadth;
-    centreline["guide_px"] = to_numpy(std::move(seen.guide));
-    centreline["visibility"] = to_numpy(std::move(seen.visibility));
-    centreline["end_px"] = to_numpy(std::move(place));
-    centreline["end_std_px"] = end.std_px;
-    centreline["end"] = kinds[static_cast<int>(end.kind)];
-    centreline["noise"] = line.noise;
-    centreline["familiar"] = seen.familiar;
-    centreline["sure"] = line.sure;
-    evidence["inside"] = seen.inside;
-    evidence["root"] = seen.root;
-    evidence["gap"] = seen.gap;
-    evidence["spread_px"] = seen.spread_px;
-    evidence["wander_px"] = seen.wander_px;
-    evidence["snaking_rad"] = seen.snaking_rad;
-    evidence["step"] = seen.step;
-    evidence["transparency"] = seen.transparency;
-    evidence["changing"] = line.changing;
+    const auto of_kept = [&](const auto& values) { return to_numpy(detect::selected(values, line.kept)); };
+    const nb::object dict = nb::module_::import_("builtins").attr("dict");
+    const nb::object centreline =
+        dict("points_px"_a = of_kept(seen.everywhere), "sigma_px"_a = of_kept(line.sigma_px),
+             "effective_px"_a = of_kept(line.effective_px), "seen"_a = seen.seen, "amplitude"_a = seen.height,
+             "breadth"_a = line.breadth, "guide_px"_a = to_numpy(std::move(seen.guide)),
+             "visibility"_a = to_numpy(std::move(seen.visibility)),
+             "end_px"_a = to_numpy(Array<double, 1>(ConstVector(end.place.data(), {2}))), "end_std_px"_a = end.std_px,
+             "end"_a = kinds[static_cast<int>(end.kind)], "noise"_a = line.noise, "familiar"_a = seen.familiar,
+             "sure"_a = line.sure);
+    const nb::object evidence =
+        dict("inside"_a = seen.inside, "root"_a = seen.root, "gap"_a = seen.gap, "spread_px"_a = seen.spread_px,
+             "wander_px"_a = seen.wander_px, "snaking_rad"_a = seen.snaking_rad, "step"_a = seen.step,
+             "transparency"_a = seen.transparency, "changing"_a = line.changing);
     return nb::make_tuple(centreline, evidence);
 }
 
@@ -100,6 +85,15 @@ void bind_profile(nb::module_& module) {
         return to_numpy(unlocked([&] { return detect::stiffened(view(path_px)); }));
     });
     room.def("measured", measured);
+    room.def("normal_equations", [](const detect::Crossings& found, InVector base, double width_px, double blur_px,
+                                    InMatrix coefficients, int reach_px) {
+        const std::size_t count = found.along.size();
+        require_pixels(width_px, blur_px, reach_px);
+        require(
+            base.shape(0) == count && coefficients.shape(0) == count && coefficients.shape(1) == detect::POLYNOMIALS,
+            "every profile has a base and four coefficients");
+        return to_numpy(detect::normal_equations(found, view(base), {width_px, blur_px}, view(coefficients), reach_px));
+    });
     room.def("blurred_polynomials", [](double width_px, double blur_px, int reach_px) {
         require_pixels(width_px, blur_px, reach_px);
         return to_numpy(detect::blurred_polynomials({width_px, blur_px}, reach_px));

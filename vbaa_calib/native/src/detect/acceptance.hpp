@@ -1,8 +1,8 @@
 // What fitted profiles look like: evidence for whether they are the antenna, and what of it is visible or hidden.
 #pragma once
 
-#include "detect/known.hpp"
 #include "detect/line_shape.hpp"
+#include "detect/path_refinement.hpp"
 
 namespace vbaa::detect {
 

@@ -46,18 +46,6 @@ Lanes clamped(Lanes values, double low, double high) {
     return where_positive(high - raised, raised, high);
 }
 
-// A place in tables of so many rows, at a distance from their middle: the row before it, and the part of the way on.
-struct Place {
-    int row;
-    double far;
-
-    Place(double across, int last) {
-        const double place = bounded(across * PER_PX + 0.5 * last, 0.0, last);
-        row = std::min(static_cast<int>(place), last - 1);
-        far = place - row;
-    }
-};
-
 // Profile n's cross-section and its derivative at distances (T,) from the centre, px: into (T,) each.
 void look_up(const CrossSection& section, int n, ConstVector across, double* __restrict value,
              double* __restrict slope) {
@@ -108,13 +96,6 @@ Table even_splines(Spline function, int inner, int reach_px, int per_px, double 
     return table;
 }
 
-// (R, 1) of a table (R, M) and coefficients (M,).
-Table product(const Table& table, ConstVector coefficients) {
-    Table values(table.shape[0], 1);
-    for (int r = 0; r < table.shape[0]; ++r) values.values[r] = dot(table.row(r), coefficients);
-    return values;
-}
-
 }  // namespace
 
 Table slopes_of(const Table& values) {
@@ -126,6 +107,12 @@ Table slopes_of(const Table& values) {
             slopes(r, c) = (values(after, c) - values(before, c)) * (static_cast<double>(PER_PX) / (after - before));
     }
     return slopes;
+}
+
+Table product(const Table& table, ConstVector coefficients) {
+    Table values(table.shape[0], 1);
+    for (int r = 0; r < table.shape[0]; ++r) values.values[r] = dot(table.row(r), coefficients);
+    return values;
 }
 
 CrossSection expected(double width_px, double blur_px, int reach_px) {
@@ -163,14 +150,8 @@ Shapes shapes(double width_px, double blur_px, int reach_px) {
     made.slopes = even_splines(spline_slope, inner, reach_px, PER_PX, 0.0, rows);
     for (double& slope : made.slopes) slope *= static_cast<double>(inner) / reach_px;
     made.ordinary = expected(width_px, blur_px, reach_px);
-    made.blurred_bins = Table(WIDTHS.size() * BLURS_PX.size(), bins);
     for (double part : WIDTHS)
-        for (double blur : BLURS_PX) {
-            const int f = static_cast<int>(made.blurred.size());
-            made.blurred.push_back(expected(width_px * part, blur, reach_px));
-            for (int b = 0; b < bins; ++b)
-                made.blurred_bins(f, b) = made.blurred[f].values.values[(2 * b + 1) * PER_PX / (2 * BINS_PER_PX)];
-        }
+        for (double blur : BLURS_PX) made.blurred.push_back(expected(width_px * part, blur, reach_px));
     return made;
 }
 
@@ -210,22 +191,22 @@ double lopsided(const Binned& seen, double noise) {
 CrossSection nearest(const Binned& seen, const Shapes& known) {
     const int bins = seen.number.size();
     const double whole = total(seen.number), offset = dot(seen.mean, seen.number) / whole;
-    int best = 0;
+    const CrossSection* best = nullptr;
     double most = -INFINITY;
-    for (int f = 0; f < known.blurred_bins.shape[0]; ++f) {
-        const ConstVector shape = known.blurred_bins.row(f);
+    for (const CrossSection& section : known.blurred) {
+        const Numbers shape =
+            each(bins, [&](int b) { return section.values.values[(2 * b + 1) * PER_PX / (2 * BINS_PER_PX)]; });
         const double middle = dot(shape, seen.number) / whole;
         double product = 0.0, power = 0.0;
         for (int b = 0; b < bins; ++b) {
-            const double weighted = (shape[b] - middle) * seen.number[b];
-            product += weighted * (seen.mean[b] - offset);
-            power += weighted * (shape[b] - middle);
+            product += (shape[b] - middle) * seen.number[b] * (seen.mean[b] - offset);
+            power += square(shape[b] - middle) * seen.number[b];
         }
         // the height that fits each shape best is left free
         const double match = product * product / std::max(power, 1e-9);
-        if (match > most) best = f, most = match;
+        if (!best || match > most) best = &section, most = match;
     }
-    return known.blurred[best];
+    return *best;
 }
 
 CrossSection learn(const Binned& seen, const Shapes& known) {

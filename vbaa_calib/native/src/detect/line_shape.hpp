@@ -21,8 +21,23 @@ struct CrossSection {
     Table weights;  // (N, C) of every profile; empty where there is one function, of height one, for all profiles
 };
 
+// A place in tables of 2R + 1 rows, at a distance from their middle, px: the row before it, and the part of the way on.
+struct Place {
+    int row;
+    double far;
+
+    Place(double across, int last) {
+        const double place = bounded(across * PER_PX + 0.5 * last, 0.0, last);
+        row = std::min(static_cast<int>(place), last - 1);
+        far = place - row;
+    }
+};
+
 // (2R + 1, C) derivatives per px of functions tabled in `PER_PX` rows a pixel.
 Table slopes_of(const Table& values);
+
+// (R, 1) of a table (R, M) and coefficients (M,).
+Table product(const Table& table, ConstVector coefficients);
 
 // A round, evenly painted antenna of this width, seen through this blur and the pixel's own square.
 CrossSection expected(double width_px, double blur_px, int reach_px);
@@ -36,7 +51,6 @@ struct Shapes {
     Table bins, values, slopes;         // (B, M), (R, M), (R, M) even cubic splines in bins and, with slopes, in rows
     CrossSection ordinary;              // the antenna in focus
     std::vector<CrossSection> blurred;  // somewhat thinner and broader antennas, from sharp to far out of focus
-    Table blurred_bins;                 // (F, B) the same in the bins
 };
 
 // What shapes are learned with, for an antenna of this width and, in focus, this blur, to `reach_px` on either side.

@@ -1,7 +1,6 @@
 // A rough path moved onto the antenna: the best place across it, column by column, and a smooth curve through these.
 #pragma once
 
-#include "detect/known.hpp"
 #include "detect/picture.hpp"
 
 namespace vbaa::detect {
@@ -23,13 +22,20 @@ struct Curves {
 
 // A path that follows a ridge.
 struct RefinedPath {
-    Array<double, 2> path_px;  // (K, 2); none where the rough path has no two columns
-    double share = 0.0;        // of the path along which there is a ridge
-    double strength = 0.0;     // median height of the ridge where there is one, grey levels
-    Array<double, 2>
-        other_px;        // (K, 2) another path, nearly as clear, that leaves this one; (0, 2) where there is none
-    double clear = 0.0;  // how clearly the antenna shows along it, where its polarity changes
+    Array<double, 2> path_px;         // (K, 2); none where the rough path has no two columns
+    double share = 0.0;               // of the path along which there is a ridge
+    double strength = 0.0;            // median height of the ridge where there is one, grey levels
+    Array<double, 2> other_px{0, 2};  // (K, 2) another path, nearly as clear, that leaves this one, if there is one
+    double clear = 0.0;               // how clearly the antenna shows along it, where its polarity changes
 };
+
+// The antenna's usual grey level, and its standard deviation.
+struct Level {
+    double usual, spread;
+};
+
+// At a share of the way from clamp to tip, of levels (L, 2) at places, L ≥ 2.
+Level usual_level(ConstMatrix levels, double share);
 
 // Along what is brighter (sign 1) or darker (−1) than both flanks, at most `reach_px` off a path (K, 2).
 RefinedPath refine_path(const Picture& picture, ConstMatrix path_px, double width_px, double reach_px, double sign);

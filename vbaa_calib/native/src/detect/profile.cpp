@@ -83,11 +83,10 @@ double phase_alike(const Crossings& some, const Flags& chosen) {
 // What is learned of a symmetric cross-section.
 struct Learned {
     CrossSection section;
-    Crossings found;      // in widths of a line that broadens
-    Numbers curve;        // (N,) the line's course, px
-    double pulled = 0.0;  // by how much a highlight may pull the line, px
-    double reflecting =
-        0.0;  // the same where the line is so lopsided that it has to be measured by its own reflectance
+    Crossings found;          // in widths of a line that broadens
+    Numbers curve;            // (N,) the line's course, px
+    double pulled = 0.0;      // by how much a highlight may pull the line, px
+    double reflecting = 0.0;  // the same of a line so lopsided that its own reflectance has to be learned
 };
 
 // The cross-section of some of the profiles. At first an antenna in focus; then one at the blur that is seen; then

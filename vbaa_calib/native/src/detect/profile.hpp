@@ -17,8 +17,8 @@ struct Measuring {
     int polarity;  // 1: brighter than its background, −1: darker, 0: here brighter, there darker
     double quiet;  // the noise quantile of the root mean square of as many normal numbers as a profile has freedoms
     const Shapes& shapes;
-    ConstMatrix levels;  // (L, 2) the antenna's usual grey levels, see Known; L = 0 where not known
-    bool stands_out;     // see Known
+    ConstMatrix levels;  // (L, 2) the antenna's usual grey levels, L = 0 where not known
+    bool stands_out;     // see path_refinement.Known
 };
 
 struct MeasuredLine {

@@ -145,7 +145,7 @@ Course mean_course(const Numbers& share, const Flags& inside, const Numbers& off
 // for between a highlight's sides many explain as much.
 Course initial_course(const Crossings& found, const Silhouette& silhouette, int near) {
     const int count = found.along.size(), length = found.profiles.shape[1];
-    const int steps = static_cast<int>(std::ceil(0.6 * silhouette.width_px / START_STEP_PX));
+    const int steps = std::max(1, static_cast<int>(std::ceil(0.6 * silhouette.width_px / START_STEP_PX)));
     const Numbers offsets = each(2 * steps + 1, [&](int o) { return START_STEP_PX * (o - steps); });
     const Table values = blurred_polynomials(silhouette, length / 2 + 2);
     Coefficients ridge, coefficients;
@@ -374,14 +374,7 @@ CrossSection mean_shape(const Reflectance& reflectance, const std::vector<int>& 
     const ConstVector coefficients(mean.data(), {K});
     const double height = std::sqrt(std::max(mean_square(coefficients), 1e-12));
     for (double& each : mean) each /= height;
-    const CrossSection& known = reflectance.section;
-    const int rows = known.values.shape[0];
-    CrossSection section = {Table(rows, 1), Table(rows, 1), {}};
-    for (int r = 0; r < rows; ++r) {
-        section.values.values[r] = dot(known.values.row(r), coefficients);
-        section.slopes.values[r] = dot(known.slopes.row(r), coefficients);
-    }
-    return section;
+    return {product(reflectance.section.values, coefficients), product(reflectance.section.slopes, coefficients), {}};
 }
 
 LearnedReflectance learn_reflectance(const Crossings& found, const Silhouette& initial, const KnownCourse& known) {

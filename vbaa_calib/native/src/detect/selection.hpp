@@ -59,6 +59,14 @@ inline Numbers selected(ConstVector values, const Flags& chosen) {
     return found;
 }
 
+// The rows (M, C) of the chosen.
+inline Table selected(ConstMatrix rows, const Flags& chosen) {
+    Table found(count(chosen), rows.shape[1]);
+    int k = 0;
+    for (int n : places(chosen)) copy(rows.row(n), found.row(k++));
+    return found;
+}
+
 // The median of values (N,), the mean of the two middle ones of an even number; NaN of none.
 inline double central(Numbers values) {
     if (!values.size()) return NAN;

@@ -12,43 +12,36 @@ constexpr double FAR_STD = 8.0;  // standard deviations beyond the silhouette's 
 constexpr double STEP = 0.02;    // of width and blur, as a part of them, for the derivatives
 constexpr double POWERS[K][K] = {{1.0}, {0.0, 1.0}, {-0.5, 0.0, 1.5}, {0.0, -1.5, 0.0, 2.5}};
 
-// Place in a table of so many rows, at a distance from its middle: the row before it, and the part of the way on.
-struct Row {
-    int row;
-    double far;
-};
-
-Row row_at(double across, int last) {
-    const double place = bounded(across * PER_PX + 0.5 * last, 0.0, last);
-    const int row = std::min(static_cast<int>(place), last - 1);
-    return {row, place - row};
-}
-
 // (K,) of the table's columns, or their sum weighted by coefficients (K,).
-double between(const Table& table, Row at, int k) {
+double between(const Table& table, Place at, int k) {
     const double* const near = table.begin() + at.row * K + k;
     return near[0] + at.far * (near[K] - near[0]);
 }
 
-double weighted(const Table& table, Row at, const double* coefficients) {
+double weighted(const Table& table, Place at, const double* coefficients) {
     double sum = 0.0;
     for (int k = 0; k < K; ++k) sum += coefficients[k] * between(table, at, k);
     return sum;
 }
 
-// Sums of the products of rows (M, T), less the background's level and slope: into (M, M).
-void products(Matrix columns, Matrix sums) {
-    const int length = columns.shape[1];
-    remove_background(columns);
-    for (int i = 0; i < columns.shape[0]; ++i) {
-        const double* const one = columns.row(i).data;
-        for (int j = 0; j <= i; ++j) {
-            const double* const other = columns.row(j).data;
-            double sum = 0.0;
-            for (int t = 0; t < length; ++t) sum += one[t] * other[t];
-            sums(i, j) = sums(j, i) = sum;
-        }
+// (N, M, M) sums over pixels of the products of every profile's columns, less level and slope of the background. The
+// last column are the grey levels; `fill` sets the others, of profile n at pixel t and its place in tables up to row
+// `last`.
+template <class Fill>
+Array<double, 3> products(const Crossings& found, ConstVector base, int last, int several, Fill fill) {
+    const int count = found.profiles.shape[0], length = found.profiles.shape[1];
+    Array<double, 3> sums(count, several, several);
+    Table columns(several, length);
+    Numbers across(length);
+    for (int n = 0; n < count; ++n) {
+        distances(found, n, base[n], across);
+        for (int t = 0; t < length; ++t) fill(n, t, Place(across[t], last), columns);
+        copy(found.profiles.row(n), columns.row(several - 1));
+        remove_background(columns);
+        for (int i = 0; i < several; ++i)
+            for (int j = 0; j <= i; ++j) sums(n, i, j) = sums(n, j, i) = dot(columns.row(i), columns.row(j));
     }
+    return sums;
 }
 
 // (R, K) derivative of the blurred polynomials by the logarithm of what one silhouette has more of than another.
@@ -91,50 +84,29 @@ Table blurred_polynomials(const Silhouette& silhouette, int reach_px) {
 
 Array<double, 3> normal_equations(const Crossings& found, ConstVector base, const Silhouette& silhouette,
                                   ConstMatrix coefficients, int reach_px) {
-    const int count = found.profiles.shape[0], length = found.profiles.shape[1];
     const auto [width_px, blur_px] = silhouette;
     const Table values = blurred_polynomials(silhouette, reach_px), slopes = slopes_of(values);
     const Table wider = derivative({width_px * (1.0 + STEP), blur_px}, values, reach_px);
     const Table softer = derivative({width_px, blur_px * (1.0 + STEP)}, values, reach_px);
-    const int last = values.shape[0] - 1;
     const Numbers share = shares(found);
-    Array<double, 3> sums(count, COLUMNS, COLUMNS);
-    Table columns(COLUMNS, length);
-    Numbers across(length);
-    for (int n = 0; n < count; ++n) {
-        if (!found.inside[n]) continue;
-        distances(found, n, base[n], across);
-        const double by_place = -found.side[n] / found.stretch[n];
-        const double* const own = coefficients.row(n).data;
-        for (int t = 0; t < length; ++t) {
-            const Row at = row_at(across[t], last);
+    Array<double, 3> sums =
+        products(found, base, values.shape[0] - 1, COLUMNS, [&](int n, int t, Place at, Table& columns) {
+            const double* const own = coefficients.row(n).data;
             for (int k = 0; k < K; ++k) columns(k, t) = between(values, at, k);
             columns(SHAPE, t) = weighted(wider, at, own);
             columns(SHAPE + 1, t) = weighted(softer, at, own);
             columns(SHAPE + 2, t) = columns(SHAPE, t) * (share[n] - 0.5);
-            columns(PLACE, t) = weighted(slopes, at, own) * by_place;
-            columns(LEVELS, t) = found.profiles(n, t);
-        }
-        products(columns, sums.row(n));
-    }
+            columns(PLACE, t) = weighted(slopes, at, own) * -found.side[n] / found.stretch[n];
+        });
+    for (int n = 0; n < found.inside.size(); ++n)
+        if (!found.inside[n]) fill(sums.row(n), 0.0);
     return sums;
 }
 
 Array<double, 3> coefficient_equations(const Crossings& found, ConstVector base, const Table& values) {
-    const int count = found.profiles.shape[0], length = found.profiles.shape[1], last = values.shape[0] - 1;
-    Array<double, 3> sums(count, K + 1, K + 1);
-    Table columns(K + 1, length);
-    Numbers across(length);
-    for (int n = 0; n < count; ++n) {
-        distances(found, n, base[n], across);
-        for (int t = 0; t < length; ++t) {
-            const Row at = row_at(across[t], last);
-            for (int k = 0; k < K; ++k) columns(k, t) = between(values, at, k);
-            columns(K, t) = found.profiles(n, t);
-        }
-        products(columns, sums.row(n));
-    }
-    return sums;
+    return products(found, base, values.shape[0] - 1, K + 1, [&](int, int t, Place at, Table& columns) {
+        for (int k = 0; k < K; ++k) columns(k, t) = between(values, at, k);
+    });
 }
 
 Numbers explained_by_edges(const Crossings& found, ConstVector base, const Silhouette& silhouette, ConstVector weight,

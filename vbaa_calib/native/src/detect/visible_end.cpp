@@ -215,10 +215,7 @@ End end_or_longer(const Crossings& found, const Look& look, const Continued& ahe
     });
     if (count(on) >= AT_LEAST_ON && last_of(on) >= used.end()[-3]) {
         // bent towards the camera, it is longer in the picture than a whole antenna of the corridor
-        const Table points = moved(found, fits.shift);
-        end.longer = Table(count(on), 2);
-        int k = 0;
-        for (int n : places(on)) copy(points.row(n), end.longer.row(k++));
+        end.longer = selected(moved(found, fits.shift), on);
         return end;
     }
     const Profiles seen = profiles_at(used, found, fits, usual, look.noise);
