@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice
-from typing import Any
+from typing import Any, Unpack, cast
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from vbaa_calib.session import DRIFTS
 
 from .contacts import Contacts, MotionCheck, MovingContacts, RoughFit, contacts_of, last, moving, with_joint_errors
 from .drift import LearntRig
-from .inputs import Batch, Values, without_outliers
+from .inputs import Batch, PlanePoints, Values, without_outliers
 from .motion import Beam
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
 
@@ -85,8 +85,7 @@ class ContactEstimator:
         tilt: float,
         sigma_px: np.ndarray | float | None = None,
         moment_z: float | None = None,
-        plane_xy_m: Any = None,
-        covariance_m2: Any = None,
+        **plane: Unpack[PlanePoints],
     ) -> Contact:
         """One frame.
 
@@ -107,23 +106,26 @@ class ContactEstimator:
         InputError : wrong shapes, what is no number, angles beyond a turn, moments and pixels that cannot be, not one
             of centreline_px and plane_xy_m, a camera in plane C.
         """
-        lines: dict[str, Any] = {"centreline_px": centreline_px, "plane_xy_m": plane_xy_m}
-        for name, line in lines.items():
-            remedy = "give (N, 2) pixels" if name == "centreline_px" else "give (N, 2) m on plane C, of one camera"
-            lines[name] = points = None if line is None else as_floats(line, name, remedy)
-            if points is not None and (points.ndim != 2 or points.shape[1] != 2):
-                raise InputError(f"{name} has shape {points.shape}", remedy=remedy)
-        points = next((each for each in lines.values() if each is not None), np.empty((0, 2)))
-        if covariance_m2 is not None:
-            covariance_m2 = as_floats(covariance_m2, "covariance_m2", "give (N, 2, 2) m²")
-            covariance_m2 = covariance_m2 if covariance_m2.ndim == 2 else covariance_m2[None]
+        lines: dict[str, Any] = {"centreline_px": centreline_px, **plane}
+        shapes = {"centreline_px": "(N, 2) pixels", "plane_xy_m": "(N, 2) m on plane C, of one camera"}
+        points = np.empty((0, 2))
+        for name, shape in shapes.items():
+            if (line := lines.get(name)) is not None:
+                points = as_floats(line, name, f"give {shape}")
+                if points.ndim != 2 or points.shape[1] != 2:
+                    raise InputError(f"{name} has shape {points.shape}", remedy=f"give {shape}")
+                lines[name] = points[None]
+        if (spread := lines.get("covariance_m2")) is not None:
+            spread = as_floats(spread, "covariance_m2", "give (N, 2, 2) m²")
+            lines["covariance_m2"] = spread if spread.ndim == 2 else spread[None]
         sigma = None if sigma_px is None else as_floats(sigma_px, "sigma_px", "give standard deviations in px")
         if sigma is not None and sigma.shape not in ((), points.shape[:1]):
             raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
         sigma = sigma[None] if sigma is not None and sigma.ndim else sigma
-        pixels, on_plane = (None if each is None else each[None] for each in lines.values())
-        both = {"sigma_px": sigma, "plane_xy_m": on_plane, "covariance_m2": covariance_m2, "moments_z": [moment_z]}
-        return self.estimate_batch(pixels, [moment], [pan], [tilt], **both)[0]
+        pixels = lines.pop("centreline_px")
+        return self.estimate_batch(
+            pixels, [moment], [pan], [tilt], sigma_px=sigma, moments_z=[moment_z], **cast(PlanePoints, lines)
+        )[0]
 
     def estimate_batch(
         self,
@@ -134,8 +136,7 @@ class ContactEstimator:
         *,
         sigma_px: np.ndarray | float | None = None,
         moments_z: Sequence[float | None] | np.ndarray | None = None,
-        plane_xy_m: Any = None,
-        covariance_m2: Any = None,
+        **plane: Unpack[PlanePoints],
     ) -> Contacts:
         """B frames at once: a sequence of `Contact`, and its columns as arrays.
 
@@ -153,8 +154,7 @@ class ContactEstimator:
         """
         readings: dict[str, Values] = {"moments": moments, "moments_z": moments_z}
         joints: dict[str, Values] = {"pans": pans, "tilts": tilts}
-        lines = {"plane_xy_m": plane_xy_m, "covariance_m2": covariance_m2}
-        return self._contacts(Batch.checked(self.rig, centrelines_px, readings, joints, sigma_px, **lines))
+        return self._contacts(Batch.checked(self.rig, centrelines_px, readings, joints, sigma_px, plane))
 
     @gate
     def run(self, recording: Iterable[Measured], *, live: bool = False) -> Iterator[Contact]:

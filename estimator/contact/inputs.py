@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -40,6 +40,13 @@ _LEAST_END_PX = 0.02
 
 Values = Sequence[float | None] | np.ndarray | None
 """A number for every frame, None where there is none."""
+
+
+class PlanePoints(TypedDict, total=False):
+    """Centrelines in metres, in place of pixels: (N, 2) on plane C, and (N, 2, 2) m² or (2, 2) of all points."""
+
+    plane_xy_m: Any
+    covariance_m2: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,22 +130,10 @@ class Batch(Rows):
         readings: dict[str, Values],
         joints: dict[str, Values],
         sigma_px: np.ndarray | float | None,
-        plane_xy_m: np.ndarray | Sequence[np.ndarray] | None = None,
-        covariance_m2: np.ndarray | Sequence[np.ndarray] | None = None,
+        plane: PlanePoints,
     ) -> Batch:
         """Frames as users give them, with readings about y and z, and pan and tilt, by name. Raises InputError."""
-        if (centrelines_px is None) == (plane_xy_m is None):
-            how_many = "neither" if plane_xy_m is None else "both"
-            raise InputError(f"pixels and plane_xy_m: {how_many}", remedy="give one of them")
-        if covariance_m2 is not None and (plane_xy_m is None or sigma_px is not None):
-            raise InputError("covariance_m2 is not of pixels", remedy="give it with plane_xy_m and without sigma_px")
-        own: np.ndarray | float = rig.image.noise_px
-        shape = None
-        if plane_xy_m is None:
-            points = _points(centrelines_px)
-        else:
-            points, sigmas, shape = _on_plane(rig, plane_xy_m, covariance_m2)
-            own = own if sigmas is None else sigmas
+        points, own, shape = _lines(rig, centrelines_px, sigma_px, **plane)
         moments = {name: _column(name, values, len(points)) for name, values in readings.items()}
         angles = {name: _column(name, values, len(points)) for name, values in joints.items()}
         for name, values in angles.items():
@@ -403,9 +398,18 @@ def _points(lines: Any, name: str = "centrelines_px", remedy: str = "give (N, 2)
     return _padded(lines, np.nan) if lines else np.empty((0, 0, 2))
 
 
-def _on_plane(rig: Rig, plane_xy_m: Any, covariance_m2: Any) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """Pixels (B, N, 2) of centrelines on plane C, what these are off (B, N) and in which direction (B, N, 2, 2), as
-    `pixels_on_plane` has it. Raises InputError."""
+def _lines(
+    rig: Rig, centrelines_px: Any, sigma_px: Any, plane_xy_m: Any = None, covariance_m2: Any = None
+) -> tuple[np.ndarray, np.ndarray | float, np.ndarray | None]:
+    """Pixels (B, N, 2) of centrelines in pixels or on plane C; their own standard deviation, one or (B, N), and shape
+    (B, N, 2, 2) as `pixels_on_plane` has them. Raises InputError."""
+    if (centrelines_px is None) == (plane_xy_m is None):
+        how_many = "neither" if plane_xy_m is None else "both"
+        raise InputError(f"pixels and plane_xy_m: {how_many}", remedy="give one of them")
+    if covariance_m2 is not None and (plane_xy_m is None or sigma_px is not None):
+        raise InputError("covariance_m2 is not of pixels", remedy="give it with plane_xy_m and without sigma_px")
+    if plane_xy_m is None:
+        return _points(centrelines_px), rig.image.noise_px, None
     several = isinstance(plane_xy_m, Iterable) and not hasattr(plane_xy_m, "ndim")
     lines = list(plane_xy_m) if several and not isinstance(plane_xy_m, Mapping) else plane_xy_m
     points = _points(lines, "plane_xy_m", "give (N, 2) m on plane C for every frame, of one camera")
@@ -415,7 +419,8 @@ def _on_plane(rig: Rig, plane_xy_m: Any, covariance_m2: Any) -> tuple[np.ndarray
         if [own.shape for own in parts] != [(len(line), 2, 2) for line in lines]:
             raise InputError("covariance_m2 has other lengths than plane_xy_m", remedy=remedy)
         covariance_m2 = _padded(parts, np.nan) if parts else np.eye(2)
-    return pixels_on_plane(rig.camera, rig.T_antenna_camera, points, covariance_m2)
+    pixels, own, shape = pixels_on_plane(rig.camera, rig.T_antenna_camera, points, covariance_m2)
+    return pixels, rig.image.noise_px if own is None else own, shape
 
 
 def _padded(several: Sequence[np.ndarray], missing: float) -> np.ndarray:

@@ -12,7 +12,7 @@ import torch
 from benchmarks.estimator.scenes import Scenes
 from estimator import ContactEstimator, Measured
 from estimator.contact.contacts import Contacts
-from estimator.contact.inputs import Batch
+from estimator.contact.inputs import Batch, PlanePoints
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
@@ -126,7 +126,9 @@ def test_a_covariance_of_any_shape_reaches_the_fit() -> None:
     half = 1e-4 * rng.normal(size=(*xy.shape, 2))
     spread = half @ np.swapaxes(half, -1, -2) + 1e-9 * np.eye(2)
     readings, joints = {"moments": None, "moments_z": None}, {"pans": np.zeros(6), "tilts": np.zeros(6)}
-    batch = Batch.checked(rig, None, readings, joints, None, xy[:, ::-1], spread[:, ::-1])
+    batch = Batch.checked(
+        rig, None, readings, joints, None, PlanePoints(plane_xy_m=xy[:, ::-1], covariance_m2=spread[:, ::-1])
+    )
     frames = batch.frames(RigArrays.from_rig(rig, 0.2))
 
     def pinhole(xy: np.ndarray) -> np.ndarray:

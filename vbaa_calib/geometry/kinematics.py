@@ -38,8 +38,14 @@ def rotation_world_antenna(pan_rad: ArrayLike, tilt_rad: ArrayLike, axis_skew_ra
     turn[..., 2, 0], turn[..., 2, 1], turn[..., 2, 2] = sin_t, 0.0, cos_t
     if axis_skew_rad == 0.0:
         return turn
-    zero, skew = np.zeros_like(pan), Pose.from_rotvec(np.array([axis_skew_rad, 0.0, 0.0]), np.zeros(3)).rotation
-    return rotation_world_antenna(pan, zero) @ skew @ rotation_world_antenna(zero, tilt)
+    sin_s, cos_s = np.sin(axis_skew_rad), np.cos(axis_skew_rad)
+    side = sin_s * np.stack([sin_t, cos_t], axis=-1)
+    turn[..., 0, ::2] += sin_p[..., None] * side
+    turn[..., 1, ::2] -= cos_p[..., None] * side
+    turn[..., :2, 1] *= cos_s
+    turn[..., 2, ::2] *= cos_s
+    turn[..., 2, 1] = sin_s
+    return turn
 
 
 def _panned_x(pan_rad: np.ndarray) -> np.ndarray:
