@@ -8,7 +8,7 @@ moment is zero at the contact, so with υ = u·√(F/EI)
 
 is an initial value problem, and for each α one universal curve holds every load, contact distance and stiffness. The
 clamp only says where that curve is cut: θ_c = ψ(√a) with the load a = F·l²/EI. The curve is a pendulum let go at rest,
-with k² = (1 − sin α)/2 and its coordinates C = ∫cos ψ dυ, S = ∫sin ψ dυ in Jacobi's functions (`pendulum.hpp` of the core).
+with k² = (1 − sin α)/2 and its coordinates C = ∫cos ψ dυ, S = ∫sin ψ dυ in Jacobi's functions (core: `pendulum.hpp`).
 
 Only what a dead force leans at the contact has to be solved for.
 """

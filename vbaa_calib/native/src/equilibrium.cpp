@@ -30,11 +30,16 @@ struct State {
     Vectors seen, force;
 };
 
+// Where integrals go.
+auto into(Vectors* field) {
+    return [=](std::size_t row, const Vectors& v) { field[row] = v; };
+}
+
 // Length beyond the node.
 Lanes beyond(const Loads& loads, int node) {
     const NodeTables& tables = node_tables();
-    if (node < INNER_NODES) return loads.length_m - loads.contact_m * tables.inner[node];
-    return (loads.length_m - loads.contact_m) * (1.0 - tables.outer[node - INNER_NODES]);
+    if (node < INNER_NODES) return loads.length_m - loads.contact_m * spread(tables.inner[node]);
+    return (loads.length_m - loads.contact_m) * spread(1.0 - tables.outer[node - INNER_NODES]);
 }
 
 // Length of the side of the contact that the node lies on.
@@ -126,7 +131,7 @@ void roll_out(Work& work, ClampTurn clamp) {
 
 // Half the turns about y and z of a straight antenna that weight and bow bend a little.
 ClampTurn bent_a_little(const Loads& loads, int node) {
-    double length = loads.length_m;
+    Lanes length = loads.length_m;
     Lanes rest = beyond(loads, node), along = length - rest;
     Lanes by_weight = (length * length * length - rest * rest * rest) / 6.0;
     return {0.5 * (along * loads.bow_y_per_m - by_weight * loads.weight_per_m3.z),
@@ -141,8 +146,7 @@ ClampTurn first_turns(const Loads& loads, Work& work) {
         work.field[node] = {-work.hinge.sine[node] * contact.y, here.y - work.hinge.cosine[node] * contact.y,
                             here.z - contact.z};
     }
-    Lanes half_give = 0.5 * loads.give_m;
-    double half_square = 0.5 * loads.length_m * loads.length_m;
+    Lanes half_give = 0.5 * loads.give_m, half_square = 0.5 * loads.length_m * loads.length_m;
     ClampTurn clamp = {-half_give * (half_square * loads.weight_per_m3.z),
                        half_give * (half_square * loads.weight_per_m3.y + loads.contact_m * loads.push_per_m2)};
     roll_out(work, clamp);
@@ -166,12 +170,10 @@ State state_of(const Loads& loads, Work& work, ClampTurn clamp, Field& tangents)
         work.integrand[node] = side(loads, node) * cross(tangents[node], internal);
     }
     const NodeTables& tables = node_tables();
-    Vectors* moments = work.moments.data();
-    auto put_outer = [&](std::size_t row, Vectors v) { moments[INNER_NODES + row] = v; };
-    integrated(tables.outer_from_tip, &work.integrand[INNER_NODES], Vectors{}, put_outer);
+    Field& moments = work.moments;
+    integrated(tables.outer_from_tip, &work.integrand[INNER_NODES], Vectors{}, into(&moments[INNER_NODES]));
     // the first node beyond the contact is the contact itself
-    auto put_inner = [&](std::size_t row, Vectors v) { moments[row] = v; };
-    integrated(tables.inner_from_tip, work.integrand.data(), moments[INNER_NODES], put_inner);
+    integrated(tables.inner_from_tip, work.integrand.data(), moments[INNER_NODES], into(moments.data()));
     return {seen, force};
 }
 
@@ -194,12 +196,10 @@ ClampTurn swept(const Loads& loads, Work& work, Vectors seen) {
         work.integrand[node] = 0.5 * side(loads, node) * change;
     }
     const NodeTables& tables = node_tables();
-    Vectors* field = work.field.data();
+    Field& field = work.field;
     Vectors at_contact = {field[INNER_NODES - 1].x, Lanes{}, Lanes{}};
-    auto put_inner = [&](std::size_t row, Vectors v) { field[row] = v; };
-    integrated(tables.inner_from_contact, work.integrand.data(), at_contact, put_inner);
-    auto put_outer = [&](std::size_t row, Vectors v) { field[INNER_NODES + row] = v; };
-    integrated(tables.outer_from_contact, &work.integrand[INNER_NODES], at_contact, put_outer);
+    integrated(tables.inner_from_contact, work.integrand.data(), at_contact, into(field.data()));
+    integrated(tables.outer_from_contact, &work.integrand[INNER_NODES], at_contact, into(&field[INNER_NODES]));
     ClampTurn clamp = {half_give * at_clamp.y, half_give * at_clamp.z};
     roll_out(work, clamp);
     return clamp;

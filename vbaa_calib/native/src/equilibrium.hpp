@@ -39,7 +39,7 @@ struct Frame {
 // What bends LANES antennas, along the clamp's axes and over EI.
 struct Loads {
     Lanes contact_m;     // arc length of the contact
-    double length_m;     // of the antenna
+    Lanes length_m;      // of the antenna
     Lanes push_per_m2;   // the contact force's component along the normal
     Lanes friction_rad;  // angle of the whole force from the normal, positive towards the clamp
     bool dead;           // the force keeps its direction; otherwise it follows the antenna's normal

@@ -23,23 +23,31 @@ struct Taylor {
     T psi[TERMS], cosine[TERMS + 1], sine[TERMS + 1];
 };
 
+template <class T>
+T of(double value) {
+    if constexpr (sizeof(T) == sizeof value)
+        return value;
+    else
+        return spread(value);
+}
+
 // From psi'' = cos(psi + alpha) term by term.
 template <class T>
 void expand(T sin_friction, T cos_friction, int terms, Taylor<T>& series) {
     T rates[TERMS];
-    series.cosine[0] = T{} + 1.0;
+    series.cosine[0] = of<T>(1.0);
     series.sine[0] = T{};
     for (int n = 0; n < terms; ++n) {
         T second = cos_friction * series.cosine[n] - sin_friction * series.sine[n];
-        series.psi[n] = second * (RECIPROCAL[2 * n + 2] * RECIPROCAL[2 * n + 1]);
-        rates[n] = series.psi[n] * (n + 1.0);
+        series.psi[n] = second * of<T>(RECIPROCAL[2 * n + 2] * RECIPROCAL[2 * n + 1]);
+        rates[n] = series.psi[n] * of<T>(n + 1.0);
         T sine = T{}, cosine = T{};
         for (int k = 0; k <= n; ++k) {
             sine += rates[k] * series.cosine[n - k];
             cosine -= rates[k] * series.sine[n - k];
         }
-        series.cosine[n + 1] = cosine * RECIPROCAL[n + 1];
-        series.sine[n + 1] = sine * RECIPROCAL[n + 1];
+        series.cosine[n + 1] = cosine * of<T>(RECIPROCAL[n + 1]);
+        series.sine[n + 1] = sine * of<T>(RECIPROCAL[n + 1]);
     }
 }
 
@@ -133,8 +141,8 @@ SineCosine sine_and_cosine(Lanes angle_rad) {
     }();
     Lanes square = angle_rad * angle_rad, sine = Lanes{}, cosine = Lanes{};
     for (int term = terms - 1; term >= 0; --term) {
-        sine = sine * square + inverse[2 * term + 1];
-        cosine = cosine * square + inverse[2 * term];
+        sine = sine * square + spread(inverse[2 * term + 1]);
+        cosine = cosine * square + spread(inverse[2 * term]);
     }
     return {angle_rad * sine, cosine};
 }
@@ -150,15 +158,15 @@ void hinge_by_series(Lanes loads, SineCosine friction, int terms, Hinge& hinge) 
     expand(friction.sine, friction.cosine, terms, series);
     for (int node = 0; node < INNER_NODES - 1; ++node) {
         double back = 1.0 - tables.inner[node];
-        Lanes square = loads * (back * back), total = Lanes{}, rate = Lanes{};
+        Lanes square = loads * spread(back * back), total = Lanes{}, rate = Lanes{};
         for (int term = terms - 1; term >= 0; --term) {
             total = total * square + series.psi[term];
-            rate = rate * square + (2.0 * term + 2.0) * series.psi[term];
+            rate = rate * square + spread(2.0 * term + 2.0) * series.psi[term];
         }
         SineCosine turn = sine_and_cosine(total * square);
         hinge.sine[node] = -turn.sine;
         hinge.cosine[node] = turn.cosine;
-        hinge.slope[node] = back * rate;
+        hinge.slope[node] = spread(back) * rate;
     }
 }
 

@@ -29,23 +29,25 @@ struct Made {
 
 Pressed pressed(ConstMatrix parameters, double length_m, Vectors gravity_m_s2, ConstVector contact_m,
                 ConstMatrix push_N, ConstVector friction_rad, bool dead) {
-    auto row = [](ConstMatrix values, int i) { return load(&values(i, 0)); };
     double limit = (1.0 - NEAREST_TO_TIP) * length_m;
     Lanes contact = load(contact_m.data);
-    return {row(parameters, 0),
-            row(parameters, 1),
-            row(parameters, 2),
-            row(parameters, 3),
-            row(parameters, 4),
-            row(parameters, 5),
-            exp(row(parameters, 6)),
-            exp(row(parameters, 7)),
-            row(parameters, 8),
+    Lanes p[9];
+    for (int i = 0; i < 9; ++i) p[i] = load(&parameters(i, 0));
+    Lanes stiffness = exp(p[6]), mass = exp(p[7]), on_shaft = where_positive(contact - limit, limit, contact);
+    return {p[0],
+            p[1],
+            p[2],
+            p[3],
+            p[4],
+            p[5],
+            stiffness,
+            mass,
+            p[8],
             length_m,
             gravity_m_s2,
-            where_positive(contact - limit, limit, contact),
-            row(push_N, 0),
-            row(push_N, 1),
+            on_shaft,
+            load(&push_N(0, 0)),
+            load(&push_N(1, 0)),
             load(friction_rad.data),
             dead};
 }
@@ -54,6 +56,10 @@ void put(Cube field, int node, Vectors v) {
     store(&field(0, node, 0), v.x);
     store(&field(1, node, 0), v.y);
     store(&field(2, node, 0), v.z);
+}
+
+auto into(Cube field, int first) {
+    return [=](std::size_t row, const Vectors& v) { put(field, first + int(row), v); };
 }
 
 void put_loads(const Made& made, Vectors force_N, Lanes moment_Nm) {
@@ -93,22 +99,20 @@ void put_first_tangents(const Field& field, Cube tangents) {
 
 void put_tangents(const Field& field, Cube tangents) {
     const NodeTables& tables = node_tables();
-    auto put_inner = [&](std::size_t row, Vectors v) { put(tangents, int(row), v); };
-    integrated(tables.at_inner_curve, field.data(), Vectors{}, put_inner);
-    auto put_outer = [&](std::size_t row, Vectors v) { put(tangents, NODES_TO_CONTACT + int(row), v); };
-    integrated(tables.at_outer_curve, &field[INNER_NODES], Vectors{}, put_outer);
+    integrated(tables.at_inner_curve, field.data(), Vectors{}, into(tangents, 0));
+    integrated(tables.at_outer_curve, &field[INNER_NODES], Vectors{}, into(tangents, NODES_TO_CONTACT));
 }
 
 // Integrate the tangents, which are multiplied by their side's length, from the clamp on.
 void put_points(const Pressed& press, Field& field, Cube points_m) {
     const NodeTables& tables = node_tables();
+    Lanes beyond = press.length_m - press.contact_m;
     for (int node = 0; node < NODES; ++node)
-        field[node] = (node < INNER_NODES ? press.contact_m : press.length_m - press.contact_m) * field[node];
-    Vectors contact;
-    auto put_inner = [&](std::size_t row, Vectors v) { put(points_m, int(row), contact = v); };
-    integrated(tables.to_inner_curve, field.data(), Vectors{Lanes{}, press.clamp_y_m, press.clamp_z_m}, put_inner);
-    auto put_outer = [&](std::size_t row, Vectors v) { put(points_m, NODES_TO_CONTACT + int(row), v); };
-    integrated(tables.to_outer_curve, &field[INNER_NODES], contact, put_outer);
+        field[node] = (node < INNER_NODES ? press.contact_m : beyond) * field[node];
+    Vectors clamp = {Lanes{}, press.clamp_y_m, press.clamp_z_m};
+    integrated(tables.to_inner_curve, field.data(), clamp, into(points_m, 0));
+    Vectors contact = {load(&points_m(0, CONTACT, 0)), load(&points_m(1, CONTACT, 0)), load(&points_m(2, CONTACT, 0))};
+    integrated(tables.to_outer_curve, &field[INNER_NODES], contact, into(points_m, NODES_TO_CONTACT));
 }
 
 // Large deflections.
@@ -127,7 +131,7 @@ void bend_far(int sweeps, const Pressed& press, const Made& made) {
     Frame frame = {clamp.x, y * clamp.y + z * clamp.z, y * clamp.z - z * clamp.y};
     Vectors weight = press.mass_kg_m / stiffness * press.gravity_m_s2;
     Loads loads = {press.contact_m,
-                   press.length_m,
+                   spread(press.length_m),
                    size,
                    friction,
                    press.dead,
@@ -164,13 +168,13 @@ Lateral operator*(Lanes factor, Lateral a) { return {factor * a.y, factor * a.z}
 void bend_little(bool paper, const Pressed& press, const Made& made) {
     Lanes contact = where_positive(-press.contact_m, std::numeric_limits<double>::quiet_NaN(), press.contact_m);
     Lanes compliance = 1.0 / press.stiffness_Nm2, friction = Lanes{};
-    double length = press.length_m;
+    const Lanes length = spread(press.length_m);
     Lateral push = {press.push_y_N, press.push_z_N}, clamp_moment = contact * push, start = {}, turn = {}, bow = {};
     Vectors weight = {};
     if (!paper) {
         start = {press.clamp_y_m, press.clamp_z_m};
         weight = press.mass_kg_m * press.gravity_m_s2;
-        clamp_moment = clamp_moment + spread(0.5 * length * length) * Lateral{weight.y, weight.z};
+        clamp_moment = clamp_moment + 0.5 * length * length * Lateral{weight.y, weight.z};
         // turned or bowed about z the antenna goes to +y, about y to −z
         turn = Lateral{press.about_z_rad, -press.about_y_rad} + press.give_m * compliance * clamp_moment;
         bow = {press.bow_z_per_m, -press.bow_y_per_m};
@@ -179,7 +183,7 @@ void bend_little(bool paper, const Pressed& press, const Made& made) {
     }
     Lateral sagging = {weight.y, weight.z}, at_contact = {};
     for (int node = 0; node < CURVE_NODES; ++node) {
-        Lanes s = curve_share(node) * (node <= CONTACT ? contact : length - contact);
+        Lanes s = spread(curve_share(node)) * (node <= CONTACT ? contact : length - contact);
         if (node > CONTACT) s += contact;
         s = where_positive(s - length, length, s);
         Lanes near = where_positive(contact - s, s, contact), far = where_positive(contact - s, contact, s);

@@ -102,16 +102,13 @@ std::array<Lanes, UNKNOWNS> residual(const Step& step, const std::array<Lanes, U
     Vectors indented = trials.press_N * step.touching.compliance_m_N * trials.normal;
     Vectors apart = 1.0 / length * (trials.point_m - trials.place_m + indented);
     Lanes inside = -dot(trials.normal, trials.tangent), before_tip = 1.0 - x[3];
-    return {tip.x,
-            tip.y,
-            tip.z,
-            apart.x,
-            apart.y,
-            apart.z,
-            trials.gap_m / length,
-            where_positive(inside - before_tip, before_tip, inside),
-            dot(trials.axes[0], trials.way_m) / length,
-            dot(trials.axes[1], trials.way_m) / length};
+    std::array<Lanes, UNKNOWNS> left;
+    set(left, 0, tip);
+    set(left, 3, apart);
+    left[6] = trials.gap_m / length;
+    left[7] = where_positive(inside - before_tip, before_tip, inside);
+    for (int i = 0; i < 2; ++i) left[SMOOTH + i] = dot(trials.axes[i], trials.way_m) / length;
+    return left;
 }
 
 // The step: the linearised rest keeps the law of friction exactly; zero where that is not finite.
@@ -212,16 +209,12 @@ Advanced advance(const antenna::Rod& rod, const Object& object, const Touching& 
             return Pair{dot(step.frame.axes[0], force) / force_unit, dot(step.frame.axes[1], force) / force_unit};
         };
         Pair grip = in_axes(step.before.grip_N), begun = in_axes(start.grip_N);
-        State x = {start.moment_Nm.x / moment_unit,
-                   start.moment_Nm.y / moment_unit,
-                   start.moment_Nm.z / moment_unit,
-                   start.arclength_m / length,
-                   start.press_N / force_unit,
-                   0.0,
-                   0.0,
-                   0.0,
-                   begun.first,
-                   begun.second};
+        State x = {};
+        set(x, 0, 1.0 / moment_unit * start.moment_Nm);
+        x[3] = start.arclength_m / length;
+        x[4] = start.press_N / force_unit;
+        x[8] = begun.first;
+        x[9] = begun.second;
         advanced.good[b] = found(step, x, grip);
         std::array<Lanes, UNKNOWNS> last;
         for (int i = 0; i < UNKNOWNS; ++i) last[i] = spread(x[i]);

@@ -1,6 +1,7 @@
 // Vectors of three numbers, or of three times eight: they stay in registers, so all of it is inline.
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <cstring>
 
@@ -34,7 +35,13 @@ template <class T>
 
 template <class Factor, class T>
 [[gnu::always_inline]] inline auto operator*(Factor factor, const Vec3<T>& a) {
-    return Vec3<decltype(factor * a.x)>{factor * a.x, factor * a.y, factor * a.z};
+    using Product = decltype(factor * a.x);
+    if constexpr (sizeof(Product) > sizeof(Factor)) {
+        Product all = spread(factor);
+        return Vec3<Product>{all * a.x, all * a.y, all * a.z};
+    } else {
+        return Vec3<Product>{factor * a.x, factor * a.y, factor * a.z};
+    }
 }
 
 template <class A, class B>
@@ -61,6 +68,14 @@ inline void set_lane(Vectors& a, int i, const Point& value) {
     a.x[i] = value.x;
     a.y[i] = value.y;
     a.z[i] = value.z;
+}
+
+// Put its numbers into an array from a place on.
+template <class T, std::size_t N>
+void set(std::array<T, N>& values, int first, const Vec3<T>& a) {
+    values[first] = a.x;
+    values[first + 1] = a.y;
+    values[first + 2] = a.z;
 }
 
 // Rotation matrix, as its rows.

@@ -1,5 +1,3 @@
-#include <nanobind/stl/tuple.h>
-
 #include "../nodes.hpp"
 #include "../pendulum.hpp"
 #include "../shapes.hpp"
@@ -24,8 +22,7 @@ antenna::Presses presses(const InMatrix& parameters, double length_m, const InMa
 
 auto bent(int rung, int sweeps, const antenna::Presses& presses) {
     auto made = unlocked([&] { return antenna::bend_batch(rung, sweeps, presses); });
-    return std::make_tuple(to_numpy(std::move(made.points_m)), to_numpy(std::move(made.tangents)),
-                           to_numpy(std::move(made.force_N)), to_numpy(std::move(made.moment_Nm)));
+    return arrays(made.points_m, made.tangents, made.force_N, made.moment_Nm);
 }
 
 auto curves(int rung, const InMatrix& parameters, double length_m, const InMatrix& gravity_m_s2,
@@ -85,8 +82,7 @@ auto solve_rods(nb::handle rod, const InMatrix& loads, double unit_Nm, const InM
     antenna::Rod numbers = rod_of(rod);
     auto rods = unlocked(
         [&] { return antenna::solve_rods(numbers, view(loads), unit_Nm, view(limit_Nm), view(moment_Nm), steps); });
-    return std::make_tuple(to_numpy(std::move(rods.nodes)), to_numpy(std::move(rods.moment_Nm)),
-                           to_numpy(std::move(rods.left)));
+    return arrays(rods.nodes, rods.moment_Nm, rods.left);
 }
 
 auto shoot_rods(nb::handle rod, const InMatrix& loads, const InMatrix& moment_Nm, int steps) {

@@ -1,6 +1,8 @@
 // What the antenna's and the simulator's bindings have in common.
 #pragma once
 
+#include <nanobind/stl/tuple.h>
+
 #include "../shooting.hpp"
 #include "numpy.hpp"
 
@@ -18,19 +20,27 @@ auto unlocked(Computation computation) {
     return computation();
 }
 
+// Arrays that the core has made, for Python.
+template <class... Arrays>
+auto arrays(Arrays&&... made) {
+    return std::make_tuple(to_numpy(std::move(made))...);
+}
+
+// A plain struct of numbers, such as a point or a matrix.
+template <class To, int N>
+To read_from(const Numpy<const double, N>& values) {
+    check(values.size() == sizeof(To) / sizeof(double), "a vector or matrix has the wrong size");
+    return read<To>(values.data());
+}
+
 // A rod as vbaa_calib.antenna.rod.RodNumbers has it.
 inline antenna::Rod rod_of(nb::handle numbers) {
     auto clamp = attribute<const double, 2>(numbers, "clamp");
     check(clamp.size() == 9, "a rod's clamp is (3, 3)");
-    return {number<double>(numbers, "length_m"),
-            number<double>(numbers, "bend"),
-            number<double>(numbers, "twist"),
-            number<double>(numbers, "mass_per_length_kg_m"),
-            number<double>(numbers, "curvature_y"),
-            number<double>(numbers, "curvature_z"),
-            read<Point>(&clamp(0, 0)),
-            read<Point>(&clamp(1, 0)),
-            read<Point>(&clamp(2, 0))};
+    auto field = [&](const char* name) { return number<double>(numbers, name); };
+    return {field("length_m"),          field("bend"),        field("twist"),          field("mass_per_length_kg_m"),
+            field("curvature_y"),       field("curvature_z"), read<Point>(clamp.data), read<Point>(clamp.data + 3),
+            read<Point>(clamp.data + 6)};
 }
 
 }  // namespace vbaa

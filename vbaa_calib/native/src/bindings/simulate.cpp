@@ -1,5 +1,4 @@
 #include <nanobind/stl/array.h>
-#include <nanobind/stl/tuple.h>
 
 #include "../simulate_at_once.hpp"
 #include "../simulate_casting.hpp"
@@ -10,17 +9,6 @@
 namespace vbaa {
 
 namespace {
-
-template <class To>
-To read_from(const InVector& values) {
-    check(values.size() == sizeof(To) / sizeof(double), "a vector or matrix has the wrong size");
-    return read<To>(values.data());
-}
-template <class To>
-To read_from(const InMatrix& values) {
-    check(values.size() == sizeof(To) / sizeof(double), "a vector or matrix has the wrong size");
-    return read<To>(values.data());
-}
 
 Point vector_of(nb::handle object, const char* name) {
     auto values = attribute<const double, 1>(object, name);
@@ -47,9 +35,7 @@ simulate::Body body_of(nb::handle body) {
             number<double>(body, "steepest")};
 }
 
-auto both(simulate::Surfaces&& found) {
-    return std::make_tuple(to_numpy(std::move(found.distances_m)), to_numpy(std::move(found.normals)));
-}
+auto both(simulate::Surfaces&& found) { return arrays(found.distances_m, found.normals); }
 
 auto signed_distances(nb::handle object, const InMatrix& points_m) {
     check_points(points_m);
@@ -89,17 +75,16 @@ int first_within(nb::handle object, const InCube& rotations, const InMatrix& ori
 auto cast_rays(nb::handle body, const InVector& origin_m, const InMatrix& directions) {
     check_points(directions);
     auto drawn = body_of(body);
-    auto origin = read_from<Point>(origin_m);
+    auto origin = read_from<Point, 1>(origin_m);
     auto hits = unlocked([&] { return simulate::cast_rays(drawn, origin, view(directions)); });
-    return std::make_tuple(to_numpy(std::move(hits.depths)), to_numpy(std::move(hits.normals)),
-                           to_numpy(std::move(hits.faces)));
+    return arrays(hits.depths, hits.normals, hits.faces);
 }
 
 auto shade(const InVector& center_m, const InVector& origin_m, const InMatrix& directions, const InVector& depths,
            const InVector& lights) {
     check_points(directions);
     check(directions.shape(0) == depths.size() && depths.size() == lights.size(), "each ray has a depth and a light");
-    auto center = read_from<Point>(center_m), origin = read_from<Point>(origin_m);
+    auto center = read_from<Point, 1>(center_m), origin = read_from<Point, 1>(origin_m);
     return to_numpy(simulate::shade(center, origin, view(directions), view(depths), view(lights)));
 }
 
@@ -115,7 +100,7 @@ auto rays_between(const InCube& padded, const InMatrix& pixels) {
 
 auto bench_texels(const InCube& padded, const InMatrix& R_world_camera, int texels, double reach) {
     check_map(padded);
-    auto turn = read_from<Rotation>(R_world_camera);
+    auto turn = read_from<Rotation, 2>(R_world_camera);
     return to_numpy(unlocked([&] { return simulate::bench_texels(view(padded), turn, texels, reach); }));
 }
 
@@ -123,9 +108,7 @@ auto tube_pixels(const InMatrix& curve, int width, int height, const InMatrix& i
     check(curve.shape(1) == 7 && inner.shape(1) == 2 && width > 0 && height > 0, "give (N, 7) and (S, 2)");
     auto found =
         unlocked([&] { return simulate::tube_pixels(view(curve), width, height, view(inner), divisions, asymmetry); });
-    return std::make_tuple(to_numpy(std::move(found.rows)), to_numpy(std::move(found.columns)),
-                           to_numpy(std::move(found.nearest)), to_numpy(std::move(found.coverage)),
-                           to_numpy(std::move(found.shade)));
+    return arrays(found.rows, found.columns, found.nearest, found.coverage, found.shade);
 }
 
 auto touch_at_once(nb::handle rod, std::array<double, 4> pressing, const InCube& frames, const InCube& limits,
@@ -149,16 +132,19 @@ auto advance(nb::handle rod, nb::handle object, std::array<double, 5> touching, 
     auto kind = object_of(object);
     simulate::Touching units = {touching[0], touching[1], touching[2], touching[3], touching[4]};
     auto found = unlocked([&] { return simulate::advance(numbers, kind, units, view(frames), view(ends)); });
-    return std::make_tuple(to_numpy(std::move(found.held)), to_numpy(std::move(found.good)));
+    return arrays(found.held, found.good);
 }
 
 auto gripped(const InVector& now, const InVector& pull, const InMatrix& spring, double press, const InVector& lift,
              double friction) {
-    using simulate::Pair;
     check(spring.size() == 4, "the spring is (2, 2)");
-    simulate::Pair rows[] = {read<Pair>(spring.data()), read<Pair>(spring.data() + 2)};
-    auto grip = simulate::gripped(
-        {read_from<Pair>(now), read_from<Pair>(pull), {rows[0], rows[1]}, press, read_from<Pair>(lift), friction});
+    simulate::Pair rows[] = {read<simulate::Pair>(spring.data()), read<simulate::Pair>(spring.data() + 2)};
+    auto grip = simulate::gripped({read_from<simulate::Pair, 1>(now),
+                                   read_from<simulate::Pair, 1>(pull),
+                                   {rows[0], rows[1]},
+                                   press,
+                                   read_from<simulate::Pair, 1>(lift),
+                                   friction});
     return std::make_tuple(grip.first, grip.second);
 }
 
