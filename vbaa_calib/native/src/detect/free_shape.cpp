@@ -23,8 +23,8 @@ double square(double value) { return value * value; }
 // Turns of the antenna's directions up to the force: B (1 − q² − B² (q² − q⁶) / 30), q the share of the way that is
 // left to it; the elastica under a force along its normal there, to the third order of the slope B that it has there.
 void bend(const FreeShape& free, const Unknowns& unknowns, BentShape& shape) {
-    const double turn = unknowns[1], aside = unknowns[2], depth = unknowns[3], place = std::exp(unknowns[4]);
-    const double both = square(aside) + square(depth), size = std::sqrt(both);
+    const double turn = unknowns[1], lateral = unknowns[2], depth = unknowns[3], place = std::exp(unknowns[4]);
+    const double both = square(lateral) + square(depth), size = std::sqrt(both);
     const int last = free.segments_m.shape[0];
     const ConstMatrix axes = free.axes;
     std::array<double, 3> point = {0.0, unknowns[0], 0.0};
@@ -46,10 +46,10 @@ void bend(const FreeShape& free, const Unknowns& unknowns, BentShape& shape) {
         double sine = turned, versine = 0.5 * square(turned);
         if (size > 1e-4) sine = std::sin(turned * size) / size, versine = (1.0 - std::cos(turned * size)) / both;
         double x = free.segments_m(k, 0), y = free.segments_m(k, 1), z = free.segments_m(k, 2);
-        // about the axis (0, −depth, aside)
-        const double over_x = -depth * z - aside * y, over_y = aside * x, over_z = depth * x;
-        x += sine * over_x + versine * (-depth * over_z - aside * over_y);
-        y += sine * over_y + versine * aside * over_x;
+        // about the axis (0, −depth, lateral)
+        const double over_x = -depth * z - lateral * y, over_y = lateral * x, over_z = depth * x;
+        x += sine * over_x + versine * (-depth * over_z - lateral * over_y);
+        y += sine * over_y + versine * lateral * over_x;
         z += sine * over_z + versine * depth * over_x;
         const double straight = x;
         x -= turn * y;
@@ -58,8 +58,8 @@ void bend(const FreeShape& free, const Unknowns& unknowns, BentShape& shape) {
         by[1][0] -= y, by[1][1] += x;
         by[2][0] -= turned * y, by[2][1] += turned * x;
         by[3][0] -= turned * z, by[3][2] += turned * x;
-        by[4][0] += later * (-aside * y - depth * z);
-        by[4][1] += later * aside * x, by[4][2] += later * depth * x;
+        by[4][0] += later * (-lateral * y - depth * z);
+        by[4][1] += later * lateral * x, by[4][2] += later * depth * x;
     }
 }
 

@@ -13,7 +13,7 @@ using Unknowns = std::array<double, SHAPE_UNKNOWNS>;
 // The free antenna in the camera's frame.
 struct FreeShape {
     ConstVector clamp_m;     // (3,)
-    ConstMatrix axes;        // (3, 3) rows: along the antenna at its clamp, aside in the picture, and the third
+    ConstMatrix axes;        // (3, 3) rows: along the antenna at its clamp, lateral in the picture, and the third
     ConstMatrix segments_m;  // (S, 3) equal ones from clamp to tip, along these axes
 };
 
@@ -32,7 +32,8 @@ struct NearestShape {
 
 // The least `Corridor.misfit` of all shapes, or the first that is `enough` or less.
 // seen : (N, 2) ideal normalized points, variance : (N,) of each. allowed : (3,) by how much (m, rad) the antenna may
-// leave its clamp aside and turned; standard deviation of its bend towards the camera. starts : (M, SHAPE_UNKNOWNS).
+// leave its clamp laterally and turned; standard deviation of its bend towards the camera. starts : (M,
+// SHAPE_UNKNOWNS).
 NearestShape nearest_shape(const FreeShape& free, ConstMatrix seen, ConstVector variance, ConstVector allowed,
                            double enough, ConstMatrix starts);
 

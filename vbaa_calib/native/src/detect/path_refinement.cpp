@@ -26,14 +26,14 @@ constexpr double EDGE_COST = 0.3;
 
 // What a bent curve must show more.
 constexpr double BENT_COST = 0.3;
-// After so many points each, a curve is given up that the rest cannot make the clearest.
+// After so many points each, a curve is abandoned that the rest cannot make the clearest.
 constexpr int GIVEN_UP = 12;
 // Another curve is followed, too, if it is this part as clear and far off the clearest in so many of the points after
 // the first ones.
 constexpr double BRANCH_SHARE = 0.7;
 constexpr int BRANCH_AFTER = 20, BRANCH_POINTS = 8;
 
-// Columns across a path. Flanks are looked at `flank` px to either side of a row.
+// Columns across a path. Flanks lie `flank` px to either side of a row.
 struct Columns {
     Array<double, 2> points, normals;  // (K, 2) px: their middles; along them
     Array<double, 1> along;            // (K,) px along the path
@@ -60,7 +60,7 @@ Columns columns_across(ConstMatrix path_px, double width_px, int reach) {
 template <class T>
 Array<double, 2> sampled(Levels<T> picture, const Columns& across, double sign) {
     const int height = picture.shape[0], width = picture.shape[1], wide = across.reach + across.flank;
-    const int aside = std::min(width - 1, 1), below = std::min(height - 1, 1);
+    const int beyond = std::min(width - 1, 1), below = std::min(height - 1, 1);
     const auto level = [&](int v, int u) { return static_cast<double>(picture(v, u, 0)); };
     Array<double, 2> strip(across.along.size(), 2 * wide + 1);
     for (int k = 0; k < strip.shape[0]; ++k)
@@ -72,8 +72,8 @@ Array<double, 2> sampled(Levels<T> picture, const Columns& across, double sign) 
             const int left = std::min(static_cast<int>(inside_u), std::max(width - 2, 0));
             const int top = std::min(static_cast<int>(inside_v), std::max(height - 2, 0));
             const double right = inside_u - left, down = inside_v - top;
-            const double near = level(top, left) * (1.0 - right) + level(top, left + aside) * right;
-            const double far = level(top + below, left) * (1.0 - right) + level(top + below, left + aside) * right;
+            const double near = level(top, left) * (1.0 - right) + level(top, left + beyond) * right;
+            const double far = level(top + below, left) * (1.0 - right) + level(top + below, left + beyond) * right;
             strip(k, r) = sign * (near * (1.0 - down) + far * down);
         }
     return strip;
@@ -337,7 +337,7 @@ RefinedPath refine_changing_path(const Picture& picture, ConstMatrix path_px, do
     const auto raw = std::visit([&](auto each) { return sampled(each, across, 1.0); }, picture);
     // what is faint in a column shows in several together
     const Array<double, 2> strip = mean_of_columns(raw, FAINT_COLUMNS), ridge = changing_ridges(strip, across);
-    // power within a width is as high beside the middle: only the peak counts
+    // power within a width is as high next to the middle: only the peak counts
     Array<double, 2> clarity = clarity_of(ridge);
     const Array<double, 2> peak = highest_nearby(ridge, PEAK_ROWS);
     for (int at = 0; at < clarity.size(); ++at) clarity[at] *= square(square(ridge[at] / std::max(peak[at], 1e-9)));
