@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.estimator.scenes import Scenes, ShapesOf, push_for_slope, rod_shapes, rolled, scenes
 from estimator import Contact, ContactEstimator
 from estimator.contact.contacts import Contacts
-from estimator.solver.frames import frames_from_pixels
+from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.linearised import linearised
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.rig import Rig
@@ -97,17 +97,23 @@ def scene_deviations(found: Contacts, given: Scenes) -> np.ndarray:
     return np.concatenate([distance[:, None], force], axis=1)
 
 
-def fitted_std(found: Contacts, given: Scenes, rung: str, friction: float = 0.2) -> np.ndarray:
-    """(B, 3) deviations of distance, f_y and f_z by noise and rig alone, whatever the rung makes wrong."""
+def frames_of(given: Scenes, friction: float, exact: bool = False) -> Frames:
+    """Scenes as the solver takes them; with `exact` the rig counts as known."""
     rig_arrays, count = RigArrays.from_rig(given.rig, friction), len(given)
     rotation, _ = given.rig.kinematics.world_antenna(given.pan_rad, given.tilt_rad)
     gravity = np.einsum("bji,j->bi", rotation, given.rig.gravity_world_m_s2)
     readings = np.column_stack([given.moment_Nm, np.full(count, np.nan)])
-    sigma = np.full(given.points_px.shape[:2], given.sigma_px)
-    frames = frames_from_pixels(rig_arrays, given.points_px, sigma, readings, np.full((count, 3), np.nan), gravity)
+    sigma, no_tips = np.full(given.points_px.shape[:2], given.sigma_px), np.full((count, 3), np.nan)
+    rig_arrays = rig_arrays.exact if exact else rig_arrays
+    return frames_from_pixels(rig_arrays, given.points_px, sigma, readings, no_tips, gravity)
+
+
+def fitted_std(found: Contacts, given: Scenes, rung: str, friction: float = 0.2) -> np.ndarray:
+    """(B, 3) deviations of distance, f_y and f_z by noise and rig alone, whatever the rung makes wrong."""
+    frames = frames_of(given, friction)
     here = linearised(frames, rung, found.numbers.unknowns)
     distance = np.zeros_like(here.columns[:, :1])
-    distance[..., 0] = rig_arrays.length_m
+    distance[..., 0] = frames.rig_arrays.length_m
     by_all = np.concatenate([distance, here.columns[:, 4:]], axis=1)
     return np.sqrt(np.einsum("bqk,bkm,bqm->bq", by_all, np.linalg.inv(here.information), by_all))
 

@@ -75,7 +75,7 @@ void view_rows(const State& state, const Corners& corners, int view, Matrix rows
             turned[axis] = r[axis][0] * at.point[0] + r[axis][1] * at.point[1] + r[axis][2] * at.point[2];
             place[axis] = turned[axis] + pose[3 + axis];
         }
-        place[2] = place[2] == zero ? spread(1.0) : place[2];
+        place[2] = choose(place[2] == zero, spread(1.0), place[2]);
         const lens::Layout<Lanes> to = lens::chart_of_point(state.fisheye, place[0], place[1], place[2]);
         const Lanes x = place[0] * to.ratio, y = place[1] * to.ratio, shear = to.xy(place[0], place[1]);
         const lens::Sensed<Lanes> seen = lens::on_sensor(model, x, y);

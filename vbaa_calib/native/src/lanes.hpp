@@ -1,4 +1,5 @@
-// Eight numbers that the processor works on at once: AVX-512 in one go, others in two or four.
+// Eight numbers that are worked on at once, in one, two or four of the processor's own vectors: GCC keeps a vector type
+// that is wider than those in memory, dozens of times slower.
 #pragma once
 
 #include <cmath>
@@ -7,89 +8,180 @@
 namespace vbaa {
 
 constexpr int LANES = 8;
-using Lanes = double __attribute__((vector_size(8 * sizeof(double))));
 
 // The smallest multiple of LANES that holds so many numbers.
 constexpr int whole_lanes(int count) { return (count + LANES - 1) / LANES * LANES; }
 
+// So many bytes of numbers, as vectors of the processor.
+template <class T, int BYTES>
+struct Pack {
+    static constexpr int VECTOR = __BIGGEST_ALIGNMENT__ < BYTES ? __BIGGEST_ALIGNMENT__ : BYTES;
+    static constexpr int PARTS = BYTES / VECTOR, WIDTH = VECTOR / static_cast<int>(sizeof(T));
+    using Part [[gnu::vector_size(VECTOR)]] = T;
+    Part parts[PARTS];
+
+    Pack() = default;
+    Pack(T value) {
+        for (Part& part : parts) part = Part{} + value;
+    }
+
+    T operator[](int lane) const { return parts[lane / WIDTH][lane % WIDTH]; }
+    // One number to read or write.
+    struct Lane {
+        Part& part;
+        int at;
+        operator T() const { return part[at]; }
+        Lane& operator=(T value) { return part[at] = value, *this; }
+        Lane& operator=(const Lane& other) { return *this = static_cast<T>(other); }
+    };
+    Lane operator[](int lane) { return {parts[lane / WIDTH], lane % WIDTH}; }
+
+    // Which of the numbers meet a condition.
+    struct Mask {
+        using Part = decltype(Pack::Part{} < Pack::Part{});
+        Part parts[PARTS];
+
+        struct Lane {
+            Part& part;
+            int at;
+            operator bool() const { return part[at] != 0; }
+            Lane& operator=(bool value) { return part[at] = value ? -1 : 0, *this; }
+        };
+        bool operator[](int lane) const { return parts[lane / WIDTH][lane % WIDTH] != 0; }
+        Lane operator[](int lane) { return {parts[lane / WIDTH], lane % WIDTH}; }
+        template <class Work>
+        static Mask each(Work&& work) {
+            Mask made;
+            for (int k = 0; k < PARTS; ++k) made.parts[k] = work(k);
+            return made;
+        }
+        friend Mask operator&(const Mask& a, const Mask& b) {
+            return each([&](int k) { return a.parts[k] & b.parts[k]; });
+        }
+        friend Mask operator|(const Mask& a, const Mask& b) {
+            return each([&](int k) { return a.parts[k] | b.parts[k]; });
+        }
+        Mask operator~() const {
+            return each([&](int k) { return ~parts[k]; });
+        }
+        Mask& operator&=(const Mask& other) { return *this = *this & other; }
+        Mask& operator|=(const Mask& other) { return *this = *this | other; }
+    };
+
+    template <class Work>
+    static Pack each(Work&& work) {
+        Pack made;
+        for (int k = 0; k < PARTS; ++k) made.parts[k] = work(k);
+        return made;
+    }
+    friend Pack operator+(const Pack& a, const Pack& b) {
+        return each([&](int k) { return a.parts[k] + b.parts[k]; });
+    }
+    friend Pack operator-(const Pack& a, const Pack& b) {
+        return each([&](int k) { return a.parts[k] - b.parts[k]; });
+    }
+    friend Pack operator*(const Pack& a, const Pack& b) {
+        return each([&](int k) { return a.parts[k] * b.parts[k]; });
+    }
+    friend Pack operator/(const Pack& a, const Pack& b) {
+        return each([&](int k) { return a.parts[k] / b.parts[k]; });
+    }
+    Pack operator-() const {
+        return each([&](int k) { return -parts[k]; });
+    }
+    Pack& operator+=(const Pack& other) { return *this = *this + other; }
+    Pack& operator-=(const Pack& other) { return *this = *this - other; }
+    Pack& operator*=(const Pack& other) { return *this = *this * other; }
+    Pack& operator/=(const Pack& other) { return *this = *this / other; }
+    friend Mask operator<(const Pack& a, const Pack& b) {
+        return Mask::each([&](int k) { return a.parts[k] < b.parts[k]; });
+    }
+    friend Mask operator<=(const Pack& a, const Pack& b) {
+        return Mask::each([&](int k) { return a.parts[k] <= b.parts[k]; });
+    }
+    friend Mask operator==(const Pack& a, const Pack& b) {
+        return Mask::each([&](int k) { return a.parts[k] == b.parts[k]; });
+    }
+    friend Mask operator>(const Pack& a, const Pack& b) { return b < a; }
+    friend Mask operator>=(const Pack& a, const Pack& b) { return b <= a; }
+    // The values where the mask says so, the others elsewhere.
+    friend Pack choose(const Mask& mask, const Pack& values, const Pack& others) {
+        return each([&](int k) { return mask.parts[k] ? values.parts[k] : others.parts[k]; });
+    }
+    // A function of each number.
+    template <class Work>
+    Pack mapped(Work&& work) const {
+        Pack made;
+        for (int k = 0; k < PARTS; ++k) {
+            for (int lane = 0; lane < WIDTH; ++lane) made.parts[k][lane] = work(parts[k][lane]);
+        }
+        return made;
+    }
+};
+
+using Lanes = Pack<double, LANES * sizeof(double)>;
+using FloatLanes = Pack<float, LANES * sizeof(double)>;  // sixteen
+
+template <class T>
+T choose(bool condition, T value, T other) {
+    return condition ? value : other;
+}
+
 inline Lanes load(const double* from) {
     Lanes values;
-    std::memcpy(&values, from, sizeof values);
+    for (int k = 0; k < Lanes::PARTS; ++k) std::memcpy(&values.parts[k], from + k * Lanes::WIDTH, Lanes::VECTOR);
     return values;
 }
 
-inline void store(double* to, Lanes values) { std::memcpy(to, &values, sizeof values); }
-
-// What the processor has registers for. GCC takes operations on more apart, but some through single numbers in memory:
-// equal numbers in all lanes and choices between lanes.
-#if defined(__AVX512F__)
-constexpr int PIECES = 1;
-#elif defined(__AVX__)
-constexpr int PIECES = 2;
-#else
-constexpr int PIECES = 4;
-#endif
-using Piece = double __attribute__((vector_size(sizeof(Lanes) / PIECES)));
-struct Pieces {
-    Piece piece[PIECES];
-};
-
-template <class To, class From>
-To same_bits(From from) {
-    static_assert(sizeof(To) == sizeof(From));
-    To to;
-    std::memcpy(&to, &from, sizeof to);
-    return to;
+inline void store(double* to, const Lanes& values) {
+    for (int k = 0; k < Lanes::PARTS; ++k) std::memcpy(to + k * Lanes::WIDTH, &values.parts[k], Lanes::VECTOR);
 }
 
-inline Lanes spread(double value) {
-    Pieces found;
-    for (Piece& piece : found.piece) piece = Piece{} + value;
-    return same_bits<Lanes>(found);
-}
+inline Lanes spread(double value) { return value; }
 
 // The values where the test is above 0, the others elsewhere and where it is not a number.
-inline Lanes where_positive(Lanes test, Lanes values, Lanes others) {
-    auto tests = same_bits<Pieces>(test), found = same_bits<Pieces>(others), wanted = same_bits<Pieces>(values);
-    for (int i = 0; i < PIECES; ++i) found.piece[i] = tests.piece[i] > Piece{} ? wanted.piece[i] : found.piece[i];
-    return same_bits<Lanes>(found);
-}
-inline Lanes where_positive(Lanes test, double values, Lanes others) {
-    return where_positive(test, spread(values), others);
-}
-inline Lanes where_positive(Lanes test, Lanes values, double others) {
-    return where_positive(test, values, spread(others));
-}
-inline Lanes where_positive(Lanes test, double values, double others) {
-    return where_positive(test, spread(values), spread(others));
+inline Lanes where_positive(const Lanes& test, const Lanes& values, const Lanes& others) {
+    return choose(test > 0.0, values, others);
 }
 
-inline Lanes absolute(Lanes values) { return values < Lanes{} ? -values : values; }
+inline Lanes absolute(const Lanes& values) { return choose(values < 0.0, -values, values); }
 
-inline double sum(Lanes values) {
+inline double sum(const Lanes& values) {
     double total = 0.0;
     for (int lane = 0; lane < LANES; ++lane) total += values[lane];
     return total;
 }
 
-inline Lanes sqrt(Lanes values) {
-    for (int lane = 0; lane < LANES; ++lane) values[lane] = std::sqrt(values[lane]);
-    return values;
+inline Lanes sqrt(const Lanes& values) {
+    return values.mapped([](double value) { return std::sqrt(value); });
+}
+inline Lanes exp(const Lanes& values) {
+    return values.mapped([](double value) { return std::exp(value); });
+}
+inline Lanes sin(const Lanes& values) {
+    return values.mapped([](double value) { return std::sin(value); });
+}
+inline Lanes cos(const Lanes& values) {
+    return values.mapped([](double value) { return std::cos(value); });
 }
 
-inline Lanes exp(Lanes values) {
-    for (int lane = 0; lane < LANES; ++lane) values[lane] = std::exp(values[lane]);
-    return values;
+// The whole numbers below, or at, eight numbers that are not negative.
+inline Lanes truncated(const Lanes& values, int* whole) {
+    for (int lane = 0; lane < LANES; ++lane) whole[lane] = static_cast<int>(values[lane]);
+    return Lanes::each([&](int k) {
+        Lanes::Part part;
+        for (int lane = 0; lane < Lanes::WIDTH; ++lane) part[lane] = whole[k * Lanes::WIDTH + lane];
+        return part;
+    });
 }
 
-inline Lanes sin(Lanes values) {
-    for (int lane = 0; lane < LANES; ++lane) values[lane] = std::sin(values[lane]);
-    return values;
-}
-
-inline Lanes cos(Lanes values) {
-    for (int lane = 0; lane < LANES; ++lane) values[lane] = std::cos(values[lane]);
-    return values;
+// Exchange rows and columns of eight times eight numbers.
+inline void transpose(Lanes (&rows)[LANES]) {
+    double table[LANES][LANES];
+    for (int row = 0; row < LANES; ++row) store(table[row], rows[row]);
+    for (int row = 0; row < LANES; ++row) {
+        for (int lane = 0; lane < LANES; ++lane) rows[row][lane] = table[lane][row];
+    }
 }
 
 }  // namespace vbaa

@@ -49,7 +49,7 @@ void put(S* rows, int width, int column, int begin, int some, T values) {
 
 template <class T>
 T known(Mask<T> valid, T values) {
-    return valid ? values : T{} + Number<T>(NAN_);
+    return choose(valid, values, T(Number<T>(NAN_)));
 }
 
 template <class T>
@@ -92,7 +92,7 @@ struct Undone {
 template <class T>
 Mask<T> enclosed(const Rim& rim, Mask<T> within, T x, T y) {
     for (int lane = 0; lane < Kind<T>::count; ++lane)
-        if (!within[lane] && rim.encloses(x[lane], y[lane])) within[lane] = -1;
+        if (!within[lane] && rim.encloses(x[lane], y[lane])) within[lane] = true;
     return within;
 }
 
@@ -101,7 +101,7 @@ template <class T>
 T first_ratio(const RadialTable& table, T distorted_radius) {
     using S = Number<T>;
     const T limit = T{} + S(table.distorted_limit);
-    const T within = distorted_radius < limit ? distorted_radius : limit;
+    const T within = choose(distorted_radius < limit, T(distorted_radius), T(limit));
     const T place = S(table.nodes_per_unit) * (within / (S(1) + within));
     T node, step, index;
     for (int lane = 0; lane < Kind<T>::count; ++lane) {
@@ -122,14 +122,14 @@ Undone<T> undone(const Lens& lens, T u, T v) {
     const bool full = lens.path == Path::full;
     Mask<T> reachable = (size < T{} + S(full ? lens.reach.inner : lens.distorted_limit)) & (depth > T{});
     if (full) reachable = enclosed<T>(lens.reach, reachable, x, y) & (depth > T{});
-    x = reachable ? x : T{}, y = reachable ? y : T{};
+    x = choose(reachable, x, T{}), y = choose(reachable, y, T{});
     Undone<T> found = {x, y, {}, reachable};
     if (lens.path == Path::none) {
         found.at = on_sensor(lens, x, y);
         found.valid &= found.at.depth > T{} + S(LEAST_DEPTH);  // not a tilted sensor's horizon
         return found;
     }
-    const T distance = reachable ? size : T{}, ratio = first_ratio(lens.table, distance);
+    const T distance = choose(reachable, size, T{}), ratio = first_ratio(lens.table, distance);
     const T allowed = relative * distance + least;
     T beyond;
     found.x = x * ratio, found.y = y * ratio;
@@ -137,23 +137,23 @@ Undone<T> undone(const Lens& lens, T u, T v) {
     for (int step = 0;; ++step) {
         bent = distorted(lens, found.x, found.y);
         const T off_x = x - bent.x, off_y = y - bent.y, size_x = size_of(off_x), size_y = size_of(off_y);
-        beyond = (size_x > size_y ? size_x : size_y) - allowed;
+        beyond = choose(size_x > size_y, size_x, size_y) - allowed;
         if (step == STEPS - 1 || !any<T>(beyond > T{})) break;
         const T scale = S(1) / bent.determinant();
-        found.x = beyond > T{} ? found.x + (bent.yy * off_x - bent.xy * off_y) * scale : found.x;
-        found.y = beyond > T{} ? found.y + (bent.xx * off_y - bent.yx * off_x) * scale : found.y;
+        found.x = choose(beyond > T{}, found.x + (bent.yy * off_x - bent.xy * off_y) * scale, found.x);
+        found.y = choose(beyond > T{}, found.y + (bent.xx * off_y - bent.yx * off_x) * scale, found.y);
     }
     // in single precision a rounding more may be left, a fraction of 1e-3 px
     Mask<T> good = (single ? beyond <= S(1.5) * allowed : beyond <= T{}) & bent.definite();
     const T square = found.x * found.x + found.y * found.y;
     const Mask<T> within = square < T{} + S(lens.ideal_limit * lens.ideal_limit);
-    good &= full ? enclosed<T>(lens.ideal, within, found.x, found.y) : within;
+    good = good & (full ? enclosed<T>(lens.ideal, within, found.x, found.y) : within);
     found.valid = reachable & good;
     if (const Mask<T> rest = reachable & ~good; any<T>(rest)) {
         for (int lane = 0; lane < Kind<T>::count; ++lane) {
             double ideal_x = found.x[lane], ideal_y = found.y[lane];
             if (!rest[lane] || !searched(lens, x[lane], y[lane], ideal_x, ideal_y)) continue;
-            found.x[lane] = S(ideal_x), found.y[lane] = S(ideal_y), found.valid[lane] = -1;
+            found.x[lane] = S(ideal_x), found.y[lane] = S(ideal_y), found.valid[lane] = true;
         }
     }
     found.at = on_sensor(lens, found.x, found.y);
@@ -272,8 +272,8 @@ void project(const Lens& lens, ConstMatrix points, Matrix pixels, bool* valid, C
         Mask<Lanes> ahead = point[2] > zero;
         if (lens.fisheye) ahead |= across2 > zero;
         ahead &= (point[0] - point[0] == zero) & (point[1] - point[1] == zero) & (point[2] - point[2] == zero);
-        const Lanes from_x = ahead ? point[0] : zero, from_y = ahead ? point[1] : zero;
-        const Layout<Lanes> to = chart_of_point(lens.fisheye, from_x, from_y, ahead ? point[2] : spread(1.0));
+        const Lanes from_x = choose(ahead, point[0], zero), from_y = choose(ahead, point[1], zero);
+        const Layout<Lanes> to = chart_of_point(lens.fisheye, from_x, from_y, choose(ahead, point[2], spread(1.0)));
         const Lanes x = from_x * to.ratio, y = from_y * to.ratio;
         const Sensed<Lanes> at = on_sensor(lens, x, y);
         const Mask<Lanes> near = x * x + y * y < spread(lens.ideal_limit * lens.ideal_limit);
@@ -289,15 +289,15 @@ void project(const Lens& lens, ConstMatrix points, Matrix pixels, bool* valid, C
             for (int k = 0; k < 3; ++k) {
                 const Lanes u = lens.fx * (at.xx * columns[k][0] + at.xy * columns[k][1]);
                 const Lanes v = lens.fy * (at.yx * columns[k][0] + at.yy * columns[k][1]);
-                put(by_point.data, 6, k, begin, some, seen ? u : zero);
-                put(by_point.data, 6, 3 + k, begin, some, seen ? v : zero);
+                put(by_point.data, 6, k, begin, some, choose(seen, u, zero));
+                put(by_point.data, 6, 3 + k, begin, some, choose(seen, v, zero));
             }
         }
         if (!by_lens.size()) return;
         const int width = lens.parameters();
         const auto place = [&](int i, Lanes u, Lanes v) {
-            put(by_lens.data, 2 * width, i, begin, some, seen ? u : zero);
-            put(by_lens.data, 2 * width, width + i, begin, some, seen ? v : zero);
+            put(by_lens.data, 2 * width, i, begin, some, choose(seen, u, zero));
+            put(by_lens.data, 2 * width, width + i, begin, some, choose(seen, v, zero));
         };
         place(0, at.x, zero), place(1, zero, at.y), place(2, spread(1.0), zero), place(3, zero, spread(1.0));
         by_coefficients(lens, x, y, at, [&](int i, Lanes dx, Lanes dy) { place(4 + i, lens.fx * dx, lens.fy * dy); });
@@ -373,12 +373,12 @@ void normalized_by_lens(const Lens& lens, double (&seen)[6][LANES], Cube columns
     }
     const Sensed<Lanes> at = on_sensor(lens, x, y);
     Mask<Lanes> there = at.depth > Lanes{};
-    for (int lane = 0; lane < LANES; ++lane) there[lane] &= sees(lens, x[lane], y[lane]) ? -1 : 0;
-    store(seen[2], there ? spread(1.0) : Lanes{});
+    for (int lane = 0; lane < LANES; ++lane) there[lane] = there[lane] && sees(lens, x[lane], y[lane]);
+    store(seen[2], choose(there, spread(1.0), Lanes{}));
     const Two<Lanes> by = by_chart * inverse_of<Lanes>(at);
     const Lanes from[2][2] = {{by.xx, by.xy}, {by.yx, by.yy}};
     by_parameters(lens, x, y, at, from, [&](int row, int column, Lanes values) {
-        store(&columns(row, column, 0), there ? values : Lanes{});
+        store(&columns(row, column, 0), choose(there, values, Lanes{}));
     });
 }
 

@@ -7,8 +7,6 @@
 
 namespace vbaa::lens {
 
-using FloatLanes = float __attribute__((vector_size(2 * LANES * sizeof(float))));
-
 template <class T>
 struct Kind {
     using Number = double;
@@ -46,7 +44,7 @@ inline Lanes atan2(Lanes y, Lanes x) {
 }
 template <class T>
 T size_of(T values) {
-    return values < T{} ? -values : values;
+    return choose(values < T{}, -values, values);
 }
 
 constexpr double SMALL_SQUARE = 1e-6;  // of an angle or its tangent: below, series
@@ -69,9 +67,10 @@ Layout<T> chart_of_point(bool fisheye, T x, T y, T z) {
     if (!fisheye) return {inverse, T{}, inverse * inverse, T{}};
     const auto near = (tan2 < T{} + S(SMALL_SQUARE)) & (z > T{});
     const T across = sqrt(across2), drop = S(1) / (across2 + z * z);
-    const T ratio = near ? inverse * (S(1) - tan2 * (S(1.0 / 3.0) - tan2 * S(0.2))) : atan2(across, z) / across;
+    const T ratio =
+        choose(near, T(inverse * (S(1) - tan2 * (S(1.0 / 3.0) - tan2 * S(0.2)))), T(atan2(across, z) / across));
     const T series = inverse * inverse * inverse * (S(0.8) * tan2 - S(2.0 / 3.0));
-    return {ratio, near ? series : (z * drop - ratio) / across2, drop, T{}};
+    return {ratio, choose(near, T(series), T((z * drop - ratio) / across2)), drop, T{}};
 }
 
 // Of a chart point to a unit ray.
@@ -84,10 +83,10 @@ Layout<T> ray_of_chart(bool fisheye, T x, T y) {
         return {height, -cube, cube, height};
     }
     const auto near = square < T{} + S(SMALL_SQUARE);
-    const T angle = sqrt(near ? T{} + S(1) : square);
-    const T height = near ? S(1) - square * (S(0.5) - square * S(1.0 / 24.0)) : cos(angle);
-    const T ratio = near ? S(1) - square * (S(1.0 / 6.0) - square * S(1.0 / 120.0)) : sin(angle) / angle;
-    const T bend = near ? square * S(1.0 / 30.0) - S(1.0 / 3.0) : (height - ratio) / (angle * angle);
+    const T angle = sqrt(choose(near, T(S(1)), square));
+    const T height = choose(near, T(S(1) - square * (S(0.5) - square * S(1.0 / 24.0))), T(cos(angle)));
+    const T ratio = choose(near, T(S(1) - square * (S(1.0 / 6.0) - square * S(1.0 / 120.0))), T(sin(angle) / angle));
+    const T bend = choose(near, T(square * S(1.0 / 30.0) - S(1.0 / 3.0)), T((height - ratio) / (angle * angle)));
     return {ratio, bend, ratio, height};
 }
 

@@ -65,23 +65,24 @@ RodLoads load_of(ConstMatrix loads, int b, double share) {
 Shots shoot(const Rod& rod, const RodLoads& loads, Vectors moment_Nm, int steps, double* nodes) {
     Lanes length = spread(rod.length_m);
     auto at_tip = loads.contact_m >= length;
-    Lanes split = at_tip ? 0.5 * length : loads.contact_m;
+    Lanes split = choose(at_tip, 0.5 * length, loads.contact_m);
     Point weight = rod.mass_per_length_kg_m * loads.gravity_m_s2;
     Vectors zero = {};
     Sections at = {zero + rod.origin, zero + rod.d1, zero + rod.d2, moment_Nm}, middle = at;
     for (int segment = 0; segment < 2; ++segment) {
-        Lanes step = (segment ? length - split : split) / spread(steps), start = segment ? split : Lanes{};
-        Lanes pushed = at_tip ? spread(1.0) : spread(segment ? 0.0 : 1.0);
+        Lanes step = (segment ? length - split : split) / steps, start = segment ? split : Lanes{};
+        Lanes pushed = choose(at_tip, spread(1.0), spread(segment ? 0.0 : 1.0));
         Vectors force = pushed * loads.force_N;
         for (int i = 0; i < steps; ++i) {
             if (nodes) write_node(at, nodes + 12 * (segment * steps + i));
-            at = stepped(rod, at, step, force + (length - start - spread(i) * step) * weight, weight);
+            at = stepped(rod, at, step, force + (length - start - i * step) * weight, weight);
         }
         if (segment == 0) middle = at;
     }
     if (nodes) write_node(at, nodes + 24 * steps);
     auto contact = [&](const Vectors& tip, const Vectors& inside) {
-        return Vectors{at_tip ? tip.x : inside.x, at_tip ? tip.y : inside.y, at_tip ? tip.z : inside.z};
+        return Vectors{choose(at_tip, tip.x, inside.x), choose(at_tip, tip.y, inside.y),
+                       choose(at_tip, tip.z, inside.z)};
     };
     return {contact(at.position, middle.position), contact(at.d1, middle.d1), at.moment};
 }

@@ -14,12 +14,10 @@ namespace {
 constexpr int EVERY = 4, FOOT_STEPS = 2;  // a foot is searched from the nearest of every fourth node by Newton steps
 constexpr double CONVERGED = 1e-4;        // part of the cost that the last step of a linear problem promises at most
 
-using LaneIndices = int __attribute__((vector_size(LANES * sizeof(int))));
-
-// The numbers at eight places so many numbers apart.
-Lanes gather(const double* from, const int* at, int apart = 1) {
+// The numbers at eight places.
+Lanes gather(const double* from, const int* at) {
     Lanes values = {};
-    for (int lane = 0; lane < LANES; ++lane) values[lane] = from[apart * at[lane]];
+    for (int lane = 0; lane < LANES; ++lane) values[lane] = from[at[lane]];
     return values;
 }
 
@@ -125,12 +123,11 @@ void point_residuals(const Rig& rig, const Frame& frame, Fit& fit) {
         const Lanes along = (foot - beyond) * by_inner + beyond * by_outer;
         const Lanes within = where_positive(along, along, 0.0);
         constexpr double end = LAST - 1e-6;
-        const auto node = __builtin_convertvector(where_positive(within - end, end, within), LaneIndices);
-        std::memcpy(nodes + i, &node, sizeof node);
-        const Lanes before = __builtin_convertvector(node, Lanes), share = along - before;
+        const Lanes before = truncated(where_positive(within - end, end, within), nodes + i), share = along - before;
         store(shares + i, share);
         Lanes cubic[8];
-        for (int q = 0; q < 8; ++q) cubic[q] = gather(fit.cubics[0] + q, nodes + i, 8);
+        for (int lane = 0; lane < LANES; ++lane) cubic[lane] = load(fit.cubics[nodes[i + lane]]);
+        transpose(cubic);
         const Lanes rise_u = cubic[3] * share, rise_v = cubic[7] * share, bend_u = cubic[2], bend_v = cubic[6];
         const Lanes off_u = load(u + i) - (((rise_u + bend_u) * share + cubic[1]) * share + cubic[0]);
         const Lanes off_v = load(v + i) - (((rise_v + bend_v) * share + cubic[5]) * share + cubic[4]);

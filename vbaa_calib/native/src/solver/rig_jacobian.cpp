@@ -13,8 +13,8 @@ namespace {
 
 constexpr int PLACE = 2;         // of the antenna's parameters the first ones are the clamp's place, y and z
 constexpr int BASE = LANES - 1;  // the lane of the antenna as it is
-constexpr int SENSOR = POSES + ANTENNA, LENS = SENSOR + 2;  // where these parameters of the rig begin
-constexpr Lanes OF_UNKNOWNS = {1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0};
+constexpr int SENSOR = POSES + ANTENNA, LENS = SENSOR + 2;   // where these parameters of the rig begin
+constexpr double OF_UNKNOWNS[LANES] = {1.0, 1.0, 1.0, 1.0};  // the columns of a fit before the axes
 static_assert(ANTENNA - PLACE <= BASE && UNKNOWNS == 4);
 
 // Raw derivatives by the pose's tangent, of the fit's points.
@@ -138,7 +138,7 @@ void three_along_axes(ConstMatrix axes, ConstMatrix raw, int row, int first, Mat
     }
     for (int r = 0; r < 3; ++r) {
         double* to = &columns(row + r, first);
-        if (first == 0) sums[r][0] = where_positive(OF_UNKNOWNS, load(to), sums[r][0]);
+        if (first == 0) sums[r][0] = where_positive(load(OF_UNKNOWNS), load(to), sums[r][0]);
         for (int c = 0; c < COUNT; ++c) store(to + c * LANES, sums[r][c]);
     }
 }
