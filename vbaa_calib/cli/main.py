@@ -73,7 +73,7 @@ VERBS = {
 _PACKAGES = ("estimator", "targets", "vbaa", "vbaa_calib", "viz")
 _SELDOM = 100_000
 """New objects between two garbage collections."""
-# the collection at exit takes a third of a second once numba is loaded
+# the collection at exit takes a tenth of a second
 atexit.register(gc.freeze)
 
 
