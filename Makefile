@@ -4,33 +4,30 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --no-compile --constraint constraints.txt
-RUNS := $(VENV)/.runtime $(VENV)/.kernels
-INSTALLED := $(RUNS) $(VENV)/.tools
+INSTALLED := $(VENV)/.runtime $(VENV)/.tools
 # One thread per process: the arrays are small, and two workers share two cores.
 export OMP_NUM_THREADS ?= 1
-# What Python compiles is kept beside its source: the tests start hundreds of processes that load the same modules.
+# What Python compiles is kept next to its source: the tests start hundreds of processes that load the same modules.
 unexport PYTHONDONTWRITEBYTECODE
+CXX_FILES := $(wildcard $(addprefix vbaa_calib/native/, *.cpp src/*.?pp src/*/*.?pp))
+CORE := $(CXX_FILES) vbaa_calib/native/CMakeLists.txt vbaa_calib/native/build.py
+CONFIGURE := $(BIN)/cmake -S vbaa_calib/native -G Ninja -DPython_EXECUTABLE=$(abspath $(BIN)/python)
 
-.PHONY: demo test test-slow fuzz kills soak processors docs docs-pictures sbom lint install gl clean
+.PHONY: demo test test-slow fuzz kills soak sanitize processors docs docs-pictures sbom lint install gl clean
 .DEFAULT_GOAL := test
 
-# the inner loops are compiled while the tools are installed
-install:
-	@$(MAKE) --no-print-directory -j2 $(INSTALLED)
+install: $(INSTALLED)
 
-$(VENV)/.runtime: pyproject.toml constraints.txt
+# with the compiled core, which is built anew where its sources changed
+$(VENV)/.runtime: pyproject.toml constraints.txt $(CORE)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python >= 3.11 is needed: make PYTHON=python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) --editable '.[view]'
+	$(BIN)/python vbaa_calib/native/build.py view
 	@touch $@
 
 # of the package that is installed: adds others and changes none
 $(VENV)/.tools: $(VENV)/.runtime
 	$(PIP) 'vbaa-calib[dev]'
-	@touch $@
-
-$(VENV)/.kernels: $(VENV)/.runtime
-	$(BIN)/python -m viz.cli.warm
 	@touch $@
 
 # VTK renders without a screen through EGL; where we may, we install it, elsewhere `vbaa` says what is missing.
@@ -39,7 +36,7 @@ gl: $(VENV)/.runtime
 	  && apt-get update -qq && apt-get install -y -qq --no-install-recommends libegl1 libgl1-mesa-dri; } \
 	  || echo "no 3-D pictures here: install libegl1 and libgl1-mesa-dri"
 
-demo: $(RUNS) gl
+demo: $(VENV)/.runtime gl
 	$(BIN)/vbaa demo --out demo --force
 
 # files in the order of their names: short ones come last, so that no worker ends long after the other
@@ -79,10 +76,23 @@ docs-pictures: $(INSTALLED) gl
 sbom: $(INSTALLED)
 	$(BIN)/python docs/sbom.py sbom.json $(EXTRAS)
 
-lint: $(VENV)/.tools
+# clang-tidy reads each file as the compiler does
+build/tidy/compile_commands.json: $(VENV)/.tools vbaa_calib/native/CMakeLists.txt
+	$(CONFIGURE) -B build/tidy -DLEVELS=base -DCMAKE_EXPORT_COMPILE_COMMANDS=ON >/dev/null
+
+lint: $(VENV)/.tools build/tidy/compile_commands.json
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/clang-format --dry-run --Werror $(CXX_FILES)
+	printf '%s\n' $(filter-out %.hpp, $(CXX_FILES)) | xargs -P 2 -n 4 $(BIN)/clang-tidy -p build/tidy --quiet
+
+# the core under address and undefined-behaviour sanitizers, and the tests that touch it: a quarter of an hour
+sanitize: $(INSTALLED)
+	$(CONFIGURE) -B build/sanitized -DSANITIZE=address,undefined -DMODULES=$(abspath vbaa_calib/native) >/dev/null
+	$(BIN)/cmake --build build/sanitized
+	LD_PRELOAD="$$(c++ -print-file-name=libasan.so) $$(c++ -print-file-name=libstdc++.so)" ASAN_OPTIONS=detect_leaks=0 \
+	  VBAA_PROCESSOR=sanitized $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow' $(TOUCHING_CORE)
 
 clean:
-	rm -rf $(VENV) demo docs/_build docs/jupyter_execute .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build $(addprefix vbaa_calib/native/, CMakeFiles CMakeCache.txt base v3 v4 sanitized) demo docs/_build docs/jupyter_execute .pytest_cache .mypy_cache .ruff_cache

@@ -40,6 +40,7 @@ from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.cli.main import main as vbaa
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.detect.board.corners import detect_folder
+from vbaa_calib.native import core, levels
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from viz.cli.demo import SCENES
@@ -239,10 +240,12 @@ def _machines() -> list[Machine]:
         "NPY_DISABLE_CPU_FEATURES": " ".join(name for name in __cpu_dispatch__ if name in able),
         "OPENCV_CPU_DISABLE": ",".join(wide),
     }
+    narrow["VBAA_PROCESSOR"] = "" if len(levels) == 1 else levels[0]
     narrow = {name: words for name, words in narrow.items() if words}
     kernels = [name for name, needed in _KERNELS.items() if needed in able]
     found: list[Machine] = [(name, {"OPENBLAS_CORETYPE": name}, 1) for name in kernels]
     found += [(f"{name.split('_')[0]} narrow", {name: words}, 1) for name, words in narrow.items()]
+    found += [(f"VBAA {level}", {"VBAA_PROCESSOR": level}, 1) for level in levels[1:-1]]
     found.append(("two threads", {}, 2))
     if kernels:
         found.append((f"{kernels[0]}, all narrow, two threads", {"OPENBLAS_CORETYPE": kernels[0]} | narrow, 2))
@@ -294,6 +297,7 @@ def _child(
     used = {
         "NPY_DISABLE_CPU_FEATURES": [name for name in __cpu_dispatch__ if __cpu_features__[name]],
         "OPENCV_CPU_DISABLE": [word for word in words if word.startswith("*") and not word.endswith("?")],
+        "VBAA_PROCESSOR": [core.__name__] if f".{os.environ.get('VBAA_PROCESSOR')}." not in core.__name__ else [],
     }
     kernels = {str(each["architecture"]) for each in threadpool_info() if each["internal_api"] == "openblas"}
     return reports, sorted(kernels), used

@@ -29,12 +29,14 @@ from benchmarks.growth.work import period
 from estimator import ContactEstimator
 from estimator.live import LiveEstimator
 from estimator.table.contacts import Measured
+from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main as vbaa
 from vbaa_calib.core.files import read_yaml
+from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.wizard.server import PageServer
-from viz.cli.warm import AXIS_PX, plain_rig
 
 MOST_MB, MOST_OPEN = 10.0, 2
 """That may come on top in the second half."""
@@ -57,14 +59,31 @@ def offline(count: int) -> Iterator[object]:
     return ContactEstimator(one.rig, jobs=1).run(measured())
 
 
+def _plain_rig() -> Rig:
+    """A straight, weightless antenna seen from above by a camera of 480 x 360 px."""
+    parameters = np.zeros(9)
+    parameters[6:8] = np.log([4e-3, 4e-3])
+    matrix = np.array([[500.0, 0.0, 240.0], [0.0, 500.0, 180.0], [0.0, 0.0, 1.0]])
+    return Rig(
+        camera=Camera("opencv", (480, 360), matrix, np.zeros(5)),
+        T_antenna_camera=Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.12, 0.0, 0.32])),
+        antenna=Antenna(0.24, 8e-4, parameters),
+        moment_sensor=MomentSensor(1.0, 0.0, 2e-5),
+        kinematics=Kinematics(),
+        gravity_world_m_s2=np.zeros(3),
+        image=AntennaImage(0.1, 1.0, True),
+        covariance=np.diag(np.full(len(RIG_PARAMETERS), 1e-10)),
+    )
+
+
 def live(count: int) -> Iterator[object]:
     """Pictures and readings as they come, each answered at once and once more; free and bent in turn."""
-    rig, rng = plain_rig(), np.random.default_rng(0)
+    rig, rng = _plain_rig(), np.random.default_rng(0)
     stream = LiveEstimator(ContactEstimator(rig, jobs=1), Synchronizer(Timing(), ["moment_Nm"]))
     pictures = []
     for bent in np.linspace(0.0, 24.0, _SHOWN):
         picture = rng.normal(70.0, 2.0, rig.camera.image_size[::-1]).astype(np.uint8)
-        axis = AXIS_PX + np.linspace(0.0, 1.0, len(AXIS_PX))[:, None] ** 2 * [0.0, bent]
+        axis = np.stack([np.linspace(52.5, 427.5, 300), 180.0 + bent * np.linspace(0.0, 1.0, 300) ** 2], axis=-1)
         pictures.append(cv2.polylines(picture, [axis.round().astype(int)], False, 150, 2, cv2.LINE_AA))
     for index in range(count):
         time_s, at = index / _RATE_HZ, index % _SHOWN

@@ -14,10 +14,10 @@ import yaml
 
 from targets.board import BoardSpec, Chessboard
 from targets.sheet import fill_in, paper_named
+from tests.small_scene import small_scene
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import read_json
 from vbaa_calib.geometry import Pose
-from viz.cli.warm import small_scene
 
 from .calibrate.test_stiffness_photo import drawn as photographed
 from .calibrate.test_stiffness_photo import rod

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 from vbaa_calib.cli.main import main
-from viz.cli.warm import small_scene
+from vbaa_calib.core.files import read_yaml
+from vbaa_calib.simulate.scene.scene import bundled_scene
 
 from .made_once import made_once
 
@@ -21,3 +24,17 @@ def _make(folder: Path) -> None:
     (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(noload=3, loads=(1, 3, 8, 9))))
     assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
     assert main(["calibrate", str(folder / "session"), "-o", str(folder / "rig.json")]) == 0
+
+
+def small_scene(noload: int, loads: Sequence[int]) -> dict[str, Any]:
+    """The demo's scene with few and small pictures: so many no-load frames, and the loads of these numbers."""
+    scene = read_yaml(bundled_scene("demo"))
+    scene["name"] = "small"
+    scene["camera"]["image_size"] = [480, 360]
+    scene["camera"]["matrix"] = [[502.0, 0.0, 238.3], [0.0, 500.5, 181.6], [0.0, 0.0, 1.0]]
+    scene["intrinsics"]["pictures"] = 5
+    scene["jig"]["pictures"] = 1
+    scene["noload"] = scene["noload"][:noload]
+    scene["loads"] = [scene["loads"][index] for index in loads]
+    scene["recording"]["sweeps"] = [scene["recording"]["sweeps"][0] | {"frames": 2, "free_frames": 1}]
+    return scene

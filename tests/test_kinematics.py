@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics, Pose, rotation_world_antenna
 from vbaa_calib.rig.parts import JOINT_AXES
 
@@ -72,3 +73,29 @@ def test_slopes_by_the_axes_are_those_of_the_chain() -> None:
         straight = kinematics.world_antenna(pan, tilt)
         expected = (moved[0] @ point + moved[1] - straight[0] @ point - straight[1]) / step
         np.testing.assert_allclose(turned[axis] @ point + shifted[axis], expected, atol=2e-4)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-300, 1e-12, 1e-5, 0.5, 3.0, np.pi - 1e-9, np.pi, 4.0, 7.0])
+def test_rotations_are_scipys(size: float) -> None:
+    """Matrix, rotation vector and quaternion, each into the other, from no turn at all to more than a whole one."""
+    rng = np.random.default_rng(1)
+    axes = [*np.eye(3), *-np.eye(3), *rng.normal(size=(40, 3))]
+    for axis in axes:
+        vector = size * axis / np.linalg.norm(axis)
+        ours, other = Pose.from_rotvec(vector, FOOT), Rotation.from_rotvec(vector)
+        np.testing.assert_allclose(ours.rotation, other.as_matrix(), rtol=0, atol=1e-15)
+        # half a turn has two vectors
+        again = ours.rotvec_rad
+        np.testing.assert_allclose(Rotation.from_rotvec(again).as_matrix(), ours.rotation, rtol=0, atol=2e-15)
+        if size < 3.1:
+            np.testing.assert_allclose(again, vector, rtol=1e-14, atol=0)
+        xyzw = np.array(ours.to_dict()["rotation_xyzw"])
+        assert xyzw[3] >= 0.0
+        np.testing.assert_allclose(abs(xyzw @ other.as_quat()), 1.0, rtol=1e-15)
+        np.testing.assert_allclose(Pose.from_quaternion(3.0 * xyzw, FOOT).rotation, ours.rotation, rtol=0, atol=1e-15)
+
+
+def test_what_is_no_rotation() -> None:
+    assert np.isnan(Pose.identity().retract(np.array([np.inf, 0.0, 0.0, 0.0, 0.0, 0.0])).rotation).all()
+    with pytest.raises(InputError, match="mirrored"):
+        _ = Pose(np.diag([1.0, 1.0, -1.0]), FOOT).rotvec_rad

@@ -30,4 +30,6 @@ def test_chi_square_is_scipys_whatever_the_units():
     errors = np.array([1.0, -2.0])
     square = errors @ np.linalg.solve(covariance, errors)
     assert chi_square(units @ errors, units @ covariance @ units) == pytest.approx(square, rel=1e-12)
-    assert chi_square_p(square, 2) == chi2.sf(square, 2)
+    for freedom in (1, 2, 3, 8, 17, 300):
+        for number in (0.0, 1e-9, square, 30.0, 400.0, np.inf):
+            assert chi_square_p(number, freedom) == pytest.approx(chi2.sf(number, freedom), rel=1e-11, abs=1e-300)

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice
+from typing import Any, Unpack, cast
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from vbaa_calib.session import DRIFTS
 
 from .contacts import Contacts, MotionCheck, MovingContacts, RoughFit, contacts_of, last, moving, with_joint_errors
 from .drift import LearntRig
-from .inputs import Batch, Values, without_outliers
+from .inputs import Batch, PlanePoints, Values, without_outliers
 from .motion import Beam
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
 
@@ -77,13 +78,14 @@ class ContactEstimator:
 
     def estimate(
         self,
-        centreline_px: np.ndarray,
+        centreline_px: np.ndarray | None = None,
         *,
         moment: float | None,
         pan: float,
         tilt: float,
         sigma_px: np.ndarray | float | None = None,
         moment_z: float | None = None,
+        **plane: Unpack[PlanePoints],
     ) -> Contact:
         """One frame.
 
@@ -94,29 +96,47 @@ class ContactEstimator:
         pan, tilt : joint angles, rad.
         sigma_px : standard deviation across the antenna, one or (N,); by default what the rig's own pictures showed.
         moment_z : reading of a second sensor about z, if the rig has one.
+        plane_xy_m : in place of centreline_px, (N, 2) m on plane C as `rig.camera_on_plane()` gives them of one
+            camera's pixels, NumPy or tensor: the contact is that of the pixels. What the layer cannot give
+            (behind the camera, beyond its lens, grazing) counts among the points outside the picture.
+        covariance_m2 : (N, 2, 2) m² of these points, or (2, 2) of all; by default the pixels' `sigma_px`.
 
         Raises
         ------
-        InputError : wrong shapes, what is no number, angles beyond a turn, moments and pixels that cannot be.
+        InputError : wrong shapes, what is no number, angles beyond a turn, moments and pixels that cannot be, not one
+            of centreline_px and plane_xy_m, a camera in plane C.
         """
-        points = as_floats(centreline_px, "centreline_px", "give (N, 2) pixels")
-        if points.ndim != 2 or points.shape[1] != 2:
-            raise InputError(f"centreline_px has shape {points.shape}", remedy="give (N, 2) pixels")
+        lines: dict[str, Any] = {"centreline_px": centreline_px, **plane}
+        shapes = {"centreline_px": "(N, 2) pixels", "plane_xy_m": "(N, 2) m on plane C, of one camera"}
+        points = np.empty((0, 2))
+        for name, shape in shapes.items():
+            if (line := lines.get(name)) is not None:
+                points = as_floats(line, name, f"give {shape}")
+                if points.ndim != 2 or points.shape[1] != 2:
+                    raise InputError(f"{name} has shape {points.shape}", remedy=f"give {shape}")
+                lines[name] = points[None]
+        if (spread := lines.get("covariance_m2")) is not None:
+            spread = as_floats(spread, "covariance_m2", "give (N, 2, 2) m²")
+            lines["covariance_m2"] = spread if spread.ndim == 2 else spread[None]
         sigma = None if sigma_px is None else as_floats(sigma_px, "sigma_px", "give standard deviations in px")
         if sigma is not None and sigma.shape not in ((), points.shape[:1]):
             raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
         sigma = sigma[None] if sigma is not None and sigma.ndim else sigma
-        return self.estimate_batch(points[None], [moment], [pan], [tilt], sigma_px=sigma, moments_z=[moment_z])[0]
+        pixels = lines.pop("centreline_px")
+        return self.estimate_batch(
+            pixels, [moment], [pan], [tilt], sigma_px=sigma, moments_z=[moment_z], **cast(PlanePoints, lines)
+        )[0]
 
     def estimate_batch(
         self,
-        centrelines_px: np.ndarray | Sequence[np.ndarray],
-        moments: Sequence[float | None] | np.ndarray | None,
-        pans: Sequence[float] | np.ndarray,
-        tilts: Sequence[float] | np.ndarray,
+        centrelines_px: np.ndarray | Sequence[np.ndarray] | None = None,
+        moments: Sequence[float | None] | np.ndarray | None = None,
+        pans: Sequence[float] | np.ndarray | None = None,
+        tilts: Sequence[float] | np.ndarray | None = None,
         *,
         sigma_px: np.ndarray | float | None = None,
         moments_z: Sequence[float | None] | np.ndarray | None = None,
+        **plane: Unpack[PlanePoints],
     ) -> Contacts:
         """B frames at once: a sequence of `Contact`, and its columns as arrays.
 
@@ -125,6 +145,8 @@ class ContactEstimator:
         centrelines_px : (B, N, 2), or B arrays (N_i, 2) of their own lengths; rows with NaN are ignored.
         moments, moments_z : (B,) N·m, None or an entry None or NaN for vision alone. pans, tilts : (B,) rad.
         sigma_px : one, (B, 1) or (B, N); by default what the rig's own pictures showed.
+        plane_xy_m, covariance_m2 : in place of pixels, (B, N, 2) m and (B, N, 2, 2) m², or B of their own lengths, as
+            for `estimate`; `Measured.on_plane` makes the frames of `run` of them.
 
         Raises
         ------
@@ -132,7 +154,7 @@ class ContactEstimator:
         """
         readings: dict[str, Values] = {"moments": moments, "moments_z": moments_z}
         joints: dict[str, Values] = {"pans": pans, "tilts": tilts}
-        return self._contacts(Batch.checked(self.rig, centrelines_px, readings, joints, sigma_px))
+        return self._contacts(Batch.checked(self.rig, centrelines_px, readings, joints, sigma_px, plane))
 
     @gate
     def run(self, recording: Iterable[Measured], *, live: bool = False) -> Iterator[Contact]:

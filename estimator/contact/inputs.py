@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.spatial import cKDTree
 
 from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.linearised import bend
 from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Measured
+from vbaa_calib.camera.from_plane import pixels_on_plane
 from vbaa_calib.core.arrays import (
     ANGLE_REMEDY,
     FARTHEST_PX,
@@ -41,6 +42,13 @@ Values = Sequence[float | None] | np.ndarray | None
 """A number for every frame, None where there is none."""
 
 
+class PlanePoints(TypedDict, total=False):
+    """Centrelines in metres, in place of pixels: (N, 2) on plane C, and (N, 2, 2) m² or (2, 2) of all points."""
+
+    plane_xy_m: Any
+    covariance_m2: Any
+
+
 @dataclass(frozen=True, eq=False)
 class Batch(Rows):
     """The measurements of B frames, checked.
@@ -55,6 +63,7 @@ class Batch(Rows):
     start : (B, 4) initial unknowns, NaN where there are none; None without any.
     errors_Nm : (B, 2) deviations of the readings beside the sensors' noise; None without any.
     joint_errors_rad : (B, 2) deviations of pan and tilt; None without any.
+    covariance_shape : (B, N, 2, 2) covariance of each point over sigma_px²; None: the same in every direction.
     """
 
     points_px: np.ndarray
@@ -67,6 +76,7 @@ class Batch(Rows):
     start: np.ndarray | None = None
     errors_Nm: np.ndarray | None = None
     joint_errors_rad: np.ndarray | None = None
+    covariance_shape: np.ndarray | None = None
 
     def weights(self, rig_arrays: RigArrays) -> np.ndarray | None:
         """(B, 2) the sensors' noise by all of the readings' deviation; None where there is nothing but noise."""
@@ -77,6 +87,11 @@ class Batch(Rows):
         rotation, _ = rig_arrays.rig.kinematics.world_antenna(self.pan_rad, self.tilt_rad)
         gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
         frames = frames_from_pixels(rig_arrays, self.points_px, self.sigma_px, self.readings_Nm, self.tip_px, gravity)
+        if self.covariance_shape is not None:
+            slopes = self.sigma_px[..., None, None] * rig_arrays.rig.camera.normalized_with_slopes(self.points_px)[1]
+            spread = slopes @ self.covariance_shape @ np.swapaxes(slopes, -1, -2)
+            spread = np.stack([spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]], axis=-1)
+            frames.covariance[...] = np.where(frames.usable[..., None] > 0.0, spread, frames.covariance)
         weights = self.weights(rig_arrays)
         if weights is not None:
             frames.available[:, :2] *= weights  # each residual, and its derivatives, in its own deviations
@@ -94,35 +109,43 @@ class Batch(Rows):
         if warm is not None:
             starts = np.where(np.isfinite(starts).all(axis=1, keepdims=True), starts, warm)
         known = np.isfinite(starts).all(axis=1).any()
-        points, sigma, outside = _in_order(rig, points, sigma)
+        shape = None
+        if any(each.covariance_shape is not None for each in several):
+            shapes = [np.tile(np.eye(2), (len(each.sigma_px), 1, 1)) for each in several]
+            for row, each in enumerate(several):
+                shapes[row] = shapes[row] if each.covariance_shape is None else each.covariance_shape
+            shape = _padded([own[::n] for own, n in zip(shapes, steps, strict=True)], np.nan)
+        points, sigma, shape, outside = _in_order(rig, points, sigma, shape)
         outside += [each.outside_points for each in several]
         tips = np.array([_end(each.tip_px) for each in several])
         columns = ([each.moment_errors_Nm for each in several], [each.joint_errors_rad for each in several])
-        errors = (column if column.any() else None for column in map(np.array, columns))
+        errors, joint_errors = (column if column.any() else None for column in map(np.array, columns))
         angles, start = (numbers[:, 2], numbers[:, 3]), starts if known else None
-        return Batch(points, sigma, numbers[:, :2], tips, *angles, outside, start, *errors)
+        return Batch(points, sigma, numbers[:, :2], tips, *angles, outside, start, errors, joint_errors, shape)
 
     @staticmethod
     def checked(
         rig: Rig,
-        centrelines_px: np.ndarray | Sequence[np.ndarray],
+        centrelines_px: np.ndarray | Sequence[np.ndarray] | None,
         readings: dict[str, Values],
         joints: dict[str, Values],
         sigma_px: np.ndarray | float | None,
+        plane: PlanePoints,
     ) -> Batch:
         """Frames as users give them, with readings about y and z, and pan and tilt, by name. Raises InputError."""
-        points = _points(centrelines_px)
+        points, own, shape = _lines(rig, centrelines_px, sigma_px, **plane)
         moments = {name: _column(name, values, len(points)) for name, values in readings.items()}
         angles = {name: _column(name, values, len(points)) for name, values in joints.items()}
         for name, values in angles.items():
             check_each(values, LARGEST_RAD, name, ANGLE_REMEDY, missing="")
         for name, values in moments.items():
             check_each(values, LARGEST_NM, name, f"{MOMENT_REMEDY}, or None where there is no reading")
-        sigma = _deviations(points, rig.image.noise_px if sigma_px is None else sigma_px)
+        sigma = _deviations(points, own if sigma_px is None else sigma_px)
         no_tips = np.full((len(points), 3), np.nan)
-        points, sigma, outside = _in_order(rig, points, sigma)
+        points, sigma, shape, outside = _in_order(rig, points, sigma, shape)
         pan, tilt = angles.values()
-        return Batch(points, sigma, np.stack(list(moments.values()), axis=-1), no_tips, pan, tilt, outside)
+        columns = np.stack(list(moments.values()), axis=-1)
+        return Batch(points, sigma, columns, no_tips, pan, tilt, outside, covariance_shape=shape)
 
 
 def outside(points_px: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
@@ -219,6 +242,8 @@ def _about_curve(
     points, sigma = points_px[there], np.broadcast_to(sigma_px, len(points_px))[there]
     if len(points) < settings.scatter_points:
         return None
+    from scipy.spatial import cKDTree  # takes longer to load than a contact to find
+
     apart = cKDTree(points).query(points, k=5)[0][:, -1]
     near = apart <= settings.lonely * np.median(apart)
     centred = points - points[near].mean(axis=0)
@@ -359,19 +384,43 @@ def _end(tip_px: np.ndarray) -> np.ndarray:
     return end if not end[2] < _LEAST_END_PX else np.array([*end[:2], _LEAST_END_PX])
 
 
-def _points(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
+def _points(lines: Any, name: str = "centrelines_px", remedy: str = "give (N, 2) pixels for every frame") -> np.ndarray:
     """(B, N, 2) of centrelines of one length or of many; NaN where there is no point. Raises InputError."""
-    name, remedy = "centrelines_px", "give (N, 2) pixels for every frame"
-    if isinstance(centrelines_px, np.ndarray) and centrelines_px.ndim == 3 and centrelines_px.shape[2] == 2:
-        return check_each(as_floats(centrelines_px, name, remedy), FARTHEST_PX, name, remedy, "infinite")
-    if not isinstance(centrelines_px, Iterable):
-        raise InputError(f"{name} is {shown(centrelines_px)}", remedy=remedy)
-    lines = [as_floats(line, name, remedy) for line in centrelines_px]
+    if getattr(lines, "ndim", 0) == 3 and lines.shape[2] == 2:
+        return check_each(as_floats(lines, name, remedy), FARTHEST_PX, name, remedy, "infinite")
+    if not isinstance(lines, Iterable) or isinstance(lines, Mapping):
+        raise InputError(f"{name} is {shown(lines)}", remedy=remedy)
+    lines = [as_floats(line, name, remedy) for line in lines]
     for line in lines:
         if line.ndim != 2 or line.shape[1] != 2:
             raise InputError(f"a centreline has shape {line.shape}", remedy=remedy)
         check_each(line, FARTHEST_PX, name, remedy, "infinite")
     return _padded(lines, np.nan) if lines else np.empty((0, 0, 2))
+
+
+def _lines(
+    rig: Rig, centrelines_px: Any, sigma_px: Any, plane_xy_m: Any = None, covariance_m2: Any = None
+) -> tuple[np.ndarray, np.ndarray | float, np.ndarray | None]:
+    """Pixels (B, N, 2) of centrelines in pixels or on plane C; their own standard deviation, one or (B, N), and shape
+    (B, N, 2, 2) as `pixels_on_plane` has them. Raises InputError."""
+    if (centrelines_px is None) == (plane_xy_m is None):
+        how_many = "neither" if plane_xy_m is None else "both"
+        raise InputError(f"pixels and plane_xy_m: {how_many}", remedy="give one of them")
+    if covariance_m2 is not None and (plane_xy_m is None or sigma_px is not None):
+        raise InputError("covariance_m2 is not of pixels", remedy="give it with plane_xy_m and without sigma_px")
+    if plane_xy_m is None:
+        return _points(centrelines_px), rig.image.noise_px, None
+    several = isinstance(plane_xy_m, Iterable) and not hasattr(plane_xy_m, "ndim")
+    lines = list(plane_xy_m) if several and not isinstance(plane_xy_m, Mapping) else plane_xy_m
+    points = _points(lines, "plane_xy_m", "give (N, 2) m on plane C for every frame, of one camera")
+    if isinstance(covariance_m2, list | tuple) and all(getattr(own, "ndim", 0) == 3 for own in covariance_m2):
+        remedy = "give (N, 2, 2) m² for every frame, or (2, 2) for all points"
+        parts = [as_floats(own, "covariance_m2", remedy) for own in covariance_m2]
+        if [own.shape for own in parts] != [(len(line), 2, 2) for line in lines]:
+            raise InputError("covariance_m2 has other lengths than plane_xy_m", remedy=remedy)
+        covariance_m2 = _padded(parts, np.nan) if parts else np.eye(2)
+    pixels, own, shape = pixels_on_plane(rig.camera, rig.T_antenna_camera, points, covariance_m2)
+    return pixels, rig.image.noise_px if own is None else own, shape
 
 
 def _padded(several: Sequence[np.ndarray], missing: float) -> np.ndarray:
@@ -408,9 +457,11 @@ def _deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarr
     return sigma
 
 
-def _in_order(rig: Rig, points_px: np.ndarray, sigma_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (B, N, 2) and standard deviations (B, N) along the longer side of each frame's points, missing ones last;
-    and how many (B,) are missing because they lie outside the picture.
+def _in_order(
+    rig: Rig, points_px: np.ndarray, sigma_px: np.ndarray, shape: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:
+    """Points (B, N, 2), standard deviations (B, N) and shapes of covariances (B, N, 2, 2) along the longer side of each
+    frame's points, missing ones last; and how many (B,) are missing because they lie outside the picture.
 
     The initialization takes every n-th point: it must not depend on the order in which the points were listed.
     """
@@ -424,7 +475,10 @@ def _in_order(rig: Rig, points_px: np.ndarray, sigma_px: np.ndarray) -> tuple[np
         points_px, sigma_px = points_px.copy(), np.array(sigma_px)
         points_px[rows] = np.take_along_axis(points_px[rows], order[..., None], 1)
         sigma_px[rows] = np.take_along_axis(sigma_px[rows], order, 1)
-    return points_px, _no_less(points_px, sigma_px), lost.sum(axis=1)
+        if shape is not None:
+            shape = shape.copy()
+            shape[rows] = np.take_along_axis(shape[rows], order[..., None, None], 1)
+    return points_px, _no_less(points_px, sigma_px), shape, lost.sum(axis=1)
 
 
 def _no_less(points_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:

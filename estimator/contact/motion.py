@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from scipy.special import ndtri
 
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.native import core
@@ -175,7 +174,9 @@ class Motion:
 @cache
 def _threshold() -> float:
     """Standard deviations that noise exceeds, on any piece and axis, with `_FALSE_ALARM`'s probability."""
-    return -float(ndtri(_FALSE_ALARM / (2 * 3 * PIECES)))
+    from statistics import NormalDist
+
+    return -NormalDist().inv_cdf(_FALSE_ALARM / (2 * 3 * PIECES))
 
 
 @cache

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from vbaa_calib.camera.from_plane import pixels_on_plane
 from vbaa_calib.core.arrays import (
     ANGLE_REMEDY,
     FARTHEST_PX,
@@ -28,6 +29,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
 
 if TYPE_CHECKING:
+    from vbaa_calib.rig import Rig
     from vbaa_calib.session import Frame
 
 FRICTION_RAD = 0.2
@@ -302,6 +304,7 @@ class Measured:
     joint_errors_rad : (2,) deviations of pan and tilt.
     outside_points : number of points that were left out because they lie outside the picture.
     sigma_factor : by which `sigma_px` was widened, as the recording's points scatter more than was stated.
+    covariance_shape : (N, 2, 2) covariances of the points over sigma_px²; None: the same in every direction.
     """
 
     points_px: np.ndarray
@@ -317,6 +320,24 @@ class Measured:
     joint_errors_rad: np.ndarray = field(default_factory=lambda: np.zeros(2))
     outside_points: int = 0
     sigma_factor: float = 1.0
+    covariance_shape: np.ndarray | None = None
+
+    @staticmethod
+    def on_plane(
+        rig: Rig, plane_xy_m: Any, covariance_m2: Any = None, *, sigma_px: Any = None, **readings: Any
+    ) -> Measured:
+        """Points (N, 2) m on plane C, as `rig.camera_on_plane()` gives them: what the pixels measure that they are of.
+
+        covariance_m2 : (N, 2, 2) or (2, 2); without it `sigma_px`, or what the rig's own pictures have. readings : the
+        other attributes, by name. Raises InputError.
+        """
+        if covariance_m2 is not None and sigma_px is not None:
+            raise InputError("covariance_m2 and sigma_px: both", remedy="give one of them")
+        points, own, shape = pixels_on_plane(rig.camera, rig.T_antenna_camera, plane_xy_m, covariance_m2)
+        if own is None:
+            own = as_floats(rig.image.noise_px if sigma_px is None else sigma_px, "sigma_px", "give px")
+            own = own if own.ndim else np.full(points.shape[:1], own)
+        return Measured(points, own, covariance_shape=shape, **readings)
 
     def __post_init__(self) -> None:
         """Raises InputError for what is no number, or in another unit."""
@@ -339,6 +360,9 @@ class Measured:
             several = values[name] = as_floats(getattr(self, name), name, f"give ({count},) numbers")
             if several.shape != (count,):
                 raise InputError(f"{name} has shape {several.shape}", remedy=f"give ({count},) numbers")
+        if self.covariance_shape is not None and np.shape(self.covariance_shape) != (*sigma.shape, 2, 2):
+            what = f"covariance_shape has shape {np.shape(self.covariance_shape)}"
+            raise InputError(what, remedy="give (N, 2, 2)")
         for name, each in values.items():
             object.__setattr__(self, name, each)
 

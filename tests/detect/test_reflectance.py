@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import legval
 
-from vbaa_calib.detect.whisker import silhouette
-from vbaa_calib.detect.whisker.line_shape import PER_PX
 from vbaa_calib.detect.whisker.profile import measure
+from vbaa_calib.native import core
 
 from .drawn_lines import SIZE, aside, exposed, straight, tube
 from .test_profile import WIDTH_PX, dense
@@ -48,12 +47,12 @@ def at_its_side(share: np.ndarray, across: np.ndarray) -> np.ndarray:
 
 
 def test_blurred_polynomials_are_what_convolution_gives() -> None:
-    width, blur, fine = 4.3, 0.7, 7 * PER_PX
+    width, blur, fine = 4.3, 0.7, 7 * 32
     at = np.arange(-12 * fine, 12 * fine + 1) / fine
     inside = np.where(np.abs(at) < 0.5 * width, 1.0, 0.0)
-    bell = np.exp(-0.5 * at**2 / (blur**2 + silhouette.PIXEL_BLUR_PX**2))
-    for k, column in enumerate(silhouette.blurred(width, blur, 12).T):
-        sharp = inside * legval(2.0 * at / width, np.eye(silhouette.K)[k])
+    bell = np.exp(-0.5 * at**2 / (blur**2 + 0.29**2))
+    for k, column in enumerate(core.profile.blurred_polynomials(width, blur, 12).T):
+        sharp = inside * legval(2.0 * at / width, np.eye(4)[k])
         assert np.allclose(column, np.convolve(sharp, bell / bell.sum(), mode="same")[::7], atol=3e-3)
 
 

@@ -28,7 +28,7 @@ from pyarrow.parquet import read_table
 from estimator.table.contacts import STATUSES
 from estimator.table.files import read_contacts
 from vbaa_calib.cli.main import main
-from vbaa_calib.core import compiled
+from vbaa_calib.core import threads as in_threads
 from vbaa_calib.core.errors import InputError
 from viz.batch import cluster, work
 from viz.batch.cluster import Where, client_of
@@ -278,7 +278,7 @@ def test_rows_are_those_of_estimate(folder: Path, tmp_path: Path) -> None:
 
 def test_few_recordings_use_all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     """A process for each, and threads for the cores that are left; no more processes than cores."""
-    for module in (compiled, cluster):
+    for module in (in_threads, cluster):
         monkeypatch.setattr(module, "cores", lambda: 8)
     parser = ArgumentParser()
     configure(parser)

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import yaml
 
+from tests.small_scene import small_scene
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import read_yaml, write_json, write_text
 from vbaa_calib.simulate.scene.scene import bundled_scene
@@ -26,7 +27,6 @@ from vbaa_calib.wizard.questions import PICTURES
 from vbaa_calib.wizard.session_state import SessionState
 from vbaa_calib.wizard.steps import REPORT, RIG, PictureCheck, Progress, Step
 from vbaa_calib.wizard.store import LOCK
-from viz.cli.warm import small_scene
 
 from ..made_once import made_once
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import yaml
 
+from tests.small_scene import small_scene
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
@@ -28,7 +29,6 @@ from vbaa_calib.wizard.session_state import SessionState, still_of
 from vbaa_calib.wizard.steps import Progress, Step
 from vbaa_calib.wizard.store import Store
 from vbaa_calib.wizard.ui import Interrupted, Ui, View
-from viz.cli.warm import small_scene
 from viz.report import check as report
 
 from ..live.test_pictures import as_bag

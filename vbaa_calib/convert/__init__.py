@@ -9,8 +9,8 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.camera.camera import SCHEMA as CAMERA_SCHEMA
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, read_text
+from vbaa_calib.rig import SCHEMA as RIG_SCHEMA
 from vbaa_calib.rig import Rig
-from vbaa_calib.rig.rig_file import SCHEMA as RIG_SCHEMA
 from vbaa_calib.session import read_pose
 
 from .robots import KALIBR, ROS

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -71,6 +71,12 @@ def is_tensor(values: Any) -> TypeIs[torch.Tensor]:
     return kind is not None and isinstance(values, kind)
 
 
+def _is_masked(values: Any) -> bool:
+    """Whether values are an array of NumPy's with a mask; `numpy.ma` loads with the first."""
+    kind = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
+    return kind is not None and isinstance(values, kind)
+
+
 def namespace(values: Array) -> ModuleType:
     """The library whose functions work on these values."""
     return sys.modules["torch"] if is_tensor(values) else np
@@ -81,7 +87,7 @@ def working(values: Array, last: int, name: str) -> _Working:
     xp = namespace(values)
     if xp is np:
         try:
-            missing = isinstance(values, np.ma.MaskedArray) and values.dtype.kind == "f"
+            missing = _is_masked(values) and values.dtype.kind == "f"
             values = values.filled(np.nan) if missing else np.asarray(values)
         except ValueError:
             raise InputError(f"{name} are lists of different lengths", remedy=f"give them as (..., {last})") from None
@@ -172,7 +178,7 @@ def as_floats(values: Any, name: str, remedy: str) -> np.ndarray:
         return values
     if isinstance(values, list) and all(one is None or type(one) is float for one in values):
         return np.array(values, float)
-    masked = isinstance(values, np.ma.MaskedArray)
+    masked = _is_masked(values)
     try:
         if is_tensor(values):
             values = values.detach().cpu().numpy()
@@ -200,7 +206,7 @@ def as_float(value: Any, name: str, remedy: str) -> float:
 
 
 def _number(one: Any) -> float:
-    if one is None or one is np.ma.masked:
+    if one is None or _is_masked(one):
         return np.nan
     one = one.item() if is_tensor(one) else one
     if isinstance(one, bool | np.bool_ | str | bytes | complex):
@@ -217,6 +223,21 @@ def of_shape(values: Any, shape: tuple[int, ...], name: str, finite: bool = True
     if finite and not np.isfinite(values).all():
         raise InputError(f"{name} is {shown(values.tolist())}", remedy=f"give finite numbers, {shape}")
     return np.asarray(values)
+
+
+class Within:
+    """Annotation of a field of a file: its bounds and description, as pydantic's `Field` takes them, and what else its
+    numbers must be. Numbers are finite, and no number is a boolean or a text. pydantic loads with the first file."""
+
+    def __init__(self, check: Callable[[Any], Any] | None = None, **bounds: Any) -> None:
+        self._check, self._bounds = check, bounds
+
+    def __get_pydantic_core_schema__(self, kind: Any, handler: Any) -> Any:
+        from pydantic import AfterValidator, AllowInfNan, Field, Strict
+
+        plain = ([Strict()] if kind in (float, int, bool) else []) + ([AllowInfNan(False)] if kind is float else [])
+        last = [] if self._check is None else [AfterValidator(self._check)]
+        return handler.generate_schema(Annotated[(kind, *plain, Field(**self._bounds), *last)])
 
 
 _Call = TypeVar("_Call", bound=Callable[..., Any])

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import struct
 import threading
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
-import imagesize
 import numpy as np
 
 from .errors import InputError
@@ -106,20 +104,16 @@ def _announced(data: bytes, path: Path) -> tuple[int, int]:
     if torn_png or torn_jpeg or len(data) < size_of_bmp:
         raise InputError("is truncated or damaged", where=path, remedy=_AGAIN)
     width = height = at_once = -1
-    webp = data[:4] + data[8:12] == b"RIFFWEBP"
-    # of others, which OpenCV reads as well, it is not known what they hold before they are decoded
-    if webp or data.startswith((_PNG, _JPEG, _BMP, *_TIFF)):
-        with contextlib.suppress(Exception):  # of a damaged file it lets anything through
-            info = imagesize.get_info(io.BytesIO(data), exif_rotation=False)
-            width, height = info.width, abs(info.height)  # of a BMP −height: top row first
-            at_once = width * height
+    with contextlib.suppress(LookupError, StopIteration, struct.error):  # what is damaged has no size
+        width, height = _size(data)
+        at_once = width * height
     # what is decoded is copied once; of 16 bits there are floats beside it
     if data.startswith(_PNG) and width > 0:
         before = data[: data.find(b"IDAT")]
         samples = (4 if data[25] != 0 or b"tRNS" in before else 1) + 4 * (b"acTL" in before)  # one that moves has two
         bytes_per_pixel = samples * (6 if data[24] == 16 else 2)
     elif data.startswith(_JPEG) and width > 0:
-        bytes_per_pixel = 3 * abs(info.channels)  # a progressive one has its coefficients beside it
+        bytes_per_pixel = 3 * data[_start_of_frame(data) + 9]  # a progressive one has its coefficients beside it
     elif data.startswith(_TIFF):
         width, height, at_once, bytes_per_pixel = _of_tiff(data)
     else:
@@ -132,6 +126,29 @@ def _announced(data: bytes, path: Path) -> tuple[int, int]:
         what = f"is {width}x{height} px, more than the {most / 1e6:.0f} million that a file of its size may have"
         raise InputError(what, where=path, remedy="export a smaller picture, or remove it")
     return width, height
+
+
+def _size(data: bytes) -> tuple[int, int]:
+    """(width, height) by the header of a PNG, JPEG, BMP or WebP file, −1 of another: what that holds is not known
+    before it is decoded. Raises LookupError, StopIteration or struct.error for a damaged one."""
+    if data.startswith(_PNG):
+        width, height = struct.unpack_from(">II", data, 16)
+    elif data.startswith(_JPEG):
+        height, width, _ = struct.unpack_from(">HHB", data, _start_of_frame(data) + 5)
+    elif data.startswith(_BMP):
+        width, height = struct.unpack_from("<HH" if data[14:15] == b"\x0c" else "<ii", data, 18)
+    elif data[:4] + data[8:15] == b"RIFFWEBPVP8":
+        at, shift, size, more = {b" ": (26, 16, 14, 0), b"L": (21, 14, 14, 1), b"X": (24, 24, 24, 1)}[data[15:16]]
+        (bits,) = struct.unpack_from("<Q", data, at)
+        width, height = ((each & ((1 << size) - 1)) + more for each in (bits, bits >> shift))
+    else:
+        return -1, -1
+    return width, abs(height)  # of a BMP −height: top row first
+
+
+def _start_of_frame(data: bytes) -> int:
+    """Where the segment of a JPEG file begins that gives its size."""
+    return next(at for at, marker in _segments(data) if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC))
 
 
 def _of_tiff(data: bytes) -> tuple[int, int, int, int]:
@@ -203,20 +220,24 @@ def _png_is_whole(data: bytes) -> bool:
 
 
 def _jpeg_is_whole(data: bytes) -> bool:
-    """Walk the segments to the end-of-image marker; an embedded thumbnail's own end does not count."""
+    """Whether there is an end-of-image marker; an embedded thumbnail's own end does not count."""
+    return any(marker == 0xD9 for _, marker in _segments(data))
+
+
+def _segments(data: bytes) -> Iterator[tuple[int, int]]:
+    """(position, marker) of a JPEG file's segments, in order."""
     position = 2
     while True:
         position = data.find(b"\xff", position)
         if position < 0 or position + 1 >= len(data):
-            return False
+            return
         marker = data[position + 1]
-        if marker == 0xD9:
-            return True
+        yield position, marker
         if marker == 0xFF:  # fill byte
             position += 1
-        elif marker in (0x00, 0x01) or 0xD0 <= marker <= 0xD7:  # stuffed byte, TEM, restarts: no body
+        elif marker in (0x00, 0x01) or 0xD0 <= marker <= 0xD9:  # stuffed byte, TEM, restarts, ends: no body
             position += 2
         elif position + 4 > len(data):
-            return False
+            return
         else:
             position += 2 + struct.unpack_from(">H", data, position + 2)[0]

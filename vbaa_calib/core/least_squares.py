@@ -8,8 +8,6 @@ from itertools import pairwise
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.special import chdtrc
 
 from .robust import chi_square, huber_losses, huber_weights, soft_l1_losses, soft_l1_weights
 
@@ -153,6 +151,8 @@ def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -
 
 def disagreement_p(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     """(G,) probability that χ² is larger than what `disagreement` gives; 1 without degrees of freedom."""
+    from scipy.special import chdtrc  # slow to load
+
     return np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), square), 1.0)
 
 
@@ -324,7 +324,7 @@ class Linearised:
         weighted = self.jacobian * self.weights[:, None]
         scale = np.linalg.norm(weighted, axis=0)
         _, factor = np.linalg.qr(weighted / scale)
-        return np.asarray(solve_triangular(factor, np.eye(len(scale))) / scale[:, None])
+        return np.asarray(np.linalg.inv(factor) / scale[:, None])
 
     def covariance(self) -> np.ndarray:
         """(P, P) inverse of the information, by the rows' triangular factor: no variance comes out negative."""

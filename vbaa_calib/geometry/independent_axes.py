@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 
 def independent_axes(covariance: np.ndarray) -> np.ndarray:
@@ -24,7 +23,7 @@ def conditioned(covariance: np.ndarray, first: int) -> tuple[np.ndarray, np.ndar
     By a triangular factor: the difference of two covariances that are nearly the same may be negative.
     """
     _, factor = np.linalg.qr(independent_axes(covariance).T)
-    slopes = solve_triangular(factor[:first, :first], factor[:first, first:]).T
+    slopes = np.linalg.solve(factor[:first, :first], factor[:first, first:]).T
     return slopes, np.linalg.norm(factor[first:, first:], axis=0)
 
 

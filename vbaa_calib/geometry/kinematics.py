@@ -8,7 +8,6 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from vbaa_calib.core.arrays import LARGEST_RAD, check_angle, gate, of_shape
 from vbaa_calib.core.errors import InputError
@@ -39,8 +38,14 @@ def rotation_world_antenna(pan_rad: ArrayLike, tilt_rad: ArrayLike, axis_skew_ra
     turn[..., 2, 0], turn[..., 2, 1], turn[..., 2, 2] = sin_t, 0.0, cos_t
     if axis_skew_rad == 0.0:
         return turn
-    # Rz·Rx·Rz⁻¹ turns about the panned x axis, then comes what two perpendicular axes do
-    return Rotation.from_rotvec(axis_skew_rad * _panned_x(pan)).as_matrix() @ turn
+    sin_s, cos_s = np.sin(axis_skew_rad), np.cos(axis_skew_rad)
+    side = sin_s * np.stack([sin_t, cos_t], axis=-1)
+    turn[..., 0, ::2] += sin_p[..., None] * side
+    turn[..., 1, ::2] -= cos_p[..., None] * side
+    turn[..., :2, 1] *= cos_s
+    turn[..., 2, ::2] *= cos_s
+    turn[..., 2, 1] = sin_s
+    return turn
 
 
 def _panned_x(pan_rad: np.ndarray) -> np.ndarray:

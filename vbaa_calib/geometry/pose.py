@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, overload
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vbaa_calib.core.arrays import as_floats, gate, of_shape
 from vbaa_calib.core.errors import InputError, shown
@@ -38,7 +38,13 @@ class Pose:
     def from_rotvec(rotvec_rad: np.ndarray, translation_m: np.ndarray) -> Pose:
         """From a rotation vector (3,) rad and a translation (3,) m."""
         turn, shift = (np.ravel(as_floats(each, "a pose", "give (3,) of both")) for each in (rotvec_rad, translation_m))
-        return Pose(Rotation.from_rotvec(of_shape(turn, (3,), "rotvec_rad")).as_matrix(), shift)
+        return Pose(_rotation_about(of_shape(turn, (3,), "rotvec_rad")), shift)
+
+    @staticmethod
+    def from_quaternion(xyzw: np.ndarray, translation_m: np.ndarray) -> Pose:
+        """From a quaternion (4,) x, y, z, w of any length but 0, and a translation (3,) m."""
+        x, y, z, w = (of_shape(xyzw, (4,), "a quaternion") / math.hypot(*xyzw)).tolist()
+        return Pose(_rotation_of(x, y, z, w), translation_m)
 
     @staticmethod
     @gate
@@ -50,17 +56,16 @@ class Pose:
         turn = of_shape(data["rotation_xyzw"], (4,), "rotation_xyzw")
         if not turn.any():
             raise InputError("rotation_xyzw is zero", remedy="give a unit quaternion, x, y, z, w")
-        return Pose(Rotation.from_quat(turn).as_matrix(), of_shape(data["translation_m"], (3,), "translation_m"))
+        return Pose.from_quaternion(turn, of_shape(data["translation_m"], (3,), "translation_m"))
 
     def to_dict(self) -> dict[str, list[float]]:
         """{"translation_m": [x, y, z], "rotation_xyzw": [x, y, z, w]}, w >= 0."""
-        quaternion = Rotation.from_matrix(self.rotation).as_quat(canonical=True)
-        return {"translation_m": self.translation_m.tolist(), "rotation_xyzw": quaternion.tolist()}
+        return {"translation_m": self.translation_m.tolist(), "rotation_xyzw": list(_quaternion_of(self.rotation))}
 
     @property
     def rotvec_rad(self) -> np.ndarray:
-        """(3,) rotation vector, rad. SciPy's log map: OpenCV's Rodrigues returns exactly 0 below about 1e-5 rad."""
-        return Rotation.from_matrix(self.rotation).as_rotvec()
+        """(3,) rotation vector, rad, exact also below 1e-5 rad, where OpenCV's Rodrigues returns 0."""
+        return _rotvec_of(self.rotation)
 
     @property
     def vector(self) -> np.ndarray:
@@ -82,13 +87,12 @@ class Pose:
         The rotation turns about the origin of frame b, so the two halves do not mix.
         """
         tangent = of_shape(tangent, (6,), "tangent", finite=False)
-        turn = Rotation.from_rotvec(tangent[:3]).as_matrix()
-        return Pose(turn @ self.rotation, self.translation_m + tangent[3:])
+        return Pose(_rotation_about(tangent[:3]) @ self.rotation, self.translation_m + tangent[3:])
 
     @gate
     def tangent_from(self, other: Pose) -> np.ndarray:
         """(6,) the step of `retract` that leads here from another pose between the same frames."""
-        turn = Rotation.from_matrix(self.rotation @ other.rotation.T).as_rotvec()
+        turn = _rotvec_of(self.rotation @ other.rotation.T)
         return np.concatenate([turn, self.translation_m - other.translation_m])
 
     @overload
@@ -102,6 +106,55 @@ class Pose:
         if points.shape[-1:] != (3,) or points.dtype.kind not in "fiu":
             raise InputError(f"points are {shown(other)}", remedy="give (..., 3) m, or a Pose")
         return points @ self.rotation.T + self.translation_m
+
+
+def _rotation_about(rotvec_rad: np.ndarray) -> np.ndarray:
+    """(3, 3) of a rotation vector (3,); NaN where it is not finite."""
+    x, y, z = rotvec_rad.tolist()
+    angle = math.hypot(x, y, z)
+    if not angle < math.inf:
+        return np.full((3, 3), np.nan)
+    factor = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
+    return _rotation_of(factor * x, factor * y, factor * z, math.cos(0.5 * angle))
+
+
+def _rotation_of(x: float, y: float, z: float, w: float) -> np.ndarray:
+    """(3, 3) of a unit quaternion."""
+    xx, yy, zz, ww, xy, xz, yz, xw, yw, zw = x * x, y * y, z * z, w * w, x * y, x * z, y * z, x * w, y * w, z * w
+    return np.array(
+        [
+            [xx - yy - zz + ww, 2.0 * (xy - zw), 2.0 * (xz + yw)],
+            [2.0 * (xy + zw), yy - xx - zz + ww, 2.0 * (yz - xw)],
+            [2.0 * (xz - yw), 2.0 * (yz + xw), zz - xx - yy + ww],
+        ]
+    )
+
+
+def _quaternion_of(rotation: np.ndarray) -> tuple[float, ...]:
+    """Unit quaternion x, y, z, w >= 0 of a rotation (3, 3), by its largest component (Shepperd). Raises InputError."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    if a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) <= 0.0:
+        raise InputError("the rotation is mirrored or zero", remedy="give a matrix of determinant +1")
+    trace = a + e + i
+    largest = max(a, e, i, trace)
+    if trace == largest:
+        found = h - f, c - g, d - b, 1.0 + trace
+    elif a == largest:
+        found = 1.0 + 2.0 * a - trace, b + d, c + g, h - f
+    elif e == largest:
+        found = b + d, 1.0 + 2.0 * e - trace, f + h, c - g
+    else:
+        found = c + g, f + h, 1.0 + 2.0 * i - trace, d - b
+    length = math.hypot(*found)
+    length = -length if found[3] < 0.0 else length
+    return tuple(each / length for each in found)
+
+
+def _rotvec_of(rotation: np.ndarray) -> np.ndarray:
+    """(3,) rotation vector of a rotation (3, 3), rad."""
+    x, y, z, w = _quaternion_of(rotation)
+    sine = math.hypot(x, y, z)
+    return (2.0 * math.atan2(sine, w) / sine if sine > 0.0 else 2.0) * np.array([x, y, z])
 
 
 @dataclass(frozen=True, eq=False)

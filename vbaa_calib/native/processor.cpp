@@ -21,7 +21,7 @@ const char* level() {
     if (!__get_cpuid(1, &a, &b, &c, &d)) return "base";
     const bool saves = c & bit_OSXSAVE;
     const bool v2_to_v3 = (c & bit_AVX) && (c & bit_FMA) && (c & bit_MOVBE) && (c & bit_F16C);
-    if (!saves || !v2_to_v3 || (saved_registers() & 0x6) != 0x6) return "base";
+    if (!saves || !v2_to_v3 || (saved_registers() & 0x6U) != 0x6U) return "base";
     if (!__get_cpuid_count(7, 0, &a, &b, &c, &d)) return "base";
     const unsigned features = b;
     unsigned extended = 0;
@@ -29,7 +29,7 @@ const char* level() {
     const bool v3 = (features & bit_AVX2) && (features & bit_BMI) && (features & bit_BMI2) && (extended & bit_LZCNT);
     if (!v3) return "base";
     const unsigned v4 = bit_AVX512F | bit_AVX512DQ | bit_AVX512CD | bit_AVX512BW | bit_AVX512VL;
-    return (features & v4) == v4 && (saved_registers() & 0xe6) == 0xe6 ? "v4" : "v3";
+    return (features & v4) == v4 && (saved_registers() & 0xe6U) == 0xe6U ? "v4" : "v3";
 }
 #else
 const char* level() { return "base"; }

@@ -2,9 +2,8 @@
 
 from vbaa_calib.session import MomentSensor
 
-from .parts import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, Antenna, AntennaImage, Tip
+from .parts import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, SCHEMA, Antenna, AntennaImage, Tip
 from .rig import Rig
-from .rig_file import SCHEMA
 
 __all__ = [
     "POSE_PARAMETERS",

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import Field, Strict
 
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
+from vbaa_calib.core.arrays import Within
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.models import Number
 from vbaa_calib.geometry import Kinematics, Pose
 
 if TYPE_CHECKING:
     from vbaa_calib.detect.whisker.paint import Paint
 
+SCHEMA = "vbaa.rig/1"
 POSE_PARAMETERS = (*(f"camera_about_{axis}_rad" for axis in "xyz"), *(f"camera_{axis}_m" for axis in "xyz"))
 RIG_PARAMETERS = (*POSE_PARAMETERS, *ANTENNA_PARAMETERS, "moment_gain", "moment_offset_Nm")
 """Order of the joint covariance, before the lens. The pose's six are the tangent of `T_antenna_camera.retract`."""
@@ -87,10 +87,10 @@ class Antenna:
         }
 
 
-_Weight = Annotated[Number, Field(ge=-100, le=100)]
-_Level = Annotated[Number, Field(ge=0, le=1e6)]
-_Spread = Annotated[Number, Field(ge=1e-3, le=1e6)]
-_Looks = Annotated[tuple[tuple[_Level, _Level, _Level, _Spread], ...], Field(min_length=8, max_length=8)]
+_Weight = Annotated[float, Within(ge=-100, le=100)]
+_Level = Annotated[float, Within(ge=0, le=1e6)]
+_Spread = Annotated[float, Within(ge=1e-3, le=1e6)]
+_Looks = Annotated[tuple[tuple[_Level, _Level, _Level, _Spread], ...], Within(min_length=8, max_length=8)]
 
 
 @dataclass(frozen=True)
@@ -107,30 +107,30 @@ class AntennaImage:
     both_edges : light from one side pulls its line, which is measured by both of its edges.
     """
 
-    noise_px: Annotated[Number, Field(ge=1e-6, le=1e3)]
-    noise_scale: Annotated[Number, Field(ge=1e-3, le=1e3)]
+    noise_px: Annotated[float, Within(ge=1e-6, le=1e3)]
+    noise_scale: Annotated[float, Within(ge=1e-3, le=1e3)]
     bright: Annotated[
-        Annotated[bool, Strict()] | None,
-        Field(description="brighter than its background; null: here brighter, there darker"),
+        Annotated[bool, Within()] | None,
+        Within(description="brighter than its background; null: here brighter, there darker"),
     ]
     weights_bgr: Annotated[
-        tuple[_Weight, _Weight, _Weight] | None, Field(description="of a colour picture's channels; null: grey level")
+        tuple[_Weight, _Weight, _Weight] | None, Within(description="of a colour picture's channels; null: grey level")
     ] = None
     colour_bgr: Annotated[
         tuple[_Level, _Level, _Level] | None,
-        Field(description="of the antenna, grey levels, where nearness to it distinguishes antenna from background"),
+        Within(description="of the antenna, grey levels, where nearness to it distinguishes antenna from background"),
     ] = None
     height: Annotated[
-        Annotated[Number, Field(ge=1e-6, le=1e6)] | None,
-        Field(description="of the free antenna's line above its background, grey levels"),
+        Annotated[float, Within(ge=1e-6, le=1e6)] | None,
+        Within(description="of the free antenna's line above its background, grey levels"),
     ] = None
     looks: Annotated[
         _Looks | None,
-        Field(description="mean colour at places from clamp to tip and its deviation, grey levels"),
+        Within(description="mean colour at places from clamp to tip and its deviation, grey levels"),
     ] = None
     both_edges: Annotated[
-        Annotated[bool, Strict()],
-        Field(description="light from one side pulls its line, which is measured by both of its edges"),
+        bool,
+        Within(description="light from one side pulls its line, which is measured by both of its edges"),
     ] = False
 
     @property

@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError, Verdict
 from vbaa_calib.core.files import read_json
-from vbaa_calib.core.models import checked
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
 from vbaa_calib.geometry.independent_axes import is_covariance
 from vbaa_calib.session import DRIFTS, Drift, MomentSensor
@@ -23,16 +21,18 @@ from .parts import (
     ANTENNA_PARAMETERS,
     POSE_PARAMETERS,
     RIG_PARAMETERS,
+    SCHEMA,
     Antenna,
     AntennaImage,
     Tip,
     check_view,
     kinematics_to_dict,
 )
-from .rig_file import SCHEMA, FileTip, Joint, RigFile
 
 if TYPE_CHECKING:
     from vbaa_calib.camera import CameraOnPlane
+
+    from .rig_file import FileTip, Joint
 
 
 def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.ndarray:
@@ -217,7 +217,9 @@ class Rig:
         if self.with_lens:
             return self.covariance
         lens = self.camera.covariance
-        return block_diag(self.covariance, np.zeros((len(self.camera.parameters),) * 2) if lens is None else lens)
+        joint, first = np.zeros((len(self.covariance) + len(self.camera.parameters),) * 2), len(self.covariance)
+        joint[:first, :first], joint[first:, first:] = self.covariance, 0.0 if lens is None else lens
+        return joint
 
     def plane_covariance(self) -> np.ndarray:
         """(P + 6, P + 6) covariance of lens and camera pose in the order of `CameraOnPlane.parameter_names`."""
@@ -244,6 +246,10 @@ class Rig:
     @gate
     def from_dict(data: Mapping[str, Any], where: object = "rig") -> Rig:
         """From the mapping that `to_dict` makes. Raises InputError naming the key that is wrong."""
+        from vbaa_calib.core.models import checked  # loads pydantic, which a rig in memory does without
+
+        from .rig_file import RigFile
+
         read = checked(RigFile, data, where, "`vbaa schema rig` prints what is expected")
         try:
             camera = Camera.from_dict(data["camera"])

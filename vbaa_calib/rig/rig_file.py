@@ -11,12 +11,11 @@ from pydantic import ConfigDict, Field
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, Verdict
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber, checked
-from vbaa_calib.session import DRIFTS, LAB, FileDrift
-from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, Gravity, MomentSensor
+from vbaa_calib.session import DRIFTS, LAB, FileDrift, MomentSensor
+from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, Gravity
 
-from .parts import Antenna, AntennaImage
+from .parts import SCHEMA, Antenna, AntennaImage
 
-SCHEMA = "vbaa.rig/1"
 _Side = Annotated[WholeNumber, Field(ge=1, le=100_000)]
 _Focal = Annotated[Number, Field(ge=1, le=1e7)]
 _Centre = Annotated[Number, Field(ge=-1e6, le=1e6)]

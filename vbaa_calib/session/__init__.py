@@ -1,37 +1,53 @@
 """A session: one folder with everything that was measured on one rig. Read here, checked here, never written."""
 
-from .centrelines import Centrelines, centrelines_of, read_centrelines
-from .drift import DRIFTS, LAB, Drift, FileDrift, drift_of
-from .settings import (
-    SCHEMA,
-    STANDARD_GRAVITY_M_S2,
-    KnownObject,
-    LoadReadings,
-    MomentSensor,
-    NominalAntenna,
-    NominalTip,
-    OverBoard,
-    Session,
-    Shutter,
-    gravity_antenna,
-    has_over,
-    has_sweep,
-    load_session,
-    read_pose,
-    session_from,
-)
-from .tables import (
-    Frame,
-    Load,
-    Still,
-    SweepPicture,
-    check_pictures,
-    pictures_of,
-    read_loads,
-    read_noload,
-    read_recording,
-    read_sweep,
-    recording_of,
-    refuse_measured,
-    without_moments,
-)
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from .drift import DRIFTS, LAB, Drift, drift_of
+from .moment_sensor import MomentSensor
+
+if TYPE_CHECKING:
+    from .centrelines import Centrelines, centrelines_of, read_centrelines
+    from .settings import (
+        SCHEMA,
+        STANDARD_GRAVITY_M_S2,
+        FileDrift,
+        KnownObject,
+        LoadReadings,
+        NominalAntenna,
+        NominalTip,
+        OverBoard,
+        Session,
+        Shutter,
+        gravity_antenna,
+        has_over,
+        has_sweep,
+        load_session,
+        read_pose,
+        session_from,
+    )
+    from .tables import (
+        Frame,
+        Load,
+        Still,
+        SweepPicture,
+        check_pictures,
+        pictures_of,
+        read_loads,
+        read_noload,
+        read_recording,
+        read_sweep,
+        recording_of,
+        refuse_measured,
+        without_moments,
+    )
+
+
+def __getattr__(name: str) -> Any:
+    """The rest loads on first use: files and their tables, which a rig in memory does without."""
+    for home in ("settings", "tables", "centrelines"):
+        if not name.startswith("_") and hasattr(module := importlib.import_module(f".{home}", __name__), name):
+            return getattr(module, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

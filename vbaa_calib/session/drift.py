@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import BeforeValidator, Field, GetJsonSchemaHandler
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
+from vbaa_calib.core.arrays import Within
 
-from vbaa_calib.core.models import Number
-
-_Small = Annotated[Number, Field(ge=0, le=0.1)]
+_Small = Annotated[float, Within(ge=0, le=0.1)]
 _OF_FRAMES = ("line_px", "light_px", "hourly", "zero_hourly")
 
 
@@ -39,17 +35,17 @@ class Drift:
 
     camera_turn_rad: _Small = 0.0
     camera_shift_m: _Small = 0.0
-    picture_shift_px: Annotated[Number, Field(ge=0, le=100)] = 0.0
+    picture_shift_px: Annotated[float, Within(ge=0, le=100)] = 0.0
     picture_scale: _Small = 0.0
     clamp_turn_rad: _Small = 0.0
     bow_per_m: _Small = 0.0
     stiffness: _Small = 0.0
     moment_gain: _Small = 0.0
-    moment_zero: Annotated[Number, Field(ge=0, le=1e4)] = 0.0
-    line_px: Annotated[Number, Field(ge=0, le=10)] = 0.0
-    light_px: Annotated[Number, Field(ge=0, le=10)] = 0.0
-    hourly: Annotated[Number, Field(ge=0, le=100)] = 0.0
-    zero_hourly: Annotated[Number, Field(ge=0, le=1e4)] = 0.0
+    moment_zero: Annotated[float, Within(ge=0, le=1e4)] = 0.0
+    line_px: Annotated[float, Within(ge=0, le=10)] = 0.0
+    light_px: Annotated[float, Within(ge=0, le=10)] = 0.0
+    hourly: Annotated[float, Within(ge=0, le=100)] = 0.0
+    zero_hourly: Annotated[float, Within(ge=0, le=1e4)] = 0.0
 
     @property
     def of_rig(self) -> bool:
@@ -101,23 +97,6 @@ DRIFTS: Mapping[str, Drift] = MappingProxyType(
 )
 """By name. lab: all on one frame, indoors, the recording within days of the calibration. rough: knocks, sun, a mount of
 plastic."""
-
-
-def _written(value: Any) -> Any:
-    if isinstance(value, str):
-        if value not in DRIFTS:
-            raise ValueError(f"is {value!r}", f"one of {', '.join(DRIFTS)}, or a mapping of deviations, is needed")
-        return DRIFTS[value]
-    return {**asdict(DRIFTS[LAB]), **value} if isinstance(value, Mapping) else value
-
-
-class _OrName:
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        return {"anyOf": [handler(schema), {"enum": list(DRIFTS)}]}
-
-
-FileDrift = Annotated[Drift, BeforeValidator(_written), _OrName()]
-"""A drift as our files give it: a name, or a mapping, of which `lab` says what it leaves out."""
 
 
 def drift_of(name: str | None, *others: Drift | None, track_zero: bool = False) -> Drift:

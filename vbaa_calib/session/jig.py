@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.geometry import Pose
@@ -55,11 +54,12 @@ def jig_alternatives(
     turned("the board's axes: its x turned round", np.diag([-1.0, 1.0, -1.0]))
     turned("the board's axes: x and y exchanged", np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]))
     for degrees in (90, -90):
-        turned(f"the board's axes: turned by {degrees}°", Rotation.from_euler("z", degrees, degrees=True).as_matrix())
+        turn = Pose.from_rotvec(np.radians([0.0, 0.0, degrees]), np.zeros(3)).rotation
+        turned(f"the board's axes: turned by {degrees}°", turn)
     add("the direction: the antenna's pose in the board's frame", back.inverse())
     turned("the direction of the turn", rotation.T @ rotation.T)
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True)
-    add("the quaternion: w, x, y, z taken for x, y, z, w", Pose(Rotation.from_quat([y, z, w, x]).as_matrix(), t))
+    x, y, z, w = back.to_dict()["rotation_xyzw"]
+    add("the quaternion: w, x, y, z taken for x, y, z, w", Pose.from_quaternion(np.array([y, z, w, x]), t))
     for words, other_m in (
         ("left out: the jig was measured to the printed face", 0.0),
         ("to the other side", -thickness_m),

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
-from scipy.spatial.transform import Rotation
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.materials import MATERIALS, Material
@@ -20,7 +21,8 @@ from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
 from vbaa_calib.geometry import Kinematics, Pose
 
-from .drift import DRIFTS, LAB, Drift, FileDrift
+from .drift import DRIFTS, LAB, Drift
+from .moment_sensor import MomentSensor
 
 if TYPE_CHECKING:
     from .tables import Still
@@ -34,30 +36,9 @@ RULER_STD_M, WEIGHT_STD_RELATIVE = 5e-4, 5e-3
 _CLAMP_STD_PX = 20.0
 _LEAST_TIP_STD_M = 1e-6
 
-
-def _not_zero(gain: float) -> float:
-    if abs(gain) < 1e-9:
-        raise ValueError(f"{gain:g} is not between -1e+09 and 1e+09 and at least 1e-09 from 0")
-    return gain
-
-
 Deviation = Annotated[Number, Field(ge=0)]
 AnyLength = Annotated[Number, Field(ge=1e-3, le=10)]
 Diameter = Annotated[Number, Field(ge=1e-6, le=0.1)]
-_Gain = Annotated[
-    Number,
-    Field(ge=-1e9, le=1e9, json_schema_extra={"not": {"exclusiveMinimum": -1e-9, "exclusiveMaximum": 1e-9}}),
-    AfterValidator(_not_zero),
-]
-
-
-@dataclass(frozen=True)
-class MomentSensor:
-    """reading = gain · moment + offset + noise of standard deviation std."""
-
-    gain: _Gain
-    offset_Nm: Annotated[Number, Field(ge=-1e9, le=1e9)]
-    std_Nm: Annotated[Number, Field(ge=1e-12, le=1e6)]
 
 
 @dataclass(frozen=True)
@@ -190,7 +171,7 @@ class _PoseInFile:
 
 
 def _pose(read: _PoseInFile) -> Pose:
-    return Pose(Rotation.from_quat(read.rotation_xyzw).as_matrix(), read.translation_m)
+    return Pose.from_quaternion(read.rotation_xyzw, read.translation_m)
 
 
 FilePose = Annotated[Pose, ReadAs(_PoseInFile, _pose)]
@@ -260,6 +241,23 @@ class Shutter:
     readout_s: Annotated[
         Number, Field(ge=0, le=10, description="from the first row to the last of a rolling shutter; 0: a global one")
     ] = 0.0
+
+
+def _drift(value: Any) -> Any:
+    if isinstance(value, str):
+        if value not in DRIFTS:
+            raise ValueError(f"is {value!r}", f"one of {', '.join(DRIFTS)}, or a mapping of deviations, is needed")
+        return DRIFTS[value]
+    return {**asdict(DRIFTS[LAB]), **value} if isinstance(value, Mapping) else value
+
+
+class _OrName:
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return {"anyOf": [handler(schema), {"enum": list(DRIFTS)}]}
+
+
+FileDrift = Annotated[Drift, BeforeValidator(_drift), _OrName()]
+"""A drift as our files give it: a name, or a mapping, of which `lab` says what it leaves out."""
 
 
 def _direction(values: np.ndarray) -> np.ndarray:

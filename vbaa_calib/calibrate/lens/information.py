@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtrc
 
 from vbaa_calib.core.least_squares import padded, without_own
-from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
 
 from .board_shape import SHAPE, deformations
@@ -192,7 +192,7 @@ def _compare_split_half(
     square = float(difference @ form @ difference)
     # a sum of squares of unequal share, by the chi-squared law with its mean, which is 1, and its variance
     freedom = 1.0 / float(np.sum((form @ covariance) * (form @ covariance).T))
-    return float(np.sqrt(square)), chi_square_p(square * freedom, freedom)
+    return float(np.sqrt(square)), float(chdtrc(freedom, square * freedom))
 
 
 @dataclass(frozen=True, eq=False)

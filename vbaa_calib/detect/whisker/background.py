@@ -15,8 +15,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
-from vbaa_calib.core import smooth
 from vbaa_calib.core.polyline import resample
+from vbaa_calib.native import core
 
 from .centreline import Centreline
 
@@ -88,7 +88,7 @@ class Background:
             here, right, down = (_at(detail, at - shift + step) for step in ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5)))
             rows = np.stack([here, 2.0 * (here - right), 2.0 * (here - down)], axis=1)
             left = seen - gain * here
-            scale = 1.5 * smooth.median(np.abs(left)) + 1e-6
+            scale = 1.5 * core.search.median(np.abs(left)) + 1e-6
             weight = 1.0 / (1.0 + (left / (2.0 * scale)) ** 2) ** 2
             normal_matrix = (rows * weight[:, None]).T @ rows + 1e-6 * len(rows) * np.eye(3)
             gain, *moved = np.linalg.solve(normal_matrix, (rows * weight[:, None]).T @ seen)
@@ -101,7 +101,7 @@ class Background:
             if np.hypot(*step) < 0.01:
                 break
         here = gain * _at(detail, at - shift)
-        limit = 3.0 * smooth.median(np.abs(seen))  # the antenna and the object may lie anywhere
+        limit = 3.0 * core.search.median(np.abs(seen))  # the antenna and the object may lie anywhere
         clipped, found = np.clip(seen, -limit, limit), np.clip(here, -limit, limit)
         correlation = float(clipped @ found / max(np.sqrt((clipped @ clipped) * (found @ found)), 1e-6))
         return (float(gain), shift) if correlation > least else None

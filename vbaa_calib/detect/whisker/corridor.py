@@ -8,10 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.camera.compiled_lens import CompiledLens, Lens, compiled_lens, normalized_of_pixels
-from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.polyline import arc_lengths, beside, followed, normals, resample
-from vbaa_calib.core.smooth import median, solve
+from vbaa_calib.native import core
 
 from .centreline import Centreline, Visibility
 
@@ -21,14 +19,10 @@ STARTS = np.zeros((6, 5))
 STARTS[:, 3], STARTS[:, 4] = [0.0, 0.0, 0.7, -0.7, 0.7, -0.7], np.log([0.6, 0.3, 0.6, 0.6, 0.3, 0.3])
 """By how much a force bends the antenna towards the camera (rad), and where, in logarithms of its lengths, to begin
 with; the first two in the picture alone."""
-SHAPE_POINTS, LEAST_SHAPE_POINTS, SHAPE_STEPS, SHAPE_SEGMENTS = 40, 12, 14, 48
-"""Most and fewest runs of points whose means are compared with a shape; the steps of its fit, and its segments."""
-BEYOND = 1.5
-"""So far along the last segment, over its length, a point lies beyond the tip: a blurred end is a little longer."""
-CONVERGED = 0.95
-"""A step that leaves more than this part of the misfit is the last."""
-DEPTH_RAD, LEAST_DAMPING = 3.0, 1e-3
-"""Prior standard deviation of the bend towards the camera, which perspective alone shows; floor of the damping."""
+SHAPE_POINTS, LEAST_SHAPE_POINTS, SHAPE_SEGMENTS = 40, 12, 48
+"""Most and fewest runs of points whose means are compared with a shape; its segments."""
+DEPTH_RAD = 3.0
+"""Prior standard deviation of the bend towards the camera, which perspective alone shows."""
 SHAPE_RANK, WELL_SHAPED = 0.3, 0.05
 """So much less a line may be seen that has a shape of one unit of misfit less; a misfit that is not made better."""
 USUAL_MISFIT, UNSURE_MISFIT, MUCH_SEEN, SHAPE_DOUBT = 0.08, 0.25, 0.72, 4.0
@@ -40,7 +34,6 @@ distances at which one counts half as much, one round each."""
 FROM_CLAMP, BENDS_MORE = 0.35, (3.0, 0.15)
 """Part of the length over which a line's direction at the clamp is measured, by a parabola; and by how much a contact
 there may falsify it, over its turn: less for a line of either polarity."""
-_UNKNOWNS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +65,6 @@ class FreeShape:
         return FreeShape(camera, points[0], axes, segments @ axes.T)
 
     @cached_property
-    def lens(self) -> CompiledLens:
-        """For compiled functions."""
-        return compiled_lens(self.camera.intrinsics)
-
-    @cached_property
     def focal_px(self) -> float:
         """Mean of both."""
         return 0.5 * float(self.camera.matrix[0, 0] + self.camera.matrix[1, 1])
@@ -96,36 +84,33 @@ class FreeShape:
         seen, variance = self._shown(points_px, sigma_px, allowed[0])
         if len(seen) < LEAST_SHAPE_POINTS:
             return 0.0
-        known = np.array([allowed[1] / self.clamp_px_per_m, allowed[2], DEPTH_RAD])
-        return _misfit(self.clamp_m, self.axes, self.segments_m, seen, variance, known, enough, STARTS)[0]
+        known = (allowed[1] / self.clamp_px_per_m, allowed[2], DEPTH_RAD)
+        return float(core.search.nearest_shape(self, seen, variance, known, enough, STARTS)[0])
 
     def nearest(self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float]) -> np.ndarray:
         """`Corridor.nearest`, where so much is allowed of shape (px), clamp (px) and its turn (rad)."""
         seen, variance = self._shown(points_px, sigma_px, allowed[0])
         if len(seen) < LEAST_SHAPE_POINTS:
             return np.empty((0, 2))
-        known = np.array([0.5 * allowed[1] / self.clamp_px_per_m, 0.5 * allowed[2], ASIDE_RAD])
-        curve, moved = np.empty((SHAPE_SEGMENTS + 1, 2)), np.zeros((SHAPE_SEGMENTS + 1, _UNKNOWNS, 2))
+        known = (0.5 * allowed[1] / self.clamp_px_per_m, 0.5 * allowed[2], ASIDE_RAD)
         weight, starts, middle = np.ones(len(seen)), STARTS[:2], 0.5 * np.asarray(self.camera.image_size, float)
         for scale in STRAY_PX:
-            own = variance * weight
-            _, shape = _misfit(self.clamp_m, self.axes, self.segments_m, seen, own, known, 0.0, starts)
-            _bent(self.clamp_m, self.axes, self.segments_m, shape, curve, moved)
+            _, shape = core.search.nearest_shape(self, seen, variance * weight, known, 0.0, starts)
+            curve = core.search.bent(self, shape)
             along = self.focal_px * curve
             near = followed(along + middle, self.camera.image_size)
             if len(near) < 2:
                 return near
             along = along if len(near) == len(along) else near - middle
             aside = beside(resample(along, 1.0)[0], self.focal_px * seen)[1]
-            weight, starts = 1.0 + (aside / scale) ** 2, shape[None]
+            weight, starts = 1.0 + (aside / scale) ** 2, np.array([shape])
         pixels, shown = self.camera.project(np.column_stack([curve, np.ones(len(curve))]))
         return followed(pixels[: len(shown) if shown.all() else int(shown.argmin())], self.camera.image_size)
 
     def _shown(self, points_px: np.ndarray, sigma_px: np.ndarray, shape_px: float) -> tuple[np.ndarray, np.ndarray]:
         """Means of runs of points that the lens shows, (M, 2) ideal normalized, and variances (M,) with the shape's."""
-        means, variance, seen, valid = _seen(self.lens, points_px, sigma_px)
-        if self.lens.tilted:
-            seen, valid = self.camera.unproject_normalized(means)
+        means, variance = core.search.means_of_runs(points_px, sigma_px, SHAPE_POINTS)
+        seen, valid = self.camera.unproject_normalized(means)
         return seen[valid], (variance[valid] + shape_px**2) / self.focal_px**2
 
 
@@ -194,7 +179,7 @@ def _reject_beside_clamp(line: Centreline, where: Corridor, changing: bool) -> C
         return line
     across = (line.points_px[first] - start) @ normals(where.axis_px)[0]
     bend, slope, offset = np.polyfit(along[first], across, 2)
-    spread = 2.0 * median(line.sigma_px[first])
+    spread = 2.0 * core.search.median(line.sigma_px[first])
     turn = (abs(slope) - BENDS_MORE[changing] * abs(2.0 * bend)) / part_px - spread * FROM_CLAMP / (0.1 * part_px)
     if np.hypot(offset / (where.clamp_px + spread), max(turn, 0.0) / where.clamp_rad) > 1.0:
         aside = np.degrees(np.arctan(abs(slope) / part_px))
@@ -246,157 +231,3 @@ def better_shaped(line: Centreline, other: Centreline, where: Corridor) -> Centr
         return line if line.found else other
     rank = [one.likely - SHAPE_RANK * where.misfit(one.points_px, one.sigma_px, WELL_SHAPED) for one in (line, other)]
     return line if rank[0] >= rank[1] else other
-
-
-@kernel
-def _misfit(
-    clamp_m: np.ndarray,
-    axes: np.ndarray,
-    segments: np.ndarray,
-    seen: np.ndarray,
-    variance: np.ndarray,
-    known: np.ndarray,
-    enough: float,
-    starts: np.ndarray,
-) -> tuple[float, np.ndarray]:
-    """The least `Corridor.misfit` of all shapes, and its unknowns (5,); the first that is `enough` or less.
-
-    seen : (N, 2) ideal normalized points, variance : (N,) of each. known : (3,) by how much (m, rad) the antenna may
-    leave its clamp aside and turned; deviation of its bend towards the camera. starts : (S, 5) unknowns to begin with.
-    """
-    curve, moved = np.empty((SHAPE_SEGMENTS + 1, 2)), np.zeros((SHAPE_SEGMENTS + 1, _UNKNOWNS, 2))
-    normal, matrix = np.empty((_UNKNOWNS, _UNKNOWNS)), np.empty((_UNKNOWNS, _UNKNOWNS))
-    gradient, move, trial = np.empty(_UNKNOWNS), np.empty((_UNKNOWNS, 1)), np.empty(_UNKNOWNS)
-    prior, least = np.array([known[0] ** -2.0, known[1] ** -2.0, 0.0, known[2] ** -2.0, 0.0]), np.inf
-    nearest = np.zeros(_UNKNOWNS)
-    for start in starts:
-        # offset and turn at the clamp, bend in the picture and towards the camera, logarithm of the force's place
-        trial[:] = start
-        unknowns, best, damping = trial.copy(), np.inf, 1e-3
-        for _ in range(SHAPE_STEPS + 1):
-            _bent(clamp_m, axes, segments, trial, curve, moved)
-            off = _off(seen, variance, curve, moved, matrix, move[:, 0])
-            misfit = off + prior[0] * trial[0] ** 2 + prior[1] * trial[1] ** 2
-            if misfit < least:
-                least, nearest[:] = misfit, trial
-            if least <= enough:
-                return least, nearest
-            total = off + (prior * trial**2).sum()
-            if CONVERGED * best < total < best:
-                break
-            if total < best:
-                unknowns[:], normal[:], best, damping = trial, matrix, total, 0.2 * damping
-                gradient[:] = move[:, 0] - prior * unknowns
-            else:
-                damping *= 10.0
-            for a in range(_UNKNOWNS):
-                matrix[a], move[a, 0] = normal[a], gradient[a]
-                matrix[a, a] = (1.0 + damping) * (normal[a, a] + prior[a]) + LEAST_DAMPING
-            solve(matrix, move)
-            for a in range(_UNKNOWNS):
-                trial[a] = unknowns[a] + min(max(move[a, 0], -0.5), 0.5)
-    return least, nearest
-
-
-@kernel
-def _seen(
-    tables: CompiledLens, points_px: np.ndarray, sigma_px: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Means (M, 2) of runs of points (N, 2) and their variances (M,), px; ideal normalized, and their validity (M,)."""
-    count = min(SHAPE_POINTS, len(points_px))
-    means, variance, valid = np.zeros((count, 2)), np.zeros(count), np.empty(count, np.bool_)
-    for i in range(count):
-        first, last = i * len(points_px) // count, (i + 1) * len(points_px) // count
-        run = last - first
-        for n in range(first, last):
-            means[i, 0] += points_px[n, 0] / run
-            means[i, 1] += points_px[n, 1] / run
-            variance[i] += (sigma_px[n] / run) ** 2
-    seen = np.empty((count, 2))
-    normalized_of_pixels(Lens(*tables), means, seen, np.empty((count, 4)), valid)
-    return means, variance, seen, valid
-
-
-@kernel
-def _bent(
-    clamp_m: np.ndarray,
-    axes: np.ndarray,
-    segments: np.ndarray,
-    unknowns: np.ndarray,
-    curve: np.ndarray,
-    moved: np.ndarray,
-) -> None:
-    """The antenna as it is seen, (S + 1, 2) normalized, and how its points move with the unknowns, (S + 1, 5, 2).
-
-    Its directions turn by B (1 − q² − B² (q² − q⁶) / 30) up to the force, q the share of the way that is left to it:
-    the elastica under a force along its normal there, to the third order of the slope B that it has there.
-    """
-    aside, depth, place = unknowns[2], unknowns[3], np.exp(unknowns[4])
-    square = aside**2 + depth**2
-    bend = np.sqrt(square)
-    point, by = np.zeros(3), np.zeros((_UNKNOWNS, 3))
-    point[1], by[0, 1] = unknowns[0], 1.0
-    ideal = np.empty(3)
-    for k in range(SHAPE_SEGMENTS + 1):
-        for i in range(3):
-            ideal[i] = clamp_m[i] + point[0] * axes[0, i] + point[1] * axes[1, i] + point[2] * axes[2, i]
-        curve[k, 0], curve[k, 1] = ideal[0] / ideal[2], ideal[1] / ideal[2]
-        for a in range(_UNKNOWNS):
-            deeper = by[a, 0] * axes[0, 2] + by[a, 1] * axes[1, 2] + by[a, 2] * axes[2, 2]
-            for i in range(2):
-                across = by[a, 0] * axes[0, i] + by[a, 1] * axes[1, i] + by[a, 2] * axes[2, i]
-                moved[k, a, i] = (across - curve[k, i] * deeper) / ideal[2]
-        if k == SHAPE_SEGMENTS:
-            break
-        left = max(1.0 - (k + 0.5) / (SHAPE_SEGMENTS * place), 0.0)
-        bent, later = 1.0 - left**2 - square / 30.0 * (left**2 - left**6), -2.0 * left * (1.0 - left)
-        sine, versine = bent, 0.5 * bent**2
-        if bend > 1e-4:
-            sine, versine = np.sin(bent * bend) / bend, (1.0 - np.cos(bent * bend)) / square
-        x, y, z = segments[k]
-        # about the axis (0, −depth, aside)
-        over_x, over_y, over_z = -depth * z - aside * y, aside * x, depth * x
-        twice_x, twice_y, twice_z = -depth * over_z - aside * over_y, aside * over_x, depth * over_x
-        x, y, z = (
-            x + sine * over_x + versine * twice_x,
-            y + sine * over_y + versine * twice_y,
-            z + sine * over_z + versine * twice_z,
-        )
-        x, y = x - unknowns[1] * y, y + unknowns[1] * x
-        point[0], point[1], point[2] = point[0] + x, point[1] + y, point[2] + z
-        by[1, 0], by[1, 1] = by[1, 0] - y, by[1, 1] + x
-        by[2, 0], by[2, 1] = by[2, 0] - bent * y, by[2, 1] + bent * x
-        by[3, 0], by[3, 2] = by[3, 0] - bent * z, by[3, 2] + bent * x
-        by[4, 0] += later * (-aside * y - depth * z)
-        by[4, 1], by[4, 2] = by[4, 1] + later * aside * x, by[4, 2] + later * depth * x
-
-
-@kernel
-def _off(
-    seen: np.ndarray, variance: np.ndarray, curve: np.ndarray, moved: np.ndarray, matrix: np.ndarray, side: np.ndarray
-) -> float:
-    """Mean square of the distances of points (N, 2) from a curve over their variances (N,), of those beyond its end
-    from the end; writes the normal equations of what moves the curve (5, 5), of which the lower half, and (5,)."""
-    matrix[:], side[:] = 0.0, 0.0
-    total, k, row = 0.0, 0, np.empty(_UNKNOWNS)
-    for i in range(len(seen)):
-        while True:
-            u, v = curve[k + 1, 0] - curve[k, 0], curve[k + 1, 1] - curve[k, 1]
-            x, y = seen[i, 0] - curve[k, 0], seen[i, 1] - curve[k, 1]
-            square = u * u + v * v
-            part = (x * u + y * v) / square
-            if part <= 1.0 or k == SHAPE_SEGMENTS - 1:
-                break
-            k += 1
-        size, weight = np.sqrt(square), 1.0 / (variance[i] * len(seen))
-        for along in range(1 + (part > BEYOND)):
-            off = (part - BEYOND) * size if along else (y * u - x * v) / size
-            total += weight * off**2
-            for a in range(_UNKNOWNS):
-                over, aside = moved[k, a, 0], moved[k, a, 1]
-                over, aside = over + part * (moved[k + 1, a, 0] - over), aside + part * (moved[k + 1, a, 1] - aside)
-                row[a] = (over * u + aside * v) / size if along else (aside * u - over * v) / size
-                side[a] += weight * row[a] * off
-                for b in range(a + 1):
-                    matrix[a, b] += weight * row[a] * row[b]
-    return total

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, followed, normals, resample
+from vbaa_calib.native import core
 
 from .acceptance import OTHER_LINE_SEEN, best_of, reject_faint
 from .centreline import Centreline
@@ -27,19 +27,12 @@ CHANGING_PATHS, CHANGING_SHARE, CHANGING_OTHER = 4, 0.5, 0.85
 first line's visible length from which a second line makes the picture ambiguous."""
 CLEAREST = 3
 """So many of these are measured where it is known how bright the antenna is."""
-_APART = 0.4
-"""Fraction of their length over which two paths must differ to be two."""
 SAMPLES = 72
 """Samples along a template."""
 CONTACTS = (0.12, 0.3, 0.5, 0.7, 0.85, 1.0, 1.8)
 """Where the bending force acts, as fractions of the length; beyond one the bend is nearly an arc."""
 _LARGEST_TURN_RAD = 1.75
 """Most that the antenna's direction changes from clamp to tip."""
-STEPS = np.array([[0, 1], [1, 1], [1, 0], [1, -1]])
-"""(4, 2) steps (u, v) along the normals that ridges are looked for in."""
-_UNIT_STEPS = STEPS / np.linalg.norm(STEPS, axis=1, keepdims=True)
-_TEXTURE_QUANTILE = 0.8
-"""Quantile of the response that is taken as the background's texture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +71,7 @@ class AntennaFinder:
         reach = max(2, int(np.ceil((0.5 * corridor.width_px + 1.5) / factor)))
         size = np.maximum(np.array(image_size) // factor, 1)
         shape = (int(-(-size[1] // pool)), int(-(-size[0] // pool)))
-        index = _places(paths, factor, pool, shape)
+        index = core.search.places(paths, factor, pool, shape)
         weight = np.maximum((index < 4 * shape[0] * shape[1]).sum(axis=1), 0.3 * index.shape[1])
         return AntennaFinder(corridor, image_size, paths, spacing, factor, pool, reach, index, weight)
 
@@ -100,11 +93,11 @@ class AntennaFinder:
         """
         reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
         sign = 0 if bright is None else 1 if bright else -1
-        flat = _ridge_responses(_downsampled(image, self.factor), reach, self.pool, sign)
-        score = _scores(flat, self.index, self.weight)
+        flat = core.search.ridge_responses(_downsampled(image, self.factor), reach, self.pool, sign)
+        score = core.search.scores(flat, self.index, self.weight)
         count, share = (2, _OTHER_PATH_SHARE) if bright is not None else (CHANGING_PATHS, CHANGING_SHARE)
         apart_px = 2.0 * self.spacing_px + self.corridor.width_px
-        return [self.paths_px[one] for one in _clearest(score, self.paths_px, apart_px, count, share)]
+        return [self.paths_px[one] for one in core.search.clearest_paths(score, self.paths_px, apart_px, count, share)]
 
     def find(self, image: np.ndarray, bright: bool | None = True) -> Centreline:
         """The centreline in a picture, with its verdict; where there is none in focus, one out of focus.
@@ -225,29 +218,6 @@ def _within(paths: np.ndarray, corridor: Corridor) -> np.ndarray:
     return np.abs(offset @ across) <= corridor.reach_px[-1] + np.maximum(0.0, offset @ along)
 
 
-@kernel
-def _places(paths_px: np.ndarray, factor: int, pool: int, shape: tuple[int, int]) -> np.ndarray:
-    """(P, S) where the ridge response of each sample stands in `_ridge_responses` of `shape` (rows, columns): that for
-    the normal of `STEPS` nearest to the path's; beyond the picture, the last."""
-    (rows, columns), count, samples = shape, paths_px.shape[0], paths_px.shape[1]
-    index = np.empty((count, samples), np.int32)
-    for p in range(count):
-        for s in range(samples):
-            before, after = max(s - 1, 0), min(s + 1, samples - 1)
-            u = paths_px[p, after, 0] - paths_px[p, before, 0]
-            v = paths_px[p, after, 1] - paths_px[p, before, 1]
-            nearest, most = 0, -1.0
-            for step in range(len(_UNIT_STEPS)):
-                along = abs(u * _UNIT_STEPS[step, 1] - v * _UNIT_STEPS[step, 0])
-                if along > most:
-                    nearest, most = step, along
-            column = np.rint(((paths_px[p, s, 0] + 0.5) / factor - 0.5) / pool)
-            row = np.rint(((paths_px[p, s, 1] + 0.5) / factor - 0.5) / pool)
-            inside = 0.0 <= column < columns and 0.0 <= row < rows
-            index[p, s] = (nearest * rows + int(row)) * columns + int(column) if inside else 4 * rows * columns
-    return index
-
-
 def _downsampled(image: np.ndarray, factor: int) -> np.ndarray:
     """(h, w) uint8: blocks of `factor` pixels averaged; other depths than 8 bits are stretched to the full range."""
     height, width = image.shape
@@ -259,116 +229,3 @@ def _downsampled(image: np.ndarray, factor: int) -> np.ndarray:
     values = np.nan_to_num(np.asarray(small, np.float32), nan=0.0, posinf=0.0, neginf=0.0)
     low, high = float(values.min()), float(values.max())
     return cv2.convertScaleAbs(values - low, alpha=255.0 / max(high - low, 1e-6))
-
-
-@kernel
-def _ridge_responses(small: np.ndarray, reach: int, pool: int, sign: int) -> np.ndarray:
-    """(4 · h · w + 1,) uint8 ridge response for the four normals, pooled over `pool` pixels, flat; the last is zero.
-
-    small : (H, W) uint8. The line is brighter than both flanks `reach` pixels away, with a `sign` of −1 darker, or, for
-    0, either.
-    """
-    height, width = small.shape
-    # all rows in one, so that loops are long; around them, room for flanks and neighbours
-    room = max(reach, pool)
-    stride, rows, columns = width + 2 * room, -(-height // pool), -(-width // pool)
-    framed = np.empty((height + 2 * room, stride), np.uint8)
-    for r in range(len(framed)):
-        own, to = small[min(max(r - room, 0), height - 1)], framed[r]
-        to[:room], to[room : room + width], to[room + width :] = own[0], own, own[-1]
-    if sign < 0:
-        framed = ~framed
-    level, ridge = framed.ravel(), np.zeros(framed.size, np.uint8)
-    tall, high = np.empty(rows * stride, np.uint8), np.empty(rows * stride, np.uint8)
-    flat = np.zeros(len(STEPS) * rows * columns + 1, np.uint8)
-    diagonal, first, last = int(np.ceil(reach / np.sqrt(2.0))), room * (stride + 1), framed.size - room * (stride + 1)
-    for step in range(len(STEPS)):
-        far = diagonal if STEPS[step, 0] != 0 and STEPS[step, 1] != 0 else reach
-        off = far * (STEPS[step, 1] * stride + STEPS[step, 0])
-        own, one, other = level[first:last], level[first - off : last - off], level[first + off : last + off]
-        to = ridge[first:last]
-        for i in range(last - first):
-            flank = max(one[i], other[i])
-            to[i] = max(own[i], flank) - flank
-        if sign == 0:
-            for i in range(last - first):
-                flank = min(one[i], other[i])
-                to[i] = max(to[i], np.uint8(max(own[i], flank) - own[i]))
-        for r in range(room, room + height):
-            ridge[r * stride : r * stride + room] = 0
-            ridge[(r + 1) * stride - room : (r + 1) * stride] = 0
-        for row in range(rows):
-            at = (room + row * pool) * stride
-            _highest(ridge, at, stride, pool, tall[row * stride : (row + 1) * stride])
-        _highest(tall, pool, 1, pool, high[pool:-pool])
-        for row in range(rows):
-            at, to = row * stride + room, flat[(step * rows + row) * columns :]
-            for column in range(columns):
-                to[column] = high[at + column * pool]
-    return flat
-
-
-@kernel
-def _highest(values: np.ndarray, first: int, stride: int, pool: int, highest: np.ndarray) -> None:
-    """Of some of flat values, from the first on, each the highest of it and its neighbours `stride` apart, nearer than
-    `pool` of them: into (N,)."""
-    count = len(highest)
-    own = values[first : first + count]
-    for i in range(count):
-        highest[i] = own[i]
-    for k in range(1, pool):
-        before = values[first - k * stride : first - k * stride + count]
-        after = values[first + k * stride : first + k * stride + count]
-        for i in range(count):
-            highest[i] = max(highest[i], max(before[i], after[i]))
-
-
-@kernel
-def _scores(flat: np.ndarray, index: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(P,) of paths whose samples stand at `index` (P, S) in flat responses: their sum over `weight` (P,).
-
-    A response is zero up to the texture's level and saturates at a few times that, where a ridge is clear: a brighter
-    ridge must not make up for a detour.
-    """
-    few, counts, score = flat[:: 1 + len(flat) // 20_000], np.zeros(256, np.int64), np.empty(len(index))
-    for one in few:
-        counts[one] += 1
-    ordinary, below = 1.0, counts[0]
-    while below < _TEXTURE_QUANTILE * len(few):
-        below += counts[int(ordinary)]
-        ordinary += 1.0
-    saturating = np.empty(256, np.int32)
-    for level in range(256):
-        over = max(level - ordinary, 0.0)
-        saturating[level] = int(np.rint(250.0 * over / (over + 3.0 * ordinary)))
-    for p in range(len(index)):
-        total = 0
-        for s in range(index.shape[1]):
-            total += saturating[flat[index[p, s]]]
-        score[p] = total / weight[p]
-    return score
-
-
-@kernel
-def _clearest(score: np.ndarray, paths_px: np.ndarray, apart_px: float, count: int, share: float) -> list[int]:
-    """Up to so many of the paths (P, S, 2), best first, that differ from the ones before them; their scores (P,) at
-    least this share of the best. Two are alike where most of their points lie within `apart_px`."""
-    best = int(score.argmax())
-    found, left = [best], score >= share * score[best]
-    for _ in range(1, count):
-        other = -1
-        for p in range(len(score)):
-            if not left[p]:
-                continue
-            apart, several = 0, 0
-            for s in range(0, paths_px.shape[1], 8):
-                gap = max(abs(paths_px[p, s, 0] - paths_px[best, s, 0]), abs(paths_px[p, s, 1] - paths_px[best, s, 1]))
-                apart, several = apart + (gap > apart_px), several + 1
-            left[p] = apart >= _APART * several
-            if left[p] and (other < 0 or score[p] > score[other]):
-                other = p
-        if other < 0:
-            break
-        best = other
-        found.append(best)
-    return found

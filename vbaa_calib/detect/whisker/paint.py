@@ -10,10 +10,9 @@ from typing import cast
 import cv2
 import numpy as np
 
-from vbaa_calib.core import smooth
-from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.polyline import arc_lengths, normals, resample
 from vbaa_calib.core.robust import MAD_SCALE
+from vbaa_calib.native import core
 
 from .acceptance import LEAST_SEEN
 from .centreline import Centreline, Visibility
@@ -23,13 +22,12 @@ from .finder import AntennaFinder
 from .path_refinement import Known
 from .profile import measure_on
 
-PLACES, RUN, LEAST_POINTS = 8, 15, 20
-"""Places along the antenna at which its colour is learnt, points averaged for a colour, and the fewest points that tell
-how brightly it is lit."""
-FOREIGN, MOSTLY_FOREIGN, PARTLY_FOREIGN, LEAST_SPREAD = 4.0, 2.5, 1.0, (0.08, 3.0)
-"""Deviations from the usual colour beyond which a point is no antenna; beyond which, in the median, the whole line is
-none; and beyond which a point may show something else in part. The least deviation, relative to the brightness and in
-grey levels, since the light changes as the antenna bends."""
+PLACES = 8
+"""Places along the antenna at which its colour is learnt."""
+RUN, FOREIGN, MOSTLY_FOREIGN = core.search.RUN, core.search.FOREIGN, core.search.MOSTLY_FOREIGN
+PARTLY_FOREIGN, LEAST_SPREAD = 1.0, (0.08, 3.0)
+"""Deviations beyond which a point may show something else in part. The least deviation, relative to the brightness and
+in grey levels, since the light changes as the antenna bends."""
 SHOWN = ("ok", "ambiguous")
 """Verdicts of lines that are seen."""
 _MEASURED = ("ok", "too_little")
@@ -42,19 +40,13 @@ FAINT_CONTRAST, REACH_PX = 2.5, 10.0
 """
 LESS_SEEN = 0.05
 """What less of a line may be seen where it is measured by both of its edges."""
-SHADE, SHADED_UNSURE, TINT = (0.33, 1.15), 0.3, (0.9, 2.0)
-"""Limits of its brightness, over that in the light, where an antenna may lie in a shadow; part of its width to
-which it must be known where it lies there, or else it may be the edge of that; and a quantile of how far its hue is off
-in the light, and how many times that it may be off in a shadow."""
+SHADED_UNSURE = 0.3
+"""Part of its width to which it must be known where an antenna lies in a shadow, or else it may be the edge of that."""
 HIDDEN_PART, AWAY = 0.15, 0.25
 """Part of its width by which a line may lie off where it shows something else in part; and part of its length for which
 one of changing polarity lies on another thing and does not come back."""
-ROOT, LIGHT = 0.4, (0.6, 1.7)
-"""Share of the line, from the clamp, that tells how brightly it is lit; limits of that factor."""
-BEGINNING, LEAST_BEGINNING, KNOWN_LIGHT, LAMP = (0.015, 0.1), 5, (0.4, 2.5), 0.3
-"""Shares of its length between which a free and a bent antenna lie in one place, and tell how brightly it is lit before
-it is found, by so many pixels at least; limits of that factor, and the relative deviation that it has beforehand: a
-highlight there is no lamp."""
+KNOWN_LIGHT = (0.4, 2.5)
+"""Limits of how brightly an antenna is lit, over usual."""
 _GREY_BGR = (0.114, 0.587, 0.299)
 """Weights of the channels in a grey level."""
 
@@ -141,7 +133,7 @@ def contrast_plane(image: np.ndarray, path_px: np.ndarray, width_px: float) -> n
     points, _ = resample(path_px, 1.0)
     across, (colours, level) = normals(points), _levels(image)
     own, left, right = (
-        np.mean([_colours(colours, level, points + offset * across) for offset in offsets], axis=0)
+        np.mean([core.search.colours_at(colours, level, points + offset * across) for offset in offsets], axis=0)
         for offsets in (OWN * width_px, -0.5 * width_px - FLANK_PX, 0.5 * width_px + FLANK_PX)
     )
     # the smaller one of two contrasts is largest along the point nearest to none on the line between them
@@ -152,7 +144,7 @@ def contrast_plane(image: np.ndarray, path_px: np.ndarray, width_px: float) -> n
     # of as much noise as the mean of the channels
     weights = contrast / (np.sqrt(3.0) * np.linalg.norm(contrast, axis=1)[:, None])
     plane = Paint(None).plane(image).astype(np.float32)
-    _weigh(colours, plane, points, weights, int(np.ceil(width_px + REACH_PX)))
+    core.search.weigh_channels(colours, points, weights, int(np.ceil(width_px + REACH_PX)), plane)
     return plane
 
 
@@ -161,37 +153,9 @@ def _along_it(colours: np.ndarray) -> np.ndarray:
     return cv2.blur(cv2.blur(colours, (1, ALIKE)), (1, ALIKE))
 
 
-@kernel
-def _weigh(image: np.ndarray, plane: np.ndarray, points: np.ndarray, weights: np.ndarray, reach: int) -> None:
-    """Into a plane (H, W), near points (K, 2): a picture's (H, W, 3) channels by the weights (K, 3) of the nearest."""
-    nearest = np.full(plane.shape, np.float32((reach + 1) ** 2))
-    for k in range(len(points)):
-        column, row = int(np.rint(points[k, 0])), int(np.rint(points[k, 1]))
-        for v in range(max(row - reach, 0), min(row + reach + 1, len(plane))):
-            for u in range(max(column - reach, 0), min(column + reach + 1, plane.shape[1])):
-                square = (u - points[k, 0]) ** 2 + (v - points[k, 1]) ** 2
-                if square < nearest[v, u]:
-                    nearest[v, u], plane[v, u] = square, 0.0
-                    for c in range(3):
-                        plane[v, u] += weights[k, c] * image[v, u, c]
-
-
 def _levels(image: np.ndarray) -> tuple[np.ndarray, float]:
     """A picture (H, W[, 3]) as (H, W, 1 or more), and how many of its levels are one of 8 bits."""
     return image if image.ndim == 3 else image[..., None], 257.0 if image.dtype == np.uint16 else 1.0
-
-
-@kernel
-def _colours(image: np.ndarray, level: float, points: np.ndarray) -> np.ndarray:
-    """(N, 3) colours of a picture (H, W, 1 or more) at the pixels nearest to points (N, 2), grey levels of 8 bits, of
-    which one is so many of its own; grey is three times one."""
-    found, last = np.empty((len(points), 3)), image.shape[2] - 1
-    for n in range(len(points)):
-        column = min(max(int(np.rint(points[n, 0])), 0), image.shape[1] - 1)
-        row = min(max(int(np.rint(points[n, 1])), 0), image.shape[0] - 1)
-        for c in range(3):
-            found[n, c] = image[row, column, min(c, last)] / level
-    return found
 
 
 Looks = tuple[tuple[float, float, float, float], ...]
@@ -201,7 +165,7 @@ Looks = tuple[tuple[float, float, float, float], ...]
 def look_of(image: np.ndarray, line: Centreline) -> np.ndarray:
     """(PLACES, 3) mean colour of a found antenna along its guide, in a picture (H, W[, 3]); NaN where unseen."""
     place = np.minimum((_shares(line.guide_px, _seen(line)) * PLACES).astype(int), PLACES - 1)
-    colours = _colours(*_levels(image), line.points_px)
+    colours = core.search.colours_at(*_levels(image), line.points_px)
     means = np.full((PLACES, 3), np.nan)
     for own in np.unique(place):
         means[own] = colours[place == own].mean(axis=0)
@@ -229,7 +193,7 @@ def usual_levels(image: np.ndarray, where: Corridor, looks: Looks | None, paint:
     if not len(table) or (image.ndim == 2 and coloured) or where.clamp_px > where.width_px:
         return table[:0, :2]
     pixels, level = _levels(image)
-    light, unsure = _light(pixels, level, *resample(where.axis_px, 1.0), table)
+    light, unsure = core.search.light_at_clamp(pixels, level, *resample(where.axis_px, 1.0), table)
     if not KNOWN_LIGHT[0] < light < KNOWN_LIGHT[1]:
         return table[:0, :2]
     now = (level * light * table).astype(np.float32)
@@ -238,29 +202,6 @@ def usual_levels(image: np.ndarray, where: Corridor, looks: Looks | None, paint:
         return np.column_stack([now[:, :3].mean(axis=1), spread]).astype(np.float64)
     weight = 1.0 if paint.colour is not None else np.linalg.norm(paint.weights or _GREY_BGR)
     return np.column_stack([paint.plane(now[:, None, :3]).ravel(), weight * spread]).astype(np.float64)
-
-
-@kernel
-def _light(
-    image: np.ndarray, level: float, axis: np.ndarray, along: np.ndarray, looks: np.ndarray
-) -> tuple[float, float]:
-    """How brightly an antenna of looks (PLACES, 4) is lit, over usual, in a picture, see `_colours`, as its axis (K, 2)
-    shows near the clamp, (K,) px from there; and the deviation of that. NaN where little of that is in the picture."""
-    share, places = along / along[-1], (np.arange(PLACES) + 0.5) / PLACES
-    inside = (axis[:, 0] > 0.0) & (axis[:, 1] > 0.0) & (axis[:, 0] < image.shape[1]) & (axis[:, 1] < image.shape[0])
-    first = np.flatnonzero(inside & (share > BEGINNING[0]) & (share < BEGINNING[1]))
-    if len(first) < LEAST_BEGINNING:
-        return np.nan, np.nan
-    colours, usual = _colours(image, level, axis[first]), np.empty((4, len(first)))
-    for c in range(4):
-        usual[c] = np.interp(share[first], places, looks[:, c].copy())
-    lit, size = np.zeros(len(first)), np.full(len(first), 1e-9)
-    for c in range(3):
-        lit, size = lit + colours[:, c] * usual[c], size + usual[c] ** 2
-    unsure = np.median(usual[3] / np.sqrt(size))
-    trust = LAMP**2 / (LAMP**2 + unsure**2)
-    light = np.median(lit / size) ** trust
-    return light, light * unsure * np.sqrt(trust)
 
 
 def without_other_things(
@@ -280,7 +221,8 @@ def without_other_things(
     table, coloured = _table(looks)
     if image.ndim == 2 and coloured:
         return line  # a grey picture does not show the colour
-    shares, other, off, hue, tinted = _foreign(*_levels(image), line.points_px, line.guide_px, _seen(line), table)
+    shares = _shares(line.guide_px, _seen(line))
+    other, off, hue, tinted = core.search.foreign(*_levels(image), line.points_px, shares, table)
     if not other.any() and off.max(initial=0.0) <= PARTLY_FOREIGN:
         return line
     changing, sure = paint.bright is None, line.sigma_px <= SHADED_UNSURE * width_px
@@ -312,53 +254,6 @@ def _table(looks: Looks) -> tuple[np.ndarray, bool]:
     return table, bool(np.ptp(table[:, :3], axis=1).max() > LEAST_SPREAD[1])
 
 
-@kernel
-def _foreign(
-    image: np.ndarray, level: float, points: np.ndarray, guide: np.ndarray, seen: np.ndarray, looks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Shares (N,) of its length at which the points (N, 2) of a line lie, see `_shares`; which of them have not the
-    looks (PLACES, 4) in a picture, see `_colours`: (N,) bool; how far off these their colours are, (N,) deviations;
-    how far those that may lie in a shadow, (N,); and which of them have another hue than that of the line in the light,
-    (N,) bool."""
-    colours, shares = _colours(image, level, points), _shares(guide, seen)
-    count, places = len(shares), (np.arange(PLACES) + 0.5) / PLACES
-    usual = np.empty((4, count))
-    for c in range(4):
-        usual[c] = np.interp(shares, places, looks[:, c].copy())
-    root, near = np.empty(count), 0
-    for n in range(count):
-        if shares[n] < ROOT:
-            across, own = 0.0, 1e-9
-            for c in range(3):
-                across, own = across + colours[n, c] * usual[c, n], own + usual[c, n] ** 2
-            root[near], near = across / own, near + 1
-    light = 1.0 if near < LEAST_POINTS else min(max(np.median(root[:near]), LIGHT[0]), LIGHT[1])
-    off, hue, lit, means = np.zeros(count), np.zeros(count), np.zeros(count), np.empty((3, count))
-    for c in range(3):
-        off += smooth.running_mean(colours[:, c] - light * usual[c], RUN, smooth.END_VALUE) ** 2
-        means[c] = smooth.running_mean(colours[:, c].copy(), RUN, smooth.END_VALUE)
-        lit += means[c] * usual[c]
-    off = np.sqrt(off) / (light * usual[3])
-    squares = np.maximum((usual[:3] ** 2).sum(axis=0), 1e-9)
-    local = np.minimum(np.maximum(lit / squares, SHADE[0] * light), SHADE[1] * light)
-    for c in range(3):
-        hue += (means[c] - local * usual[c]) ** 2
-    # what noise there is counts more where it is darker
-    tint = np.sqrt(hue / (squares * local * light))
-    hue = np.sqrt(hue) / (local * usual[3])
-    alike = tint[off < MOSTLY_FOREIGN]
-    tinted = np.full(count, True)
-    if len(alike) > LEAST_POINTS:
-        tinted = tint > TINT[1] * smooth.quantile(alike, TINT[0])
-    other = np.full(count, np.median(off) > MOSTLY_FOREIGN)
-    for n in range(count):
-        if off[n] > FOREIGN:
-            # a run's mean blends what lies before and after its middle
-            other[max(n - RUN // 2, 0) : n + RUN // 2 + 1] = True
-    return shares, other, off, hue, tinted
-
-
-@kernel
 def _shares(guide: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """(N,) how far along their guide (K, 2) the points lie that were seen (K,) of it, from 0 at the clamp to 1."""
     along = arc_lengths(guide)

@@ -10,12 +10,11 @@ from enum import Enum
 import numpy as np
 
 from vbaa_calib.core.polyline import arc_lengths
-from vbaa_calib.core.smooth import MIRRORED, running_mean
+from vbaa_calib.native import core
 
 from .centreline import Centreline, Visibility
 from .corridor import Corridor
 from .crossings import Crossings, crossings
-from .line_shape import expected, fit
 
 RUN = 9
 """Neighbouring profiles that are averaged, so that a faint line shows."""
@@ -119,19 +118,19 @@ def _causes(found: Crossings, seen: np.ndarray, width: float, look: tuple[float,
     """(N,) index of each profile's `Cause`."""
     noise, bright = look
     half = found.profiles.shape[1] // 2
-    sharp, soft = expected(width, 0.8, half + 2), [expected(width, blur, half + 2) for blur in BROADER_PX]
+    sharp, *soft = (core.profile.expected(width, blur, half + 2) for blur in (0.8, *BROADER_PX))
     # the guide bridges what was not seen, and may lie a little off there
     reach = np.ceil(0.5 * width) + 2.0
     offsets = np.arange(-reach, reach + 1.0)
-    fits = [fit(sharp, found, np.where(seen, 0.0, offset)) for offset in offsets]
-    heights = np.stack([_averaged(each.height) for each in fits])
-    unit = np.stack([each.unit_height for each in fits])
+    fits = [core.profile.fit(sharp, found, np.where(seen, 0.0, offset)) for offset in offsets]
+    heights = np.stack([_averaged(height) for _, height, _, _ in fits])
+    unit = np.stack([unit for _, _, unit, _ in fits])
     best = np.abs(heights / unit).argmax(axis=0)
     at = np.arange(len(best))
-    height, rms = heights[best, at], np.stack([each.rms for each in fits])[best, at]
+    height, rms = heights[best, at], np.stack([rms for *_, rms in fits])[best, at]
     rms = np.sqrt(np.maximum(_averaged(rms**2), 1e-12))  # running sums leave rounding below zero
     noise = noise or float(np.quantile(rms, 0.2))
-    softer = [_averaged(fit(each, found, offsets[best]).rms ** 2) for each in soft]
+    softer = [_averaged(core.profile.fit(each, found, offsets[best])[-1] ** 2) for each in soft]
     blurred = np.sqrt(np.maximum(np.min(softer, axis=0), 0.0))
     ground = _averaged(found.profiles[:, [0, 1, -2, -1]].mean(axis=1))
     usual = float(np.median(np.abs(height[seen]))) if seen.any() else 0.0
@@ -155,7 +154,7 @@ def _causes(found: Crossings, seen: np.ndarray, width: float, look: tuple[float,
 
 
 def _averaged(values: np.ndarray) -> np.ndarray:
-    return running_mean(values, RUN, MIRRORED)
+    return core.search.running_mean(values, RUN, core.search.Beyond.mirrored)
 
 
 def _merged(causes: np.ndarray, along: np.ndarray, shortest_px: float) -> np.ndarray:

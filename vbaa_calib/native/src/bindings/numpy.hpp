@@ -62,14 +62,23 @@ T number(nb::handle object, const char* name) {
     return nb::cast<T>(object.attr(name));
 }
 
-// A new array for Python, which keeps what the core has made.
-template <class T, int N>
-Numpy<T, N> to_numpy(Array<T, N>&& made) {
+// A new array for Python, which keeps what the core has made; as another kind of number of the same size, if asked for.
+template <class As, class T, int N>
+Numpy<As, N> to_numpy_as(Array<T, N>&& made) {
+    static_assert(sizeof(As) == sizeof(T));
     auto* kept = new Array<T, N>(std::move(made));
     nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<Array<T, N>*>(p); });
     std::array<std::size_t, N> shape;
     for (int axis = 0; axis < N; ++axis) shape[axis] = kept->shape[axis];
-    return Numpy<T, N>(kept->values.data(), N, shape.data(), owner);
+    return Numpy<As, N>(reinterpret_cast<As*>(kept->values.data()), N, shape.data(), owner);
 }
+
+template <class T, int N>
+Numpy<T, N> to_numpy(Array<T, N>&& made) {
+    return to_numpy_as<T>(std::move(made));
+}
+
+// Marks (N,) as NumPy's bool.
+inline Numpy<bool, 1> to_flags(Array<unsigned char, 1>&& made) { return to_numpy_as<bool>(std::move(made)); }
 
 }  // namespace vbaa

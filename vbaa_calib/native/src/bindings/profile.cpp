@@ -1,9 +1,103 @@
-#include "numpy.hpp"
+#include "detect/profile.hpp"
+
+#include "bindings/picture.hpp"
+#include "detect/reflectance.hpp"
 
 namespace vbaa {
+namespace {
+
+using namespace nb::literals;
+using detect::CrossSection;
+using detect::Numbers;
+
+template <class Work>
+auto unlocked(const Work& work) {
+    const nb::gil_scoped_release release;
+    return work();
+}
+
+void require(bool holds, const char* rule) {
+    if (!holds) throw nb::value_error(rule);
+}
+
+void require_pixels(double width_px, double blur_px, int reach_px) {
+    require(width_px >= 0.0 && width_px < 1e4 && blur_px >= 0.0 && blur_px < 1e4 && reach_px > 0 && reach_px < 1e4,
+            "width, blur and reach are 0 to 10000 px");
+}
+
+// Fields of a Centreline but for the verdict, and of acceptance.Evidence.
+nb::object answer(detect::MeasuredLine&& found) {
+    auto& [line, seen, end] = found;
+    constexpr const char* kinds[] = {"tip", "hidden", "border", "unsure"};
+    const auto of_kept = [&](const auto& values) { return to_numpy(detect::selected(values, line.kept)); };
+    const nb::object dict = nb::module_::import_("builtins").attr("dict");
+    const nb::object centreline =
+        dict("points_px"_a = of_kept(seen.everywhere), "sigma_px"_a = of_kept(line.sigma_px),
+             "effective_px"_a = of_kept(line.effective_px), "seen"_a = seen.seen, "amplitude"_a = seen.height,
+             "breadth"_a = line.breadth, "guide_px"_a = to_numpy(std::move(seen.guide)),
+             "visibility"_a = to_numpy(std::move(seen.visibility)),
+             "end_px"_a = to_numpy(Array<double, 1>(ConstVector(end.place.data(), {2}))), "end_std_px"_a = end.std_px,
+             "end"_a = kinds[static_cast<int>(end.kind)], "noise"_a = line.noise, "familiar"_a = seen.familiar,
+             "sure"_a = line.sure);
+    const nb::object evidence =
+        dict("inside"_a = seen.inside, "root"_a = seen.root, "gap"_a = seen.gap, "spread_px"_a = seen.spread_px,
+             "wander_px"_a = seen.wander_px, "snaking_rad"_a = seen.snaking_rad, "step"_a = seen.step,
+             "transparency"_a = seen.transparency, "changing"_a = line.changing);
+    return nb::make_tuple(centreline, evidence);
+}
+
+nb::object measured(const InPicture& image, const InMatrix& path_px, double width_px, int half, int polarity,
+                    double quiet, const detect::Shapes& shapes, const InMatrix& levels, bool stands_out) {
+    require_pixels(width_px, 0.0, half);
+    require(image.ndim() == 2 && path_px.shape(1) == 2 && path_px.shape(0) > 1, "a path (K, 2) is in a picture (H, W)");
+    require(half > 1 && shapes.reach_px == half + 2,
+            "shapes reach two pixels farther than profiles of five pixels or more");
+    require(levels.shape(1) == 2 && levels.shape(0) != 1, "levels are an array (L, 2), at two places at least");
+    const auto taken = picture(image);
+    const detect::Measuring how = {width_px, half, polarity, quiet, shapes, view(levels), stands_out};
+    auto found = unlocked([&] { return detect::measured(taken, view(path_px), how); });
+    return found ? answer(std::move(*found)) : nb::none();
+}
+
+}  // namespace
 
 void bind_profile(nb::module_& module) {
-    module.def_submodule("profile", "The antenna in a picture: profiles, reflectance, ends, acceptance.");
+    nb::module_ room =
+        module.def_submodule("profile", "The antenna in a picture: profiles, reflectance, ends, acceptance.");
+    nb::class_<CrossSection>(room, "CrossSection");
+    nb::class_<detect::Shapes>(room, "Shapes");
+    room.def("expected", [](double width_px, double blur_px, int reach_px) {
+        require_pixels(width_px, blur_px, reach_px);
+        return unlocked([&] { return detect::expected(width_px, blur_px, reach_px); });
+    });
+    room.def("shapes", [](double width_px, double blur_px, int reach_px) {
+        require_pixels(width_px, blur_px, reach_px);
+        return unlocked([&] { return detect::shapes(width_px, blur_px, reach_px); });
+    });
+    room.def("fit", [](const CrossSection& section, const detect::Crossings& found, InVector centre) {
+        require(centre.shape(0) == static_cast<std::size_t>(found.along.size()), "every profile has a centre");
+        auto fits = unlocked([&] { return detect::fit(section, found, view(centre)); });
+        return nb::make_tuple(to_numpy(std::move(fits.shift)), to_numpy(std::move(fits.height)),
+                              to_numpy(std::move(fits.unit_height)), to_numpy(std::move(fits.rms)));
+    });
+    room.def("stiffened", [](InMatrix path_px) {
+        require(path_px.shape(1) == 2 && path_px.shape(0) > 0, "a path is an array (K, 2), not empty");
+        return to_numpy(unlocked([&] { return detect::stiffened(view(path_px)); }));
+    });
+    room.def("measured", measured);
+    room.def("normal_equations", [](const detect::Crossings& found, InVector base, double width_px, double blur_px,
+                                    InMatrix coefficients, int reach_px) {
+        const std::size_t count = found.along.size();
+        require_pixels(width_px, blur_px, reach_px);
+        require(
+            base.shape(0) == count && coefficients.shape(0) == count && coefficients.shape(1) == detect::POLYNOMIALS,
+            "every profile has a base and four coefficients");
+        return to_numpy(detect::normal_equations(found, view(base), {width_px, blur_px}, view(coefficients), reach_px));
+    });
+    room.def("blurred_polynomials", [](double width_px, double blur_px, int reach_px) {
+        require_pixels(width_px, blur_px, reach_px);
+        return to_numpy(detect::blurred_polynomials({width_px, blur_px}, reach_px));
+    });
 }
 
 }  // namespace vbaa

@@ -1,9 +1,247 @@
-#include "numpy.hpp"
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/vector.h>
+
+#include "bindings/picture.hpp"
+#include "detect/colours.hpp"
+#include "detect/crossings.hpp"
+#include "detect/free_shape.hpp"
+#include "detect/path_refinement.hpp"
+#include "detect/ridges.hpp"
+#include "polyline.hpp"
+#include "smooth.hpp"
 
 namespace vbaa {
+namespace {
+
+using detect::Crossings;
+using InBytes = Numpy<const std::uint8_t, 1>;
+
+template <class Work>
+auto unlocked(const Work& work) {
+    const nb::gil_scoped_release release;
+    return work();
+}
+
+void require(bool holds, const char* rule) {
+    if (!holds) throw nb::value_error(rule);
+}
+
+void require_pixels(double px) { require(px >= 0.0 && px < 1e4, "a width or reach is 0 to 10000 px"); }
+
+ConstMatrix rows_of(const InMatrix& array, std::size_t columns, std::size_t least, const char* rule) {
+    require(array.shape(1) == columns && array.shape(0) >= least, rule);
+    return view(array);
+}
+
+ConstMatrix points(const InMatrix& array) { return rows_of(array, 2, 0, "points are an array (K, 2)"); }
+
+ConstMatrix line(const InMatrix& array) { return rows_of(array, 2, 2, "a polyline has two points (u, v) at least"); }
+
+ConstMatrix looks_of(const InMatrix& array) { return rows_of(array, 4, 1, "looks are an array (PLACES, 4)"); }
+
+ConstVector of_size(const InVector& array, std::size_t count) {
+    require(array.shape(0) == count, "arrays of one number of points go together");
+    return view(array);
+}
+
+template <class... Made>
+nb::tuple arrays(Made&&... made) {
+    return nb::make_tuple(to_numpy(std::move(made))...);
+}
+
+nb::tuple answer(detect::RefinedPath&& found) {
+    require(found.path_px.size() > 0, "a path has two points at least, all of them numbers");
+    return nb::make_tuple(to_numpy(std::move(found.path_px)), found.share, found.strength,
+                          to_numpy(std::move(found.other_px)), found.clear);
+}
+
+detect::FreeShape free_shape(nb::handle shape) {
+    const detect::FreeShape found{attribute<const double, 1>(shape, "clamp_m"),
+                                  attribute<const double, 2>(shape, "axes"),
+                                  attribute<const double, 2>(shape, "segments_m")};
+    require(found.clamp_m.size() == 3 && found.axes.shape == std::array{3, 3} && found.segments_m.shape[1] == 3 &&
+                found.segments_m.shape[0] > 0,
+            "a free shape has a clamp (3,), axes (3, 3) and segments (S, 3)");
+    return found;
+}
+
+// A copy of one of the crossings' arrays.
+template <int N, class Field>
+void field(nb::class_<Crossings>& found, const char* name, Field Crossings::* which) {
+    const auto copied = [which](const Crossings& each) { return to_numpy(Array<double, N>(each.*which)); };
+    found.def_prop_ro(name, copied, nb::rv_policy::move);
+}
+
+void bind_smooth(nb::module_& room) {
+    nb::enum_<Beyond> beyond_ends(room, "Beyond");
+    beyond_ends.value("zeros", Beyond::zeros).value("end_value", Beyond::end_value).value("mirrored", Beyond::mirrored);
+    room.def("fit_smooth", [](InVector share, InVector values, InVector weights, const std::vector<double>& scales,
+                              int pieces, double stiffness) {
+        require(pieces > 0 && pieces < 10000, "a curve has 1 to 10000 pieces");
+        const std::size_t count = share.shape(0);
+        const auto level = of_size(values, count), weight = of_size(weights, count);
+        return to_numpy(std::move(fit_smooth(view(share), level, weight, scales, pieces, stiffness).values));
+    });
+    const auto solve = [](OutMatrix matrix, OutMatrix sides) {
+        const std::size_t count = matrix.shape(0);
+        require(matrix.shape(1) == count && sides.shape(0) == count, "a system is (M, M) for sides (M, S)");
+        solve_definite(view(matrix), view(sides));
+    };
+    room.def("solve_definite", solve, nb::arg().noconvert(), nb::arg().noconvert());
+    room.def("running_mean", [](InVector values, int size, Beyond beyond) {
+        require(size > 0, "a mean is of one value at least");
+        return to_numpy(running_mean(view(values), size, beyond));
+    });
+    room.def("triangle_sums", [](InMatrix values, int count) {
+        require(count > 0, "a triangle has one value at least");
+        return to_numpy(triangle_sums(view(values), count));
+    });
+    room.def("quantile", [](InVector values, double share) {
+        require(values.shape(0) > 0 && share >= 0.0 && share <= 1.0, "a quantile, 0 to 1, is of one value at least");
+        return quantile(view(values), share);
+    });
+    room.def("median", [](InVector values) {
+        require(values.shape(0) > 0, "a median is of one value at least");
+        return median(view(values));
+    });
+}
+
+void bind_polyline(nb::module_& room) {
+    room.def("arc_lengths", [](InMatrix polyline) { return to_numpy(arc_lengths(points(polyline))); });
+    room.def("normals", [](InMatrix polyline) { return to_numpy(normals(line(polyline))); });
+    room.def("resample", [](InMatrix polyline, double spacing) {
+        for (const double each : points(polyline)) require(std::isfinite(each), "a polyline's points must be numbers");
+        Resampled found = resample(view(polyline), spacing);
+        return arrays(found.points, found.along);
+    });
+    room.def("nearest_on", [](InMatrix polyline, InMatrix others) {
+        const auto along = line(polyline), some = points(others);
+        Nearest found = unlocked([&] { return nearest_on(along, some); });
+        return arrays(found.index, found.distance);
+    });
+}
+
+void bind_paths(nb::module_& room) {
+    nb::class_<Crossings> found(room, "Crossings");
+    field<2>(found, "points", &Crossings::points);
+    field<1>(found, "along", &Crossings::along);
+    field<1>(found, "stretch", &Crossings::stretch);
+    field<1>(found, "bow", &Crossings::bow);
+    field<2>(found, "across", &Crossings::across);
+    field<2>(found, "profiles", &Crossings::profiles);
+    const auto inside = [](const Crossings& each) { return to_flags(Array<unsigned char, 1>(each.inside)); };
+    found.def_prop_ro("inside", inside, nb::rv_policy::move);
+    room.def("crossings", [](InPicture image, InMatrix path_px, int half, double sign) {
+        require_pixels(half);
+        require(half > 0, "a profile has three pixels at least");
+        const auto path = points(path_px);
+        return unlocked([&, taken = picture(image)] { return detect::crossings(taken, path, half, sign); });
+    });
+    room.attr("CURVE_POINTS") = detect::CURVE_POINTS;
+    room.attr("CURVE_STEP_PX") = detect::CURVE_STEP_PX;
+    const auto made = [](detect::Curves* to, int reach, InMatrix curves, InVector bent, InMatrix finer) {
+        require_pixels(reach);
+        require(reach > 0, "curves reach one pixel at least");
+        const auto of_curves = [](const InMatrix& each) { return rows_of(each, detect::CURVE_POINTS, 1, "60 points"); };
+        new (to) detect::Curves(reach, of_curves(curves), of_size(bent, curves.shape(0)), of_curves(finer));
+    };
+    nb::class_<detect::Curves>(room, "Curves").def("__init__", made);
+    room.def("refine_path", [](InPicture image, InMatrix path_px, double width_px, double reach_px, double sign) {
+        require_pixels(width_px);
+        require_pixels(reach_px);
+        const auto path = points(path_px);
+        return answer(unlocked(
+            [&, taken = picture(image)] { return detect::refine_path(taken, path, width_px, reach_px, sign); }));
+    });
+    room.def("refine_changing_path",
+             [](InPicture image, InMatrix path_px, double width_px, const detect::Curves& tried, InMatrix levels) {
+                 require_pixels(width_px);
+                 require(levels.shape(0) != 1, "levels are at two places at least");
+                 const auto path = points(path_px), usual = points(levels);
+                 return answer(unlocked([&, taken = picture(image)] {
+                     return detect::refine_changing_path(taken, path, width_px, tried, usual);
+                 }));
+             });
+}
+
+void bind_ridges(nb::module_& room) {
+    room.def("places", [](InCube paths_px, int factor, int pool, std::pair<int, int> shape) {
+        require_pixels(shape.first);
+        require_pixels(shape.second);
+        require(paths_px.shape(2) == 2 && factor > 0 && pool > 0, "paths are (P, S, 2), factors positive");
+        return to_numpy(detect::places(view(paths_px), {factor, pool, shape.first, shape.second}));
+    });
+    room.def("ridge_responses", [](Numpy<const std::uint8_t, 2> small, int reach, int pool, int sign) {
+        require_pixels(std::max(reach, pool));
+        require(small.size() > 0 && reach > 0 && pool > 0, "a picture is not empty, reaches are positive");
+        return to_numpy(unlocked([&] { return detect::ridge_responses(view(small), reach, pool, sign); }));
+    });
+    room.def("scores", [](InBytes flat, Numpy<const std::int32_t, 2> index, InVector weight) {
+        require(flat.shape(0) > 0, "responses are not empty");
+        const auto each = of_size(weight, index.shape(0));
+        return to_numpy(unlocked([&] { return detect::scores(view(flat), view(index), each); }));
+    });
+    room.def("clearest_paths", [](InVector score, InCube paths_px, double apart_px, int count, double share) {
+        require(paths_px.shape(2) == 2 && paths_px.shape(0) > 0, "paths are (P, S, 2)");
+        return detect::clearest_paths(of_size(score, paths_px.shape(0)), view(paths_px), apart_px, count, share);
+    });
+}
+
+void bind_shapes(nb::module_& room) {
+    room.def("bent", [](nb::handle free, detect::Unknowns unknowns) {
+        return to_numpy(std::move(detect::bent(free_shape(free), unknowns).curve));
+    });
+    room.def("nearest_shape", [](nb::handle free, InMatrix seen, InVector variance, std::array<double, 3> allowed,
+                                 double enough, InMatrix starts) {
+        const auto shape = free_shape(free);
+        const auto some = points(seen), from = rows_of(starts, detect::SHAPE_UNKNOWNS, 0, "a shape has five unknowns");
+        const auto each = of_size(variance, seen.shape(0));
+        const auto found =
+            unlocked([&] { return detect::nearest_shape(shape, some, each, {allowed.data(), {3}}, enough, from); });
+        return nb::make_tuple(found.misfit, found.unknowns);
+    });
+    room.def("means_of_runs", [](InMatrix px, InVector sigma, int most) {
+        require(most > 0, "there is one run at least");
+        detect::Runs runs = detect::means_of_runs(points(px), of_size(sigma, px.shape(0)), most);
+        return arrays(runs.means, runs.variance);
+    });
+}
+
+void bind_colours(nb::module_& room) {
+    room.attr("RUN") = detect::RUN;
+    room.attr("FOREIGN") = detect::FOREIGN;
+    room.attr("MOSTLY_FOREIGN") = detect::MOSTLY_FOREIGN;
+    room.def("colours_at", [](InPicture image, double level, InMatrix at) {
+        return to_numpy(detect::colours_at(picture(image), level, points(at)));
+    });
+    const auto weigh = [](InPicture image, InMatrix at, InMatrix weights, int reach, Numpy<float, 2> plane) {
+        require_pixels(reach);
+        require(image.ndim() == 3 && image.shape(2) >= 3 && image.shape(0) == plane.shape(0) &&
+                    image.shape(1) == plane.shape(1) && weights.shape(0) == at.shape(0),
+                "a plane (H, W) is of a colour picture (H, W, 3), with weights (K, 3) of points (K, 2)");
+        const auto near = points(at), of_channels = rows_of(weights, 3, 0, "weights are an array (K, 3)");
+        unlocked([&, taken = picture(image)] { detect::weigh_channels(taken, near, of_channels, reach, view(plane)); });
+    };
+    room.def("weigh_channels", weigh, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().noconvert());
+    room.def("light_at_clamp", [](InPicture image, double level, InMatrix axis, InVector along, InMatrix looks) {
+        const auto each = of_size(along, axis.shape(0));
+        const auto found = detect::light_at_clamp(picture(image), level, points(axis), each, looks_of(looks));
+        return nb::make_tuple(found.light, found.sigma);
+    });
+    room.def("foreign", [](InPicture image, double level, InMatrix at, InVector shares, InMatrix looks) {
+        const auto each = of_size(shares, at.shape(0));
+        detect::Foreign found = detect::foreign(picture(image), level, points(at), each, looks_of(looks));
+        return nb::make_tuple(to_flags(std::move(found.other)), to_numpy(std::move(found.off)),
+                              to_numpy(std::move(found.hue)), to_flags(std::move(found.tinted)));
+    });
+}
+
+}  // namespace
 
 void bind_search(nb::module_& module) {
-    module.def_submodule("search", "The antenna in a picture: corridor, paths, lines.");
+    nb::module_ room = module.def_submodule("search", "The antenna in a picture: corridor, paths, lines.");
+    for (const auto bind : {bind_smooth, bind_polyline, bind_paths, bind_ridges, bind_shapes, bind_colours}) bind(room);
 }
 
 }  // namespace vbaa

@@ -5,6 +5,7 @@
 
 #include "arrays.hpp"
 #include "lanes.hpp"
+#include "shapes.hpp"
 
 namespace vbaa::lens {
 struct Lens;
@@ -12,11 +13,13 @@ struct Lens;
 
 namespace vbaa::solver {
 
-constexpr int UNKNOWNS =
-    4;  // distance in antenna lengths, force along y and z of the clamp in units, friction angle in σ
-constexpr int POSES = 6, ANTENNA = 9;  // parameters of the camera's pose and of the antenna
-constexpr int NODES_TO_CONTACT = 40, NODES_BEYOND = 17, NODES = NODES_TO_CONTACT + NODES_BEYOND;
-constexpr int CONTACT = NODES_TO_CONTACT - 1, LAST = NODES - 1;  // the contact's node and the tip's
+using antenna::CONTACT, antenna::NODES_BEYOND, antenna::NODES_TO_CONTACT;
+using antenna::PAPER, antenna::LINEAR, antenna::ELASTICA, antenna::ROD;  // shapes from ELASTICA on depend on friction
+
+// Distance in antenna lengths, force along y and z of the clamp's frame in the rig's unit, friction angle in σ.
+constexpr int UNKNOWNS = 4;
+constexpr int POSES = 6, ANTENNA = 9;                          // parameters of the camera's pose and of the antenna
+constexpr int NODES = antenna::CURVE_NODES, LAST = NODES - 1;  // of a curve, and the tip's
 constexpr int WIDE_NODES = whole_lanes(NODES);
 constexpr int GRID = 3 * LANES;  // distances that are tried before a fit begins
 constexpr int STARTS = 2;        // minima that are searched for each frame
@@ -26,9 +29,7 @@ constexpr double TIP = 1.0;                 // the tip's distance in antenna len
 constexpr double HUBER = 2.5;               // whitened residuals beyond this count linearly
 constexpr double TIP_DEFLECTION_STD = 0.3;  // prior of the tip's deflection, in antenna lengths
 
-// Models of the antenna, lowest first; the shapes of those from ELASTICA on depend on friction.
-enum Rung { PAPER, LINEAR, ELASTICA, ROD };
-constexpr int REFERENCE = ROD;
+constexpr int REFERENCE = ROD;  // what the other rungs are compared with
 
 using Unknowns = std::array<double, UNKNOWNS>;
 
@@ -160,7 +161,7 @@ inline void keep(const Fit& fit, State& kept) { kept = fit; }
 // Return to a state; what belongs to the curve stays as it is.
 inline void go_back(const State& kept, Fit& fit) { static_cast<State&>(fit) = kept; }
 
-// Arc length, m, of a place given in nodes: they are equally spaced on either side of the contact.
+// Arc length, m, of a place counted in nodes, which are equally spaced on either side of the contact.
 inline double arclength_of_node(const Fit& fit, double length_m, double node) {
     const double past = node > CONTACT ? node - CONTACT : 0.0;
     return (node - past) * (fit.contact_m / CONTACT) + past * ((length_m - fit.contact_m) / NODES_BEYOND);

@@ -1,0 +1,230 @@
+"""The chain in metres: pixels through the metric layer to plane C, and from there the contact that the pixels give."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from benchmarks.estimator.scenes import Scenes
+from estimator import ContactEstimator, Measured
+from estimator.contact.contacts import Contacts
+from estimator.contact.inputs import Batch, PlanePoints
+from estimator.solver.rig_arrays import RigArrays
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry import Pose
+from vbaa_calib.rig import Rig
+
+from ..rod_scenes import World, camera_pose
+from .contact_scenes import RIG, frame, rubbed
+
+SQUARE = np.array([[640.0, 0.0, 480.0], [0.0, 640.0, 360.0], [0.0, 0.0, 1.0]])
+FISHEYE = Camera("fisheye", (960, 720), SQUARE, np.array([-0.02, 0.01, -0.004, 0.001]))
+DISTORTED = Camera("opencv", (960, 720), SQUARE, np.array([-0.32, 0.13, 1e-3, -8e-4, -0.02]))
+POSES = {
+    "upright": (0.0, 0.0, None),
+    "inclined by 60°": (60.0, 1.0, None),
+    "and from the clamp's side": (60.0, -2.0, None),
+    "fisheye": (30.0, 0.5, FISHEYE),
+    "strongly distorted": (20.0, 2.0, DISTORTED),
+}
+
+
+def seen(pose: str, seed: int = 3) -> tuple[Rig, Scenes]:
+    """A rig with that camera, and six noisy frames of it, free, touched and rubbed, of any roll."""
+    incline_deg, azimuth_rad, camera = POSES[pose]
+    rig = World(camera_pose(np.radians(incline_deg), azimuth_rad)).rig()
+    rig = rig if camera is None else replace(rig, camera=camera)
+    rng = np.random.default_rng(seed)
+    slopes = np.r_[0.0, rng.uniform(2.0, 30.0, 5)]
+    rolls, friction = rng.uniform(-np.pi, np.pi, 6), np.r_[0.0, rng.uniform(-0.3, 0.3, 5)]
+    return rig, rubbed(rig, rng.uniform(0.3, 0.95, 6), slopes, friction, rolls).noisy(rng)
+
+
+def the_same(found: Contacts, pixels: Contacts) -> None:
+    """Statuses and reasons equal; numbers within 1e-6 standard deviations, and these within 1e-6."""
+    assert list(found.status) == list(pixels.status)
+    std = pixels.numbers.std
+    assert np.nanmax(np.abs(found.numbers.unknowns - pixels.numbers.unknowns) / std) < 1e-6
+    np.testing.assert_allclose(found.numbers.std, std, rtol=1e-6)
+    np.testing.assert_allclose(found.covariance_world_m2, pixels.covariance_world_m2, rtol=1e-6, atol=1e-6 * 1e-8)
+    assert (found.outside_points == pixels.outside_points).all()
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize(("model", "friction"), [("auto", 0.2), ("auto", 0.0), ("linear", 0.2)])
+def test_points_on_the_plane_give_the_contact_of_their_pixels(pose: str, model: str, friction: float) -> None:
+    rig, scenes = seen(pose)
+    estimator, layer = ContactEstimator(rig, model, friction=friction), rig.camera_on_plane()
+    joints: dict[str, Any] = {"moments": scenes.moment_Nm, "pans": scenes.pan_rad, "tilts": scenes.tilt_rad}
+    stated = estimator.estimate_batch(scenes.points_px, **joints, sigma_px=scenes.sigma_px)
+    xy, valid = layer(scenes.points_px)
+    assert type(xy) is np.ndarray
+    assert valid.all()
+    the_same(estimator.estimate_batch(plane_xy_m=xy, **joints, sigma_px=scenes.sigma_px), stated)
+    spread = layer.covariance(scenes.points_px, scenes.sigma_px)
+    the_same(estimator.estimate_batch(plane_xy_m=xy, covariance_m2=spread, **joints), stated)
+    # tensors, still in the graph, and frames of their own lengths
+    pixels = torch.tensor(scenes.points_px, requires_grad=True)
+    tensors = layer(pixels)[0]
+    the_same(estimator.estimate_batch(plane_xy_m=tensors, covariance_m2=torch.tensor(spread), **joints), stated)
+    ragged: dict[str, Any] = {"plane_xy_m": list(tensors), "covariance_m2": list(spread)}
+    the_same(estimator.estimate_batch(**ragged, **joints), stated)
+    # without covariance the pixels' own
+    plain = estimator.estimate_batch(scenes.points_px, **joints)
+    the_same(estimator.estimate_batch(plane_xy_m=xy, **joints), plain)
+
+
+@pytest.mark.parametrize("pose", ["inclined by 60°", "fisheye"])
+def test_one_frame_and_a_stream(pose: str) -> None:
+    """Also shuffled, with points that are missing, and with those outside the picture."""
+    rig, scenes = seen(pose)
+    layer = rig.camera_on_plane()
+    rng = np.random.default_rng(0)
+    lines, plane = [], []
+    for points in scenes.points_px:
+        line = np.concatenate([points, [[-200.0, 300.0], [300.0, 850.0]]])[rng.permutation(len(points) + 2)]
+        line[::17] = np.nan
+        lines.append(line)
+        plane.append((layer(line)[0], layer.covariance(line, 0.1)))
+    readings = list(zip(scenes.moment_Nm, scenes.pan_rad, scenes.tilt_rad, strict=True))
+    estimator = ContactEstimator(rig)
+
+    def recorded(metric: bool) -> Any:
+        for line, (xy, spread), (moment, pan, tilt) in zip(lines, plane, readings, strict=True):
+            own = {"moment_Nm": moment, "pan_rad": pan, "tilt_rad": tilt}
+            yield (
+                Measured.on_plane(rig, xy, spread, **own) if metric else Measured(line, np.full(len(line), 0.1), **own)
+            )
+
+    streamed = zip(estimator.run(recorded(True)), estimator.run(recorded(False)), strict=True)
+    alone = (
+        (
+            estimator.estimate(plane_xy_m=xy, covariance_m2=spread, moment=moment, pan=pan, tilt=tilt),
+            estimator.estimate(line, sigma_px=0.1, moment=moment, pan=pan, tilt=tilt),
+        )
+        for line, (xy, spread), (moment, pan, tilt) in zip(lines, plane, readings, strict=True)
+    )
+    for found, stated in (*streamed, *alone):
+        assert (found.status, found.outside_points) == (stated.status, stated.outside_points)
+        assert stated.outside_points > 0
+        if np.isfinite(stated.distance_m):
+            assert abs(found.distance_m - stated.distance_m) < 1e-6 * stated.distance_std_m
+            assert (np.abs(found.force_N - stated.force_N)[1:] < 1e-6 * stated.force_std_N[1:]).all()
+            assert found.distance_std_m == pytest.approx(stated.distance_std_m, rel=1e-6)
+
+
+def test_a_covariance_of_any_shape_reaches_the_fit() -> None:
+    """In normalized coordinates it is the plane's through the pinhole, whatever the lens; by finite differences."""
+    rig, scenes = seen("fisheye")
+    rng = np.random.default_rng(1)
+    xy = rig.camera_on_plane()(scenes.points_px)[0]
+    half = 1e-4 * rng.normal(size=(*xy.shape, 2))
+    spread = half @ np.swapaxes(half, -1, -2) + 1e-9 * np.eye(2)
+    readings, joints = {"moments": None, "moments_z": None}, {"pans": np.zeros(6), "tilts": np.zeros(6)}
+    batch = Batch.checked(
+        rig, None, readings, joints, None, PlanePoints(plane_xy_m=xy[:, ::-1], covariance_m2=spread[:, ::-1])
+    )
+    frames = batch.frames(RigArrays.from_rig(rig, 0.2))
+
+    def pinhole(xy: np.ndarray) -> np.ndarray:
+        points = rig.T_antenna_camera.inverse() @ np.concatenate([xy, np.zeros((*xy.shape[:-1], 1))], axis=-1)
+        return points[..., :2] / points[..., 2:]
+
+    slopes = np.stack([(pinhole(xy + step) - pinhole(xy - step)) / 2e-6 for step in 1e-6 * np.eye(2)], axis=-1)
+    expected = slopes @ spread @ np.swapaxes(slopes, -1, -2)
+    xx, xy_, yy = np.moveaxis(frames.covariance, -1, 0)
+    ours = np.stack([np.stack([xx, xy_], -1), np.stack([xy_, yy], -1)], -1)
+    order = [
+        np.argmin(np.linalg.norm(pinhole(own)[:, None] - kept, axis=-1), axis=0)
+        for own, kept in zip(xy, frames.points, strict=True)
+    ]
+    expected = np.stack([own[rows] for own, rows in zip(expected, order, strict=True)])
+    size = np.sqrt(np.linalg.det(expected))[..., None, None]
+    widened = np.sqrt(np.linalg.det(ours))[..., None, None]
+    np.testing.assert_allclose(ours / widened, expected / size, rtol=0, atol=1e-5)
+    # but for those that a frame's median holds up
+    assert (widened / size > 1.0 - 1e-5).all()
+    assert (np.isclose(widened, size, rtol=1e-5)).mean() > 0.8
+
+
+def test_what_the_layer_cannot_have_given_is_outside() -> None:
+    """Behind the camera and beyond its horizon; the reason is the one for points outside the picture."""
+    level = replace(
+        RIG, T_antenna_camera=Pose.from_rotvec(np.array([np.pi / 2 + 0.2, 0, 0]), np.array([0.1, -0.3, 0.06]))
+    )
+    behind = np.column_stack([np.linspace(0.0, 0.2, 50), np.full(50, 0.6)])
+    contact = ContactEstimator(level).estimate(
+        plane_xy_m=behind, covariance_m2=1e-8 * np.eye(2), moment=None, pan=0, tilt=0
+    )
+    assert (contact.status, contact.outside_points) == ("no_antenna", 50)
+    flat = replace(RIG, T_antenna_camera=Pose(RIG.T_antenna_camera.rotation, np.array([0.1, 0.2, 0.0])))
+    with pytest.raises(InputError, match="the camera lies in plane C"):
+        ContactEstimator(flat).estimate(plane_xy_m=behind, moment=None, pan=0.0, tilt=0.0)
+
+
+XY = np.column_stack([np.linspace(0.0, 0.2, 40), np.zeros(40)])
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"plane_xy_m": None}, "pixels and plane_xy_m: neither"),
+        ({"centreline_px": frame().points_px}, "pixels and plane_xy_m: both"),
+        ({"plane_xy_m": XY.T}, "plane_xy_m has shape"),
+        ({"plane_xy_m": XY[0]}, "plane_xy_m has shape"),
+        ({"plane_xy_m": np.zeros((40, 3))}, "plane_xy_m has shape"),
+        ({"plane_xy_m": {"left": XY}}, "of one camera"),
+        ({"plane_xy_m": "xy"}, "not a number"),
+        ({"plane_xy_m": XY.astype(complex)}, "not a number"),
+        ({"plane_xy_m": torch.tensor(XY).bool()}, "not a number"),
+        ({"plane_xy_m": 1e8 * (1.0 + XY)}, "plane_xy_m"),
+        ({"covariance_m2": np.ones(40)}, "covariance_m2 has shape"),
+        ({"covariance_m2": np.ones((40, 2))}, "covariance_m2 has shape"),
+        ({"covariance_m2": np.tile(np.eye(2), (39, 1, 1))}, "covariance_m2 has shape"),
+        ({"covariance_m2": np.zeros((2, 2))}, "no covariance"),
+        ({"covariance_m2": [[1e-8, 1e-9], [-1e-9, 1e-8]]}, "no covariance"),
+        ({"covariance_m2": [[1e-8, 1e-8], [1e-8, 1e-8]]}, "no covariance"),
+        ({"covariance_m2": np.full((2, 2), np.nan)}, "no covariance"),
+        ({"covariance_m2": np.diag([np.inf, 1.0])}, "no covariance"),
+        ({"covariance_m2": "small"}, "not a number"),
+        ({"covariance_m2": np.eye(2), "sigma_px": 0.1}, "covariance_m2 is not of pixels"),
+        ({"plane_xy_m": None, "centreline_px": frame().points_px, "covariance_m2": np.eye(2)}, "not of pixels"),
+        ({"sigma_px": -1.0}, "sigma_px"),
+    ],
+)
+def test_what_is_no_centreline_on_the_plane_is_refused(changes: dict, what: str) -> None:
+    call = {"plane_xy_m": XY, "moment": None, "pan": 0.0, "tilt": 0.0} | changes
+    with pytest.raises(InputError, match=what):
+        ContactEstimator(RIG).estimate(**call)
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"plane_xy_m": None}, "neither"),
+        ({"plane_xy_m": XY}, "a centreline has shape"),
+        ({"plane_xy_m": {"left": XY}}, "of one camera"),
+        ({"plane_xy_m": 3.0}, "plane_xy_m is 3.0"),
+        ({"plane_xy_m": [XY, XY[:30]], "covariance_m2": [np.tile(np.eye(2), (40, 1, 1))] * 2}, "other lengths"),
+        ({"covariance_m2": np.ones((2, 2, 2))}, "covariance_m2 has shape"),
+        ({"moments": [0.0]}, "moments has shape .1,., the centrelines number 2"),
+        ({"pans": None}, "pans"),
+    ],
+)
+def test_what_is_no_batch_on_the_plane_is_refused(changes: dict, what: str) -> None:
+    call = {"plane_xy_m": [XY, XY], "moments": None, "pans": [0.0] * 2, "tilts": [0.0] * 2} | changes
+    with pytest.raises(InputError, match=what):
+        ContactEstimator(RIG).estimate_batch(**call)
+
+
+def test_no_measured_of_other_shapes() -> None:
+    own = {"moment_Nm": 0.0, "pan_rad": 0.0, "tilt_rad": 0.0}
+    with pytest.raises(InputError, match="both"):
+        Measured.on_plane(RIG, XY, np.eye(2), sigma_px=0.1, **own)
+    with pytest.raises(InputError, match="covariance_shape has shape"):
+        Measured(np.zeros((3, 2)), np.ones(3), covariance_shape=np.eye(2), **own)

@@ -1,0 +1,207 @@
+// Evidence for and against a fitted line.
+#include "detect/acceptance.hpp"
+
+namespace vbaa::detect {
+
+namespace {
+
+constexpr double ROOT = 0.33;            // the beginning of the path, as a part of it: the antenna starts at the clamp
+constexpr int WANDER_ORDER = 6;          // order of the curve that the points are compared with
+constexpr int HEADINGS = 40;             // places along that curve at which its direction is compared
+constexpr int NEARBY = 41;               // so many profiles have the light in common
+constexpr double VARIES = 0.25;          // least variation of the line over its height, for its transparency to show
+constexpr double BEHIND_VARIES = 0.15;   // and of its background
+constexpr double USUAL = 2.0;            // deviations within which a point is as bright as the antenna usually is
+constexpr double FAMILIAR = 0.7;         // from this share of usual points on a line is the antenna on any background,
+constexpr double MORE_FAMILIAR = 0.2;    // if it is so much more than on its flanks
+constexpr double ALIKE_PROFILES = 15.0;  // so many neighbouring profiles lie in front of the same thing
+constexpr double MAD_SCALE = 1.4826;     // standard deviation over median absolute deviation
+
+// Grey levels at either end of a profile (T,): what lies behind the line.
+std::array<double, 2> flanks(ConstVector profile) {
+    const double* const end = profile.end();
+    return {(profile[0] + profile[1] + profile[2]) / 3.0, (end[-1] + end[-2] + end[-3]) / 3.0};
+}
+
+// Grey level of profile n where the line is.
+double own_level(const Crossings& found, const FittedLine& line, int n) {
+    const ConstVector across = found.across.row(n);
+    int nearest = 0;
+    for (int t = 1; t < across.shape[0]; ++t)
+        if (std::abs(across[t] - line.centre[n]) < std::abs(across[nearest] - line.centre[n])) nearest = t;
+    return found.profiles(n, nearest);
+}
+
+// Shares of a line's points, and of their flanks, that are as bright as the antenna's levels (L, 2).
+struct Familiar {
+    double own = 1.0, flanks = 1.0;
+};
+
+Familiar familiar(const Crossings& found, const FittedLine& line, ConstMatrix levels) {
+    int own = 0, next_to_it = 0;
+    const std::vector<int> chosen = places(line.kept);
+    for (int n : chosen) {
+        const Level level = usual_level(levels, found.along[n] / found.along[found.along.size() - 1]);
+        const auto usual = [&](double grey) { return std::abs(grey - level.usual) < USUAL * level.spread; };
+        own += usual(own_level(found, line, n));
+        for (double flank : flanks(found.profiles.row(n))) next_to_it += usual(flank);
+    }
+    const double whole = static_cast<double>(chosen.size());
+    return {own / whole, 0.5 * next_to_it / whole};
+}
+
+// How the background differs from one side of the line to the other, all along it, over the line's own height.
+double background_step(const Crossings& found, const Flags& kept) {
+    const std::vector<int> chosen = places(kept);
+    const int count = static_cast<int>(chosen.size()), middle = found.profiles.shape[1] / 2;
+    Numbers steps(count), sizes(count), height(count);
+    for (int k = 0; k < count; ++k) {
+        const ConstVector profile = found.profiles.row(chosen[k]);
+        const auto [one, other] = flanks(profile);
+        steps[k] = (other - one) * found.side[chosen[k]];
+        sizes[k] = std::abs(steps[k]);
+        const double top = (profile[middle - 1] + profile[middle] + profile[middle + 1]) / 3.0;
+        height[k] = std::abs(top - 0.5 * (one + other));
+    }
+    // on a patchwork the steps are of either sign: an edge's are alike
+    const double spread = MAD_SCALE * central(sizes);
+    const double common = std::abs(median(steps)) - 3.0 * spread / std::sqrt(count / ALIKE_PROFILES);
+    return std::max(common, 0.0) / std::max(median(height), 1e-9);
+}
+
+// How far the line's own brightness follows that of its background from place to place, 0 for an opaque antenna, and
+// where either hardly varies.
+double transparency(const Crossings& found, const FittedLine& line) {
+    const std::vector<int> chosen = places(line.kept);
+    const int count = static_cast<int>(chosen.size());
+    Numbers own(count), behind(count), height(count);
+    for (int k = 0; k < count; ++k) {
+        const auto [one, other] = flanks(found.profiles.row(chosen[k]));
+        behind[k] = 0.5 * (one + other);
+        own[k] = own_level(found, line, chosen[k]);
+        height[k] = std::abs(line.height[chosen[k]]);
+    }
+    const Numbers own_light = running_mean(own, NEARBY, Beyond::end_value);
+    const Numbers light = running_mean(behind, NEARBY, Beyond::end_value);
+    for (int k = 0; k < count; ++k) own[k] -= own_light[k], behind[k] -= light[k];
+    const double usual = median(height), varies = dot(behind, behind) / count;
+    if (std::sqrt(dot(own, own) / count) > VARIES * usual && std::sqrt(varies) > BEHIND_VARIES * usual)
+        return dot(own, behind) / count / varies;
+    return 0.0;
+}
+
+using Orders = std::array<double, WANDER_ORDER + 1>;
+
+// Chebyshev polynomials at a place in [−1, 1].
+Orders chebyshev(double place) {
+    Orders values = {1.0, place};
+    for (int i = 2; i <= WANDER_ORDER; ++i) values[i] = 2.0 * place * values[i - 1] - values[i - 2];
+    return values;
+}
+
+// By how much a curve with coefficients (orders, 2) turns to and fro beyond the turn from end to end, rad.
+double snaking(const Table& curve) {
+    double turned = 0.0, turned_at_all = 0.0, before = 0.0;
+    for (int k = 0; k < HEADINGS; ++k) {
+        const Orders from = chebyshev(2.0 * k / HEADINGS - 1.0), to = chebyshev(2.0 * (k + 1) / HEADINGS - 1.0);
+        double u = 0.0, v = 0.0;
+        for (int i = 0; i <= WANDER_ORDER; ++i) {
+            u += (to[i] - from[i]) * curve(i, 0);
+            v += (to[i] - from[i]) * curve(i, 1);
+        }
+        const double heading = std::atan2(v, u), turn = k ? std::remainder(heading - before, 2.0 * M_PI) : 0.0;
+        turned += turn;
+        turned_at_all += std::abs(turn);
+        before = heading;
+    }
+    return turned_at_all - std::abs(turned);
+}
+
+// Compares the kept points (N, 2) with a curve of low order.
+void measure_wander(const Numbers& along, const Table& points, const Flags& kept, Evidence& found) {
+    const std::vector<int> chosen = places(kept);
+    const int orders = WANDER_ORDER + 1, count = static_cast<int>(chosen.size());
+    const double first = along[chosen.front()], last = along[chosen.back()];
+    const double middle = 0.5 * (first + last), half = std::max(0.5 * (last - first), 1e-6);
+    Table matrix(orders, orders), curve(orders, 2);
+    for (int i = 0; i < orders; ++i) matrix(i, i) = 1e-9 * count;
+    for (int n : chosen) {
+        const Orders powers = chebyshev((along[n] - middle) / half);
+        for (int i = 0; i < orders; ++i) {
+            for (int j = 0; j <= i; ++j) matrix(i, j) += powers[i] * powers[j];
+            for (int axis = 0; axis < 2; ++axis) curve(i, axis) += powers[i] * points(n, axis);
+        }
+    }
+    solve_definite(matrix, curve);
+    double squares = 0.0;
+    for (int n : chosen) {
+        const Orders powers = chebyshev((along[n] - middle) / half);
+        for (int axis = 0; axis < 2; ++axis) {
+            double off = points(n, axis);
+            for (int i = 0; i < orders; ++i) off -= powers[i] * curve(i, axis);
+            squares += off * off;
+        }
+    }
+    found.wander_px = std::sqrt(squares / count);
+    found.snaking_rad = snaking(curve);
+}
+
+// Places behind the last one that is seen lie beyond it.
+Flags visibility_of(const Flags& kept, const Flags& inside) {
+    Flags found = each(kept.size(), [&](int n) -> unsigned char {
+        return kept[n] ? SEEN : inside[n] ? HIDDEN : OUTSIDE;
+    });
+    for (int n = kept.size() - 1; !kept[n]; --n)
+        if (found[n] == HIDDEN) found[n] = BEYOND;
+    return found;
+}
+
+int longest_gap(const Flags& kept) {
+    int gap = 0, longest = 0;
+    for (unsigned char here : kept) {
+        gap = here ? 0 : gap + 1;
+        longest = std::max(longest, gap);
+    }
+    return longest;
+}
+
+}  // namespace
+
+Flags without_margins(const Flags& kept, int margin) {
+    const int count = kept.size();
+    const auto around = [&](const Flags& flags, int n, int reach, bool flag) {
+        const int begin = std::max(n - reach, 0), end = std::min(n + reach + 1, count);
+        return std::find(flags.begin() + begin, flags.begin() + end, flag) != flags.begin() + end;
+    };
+    const Flags grown = each(count, [&](int n) { return around(kept, n, 1, true); });
+    const Flags filled = each(
+        count, [&](int n) { return kept[n] || (n > 0 && n < count - 1 && grown[n - 1] && grown[n] && grown[n + 1]); });
+    return each(count, [&](int n) { return kept[n] && !around(filled, n, margin, false); });
+}
+
+Evidence evidence(const Crossings& found, const FittedLine& line, ConstMatrix levels, bool stands_out) {
+    const Flags& kept = line.kept;
+    const double whole = kept.size(), seen = count(kept);
+    Evidence evidence = {};
+    evidence.everywhere = moved(found, line.centre);
+    evidence.guide = moved(found, line.course);
+    evidence.visibility = visibility_of(kept, found.inside);
+    evidence.seen = seen / whole;
+    evidence.inside = count(found.inside) / whole;
+    int root = 0, root_seen = 0;
+    for (int n = 0; n < kept.size() && found.along[n] < ROOT * found.along[kept.size() - 1]; ++n, ++root)
+        root_seen += kept[n];
+    evidence.root = static_cast<double>(root_seen) / root;
+    evidence.gap = longest_gap(kept) / whole;
+    evidence.height = median(selected(line.height, kept));
+    evidence.spread_px = median(selected(line.sigma_px, kept));
+    measure_wander(found.along, evidence.everywhere, kept, evidence);
+    const Familiar share = levels.shape[0] ? familiar(found, line, levels) : Familiar{};
+    const bool known = stands_out || (share.own > FAMILIAR && share.own - share.flanks > MORE_FAMILIAR);
+    evidence.familiar = share.own;
+    if (line.changing) evidence.step = background_step(found, kept);
+    if (line.changing && !known) evidence.transparency = transparency(found, line);
+    return evidence;
+}
+
+}  // namespace vbaa::detect

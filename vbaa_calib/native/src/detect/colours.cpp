@@ -1,0 +1,174 @@
+#include "detect/colours.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "smooth.hpp"
+
+namespace vbaa::detect {
+namespace {
+
+constexpr double NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();
+// The fewest points from which the light follows.
+constexpr int LEAST_POINTS = 20;
+// Limits of its brightness, over that in the light, where an antenna may lie in a shadow; a quantile of how far its hue
+// is off in the light, and how many times that it may be off in a shadow.
+constexpr double SHADE[2] = {0.33, 1.15}, TINT[2] = {0.9, 2.0};
+// Share of the line, from the clamp, that shows how brightly it is lit; limits of that factor.
+constexpr double ROOT = 0.4, LIGHT[2] = {0.6, 1.7};
+// Shares of its length between which a free and a bent antenna lie in one place, and show the light before it is found,
+// by so many pixels at least; the relative deviation of the light that is known beforehand: a highlight is no lamp.
+constexpr double BEGINNING[2] = {0.015, 0.1}, LAMP = 0.3;
+constexpr int LEAST_BEGINNING = 5;
+
+double square(double value) { return value * value; }
+
+int nearest_pixel(double place, int size) {
+    return static_cast<int>(std::rint(std::min(std::max(0.0, place), size - 1.0)));
+}
+
+// The mean of the two middle ones of an even number; NaN if one is.
+double middle(std::vector<double> values) {
+    const int count = static_cast<int>(values.size());
+    if (count == 0 || std::any_of(values.begin(), values.end(), [](double each) { return each != each; }))
+        return NOT_A_NUMBER;
+    const auto half = values.begin() + count / 2;
+    std::nth_element(values.begin(), half, values.end());
+    return count % 2 ? *half : 0.5 * (*half + *std::max_element(values.begin(), half));
+}
+
+// (4, N) the looks (PLACES, 4) at shares (N,) of the way: three channels and the deviation.
+Array<double, 2> usual_looks(ConstMatrix looks, ConstVector shares) {
+    const int places = looks.shape[0];
+    Array<double, 1> at(places), each(places);
+    Array<double, 2> usual(4, shares.shape[0]);
+    for (int c = 0; c < 4; ++c) {
+        for (int p = 0; p < places; ++p) at[p] = (p + 0.5) / places, each[p] = looks(p, c);
+        for (int n = 0; n < shares.shape[0]; ++n) usual(c, n) = interpolated(at, each, shares[n]);
+    }
+    return usual;
+}
+
+// How brightly the line is lit near its clamp, over usual: colours (N, 3) and usual looks (4, N) at shares (N,).
+double light_of_line(ConstMatrix colours, ConstMatrix usual, ConstVector shares) {
+    std::vector<double> root;
+    for (int n = 0; n < shares.shape[0]; ++n) {
+        if (!(shares[n] < ROOT)) continue;
+        double across = 0.0, own = 1e-9;
+        for (int c = 0; c < 3; ++c) across += colours(n, c) * usual(c, n), own += square(usual(c, n));
+        root.push_back(across / own);
+    }
+    if (root.size() < LEAST_POINTS) return 1.0;
+    return std::min(std::max(middle(root), LIGHT[0]), LIGHT[1]);
+}
+
+}  // namespace
+
+Array<double, 2> colours_at(const Picture& picture, double level, ConstMatrix points) {
+    Array<double, 2> found(points.shape[0], 3);
+    std::visit(
+        [&](auto levels) {
+            const int last = levels.shape[2] - 1;
+            for (int n = 0; n < points.shape[0]; ++n) {
+                const int column = nearest_pixel(points(n, 0), levels.shape[1]);
+                const int row = nearest_pixel(points(n, 1), levels.shape[0]);
+                for (int c = 0; c < 3; ++c) found(n, c) = levels(row, column, std::min(c, last)) / level;
+            }
+        },
+        picture);
+    return found;
+}
+
+void weigh_channels(const Picture& picture, ConstMatrix points, ConstMatrix weights, int reach, View<float, 2> plane) {
+    const int height = plane.shape[0], width = plane.shape[1];
+    Array<float, 2> nearest(height, width);
+    fill(nearest.view(), static_cast<float>(square(reach + 1.0)));
+    std::visit(
+        [&](auto levels) {
+            for (int k = 0; k < points.shape[0]; ++k) {
+                // a point far outside the picture reaches no pixel
+                const int column = static_cast<int>(std::rint(std::min(std::max(-1e6, points(k, 0)), 1e6)));
+                const int row = static_cast<int>(std::rint(std::min(std::max(-1e6, points(k, 1)), 1e6)));
+                for (int v = std::max(row - reach, 0); v < std::min(row + reach + 1, height); ++v)
+                    for (int u = std::max(column - reach, 0); u < std::min(column + reach + 1, width); ++u) {
+                        const double apart = square(u - points(k, 0)) + square(v - points(k, 1));
+                        if (!(apart < nearest(v, u))) continue;
+                        nearest(v, u) = static_cast<float>(apart);
+                        plane(v, u) = 0.0f;
+                        for (int c = 0; c < 3; ++c)
+                            plane(v, u) = static_cast<float>(plane(v, u) + weights(k, c) * levels(v, u, c));
+                    }
+            }
+        },
+        picture);
+}
+
+Light light_at_clamp(const Picture& picture, double level, ConstMatrix axis, ConstVector along, ConstMatrix looks) {
+    const auto [height, width] =
+        std::visit([](auto levels) { return std::pair(levels.shape[0], levels.shape[1]); }, picture);
+    const int count = along.shape[0];
+    std::vector<double> points, shares;
+    for (int k = 0; k < count; ++k) {
+        const double u = axis(k, 0), v = axis(k, 1), share = along[k] / along[count - 1];
+        if (!(u > 0.0 && v > 0.0 && u < width && v < height && share > BEGINNING[0] && share < BEGINNING[1])) continue;
+        points.insert(points.end(), {u, v});
+        shares.push_back(share);
+    }
+    const int first = static_cast<int>(shares.size());
+    if (first < LEAST_BEGINNING) return {NOT_A_NUMBER, NOT_A_NUMBER};
+    const Array<double, 2> colours = colours_at(picture, level, {points.data(), {first, 2}});
+    const Array<double, 2> usual = usual_looks(looks, {shares.data(), {first}});
+    std::vector<double> lit(first), spread(first);
+    for (int n = 0; n < first; ++n) {
+        double size = 1e-9;
+        for (int c = 0; c < 3; ++c) lit[n] += colours(n, c) * usual(c, n), size += square(usual(c, n));
+        lit[n] /= size;
+        spread[n] = usual(3, n) / std::sqrt(size);
+    }
+    const double sigma = middle(spread), trust = square(LAMP) / (square(LAMP) + square(sigma));
+    const double light = std::pow(middle(lit), trust);
+    return {light, light * sigma * std::sqrt(trust)};
+}
+
+Foreign foreign(const Picture& picture, double level, ConstMatrix points, ConstVector shares, ConstMatrix looks) {
+    const int count = points.shape[0];
+    const Array<double, 2> colours = colours_at(picture, level, points), usual = usual_looks(looks, shares);
+    const double light = light_of_line(colours, usual, shares);
+    Foreign found;
+    found.other = found.tinted = Array<unsigned char, 1>(count);
+    found.off = found.hue = Array<double, 1>(count);
+    Array<double, 2> means(3, count);
+    Array<double, 1> values(count), mean(count), lit(count), squares(count), tint(count);
+    for (int c = 0; c < 3; ++c) {
+        for (int n = 0; n < count; ++n) values[n] = colours(n, c) - light * usual(c, n);
+        running_mean(values, RUN, Beyond::end_value, mean);
+        for (int n = 0; n < count; ++n) found.off[n] += square(mean[n]), values[n] = colours(n, c);
+        running_mean(values, RUN, Beyond::end_value, means.row(c));
+        for (int n = 0; n < count; ++n) lit[n] += means(c, n) * usual(c, n), squares[n] += square(usual(c, n));
+    }
+    std::vector<double> alike;
+    for (int n = 0; n < count; ++n) {
+        found.off[n] = std::sqrt(found.off[n]) / (light * usual(3, n));
+        const double size = std::max(squares[n], 1e-9);
+        const double local = std::min(std::max(lit[n] / size, SHADE[0] * light), SHADE[1] * light);
+        for (int c = 0; c < 3; ++c) found.hue[n] += square(means(c, n) - local * usual(c, n));
+        // what noise there is counts more where it is darker
+        tint[n] = std::sqrt(found.hue[n] / (size * local * light));
+        found.hue[n] = std::sqrt(found.hue[n]) / (local * usual(3, n));
+        if (found.off[n] < MOSTLY_FOREIGN) alike.push_back(tint[n]);
+    }
+    const int known = static_cast<int>(alike.size());
+    const double most = known > LEAST_POINTS ? TINT[1] * quantile({alike.data(), {known}}, TINT[0]) : -1.0;
+    const bool whole = middle({found.off.begin(), found.off.end()}) > MOSTLY_FOREIGN;
+    for (int n = 0; n < count; ++n) {
+        found.tinted[n] = tint[n] > most;
+        found.other[n] |= whole;
+        // a run's mean blends what lies before and after its middle
+        if (found.off[n] > FOREIGN)
+            std::fill(found.other.begin() + std::max(n - RUN / 2, 0),
+                      found.other.begin() + std::min(n + RUN / 2 + 1, count), static_cast<unsigned char>(1));
+    }
+    return found;
+}
+
+}  // namespace vbaa::detect

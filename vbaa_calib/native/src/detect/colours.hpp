@@ -1,0 +1,40 @@
+// The antenna's colours in a picture: how brightly it is lit, what has another colour, a plane where it stands out.
+#pragma once
+
+#include "detect/picture.hpp"
+
+namespace vbaa::detect {
+
+// Points averaged for a colour. Deviations from the usual one beyond which a point is no antenna, and, in the median,
+// the whole line is none.
+constexpr int RUN = 15;
+constexpr double FOREIGN = 4.0, MOSTLY_FOREIGN = 2.5;
+
+// (N, 3) colours at the pixels nearest to points (N, 2), grey levels of 8 bits, one of which is `level` of the
+// picture's; grey is three times one.
+Array<double, 2> colours_at(const Picture& picture, double level, ConstMatrix points);
+
+// Into a plane (H, W), near points (K, 2): the picture's channels by the weights (K, 3) of the nearest point.
+void weigh_channels(const Picture& picture, ConstMatrix points, ConstMatrix weights, int reach, View<float, 2> plane);
+
+// How brightly an antenna is lit, over usual, and the standard deviation of that; NaN where little of it is visible.
+struct Light {
+    double light, sigma;
+};
+
+// As its axis (K, 2) shows near the clamp, (K,) px from there, where it has the looks (PLACES, 4): mean colours at
+// places from clamp to tip, and their deviations.
+Light light_at_clamp(const Picture& picture, double level, ConstMatrix axis, ConstVector along, ConstMatrix looks);
+
+// Where points have not the antenna's looks.
+struct Foreign {
+    Array<unsigned char, 1> other;   // (N,) whether they have not
+    Array<double, 1> off;            // (N,) how far off the usual colour in this light, standard deviations
+    Array<double, 1> hue;            // (N,) the same if it may be darker or brighter there, as in a shadow
+    Array<unsigned char, 1> tinted;  // (N,) whether the hue differs from that of the line in the light
+};
+
+// Of points (N, 2) at shares (N,) of the way from clamp to tip, and looks (PLACES, 4).
+Foreign foreign(const Picture& picture, double level, ConstMatrix points, ConstVector shares, ConstMatrix looks);
+
+}  // namespace vbaa::detect

@@ -1,0 +1,377 @@
+// Centreline of the antenna from profiles: learning the cross-section, fitting it, selection, and standard deviations.
+#include "detect/profile.hpp"
+
+#include "detect/reflectance.hpp"
+
+namespace vbaa::detect {
+
+namespace {
+
+constexpr int LEAST_PROFILES = 8;  // for there to be a line, and for its noise to be measured
+// Least height over its standard deviation for a profile to count as seen; and where the line changes along its length:
+// what its neighbours show tells its sign and shape.
+constexpr double SEEN_RATIO = 4.5, SEEN_CHANGING = 3.5;
+constexpr double QUIET = 0.4;      // quantile of the residuals taken for the noise: most may lie next to an object
+constexpr double DISTURBED = 1.8;  // profiles with residuals so many times the noise show something else, too
+constexpr double LEAST_CLEAN =
+    0.3;                      // with fewer undisturbed, disturbed ones are kept, with the deviations they deserve
+constexpr int MARGIN_PX = 2;  // dropped on either side of a gap: they show part of what hides the antenna
+constexpr double STRAY = 5.0, STRAY_PX = 0.12;  // deviations, and px, off a smooth curve: another thing's point
+constexpr int TRAINING_PROFILES = 160;          // that the cross-section is learned from, about
+constexpr double ALIKE = 0.8;       // length of the mean phase on the pixel grid above which profiles lie alike
+constexpr double LOPSIDED = 0.012;  // difference of its sides, over its height, that is too much for a broad line
+constexpr double FLANKED_PX = 5.0;  // that is broader than this: it is measured by its own reflectance
+constexpr double PULLED = 0.05;     // part of the width by which a highlight still pulls it, half of it as deviation
+constexpr double FAINTER = 0.7;     // where less of the usual height is left, the same highlight pulls it more
+constexpr int END_PROFILES = 40;    // before the visible end, that show what the antenna looks like there
+// An object's edge next to the antenna shifts about so many neighbouring points alike: what a step of the background
+// behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations. A wrong
+// cross-section shifts about so many alike.
+constexpr int EDGE_RUN = 21, SHARED_RUN = 100;
+constexpr double EDGE_NOTICED = 3.0;
+constexpr int STRAY_PIECES = 24;  // of the curve that strays are told by
+constexpr int CURVE_PIECES = 12;  // of the one that points scatter about: it must not follow what neighbours share
+constexpr int NEAR_POINTS = 41;   // neighbours whose scatter is compared with their deviations
+constexpr int RUN = 16;           // neighbours whose mean shows what they share
+constexpr double LIKELY_POINTS = 20.0, LIKELY_RUNS = 4.0;  // that scatter as predicted are added to those that are seen
+constexpr double ORDINARY_BLUR_PX = 0.8;                   // of a lens in focus, standard deviation
+
+// The fitted lines.
+struct Lines {
+    Numbers centre;        // (N,) along the profiles from the path, px
+    Fits fits;             // the last fit
+    CrossSection section;  // at the line's end, where it changes
+    double half_width_px;  // of the cross-section
+    double noise;          // of a pixel, grey levels
+    Numbers usual;         // (N,) height that the line should have
+    Numbers shared;        // (N,) error of the place that neighbours share, px
+    Numbers sure;          // (N,) how surely it is a line, not one edge
+};
+
+// The picture's noise from the profiles' residuals (M,), of which more than half may be disturbed.
+double noise_of(const Numbers& rms, double quiet) { return rms.size() ? quantile(rms, QUIET) / quiet + 1e-6 : 1e-6; }
+
+double noise_of(const Fits& fits, const Crossings& found, double quiet) {
+    return noise_of(selected(fits.rms, found.inside), quiet);
+}
+
+// Profiles that show a clear line, as high as most, and nothing else.
+Flags training_profiles(const Fits& fits, const Crossings& found, double quiet) {
+    const double noise = noise_of(fits, found, quiet);
+    const int all = found.inside.size();
+    Flags good = each(all, [&](int n) {
+        return found.inside[n] && fits.height[n] > SEEN_RATIO * noise * fits.unit_height[n] &&
+               std::abs(fits.shift[n]) < 1.5;
+    });
+    if (!any(good)) return good;
+    const double typical = median(selected(fits.height, good));
+    for (int n = 0; n < all; ++n) good[n] = good[n] && fits.height[n] > 0.4 * typical && fits.height[n] < 2.5 * typical;
+    Flags calm = each(all, [&](int n) { return good[n] && fits.rms[n] < DISTURBED * noise + 0.02 * typical; });
+    return count(calm) >= 0.3 * count(good) ? calm : good;
+}
+
+// Length of the mean phase on the pixel grid of the chosen profiles.
+double phase_alike(const Crossings& some, const Flags& chosen) {
+    double cosines = 0.0, sines = 0.0;
+    for (int n : places(chosen)) {
+        cosines += std::cos(2.0 * M_PI * some.across(n, 0));
+        sines += std::sin(2.0 * M_PI * some.across(n, 0));
+    }
+    return std::hypot(cosines, sines) / count(chosen);
+}
+
+// What is learned of a symmetric cross-section.
+struct Learned {
+    CrossSection section;
+    Crossings found;          // in widths of a line that broadens
+    Numbers curve;            // (N,) the line's course, px
+    double pulled = 0.0;      // by how much a highlight may pull the line, px
+    double reflecting = 0.0;  // the same of a line so lopsided that its own reflectance has to be learned
+};
+
+// The cross-section of some of the profiles. At first an antenna in focus; then one at the blur that is seen; then
+// whatever the profiles show. Where all of them lie alike on the pixel grid, a free shape and a shift could not be
+// separated, and the second is kept. The shape is broader where the antenna is nearer to the camera.
+Learned learned_section(const Crossings& found, const Measuring& how) {
+    const int count_all = found.along.size(), reach = found.profiles.shape[1] / 2 + 2;
+    Learned learned = {how.shapes.ordinary, found, Numbers(count_all)};
+    Crossings some = every(found, std::max(1, count_all / TRAINING_PROFILES));
+    Numbers base(some.along.size());
+    const double whole = std::max(found.along[count_all - 1], 1e-6);
+    for (int step = 0; step < 2; ++step) {
+        const Fits fits = fit(learned.section, some, base);
+        const Flags chosen = training_profiles(fits, some, how.quiet);
+        if (count(chosen) < 4) break;
+        if (step) {
+            // not at first: the path is good enough to determine the blur
+            const Numbers at = each(base.size(), [&](int n) { return some.along[n] / whole; });
+            const Numbers weights = each(base.size(), [&](int n) { return chosen[n] ? 1.0 : 0.0; });
+            SmoothCurve course = fit_smooth(at, fits.shift, weights, {1.0, 0.3}, 12, 1e-3);
+            learned.curve = smooth_at(course, shares(found));
+            base = std::move(course.values);
+        }
+        const Observed seen = observed(learned.section, some, base, fits, chosen);
+        learned.found = tapered(learned.found, seen.taper);
+        some = tapered(some, seen.taper);
+        const Binned by_distance = binned(some, base, seen.heights, chosen, reach);
+        if (step == 0 || phase_alike(some, chosen) >= ALIKE) {
+            learned.section = nearest(by_distance, how.shapes);
+            continue;
+        }
+        learned.section = learn(by_distance, how.shapes);
+        Numbers noise = selected(fits.rms, chosen);
+        const Numbers height = selected(fits.height, chosen);
+        for (int n = 0; n < noise.size(); ++n) noise[n] /= height[n];
+        const double sides = lopsided(by_distance, median(noise));
+        learned.pulled = PULLED * how.width_px * bounded((sides - 0.5 * LOPSIDED) / LOPSIDED, 0.0, 1.0);
+        learned.reflecting = how.width_px > FLANKED_PX && sides > LOPSIDED ? learned.pulled : 0.0;
+    }
+    return learned;
+}
+
+// Lines fitted with one symmetric cross-section.
+Lines symmetric_lines(Learned learned, const Measuring& how) {
+    const Crossings& found = learned.found;
+    const int all = found.along.size();
+    Lines lines;
+    lines.fits = fit(learned.section, found, learned.curve);
+    const Fits& fits = lines.fits;
+    const double noise = lines.noise = noise_of(fits, found, how.quiet);
+    const Numbers seen = selected(
+        fits.height, each(all, [&](int n) {
+            return found.inside[n] && fits.height[n] > SEEN_RATIO * std::max(fits.rms[n], noise) * fits.unit_height[n];
+        }));
+    const double usual = seen.size() ? median(seen) : 0.0;
+    lines.centre = each(all, [&](int n) { return learned.curve[n] + fits.shift[n]; });
+    lines.usual = each(all, [&](int) { return usual; });
+    lines.shared = each(all, [&](int) { return 0.5 * learned.pulled; });
+    lines.sure = each(all, [](int) { return 1.0; });
+    if (learned.pulled > 0.5 * PULLED * how.width_px) {
+        const Numbers height = each(all, [&](int n) { return std::max(fits.height[n], 0.0); });
+        const Numbers near = running_mean(height, NEAR_POINTS, Beyond::end_value);
+        for (int n = 0; n < all; ++n)
+            lines.shared[n] *= std::max(FAINTER * usual / std::max(near[n], 0.1 * usual + 1e-9), 1.0);
+    }
+    lines.half_width_px = half_width_px(learned.section);
+    lines.section = std::move(learned.section);
+    return lines;
+}
+
+// Lines of an antenna with its own reflectance.
+Lines changing_lines(const Crossings& untapered, const Measuring& how, const KnownCourse& known) {
+    LearnedReflectance learned = learn_reflectance(untapered, {how.width_px, ORDINARY_BLUR_PX}, known);
+    const Crossings found = tapered(untapered, learned.taper);
+    const int all = found.along.size(), length = found.profiles.shape[1];
+    const Reflectance& reflectance = learned.reflectance;
+    Lines lines;
+    lines.fits = fit(reflectance.section, found, learned.course);
+    Fits& fits = lines.fits;
+    lines.noise = noise_of(fits, found, how.quiet);
+    std::vector<int> seen = places(each(all, [&](int n) {
+        return found.inside[n] && fits.height[n] > SEEN_RATIO * lines.noise * fits.unit_height[n];
+    }));
+    if (seen.empty())
+        seen = places(each(all, [](int) { return true; }));
+    else if (seen.size() > END_PROFILES)
+        seen.erase(seen.begin(), seen.end() - END_PROFILES);
+    lines.section = mean_shape(reflectance, seen);
+    const auto [width_px, blur_px] = reflectance.silhouette;
+    lines.half_width_px = half_width_px(expected(width_px, blur_px, length / 2 + 2));
+    lines.centre = each(all, [&](int n) { return learned.course[n] + fits.shift[n]; });
+    lines.usual = reflectance.height;
+    for (int n = 0; n < all; ++n)
+        if (learned.none[n]) fits.height[n] = 0.0;
+    lines.shared = std::move(learned.shared_px);
+    lines.sure = std::move(learned.sure);
+    return lines;
+}
+
+// Which profiles show the antenna well enough, which of them show nothing else next to it, which show it at all.
+struct Selection {
+    Flags kept, clean, seen;
+};
+
+// One that changes along its length mostly lies in front of something: its profiles are judged by its height alone, and
+// the disturbed ones kept with the deviations that they deserve.
+Selection selection(const Crossings& found, const Lines& lines, bool changing) {
+    const Fits& fits = lines.fits;
+    const double half = 0.5 * (found.profiles.shape[1] - 1), noise = lines.noise;
+    const int all = found.inside.size();
+    Flags seen = each(all, [&](int n) {
+        const double least = changing ? SEEN_CHANGING * noise : SEEN_RATIO * std::max(fits.rms[n], noise);
+        return found.inside[n] && std::abs(lines.centre[n]) < half - 2.0 &&
+               fits.height[n] > least * fits.unit_height[n];
+    });
+    if (!any(seen)) return {seen, seen, seen};
+    for (int n = 0; n < all; ++n)
+        seen[n] = seen[n] && fits.height[n] > 0.3 * lines.usual[n] && fits.height[n] < 3.0 * lines.usual[n];
+    const Flags clean = each(all, [&](int n) { return seen[n] && fits.rms[n] < DISTURBED * noise; });
+    if (count(clean) >= LEAST_CLEAN * all && !changing) return {clean, clean, seen};
+    const double part = changing ? 0.3 : 0.1;
+    return {each(all, [&](int n) { return seen[n] && fits.rms[n] < 4.0 * noise + part * lines.usual[n]; }), clean,
+            seen};
+}
+
+// (N,) standard deviation across the antenna, from the residuals at each distance from the centre. Where along the
+// antenna there is more noise than elsewhere, the deviations are larger in proportion.
+Numbers deviations(const Crossings& found, const Lines& lines, const Flags& clean) {
+    const Fits& fits = lines.fits;
+    const int all = found.across.shape[0], length = found.across.shape[1];
+    Numbers number(2 * length), variance(2 * length);
+    for (int n : places(clean))
+        for (int t = 0; t < length; ++t) {
+            const int at = pixels_off(found.across(n, t) - lines.centre[n], length);
+            number[at] += 1.0;
+            variance[at] += square(fits.residuals(n, t)) / fits.freed(n, t);
+        }
+    for (int at = 0; at < 2 * length; ++at)
+        variance[at] = number[at] > 0.0 ? variance[at] / number[at] : square(lines.noise);
+    const Numbers power = each(all, [&](int n) { return clean[n] ? square(fits.rms[n]) : 0.0; });
+    const Numbers used = each(all, [&](int n) { return clean[n] ? 1.0 : 0.0; });
+    const Numbers near = running_mean(power, NEAR_POINTS, Beyond::zeros);
+    const Numbers share = running_mean(used, NEAR_POINTS, Beyond::zeros);
+    const double overall = total(power) / std::max(count(clean), 1), least = std::max(overall, 1e-12);
+    return each(all, [&](int n) {
+        double own = (share[n] > 0.2 ? near[n] / std::max(share[n], 1e-9) : overall) / least, sum = 0.0;
+        if (!clean[n]) own = std::max(own, square(fits.rms[n]) / least);
+        for (int t = 0; t < length; ++t)
+            sum += square(fits.gain(n, t)) * variance[pixels_off(found.across(n, t) - lines.centre[n], length)];
+        return std::sqrt(sum * own) / found.stretch[n];
+    });
+}
+
+// (N,) by how much an edge of the background along the antenna may shift the points, px.
+Numbers edge_doubt(const Crossings& found, const Lines& lines, const Flags& seen) {
+    const int all = seen.size();
+    const auto mean_where_seen = [&](auto value) {
+        const Numbers values = each(all, [&](int n) { return seen[n] ? value(n) : 0.0; });
+        return running_mean(values, EDGE_RUN, Beyond::zeros);
+    };
+    const Fits& fits = lines.fits;
+    const Numbers share = mean_where_seen([](int) { return 1.0; });
+    const Numbers moved = mean_where_seen([&](int n) { return fits.stepped[n]; });
+    const Numbers noise = mean_where_seen([&](int n) { return square(lines.noise * fits.stepped_unit[n]); });
+    return each(all, [&](int n) {
+        const double here = std::max(share[n], 1e-9), off = std::abs(moved[n] / here);
+        // running sums leave rounding below zero
+        const double variance = std::max(noise[n] / here, 0.0) / std::max(EDGE_RUN * share[n], 1.0);
+        return off > EDGE_NOTICED * std::sqrt(variance) ? off / found.stretch[n] : 0.0;
+    });
+}
+
+Numbers together(const Numbers& one, const Numbers& other) {
+    return each(one.size(), [&](int n) { return std::hypot(one[n], other[n]); });
+}
+
+// The smooth course of the kept points, with deviations `total`; its scales are in the typical `sigma`.
+Numbers smooth_course(const Crossings& found, const Lines& lines, const Numbers& sigma, const Numbers& all_px,
+                      const Flags& kept, double second_scale, int pieces, double stiffness) {
+    const double spread = std::max(median(selected(sigma, kept)), 0.02);
+    const Numbers weights =
+        each(kept.size(), [&](int n) { return kept[n] ? 1.0 / square(std::max(all_px[n], 0.02)) : 0.0; });
+    return fit_smooth(shares(found), lines.centre, weights, {6.0 * spread, second_scale * spread}, pieces, stiffness)
+        .values;
+}
+
+// By which factor what neighbours share makes means of runs scatter more than those of independent points: normalised
+// offsets (M,) of points that count so much (M,).
+double shared_factor(const Numbers& normalised, const Numbers& trusted) {
+    const int all = normalised.size();
+    Numbers sums(all + 1);
+    for (int k = 0; k < all; ++k) sums[k + 1] = sums[k] + normalised[k];
+    double power = LIKELY_RUNS, informed = LIKELY_RUNS;
+    for (int k = 0; k + 3 * RUN < all + 1; ++k) {
+        // second differences, which a curve that is too stiff or too supple changes little
+        const double bend = (sums[k + 3 * RUN] - 3.0 * sums[k + 2 * RUN] + 3.0 * sums[k + RUN] - sums[k]) / RUN;
+        const double weight = trusted[k + RUN + RUN / 2] / RUN;
+        power += weight * RUN / 6.0 * bend * bend;
+        informed += weight;
+    }
+    return std::max(power / informed, 1.0);
+}
+
+// Sets the line's deviations to how the kept points scatter about a smooth curve. A profile's residuals do not show by
+// how much noise that the camera has filtered, or a shape that is not quite right, moves the line; its neighbours do.
+// What neighbours share shows in means of runs.
+void calibrate(const Crossings& found, const Lines& lines, const Numbers& edge, FittedLine& line) {
+    const Numbers &sigma = line.sigma_px, doubt = together(edge, lines.shared);
+    Numbers all_px = together(sigma, doubt);
+    for (double& each : all_px) each = std::max(each, 1e-9);
+    const Numbers curve = smooth_course(found, lines, sigma, all_px, line.kept, 6.0, CURVE_PIECES, 1e-6);
+    const std::vector<int> kept = places(line.kept);
+    const int count_kept = static_cast<int>(kept.size());
+    const double freed = count_kept / std::max(count_kept - CURVE_PIECES - 2.0, 0.5 * count_kept);
+    Numbers off = each(count_kept, [&](int k) {
+        return (lines.centre[kept[k]] - curve[kept[k]]) / (found.stretch[kept[k]] * all_px[kept[k]]);
+    });
+    // where an edge may shift points, their scatter says little of the noise
+    const Numbers trusted = each(count_kept, [&](int k) { return square(sigma[kept[k]] / all_px[kept[k]]); });
+    double power = LIKELY_POINTS, informed = LIKELY_POINTS;
+    for (int k = 0; k < count_kept; ++k) power += trusted[k] * square(off[k]) * freed, informed += trusted[k];
+    const double overall = power / informed;
+    const Numbers excess = each(count_kept, [&](int k) { return trusted[k] * (square(off[k]) * freed - overall); });
+    const Numbers near = running_mean(excess, NEAR_POINTS, Beyond::end_value);
+    Numbers calibrated = sigma;
+    for (int k = 0; k < count_kept; ++k) {
+        const double scale = std::sqrt(0.5 * (overall + std::max(overall + near[k], 0.0)));
+        calibrated[kept[k]] *= scale;
+        off[k] /= scale;
+    }
+    const double factor = shared_factor(off, trusted);
+    line.effective_px = each(sigma.size(), [&](int n) {
+        return std::sqrt(square(calibrated[n]) * factor + EDGE_RUN * square(edge[n]) +
+                         SHARED_RUN * square(lines.shared[n]));
+    });
+    line.sigma_px = together(calibrated, doubt);
+}
+
+// What of the lines is kept, and how far to trust it.
+FittedLine fitted_line(const Crossings& found, const Lines& lines, const Measuring& how) {
+    const int all = lines.centre.size();
+    const bool changing = how.polarity == 0;
+    const Selection chosen = selection(found, lines, changing);
+    FittedLine line = {lines.centre, lines.centre,
+                       Numbers(all), Numbers(all),
+                       chosen.kept,  lines.fits.height,
+                       lines.noise,  lines.half_width_px / half_width_px(how.shapes.ordinary),
+                       changing,     0.0};
+    if (!any(line.kept)) return line;
+    line.sigma_px = deviations(found, lines, count(chosen.clean) >= LEAST_PROFILES ? chosen.clean : chosen.kept);
+    const Numbers edge = edge_doubt(found, lines, chosen.seen);
+    // points that do not lie on one smooth curve
+    const Numbers all_px = together(line.sigma_px, together(edge, lines.shared));
+    line.course = smooth_course(found, lines, all_px, all_px, line.kept, 4.0, STRAY_PIECES, 1e-4);
+    for (int n = 0; n < all; ++n) {
+        const double off = std::abs(lines.centre[n] - line.course[n]);
+        line.kept[n] = line.kept[n] && off < std::max(STRAY * all_px[n] * found.stretch[n], STRAY_PX);
+    }
+    line.kept = without_margins(line.kept, changing ? 1 : MARGIN_PX);
+    if (!any(line.kept)) return line;
+    calibrate(found, lines, edge, line);
+    line.sure = total(selected(lines.sure, line.kept)) / count(line.kept);
+    return line;
+}
+
+Lines lines_of(const Crossings& found, const Measuring& how) {
+    if (how.polarity == 0) return changing_lines(found, how, {});
+    Learned learned = learned_section(found, how);
+    if (learned.reflecting > 0.0) return changing_lines(learned.found, how, {learned.curve, learned.reflecting});
+    return symmetric_lines(std::move(learned), how);
+}
+
+}  // namespace
+
+std::optional<MeasuredLine> measured(const Picture& picture, ConstMatrix path_px, const Measuring& how) {
+    const double sign = how.polarity < 0 ? -1.0 : 1.0;
+    const Crossings found = crossings(picture, path_px, how.half, sign);
+    if (count(found.inside) < LEAST_PROFILES) return {};
+    Lines lines = lines_of(found, how);
+    FittedLine line = fitted_line(found, lines, how);
+    if (!any(line.kept)) return {};
+    Evidence seen = evidence(found, line, how.levels, how.stands_out);
+    const Look look = {std::move(lines.section), how.half, line.noise, sign};
+    const VisibleEnd end = visible_end(picture, seen.guide, line.kept, look);
+    return MeasuredLine{std::move(line), std::move(seen), end};
+}
+
+}  // namespace vbaa::detect

@@ -1,0 +1,35 @@
+// Measures the antenna to a fraction of a pixel: its cross-section, as the picture shows it, fitted to raw profiles.
+// Raw pixels of every column that it crosses (of every row where it runs more upward than sideways), because
+// interpolated ones share their noise, and shift a thin line with its phase on the pixel grid.
+#pragma once
+
+#include <optional>
+
+#include "detect/acceptance.hpp"
+#include "detect/visible_end.hpp"
+
+namespace vbaa::detect {
+
+// How the line is measured.
+struct Measuring {
+    double width_px;
+    int half;      // profiles have 2·half + 1 pixels
+    int polarity;  // 1: brighter than its background, −1: darker, 0: here brighter, there darker
+    double quiet;  // the noise quantile of the root mean square of as many normal numbers as a profile has freedoms
+    const Shapes& shapes;
+    ConstMatrix levels;  // (L, 2) the antenna's usual grey levels, L = 0 where not known
+    bool stands_out;     // see path_refinement.Known
+};
+
+struct MeasuredLine {
+    FittedLine line;
+    Evidence evidence;
+    VisibleEnd end;
+};
+
+// The line along a path (K, 2) near the antenna; none where no profile shows it. A point is kept where its height
+// stands out from the noise and agrees with its neighbours', its profile leaves no more residual than noise does, and
+// it lies on a smooth curve with the others.
+std::optional<MeasuredLine> measured(const Picture& picture, ConstMatrix path_px, const Measuring& how);
+
+}  // namespace vbaa::detect

@@ -1,0 +1,79 @@
+#include "polyline.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace vbaa {
+namespace {
+
+// A number of spacings this near to a whole one is that one.
+constexpr double WHOLE = 1e-6;
+// So many points no path has.
+constexpr double MOST = 1e9;
+
+double length(double u, double v) { return std::sqrt(u * u + v * v); }
+
+}  // namespace
+
+Array<double, 1> arc_lengths(ConstMatrix polyline) {
+    Array<double, 1> along(polyline.shape[0]);
+    for (int k = 1; k < along.size(); ++k)
+        along[k] = along[k - 1] + length(polyline(k, 0) - polyline(k - 1, 0), polyline(k, 1) - polyline(k - 1, 1));
+    return along;
+}
+
+Resampled resample(ConstMatrix polyline, double spacing) {
+    const Array<double, 1> along = arc_lengths(polyline);
+    const int last = along.size() - 1;
+    // a spacing that divides the length: rounding must not decide whether the end is one of the points
+    const double spacings = last < 1 ? 0.0 : std::ceil(along[last] / spacing - WHOLE);
+    const int count = spacings > 0.0 && spacings < MOST ? static_cast<int>(spacings) : 0;
+    Resampled found{Array<double, 2>(count, 2), Array<double, 1>(count)};
+    for (int n = 0, k = 0; n < count; ++n) {
+        const double at = found.along[n] = spacing * n;
+        while (k < last - 1 && along[k + 1] <= at) ++k;
+        const double part = (at - along[k]) / (along[k + 1] - along[k]);
+        for (int axis = 0; axis < 2; ++axis)
+            found.points(n, axis) = polyline(k, axis) + part * (polyline(k + 1, axis) - polyline(k, axis));
+    }
+    return found;
+}
+
+Array<double, 2> normals(ConstMatrix polyline) {
+    const int last = polyline.shape[0] - 1;
+    Array<double, 2> normal(last + 1, 2);
+    for (int k = 0; k <= last && last > 0; ++k) {
+        const int before = std::max(k - 1, 0), after = std::min(k + 1, last);
+        const double u = polyline(after, 0) - polyline(before, 0), v = polyline(after, 1) - polyline(before, 1);
+        const double size = length(u, v);
+        normal(k, 0) = -v / size;
+        normal(k, 1) = u / size;
+    }
+    return normal;
+}
+
+Nearest nearest_on(ConstMatrix polyline, ConstMatrix points) {
+    const int count = polyline.shape[0], several = points.shape[0];
+    const Array<double, 2> normal = normals(polyline);
+    const Array<double, 1> along = arc_lengths(polyline);
+    double step = 1e-12;
+    for (int k = 1; k < count; ++k) step = std::max(step, along[k] - along[k - 1]);
+    Nearest found{Array<std::int64_t, 1>(several), Array<double, 1>(several)};
+    int best = 0;  // the nearest of the point before begins well
+    for (int n = 0; n < several; ++n) {
+        const double u = points(n, 0), v = points(n, 1);
+        double least = length(polyline(best, 0) - u, polyline(best, 1) - v);
+        for (int k = 0; k < count;) {
+            const double here = length(polyline(k, 0) - u, polyline(k, 1) - v);
+            if (here < least) best = k, least = here;
+            // so many points on, none can be nearer
+            const double skipped = std::min((here - least) / step, static_cast<double>(count));
+            k += skipped > 1.0 ? static_cast<int>(skipped) : 1;
+        }
+        found.index[n] = best;
+        found.distance[n] = (u - polyline(best, 0)) * normal(best, 0) + (v - polyline(best, 1)) * normal(best, 1);
+    }
+    return found;
+}
+
+}  // namespace vbaa

@@ -1,0 +1,34 @@
+// Polylines in a plane: arc lengths, even spacing, normals, and how points lie relative to them; in any unit.
+#pragma once
+
+#include <cstdint>
+
+#include "arrays.hpp"
+
+namespace vbaa {
+
+// (K,) distance of the points of a polyline (K, 2) along it, from its start.
+Array<double, 1> arc_lengths(ConstMatrix polyline);
+
+// Points (K, 2) at equal spacing along a polyline, and the arc length (K,) of each.
+struct Resampled {
+    Array<double, 2> points;
+    Array<double, 1> along;
+};
+
+// At equal spacing, short of the polyline's end; no points where its length is not finite.
+Resampled resample(ConstMatrix polyline, double spacing);
+
+// (K, 2) unit normals (-v, u) of a polyline, with directions smoothed over neighbours; zeros where K < 2.
+Array<double, 2> normals(ConstMatrix polyline);
+
+// Index (N,) of the nearest point of a polyline, and the distance (N,) from it along the normal there.
+struct Nearest {
+    Array<std::int64_t, 1> index;
+    Array<double, 1> distance;
+};
+
+// Of points (N, 2), relative to a finely spaced polyline (K, 2), K ≥ 2.
+Nearest nearest_on(ConstMatrix polyline, ConstMatrix points);
+
+}  // namespace vbaa

@@ -1,0 +1,209 @@
+#include "smooth.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace vbaa {
+namespace {
+
+// The four cubic B-splines that are not zero in each row of the table, and which is the first of them.
+struct Splines {
+    std::array<int, TABLE> first;
+    std::array<std::array<double, 4>, TABLE> values;
+
+    explicit Splines(int pieces) {
+        for (int row = 0; row < TABLE; ++row) {
+            const double place = row * (pieces / (TABLE - 1.0));
+            first[row] = std::min(static_cast<int>(place), pieces - 1);
+            const double t = place - first[row], s = 1.0 - t;
+            values[row] = {s * s * s / 6.0, ((3.0 * t - 6.0) * t * t + 4.0) / 6.0,
+                           (((-3.0 * t + 3.0) * t + 3.0) * t + 1.0) / 6.0, t * t * t / 6.0};
+        }
+    }
+};
+
+// Row of the table before a place in [0, 1], and the part of the way to the next.
+struct Place {
+    int row = 0;
+    double part = 0.0;
+
+    Place() = default;
+    explicit Place(double share) {
+        const double place = std::min(std::max(0.0, share), 1.0) * (TABLE - 1);
+        row = std::min(static_cast<int>(place), TABLE - 2);
+        part = place - row;
+    }
+    double of(const std::array<double, TABLE>& table) const {
+        return table[row] + (table[row + 1] - table[row]) * part;
+    }
+};
+
+// (unknowns, 4) lower band, the diagonal first, of the sum of the coefficients' squared second differences.
+void bending(double stiffness, Matrix band) {
+    constexpr double weight[3] = {1.0, -2.0, 1.0};
+    fill(band, 0.0);
+    for (int i = 0; i < band.shape[0]; ++i) band(i, 0) = 1e-9;
+    for (int k = 0; k < band.shape[0] - 2; ++k)
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j <= i; ++j) band(k + i, i - j) += stiffness * weight[i] * weight[j];
+}
+
+// Solves a symmetric system, given by its lower band (M, 4), by L D Lᵀ; the solution replaces the side (M,).
+void solve_band(Matrix band, Vector side) {
+    const int count = side.shape[0];
+    for (int i = 0; i < count; ++i) {
+        const int before = std::min(3, i);
+        for (int k = before; k > 0; --k) {  // column i − k
+            for (int m = k + 1; m <= before; ++m) band(i, k) -= band(i, m) * band(i - k, m - k) * band(i - m, 0);
+            band(i, k) /= band(i - k, 0);
+        }
+        for (int k = 1; k <= before; ++k) {
+            band(i, 0) -= band(i, k) * band(i, k) * band(i - k, 0);
+            side(i) -= band(i, k) * side(i - k);
+        }
+    }
+    for (int i = 0; i < count; ++i) side(i) /= band(i, 0);
+    for (int i = count - 1; i >= 0; --i)
+        for (int k = 1; k < std::min(4, count - i); ++k) side(i) -= band(i + k, k) * side(i + k);
+}
+
+double beyond_ends(ConstVector values, int place, Beyond beyond) {
+    const int count = values.shape[0];
+    if (place >= 0 && place < count) return values[place];
+    if (beyond == Beyond::zeros) return 0.0;
+    if (beyond == Beyond::end_value) return values[std::clamp(place, 0, count - 1)];
+    const int folded = (place % (2 * count) + 2 * count) % (2 * count);
+    return values[std::min(folded, 2 * count - 1 - folded)];
+}
+
+}  // namespace
+
+SmoothCurve fit_smooth(ConstVector share, ConstVector values, ConstVector weights, const std::vector<double>& scales,
+                       int pieces, double stiffness) {
+    const int count = share.shape[0], unknowns = pieces + 3;
+    const Splines splines(pieces);
+    std::vector<Place> places(count);
+    double whole = 0.0;
+    for (int n = 0; n < count; ++n) places[n] = Place(share[n]), whole += weights[n];
+    SmoothCurve curve{Array<double, 1>(count), {}};
+    Array<double, 1> trusted(weights), side(unknowns);
+    Array<double, 2> band(unknowns, 4);
+    for (const double scale : scales) {
+        std::array<double, TABLE> total{}, summed{};
+        for (int n = 0; n < count; ++n) {
+            const auto [row, part] = places[n];
+            const double near = trusted[n] * (1.0 - part), far = trusted[n] * part;
+            total[row] += near;
+            total[row + 1] += far;
+            summed[row] += near * values[n];
+            summed[row + 1] += far * values[n];
+        }
+        bending(stiffness * (whole / unknowns + 1e-12), band);
+        fill(side.view(), 0.0);
+        for (int row = 0; row < TABLE; ++row) {
+            const auto& spline = splines.values[row];
+            const int first = splines.first[row];
+            for (int i = 0; i < 4; ++i) {
+                side[first + i] += summed[row] * spline[i];
+                for (int j = 0; j <= i; ++j) band(first + i, i - j) += total[row] * spline[i] * spline[j];
+            }
+        }
+        solve_band(band, side);
+        for (int row = 0; row < TABLE; ++row) {
+            curve.table[row] = 0.0;
+            for (int i = 0; i < 4; ++i) curve.table[row] += splines.values[row][i] * side[splines.first[row] + i];
+        }
+        for (int n = 0; n < count; ++n) {
+            curve.values[n] = places[n].of(curve.table);
+            const double off = (values[n] - curve.values[n]) / scale;
+            trusted[n] = weights[n] / (1.0 + off * off);
+        }
+    }
+    return curve;
+}
+
+Array<double, 1> smooth_at(const SmoothCurve& curve, ConstVector share) {
+    Array<double, 1> values(share.shape[0]);
+    for (int n = 0; n < values.size(); ++n) values[n] = Place(share[n]).of(curve.table);
+    return values;
+}
+
+void solve_definite(Matrix matrix, Matrix sides) {
+    const int count = sides.shape[0], several = sides.shape[1];
+    for (int i = 0; i < count; ++i) {
+        for (int j = 0; j < i; ++j) {
+            for (int k = 0; k < j; ++k) matrix(i, j) -= matrix(i, k) * matrix(j, k) * matrix(k, k);
+            matrix(i, j) /= matrix(j, j);
+        }
+        for (int k = 0; k < i; ++k) {
+            matrix(i, i) -= matrix(i, k) * matrix(i, k) * matrix(k, k);
+            for (int s = 0; s < several; ++s) sides(i, s) -= matrix(i, k) * sides(k, s);
+        }
+    }
+    for (int i = count - 1; i >= 0; --i)
+        for (int s = 0; s < several; ++s) {
+            sides(i, s) /= matrix(i, i);
+            for (int k = i + 1; k < count; ++k) sides(i, s) -= matrix(k, i) * sides(k, s);
+        }
+}
+
+void running_mean(ConstVector values, int size, Beyond beyond, Vector means) {
+    const int count = values.shape[0], before = size / 2, after = size - size / 2;
+    if (count == 0) return;
+    double total = 0.0;
+    for (int k = -before; k < after; ++k) total += beyond_ends(values, k, beyond);
+    for (int n = 0; n < count; ++n) {
+        means[n] = total / size;
+        total += beyond_ends(values, n + after, beyond) - beyond_ends(values, n - before, beyond);
+    }
+}
+
+Array<double, 1> running_mean(ConstVector values, int size, Beyond beyond) {
+    Array<double, 1> means(values.shape[0]);
+    running_mean(values, size, beyond, means);
+    return means;
+}
+
+Array<double, 2> triangle_sums(ConstMatrix values, int count) {
+    const int rows = values.shape[0], columns = values.shape[1], ahead = count - count / 2;
+    Array<double, 2> once(rows, columns), twice(rows, columns);
+    const std::vector<double> nothing(columns);
+    const auto running = [&](ConstMatrix from, Matrix sums) {
+        const auto row = [&](int n) { return n >= 0 && n < rows ? from.row(n).data : nothing.data(); };
+        for (int n = 0; n < rows; ++n) {
+            const double *before = n ? sums.row(n - 1).data : nothing.data(), *entering = row(n - 1 + ahead);
+            const double* leaving = row(n ? n - 1 - count / 2 : -1);
+            double* __restrict to = sums.row(n).data;
+            for (int m = 0; m < columns; ++m) to[m] = before[m] + entering[m] - leaving[m];
+            for (int other = 0; n == 0 && other < ahead - 1; ++other)
+                for (int m = 0; m < columns; ++m) to[m] += row(other)[m];
+        }
+    };
+    running(values, once);
+    running(once, twice);
+    for (double& each : twice) each /= count;
+    return twice;
+}
+
+double quantile(ConstVector values, double share) {
+    const int count = values.shape[0], place = std::min(static_cast<int>(share * count), count - 1);
+    std::vector<double> rest(count);
+    rest.erase(std::copy_if(values.begin(), values.end(), rest.begin(), [](double each) { return each == each; }),
+               rest.end());
+    if (place < 0 || place >= static_cast<int>(rest.size())) return std::numeric_limits<double>::quiet_NaN();
+    std::nth_element(rest.begin(), rest.begin() + place, rest.end());
+    return rest[place];
+}
+
+double median(ConstVector values) { return quantile(values, 0.5); }
+
+double interpolated(ConstVector places, ConstVector values, double at) {
+    const int after = static_cast<int>(std::upper_bound(places.begin(), places.end(), at) - places.begin());
+    if (after == 0) return values[0];
+    if (after == places.shape[0]) return values[after - 1];
+    const double part = (at - places[after - 1]) / (places[after] - places[after - 1]);
+    return values[after - 1] + part * (values[after] - values[after - 1]);
+}
+
+}  // namespace vbaa

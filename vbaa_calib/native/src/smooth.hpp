@@ -1,0 +1,54 @@
+// A smooth curve through points of which some are wrong, and what goes with it: running means, quantiles, small
+// systems of equations. The curve is a cubic B-spline with a penalty on its second differences and Cauchy weights
+// (P-splines: Eilers and Marx 1996).
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "arrays.hpp"
+
+namespace vbaa {
+
+// Rows of the tabled splines, linear in between: a curve costs no more, however many points it goes through.
+constexpr int TABLE = 256;
+
+// What a running mean takes to be beyond the ends: zeros; the last value again; the values mirrored.
+enum class Beyond { zeros, end_value, mirrored };
+
+// A fitted curve: its values (N,) at the places that were fitted, and its values all along.
+struct SmoothCurve {
+    Array<double, 1> values;
+    std::array<double, TABLE> table;
+};
+
+// Weighted fit at places `share` (N,), fractions of the way, of values (N,) with initial weights (N,), by cubic
+// B-splines on so many pieces. One round for each of the scales: the residual at which a point counts half.
+// stiffness : of the penalty on bends, as a fraction of the mean weight of a coefficient.
+SmoothCurve fit_smooth(ConstVector share, ConstVector values, ConstVector weights, const std::vector<double>& scales,
+                       int pieces, double stiffness);
+
+// Values (M,) of the curve at other places (M,), fractions of the way.
+Array<double, 1> smooth_at(const SmoothCurve& curve, ConstVector share);
+
+// Solves a small symmetric positive system (M, M) for sides (M, S) by L D Lᵀ. Only the matrix' lower half is read; it
+// is replaced, and the solutions take the place of the sides.
+void solve_definite(Matrix matrix, Matrix sides);
+
+// Means of `size` neighbours each, of an even number one more before than after; into (N,), which is no part of values.
+void running_mean(ConstVector values, int size, Beyond beyond, Vector means);
+Array<double, 1> running_mean(ConstVector values, int size, Beyond beyond);
+
+// Sums (N, M) of `count` neighbours along the first axis, over a triangle whose weight in the middle is one.
+Array<double, 2> triangle_sums(ConstMatrix values, int count);
+
+// The number below which a share of values (N,), N > 0, lies. NaN come last.
+double quantile(ConstVector values, double share);
+
+// The upper median of values (N,), N > 0.
+double median(ConstVector values);
+
+// The value at a place of what is linear between ascending places (N,), N > 0, with values (N,), constant beyond them.
+double interpolated(ConstVector places, ConstVector values, double at);
+
+}  // namespace vbaa
