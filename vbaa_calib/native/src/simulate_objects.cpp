@@ -26,8 +26,7 @@ Surface grown(const Point& offset, double radius_m) {
     return {away - radius_m, (away > 1e-15 ? 1.0 / away : std::numeric_limits<double>::quiet_NaN()) * offset};
 }
 
-Surface from_box(const Point& offset, const Point& axis, const Point& wedge, double radius_m) {
-    Point side = cross(axis, wedge), one = unit(wedge - side), other = unit(wedge + side);
+Surface from_box(const Point& offset, const Point& one, const Point& other, double radius_m) {
     double depth = dot(offset, one), deep = dot(offset, other);
     // inside the core the nearer face counts
     if (depth > 0.0 && deep > 0.0) return {-std::min(depth, deep) - radius_m, depth <= deep ? -one : -other};
@@ -36,7 +35,7 @@ Surface from_box(const Point& offset, const Point& axis, const Point& wedge, dou
 
 // From all but a free form.
 [[gnu::always_inline]] inline Surface from_core(const Object& object, Point offset) {
-    if (object.kind == BOX) return from_box(offset, object.axis, object.wedge, object.radius_m);
+    if (object.kind == BOX) return from_box(offset, object.into_faces[0], object.into_faces[1], object.radius_m);
     if (object.kind == CYLINDER || object.kind == KNIFE) offset = offset - dot(offset, object.axis) * object.axis;
     if (object.kind == KNIFE) offset = offset - std::max(dot(offset, object.wedge), 0.0) * object.wedge;
     return grown(offset, object.radius_m);

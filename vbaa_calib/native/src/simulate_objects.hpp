@@ -12,6 +12,7 @@ enum Kind { CYLINDER, SPHERE, KNIFE, BOX, FREEFORM };
 struct Object {
     int kind;
     Point center_m, axis, wedge;
+    Point into_faces[2];  // unit vectors into a box, each across one of its two faces
     double radius_m;
     ConstMatrix bumps;  // (K, 5) directions, heights and widths
 };

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 namespace vbaa::simulate {
 
@@ -23,13 +24,12 @@ double summed_shading(double u, double asymmetry) {
 }
 
 // The nearest of the tube's samples (height, width), −1 where none is near.
-Array<int, 2> nearest_samples(ConstMatrix curve, int width, int height) {
+std::vector<int> nearest_samples(ConstMatrix curve, int width, int height) {
     double reach = ROOM_PX;
     for (int i = 0; i < curve.shape[0]; ++i) reach = std::max(reach, ROOM_PX + curve(i, 6));
-    Array<double, 2> distance(height, width);
-    Array<int, 2> nearest(height, width);
-    fill(distance.view(), reach * reach);
-    fill(nearest.view(), -1);
+    std::size_t pixels = static_cast<std::size_t>(width) * height;
+    std::vector<double> distance(pixels, reach * reach);
+    std::vector<int> nearest(pixels, -1);
     // the first pixel that a sample may reach, and one past the last
     auto first = [&](double place) { return static_cast<int>(std::max(place - reach, 0.0)); };
     auto last = [&](double place, int size) {
@@ -40,8 +40,8 @@ Array<int, 2> nearest_samples(ConstMatrix curve, int width, int height) {
         if (!(-BEYOND_PX < u && u < width + BEYOND_PX && -BEYOND_PX < v && v < height + BEYOND_PX)) continue;
         int left = first(u), right = last(u, width);
         for (int row = first(v); row < last(v, height); ++row) {
-            double down = (row - v) * (row - v), *best = distance.row(row).data;
-            int* which = nearest.row(row).data;
+            double down = (row - v) * (row - v), *best = &distance[static_cast<std::size_t>(row) * width];
+            int* which = &nearest[static_cast<std::size_t>(row) * width];
             for (int column = left; column < right; ++column) {
                 double square = (column - u) * (column - u) + down;
                 bool nearer = square < best[column];
@@ -62,11 +62,11 @@ Array<double, 2> rays_between(ConstCube padded, ConstMatrix pixels) {
         double u = std::min(std::max(0.0, pixels(i, 0) + 1.0), columns);
         double v = std::min(std::max(0.0, pixels(i, 1) + 1.0), rows);
         int column = static_cast<int>(u), row = static_cast<int>(v);
-        double a = u - column, b = v - row;
+        double a = u - column, b = v - row, *ray = rays.values.data() + 2 * i;
+        const double *upper = &padded(row, column, 0), *lower = &padded(row + 1, column, 0);
         for (int j = 0; j < 2; ++j) {
-            double upper = (1 - a) * padded(row, column, j) + a * padded(row, column + 1, j);
-            double lower = (1 - a) * padded(row + 1, column, j) + a * padded(row + 1, column + 1, j);
-            rays(i, j) = (1 - b) * upper + b * lower;
+            double above = (1 - a) * upper[j] + a * upper[j + 2], below = (1 - a) * lower[j] + a * lower[j + 2];
+            ray[j] = (1 - b) * above + b * below;
         }
     }
     return rays;
@@ -88,7 +88,7 @@ Array<float, 3> bench_texels(ConstCube padded, const Rotation& R_world_camera, i
 }
 
 TubePixels tube_pixels(ConstMatrix curve, int width, int height, ConstMatrix inner, int divisions, double asymmetry) {
-    Array<int, 2> nearest = nearest_samples(curve, width, height);
+    std::vector<int> nearest = nearest_samples(curve, width, height);
     int count = 0, places = inner.shape[0];
     for (int sample : nearest) count += sample >= 0;
     TubePixels found = {Array<std::int64_t, 1>(count), Array<std::int64_t, 1>(count), Array<std::int64_t, 1>(count),

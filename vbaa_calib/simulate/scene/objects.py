@@ -136,7 +136,8 @@ class TouchObject:
 
 def _rows(bumps: Sequence[Bump]) -> np.ndarray:
     """(K, 5) directions, heights and widths."""
-    return np.array([[*bump.direction_world, bump.height_m, bump.width_m] for bump in bumps]).reshape(-1, 5)
+    rows = [[*bump.direction_world, bump.height_m, bump.width_m] for bump in bumps]
+    return np.array(rows, float) if rows else np.zeros((0, 5))
 
 
 def implicit(points_m: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> tuple[np.ndarray, np.ndarray]:

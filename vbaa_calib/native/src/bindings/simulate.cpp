@@ -23,8 +23,14 @@ void check_bumps(ConstMatrix bumps) { check(bumps.shape[1] == 5, "bumps are (K, 
 simulate::Object object_of(nb::handle object) {
     auto bumps = attribute<const double, 2>(object, "bumps");
     check_bumps(bumps);
-    return {number<int>(object, "kind"), vector_of(object, "center_m"),      vector_of(object, "axis"),
-            vector_of(object, "wedge"),  number<double>(object, "radius_m"), bumps};
+    Point axis = vector_of(object, "axis"), wedge = vector_of(object, "wedge"), side = cross(axis, wedge);
+    return {number<int>(object, "kind"),
+            vector_of(object, "center_m"),
+            axis,
+            wedge,
+            {unit(wedge - side), unit(wedge + side)},
+            number<double>(object, "radius_m"),
+            bumps};
 }
 
 // A body as vbaa_calib.simulate.render.object.Body has it.
