@@ -14,7 +14,9 @@ SPEC = BoardSpec(squares_x=9, squares_y=6, square_m=0.012, marker_m=0.009)
 CENTRE = corner_points(SPEC).mean(axis=0)
 
 
-def projection(camera_model: str, points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray) -> tuple[np.ndarray, ...]:
+def projection(
+    camera_model: str, points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray
+) -> tuple[np.ndarray, ...]:
     """OpenCV's pixels (N, 2) of points (N, 3) through a pose (6,) and intrinsics (4 + k,), and the derivatives of the
     interleaved pixels by intrinsics (2N, 4 + k) and by the pose's rotation vector and translation (2N, 6)."""
     fx, fy, cx, cy, *distortion = intrinsics

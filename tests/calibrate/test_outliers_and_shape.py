@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from benchmarks.boards import BOARD, Rig, draw, error_mm, rigs
 from benchmarks.calibration.methods import kept_corners, screening, solve_oracle, solve_ours
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import ShapePrior, deformations
-from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine, rows
+from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, polished, refine, rows
 from vbaa_calib.calibrate.lens.homography import homography
 from vbaa_calib.calibrate.lens.information import information, observations_of
 from vbaa_calib.calibrate.lens.initialization import rough_lens, unfolded, widened
@@ -171,3 +172,52 @@ def test_draws_whose_plain_fit_folds_are_solved_without(seed: int) -> None:
     assert solution.camera.valid_region().image_fraction == 1.0
     # as good as the fit that folds, but for what a few parameters explain
     assert solution.rms_px < 0.15 * np.sqrt(2.0) * 1.02
+
+
+def test_a_homography_is_the_least_squares_one() -> None:
+    rng, points = np.random.default_rng(5), POINTS[:, :2]
+    image = np.column_stack([points, np.ones(len(points))]) @ np.array(
+        [[0.9, 0.1, 0.0], [-0.2, 1.1, 0.1], [0.3, -0.4, 1]]
+    )
+    image = image[:, :2] / image[:, 2:] + 1e-4 * rng.uniform(-1.0, 1.0, (len(points), 2))
+
+    def normalised(where: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        scale = np.sqrt(2.0 / np.mean(np.sum((where - where.mean(axis=0)) ** 2, axis=1)))
+        by = np.array([[scale, 0.0, 0.0], [0.0, scale, 0.0], [0.0, 0.0, 1.0]])
+        by[:2, 2] = -scale * where.mean(axis=0)
+        return np.column_stack([where, np.ones(len(where))]) @ by.T, by
+
+    (board, by_board), (seen, by_image) = normalised(points), normalised(image)
+    zero = np.zeros_like(board)
+    design = np.vstack(
+        [np.hstack([board, zero, -seen[:, :1] * board]), np.hstack([zero, board, -seen[:, 1:2] * board])]
+    )
+    expected = np.linalg.inv(by_image) @ np.linalg.svd(design)[2][-1].reshape(3, 3) @ by_board
+    found = homography(points, image)
+    assert found is not None
+    np.testing.assert_allclose(found[0] / found[0][2, 2], expected / expected[2, 2], rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["opencv5", "fisheye"])
+def test_the_bundle_ends_where_scipys_does(name: str) -> None:
+    model, rng, views = LENS_MODELS[name], np.random.default_rng(6), 5
+    lens = np.array([700.0, 705.0, 640.0, 360.0, *(0.05, -0.02, 0.002, -0.001, 0.004)[: model.distortion_count]])
+    poses = np.column_stack(
+        [rng.uniform(-0.5, 0.5, (views, 3)), rng.uniform(-0.1, 0.0, (views, 2)), np.full(views, 0.3)]
+    )
+    seen = [projection(model.camera_model, POINTS, pose, lens)[0] for pose in poses]
+    seen = [pixels + 0.2 * rng.normal(size=pixels.shape) for pixels in seen]
+
+    def residuals(unknowns: np.ndarray) -> np.ndarray:
+        own, turns = unknowns[: len(lens)], unknowns[len(lens) :].reshape(views, 6)
+        pairs = zip(seen, turns, strict=True)
+        return np.concatenate([(projection(model.camera_model, POINTS, p, own)[0] - px).ravel() for px, p in pairs])
+
+    start = np.concatenate([lens, poses.ravel()])
+    expected = least_squares(
+        residuals, start, method="lm", x_scale=np.maximum(np.abs(start), 1e-2), ftol=1e-15, xtol=1e-15
+    )
+    views_px = [BoardCorners(POINTS, pixels) for pixels in seen]
+    found = polished(refine(Bundle.start(model, lens * 1.01, poses), views_px), views_px)
+    assert np.sum(np.concatenate(found.residuals_px) ** 2) <= 2.0 * expected.cost * (1.0 + 1e-9)
+    np.testing.assert_allclose(np.concatenate(found.residuals_px).ravel(), -expected.fun, atol=5e-4)

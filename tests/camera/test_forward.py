@@ -6,6 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from vbaa_calib.camera.lens import lens_of
+from vbaa_calib.native import core
+
 from .lenses import LENSES, random_camera, random_directions
 
 OPENCV = sorted(name for name, camera in LENSES.items() if camera.model == "opencv")
@@ -81,3 +84,33 @@ def test_distance_does_not_matter():
         near, _ = camera.project(1e-3 * directions)
         far, _ = camera.project(1e3 * directions)
         np.testing.assert_allclose(near, far, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", sorted(LENSES))
+def test_derivatives_are_difference_quotients(name):
+    camera, points = LENSES[name], seen(LENSES[name], 30) * 0.7
+    pixels, valid, by_point, by_lens = lens_of(camera.intrinsics).project(points, True)
+    np.testing.assert_array_equal(pixels, camera.project(points)[0])
+
+    def quotient(ends, step):
+        return ((ends[0] - ends[1]) / (2.0 * step))[valid]
+
+    def close(derivative, expected):
+        np.testing.assert_allclose(derivative[valid], expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max() + 1e-6)
+
+    for axis, move in enumerate(1e-6 * np.eye(3)):
+        close(by_point[..., axis], quotient([camera.project(points + sign * move)[0] for sign in (1, -1)], 1e-6))
+    for index, move in enumerate(np.diag([1e-3] * 4 + [1e-6] * camera.distortion.size)):
+        ends = [camera.moved(sign * move).project(points)[0] for sign in (1, -1)]
+        close(by_lens[..., index], quotient(ends, move[index]))
+
+
+def test_the_core_refuses_what_is_no_lens_or_array():
+    with pytest.raises(ValueError, match="4 to 18"):
+        core.lens.Lens(False, np.ones(3))
+    lens = lens_of(LENSES["barrel"].intrinsics)
+    with pytest.raises(ValueError, match=r"\(N, 3\)"):
+        lens.project(np.ones((5, 2)))
+    for wrong in (np.ones(3), [[1.0, 2.0, 3.0]], np.array([["1", "2", "3"]]), None):
+        with pytest.raises(TypeError):
+            lens.project(wrong)

@@ -189,3 +189,16 @@ def test_pixel_noise_against_sampling():
         np.testing.assert_allclose(predicted, sampled, atol=0.03 * np.trace(sampled))
     each = layer.covariance(pixels, np.arange(5) * 0.1)
     np.testing.assert_allclose(each, layer.covariance(pixels, 1.0) * (np.arange(5) * 0.1)[:, None, None] ** 2)
+
+
+@pytest.mark.parametrize("name", sorted(LENSES))
+def test_single_precision_is_good_to_a_thousandth_of_a_pixel(name):
+    camera = LENSES[name]
+    if camera.matrix[0, 0] > 5000:
+        pytest.skip("one rounding of a float32 pixel over the focal length is more")
+    layer, pixels = CameraOnPlane(camera, POSE), border_and_grid(camera).astype(np.float32)
+    expected, known = layer.project(pixels.astype(np.float64))
+    found, valid = layer.project(pixels)
+    m_per_px = np.linalg.svd(layer.pixel_jacobian(pixels.astype(np.float64))[valid & known], compute_uv=False)[:, 0]
+    assert (valid != known).mean() < 1e-2
+    assert (np.linalg.norm((found - expected)[valid & known], axis=1) <= 1e-3 * m_per_px).all()

@@ -90,7 +90,9 @@ def test_behind_a_tilted_sensor_there_is_nothing():
     assert np.isfinite(steep.lens_slopes_at(points)).all(axis=(-1, -2)).tolist() == [True, False]
 
 
-@pytest.mark.parametrize("name", [*EACH_KIND, "barrel folding", "realsense author", "rational with a pole", "prism strong"])
+@pytest.mark.parametrize(
+    "name", [*EACH_KIND, "barrel folding", "realsense author", "rational with a pole", "prism strong"]
+)
 def test_the_search_on_other_devices_is_the_cores(name):
     # the processor's tensors are the core's memory; here the same code runs on them as on a GPU's
     camera = LENSES[name]

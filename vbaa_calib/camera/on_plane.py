@@ -136,6 +136,9 @@ class CameraOnPlane(torch.nn.Module):
 
     def _place(self, axes: torch.Tensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The camera's pose (3, 4), the plane's normal and offset (4,), and axes (2 or 3, 3), for the core."""
-        place = torch.cat([self.rotation, self.translation_m[:, None]], 1), torch.cat([self.normal, self.offset_m[None]])
+        place = (
+            torch.cat([self.rotation, self.translation_m[:, None]], 1),
+            torch.cat([self.normal, self.offset_m[None]]),
+        )
         pose, plane, rows = (each.detach().double().cpu().contiguous().numpy() for each in (*place, axes))
         return pose, plane, rows

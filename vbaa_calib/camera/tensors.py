@@ -278,7 +278,7 @@ class _Invert(torch.autograd.Function):
             columns = _by_coefficient(ctx.model, ideal_x, ideal_y, c.unbind(-1))
             for (column_x, column_y), tangent in zip(columns, dc.unbind(-1), strict=False):
                 dx, dy = dx - column_x * tangent, dy - column_y * tangent
-        _, _, xx, xy, yx, yy = _linearize(ctx.model, ideal_x, ideal_y, c.unbind(-1))
+        xx, xy, yx, yy = _linearize(ctx.model, ideal_x, ideal_y, c.unbind(-1))[2:]
         inverse = valid / (xx * yy - xy * yx)
         return (yy * dx - xy * dy) * inverse, (xx * dy - yx * dx) * inverse, None
 

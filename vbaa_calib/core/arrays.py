@@ -109,35 +109,11 @@ def widest_float(device: torch.device) -> torch.dtype:
     return torch.float32 if device.type == "mps" else torch.float64
 
 
-def as_index(values: Array) -> Array:
-    """Floats rounded down (they are not negative) to integers that may index."""
-    return values.long() if is_tensor(values) else values.astype(np.intp)
-
-
-def as_tensor(values: Array) -> torch.Tensor:
-    """A tensor as it is, an array as a copy: NumPy's may be read-only or run backwards, torch's may not."""
-    import torch
-
-    return values if isinstance(values, torch.Tensor) else torch.tensor(np.ascontiguousarray(values))
-
-
 def like(reference: Array, values: Array) -> Array:
     """Values of either kind in the kind, dtype and device of the reference."""
     if is_tensor(reference):
         return namespace(reference).as_tensor(values, dtype=reference.dtype, device=reference.device)
     return np.asarray(values, dtype=reference.dtype)
-
-
-def detached(values: Array) -> Array:
-    """The same memory without gradients."""
-    return values.detach() if is_tensor(values) else values
-
-
-def empty(reference: Array, shape: tuple[int, ...], boolean: bool = False) -> Array:
-    """Room for results, row by row, in the kind, dtype (or boolean) and device of the reference."""
-    if is_tensor(reference):
-        return reference.new_empty(shape, dtype=namespace(reference).bool if boolean else None)
-    return np.empty(shape, bool if boolean else reference.dtype)
 
 
 def masked(values: Array, valid: Array) -> Array:
@@ -147,11 +123,6 @@ def masked(values: Array, valid: Array) -> Array:
     """
     mask = valid.reshape(tuple(valid.shape) + (1,) * (values.ndim - valid.ndim))
     return namespace(values).where(mask, values, np.nan)
-
-
-def matrix(xp: ModuleType, rows: list[list[Array]]) -> Array:
-    """Entries of shape (...) set into matrices (..., rows, columns)."""
-    return xp.stack([xp.stack(row, -1) for row in rows], -2)
 
 
 FARTHEST_PX = 1e7

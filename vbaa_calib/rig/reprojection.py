@@ -17,6 +17,7 @@ from vbaa_calib.core.arrays import Rows
 from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
 
+
 @dataclass(frozen=True, eq=False)
 class SeenPoints(Rows):
     """The antenna's points (N, 2) of one picture, normalized (on the plane one unit before the camera).

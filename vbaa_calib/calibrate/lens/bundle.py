@@ -140,7 +140,9 @@ class Bundle:
         unfolding = self.unfolding or Unfolding(0.0, 0.0, (0, 0))
         stiffness = float(np.sqrt(unfolding.weight_px2))
         if self.prior is None:
-            return Priors(np.zeros(SHAPE), np.zeros(SHAPE), 0.0, unfolding.least_slope, stiffness, *unfolding.image_size)
+            return Priors(
+                np.zeros(SHAPE), np.zeros(SHAPE), 0.0, unfolding.least_slope, stiffness, *unfolding.image_size
+            )
         mean, std = (np.array(each, float) for each in (self.prior.mean, self.prior.std))
         return Priors(mean, std, float(self.noise_px), unfolding.least_slope, stiffness, *unfolding.image_size)
 
@@ -189,9 +191,7 @@ def refine(
     corners, directions = _corners_of(observations), start.directions
     # each number of lens and shape is part of one unknown, or kept
     column = np.where(directions.any(axis=1), directions.argmax(axis=1) if directions.size else 0, -1)
-    lens, shape, poses, residuals = core.bundle.descend(
-        start.state, corners, column, start.priors, rules, robust
-    )
+    lens, shape, poses, residuals = core.bundle.descend(start.state, corners, column, start.priors, rules, robust)
     return replace(
         start,
         intrinsics=lens,

@@ -49,6 +49,7 @@ LENS_MODELS = {
     )
 }
 
+
 def _camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
     """(3, 3) camera matrix from (fx, fy, cx, cy, *distortion)."""
     fx, fy, cx, cy = intrinsics[:4]

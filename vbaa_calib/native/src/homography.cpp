@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "bundle.hpp"
+#include "lanes.hpp"
 #include "linear_algebra.hpp"
 
 namespace vbaa::bundle {
@@ -35,13 +36,6 @@ struct Homography {
             }
         return found;
     }
-
-    // Of the image of a point from where it is.
-    double distance(const double* point, const double* image) const {
-        const auto row = [&](int i) { return m[i][0] * point[0] + m[i][1] * point[1] + m[i][2]; };
-        const double w = row(2), off_x = row(0) / w - image[0], off_y = row(1) / w - image[1];
-        return std::sqrt(off_x * off_x + off_y * off_y);
-    }
 };
 
 // Points (N, 2), in place, about their mean, by their size (Hartley); returns what makes them that.
@@ -71,23 +65,48 @@ Homography basis(ConstMatrix points, const std::int64_t* pick) {
     return found;
 }
 
+// Pairs of points as columns, in whole vectors.
+struct Columns {
+    int count;
+    std::vector<double> x, y, u, v;
+
+    Columns(ConstMatrix points, ConstMatrix image) : count(points.shape[0]) {
+        for (auto* each : {&x, &y, &u, &v}) each->resize(whole_lanes(count));
+        for (int n = 0; n < count; ++n) {
+            x[n] = points(n, 0), y[n] = points(n, 1);
+            u[n] = image(n, 0), v[n] = image(n, 1);
+        }
+    }
+
+    // Distances of the images of the points under a homography from where they are, eight from `first` on.
+    Lanes distances(const Homography& h, int first) const {
+        const Lanes px = load(&x[first]), py = load(&y[first]);
+        const auto row = [&](int i) { return h.m[i][0] * px + h.m[i][1] * py + h.m[i][2]; };
+        const Lanes w = 1.0 / row(2), off_x = row(0) * w - load(&u[first]), off_y = row(1) * w - load(&v[first]);
+        return sqrt(off_x * off_x + off_y * off_y);
+    }
+};
+
 // What fits half of the points (N, 2) best, of those through four of them.
-Homography least_median(ConstMatrix points, ConstMatrix image, View<const std::int64_t, 2> picks) {
+Homography least_median(ConstMatrix points, ConstMatrix image, const Columns& columns,
+                        View<const std::int64_t, 2> picks) {
     const int count = points.shape[0];
     Homography best;
     best.m[0][0] = best.m[2][2] = NONE;
     double least = std::numeric_limits<double>::infinity();
-    std::vector<double> distances(count);
+    std::vector<double> distances(whole_lanes(count)), sorted;
     for (int pick = 0; pick < picks.shape[0]; ++pick) {
         const std::int64_t* own = &picks(pick, 0);
         const Homography trial = basis(image, own) * basis(points, own).adjugate();
         int worse = 0;
-        for (int n = 0; n < count && 2 * worse <= count + 1; ++n) {
-            distances[n] = trial.distance(&points(n, 0), &image(n, 0));
-            if (!(distances[n] < least)) ++worse;
+        for (int n = 0; n < count && 2 * worse <= count + 1; n += LANES) {
+            const Lanes found = columns.distances(trial, n);
+            store(&distances[n], found);
+            for (int lane = 0; lane < LANES; ++lane) worse += !(found[lane] < least) && n + lane < count;
         }
         if (2 * worse > count + 1) continue;
-        const double middle = median(distances);
+        sorted.assign(distances.begin(), distances.begin() + count);
+        const double middle = median(sorted);
         if (middle < least) best = trial, least = middle;
     }
     return best;
@@ -120,21 +139,23 @@ double homography(ConstMatrix points, ConstMatrix image, View<const std::int64_t
                   Matrix found) {
     const int count = points.shape[0];
     Array<double, 2> board(points), ideal(image);
-    std::vector<double> stretch(count), distances(count);
+    std::vector<double> stretch(count), distances(whole_lanes(count));
     for (int n = 0; n < count; ++n) {
         stretch[n] = 1.0 + division * (image(n, 0) * image(n, 0) + image(n, 1) * image(n, 1));
         ideal(n, 0) /= stretch[n], ideal(n, 1) /= stretch[n];
     }
     const Homography by_board = normalise(board), by_ideal = normalise(ideal);
-    Homography best = least_median(board, ideal, picks);
+    const Columns columns(board, ideal);
+    Homography best = least_median(board, ideal, columns, picks);
     const auto measure = [&] {
         double total = 0.0;
-        for (int n = 0; n < count; ++n) total += distances[n] = best.distance(&board(n, 0), &ideal(n, 0));
+        for (int n = 0; n < count; n += LANES) store(&distances[n], columns.distances(best, n));
+        for (int n = 0; n < count; ++n) total += distances[n];
         return total;
     };
     for (int turn = 0; turn < 2; ++turn) {
         if (!std::isfinite(measure())) return NONE;
-        std::vector<double> sorted = distances;
+        std::vector<double> sorted(distances.begin(), distances.begin() + count);
         const double middle = median(sorted);
         // the smallest distances that four points have, those that are equal counted once
         std::sort(sorted.begin(), sorted.end());
@@ -144,6 +165,7 @@ double homography(ConstMatrix points, ConstMatrix image, View<const std::int64_t
         best = least_squares(board, ideal, distances, std::max(BELOW_MEDIAN * middle, limit));
     }
     measure();
+    distances.resize(count);
     for (int n = 0; n < count; ++n) distances[n] *= std::abs(stretch[n]);
     const double scale = by_ideal.m[0][0];
     // its adjugate is the inverse times the square of the scale

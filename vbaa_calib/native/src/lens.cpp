@@ -112,7 +112,7 @@ T first_ratio(const RadialTable& table, T distorted_radius) {
 }
 
 template <class T>
-Undone<T> undone(const Lens& lens, T u, T v) {
+[[gnu::noinline]] Undone<T> undone(const Lens& lens, T u, T v) {
     using S = Number<T>;
     constexpr bool single = sizeof(S) == sizeof(float);
     constexpr S relative = single ? S(4e-7) : S(5e-14), least = single ? S(1e-30) : S(1e-300);
@@ -120,8 +120,9 @@ Undone<T> undone(const Lens& lens, T u, T v) {
     if (lens.tilted) untilt(lens, x, y, depth);
     const T size = sqrt(x * x + y * y);
     const bool full = lens.path == Path::full;
-    Mask<T> reachable = (size < T{} + S(full ? lens.reach.inner : lens.distorted_limit)) & (depth > T{});
-    if (full) reachable = enclosed<T>(lens.reach, reachable, x, y) & (depth > T{});
+    // what nothing reaches needs no search; with a rim, its directions are looked up only then
+    const S limit = full ? std::numeric_limits<S>::max() : S(lens.distorted_limit);
+    const Mask<T> reachable = (size < T{} + limit) & (depth > T{});
     x = choose(reachable, x, T{}), y = choose(reachable, y, T{});
     Undone<T> found = {x, y, {}, reachable};
     if (lens.path == Path::none) {
@@ -152,7 +153,8 @@ Undone<T> undone(const Lens& lens, T u, T v) {
     if (const Mask<T> rest = reachable & ~good; any<T>(rest)) {
         for (int lane = 0; lane < Kind<T>::count; ++lane) {
             double ideal_x = found.x[lane], ideal_y = found.y[lane];
-            if (!rest[lane] || !searched(lens, x[lane], y[lane], ideal_x, ideal_y)) continue;
+            if (!rest[lane] || (full && !lens.reach.encloses(x[lane], y[lane]))) continue;
+            if (!searched(lens, x[lane], y[lane], ideal_x, ideal_y)) continue;
             found.x[lane] = S(ideal_x), found.y[lane] = S(ideal_y), found.valid[lane] = true;
         }
     }
@@ -401,7 +403,16 @@ void plane_of_pixels(const Lens& lens, const Plane& plane, ConstMatrix pixels, M
 
 void plane_of_pixels(const Lens& lens, const Plane& plane, View<const float, 2> pixels, View<float, 2> points,
                      bool* valid) {
-    plane_of<FloatLanes>(lens, plane, pixels, points, valid);
+    const auto& c = lens.coefficients;
+    if (!lens.rational || std::min({c[5], c[6], c[7]}) >= 0.0) {
+        plane_of<FloatLanes>(lens, plane, pixels, points, valid);
+        return;
+    }
+    // a denominator whose terms cancel has not digits enough
+    const Array<double, 2> wide(pixels);
+    Array<double, 2> found(points.shape[0], points.shape[1]);
+    plane_of<Lanes>(lens, plane, wide, found, valid);
+    for (int i = 0; i < found.size(); ++i) points.data[i] = static_cast<float>(found[i]);
 }
 
 void plane_by_pixel(const Lens& lens, const Plane& plane, ConstMatrix pixels, Cube slopes) {

@@ -106,7 +106,8 @@ struct Plane {
 };
 
 // Coordinates (N, 2 or 3) m of the points where the rays of pixels (N, 2) meet a plane, and validity (N,); NaN where
-// not valid: no ray, grazing, behind the camera, a plane through its centre. In single precision the lens is, too.
+// not valid: no ray, grazing, behind the camera, a plane through its centre. Pixels in single precision are
+// worked on in that, except through lenses whose denominators lose digits.
 void plane_of_pixels(const Lens& lens, const Plane& plane, ConstMatrix pixels, Matrix points, bool* valid);
 void plane_of_pixels(const Lens& lens, const Plane& plane, View<const float, 2> pixels, View<float, 2> points,
                      bool* valid);

@@ -75,13 +75,6 @@ auto normalized_by_lens(const Lens& lens, InMatrix points) {
     return std::make_tuple(slopes);
 }
 
-auto sees(const Lens& lens, InMatrix points) {
-    check_last(points, 2, "points must be (N, 2)");
-    auto found = room<bool>(points.shape(0));
-    for (std::size_t i = 0; i < points.shape(0); ++i) found.data()[i] = lens::sees(lens, points(i, 0), points(i, 1));
-    return found;
-}
-
 // The pose of the camera (3, 4), the plane's normal and offset (4,), axes (2 or 3, 3).
 struct SeenFrom {
     std::array<double, 9> turn;
@@ -183,7 +176,6 @@ void bind_lens(nb::module_& module) {
         .def("normalized", &normalized, nb::arg("pixels"), nb::arg("with_slopes") = false,
              "X/Z, Y/Z (N, 2) of pixels (N, 2), validity, and if asked for d(X/Z, Y/Z)/d(u, v) (N, 4).")
         .def("normalized_by_lens", &normalized_by_lens, "d(X/Z, Y/Z)/d(lens) (N, 2, 4 + k) of fixed pixels at (N, 2).")
-        .def("sees", &sees, "Whether points (N, 2) of the model's chart lie where the lens is one to one.")
         .def("on_plane", &on_plane<double>, "Coordinates (N, 2 or 3) m of pixels (N, 2) on a plane, and validity.")
         .def("on_plane", &on_plane<float>)
         .def("plane_slopes", &plane_slopes, "Their derivatives by the pixel, or by lens, turn and shift of the camera.")
