@@ -9,7 +9,7 @@ INSTALLED := $(VENV)/.runtime $(VENV)/.tools
 export OMP_NUM_THREADS ?= 1
 # What Python compiles is kept next to its source: the tests start hundreds of processes that load the same modules.
 unexport PYTHONDONTWRITEBYTECODE
-CXX_FILES := $(wildcard $(addprefix vbaa_calib/native/, *.cpp src/*.?pp src/*/*.?pp))
+CXX_FILES := $(wildcard $(addprefix vbaa_calib/native/, *.?pp src/*.?pp src/*/*.?pp))
 CORE := $(CXX_FILES) vbaa_calib/native/CMakeLists.txt vbaa_calib/native/build.py
 CONFIGURE := $(BIN)/cmake -S vbaa_calib/native -G Ninja -DPython_EXECUTABLE=$(abspath $(BIN)/python)
 
@@ -61,6 +61,8 @@ soak: $(INSTALLED)
 
 # the same answers as on other processors? twenty minutes; with PHOTOGRAPHS=DIR the real sets' lenses, too
 processors: $(INSTALLED)
+	$(CONFIGURE) -B vbaa_calib/native '-DLEVELS=base;v3;v4' >/dev/null
+	$(BIN)/cmake --build vbaa_calib/native
 	$(BIN)/python -m benchmarks.processors --page docs/processors.md $(if $(PHOTOGRAPHS),--photographs $(PHOTOGRAPHS))
 
 # the documentation as a site: docs/_build/index.html

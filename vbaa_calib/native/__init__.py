@@ -14,15 +14,16 @@ from typing import Any
 
 
 def _levels() -> tuple[str, ...]:
-    """Builds that this processor runs, the best one last."""
+    """Builds that are here and that this processor runs, the best one last."""
     every = ("base", "v3", "v4")
-    return every[: 1 + every.index(import_module(f"{__name__}.processor").LEVEL)]
+    runs = every[: 1 + every.index(import_module(f"{__name__}.processor").LEVEL)]
+    return tuple(level for level in runs if os.path.isdir(os.path.join(__path__[0], level)))
 
 
 def _core() -> Any:
-    level = os.environ.get("VBAA_PROCESSOR", levels[-1])
-    if level not in (*levels, "sanitized"):
-        sys.exit(f"VBAA_PROCESSOR={level}: this processor runs {', '.join(levels)}; unset it")
+    level = os.environ.get("VBAA_PROCESSOR", [*levels, "base"][len(levels) - 1])
+    if level not in (*levels, "sanitized", "base"):
+        sys.exit(f"VBAA_PROCESSOR={level}: there is {', '.join(levels)} for this processor; unset it")
     return import_module(f"{__name__}.{level}.core")
 
 
@@ -31,6 +32,6 @@ try:
     core: Any = _core()
 except ModuleNotFoundError as error:
     raise ImportError(
-        "the compiled core of vbaa-calib is not built for this Python: run `make install` in a checkout, "
+        "the compiled core of vbaa-calib is not built for this Python and processor: run `make install` in a checkout, "
         "or `pip install .`"
     ) from error

@@ -1,4 +1,4 @@
-"""Builds the compiled core in a checkout and installs the package on it: what `make install` runs.
+"""Builds the compiled core for this machine in a checkout and installs the package on it: what `make install` runs.
 
     python vbaa_calib/native/build.py [EXTRAS]
 
@@ -9,6 +9,7 @@ CXX names a compiler. The full output is in `.venv/build/log.txt`.
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -26,7 +27,7 @@ def main() -> None:
     TOOLS.mkdir(exist_ok=True)
     LOG.write_text("")
     wanted = ["scikit-build-core", "nanobind"]
-    wanted += [name for name in ("cmake", "ninja") if not shutil.which(name)]
+    wanted += [name for name, least in (("cmake", (3, 25)), ("ninja", (1, 10))) if _version(name) < least]
     named = os.environ.get("CXX")
     compiler = next(filter(_compiles, [named] if named else ["c++", "g++", "clang++"]), None)
     if named and compiler is None:
@@ -39,7 +40,9 @@ def main() -> None:
         "PYTHONPATH": str(TOOLS),
         "PATH": os.pathsep.join([str(TOOLS / "bin"), os.environ["PATH"]]),
         "CMAKE_GENERATOR": "Ninja",
-    } | (_zig() if compiler is None else {"CXX": compiler})
+        "CMAKE_ARGS": f"{os.environ.get('CMAKE_ARGS', '')} -DLEVELS=own",
+    }
+    variables |= _zig(variables["CMAKE_ARGS"]) if compiler is None else {"CXX": compiler}
     # what another compiler left cannot be gone on with
     cache = ROOT / "vbaa_calib" / "native" / "CMakeCache.txt"
     if cache.exists() and f"={shutil.which(variables['CXX'])}\n" not in cache.read_text():
@@ -70,7 +73,15 @@ def _compiles(compiler: str) -> bool:
         return False
 
 
-def _zig() -> dict[str, str]:
+def _version(tool: str) -> tuple[int, ...]:
+    """Of a tool of this machine; () where it has none."""
+    if not shutil.which(tool):
+        return ()
+    words = subprocess.run([tool, "--version"], capture_output=True, text=True, check=False).stdout
+    return tuple(map(int, re.findall(r"\d+", words)[:2]))
+
+
+def _zig(arguments: str) -> dict[str, str]:
     """Variables that make CMake use zig, through scripts with the names of its tools."""
     folder = TOOLS / "bin"
     for name in ("c++", "cc", "ar", "ranlib"):
@@ -83,7 +94,7 @@ def _zig() -> dict[str, str]:
     return {
         "CXX": str(folder / "zig-c++"),
         "CC": str(folder / "zig-cc"),
-        "CMAKE_ARGS": f"{os.environ.get('CMAKE_ARGS', '')} {archives}",
+        "CMAKE_ARGS": f"{arguments} {archives}",
         "ZIG_GLOBAL_CACHE_DIR": str(TOOLS / "zig-cache"),
     }
 
