@@ -10,8 +10,8 @@ from vbaa_calib.native import core
 
 
 def arc_lengths(polyline: np.ndarray) -> np.ndarray:
-    """(K,) distance of the points of a polyline (K, 2) along it, from its start."""
-    return core.search.arc_lengths(polyline)
+    """(K,) distance of the points of a polyline (K, D) along it, from its start."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(polyline, axis=0), axis=1))])
 
 
 def resample(polyline: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,7 @@ def _levels() -> tuple[str, ...]:
 
 
 def _core() -> Any:
-    level = os.environ.get("VBAA_PROCESSOR", [*levels, "base"][len(levels) - 1])
+    level = os.environ.get("VBAA_PROCESSOR", (levels or ("base",))[-1])
     if level not in (*levels, "sanitized", "base"):
         sys.exit(f"VBAA_PROCESSOR={level}: there is {', '.join(levels)} for this processor; unset it")
     return import_module(f"{__name__}.{level}.core")

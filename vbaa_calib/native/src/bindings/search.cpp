@@ -108,7 +108,6 @@ void bind_smooth(nb::module_& room) {
 }
 
 void bind_polyline(nb::module_& room) {
-    room.def("arc_lengths", [](InMatrix polyline) { return to_numpy(arc_lengths(points(polyline))); });
     room.def("normals", [](InMatrix polyline) { return to_numpy(normals(line(polyline))); });
     room.def("resample", [](InMatrix polyline, double spacing) {
         for (const double each : points(polyline)) require(std::isfinite(each), "a polyline's points must be numbers");
