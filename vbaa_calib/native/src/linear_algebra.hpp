@@ -21,6 +21,8 @@ void by_vectors(int wide, Work&& work) {
             return work(std::integral_constant<int, 2>{}, first);
         case 1:
             return work(std::integral_constant<int, 1>{}, first);
+        default:
+            return;
     }
 }
 

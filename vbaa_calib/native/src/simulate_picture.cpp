@@ -73,7 +73,7 @@ Array<double, 2> rays_between(ConstCube padded, ConstMatrix pixels) {
 }
 
 Array<float, 3> bench_texels(ConstCube padded, const Rotation& R_world_camera, int texels, double reach) {
-    int height = padded.shape[0] - 2, width = padded.shape[1] - 2;
+    int height = padded.shape[0] - 2, width = padded.shape[1] - 2, half = texels / 2;
     Array<float, 3> found(height, width, 2);
     for (int row = 0; row < height; ++row)
         for (int column = 0; column < width; ++column) {
@@ -81,8 +81,8 @@ Array<float, 3> bench_texels(ConstCube padded, const Rotation& R_world_camera, i
             Point at = R_world_camera.turned(ray);
             // scaled by 1/n, not normalised first: u = dx / (|d| − dz)
             double below = std::max(norm(at) - at.z, 1e-3);
-            found(row, column, 0) = static_cast<float>((at.x / below / reach + 1.0) * (texels / 2));
-            found(row, column, 1) = static_cast<float>((at.y / below / reach + 1.0) * (texels / 2));
+            found(row, column, 0) = static_cast<float>((at.x / below / reach + 1.0) * half);
+            found(row, column, 1) = static_cast<float>((at.y / below / reach + 1.0) * half);
         }
     return found;
 }

@@ -27,7 +27,9 @@ void require_pixels(double width_px, double blur_px, int reach_px) {
 
 // Fields of a Centreline but for the verdict, and of acceptance.Evidence.
 nb::object answer(detect::MeasuredLine&& found) {
-    auto& [line, seen, end] = found;
+    const auto& line = found.line;
+    auto& seen = found.evidence;
+    const auto& end = found.end;
     constexpr const char* kinds[] = {"tip", "hidden", "border", "unsure"};
     const auto of_kept = [&](const auto& values) { return to_numpy(detect::selected(values, line.kept)); };
     const nb::object dict = nb::module_::import_("builtins").attr("dict");

@@ -191,7 +191,7 @@ double lopsided(const Binned& seen, double noise) {
 CrossSection nearest(const Binned& seen, const Shapes& known) {
     const int bins = seen.number.size();
     const double whole = total(seen.number), offset = dot(seen.mean, seen.number) / whole;
-    const CrossSection* best = nullptr;
+    const CrossSection* best = known.blurred.data();
     double most = -INFINITY;
     for (const CrossSection& section : known.blurred) {
         const Numbers shape =
@@ -204,7 +204,7 @@ CrossSection nearest(const Binned& seen, const Shapes& known) {
         }
         // the height that fits each shape best is left free
         const double match = product * product / std::max(power, 1e-9);
-        if (!best || match > most) best = &section, most = match;
+        if (match > most) best = &section, most = match;
     }
     return *best;
 }

@@ -69,7 +69,8 @@ std::array<std::int32_t, 256> saturating(Bytes flat) {
 }  // namespace
 
 Array<std::int32_t, 2> places(ConstCube paths_px, const Reduction& reduction) {
-    const auto [factor, pool, rows, columns] = reduction;
+    const int factor = reduction.factor, pool = reduction.pool;
+    const int rows = reduction.rows, columns = reduction.columns;
     const int count = paths_px.shape[0], samples = paths_px.shape[1];
     Array<std::int32_t, 2> index(count, samples);
     const auto reduced = [&](double px) { return std::rint(((px + 0.5) / factor - 0.5) / pool); };

@@ -28,7 +28,7 @@ double grid_distance(int g) { return NEAREST + (1.0 - NEAREST) * g / (GRID - 1);
 struct Deflections {
     double of[NODES][GRID];
 
-    Deflections() {
+    Deflections() noexcept {
         for (int j = 0; j < NODES; ++j) {
             const double past = std::max(j - CONTACT, 0);
             const double along = FREE * (j - past) / CONTACT + (1.0 - FREE) * past / NODES_BEYOND;
