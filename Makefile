@@ -78,6 +78,7 @@ docs-pictures: $(INSTALLED) gl
 sbom: $(INSTALLED)
 	$(BIN)/python docs/sbom.py sbom.json $(EXTRAS)
 
+TIDY := printf '%s\n' $(filter %.cpp, $(CXX_FILES)) | xargs -P 2 -n 4 $(BIN)/clang-tidy -p build/tidy --quiet
 # clang-tidy reads each file as the compiler does
 build/tidy/compile_commands.json: $(VENV)/.tools vbaa_calib/native/CMakeLists.txt
 	$(CONFIGURE) -B build/tidy -DLEVELS=base -DCMAKE_EXPORT_COMPILE_COMMANDS=ON >/dev/null
@@ -87,14 +88,16 @@ lint: $(VENV)/.tools build/tidy/compile_commands.json
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/clang-format --dry-run --Werror $(CXX_FILES)
-	printf '%s\n' $(filter-out %.hpp, $(CXX_FILES)) | xargs -P 2 -n 4 $(BIN)/clang-tidy -p build/tidy --quiet
+	$(TIDY) --checks=-clang-analyzer-*
 
-# the core under address and undefined-behaviour sanitizers, and the tests that touch it: a quarter of an hour
-sanitize: $(INSTALLED)
+# the core by Clang's analyzer, then under address and undefined-behaviour sanitizers the tests that touch it: an hour
+TOUCHING := $(addprefix tests/, test_native.py antenna camera calibrate detect estimator synth)
+sanitize: $(INSTALLED) build/tidy/compile_commands.json
+	$(TIDY)
 	$(CONFIGURE) -B build/sanitized -DSANITIZE=address,undefined -DMODULES=$(abspath vbaa_calib/native) >/dev/null
 	$(BIN)/cmake --build build/sanitized
 	LD_PRELOAD="$$(c++ -print-file-name=libasan.so) $$(c++ -print-file-name=libstdc++.so)" ASAN_OPTIONS=detect_leaks=0 \
-	  VBAA_PROCESSOR=sanitized $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow' $(TOUCHING_CORE)
+	  VBAA_PROCESSOR=sanitized $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow' $(TOUCHING)
 
 clean:
 	rm -rf $(VENV) build $(addprefix vbaa_calib/native/, CMakeFiles CMakeCache.txt base v3 v4 sanitized) demo docs/_build docs/jupyter_execute .pytest_cache .mypy_cache .ruff_cache
