@@ -40,7 +40,7 @@ import pickle, sys
 from pathlib import Path
 from vbaa import ContactEstimator
 
-heavy = set("torch kornia matplotlib pyarrow vtk pyvista scipy.spatial imagesize PIL pydantic rich starlette".split())
+heavy = set("torch kornia matplotlib pyarrow vtk pyvista scipy numba imagesize PIL pydantic rich starlette".split())
 assert not heavy & set(sys.modules), heavy & set(sys.modules)
 rig, points, xy, readings = pickle.loads(Path(sys.argv[1]).read_bytes())
 for line in ({"centreline_px": points}, {"plane_xy_m": xy}):
