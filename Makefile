@@ -89,9 +89,11 @@ lint: $(VENV)/.tools build/tidy/compile_commands.json
 	$(BIN)/clang-format --dry-run --Werror $(CXX_FILES)
 	printf '%s\n' $(filter-out %.hpp, $(CXX_FILES)) | xargs -P 2 -n 4 $(BIN)/clang-tidy -p build/tidy --quiet
 
+TOUCHING_CORE := tests/camera tests/antenna tests/detect tests/synth tests/test_native.py \
+  $(addprefix tests/estimator/test_, solve_answers.py solve_oracle.py normal_equations.py)
 # the core under address and undefined-behaviour sanitizers, and the tests that touch it: a quarter of an hour
 sanitize: $(INSTALLED)
-	$(CONFIGURE) -B build/sanitized -DSANITIZE=address,undefined -DMODULES=$(abspath vbaa_calib/native) >/dev/null
+	$(CONFIGURE) -B build/sanitized -DSANITIZE=address,undefined,float-cast-overflow -DMODULES=$(abspath vbaa_calib/native) >/dev/null
 	$(BIN)/cmake --build build/sanitized
 	LD_PRELOAD="$$(c++ -print-file-name=libasan.so) $$(c++ -print-file-name=libstdc++.so)" ASAN_OPTIONS=detect_leaks=0 \
 	  VBAA_PROCESSOR=sanitized $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow' $(TOUCHING_CORE)
