@@ -7,12 +7,15 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from estimator.solver.numbers import FitNumbers
 from vbaa_calib.native import core, levels
 
 ROOT = Path(__file__).parents[1]
@@ -31,6 +34,7 @@ def _functions() -> Iterator[tuple[str, Callable[..., object]]]:
 
 
 FUNCTIONS = dict(_functions())
+TRIES = int(os.environ.get("VBAA_WRONG_CALLS", "60"))
 
 
 def _in_child(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
@@ -61,6 +65,207 @@ def test_what_is_no_array_is_refused(name: str) -> None:
         for count in range(1, 14):
             with pytest.raises((TypeError, ValueError, AttributeError)):
                 FUNCTIONS[name](*[wrong] * count)
+
+
+RNG = np.random.default_rng(7)
+LENS = core.lens.Lens(False, np.array([800.0, 800.0, 320.0, 240.0, -0.1, 0.02, 1e-3, 1e-3]))
+
+
+def _a(*shape: int) -> np.ndarray:
+    return RNG.uniform(0.1, 1.0, shape)
+
+
+def _whole(*values: int) -> np.ndarray:
+    return np.array(values, np.int64)
+
+
+def _fields(**shapes: object) -> SimpleNamespace:
+    """An object with arrays of these shapes; what is no tuple stays."""
+    return SimpleNamespace(**{name: _a(*each) if isinstance(each, tuple) else each for name, each in shapes.items()})
+
+
+def _calls() -> dict[str, tuple[object, ...]]:
+    """Right arguments of every function."""
+    curve = (np.sort(_a(2, 4)), _a(2, 4, 2), _a(2, 4, 2))
+    on_plane = (np.eye(3, 4), np.array([0.0, 0.0, 1.0, 2.0]), np.eye(3))
+    corners = _fields(points_m=(9, 3), deformation=(9, 3, 5), pixels=(9, 2), weights=(9,), bounds=_whole(0, 4, 9))
+    numbers = dict.fromkeys(("tail", "noise_px", "least_slope", "stiffness_px", "width", "height"), 3.0)
+    priors, state = _fields(mean=(5,), std=(5,), **numbers), _fields(fisheye=False, lens=(8,), shape=(5,), poses=(2, 6))
+    rules = _fields(iterations=4, tolerance=1e-6, damping=1e-3, growth=10.0, may_rise_share=0.1)
+    column = np.arange(13)
+    presses = (_a(3, 9), 0.2, _a(3, 3), 0.1 * _a(3), _a(3, 2), _a(3))
+    lanes = (_a(9, 8), 0.2, _a(3), 0.1 * _a(8), _a(2, 8), _a(8))
+    kept = dict.fromkeys(("length_m", "bend", "twist", "mass_per_length_kg_m", "curvature_y", "curvature_z"), 0.2)
+    rod = _fields(clamp=np.eye(3), **kept)
+    object_ = _fields(kind=1, center_m=(3,), axis=(3,), wedge=(3,), radius_m=0.5, bumps=(2, 5))
+    body = _fields(object=object_, sides=(2, 4), across=(3, 3), reach_m=1.0, steepest=1.0)
+    image, path = RNG.integers(0, 255, (60, 80), np.uint8), np.linspace([5.0, 30.0], [70.0, 33.0], 9)
+    paths, levels, looks = np.stack([path, path + 9.0]), np.array([[90.0, 9.0]] * 3), _a(5, 4)
+    colour = np.repeat(image[..., None], 3, axis=2)
+    found = core.search.crossings(image, path, 9, 1.0)
+    tried = (12, _a(4, core.search.CURVE_POINTS), _a(4), _a(3, core.search.CURVE_POINTS))
+    free = _fields(clamp_m=(3,), axes=np.eye(3), segments_m=np.array([[0.05, 0.0, 0.0]] * 6))
+    rig_numbers = dict.fromkeys(("length_m", "force_unit_N", "unit_load", "stiffness_Nm2", "focal"), 1.0)
+    flags, known = dict.fromkeys(("with_tip", "with_second_sensor", "with_lens"), True), {"axes": (26, 3), "line": (3,)}
+    small = dict.fromkeys(("friction_rad", "tip_offset_m"), 0.1)
+    pose = {"pose_lanes": (3, 4, 8), "by_pose_step": (8,), "rotation": np.eye(3), "translation_m": (3,)}
+    more = {"antenna_parameters": (9,), "antenna_steps": (9,), "to_camera": (2,), "eye_m": (3,)}
+    sensors = dict.fromkeys(("gain", "offset", "std"), (2,))
+    fields = _fields(**rig_numbers, **small, **flags, **known, **pose, **more, **sensors)
+    rig, exact = core.solver.Rig(fields, LENS), core.solver.Rig(_fields(**vars(fields) | {"axes": (26, 0)}), LENS)
+    frames = _fields(
+        usable=(3, 9), points=(3, 9, 2), covariance=(3, 9, 3), moment_Nm=(3, 2), tip=(3, 2), tip_covariance=(3, 3)
+    )
+    frames.available, frames.gravity_m_s2 = np.ones((3, 3)), _a(3, 3)
+    nodes, pieces = core.solver.NODES, core.solver.PIECES
+    linear = {"tangents": (3, nodes), "point_force": (6,), "columns": (6, 10), "residual": (3,)}
+    linear |= {"readings": (3, 10), "information": (10, 10), "side": (10,), "prior": (10,), "excess": ()}
+    linearised = _fields(**{name: (3, *shape) for name, shape in linear.items()})
+    antennas = _fields(information=(3, 6, 6), side=(3, 6), gain=(3,))
+    return {
+        "lens.interpolate": (*curve, _a(3)),
+        "lens.feet": (*curve, _a(3, 2)),
+        "lens.whitened": (*curve, _a(3, 2), _a(3, 2, 2)),
+        "Lens.__init__": (False, _a(8)),
+        "Lens.project": (_a(3, 3), True),
+        "Lens.chart": (_a(3, 2),),
+        "Lens.unproject": (_a(3, 2),),
+        "Lens.rays_with_slopes": (_a(3, 2),),
+        "Lens.normalized": (_a(3, 2), True),
+        "Lens.normalized_by_lens": (_a(3, 2),),
+        "Lens.on_plane": (_a(3, 2), *on_plane),
+        "Lens.plane_slopes": (_a(3, 2), *on_plane, True),
+        "bundle.descend": (state, corners, column, priors, rules, True),
+        "bundle.corner_rows": (state, corners),
+        "bundle.unfolding_rows": (_a(8), False, priors),
+        "bundle.radial_slopes": (_a(4), False, _a(3)),
+        "bundle.standardised": (_a(4, 2), _a(4, 2, 6), np.ones(4, bool), _whole(0, 2, 4)),
+        "bundle.homography": (_a(6, 2), _a(6, 2), _whole(0, 1, 2, 3)[None], 1.0),
+        "bundle.corner_radius": (_a(8), 640.0, 480.0),
+        "antenna.curves": (2, *presses),
+        "antenna.bend": (False, 2, *presses),
+        "antenna.bend_lanes": (3, *lanes, _a(3, nodes, 8), _a(3, nodes, 8), _a(3, 8), _a(8)),
+        "antenna.universal_curve": (_a(3, 4), _a(3)),
+        "antenna.closed_form": (1.0, 0.1),
+        "antenna.jacobi": (1.0, 0.1),
+        "antenna.solve_rods": (rod, _a(2, 7), 1.0, _a(2, 2), _a(2, 3), 4),
+        "antenna.shoot_rods": (rod, _a(2, 7), _a(2, 3), 4),
+        "simulate.signed_distances": (object_, _a(3, 3)),
+        "simulate.rough_distances": (object_, _a(3, 3)),
+        "simulate.elevations": (_a(3, 3), 1.0, _a(2, 5)),
+        "simulate.surface_radii": (_a(3, 3), 1.0, _a(2, 5)),
+        "simulate.first_within": (object_, _a(2, 3, 3), _a(2, 3), _a(4, 3), 0.1),
+        "simulate.cast_rays": (body, _a(3), _a(4, 3)),
+        "simulate.shade": (_a(3), _a(3), _a(4, 3), _a(4), _a(4)),
+        "simulate.rays_between": (_a(5, 6, 2), _a(4, 2)),
+        "simulate.bench_texels": (_a(5, 6, 2), np.eye(3), 64, 1.0),
+        "simulate.tube_pixels": (9.0 * _a(5, 7), 20, 10, _a(4, 2), 2, 0.1),
+        "simulate.touch_at_once": (rod, (1.0, 1.0, 1.0, 1.0), _a(2, 9, 3), _a(2, 2, 7), _a(2, 7)),
+        "simulate.advance": (rod, object_, (1.0,) * 5, _a(2, 7, 3), _a(2, 2, 23)),
+        "simulate.gripped": (_a(2), _a(2), _a(2, 2), 1.0, _a(2), 0.3),
+        "solver.Rig": (fields, LENS),
+        "solver.solve": (rig, exact, frames, 0, 3, -1, _a(3, 4), _a(pieces), FitNumbers.unwritten(3)),
+        "solver.rough": (rig, frames, _a(3, 4), _a(3, nodes, 3)),
+        "solver.linearise": (rig, frames, 1, _a(3, 4), linearised),
+        "solver.free_antennas": (rig, frames, _a(3, 6), 3.0, antennas),
+        "solver.edge_on": (rig, _a(3, 4)),
+        "solver.ideal_points": (LENS, _a(3, 2), _a(3)),
+        "solver.places": (_a(3, 5, 2),),
+        "solver.accelerations": (np.arange(9.0), _a(9, 2, 3), _a(9, 1), _whole(4), _a(1), 2.0, 4, False),
+        "search.fit_smooth": (_a(5), _a(5), _a(5), [1.0, 0.5], 4, 0.1),
+        "search.solve_definite": (np.eye(3), _a(3, 2)),
+        "search.running_mean": (_a(9), 3, core.search.Beyond.mirrored),
+        "search.triangle_sums": (_a(9, 2), 3),
+        "search.quantile": (_a(9), 0.4),
+        "search.median": (_a(9),),
+        "search.normals": (path,),
+        "search.resample": (path, 2.0),
+        "search.nearest_on": (path, _a(3, 2)),
+        "search.crossings": (image, path, 9, 1.0),
+        "search.Curves": tried,
+        "search.refine_path": (image, path, 4.0, 12.0, 1.0),
+        "search.refine_changing_path": (image, path, 4.0, core.search.Curves(*tried), levels),
+        "search.places": (paths, 2, 2, (15, 20)),
+        "search.ridge_responses": (image, 4, 2, 0),
+        "search.scores": (image.ravel(), RNG.integers(0, 99, (3, 5), np.int32), _a(3)),
+        "search.clearest_paths": (_a(2), paths, 3.0, 2, 0.5),
+        "search.bent": (free, (0.1, 0.1, 0.5, 0.1, 0.5)),
+        "search.nearest_shape": (free, _a(7, 2), _a(7), (0.1, 0.1, 0.5), 0.0, _a(2, 5)),
+        "search.means_of_runs": (_a(9, 2), _a(9), 4),
+        "search.colours_at": (colour, 255.0, path),
+        "search.weigh_channels": (colour, path, _a(9, 3), 4, np.zeros((60, 80), np.float32)),
+        "search.light_at_clamp": (colour, 255.0, path, np.linspace(1.0, 60.0, 9), looks),
+        "search.foreign": (colour, 255.0, path, np.linspace(0.0, 1.0, 9), looks),
+        "profile.expected": (4.0, 0.8, 11),
+        "profile.shapes": (4.0, 0.8, 11),
+        "profile.fit": (core.profile.expected(4.0, 0.8, 11), found, np.zeros(len(found.along))),
+        "profile.stiffened": (path,),
+        "profile.measured": (image, path, 4.0, 9, 1, 0.6, core.profile.shapes(4.0, 0.8, 11), levels, True),
+        "profile.normal_equations": (found, np.zeros(len(found.along)), 4.0, 0.8, _a(len(found.along), 4), 11),
+        "profile.blurred_polynomials": (4.0, 0.8, 11),
+    }
+
+
+CALLS = _calls()
+WHOLE, REAL = (-1, 0, 1, 3, 2**31 - 1, -(2**31), 2**40), (np.nan, np.inf, -np.inf, -1.0, 0.0, 1e300, 1e-300, 3.0)
+
+
+def _spoilt(value: Any, rng: np.random.Generator) -> Any:
+    """Another number, another kind of array, another shape, or other entries."""
+    if isinstance(value, np.ndarray):
+        entries, axis = value.copy(), int(rng.integers(max(value.ndim, 1)))
+        some = rng.random(value.shape) < rng.choice([0.1, 1.0])
+        entries[some] = rng.choice(REAL if value.dtype.kind == "f" else WHOLE[:4])
+        return [
+            entries,
+            entries,
+            value.astype(rng.choice(["f4", "i8", "c16", "?", "u1", "f8", ">f8"])),
+            np.repeat(value, 2, axis=axis)[(*[slice(None)] * axis, slice(None, None, 2))],
+            np.take(value, range(value.shape[axis] - 1), axis) if value.ndim else value,
+            np.repeat(value, 2, axis=axis) if value.ndim else value,
+            np.asarray(value.T, order="C"),
+            value.reshape(1, -1)[:, : rng.integers(1 + value.size)],
+            value.reshape(*value.shape[:axis], -1, *([1] * (value.ndim - axis - 1))),
+            value[..., None],
+            np.empty((*value.shape[:axis], 0, *value.shape[axis + 1 :]), value.dtype),
+            np.empty((2**40, 0)),
+            None,
+        ][rng.integers(13)]
+    if isinstance(value, bool):
+        return None if rng.random() < 0.5 else not value
+    if isinstance(value, int | float):
+        numbers = WHOLE if isinstance(value, int) and rng.random() < 0.8 else REAL
+        return numbers[rng.integers(len(numbers))]
+    if isinstance(value, tuple | list):
+        return [*value[:-1], _spoilt(value[-1], rng)]
+    if hasattr(value, "__dict__"):
+        kept = dict(vars(value))
+        name = rng.choice(list(kept))
+        return SimpleNamespace(**kept | {name: _spoilt(kept[name], rng)})
+    return LENS
+
+
+def test_every_function_has_a_right_call() -> None:
+    assert set(FUNCTIONS) <= set(CALLS)
+
+
+@pytest.mark.filterwarnings("ignore:.*encountered in cast:RuntimeWarning")
+@pytest.mark.parametrize("name", CALLS)
+def test_wrong_calls_are_refused_or_answered(name: str) -> None:
+    """One or two arguments are spoilt: an error of Python's or any answer, but never a crash."""
+    room, _, call = name.partition(".")
+    if room == "Lens":
+        function = core.lens.Lens if call == "__init__" else getattr(LENS, call)
+    else:
+        function = getattr(getattr(core, room), call)
+    rng = np.random.default_rng(len(name))
+    function(*CALLS[name])
+    for _ in range(TRIES):
+        arguments = list(CALLS[name])
+        for at in rng.permutation(len(arguments))[: rng.integers(1, 3)]:
+            arguments[at] = _spoilt(arguments[at], rng)
+        with suppress(TypeError, ValueError, AttributeError, MemoryError):
+            function(*arguments)
 
 
 @pytest.mark.slow

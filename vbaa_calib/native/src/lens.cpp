@@ -105,7 +105,7 @@ T first_ratio(const RadialTable& table, T distorted_radius) {
     const T place = S(table.nodes_per_unit) * (within / (S(1) + within));
     T node, step, index;
     for (int lane = 0; lane < Kind<T>::count; ++lane) {
-        const int i = static_cast<int>(place[lane]);
+        const int i = table.node(place[lane]);
         node[lane] = S(table.nodes[i]), step[lane] = S(table.steps[i]), index[lane] = S(i);
     }
     return (node + (place - index) * step) / (within + S(1e-15));

@@ -41,6 +41,13 @@ struct RadialTable {
     double nodes_per_unit = 0.0;             // nodes for each unit of ρ/(1 + ρ)
     double ideal_limit = 0.0;                // where the branch ends
     double distorted_limit = 0.0;            // the same of ρ
+
+    // The node at or before a place, of which what is no number, or beyond the table, has the last one's.
+    template <class T>
+    int node(T place) const {
+        const int last = static_cast<int>(nodes.size()) - 1;
+        return place < static_cast<T>(last) ? static_cast<int>(place) : last;
+    }
 };
 
 // A closed curve around the axis: a radius in each of evenly spaced directions from −π on, the first one again last.

@@ -174,6 +174,7 @@ void trust(Lens& lens) {
             const Mapped<double> at = distorted(lens, r * cosine[i], r * sine[i]);
             const double place = (std::atan2(at.y, at.x) + PI) * (DIRECTIONS / (2.0 * PI)),
                          size = std::hypot(at.x, at.y);
+            if (!std::isfinite(place)) return size;
             double& kept = reached[static_cast<int>(std::rint(place)) % DIRECTIONS];
             kept = std::max(kept, size);
             return size;
@@ -203,7 +204,7 @@ bool damped(const Lens& lens, double to_x, double to_y, double& x, double& y) {
     if (!inside(at, x, y)) {
         const double within = std::min(size, lens.table.distorted_limit);
         const double place = lens.table.nodes_per_unit * (within / (1.0 + within));
-        const int index = static_cast<int>(place);
+        const int index = lens.table.node(place);
         const double start = lens.table.nodes[index] + (place - index) * lens.table.steps[index];
         const double ratio = std::min(start, 0.5 * lens.ideal.inner) / (size + 1e-15);
         x = to_x * ratio, y = to_y * ratio;
@@ -282,7 +283,7 @@ bool searched(const Lens& lens, double distorted_x, double distorted_y, double& 
     if (lens.path == Path::full) return damped(lens, distorted_x, distorted_y, x, y);
     const RadialTable& table = lens.table;
     const double size = std::hypot(distorted_x, distorted_y), place = table.nodes_per_unit * (size / (1.0 + size));
-    const int index = static_cast<int>(place);
+    const int index = table.node(place);
     const double node = table.nodes[index], step = table.steps[index];
     const double radius = bracketed(lens, size, node - step, node + 2.0 * step, SAFE_STEPS), s = radius * radius;
     const Gain<double> gain = radial(lens, s);

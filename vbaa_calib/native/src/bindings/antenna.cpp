@@ -10,15 +10,19 @@ namespace {
 using antenna::CURVE_NODES;
 using antenna::NODE_ROWS;
 
+constexpr int MOST_SWEEPS = 100, MOST_STEPS = 10000;
+
 antenna::Presses presses(const InMatrix& parameters, double length_m, const InMatrix& gravity_m_s2,
                          const InVector& contact_m, const InMatrix& push_N, const InVector& friction_rad, bool dead) {
     std::size_t count = contact_m.shape(0);
-    check(parameters.shape(0) == count && parameters.shape(1) == 9 && gravity_m_s2.shape(0) == count &&
-              gravity_m_s2.shape(1) == 3 && push_N.shape(0) == count && push_N.shape(1) == 2 &&
-              friction_rad.shape(0) == count,
-          "shapes need parameters (B, 9), gravity (B, 3), contacts (B,), forces (B, 2) and friction (B,)");
+    require(parameters.shape(0) == count && parameters.shape(1) == 9 && gravity_m_s2.shape(0) == count &&
+                gravity_m_s2.shape(1) == 3 && push_N.shape(0) == count && push_N.shape(1) == 2 &&
+                friction_rad.shape(0) == count,
+            "shapes need parameters (B, 9), gravity (B, 3), contacts (B,), forces (B, 2) and friction (B,)");
     return {view(parameters), length_m, view(gravity_m_s2), view(contact_m), view(push_N), view(friction_rad), dead};
 }
+
+void check_rung(int rung) { require(antenna::PAPER <= rung && rung <= antenna::ROD, "no such rung"); }
 
 auto bent(int rung, int sweeps, const antenna::Presses& presses) {
     auto made = unlocked([&] { return antenna::bend_batch(rung, sweeps, presses); });
@@ -27,12 +31,14 @@ auto bent(int rung, int sweeps, const antenna::Presses& presses) {
 
 auto curves(int rung, const InMatrix& parameters, double length_m, const InMatrix& gravity_m_s2,
             const InVector& contact_m, const InMatrix& push_N, const InVector& friction_rad) {
+    check_rung(rung);
     auto given = presses(parameters, length_m, gravity_m_s2, contact_m, push_N, friction_rad, false);
     return bent(rung, antenna::sweeps_of(rung), given);
 }
 
 auto bend(bool dead, int sweeps, const InMatrix& parameters, double length_m, const InMatrix& gravity_m_s2,
           const InVector& contact_m, const InMatrix& push_N, const InVector& friction_rad) {
+    require(0 <= sweeps && sweeps <= MOST_SWEEPS, "there are 0 to 100 sweeps");
     auto given = presses(parameters, length_m, gravity_m_s2, contact_m, push_N, friction_rad, dead);
     return bent(antenna::ROD, sweeps, given);
 }
@@ -42,19 +48,20 @@ void bend_lanes(int rung, const InMatrix& parameters, double length_m, const InV
                 const OutCube& points_m, const OutCube& tangents, const OutMatrix& force_N,
                 const OutVector& moment_Nm) {
     std::size_t rows = tangents.shape(1);
-    check(parameters.size() == 9 * LANES && gravity_m_s2.size() == 3 && contact_m.size() == LANES &&
-              push_N.size() == 2 * LANES && friction_rad.size() == LANES &&
-              points_m.size() == 3 * CURVE_NODES * LANES && (rows == 0 || rows == NODE_ROWS || rows == CURVE_NODES) &&
-              tangents.shape(0) == 3 && tangents.shape(2) == LANES && force_N.size() == 3 * LANES &&
-              moment_Nm.size() == LANES,
-          "eight shapes need arrays (..., 8), see shapes.hpp");
+    check_rung(rung);
+    require(view(parameters).shape == std::array{9, LANES} && gravity_m_s2.size() == 3 && contact_m.size() == LANES &&
+                view(push_N).shape == std::array{2, LANES} && friction_rad.size() == LANES &&
+                view(points_m).shape == std::array{3, CURVE_NODES, LANES} &&
+                (rows == 0 || rows == NODE_ROWS || rows == CURVE_NODES) && tangents.shape(0) == 3 &&
+                tangents.shape(2) == LANES && view(force_N).shape == std::array{3, LANES} && moment_Nm.size() == LANES,
+            "eight shapes need arrays (..., 8), see shapes.hpp");
     nb::gil_scoped_release release;
     antenna::bend_lanes(rung, view(parameters), length_m, gravity_m_s2.data(), view(contact_m), view(push_N),
                         view(friction_rad), view(points_m), view(tangents), view(force_N), view(moment_Nm));
 }
 
 auto universal_curve(const InMatrix& upsilon, const InVector& friction_rad) {
-    check(upsilon.shape(0) == friction_rad.shape(0) && upsilon.shape(1) > 0, "give (B, N), N > 0, and (B,)");
+    require(upsilon.shape(0) == friction_rad.shape(0) && upsilon.shape(1) > 0, "give (B, N), N > 0, and (B,)");
     Array<double, 3> curve(3, upsilon.shape(0), upsilon.shape(1));
     unlocked([&] { antenna::universal_curve(view(upsilon), view(friction_rad), curve); });
     return to_numpy(std::move(curve));
@@ -71,14 +78,15 @@ auto jacobi(double u, double m) {
 }
 
 void check_loads(const InMatrix& loads, const InMatrix& moment_Nm, int steps) {
-    check(loads.shape(1) == 7 && moment_Nm.shape(0) == loads.shape(0) && moment_Nm.shape(1) == 3 && steps > 0,
-          "rods need loads (B, 7), moments (B, 3) and at least one step");
+    require(loads.shape(1) == 7 && moment_Nm.shape(0) == loads.shape(0) && moment_Nm.shape(1) == 3 && steps > 0 &&
+                steps <= MOST_STEPS,
+            "rods need loads (B, 7), moments (B, 3) and 1 to 10000 steps");
 }
 
 auto solve_rods(nb::handle rod, const InMatrix& loads, double unit_Nm, const InMatrix& limit_Nm,
                 const InMatrix& moment_Nm, int steps) {
     check_loads(loads, moment_Nm, steps);
-    check(limit_Nm.shape(0) == loads.shape(0) && limit_Nm.shape(1) == 2, "rods need limits (B, 2)");
+    require(limit_Nm.shape(0) == loads.shape(0) && limit_Nm.shape(1) == 2, "rods need limits (B, 2)");
     antenna::Rod numbers = rod_of(rod);
     auto rods = unlocked(
         [&] { return antenna::solve_rods(numbers, view(loads), unit_Nm, view(limit_Nm), view(moment_Nm), steps); });
@@ -103,9 +111,7 @@ void bind_antenna(nb::module_& module) {
     room.attr("ROD_TOLERANCE") = antenna::ROD_TOLERANCE;
     room.def("curves", &curves, "Points, tangents (B, N, 3), force (B, 3) and moment (B,) as a rung sees them.");
     room.def("bend", &bend, "The same by so many sweeps over the equilibrium of moments.");
-    room.def("bend_lanes", &bend_lanes, "Eight shapes, written into the last four arrays; see shapes.hpp.", nb::arg(),
-             nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().noconvert(),
-             nb::arg().noconvert(), nb::arg().noconvert(), nb::arg().noconvert());
+    room.def("bend_lanes", &bend_lanes, "Eight shapes, written into the last four arrays; see shapes.hpp.");
     room.def("universal_curve", &universal_curve, "psi, C and S (3, B, N) at v (B, N), each row's largest first.");
     room.def("closed_form", &closed_form, "psi, C and S at one v by Jacobi's functions.");
     room.def("jacobi", &jacobi, "sn, cn, dn of (u | m), and E(am(u | m) | m).");

@@ -2,17 +2,13 @@
 
 #include <nanobind/stl/tuple.h>
 
-#include "numpy.hpp"
+#include "lens_bindings.hpp"
 
 namespace vbaa {
 namespace {
 
 using bundle::SHAPE;
 using Indices = Numpy<const std::int64_t, 1>;
-
-void require(bool right, const char* what) {
-    if (!right) throw nb::value_error(what);
-}
 
 void check_bounds(View<const std::int64_t, 1> bounds, int count) {
     require(bounds.shape[0] > 0 && bounds[0] == 0 && bounds[bounds.shape[0] - 1] == count, "bounds go from 0 to N");
@@ -47,21 +43,14 @@ bundle::Priors priors_of(nb::handle object) {
     return found;
 }
 
-void check_lens(bool fisheye, const InVector& lens) {
-    const std::size_t count = lens.shape(0);
-    require(count == 4 || count == 8 || (!fisheye && (count == 9 || count == 12 || count == 16 || count == 18)),
-            "a lens has 4, 8, 9, 12, 16 or 18 parameters, the fisheye 8");
-    require(!fisheye || count == 8, "the fisheye has 8 parameters");
-}
-
 // Of `lens.bundle.State`.
 bundle::State state_of(nb::handle object, const bundle::Corners& corners) {
-    const auto vector = [&](const char* name) { return nb::cast<InVector>(object.attr(name), false); };
     bundle::State state;
     state.fisheye = number<bool>(object, "fisheye");
-    check_lens(state.fisheye, vector("lens"));
-    state.lens = Array<double, 1>(view(vector("lens"))), state.shape = Array<double, 1>(view(vector("shape")));
-    state.poses = Array<double, 2>(view(nb::cast<InMatrix>(object.attr("poses"), false)));
+    state.lens = Array<double, 1>(attribute<const double, 1>(object, "lens"));
+    state.shape = Array<double, 1>(attribute<const double, 1>(object, "shape"));
+    state.poses = Array<double, 2>(attribute<const double, 2>(object, "poses"));
+    check_lens(state.fisheye, state.lens.shape[0]);
     require(state.shape.shape[0] == SHAPE && state.poses.shape == std::array<int, 2>{corners.views(), bundle::POSE},
             "a state has shape (5,) and a pose (6,) for each view");
     return state;
@@ -101,7 +90,7 @@ auto corner_rows(nb::handle state_, nb::handle corners_) {
 }
 
 auto unfolding_rows(InVector lens, bool fisheye, nb::handle priors) {
-    check_lens(fisheye, lens);
+    check_lens(fisheye, view(lens).shape[0]);
     Array<double, 1> lacking(bundle::RADII);
     Array<double, 2> by_lens(bundle::RADII, lens.shape(0));
     const int count = bundle::unfolding_rows(view(lens), fisheye, priors_of(priors), lacking, by_lens);

@@ -12,8 +12,7 @@ using lens::Lens;
 constexpr const char* PIXELS = "pixels must be (N, 2)";
 
 Lens make(bool fisheye, InVector parameters) {
-    const std::size_t count = parameters.shape(0);
-    if (count < 4 || count > 18 || (fisheye && count != 8)) throw nb::value_error("a lens has 4 to 18 parameters");
+    check_lens(fisheye, view(parameters).shape[0]);
     return lens::prepared(fisheye, view(parameters));
 }
 

@@ -8,8 +8,12 @@
 
 namespace vbaa {
 
-// Lives as long as the Python object does.
-inline const lens::Lens& lens_of(nb::handle object) { return nb::cast<const lens::Lens&>(object); }
+// Refuse a number of parameters that no model has.
+inline void check_lens(bool fisheye, int parameters) {
+    constexpr int counts[] = {4, 8, 9, 12, 16, 18};
+    require(fisheye ? parameters == 8 : std::count(std::begin(counts), std::end(counts), parameters) > 0,
+            "a lens has 4, 8, 9, 12, 16 or 18 parameters, the fisheye 8");
+}
 
 // A new array of that shape for Python, its numbers not set.
 template <class T, class... Sizes>

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <cstring>
+#include <limits>
 #include <type_traits>
 
 #include "arrays.hpp"
@@ -14,8 +15,30 @@ namespace vbaa {
 
 namespace nb = nanobind;
 
+// Refuse what would be read or written outside its memory.
+inline void require(bool holds, const char* rule) {
+    if (!holds) throw nb::value_error(rule);
+}
+
+// One to write into is taken as it is or not at all (TypeError): what is written into a converted copy would be lost.
 template <class T, int N>
-using Numpy = nb::ndarray<nb::numpy, T, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
+struct Numpy : nb::ndarray<nb::numpy, T, nb::ndim<N>, nb::c_contig, nb::device::cpu> {
+    using Base = nb::ndarray<nb::numpy, T, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
+    using Base::Base;
+    Numpy() = default;
+    explicit Numpy(Base&& array) : Base(std::move(array)) {}
+};
+
+// Whether sizes, and their product, are whole numbers as the core counts them.
+template <class Size>
+bool countable(const Size* shape, std::size_t axes) {
+    double all = 1.0;
+    for (std::size_t axis = 0; axis < axes; ++axis) {
+        if (static_cast<double>(shape[axis]) > std::numeric_limits<int>::max()) return false;
+        all *= static_cast<double>(shape[axis]);
+    }
+    return all <= std::numeric_limits<int>::max();
+}
 
 using InVector = Numpy<const double, 1>;
 using InMatrix = Numpy<const double, 2>;
@@ -43,10 +66,12 @@ View<T, N> attribute(nb::handle object, const char* name) {
     constexpr bool whole = std::is_integral_v<T>, positive = std::is_unsigned_v<T>;
     constexpr const char* kinds = std::is_same_v<Own, bool> ? "?" : !whole ? "fd" : positive ? "BHILQ" : "bhilq";
     const nb::object array = object.attr(name);
+    if (Py_REFCNT(array.ptr()) == 1) nb::raise_type_error("%s is made anew each time, nobody keeps it", name);
     Py_buffer buffer;
     const bool got = PyObject_GetBuffer(array.ptr(), &buffer, asked) == 0;
     if (!got) PyErr_Clear();
-    if (!got || buffer.ndim != N || buffer.itemsize != sizeof(T) || !std::strchr(kinds, buffer.format[0])) {
+    if (!got || buffer.ndim != N || buffer.itemsize != sizeof(T) || !std::strchr(kinds, buffer.format[0]) ||
+        !countable(buffer.shape, N)) {
         if (got) PyBuffer_Release(&buffer);
         nb::raise_type_error("%s is not a contiguous array of the right kind with %d axes", name, N);
     }
@@ -59,7 +84,16 @@ View<T, N> attribute(nb::handle object, const char* name) {
 
 template <class T>
 T number(nb::handle object, const char* name) {
-    return nb::cast<T>(object.attr(name));
+    T found;
+    if (!nb::try_cast(object.attr(name), found)) nb::raise_type_error("%s is no number of the right kind", name);
+    return found;
+}
+
+// What some work gives, without the interpreter's lock.
+template <class Work>
+auto unlocked(const Work& work) {
+    const nb::gil_scoped_release release;
+    return work();
 }
 
 // A new array for Python, which keeps what the core has made; as another kind of number of the same size, if asked for.
@@ -78,7 +112,34 @@ Numpy<T, N> to_numpy(Array<T, N>&& made) {
     return to_numpy_as<T>(std::move(made));
 }
 
+template <class... Made>
+nb::tuple arrays(Made&&... made) {
+    return nb::make_tuple(to_numpy(std::move(made))...);
+}
+
 // Marks (N,) as NumPy's bool.
 inline Numpy<bool, 1> to_flags(Array<unsigned char, 1>&& made) { return to_numpy_as<bool>(std::move(made)); }
 
 }  // namespace vbaa
+
+namespace nanobind::detail {
+
+template <class T, int N>
+struct type_caster<vbaa::Numpy<T, N>> {
+    using Kind = vbaa::Numpy<T, N>;
+    using Caster = type_caster<typename Kind::Base>;
+    NB_TYPE_CASTER(Kind, Caster::Name)
+
+    bool from_python(handle source, std::uint32_t flags, cleanup_list* cleanup) noexcept {
+        Caster found;
+        if constexpr (!std::is_const_v<T>) flags &= ~std::uint32_t(cast_flags::convert);
+        if (!found.from_python(source, flags, cleanup)) return false;
+        value = Kind(std::move(found.value));
+        return value.is_valid() && vbaa::countable(value.shape_ptr(), N);
+    }
+    static handle from_cpp(const Kind& array, rv_policy policy, cleanup_list* cleanup) noexcept {
+        return Caster::from_cpp(array, policy, cleanup);
+    }
+};
+
+}  // namespace nanobind::detail

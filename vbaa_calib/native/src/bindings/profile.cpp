@@ -10,19 +10,9 @@ using namespace nb::literals;
 using detect::CrossSection;
 using detect::Numbers;
 
-template <class Work>
-auto unlocked(const Work& work) {
-    const nb::gil_scoped_release release;
-    return work();
-}
-
-void require(bool holds, const char* rule) {
-    if (!holds) throw nb::value_error(rule);
-}
-
 void require_pixels(double width_px, double blur_px, int reach_px) {
-    require(width_px >= 0.0 && width_px < 1e4 && blur_px >= 0.0 && blur_px < 1e4 && reach_px > 0 && reach_px < 1e4,
-            "width, blur and reach are 0 to 10000 px");
+    require(width_px >= 0.0 && width_px < 1e3 && blur_px >= 0.0 && blur_px < 1e3 && reach_px > 0 && reach_px < 1e3,
+            "width, blur and reach are 0 to 1000 px");
 }
 
 // Fields of a Centreline but for the verdict, and of acceptance.Evidence.

@@ -17,15 +17,7 @@ namespace {
 using detect::Crossings;
 using InBytes = Numpy<const std::uint8_t, 1>;
 
-template <class Work>
-auto unlocked(const Work& work) {
-    const nb::gil_scoped_release release;
-    return work();
-}
-
-void require(bool holds, const char* rule) {
-    if (!holds) throw nb::value_error(rule);
-}
+constexpr int LONG = 1'000'000;  // so many values no run has
 
 void require_pixels(double px) { require(px >= 0.0 && px < 1e4, "a width or reach is 0 to 10000 px"); }
 
@@ -43,11 +35,6 @@ ConstMatrix looks_of(const InMatrix& array) { return rows_of(array, 4, 1, "looks
 ConstVector of_size(const InVector& array, std::size_t count) {
     require(array.shape(0) == count, "arrays of one number of points go together");
     return view(array);
-}
-
-template <class... Made>
-nb::tuple arrays(Made&&... made) {
-    return nb::make_tuple(to_numpy(std::move(made))...);
 }
 
 nb::tuple answer(detect::RefinedPath&& found) {
@@ -88,13 +75,13 @@ void bind_smooth(nb::module_& room) {
         require(matrix.shape(1) == count && sides.shape(0) == count, "a system is (M, M) for sides (M, S)");
         solve_definite(view(matrix), view(sides));
     };
-    room.def("solve_definite", solve, nb::arg().noconvert(), nb::arg().noconvert());
+    room.def("solve_definite", solve);
     room.def("running_mean", [](InVector values, int size, Beyond beyond) {
-        require(size > 0, "a mean is of one value at least");
+        require(size > 0 && size < LONG, "a mean is of one value at least");
         return to_numpy(running_mean(view(values), size, beyond));
     });
     room.def("triangle_sums", [](InMatrix values, int count) {
-        require(count > 0, "a triangle has one value at least");
+        require(count > 0 && count < LONG, "a triangle has one value at least");
         return to_numpy(triangle_sums(view(values), count));
     });
     room.def("quantile", [](InVector values, double share) {
@@ -174,10 +161,14 @@ void bind_ridges(nb::module_& room) {
     room.def("ridge_responses", [](Numpy<const std::uint8_t, 2> small, int reach, int pool, int sign) {
         require_pixels(std::max(reach, pool));
         require(small.size() > 0 && reach > 0 && pool > 0, "a picture is not empty, reaches are positive");
+        const double around = 2.0 * std::max(reach, pool);
+        require((static_cast<double>(small.shape(0)) + around) * (static_cast<double>(small.shape(1)) + around) < 1e9,
+                "a picture has less than 10^9 pixels");
         return to_numpy(unlocked([&] { return detect::ridge_responses(view(small), reach, pool, sign); }));
     });
     room.def("scores", [](InBytes flat, Numpy<const std::int32_t, 2> index, InVector weight) {
-        require(flat.shape(0) > 0, "responses are not empty");
+        require(flat.shape(0) > 0 && index.shape(1) < LONG,
+                "responses are not empty, paths have less than 10^6 samples");
         const auto each = of_size(weight, index.shape(0));
         return to_numpy(unlocked([&] { return detect::scores(view(flat), view(index), each); }));
     });
@@ -222,7 +213,7 @@ void bind_colours(nb::module_& room) {
         const auto near = points(at), of_channels = rows_of(weights, 3, 0, "weights are an array (K, 3)");
         unlocked([&, taken = picture(image)] { detect::weigh_channels(taken, near, of_channels, reach, view(plane)); });
     };
-    room.def("weigh_channels", weigh, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().noconvert());
+    room.def("weigh_channels", weigh);
     room.def("light_at_clamp", [](InPicture image, double level, InMatrix axis, InVector along, InMatrix looks) {
         const auto each = of_size(along, axis.shape(0));
         const auto found = detect::light_at_clamp(picture(image), level, points(axis), each, looks_of(looks));

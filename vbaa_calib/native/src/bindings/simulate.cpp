@@ -12,19 +12,21 @@ namespace {
 
 Point vector_of(nb::handle object, const char* name) {
     auto values = attribute<const double, 1>(object, name);
-    check(values.size() == 3, "an object's vectors are (3,)");
+    require(values.size() == 3, "an object's vectors are (3,)");
     return read<Point>(values.data);
 }
 
-void check_points(const InMatrix& points) { check(points.shape(1) == 3, "points and directions are (K, 3)"); }
-void check_bumps(ConstMatrix bumps) { check(bumps.shape[1] == 5, "bumps are (K, 5)"); }
+void check_points(const InMatrix& points) { require(points.shape(1) == 3, "points and directions are (K, 3)"); }
+void check_bumps(ConstMatrix bumps) { require(bumps.shape[1] == 5, "bumps are (K, 5)"); }
 
 // An object as vbaa_calib.simulate.scene.objects.ObjectNumbers has it.
 simulate::Object object_of(nb::handle object) {
     auto bumps = attribute<const double, 2>(object, "bumps");
     check_bumps(bumps);
+    const int kind = number<int>(object, "kind");
+    require(simulate::CYLINDER <= kind && kind <= simulate::FREEFORM, "no such kind of object");
     Point axis = vector_of(object, "axis"), wedge = vector_of(object, "wedge"), side = cross(axis, wedge);
-    return {number<int>(object, "kind"),
+    return {kind,
             vector_of(object, "center_m"),
             axis,
             wedge,
@@ -36,7 +38,7 @@ simulate::Object object_of(nb::handle object) {
 // A body as vbaa_calib.simulate.render.object.Body has it.
 simulate::Body body_of(nb::handle body) {
     auto sides = attribute<const double, 2>(body, "sides"), across = attribute<const double, 2>(body, "across");
-    check(sides.shape[1] == 4 && across.size() == 9, "a body's sides are (K, 4), what lies across it (3, 3)");
+    require(sides.shape[1] == 4 && across.size() == 9, "a body's sides are (K, 4), what lies across it (3, 3)");
     return {object_of(body.attr("object")), sides, read<Rotation>(across.data), number<double>(body, "reach_m"),
             number<double>(body, "steepest")};
 }
@@ -71,8 +73,8 @@ int first_within(nb::handle object, const InCube& rotations, const InMatrix& ori
                  double room_m) {
     check_points(points_m);
     check_points(origins_m);
-    check(rotations.shape(0) == origins_m.shape(0) && rotations.shape(1) == 3 && rotations.shape(2) == 3,
-          "poses are (A, 3, 3) and (A, 3)");
+    require(rotations.shape(0) == origins_m.shape(0) && rotations.shape(1) == 3 && rotations.shape(2) == 3,
+            "poses are (A, 3, 3) and (A, 3)");
     simulate::Object kind = object_of(object);
     nb::gil_scoped_release release;
     return simulate::first_within(kind, view(rotations), view(origins_m), view(points_m), room_m);
@@ -89,18 +91,18 @@ auto cast_rays(nb::handle body, const InVector& origin_m, const InMatrix& direct
 auto shade(const InVector& center_m, const InVector& origin_m, const InMatrix& directions, const InVector& depths,
            const InVector& lights) {
     check_points(directions);
-    check(directions.shape(0) == depths.size() && depths.size() == lights.size(), "each ray has a depth and a light");
+    require(directions.shape(0) == depths.size() && depths.size() == lights.size(), "each ray has a depth and a light");
     auto center = read_from<Point, 1>(center_m), origin = read_from<Point, 1>(origin_m);
     return to_numpy(simulate::shade(center, origin, view(directions), view(depths), view(lights)));
 }
 
 void check_map(const InCube& padded) {
-    check(padded.shape(0) > 2 && padded.shape(1) > 2 && padded.shape(2) == 2, "a map of rays is (H + 2, W + 2, 2)");
+    require(padded.shape(0) > 2 && padded.shape(1) > 2 && padded.shape(2) == 2, "a map of rays is (H + 2, W + 2, 2)");
 }
 
 auto rays_between(const InCube& padded, const InMatrix& pixels) {
     check_map(padded);
-    check(pixels.shape(1) == 2, "pixels are (N, 2)");
+    require(pixels.shape(1) == 2, "pixels are (N, 2)");
     return to_numpy(simulate::rays_between(view(padded), view(pixels)));
 }
 
@@ -111,7 +113,8 @@ auto bench_texels(const InCube& padded, const InMatrix& R_world_camera, int texe
 }
 
 auto tube_pixels(const InMatrix& curve, int width, int height, const InMatrix& inner, int divisions, double asymmetry) {
-    check(curve.shape(1) == 7 && inner.shape(1) == 2 && width > 0 && height > 0, "give (N, 7) and (S, 2)");
+    require(curve.shape(1) == 7 && inner.shape(1) == 2 && divisions > 0, "give (N, 7) and (S, 2)");
+    require(width > 0 && height > 0 && 1.0 * width * height < 3e8, "a picture has 1 to 3·10^8 pixels");
     auto found =
         unlocked([&] { return simulate::tube_pixels(view(curve), width, height, view(inner), divisions, asymmetry); });
     return arrays(found.rows, found.columns, found.nearest, found.coverage, found.shade);
@@ -119,9 +122,9 @@ auto tube_pixels(const InMatrix& curve, int width, int height, const InMatrix& i
 
 auto touch_at_once(nb::handle rod, std::array<double, 4> pressing, const InCube& frames, const InCube& limits,
                    const InMatrix& x) {
-    check(x.shape(1) == 7 && frames.shape(0) == x.shape(0) && frames.shape(1) == 9 && frames.shape(2) == 3 &&
-              limits.shape(0) == x.shape(0) && limits.shape(1) == 2 && limits.shape(2) == 7,
-          "frames are (R, 9, 3), limits (R, 2, 7), states (R, 7)");
+    require(x.shape(1) == 7 && frames.shape(0) == x.shape(0) && frames.shape(1) == 9 && frames.shape(2) == 3 &&
+                limits.shape(0) == x.shape(0) && limits.shape(1) == 2 && limits.shape(2) == 7,
+            "frames are (R, 9, 3), limits (R, 2, 7), states (R, 7)");
     auto numbers = rod_of(rod);
     Array<double, 2> state(view(x));
     simulate::Pressing units = {pressing[0], pressing[1], pressing[2], pressing[3]};
@@ -131,9 +134,9 @@ auto touch_at_once(nb::handle rod, std::array<double, 4> pressing, const InCube&
 
 auto advance(nb::handle rod, nb::handle object, std::array<double, 5> touching, const InCube& frames,
              const InCube& ends) {
-    check(frames.shape(1) == 7 && frames.shape(2) == 3 && ends.shape(0) == frames.shape(0) && ends.shape(1) == 2 &&
-              ends.shape(2) == 23,
-          "frames are (B, 7, 3), their ends (B, 2, 23)");
+    require(frames.shape(1) == 7 && frames.shape(2) == 3 && ends.shape(0) == frames.shape(0) && ends.shape(1) == 2 &&
+                ends.shape(2) == 23,
+            "frames are (B, 7, 3), their ends (B, 2, 23)");
     auto numbers = rod_of(rod);
     auto kind = object_of(object);
     simulate::Touching units = {touching[0], touching[1], touching[2], touching[3], touching[4]};
@@ -143,7 +146,7 @@ auto advance(nb::handle rod, nb::handle object, std::array<double, 5> touching, 
 
 auto gripped(const InVector& now, const InVector& pull, const InMatrix& spring, double press, const InVector& lift,
              double friction) {
-    check(spring.size() == 4, "the spring is (2, 2)");
+    require(spring.size() == 4, "the spring is (2, 2)");
     simulate::Pair rows[] = {read<simulate::Pair>(spring.data()), read<simulate::Pair>(spring.data() + 2)};
     auto grip = simulate::gripped({read_from<simulate::Pair, 1>(now),
                                    read_from<simulate::Pair, 1>(pull),

@@ -18,10 +18,6 @@ using solver::Rig;
 using solver::UNKNOWNS;
 using Released = nb::gil_scoped_release;
 
-void check(bool sound, const char* what) {
-    if (!sound) throw nb::value_error(what);
-}
-
 // Fields of one shape, by name.
 template <class T, std::size_t N, class... More>
 void read(nb::handle object, std::array<int, N> shape, const char* name, View<T, static_cast<int>(N)>& target,
@@ -41,8 +37,9 @@ void read_numbers(nb::handle object, const char* name, T& target, More&&... more
 // Arrays of fields into places for as many, by name.
 template <class T, class... More>
 void read_copies(nb::handle object, const char* name, T& target, More&&... more) {
-    const auto values = nb::cast<nb::ndarray<const double, nb::c_contig, nb::device::cpu>>(object.attr(name), false);
-    check(values.nbytes() == sizeof target, name);
+    nb::ndarray<const double, nb::c_contig, nb::device::cpu> values;
+    if (!nb::try_cast(object.attr(name), values, false)) nb::raise_type_error("%s is no array of floats", name);
+    require(values.nbytes() == sizeof target, name);
     std::copy_n(values.data(), values.size(), reinterpret_cast<double*>(&target));
     if constexpr (sizeof...(more) > 0) read_copies(object, more...);
 }
@@ -60,7 +57,7 @@ Rig rig_of(nb::handle object, const lens::Lens& lens) {
                 "eye_m", rig.eye_m);
     const ConstMatrix axes = attribute<const double, 2>(object, "axes");
     const int parameters = solver::POSES + solver::ANTENNA + 2 + (rig.with_lens ? lens.parameters() : 0);
-    check(axes.shape[0] == parameters + rig.with_tip, "axes are not those of the rig's parameters");
+    require(axes.shape[0] == parameters + rig.with_tip, "axes are not those of the rig's parameters");
     rig.shared = axes.shape[1];
     rig.axes = Array<double, 2>(axes.shape[0], whole_lanes(rig.shared));
     for (int q = 0; q < axes.shape[0]; ++q) std::copy_n(axes.row(q).data, rig.shared, rig.axes.row(q).data);
@@ -106,18 +103,18 @@ void solve(const Rig& rig, const Rig& exact, nb::handle frames_, int begin, int 
            InVector pieces_m, nb::handle numbers_) {
     const Frames frames = frames_of(frames_);
     const solver::Numbers numbers = numbers_of(numbers_, frames.size());
-    check(0 <= begin && end <= frames.size(), "begin and end must be frames");
-    check(solver::AUTO <= rung && rung <= solver::ROD, "no such rung");
-    check(view(warm).shape == std::array{frames.size(), UNKNOWNS}, "warm must be (B, 4)");
-    check(pieces_m.size() == 0 || pieces_m.size() == solver::PIECES, "another number of pieces is tested");
+    require(0 <= begin && end <= frames.size(), "begin and end must be frames");
+    require(solver::AUTO <= rung && rung <= solver::ROD, "no such rung");
+    require(view(warm).shape == std::array{frames.size(), UNKNOWNS}, "warm must be (B, 4)");
+    require(pieces_m.size() == 0 || pieces_m.size() == solver::PIECES, "another number of pieces is tested");
     Released released;
     solver::solve_frames(rig, exact, frames, begin, end, rung, view(warm), view(pieces_m), numbers);
 }
 
 void rough(const Rig& rig, nb::handle frames_, OutMatrix unknowns, OutCube points_m) {
     const Frames frames = frames_of(frames_);
-    check(view(unknowns).shape == std::array{frames.size(), UNKNOWNS}, "unknowns must be (B, 4)");
-    check(view(points_m).shape == std::array{frames.size(), solver::NODES, 3}, "points must be (B, M, 3)");
+    require(view(unknowns).shape == std::array{frames.size(), UNKNOWNS}, "unknowns must be (B, 4)");
+    require(view(points_m).shape == std::array{frames.size(), solver::NODES, 3}, "points must be (B, M, 3)");
     Released released;
     solver::rough_frames(rig, frames, view(unknowns), view(points_m));
 }
@@ -134,8 +131,8 @@ void linearise(const Rig& rig, nb::handle frames_, int rung, InMatrix unknowns, 
     read(found_, std::array{count, size, size}, "information", found.information);
     read(found_, std::array{count, size}, "side", found.side, "prior", found.prior);
     read(found_, std::array{count}, "excess", found.excess);
-    check(solver::PAPER <= rung && rung <= solver::ROD, "no such rung");
-    check(view(unknowns).shape == std::array{count, UNKNOWNS}, "unknowns must be (B, 4)");
+    require(solver::PAPER <= rung && rung <= solver::ROD, "no such rung");
+    require(view(unknowns).shape == std::array{count, UNKNOWNS}, "unknowns must be (B, 4)");
     Released released;
     solver::linearise_frames(rig, frames, rung, view(unknowns), found);
 }
@@ -147,13 +144,13 @@ void free_antennas(const Rig& rig, nb::handle frames_, InMatrix steps, double fa
     read(found_, std::array{count, size, size}, "information", found.information);
     read(found_, std::array{count, size}, "side", found.side);
     read(found_, std::array{count}, "gain", found.gain);
-    check(view(steps).shape == std::array{count, size}, "steps must be (B, R)");
+    require(view(steps).shape == std::array{count, size}, "steps must be (B, R)");
     Released released;
     solver::free_frames(rig, frames, view(steps), farthest_std, found);
 }
 
 auto edge_on(const Rig& rig, InMatrix unknowns) {
-    check(unknowns.shape(1) >= 3, "unknowns must be (B, 3) or more");
+    require(unknowns.shape(1) >= 3, "unknowns must be (B, 3) or more");
     auto angles = room<double>(unknowns.shape(0));
     const ConstMatrix at = view(unknowns);
     for (int b = 0; b < at.shape[0]; ++b) angles.data()[b] = solver::angle_edge_on(rig, at.row(b).data);
@@ -162,7 +159,7 @@ auto edge_on(const Rig& rig, InMatrix unknowns) {
 
 auto ideal_points(const lens::Lens& lens, InMatrix pixels, InVector sigma_px) {
     check_last(pixels, 2, "pixels must be (N, 2)");
-    check(sigma_px.size() == pixels.shape(0), "sigma_px must be (N,)");
+    require(sigma_px.size() == pixels.shape(0), "sigma_px must be (N,)");
     const std::size_t count = pixels.shape(0);
     auto points = room<double>(count, 2), covariance = room<double>(count, 3);
     auto usable = room<double>(count);
@@ -183,10 +180,10 @@ auto places(InCube points_px) {
 auto accelerations(InVector time_s, InCube points, InMatrix sigma, Numpy<const std::int64_t, 1> judged,
                    InVector mode_rad_s, double longest_s, int most, bool live) {
     const std::size_t count = time_s.size(), pieces = points.shape(1), asked = judged.size();
-    check(points.shape(0) == count && points.shape(2) == 3, "points must be (n, G, 3)");
-    check(sigma.shape(0) == count && (sigma.shape(1) == 1 || sigma.shape(1) == pieces), "std must be (n, 1 or G)");
-    check(mode_rad_s.size() == asked && most >= 0, "mode_rad_s must be (R,)");
-    for (std::int64_t index : view(judged)) check(0 <= index && index < static_cast<int>(count), "no such frame");
+    require(points.shape(0) == count && points.shape(2) == 3, "points must be (n, G, 3)");
+    require(sigma.shape(0) == count && (sigma.shape(1) == 1 || sigma.shape(1) == pieces), "std must be (n, 1 or G)");
+    require(mode_rad_s.size() == asked && most >= 0 && most < 1000000, "mode_rad_s must be (R,), most 0 to 10^6");
+    for (std::int64_t index : view(judged)) require(0 <= index && index < static_cast<int>(count), "no such frame");
     auto second = room<double>(asked, pieces, 3), deviation = room<double>(asked, pieces, 3);
     auto response = room<double>(asked);
     Released released;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 
 #include "smooth.hpp"
@@ -159,7 +160,8 @@ Runs means_of_runs(ConstMatrix points, ConstVector sigma, int most) {
     const int all = points.shape[0], count = std::min(most, all);
     Runs runs{Array<double, 2>(count, 2), Array<double, 1>(count)};
     for (int i = 0; i < count; ++i) {
-        const int first = i * all / count, last = (i + 1) * all / count;
+        const int first = static_cast<int>(static_cast<std::int64_t>(i) * all / count);
+        const int last = static_cast<int>((i + std::int64_t{1}) * all / count);
         const double run = last - first;
         for (int n = first; n < last; ++n) {
             for (int axis = 0; axis < 2; ++axis) runs.means(i, axis) += points(n, axis) / run;

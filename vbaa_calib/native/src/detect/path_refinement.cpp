@@ -43,6 +43,11 @@ struct Columns {
 
 double square(double value) { return value * value; }
 
+// A row of so many to either side of the middle one; what is no number lies on the first.
+int row_at(double px, int reach) {
+    return static_cast<int>(std::rint(std::min(std::max(0.0, px + reach), 2.0 * reach)));
+}
+
 // Rows in the middle of an antenna.
 int core(double width_px) { return 2 * static_cast<int>(0.35 * width_px) + 1; }
 
@@ -159,8 +164,7 @@ Array<double, 1> finer(ConstMatrix strip, const Curves& tried, int curve) {
     for (int f = 0; f < tried.finer.shape[0]; ++f) {
         double total = 0.0;
         for (int i = 0; i < CURVE_POINTS; ++i) {
-            const int row = static_cast<int>(std::rint(tried.curves(curve, i) + tried.finer(f, i))) + tried.reach;
-            total += strip(i, std::clamp(row, 0, 2 * tried.reach));
+            total += strip(i, row_at(tried.curves(curve, i) + tried.finer(f, i), tried.reach));
         }
         if (total > most) finest = f, most = total;
     }
@@ -240,7 +244,7 @@ RefinedPath near_curve(ConstMatrix ridge, ConstMatrix clarity, const Columns& ac
     std::vector<double> height;
     for (int k = 0; k < count; ++k) {
         const double shift = std::min(std::max(-1.0 * reach, supple[k]), 1.0 * reach);
-        const int at = std::clamp(static_cast<int>(std::rint(shift)) + reach, 0, 2 * reach);
+        const int at = row_at(shift, reach);
         if (clarity(k, at) > 0.5 * scale) height.push_back(ridge(k, at));
         for (int axis = 0; axis < 2; ++axis) found.path_px(k, axis) += shift * across.normals(k, axis);
     }
@@ -347,7 +351,7 @@ RefinedPath refine_changing_path(const Picture& picture, ConstMatrix path_px, do
     double clear = 0.0;
     for (int k = 0; k < count; ++k) {
         const ConstVector row = clarity.row(k);
-        const int at = std::clamp(static_cast<int>(std::rint(stiff[k])) + reach, 1, std::max(2 * reach - 1, 1));
+        const int at = std::clamp(row_at(stiff[k], reach), 1, std::max(2 * reach - 1, 1));
         clearest[k] = *std::max_element(row.begin(), row.end());
         clear += *std::max_element(row.begin() + at - 1, row.begin() + at + 2) / count;
     }

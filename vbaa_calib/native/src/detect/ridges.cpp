@@ -149,6 +149,7 @@ std::vector<int> clearest_paths(ConstVector score, ConstCube paths_px, double ap
     };
     while (static_cast<int>(found.size()) < count) {
         int other = -1;
+        left[found.back()] = false;
         for (int p = 0; p < paths; ++p) {
             if (!left[p]) continue;
             left[p] = differs(paths_px.row(p), paths_px.row(found.back()));
