@@ -50,7 +50,9 @@ def main() -> None:
         shutil.rmtree(cache.with_name("CMakeFiles"))
         cache.unlink()
     extras = f"[{sys.argv[1]}]" if len(sys.argv) > 1 else ""
-    _pip("install", "--no-build-isolation", "--editable", f"{ROOT}{extras}", **variables)
+    _pip("install", "--no-build-isolation", "--no-deps", "--editable", ROOT, **variables)
+    # without the tools on the path, which would count as installed
+    _pip("install", f"vbaa-calib{extras}")
     # plain paths: with an import hook PYTHONPATH would not count, and every start be slower
     for hook in Path(sysconfig.get_path("purelib")).glob("_editable_skbc_vbaa_calib.pth"):
         hook.write_text(f"{ROOT}\n")
