@@ -35,7 +35,9 @@ def main() -> None:
         sys.exit(f"CXX={named} makes no modules of C++17: name another compiler, or unset it")
     if compiler is None:
         wanted.append("ziglang")
-    _pip("install", "--quiet", "--upgrade", "--target", TOOLS, *wanted)
+    # those that are there stay: with other headers everything would be built anew
+    if missing := [name for name in wanted if not any(TOOLS.glob(f"{name.replace('-', '_')}*"))]:
+        _pip("install", "--quiet", "--upgrade", "--target", TOOLS, *missing)
     print(f"building the compiled core with {compiler or 'zig, two minutes the first time'} …", flush=True)
     variables = {
         "PYTHONPATH": str(TOOLS),
