@@ -93,7 +93,7 @@ Bent::Bent(const Rig& rig)
       raw(NODES, whole_lanes(rig.axes.shape[0]) + LANES),
       raw_readings(3, whole_lanes(rig.axes.shape[0]) + LANES),
       raw_point_force(6, whole_lanes(rig.axes.shape[0]) + LANES) {
-    for (int q = 0; q < axes.shape[0]; ++q) std::copy_n(&rig.axes(q, 0), rig.shared, &axes(q, UNKNOWNS));
+    for (int q = 0; q < axes.shape[0]; ++q) std::copy_n(rig.axes.row(q).begin(), rig.shared, &axes(q, UNKNOWNS));
 }
 
 void lay(const Rig& rig, Bent& bent, const Unknowns& unknowns) {
