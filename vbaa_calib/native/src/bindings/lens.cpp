@@ -27,22 +27,15 @@ auto project(const Lens& lens, InMatrix points, bool with_slopes) {
     return std::make_tuple(pixels, valid, by_point, by_lens);
 }
 
-auto chart(const Lens& lens, InMatrix pixels) {
+// What a map makes of pixels (N, 2): WIDTH numbers each, and validity.
+template <void (*MAP)(const Lens&, ConstMatrix, Matrix, bool*), int WIDTH>
+auto of_pixels(const Lens& lens, InMatrix pixels) {
     check_last(pixels, 2, PIXELS);
-    auto points = room<double>(pixels.shape(0), 2);
+    auto found = room<double>(pixels.shape(0), WIDTH);
     auto valid = room<bool>(pixels.shape(0));
     nb::gil_scoped_release released;
-    lens::chart_of_pixels(lens, view(pixels), view(points), valid.data());
-    return std::make_pair(points, valid);
-}
-
-auto unproject(const Lens& lens, InMatrix pixels) {
-    check_last(pixels, 2, PIXELS);
-    auto rays = room<double>(pixels.shape(0), 3);
-    auto valid = room<bool>(pixels.shape(0));
-    nb::gil_scoped_release released;
-    lens::rays_of_pixels(lens, view(pixels), view(rays), valid.data());
-    return std::make_pair(rays, valid);
+    MAP(lens, view(pixels), view(found), valid.data());
+    return std::make_pair(found, valid);
 }
 
 auto rays_with_slopes(const Lens& lens, InMatrix pixels) {
@@ -169,8 +162,9 @@ void bind_lens(nb::module_& module) {
         .def("__init__", [](Lens* at, bool fisheye, InVector p) { new (at) Lens(make(fisheye, p)); })
         .def("project", &project, nb::arg("points"), nb::arg("with_slopes") = false,
              "Pixels (N, 2), validity, and if asked for d(pixel)/d(point) (N, 2, 3), d(pixel)/d(lens) (N, 2, 4 + k).")
-        .def("chart", &chart, "Points (N, 2) on the model's chart of pixels (N, 2), and validity.")
-        .def("unproject", &unproject, "Unit rays (N, 3) of pixels (N, 2), and validity.")
+        .def("chart", &of_pixels<lens::chart_of_pixels, 2>,
+             "Points (N, 2) on the model's chart of pixels (N, 2), and validity.")
+        .def("unproject", &of_pixels<lens::rays_of_pixels, 3>, "Unit rays (N, 3) of pixels (N, 2), and validity.")
         .def("rays_with_slopes", &rays_with_slopes, "Rays, validity, derivatives by pixel and by lens.")
         .def("normalized", &normalized, nb::arg("pixels"), nb::arg("with_slopes") = false,
              "X/Z, Y/Z (N, 2) of pixels (N, 2), validity, and if asked for d(X/Z, Y/Z)/d(u, v) (N, 4).")
