@@ -12,7 +12,7 @@ using InPicture = nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu>;
 inline detect::Picture picture(const InPicture& array) {
     if ((array.ndim() != 2 && array.ndim() != 3) || array.size() == 0)
         throw nb::value_error("a picture is an array (H, W) or (H, W, channels), not empty");
-    require(array.size() < 1u << 30, "a picture has less than 2^30 numbers");
+    require(array.size() < 1u << 30u, "a picture has less than 2^30 numbers");
     const std::array<int, 3> shape = {static_cast<int>(array.shape(0)), static_cast<int>(array.shape(1)),
                                       array.ndim() == 3 ? static_cast<int>(array.shape(2)) : 1};
     const auto levels = [&](auto kind) {
