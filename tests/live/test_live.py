@@ -59,8 +59,9 @@ def rows(several: list[LiveContact], final: bool) -> list[dict[str, Any]]:
     return [cells_of(each.row) for each in several if each.final == final]
 
 
-def offline(drift: str) -> list[dict[str, Any]]:
-    estimator = ContactEstimator(replace(rig(), drift=DRIFTS[drift]), jobs=1)
+@cache
+def offline() -> list[dict[str, Any]]:
+    estimator = ContactEstimator(replace(rig(), drift=DRIFTS["lab"]), jobs=1)
     synchronizer = Synchronizer(Timing())
     pushed = (each for message in messages() for each in synchronizer.push(message))
     taken = ((each.frame, each.taken.image) for each in pushed)
@@ -77,7 +78,7 @@ def test_the_final_contacts_are_those_of_a_recording() -> None:
     final = rows(found(), True)
     assert len(final) == COUNT
     assert {row["status"] for row in final} >= {"ok", "no_contact"}
-    assert same(final, offline("lab"))
+    assert same(final, offline())
 
 
 def test_final_contacts_wait_while_pictures_do() -> None:
@@ -89,7 +90,7 @@ def test_final_contacts_wait_while_pictures_do() -> None:
         assert not any(each.final for each in live.push(hurried))
     idle = [each for _ in range(3 * STREAM) for each in live.push(None)]
     assert len(idle) >= STREAM // 2
-    assert same(rows([*idle, *live.finish()], True), offline("lab"))
+    assert same(rows([*idle, *live.finish()], True), offline())
 
 
 def test_every_picture_is_answered_at_once() -> None:

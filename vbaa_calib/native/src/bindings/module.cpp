@@ -1,17 +1,7 @@
 // The module that Python imports: a submodule for each room.
-#include <nanobind/nanobind.h>
+#include "numpy.hpp"
 
 namespace nb = nanobind;
-
-namespace vbaa {
-void bind_lens(nb::module_& module);
-void bind_bundle(nb::module_& module);
-void bind_antenna(nb::module_& module);
-void bind_simulate(nb::module_& module);
-void bind_solver(nb::module_& module);
-void bind_search(nb::module_& module);
-void bind_profile(nb::module_& module);
-}  // namespace vbaa
 
 NB_MODULE(core, module) {
     nb::set_leak_warnings(false);  // what is cached lives until the interpreter ends

@@ -84,7 +84,7 @@ View<T, N> attribute(nb::handle object, const char* name) {
 
 template <class T>
 T number(nb::handle object, const char* name) {
-    T found;
+    T found{};
     if (!nb::try_cast(object.attr(name), found)) nb::raise_type_error("%s is no number of the right kind", name);
     return found;
 }
@@ -143,3 +143,16 @@ struct type_caster<vbaa::Numpy<T, N>> {
 };
 
 }  // namespace nanobind::detail
+
+// What binds a room: a submodule of the module that Python imports.
+namespace vbaa {
+
+void bind_lens(nb::module_& module);
+void bind_bundle(nb::module_& module);
+void bind_antenna(nb::module_& module);
+void bind_simulate(nb::module_& module);
+void bind_solver(nb::module_& module);
+void bind_search(nb::module_& module);
+void bind_profile(nb::module_& module);
+
+}  // namespace vbaa
