@@ -18,7 +18,6 @@ import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-import cv2  # not later: with the limits in force it could not be loaded
 import numpy as np
 
 _SECONDS, _SECONDS_PER_MB = 4.0, 0.2
@@ -79,6 +78,8 @@ def read_storage(path: Path) -> dict[str, np.ndarray]:
     ------
     ValueError : OpenCV cannot read it; in its words.
     """
+    import cv2
+
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         storage = cv2.FileStorage(path.read_text(encoding="utf-8-sig"), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
@@ -132,6 +133,8 @@ def read_video_head(path: Path) -> dict[str, np.ndarray]:
     ------
     ValueError : FFmpeg cannot read it.
     """
+    import cv2
+
     # each thread would count as memory
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
     if not video.isOpened() or not video.grab():
@@ -158,6 +161,8 @@ def _limit(seconds: int, memory: int) -> None:
 
 def _main(module: str, name: str, path: str, seconds: str, memory: str) -> None:
     reader = getattr(importlib.import_module(module), name) if module else globals()[name]
+    if reader in (read_storage, read_video_head):
+        importlib.import_module("cv2")  # not later: with the limits in force it could not be loaded
     _limit(int(seconds), int(memory))
     try:
         found = dict(reader(Path(path)))

@@ -22,14 +22,15 @@ def jig_alternatives(
     behind = Pose(np.eye(3), np.array([0.0, 0.0, thickness_m]))
     back, face = jig @ behind, behind.inverse()
     t, rotation = back.translation_m, back.rotation
-    found = list[tuple[str, Pose]]()
+    found, matrices = list[tuple[str, Pose]](), [jig.matrix]
 
     def add(words: str, back: Pose, face: Pose = face) -> None:
         pose = back @ face
-        apart = (np.abs(one.matrix - pose.matrix).max() for one in (jig, *(one for _, one in found)))
+        apart = np.abs(np.array(matrices) - pose.matrix).max(axis=(1, 2))
         # nearer, the corner is in the antenna; farther away, no camera sees both
-        if min(apart) > 1e-6 and 1e-3 <= np.linalg.norm(pose.translation_m) <= 3.0:
+        if apart.min() > 1e-6 and 1e-3 <= np.linalg.norm(pose.translation_m) <= 3.0:
             found.append((words, pose))
+            matrices.append(pose.matrix)
 
     def turned(words: str, turn: np.ndarray) -> None:
         add(words, Pose(rotation @ turn, t))
