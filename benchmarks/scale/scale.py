@@ -171,7 +171,7 @@ def _counting() -> None:
             _COUNTS["tasks_s"] += time.thread_time() - begun
 
     if write.__name__ != counted.__name__:
-        TCP.write, Task.__call__ = counted, timed  # type: ignore[method-assign]
+        TCP.write, Task.__call__ = counted, timed
 
 
 def _count(client: Client) -> None:
