@@ -117,6 +117,8 @@ def _calls() -> dict[str, tuple[object, ...]]:
         usable=(3, 9), points=(3, 9, 2), covariance=(3, 9, 3), moment_Nm=(3, 2), tip=(3, 2), tip_covariance=(3, 3)
     )
     frames.available, frames.gravity_m_s2 = np.ones((3, 3)), _a(3, 3)
+    planes = RNG.uniform(0.0, 255.0, (3, 36, 40)).astype(np.float32)
+    ribbons = RNG.normal(0.0, 2.0, (6, core.search.DIRECTIONS_DOWN, 40)).astype(np.float32)
     nodes, pieces = core.solver.NODES, core.solver.PIECES
     linear = {"tangents": (3, nodes), "point_force": (6,), "columns": (6, 10), "residual": (3,)}
     linear |= {"readings": (3, 10), "information": (10, 10), "side": (10,), "prior": (10,), "excess": ()}
@@ -176,6 +178,17 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "search.solve_definite": (np.eye(3), _a(3, 2)),
         "search.running_mean": (_a(9), 3, core.search.Beyond.mirrored),
         "search.triangle_sums": (_a(9, 2), 3),
+        "search.ribbon_evidence": (
+            planes,
+            np.ones((36, 40), np.float32),
+            3.5,
+            _a(3),
+            _a(3),
+            50.0,
+            (0.7, 0.2, 0.05),
+            -2.5,
+        ),
+        "search.best_paths": (ribbons, np.array([[20.0, 2.0]]), np.array([[20.0, 33.0]]), (1.0, 0.5, 9.0, 3.0, 2.0), 4),
         "search.quantile": (_a(9), 0.4),
         "search.median": (_a(9),),
         "search.normals": (path,),

@@ -244,7 +244,10 @@ def test_the_verb_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "--force" in capsys.readouterr().err
 
 
-def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_what_cannot_be_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(0)
     one = drawn(rod(lambda s, moment: moment / 1e-3, 0.0, 1.0), rng)
     pictures = {
@@ -263,7 +266,7 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, capsys: pytest.Ca
         ("missing.jpg --length 0.2", "no such"),
         ("none.png --length 0.2", "no rod"),
         ("two.png --length 0.2", "things"),
-        ("cut.png --length 0.2", "both ends"),
+        ("cut.png --length 0.2", "tip"),
         ("cut.png --length 0.2 --clamp 0,260", "tip"),
         ("inner.png --length 0.2", "clamped"),
         ("rod.png", "scale"),
@@ -275,8 +278,8 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, capsys: pytest.Ca
         ("rod.png --length 0.2 --load 0.1 --distance 0.3", "beyond"),
         ("rod.png --length 0.2 --clamp 900,9", "outside"),
         ("rod.png --length 0.2 --clamp nonsense", "clamp"),
-        ("rod.png --length 0.2 --clamp 3,300 --tip 300,20", "made out"),
-        ("hidden.png --length 0.2 --clamp 0,80", "things"),
+        ("rod.png --length 0.2 --clamp 3,300 --tip 300,20", "clamp and tip"),
+        ("hidden.png --length 0.2 --clamp 0,80", "no rod"),
         ("rod.png --length 0.2 --gravity-angle 180", "against"),
         ("rod.png --length 0.2 --unloaded none.png", "no rod"),
     ):

@@ -16,14 +16,17 @@ from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_outputs, replacing, sha256, write_json, write_text
 
 if TYPE_CHECKING:
-    from vbaa_calib.calibrate.photo.centreline import RodLine
+    from vbaa_calib.calibrate.photo.centreline import RodLine, RodSearch
     from vbaa_calib.calibrate.photo.stiffness import PhotoStiffness, Setting
+    from vbaa_calib.detect.drawing.canvas import Canvas
 
 _SCHEMA = "vbaa.stiffness-photo/1"
 _CURVED_P = 1e-3
 """Probability below which moment against curvature is called curved: limp, curly rods reach 0.01 in 1 of 20."""
 _CURL_P = 0.05
 _ROWS = 40
+_COLOURS = ((0, 0, 255), (0, 255, 255), (255, 255, 0), (255, 0, 255), (0, 255, 0), (255, 128, 0))
+"""Of candidates; blue, green, red."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -37,6 +40,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--clamp", type=_pixel, metavar="U,V", help="where the rod is clamped (default: looked for)")
     group.add_argument("--tip", type=_pixel, metavar="U,V", help="where it ends (default: looked for)")
+    group.add_argument(
+        "--candidate", type=int, metavar="N", help="the line with this number in the picture of what may be the rod"
+    )
     group.add_argument(
         "--unloaded", type=Path, metavar="PHOTO", help="the same without the load; lying flat if there is none"
     )
@@ -64,23 +70,27 @@ def _pixel(text: str) -> np.ndarray:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Find the rod, solve, report; write what is asked for. Returns its numbers."""
-    from vbaa_calib.calibrate.photo.centreline import find_rod
+    from vbaa_calib.calibrate.photo.centreline import search_rod
     from vbaa_calib.calibrate.photo.stiffness import solve_photo
-    from vbaa_calib.core.images import read_gray
+    from vbaa_calib.core.images import read_picture
 
     photos = [args.table, *([args.unloaded] if args.unloaded else [])]
     outputs = [path for path in (args.output, args.moments, args.overlay) if path is not None]
     refuse_outputs(outputs, args.force, photos)
     setting = _setting(args)
-    pictures = [read_gray(path) for path in photos]
-    height, width = pictures[0].shape
+    pictures = [read_picture(path) for path in photos]
+    height, width = pictures[0].shape[:2]
     if args.marks is not None and not all(0 <= u < width and 0 <= v < height for u, v in args.marks):
         what, remedy = f"a mark lies outside this picture of {width}x{height} px", "give both as U,V in its pixels"
         raise InputError(what, where=args.table, remedy=remedy)
     lines: list[RodLine] = []
     for path, picture in zip(photos, pictures, strict=True):
         with about(path):
-            lines.append(find_rod(picture, args.clamp, None if lines else args.tip))
+            search = search_rod(picture, args.clamp, None if lines else args.tip)
+            try:
+                lines.append(search.line(None if lines else args.candidate))
+            except InputError as error:
+                raise _with_candidates(error, args, path, picture, search) from None
     if args.overlay:
         _draw(args.overlay, pictures[0], lines[0], args.force)
     with about(args.table):
@@ -214,16 +224,49 @@ def _report(document: dict[str, Any]) -> None:
         say(f"note       {note}")
 
 
-def _draw(path: Path, grey: np.ndarray, line: RodLine, force: bool) -> None:
-    import cv2
-
+def _with_candidates(
+    error: InputError, args: argparse.Namespace, photo: Path, picture: np.ndarray, search: RodSearch
+) -> InputError:
+    """The error, with the name of a picture in which the candidates are numbered, if there are any and it can be."""
+    beside = args.output or args.overlay
+    path = (beside.parent if beside else Path()) / f"{photo.stem}_candidates.png"
+    if not search.candidates or path.resolve() == photo.resolve():
+        return error
     from vbaa_calib.detect.drawing.canvas import Canvas
 
-    canvas = Canvas.over(grey)
+    canvas = Canvas.over(_grey(picture))
+    for number, found in enumerate(search.candidates, start=1):
+        colour = _COLOURS[(number - 1) % len(_COLOURS)]
+        canvas.line(found.curve_px, colour, 2.0)
+        canvas.words(str(number), found.curve_px[len(found.curve_px) // 2], colour)
+    try:
+        _write_canvas(path, canvas, force=True)
+    except InputError:
+        return error
+    return InputError(f"{error.what} (lines numbered in {path})", where=error.where, remedy=error.remedy)
+
+
+def _grey(picture: np.ndarray) -> np.ndarray:
+    import cv2
+
+    levels = np.clip(picture, 0, 255).astype(np.uint8)
+    return levels if levels.ndim == 2 else cv2.cvtColor(levels[..., :3], cv2.COLOR_BGR2GRAY)
+
+
+def _write_canvas(path: Path, canvas: Canvas, force: bool) -> None:
+    import cv2
+
+    with replacing(path, force) as temporary:
+        if not cv2.imwrite(str(temporary), canvas.image):
+            raise InputError("cannot be written as a picture", where=path, remedy="take a name that ends in .png")
+
+
+def _draw(path: Path, picture: np.ndarray, line: RodLine, force: bool) -> None:
+    from vbaa_calib.detect.drawing.canvas import Canvas
+
+    canvas = Canvas.over(_grey(picture))
     canvas.line(line.curve_px, (0, 0, 255), 1.5)
     for name, place in (("clamp", line.curve_px[0]), ("tip", line.curve_px[-1])):
         canvas.ring(place, 8.0, (255, 255, 0))
         canvas.words(name, place, (255, 255, 0))
-    with replacing(path, force) as temporary:
-        if not cv2.imwrite(str(temporary), canvas.image):
-            raise InputError("cannot be written as a picture", where=path, remedy="take a name that ends in .png")
+    _write_canvas(path, canvas, force)
