@@ -6,6 +6,7 @@
 #include "detect/colours.hpp"
 #include "detect/crossings.hpp"
 #include "detect/free_shape.hpp"
+#include "detect/shape_search.hpp"
 #include "detect/path_refinement.hpp"
 #include "detect/ridges.hpp"
 #include "polyline.hpp"
@@ -179,6 +180,31 @@ void bind_ridges(nb::module_& room) {
 }
 
 void bind_shapes(nb::module_& room) {
+    room.def("likely_shapes", [](InPicture image, InMatrix axis, InCube paths, double spacing_px, double width_px,
+                                 InVector contacts, std::array<double, 2> clamp, InMatrix looks, nb::handle settings,
+                                 int most) {
+        require_pixels(width_px);
+        require_pixels(spacing_px);
+        require(axis.shape(0) >= 4 && axis.shape(0) < 1000 && axis.shape(1) == 2, "an axis has 4 to 999 points (u, v)");
+        require(paths.shape(0) > 0 && paths.shape(1) > 1 && paths.shape(2) == 2, "paths are (P, S, 2)");
+        require(width_px > 0.0 && contacts.shape(0) > 0 && contacts.shape(0) < 100, "there are 1 to 99 contacts");
+        require((looks.shape(0) == 0 || looks.shape(0) == 8) && looks.shape(1) == 4, "looks are (8, 4) or (0, 4)");
+        detect::ShapeFamily family = {view(axis), view(paths), spacing_px, width_px, view(contacts), clamp[0], clamp[1]};
+        detect::EdgeModel model;
+        for (auto [name, to] : {std::pair{"surface_spread", &model.spread}, {"colour_spread", &model.colour_spread},
+                                {"edge_rate", &model.rate}, {"hidden_odds", &model.hidden},
+                                {"hidden_root_odds", &model.hidden_root}, {"correlation_px", &model.correlation_px},
+                                {"strain_std", &model.strain}, {"look_odds", &model.look}})
+            *to = number<double>(settings, name);
+        auto found = unlocked([&, taken = picture(image)] {
+            return detect::likely_shapes(taken, family, view(looks), model, most);
+        });
+        nb::list answers;
+        for (auto& one : found)
+            answers.append(nb::make_tuple(one.evidence, one.bend, to_numpy(std::move(one.path_px)),
+                                          to_numpy(std::move(one.odds))));
+        return answers;
+    });
     room.def("bent", [](nb::handle free, detect::Unknowns unknowns) {
         return to_numpy(std::move(detect::bent(free_shape(free), unknowns).curve));
     });
