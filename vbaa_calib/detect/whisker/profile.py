@@ -25,7 +25,6 @@ _MARGIN_PX = 3.0
 """Length of a profile beyond an antenna whose polarity changes: what lies farther is another thing's."""
 _BROADER = 1.5
 """A line so much broader than expected is measured again with longer profiles."""
-COURSE_STD = 0.0
 _POLARITY = {True: 1, False: -1, None: 0}
 _shapes = lru_cache(maxsize=32)(core.profile.shapes)
 
@@ -80,7 +79,6 @@ def _measured(
         _shapes(width_px, _ORDINARY_BLUR_PX, half + 2),
         antenna.levels,
         antenna.stands_out,
-        COURSE_STD,
     )
     return NOTHING if found is None else accepted(Centreline(**found[0]), Evidence(**found[1]))
 

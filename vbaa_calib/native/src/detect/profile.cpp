@@ -353,8 +353,6 @@ FittedLine fitted_line(const Crossings& found, const Lines& lines, const Measuri
 }
 
 Lines lines_of(const Crossings& found, const Measuring& how) {
-    if (how.polarity == 0 && how.course_std_px > 0.0)
-        return changing_lines(found, how, {Numbers(found.along.size()), how.course_std_px, false});
     if (how.polarity == 0) return changing_lines(found, how, {});
     Learned learned = learned_section(found, how);
     if (learned.reflecting > 0.0) return changing_lines(learned.found, how, {learned.curve, learned.reflecting});

@@ -19,7 +19,6 @@ struct Measuring {
     const Shapes& shapes;
     ConstMatrix levels;  // (L, 2) the antenna's usual grey levels, L = 0 where not known
     bool stands_out;     // see path_refinement.Known
-    double course_std_px = 0.0;  // deviation of the antenna from the path where that is known, else 0
 };
 
 struct MeasuredLine {

@@ -393,7 +393,7 @@ LearnedReflectance learn_reflectance(const Crossings& found, const Silhouette& i
     const Equations local = with_neighbours(coefficient_equations(broadening, course, section.values), weight, near,
                                             part.likely, part.contrast);
     // where the course is known, an antenna of known polarity was found there
-    Numbers over_edge = known.course.size() && known.is_line ? each(count, [](int) { return -HUGE_VAL; })
+    Numbers over_edge = known.course.size() ? each(count, [](int) { return -HUGE_VAL; })
                                             : explained_by_edges(broadening, course, part.silhouette, weight, near);
     Table coefficients(count, K);
     for (int n = 0; n < count; ++n)

@@ -32,7 +32,6 @@ struct LearnedReflectance {
 struct KnownCourse {
     Numbers course;
     double std_px = 0.0;
-    bool is_line = true;  // whether it is an antenna for sure, no edge
 };
 
 // A path (K, 2) as smooth as an antenna: on bare metal a highlight that changes sides leads it to and fro.
