@@ -40,8 +40,7 @@ ConstVector of_size(const InVector& array, std::size_t count) {
 
 nb::tuple answer(detect::RefinedPath&& found) {
     require(found.path_px.size() > 0, "a path has two points at least, all of them numbers");
-    return nb::make_tuple(to_numpy(std::move(found.path_px)), found.share, found.strength,
-                          to_numpy(std::move(found.other_px)), found.clear);
+    return nb::make_tuple(to_numpy(std::move(found.path_px)), found.share, found.strength);
 }
 
 detect::FreeShape free_shape(nb::handle shape) {
@@ -125,15 +124,6 @@ void bind_paths(nb::module_& room) {
         const auto path = points(path_px);
         return unlocked([&, taken = picture(image)] { return detect::crossings(taken, path, half, sign); });
     });
-    room.attr("CURVE_POINTS") = detect::CURVE_POINTS;
-    room.attr("CURVE_STEP_PX") = detect::CURVE_STEP_PX;
-    const auto made = [](detect::Curves* to, int reach, InMatrix curves, InVector bent, InMatrix finer) {
-        require_pixels(reach);
-        require(reach > 0, "curves reach one pixel at least");
-        const auto of_curves = [](const InMatrix& each) { return rows_of(each, detect::CURVE_POINTS, 1, "60 points"); };
-        new (to) detect::Curves(reach, of_curves(curves), of_size(bent, curves.shape(0)), of_curves(finer));
-    };
-    nb::class_<detect::Curves>(room, "Curves").def("__init__", made);
     room.def("refine_path", [](InPicture image, InMatrix path_px, double width_px, double reach_px, double sign) {
         require_pixels(width_px);
         require_pixels(reach_px);
@@ -141,15 +131,6 @@ void bind_paths(nb::module_& room) {
         return answer(unlocked(
             [&, taken = picture(image)] { return detect::refine_path(taken, path, width_px, reach_px, sign); }));
     });
-    room.def("refine_changing_path",
-             [](InPicture image, InMatrix path_px, double width_px, const detect::Curves& tried, InMatrix levels) {
-                 require_pixels(width_px);
-                 require(levels.shape(0) != 1, "levels are at two places at least");
-                 const auto path = points(path_px), usual = points(levels);
-                 return answer(unlocked([&, taken = picture(image)] {
-                     return detect::refine_changing_path(taken, path, width_px, tried, usual);
-                 }));
-             });
 }
 
 void bind_ridges(nb::module_& room) {
@@ -240,11 +221,6 @@ void bind_colours(nb::module_& room) {
         unlocked([&, taken = picture(image)] { detect::weigh_channels(taken, near, of_channels, reach, view(plane)); });
     };
     room.def("weigh_channels", weigh);
-    room.def("light_at_clamp", [](InPicture image, double level, InMatrix axis, InVector along, InMatrix looks) {
-        const auto each = of_size(along, axis.shape(0));
-        const auto found = detect::light_at_clamp(picture(image), level, points(axis), each, looks_of(looks));
-        return nb::make_tuple(found.light, found.sigma);
-    });
     room.def("foreign", [](InPicture image, double level, InMatrix at, InVector shares, InMatrix looks) {
         const auto each = of_size(shares, at.shape(0));
         detect::Foreign found = detect::foreign(picture(image), level, points(at), each, looks_of(looks));
