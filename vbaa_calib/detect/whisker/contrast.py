@@ -21,8 +21,6 @@ def coloured(image: np.ndarray) -> bool:
     return image.ndim == 3 and bool(np.ptp(image[::8, ::8, :3], axis=2).any())
 
 
-
-
 def contrast_plane(image: np.ndarray, path_px: np.ndarray, width_px: float) -> np.ndarray:
     """(H, W) grey levels of a colour picture (H, W, 3) in which an antenna along a path (K, 2), K ≥ 2, stands out.
 

@@ -198,7 +198,8 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
     a line that goes over to an object's edge has a kink. One that may be of either polarity (`changing`) fits more
     things: where little of it is seen it must leave the clamp as the antenna does, too, and fit well; where little is
-    surely a line, not an edge, it must fit better than others. Along a shape that is likely enough little need be seen. On a rig that is not calibrated all must leave it so.
+    surely a line, not an edge, it must fit better than others; along a shape that is
+    likely enough little need be seen. On a rig that is not calibrated all must leave the clamp so.
     """
     little = changing and line.seen < MUCH_SEEN and not line.odds >= SearchSettings.likely_odds
     line = _reject_beside_clamp(line, where, changing) if little or where.shape_px is None else line

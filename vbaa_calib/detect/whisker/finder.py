@@ -62,7 +62,7 @@ class AntennaFinder:
     weight: np.ndarray
     usual_height: float = 0.0
     looks: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
-    settings: SearchSettings = SearchSettings()
+    settings: SearchSettings = field(default_factory=SearchSettings)
 
     @staticmethod
     def prepare(corridor: Corridor, image_size: tuple[int, int]) -> AntennaFinder:
@@ -88,12 +88,13 @@ class AntennaFinder:
         """Paths (K, 2) that look like the antenna in an (H, W) picture, blurred by about so many pixels; best first: up
         to two that differ and score alike."""
         reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
-        flat = core.search.ridge_responses(
-            _downsampled(image, self.factor), reach, self.pool, 1 if bright else -1
-        )
+        flat = core.search.ridge_responses(_downsampled(image, self.factor), reach, self.pool, 1 if bright else -1)
         score = core.search.scores(flat, self.index, self.weight)
         apart_px = 2.0 * self.spacing_px + self.corridor.width_px
-        return [self.paths_px[one] for one in core.search.clearest_paths(score, self.paths_px, apart_px, 2, _OTHER_PATH_SHARE)]
+        return [
+            self.paths_px[one]
+            for one in core.search.clearest_paths(score, self.paths_px, apart_px, 2, _OTHER_PATH_SHARE)
+        ]
 
     def find(self, image: np.ndarray, bright: bool | None = True, picture: np.ndarray | None = None) -> Centreline:
         """The centreline in a picture, with its verdict; of one polarity, where there is none in focus, one out of it.
@@ -128,15 +129,15 @@ class AntennaFinder:
         picture: np.ndarray | None = None,
         odds: float = np.nan,
     ) -> Centreline:
-        """The line measured near a guide (K, 2), where the antenna, so wide, is about a width off at most; odds : of the
-        line that led there."""
+        """The line measured near a guide (K, 2), where the antenna, so wide, is about a width off at most.
+
+        odds : of the line that led there.
+        """
         guide_px = followed(guide_px, self.image_size)
         if bright is not None or too_short(guide_px):
             return measure(image, guide_px, width_px, bright)
         where = replace(self.corridor, width_px=width_px)
-        return replace(self, corridor=where)._along_shape(
-            image, image if picture is None else picture, guide_px, odds
-        )
+        return replace(self, corridor=where)._along_shape(image, image if picture is None else picture, guide_px, odds)
 
     def shapes(self, picture: np.ndarray) -> list[tuple[np.ndarray, float]]:
         """Shapes (S, 2) that the antenna can take along which a picture (H, W[, 3]) shows two edges, and their mean log
@@ -195,7 +196,8 @@ class AntennaFinder:
         nearest = where.nearest(line.points_px, line.sigma_px)
         if too_short(nearest):
             return line
-        return better_shaped(*(of_antennas_shape(one, where, True) for one in (line, measured(nearest))), where)
+        first, again = (of_antennas_shape(one, where, True) for one in (line, measured(nearest)))
+        return better_shaped(first, again, where)
 
     def _look(self, image: np.ndarray, bright: bool, blurred_px: float) -> Centreline:
         width, lines = self.corridor.width_px, []

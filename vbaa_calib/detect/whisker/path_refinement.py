@@ -18,9 +18,7 @@ class RefinedPath(NamedTuple):
     strength: float
 
 
-def refine_path(
-    image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool
-) -> RefinedPath:
+def refine_path(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool) -> RefinedPath:
     """Move a path (K, 2) by up to `reach_px` across itself onto the antenna.
 
     Two rounds: over the whole reach with a stiff curve, then near that curve with a supple one.
