@@ -6,9 +6,9 @@
 #include "detect/colours.hpp"
 #include "detect/crossings.hpp"
 #include "detect/free_shape.hpp"
-#include "detect/shape_search.hpp"
 #include "detect/path_refinement.hpp"
 #include "detect/ridges.hpp"
+#include "detect/shape_search.hpp"
 #include "polyline.hpp"
 #include "smooth.hpp"
 
@@ -170,16 +170,20 @@ void bind_shapes(nb::module_& room) {
         require(paths.shape(0) > 0 && paths.shape(1) > 1 && paths.shape(2) == 2, "paths are (P, S, 2)");
         require(width_px > 0.0 && contacts.shape(0) > 0 && contacts.shape(0) < 100, "there are 1 to 99 contacts");
         require((looks.shape(0) == 0 || looks.shape(0) == 8) && looks.shape(1) == 4, "looks are (8, 4) or (0, 4)");
-        detect::ShapeFamily family = {view(axis), view(paths), spacing_px, width_px, view(contacts), clamp[0], clamp[1]};
+        detect::ShapeFamily family = {view(axis),     view(paths), spacing_px, width_px,
+                                      view(contacts), clamp[0],    clamp[1]};
         detect::EdgeModel model;
-        for (auto [name, to] : {std::pair{"surface_spread", &model.spread}, {"colour_spread", &model.colour_spread},
-                                {"edge_rate", &model.rate}, {"hidden_odds", &model.hidden},
-                                {"hidden_root_odds", &model.hidden_root}, {"correlation_px", &model.correlation_px},
-                                {"strain_std", &model.strain}, {"look_odds", &model.look}})
+        for (auto [name, to] : {std::pair{"surface_spread", &model.spread},
+                                {"colour_spread", &model.colour_spread},
+                                {"edge_rate", &model.rate},
+                                {"hidden_odds", &model.hidden},
+                                {"hidden_root_odds", &model.hidden_root},
+                                {"correlation_px", &model.correlation_px},
+                                {"strain_std", &model.strain},
+                                {"look_odds", &model.look}})
             *to = number<double>(settings, name);
-        auto found = unlocked([&, taken = picture(image)] {
-            return detect::likely_shapes(taken, family, view(looks), model, most);
-        });
+        auto found = unlocked(
+            [&, taken = picture(image)] { return detect::likely_shapes(taken, family, view(looks), model, most); });
         nb::list answers;
         for (auto& one : found)
             answers.append(nb::make_tuple(one.evidence, one.bend, to_numpy(std::move(one.path_px)),

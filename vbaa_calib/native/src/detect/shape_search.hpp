@@ -9,20 +9,10 @@
 #include <array>
 #include <vector>
 
+#include "detect/edge_model.hpp"
 #include "detect/picture.hpp"
 
 namespace vbaa::detect {
-
-// What is supposed of edges and colours; grey levels of 8 bits. Luma and the two differences of colour, where it has.
-struct EdgeModel {
-    double spread = 0.0, colour_spread = 0.0;  // deviation of the colours of different surfaces
-    double rate = 0.0;                         // share of places of a background at which there is an edge
-    double hidden = 0.0;                       // least log odds of a place: the antenna may be hidden there
-    double hidden_root = 0.0;                  // the same over its first fifth, where hardly anything hides it
-    double correlation_px = 0.0;               // along which log odds count once
-    double strain = 0.0;                       // deviation of its surface's strain where it is bent the most
-    double look = 0.0;                         // most that the colour of a place counts
-};
 
 // What is searched: the family of shapes about a free axis.
 struct ShapeFamily {
@@ -30,7 +20,7 @@ struct ShapeFamily {
     ConstCube paths_px;       // (P, T, 2) of the rough search
     double spacing_px = 0.0;  // by which the tips of neighbouring ones are apart
     double width_px = 0.0;
-    ConstVector contacts;                   // (C,) where a force may act, parts of the length
+    ConstVector contacts;                    // (C,) where a force may act, parts of the length
     double clamp_px = 0.0, clamp_rad = 0.0;  // by how much it may be moved and turned at the clamp
 };
 
@@ -43,7 +33,7 @@ struct ShapeFound {
 };
 
 // Up to so many shapes, the best one first. looks : (8, 4) mean colours (b, g, r) from clamp to tip and their
-// deviations, or (0, 4).
+// deviations, or (0, 4); of a grey picture, their luma counts.
 std::vector<ShapeFound> likely_shapes(const Picture& picture, const ShapeFamily& family, ConstMatrix looks,
                                       const EdgeModel& model, int most);
 
