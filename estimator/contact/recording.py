@@ -23,7 +23,7 @@ from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor, less_sure, of_antennas_shape
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import usual_levels, without_other_things
+from vbaa_calib.detect.whisker.paint import without_other_things
 from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, Session, Still, read_centrelines
@@ -123,14 +123,6 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more:
     )
 
 
-def looking_for(rig: Rig, frame: Still, picture: np.ndarray) -> AntennaFinder | None:
-    """`prepared`, with how bright the antenna is in a picture's (H, W[, 3]) light where that helps to find it."""
-    looking, paint = prepared(rig, frame), rig.image.paint
-    if looking is None or paint.polarity is not None:
-        return looking
-    return replace(looking, levels=usual_levels(picture, looking.corridor, rig.image.looks, paint))
-
-
 def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
     """What looks for the antenna in pictures at these joint angles; None where the lens cannot show it."""
     pull = gravity(rig, frame).tolist()
@@ -149,7 +141,10 @@ def _finder(rig: Rig, pull_m_s2: tuple[float, ...], paths_m_s2: tuple[float, ...
     clamp_px = float(np.hypot(CLAMP_PX, DRIFTED * np.linalg.norm(drifted)))
     where = replace(where, clamp_px=clamp_px, clamp_rad=CLAMP_RAD, shape_px=shape_px)
     found = finder(where, rig.camera, _tabled(rig, paths_m_s2))
-    return found if found is None or rig.image.height is None else found.with_usual_height(rig.image.height)
+    if found is None:
+        return None
+    looks = np.empty((0, 4)) if rig.image.looks is None else np.array(rig.image.looks)
+    return replace(found.with_usual_height(rig.image.height or 0.0), looks=looks)
 
 
 def _corridor(rig: Rig, pull_m_s2: tuple[float, ...]) -> Corridor:
@@ -187,7 +182,8 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     seen_from = (rig.camera, rig.T_antenna_camera.inverse(), rough.points_m)
     guide, width = pixels(*seen_from), width_px(*seen_from, rig.antenna.diameter_m)
     assert glance.looking is not None
-    again = glance.looking.along(glance.image, guide, width, glance.bright)
+    picture = glance.image if glance.bare else glance.picture
+    again = glance.looking.along(glance.image, guide, width, glance.bright, picture, glance.line.odds)
     if glance.picture is not None:
         if not glance.bare:
             again = rig.image.paint.in_colour(glance.picture, again, glance.looking.corridor, width)
@@ -240,12 +236,12 @@ def first_look(
     rig, paint = estimator.rig, estimator.rig.image.paint
     bright, image = paint.polarity, paint.plane(picture)
     known = math.isfinite(frame.pan_rad + frame.tilt_rad)
-    looking = looking_for(rig, frame, picture) if known else None
+    looking = prepared(rig, frame) if known else None
     if looking is None:
         return FirstDetection(frame, image, NOTHING if known else replace(NOTHING, reason=_NO_JOINTS), bright)
     less = subtracted(looking, image, None if ground is None else ground(frame))
     if less is not None and less[1].found:
-        image, line, bright, looking, bare = *less, None, looking.unlit(), True
+        image, line, bright, bare = *less, None, True
     else:
         line, bare = explained(paint.find(looking, picture, image), image, looking.corridor, bright), False
     line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px, paint)
@@ -260,7 +256,7 @@ def subtracted(
     behind = None if empty is None else empty.behind(image)
     if behind is None:
         return None
-    line = looking.unlit().find(image - behind, None)
+    line = replace(looking, looks=looking.looks[:0]).find(image - behind, None)
     return evened(image, behind, line, looking.corridor.width_px), line
 
 

@@ -99,4 +99,6 @@ def aside(path_px: np.ndarray, points_px: np.ndarray) -> np.ndarray:
 def trace(image: np.ndarray, corridor: Corridor, bright: bool | None = True) -> np.ndarray:
     """(K, 2) the finder's best path from clamp to tip in a picture (H, W)."""
     finder = AntennaFinder.prepare(corridor, (image.shape[1], image.shape[0]))
+    if bright is None:
+        return finder.shapes(image)[0][0]
     return finder.path(image, finder.candidates(image, bright)[0], bright).path_px

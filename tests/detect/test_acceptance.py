@@ -15,11 +15,10 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.polyline import normals, resample
 from vbaa_calib.detect.whisker.acceptance import best_of, decided
 from vbaa_calib.detect.whisker.antenna import corridor, free_curve, pixels
-from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
+from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor, less_sure, of_antennas_shape
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import Paint, usual_levels
-from vbaa_calib.detect.whisker.path_refinement import Known, refine_path
+from vbaa_calib.detect.whisker.paint import Paint
 
 WIDTH_PX = 4.0
 CLAMP, LENGTH = (40.0, 120.4), 220.0
@@ -155,50 +154,9 @@ def test_a_line_that_has_less_of_the_antennas_shape_is_less_sure(changing: bool)
     assert not judged(40.0 * np.abs(share - 0.5)).found
 
 
-def test_an_antenna_of_known_brightness_is_told_from_a_brighter_cable_beside_it() -> None:
-    """On a dark ground, the cable crosses it at a narrow angle: by contrast alone it is followed."""
-    rng, width = np.random.default_rng(8), 5.0
-    antenna, cable = bent(CLAMP, 0.0, 6.0), bent((CLAMP[0], CLAMP[1] - 7.0), 4.0, 0.0)
-    picture = exposed(np.maximum(40.0 + 60.0 * tube(antenna, width, 1.0), 40.0 + 190.0 * tube(cable, 3.0, 1.0)), rng)
-    levels = np.column_stack([np.full(8, 100.0), np.full(8, 12.0)])
-    along = np.array(CLAMP) + np.linspace(0.0, LENGTH, 60)[:, None] * [1.0, 0.0]
-    off = [
-        np.abs(aside(antenna, refine_path(picture, along, width, 16.0, None, known).path_px))
-        for known in (Known(2.0, leaves_along=True), Known(2.0, levels, True))
-    ]
-    assert off[0].max() > 4.0
-    assert off[1].max() < 2.0
-
-
-@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
-def test_the_light_that_an_antenna_is_known_by_is_that_of_the_picture(depth: type) -> None:
-    """A lamp half and one and a half times as strong; whatever lies around."""
-    rng = np.random.default_rng(9)
-    looks = tuple((90.0, 100.0, 110.0, 8.0) for _ in range(8))
-    along = np.linspace(0.0, LENGTH, 60)[:, None] * [1.0, 0.0]
-    where = Corridor(np.array(CLAMP) + along, np.full(60, 100.0), WIDTH_PX, clamp_px=2.0)
-    cover = np.clip(tube(bent(CLAMP, 0.0, 8.0), WIDTH_PX, 1.0), 0.0, 1.0)[..., None]
-    picture = _patchwork(rng)[..., None] * (1.0 - cover) + cover * [90.0, 100.0, 110.0]
-    deep = 257.0 if depth is np.uint16 else 1.0
-    for light in (0.5, 1.0, 1.5):
-        taken = np.rint(deep * light * picture).astype(depth)
-        levels = usual_levels(taken, where, looks, Paint(None))
-        assert levels.shape == (8, 2)
-        np.testing.assert_allclose(levels[:, 0], deep * light * 101.8, rtol=0.15)
-        assert (levels[:, 1] > 0.05 * levels[:, 0]).all()
-        # a rig that knows its antenna by weights of colours, a picture without any
-        grey = usual_levels(taken[..., 1], where, ((100.0, 100.0, 100.0, 8.0),) * 8, Paint(None, (1.0, -1.0, 0.0)))
-        np.testing.assert_allclose(grey[:, 0], deep * light * 100.0, rtol=0.15)
-    beyond = replace(where, axis_px=where.axis_px - [CLAMP[0] + 40.0, 0.0])
-    for unknown in (beyond, replace(where, clamp_px=1.5 * WIDTH_PX)):
-        assert len(usual_levels(taken, unknown, looks, Paint(None))) == 0
-    assert len(usual_levels(np.zeros_like(taken), where, looks, Paint(None))) == 0
-    assert len(usual_levels(taken, where, None, Paint(None))) == 0
-
-
 def test_on_a_calibrated_rig_a_line_is_measured_along_the_antennas_shapes() -> None:
-    """A bright cable crosses it at a narrow angle near the clamp: by contrast alone the line begins on that. The
-    antenna's brightness alone does not make what follows it less the antenna; and what is no guide shows nothing."""
+    """A bright cable crosses it at a narrow angle near the clamp: by contrast alone the line begins on that. What is
+    no guide shows nothing."""
     rig, rng = _Rig(0.0), np.random.default_rng(10)
     width, height = 960, 720
     path = rig.pressed(0.7, 0.3, 0.0)
@@ -216,19 +174,13 @@ def test_on_a_calibrated_rig_a_line_is_measured_along_the_antennas_shapes() -> N
     picture = exposed(cv2.GaussianBlur(picture, (0, 0), 0.7).astype(float), rng)
     where = replace(rig.where, width_px=4.0)
     finder = AntennaFinder.prepare(where, (width, height))
-    known = replace(finder, levels=np.column_stack([np.full(8, 130.0), np.full(8, 12.0)]))
-    line = known.find(picture, None)
+    line = finder.find(picture, None)
     assert line.found
-    assert line.familiar > 0.9
     assert np.sqrt(np.mean(aside(path, line.points_px) ** 2)) < 0.5
-    again = known.along(picture, path + np.array([0.0, 1.0]), 4.0, None)
+    again = finder.along(picture, path + np.array([0.0, 1.0]), 4.0, None)
     assert np.sqrt(np.mean(aside(path, again.points_px) ** 2)) < 0.5
     for guide in (path[:0], path[:1], path[:2]):
-        assert not known.along(picture, guide, 4.0, None).found
-    strange = replace(known, levels=np.column_stack([np.full(8, 30.0), np.full(8, 5.0)])).find(picture, None)
-    assert strange.familiar < 0.1
-    assert strange.likely < 0.2
-    assert known.unlit().find(picture, None).familiar == 1.0
+        assert not finder.along(picture, guide, 4.0, None).found
 
 
 def test_where_it_is_as_bright_as_what_lies_behind_it_an_antenna_is_seen_by_its_colour() -> None:
@@ -242,8 +194,8 @@ def test_where_it_is_as_bright_as_what_lies_behind_it_an_antenna_is_seen_by_its_
     ground[:, int(first) : int(last)] = 240.0, 110.0, 128.0  # grey level 130
     taken = exposed(ground * (1.0 - cover) + 130.0 * cover, rng).astype(np.uint8)
     where, paint = replace(rig.where, width_px=4.0), Paint(None)
-    line = AntennaFinder.prepare(where, (width, height)).measured(paint.plane(taken), path, None)
-    seen = paint.in_colour(taken, line, where, 4.0)
+    finder, grey = AntennaFinder.prepare(where, (width, height)), paint.plane(taken)
+    line, seen = (finder.along(grey, path, 4.0, None, picture) for picture in (None, taken))
     assert line.seen < 0.8
     assert seen.found
     assert seen.seen > 0.95
@@ -253,10 +205,10 @@ def test_where_it_is_as_bright_as_what_lies_behind_it_an_antenna_is_seen_by_its_
     # seen by both edges, on a calibrated rig, in a colour picture, or not at all
     assert Paint(True).in_colour(taken, line, where, 4.0) is line
     assert Paint(True, both_edges=True).in_colour(taken, line, where, 4.0) is not line
-    assert paint.in_colour(taken, line, replace(where, shape_px=None), 4.0) is line
-    for colourless in (taken[..., 1], np.repeat(taken[..., 1:2], 3, axis=2)):
-        assert paint.in_colour(colourless, line, where, 4.0) is line
-    assert paint.in_colour(taken, NOTHING, where, 4.0) is NOTHING
+    assert paint.in_colour(taken, line, where, 4.0) is line
+    for colourless in (grey, np.repeat(grey[..., None], 3, axis=2)):
+        assert finder.along(grey, path, 4.0, None, colourless).seen == line.seen
+        assert Paint(True, both_edges=True).in_colour(colourless, line, where, 4.0) is line
 
 
 def test_of_two_lines_the_one_that_an_edge_explains_is_less_likely() -> None:

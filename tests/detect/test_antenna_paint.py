@@ -14,7 +14,6 @@ from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, contrast_plane, look_of, usual_looks, without_other_things
-from vbaa_calib.detect.whisker.path_refinement import refine_path
 from vbaa_calib.detect.whisker.profile import measure
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
@@ -53,12 +52,13 @@ def test_a_colour_is_found_where_the_grey_level_shows_nothing(finder: AntennaFin
     colour = np.stack(planes, axis=-1).astype(np.uint8)
     assert not Paint().find(finder, colour).found
     paint = learn([finder], [colour])
-    assert paint.weights is not None
+    assert paint is not None
     found = paint.find(finder, colour)
     assert found.found
     error = aside(path, found.points_px)
     assert abs(error.mean()) < 0.02
-    assert 0.8 < error.std() / np.sqrt((found.sigma_px**2).mean()) < 1.2
+    # measured by both edges: what these share is in the deviations
+    assert 0.5 < error.std() / np.sqrt((found.sigma_px**2).mean()) < 1.2
 
 
 def test_sixteen_bits_give_what_eight_bits_give(finder: AntennaFinder) -> None:
@@ -131,15 +131,16 @@ def test_polarity_that_changes_along_the_antenna_is_learnt_and_found(finder: Ant
     assert max(Paint(bright).find(finder, image).seen for bright in (True, False)) < 0.7
 
 
-def test_a_path_keeps_to_the_middle_of_an_antenna_with_a_bright_and_a_dark_side() -> None:
-    """As of bare steel between a lamp and the dark: either side alone would draw the path by half a width."""
+def test_a_line_keeps_to_the_middle_of_an_antenna_with_a_bright_and_a_dark_side(finder: AntennaFinder) -> None:
+    """As of bare steel between a lamp and the dark: either side alone would draw it by half a width."""
     rng = np.random.default_rng(7)
     path = bent((40.0, 120.4), 0.0, 10.0)
     down = np.array([0.0, 0.25 * WIDTH_PX])
     sides = [tube(path + side * down, 0.5 * WIDTH_PX, 60.0) for side in (-1.0, 1.0)]
     image = exposed(background(rng, 2.0) + 80.0 + sides[0] - sides[1], rng)
-    refined = refine_path(image, path + 4.0 * down, WIDTH_PX, 10.0, None).path_px
-    assert np.abs(aside(path, refined)[15:-15]).max() < 0.25 * WIDTH_PX
+    line = finder.find(image, None)
+    assert line.found
+    assert np.abs(aside(path, line.points_px)).max() < 0.25 * WIDTH_PX
 
 
 def test_the_plane_of_a_colour_is_linear_in_what_a_pixel_shows_of_it() -> None:

@@ -8,7 +8,6 @@ import pytest
 from vbaa_calib.core.polyline import normals, resample
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor, of_antennas_shape
-from vbaa_calib.detect.whisker.path_refinement import refine_path
 
 from .drawn_lines import aside, background, bent, exposed, straight, trace, tube
 
@@ -38,7 +37,7 @@ def test_finds_bent_lines(turn_deg: float, bright: bool | None) -> None:
     picture = exposed(background(rng) + 80.0 + (-line if bright is False else sign * line), rng)
     found = trace(picture, corridor(free()), bright)
     inside = found[:, 0] < path[:, 0].max() - 4
-    assert inside.sum() > 80
+    assert inside.sum() > 60
     assert np.abs(aside(path, found[inside])).max() < 2.5
 
 
@@ -80,16 +79,6 @@ def test_resampling_and_normals() -> None:
     np.testing.assert_allclose(np.linalg.norm(np.diff(points, axis=0), axis=1), 0.5)
     circle = np.stack([np.cos(np.linspace(0, 1, 50)), np.sin(np.linspace(0, 1, 50))], axis=1)
     np.testing.assert_allclose(normals(circle)[1:-1], -circle[1:-1], atol=1e-9)
-
-
-def test_where_a_line_parts_in_two_both_are_followed() -> None:
-    rng = np.random.default_rng(4)
-    level, share = straight(0.0, 230.0, (40.0, 120.0)), np.linspace(0.0, 1.0, 60)
-    parting = np.stack([40.0 + 230.0 * share, 120.0 + 24.0 * np.maximum(share - 0.5, 0.0)], axis=1)
-    one, other = tube(level, WIDTH_PX, 60.0), tube(parting, WIDTH_PX, 70.0)
-    found = refine_path(exposed(background(rng) + 60.0 + np.maximum(one, other), rng), level, WIDTH_PX, 14.0, None)
-    ends = sorted([found.path_px[-5, 1], found.other_px[-5, 1]])
-    np.testing.assert_allclose(ends, [120.0, 131.0], atol=2.0)
 
 
 @pytest.mark.parametrize("changing", [True, False])

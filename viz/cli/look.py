@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     import numpy as np
 
     from estimator.contact.overlay import corridor_of
-    from estimator.contact.recording import looking_for, subtracted
+    from estimator.contact.recording import prepared, subtracted
     from estimator.contact.surroundings import AUTO, beside, surroundings
     from vbaa_calib.cli.usable_rig import usable_rig
     from vbaa_calib.core.images import read_gray, read_picture
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     plane, own = rig.image.paint.plane, read_picture(args.image)
     plain = plane(own)
     ground, ground_words = surroundings(rig, args.background, lambda: beside(rig, frame))
-    looking = looking_for(rig, frame, own)
+    looking = prepared(rig, frame)
     less = None if ground is None or looking is None else subtracted(looking, plain, ground(frame))
     if ground is not None and less is None:
         ground_words = "left aside, since it does not lie behind the antenna in this picture"

@@ -57,7 +57,8 @@ class Centreline:
         be the tip, but lies nearer than expected, or shows something else, such as a ball or a sheath; or "none".
     other_line_px : (R, 2) the other line where the verdict is "ambiguous", else empty.
     noise : standard deviation of a pixel beside the line, grey levels.
-    familiar : share of its points that are as bright as the antenna usually is there; 1 where that is not known.
+    odds : mean log odds, per correlation length, of two edges along the shape that it was measured along, against
+        background alone; NaN where no shape was looked for.
     sure : mean over its points of how surely they are a line's, not the edge of another thing: 1 where that is clear.
     """
 
@@ -75,8 +76,8 @@ class Centreline:
     end: EndKind = "none"
     other_line_px: np.ndarray = field(default_factory=_no_points)
     noise: float = 0.0
-    familiar: float = 1.0
     sure: float = 1.0
+    odds: float = np.nan
     effective_px: np.ndarray = field(default_factory=_no_numbers)
 
     @property
@@ -86,8 +87,8 @@ class Centreline:
 
     @property
     def likely(self) -> float:
-        """How much of it is surely seen, counted up to a sixth where it is not as bright as the antenna usually is."""
-        return self.seen * self.sure * (1.0 + 5.0 * self.familiar) / 6.0
+        """How much of it is surely seen."""
+        return self.seen * self.sure
 
     def stretches(self, visibility: Visibility) -> list[np.ndarray]:
         """Pieces (M, 2) of the guide, M ≥ 2, that have this visibility."""

@@ -12,6 +12,7 @@ from vbaa_calib.core.polyline import arc_lengths, beside, followed, normals, res
 from vbaa_calib.native import core
 
 from .centreline import Centreline, Visibility
+from .settings import SearchSettings
 
 CLAMP_REACH_PX, CLAMP_TURN_RAD = 8.0, 0.12
 """How far off the clamp itself may be, and three deviations of its direction on a rig that is not calibrated."""
@@ -197,9 +198,10 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
     a line that goes over to an object's edge has a kink. One that may be of either polarity (`changing`) fits more
     things: where little of it is seen it must leave the clamp as the antenna does, too, and fit well; where little is
-    surely a line, not an edge, it must fit better than others. On a rig that is not calibrated all must leave it so.
+    surely a line, not an edge, it must fit better than others; along a shape that is
+    likely enough little need be seen. On a rig that is not calibrated all must leave the clamp so.
     """
-    little = changing and line.seen < MUCH_SEEN
+    little = changing and line.seen < MUCH_SEEN and not line.odds >= SearchSettings.likely_odds
     line = _reject_beside_clamp(line, where, changing) if little or where.shape_px is None else line
     if where.shape_px is None or not line.found:
         return line

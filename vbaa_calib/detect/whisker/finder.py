@@ -13,20 +13,20 @@ from vbaa_calib.native import core
 
 from .acceptance import OTHER_LINE_SEEN, best_of, reject_faint
 from .centreline import Centreline
+from .contrast import coloured, contrast_plane
 from .corridor import Corridor, better_shaped, less_sure, of_antennas_shape
 from .crossings import too_short
-from .path_refinement import NOTHING_KNOWN, Known, RefinedPath, refine_path
+from .path_refinement import RefinedPath, refine_path
 from .profile import measure, measure_on
+from .settings import SearchSettings
 
 _OTHER_PATH_SHARE = 0.75
 """A second path is measured if its score is at least this share of the best."""
 BLURRED_PX = 8.0
 """Blur at which the antenna is looked for once more where it is not found in focus."""
-CHANGING_PATHS, CHANGING_SHARE, CHANGING_OTHER = 4, 0.5, 0.85
-"""The same where the polarity changes along the antenna: number of paths, share of the best score; and the share of the
-first line's visible length from which a second line makes the picture ambiguous."""
-CLEAREST = 3
-"""So many of these are measured where it is known how bright the antenna is."""
+CHANGING_OTHER = 0.85
+"""Where the polarity changes along the antenna: share of the first line's visible length from which a second line makes
+the picture ambiguous."""
 SAMPLES = 72
 """Samples along a template."""
 CONTACTS = (0.12, 0.3, 0.5, 0.7, 0.85, 1.0, 1.8)
@@ -47,7 +47,8 @@ class AntennaFinder:
     index : (P, S) place of every sample in the flat response.
     weight : (P,) what a path's sum is divided by: how many of its samples are in the picture, but not too few.
     usual_height : of the antenna's line over its background in this rig's pictures, grey levels; 0 where not known.
-    levels : (L, 2) how bright it usually is, see `Known`; (0, 2) where not known.
+    looks : (8, 4) its mean colour from clamp to tip and the deviation of that, grey levels; (0, 4) where not known.
+    settings : of the search for shapes.
     """
 
     corridor: Corridor
@@ -60,7 +61,8 @@ class AntennaFinder:
     index: np.ndarray
     weight: np.ndarray
     usual_height: float = 0.0
-    levels: np.ndarray = field(default_factory=lambda: NOTHING_KNOWN.levels)
+    looks: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
+    settings: SearchSettings = field(default_factory=SearchSettings)
 
     @staticmethod
     def prepare(corridor: Corridor, image_size: tuple[int, int]) -> AntennaFinder:
@@ -82,100 +84,134 @@ class AntennaFinder:
         """
         return replace(self, usual_height=usual_height)
 
-    def unlit(self) -> AntennaFinder:
-        """The same finder where the antenna is not as bright as usual."""
-        return replace(self, levels=NOTHING_KNOWN.levels)
-
-    def candidates(self, image: np.ndarray, bright: bool | None = True, blurred_px: float = 0.0) -> list[np.ndarray]:
-        """Paths (K, 2) that look like the antenna in an (H, W) picture, blurred by about so many pixels; best first.
-
-        Up to two that differ and score alike; with `bright` None, which fits more things, up to `CHANGING_PATHS`.
-        """
+    def candidates(self, image: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> list[np.ndarray]:
+        """Paths (K, 2) that look like the antenna in an (H, W) picture, blurred by about so many pixels; best first: up
+        to two that differ and score alike."""
         reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
-        sign = 0 if bright is None else 1 if bright else -1
-        flat = core.search.ridge_responses(_downsampled(image, self.factor), reach, self.pool, sign)
+        flat = core.search.ridge_responses(_downsampled(image, self.factor), reach, self.pool, 1 if bright else -1)
         score = core.search.scores(flat, self.index, self.weight)
-        count, share = (2, _OTHER_PATH_SHARE) if bright is not None else (CHANGING_PATHS, CHANGING_SHARE)
         apart_px = 2.0 * self.spacing_px + self.corridor.width_px
-        return [self.paths_px[one] for one in core.search.clearest_paths(score, self.paths_px, apart_px, count, share)]
+        return [
+            self.paths_px[one]
+            for one in core.search.clearest_paths(score, self.paths_px, apart_px, 2, _OTHER_PATH_SHARE)
+        ]
 
-    def find(self, image: np.ndarray, bright: bool | None = True) -> Centreline:
-        """The centreline in a picture, with its verdict; where there is none in focus, one out of focus.
+    def find(self, image: np.ndarray, bright: bool | None = True, picture: np.ndarray | None = None) -> Centreline:
+        """The centreline in a picture, with its verdict; of one polarity, where there is none in focus, one out of it.
 
         image : (H, W) uint8, uint16 or float; colour pictures go through `paint.Paint`. bright : whether the antenna is
-        brighter than its surroundings; None: in part. Raises InputError for a picture of another size.
+        brighter than its surroundings; None: in part. picture : (H, W[, 3]) the same as it was taken, for its colours.
+        Raises InputError for a picture of another size.
         """
         if image.shape != (self.image_size[1], self.image_size[0]):
             seen, meant = ("x".join(map(str, size)) for size in (image.shape[::-1], self.image_size))
             raise InputError(f"the picture is {seen}, the finder was made for {meant}", remedy="one picture size a rig")
-        if image.dtype not in (np.uint8, np.uint16):
-            image = np.nan_to_num(image.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+        image = _finite(image)
+        if bright is None:
+            return self._likely(image, image if picture is None else _finite(picture))
         line = self._look(image, bright, 0.0)
         if line.found or line.verdict == "ambiguous":
             return line
         blurred = self._look(image, bright, BLURRED_PX)
         return blurred if blurred.found and blurred.seen > line.seen else line
 
-    def path(
-        self, image: np.ndarray, rough: np.ndarray, bright: bool | None = True, blurred_px: float = 0.0
-    ) -> RefinedPath:
+    def path(self, image: np.ndarray, rough: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> RefinedPath:
         """A rough path (K, 2) moved onto the antenna."""
         reach = 1.2 * self.spacing_px + 0.5 * self.corridor.width_px + 4.0
-        width = self.corridor.width_px + blurred_px
-        return refine_path(image, rough, width, reach, bright, self._known(bright))
+        return refine_path(image, rough, self.corridor.width_px + blurred_px, reach, bright)
 
-    def _known(self, bright: bool | None) -> Known:
-        """What helps to find a line of this polarity: how bright it is only where that changes."""
-        levels = self.levels if bright is None else NOTHING_KNOWN.levels
-        return Known(self.corridor.clamp_px, levels, self.corridor.shape_px is not None)
+    def along(
+        self,
+        image: np.ndarray,
+        guide_px: np.ndarray,
+        width_px: float,
+        bright: bool | None,
+        picture: np.ndarray | None = None,
+        odds: float = np.nan,
+    ) -> Centreline:
+        """The line measured near a guide (K, 2), where the antenna, so wide, is about a width off at most.
 
-    def along(self, image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool | None) -> Centreline:
-        """The line measured near a guide (K, 2), where the antenna, so wide, is about a width off at most."""
+        odds : of the line that led there.
+        """
         guide_px = followed(guide_px, self.image_size)
         if bright is not None or too_short(guide_px):
             return measure(image, guide_px, width_px, bright)
-        path = refine_path(image, guide_px, width_px, width_px + 2.0, None, self._known(None))
-        return replace(self, corridor=replace(self.corridor, width_px=width_px)).measured(image, path.path_px, None)
+        where = replace(self.corridor, width_px=width_px)
+        return replace(self, corridor=where)._along_shape(image, image if picture is None else picture, guide_px, odds)
 
-    def measured(
-        self, image: np.ndarray, path_px: np.ndarray, bright: bool | None, blurred_px: float = 0.0
+    def shapes(self, picture: np.ndarray) -> list[tuple[np.ndarray, float]]:
+        """Shapes (S, 2) that the antenna can take along which a picture (H, W[, 3]) shows two edges, and their mean log
+        odds per correlation length, the likeliest first; those that hardly differ from one before are left out."""
+        where, settings = self.corridor, self.settings
+        calibrated = where.shape_px is not None
+        axis, _ = sampled_axis(where)
+        found = core.search.likely_shapes(
+            np.ascontiguousarray(picture),
+            axis,
+            self.paths_px,
+            self.spacing_px,
+            where.width_px,
+            np.array(settings.contacts if calibrated else settings.few_contacts),
+            (settings.clamp_px if calibrated else where.clamp_px, where.clamp_rad),
+            self.looks,
+            settings,
+            settings.shapes,
+        )
+        lengths = float(arc_lengths(axis)[-1]) / settings.correlation_px
+        kept: list[tuple[np.ndarray, float]] = []
+        for odds, _, path, _ in found:
+            enough = not kept or odds > settings.measured_share * found[0][0]
+            alike = (np.abs(path - each).max(axis=1).mean() < where.width_px for each, _ in kept)
+            if enough and len(kept) < settings.measured and not any(alike):
+                kept.append((path, odds / lengths))
+        return kept
+
+    def _likely(self, image: np.ndarray, picture: np.ndarray) -> Centreline:
+        """The line along one of the likely shapes, be it here brighter, there darker than what lies behind it."""
+        lines = [
+            of_antennas_shape(self._along_shape(image, picture, path, odds), self.corridor, True)
+            for path, odds in self.shapes(picture)
+        ]
+        line = best_of(lines, self.corridor.width_px, CHANGING_OTHER)
+        return less_sure(reject_faint(line, self.usual_height), self.corridor)
+
+    def _along_shape(
+        self, image: np.ndarray, picture: np.ndarray, path_px: np.ndarray, odds: float = np.nan
     ) -> Centreline:
-        """The line along a path (K, 2) near the antenna.
+        """The line measured along a shape (K, 2), K ≥ 2, of such log odds, in the picture's colours where it has some.
 
-        Where the polarity changes, on a rig that is calibrated, the shape that the antenna can take near the path is
-        gone along: a path is drawn aside by what lies near the antenna.
+        On a rig that is calibrated once more along the shape that is nearest to what was measured: the better shaped.
         """
         where, width = self.corridor, self.corridor.width_px
-        if bright is not None or where.shape_px is None:
-            return measure_on(image, path_px, width, bright, blurred_px, self._known(bright))
-        lines, points, sigma = [], path_px, np.ones(len(path_px))
-        for _ in range(2):
-            along = where.nearest(points, sigma)
-            if too_short(along):
-                along = path_px
-            lines.append(measure_on(image, along, width, None, blurred_px, self._known(None)))
-            points, sigma = lines[-1].points_px, lines[-1].sigma_px
-            if too_short(points):
-                break
-        return better_shaped(lines[0], lines[-1], where)
+        told = coloured(picture)
 
-    def _look(self, image: np.ndarray, bright: bool | None, blurred_px: float) -> Centreline:
-        paths = [self.path(image, rough, bright, blurred_px) for rough in self.candidates(image, bright, blurred_px)]
-        if len(self.levels) and bright is None:
-            paths = sorted(paths, key=lambda path: -path.clear)[:CLEAREST]
-        lines = []
-        for path in paths:
-            line, *other = (
-                of_antennas_shape(self.measured(image, each, bright, blurred_px), self.corridor, bright is None)
-                for each in (path.path_px, path.other_px)
-                if len(each)
-            )
-            if other and self.corridor.shape_px is not None:
-                line = better_shaped(line, other[0], self.corridor)
-            lines.append(line)
-        alike = OTHER_LINE_SEEN if bright is not None else CHANGING_OTHER
-        line = reject_faint(best_of(lines, self.corridor.width_px, alike), self.usual_height)
-        return less_sure(line, self.corridor) if bright is None else line
+        def measured(path: np.ndarray) -> Centreline:
+            path, _ = resample(path, 1.0)
+            plane = contrast_plane(picture, path, width) if told else image
+            return replace(measure_on(plane, path, width, None, stands_out=told), odds=odds)
+
+        line = measured(path_px)
+        if where.shape_px is None or too_short(line.points_px):
+            return line
+        nearest = where.nearest(line.points_px, line.sigma_px)
+        if too_short(nearest):
+            return line
+        first, again = (of_antennas_shape(one, where, True) for one in (line, measured(nearest)))
+        return better_shaped(first, again, where)
+
+    def _look(self, image: np.ndarray, bright: bool, blurred_px: float) -> Centreline:
+        width, lines = self.corridor.width_px, []
+        for rough in self.candidates(image, bright, blurred_px):
+            path = self.path(image, rough, bright, blurred_px).path_px
+            lines.append(of_antennas_shape(measure_on(image, path, width, bright, blurred_px), self.corridor, False))
+        return reject_faint(best_of(lines, width, OTHER_LINE_SEEN), self.usual_height)
+
+
+def _finite(image: np.ndarray) -> np.ndarray:
+    """A picture of whole numbers as it is, others as float32 without what is no number."""
+    if image.dtype in (np.uint8, np.uint16):
+        return image
+    return np.nan_to_num(image.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def sampled_axis(corridor: Corridor) -> tuple[np.ndarray, float]:

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import cast
 
 import cv2
 import numpy as np
 
-from vbaa_calib.core.polyline import arc_lengths, normals, resample
+from vbaa_calib.core.polyline import arc_lengths
 from vbaa_calib.core.robust import MAD_SCALE
 from vbaa_calib.native import core
 
 from .acceptance import LEAST_SEEN
 from .centreline import Centreline, Visibility
+from .contrast import channels, coloured, contrast_plane
 from .corridor import Corridor, better_shaped
 from .crossings import too_short
 from .finder import AntennaFinder
-from .path_refinement import Known
 from .profile import measure_on
+from .settings import SearchSettings
 
 PLACES = 8
 """Places along the antenna at which its colour is learnt."""
@@ -32,12 +33,6 @@ SHOWN = ("ok", "ambiguous")
 """Verdicts of lines that are seen."""
 _MEASURED = ("ok", "too_little")
 """Verdicts of lines that are measured in colour."""
-OWN, FLANK_PX, ALIKE = np.array([-0.2, 0.0, 0.2]), np.array([1.5, 2.5]), 15
-"""Where an antenna's own colour is looked at, parts of its width, and those beside it, px beyond its edges; so many
-places along it, twice, are averaged."""
-FAINT_CONTRAST, REACH_PX = 2.5, 10.0
-"""With less contrast, grey levels in each channel, the plane is nearly grey; how far beside the antenna it is weighted.
-"""
 LESS_SEEN = 0.05
 """What less of a line may be seen where it is measured by both of its edges."""
 SHADED_UNSURE = 0.3
@@ -45,10 +40,6 @@ SHADED_UNSURE = 0.3
 HIDDEN_PART, AWAY = 0.15, 0.25
 """Part of its width by which a line may lie off where it shows something else in part; and part of its length for which
 one of changing polarity lies on another thing and does not come back."""
-KNOWN_LIGHT = (0.4, 2.5)
-"""Limits of how brightly an antenna is lit, over usual."""
-_GREY_BGR = (0.114, 0.587, 0.299)
-"""Weights of the channels in a grey level."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +83,9 @@ class Paint:
         edges is looked for by these; before, it is looked for by its polarity."""
         plane = self.plane(image) if plane is None else plane
         calibrated = finder.corridor.shape_px is not None
-        line = finder.find(plane, self.polarity if calibrated else self.bright)
+        line = finder.find(plane, self.polarity if calibrated else self.bright, image)
         if not line.found and self.colour is not None:
-            by_edges = finder.unlit().with_usual_height(0.0).find(Paint(None).plane(image), None)
+            by_edges = finder.with_usual_height(0.0).find(Paint(None).plane(image), None, image)
             return by_edges if by_edges.verdict in SHOWN else line
         if not line.found or not self.both_edges or calibrated:
             return line
@@ -108,54 +99,14 @@ class Paint:
         of its sides is as bright on it as what lies behind, which pulls the line to the other. Only a calibrated rig
         knows the shape that is measured along.
         """
-        told = self.polarity is None or self.colour is not None
-        if not told or where.shape_px is None or line.verdict not in _MEASURED or not _coloured(image):
+        told = self.bright is not None and (self.both_edges or self.colour is not None)
+        if not told or where.shape_px is None or line.verdict not in _MEASURED or not coloured(image):
             return line
         guide = where.nearest(line.points_px, line.sigma_px)
         if too_short(guide):
             return line
         plane = contrast_plane(image, guide, width_px)
-        other = measure_on(plane, guide, width_px, None, known=Known(stands_out=True))
-        return better_shaped(line, replace(other, familiar=line.familiar), where)
-
-
-def _coloured(image: np.ndarray) -> bool:
-    """Whether a picture (H, W[, 3]) has colours: a grey camera's may have three channels, too."""
-    return image.ndim == 3 and bool(np.ptp(image[::8, ::8, :3], axis=2).any())
-
-
-def contrast_plane(image: np.ndarray, path_px: np.ndarray, width_px: float) -> np.ndarray:
-    """(H, W) grey levels of a colour picture (H, W, 3) in which an antenna along a path (K, 2), K ≥ 2, stands out.
-
-    Near it the channels are weighted so that it is brighter than what lies on either side, by as much as can be at that
-    place, where it has a contrast at all; farther off it is the grey picture.
-    """
-    points, _ = resample(path_px, 1.0)
-    across, (colours, level) = normals(points), _levels(image)
-    own, left, right = (
-        np.mean([core.search.colours_at(colours, level, points + offset * across) for offset in offsets], axis=0)
-        for offsets in (OWN * width_px, -0.5 * width_px - FLANK_PX, 0.5 * width_px + FLANK_PX)
-    )
-    # the smaller one of two contrasts is largest along the point nearest to none on the line between them
-    contrast, apart = _along_it(own - left), _along_it(left - right)
-    share = -(contrast * apart).sum(axis=1) / np.maximum((apart**2).sum(axis=1), 1e-9)
-    contrast += np.clip(share, 0.0, 1.0)[:, None] * apart
-    contrast += FAINT_CONTRAST * np.where(contrast.sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
-    # of as much noise as the mean of the channels
-    weights = contrast / (np.sqrt(3.0) * np.linalg.norm(contrast, axis=1)[:, None])
-    plane = Paint(None).plane(image).astype(np.float32)
-    core.search.weigh_channels(colours, points, weights, int(np.ceil(width_px + REACH_PX)), plane)
-    return plane
-
-
-def _along_it(colours: np.ndarray) -> np.ndarray:
-    """(K, 3) means of neighbouring colours."""
-    return cv2.blur(cv2.blur(colours, (1, ALIKE)), (1, ALIKE))
-
-
-def _levels(image: np.ndarray) -> tuple[np.ndarray, float]:
-    """A picture (H, W[, 3]) as (H, W, 1 or more), and how many of its levels are one of 8 bits."""
-    return image if image.ndim == 3 else image[..., None], 257.0 if image.dtype == np.uint16 else 1.0
+        return better_shaped(line, measure_on(plane, guide, width_px, None, stands_out=True), where)
 
 
 Looks = tuple[tuple[float, float, float, float], ...]
@@ -165,7 +116,7 @@ Looks = tuple[tuple[float, float, float, float], ...]
 def look_of(image: np.ndarray, line: Centreline) -> np.ndarray:
     """(PLACES, 3) mean colour of a found antenna along its guide, in a picture (H, W[, 3]); NaN where unseen."""
     place = np.minimum((_shares(line.guide_px, _seen(line)) * PLACES).astype(int), PLACES - 1)
-    colours = core.search.colours_at(*_levels(image), line.points_px)
+    colours = core.search.colours_at(*channels(image), line.points_px)
     means = np.full((PLACES, 3), np.nan)
     for own in np.unique(place):
         means[own] = colours[place == own].mean(axis=0)
@@ -184,26 +135,6 @@ def usual_looks(several: Sequence[np.ndarray]) -> Looks | None:
     return cast(Looks, tuple(map(tuple, np.column_stack([usual, spread]).tolist())))
 
 
-def usual_levels(image: np.ndarray, where: Corridor, looks: Looks | None, paint: Paint) -> np.ndarray:
-    """(PLACES, 2) how bright the antenna is on the plane of its paint, and the deviation of that, in the light of a
-    picture (H, W[, 3]); (0, 2) where that is not known: where its clamp may lie more than a width off, or outside the
-    picture, or the light there is very strong or weak.
-    """
-    table, coloured = (np.empty((0, 4)), False) if looks is None else _table(looks)
-    if not len(table) or (image.ndim == 2 and coloured) or where.clamp_px > where.width_px:
-        return table[:0, :2]
-    pixels, level = _levels(image)
-    light, unsure = core.search.light_at_clamp(pixels, level, *resample(where.axis_px, 1.0), table)
-    if not KNOWN_LIGHT[0] < light < KNOWN_LIGHT[1]:
-        return table[:0, :2]
-    now = (level * light * table).astype(np.float32)
-    spread = np.hypot(now[:, 3], unsure / light * np.linalg.norm(now[:, :3], axis=1))
-    if image.ndim == 2:
-        return np.column_stack([now[:, :3].mean(axis=1), spread]).astype(np.float64)
-    weight = 1.0 if paint.colour is not None else np.linalg.norm(paint.weights or _GREY_BGR)
-    return np.column_stack([paint.plane(now[:, None, :3]).ravel(), weight * spread]).astype(np.float64)
-
-
 def without_other_things(
     image: np.ndarray, line: Centreline, looks: Looks | None, width_px: float, paint: Paint
 ) -> Centreline:
@@ -218,15 +149,15 @@ def without_other_things(
     """
     if looks is None or not line.found:
         return line
-    table, coloured = _table(looks)
-    if image.ndim == 2 and coloured:
+    table, has_hue = _table(looks)
+    if image.ndim == 2 and has_hue:
         return line  # a grey picture does not show the colour
     shares = _shares(line.guide_px, _seen(line))
-    other, off, hue, tinted = core.search.foreign(*_levels(image), line.points_px, shares, table)
+    other, off, hue, tinted = core.search.foreign(*channels(image), line.points_px, shares, table)
     if not other.any() and off.max(initial=0.0) <= PARTLY_FOREIGN:
         return line
     changing, sure = paint.bright is None, line.sigma_px <= SHADED_UNSURE * width_px
-    hued = (paint.both_edges or changing) and _coloured(image)
+    hued = (paint.both_edges or changing) and coloured(image)
     shaded, away = other & sure & ~tinted & hued, len(other)
     for start, stop in np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2):
         if changing and shares[stop - 1] - shares[start] > AWAY and shaded[start:stop].mean() < 0.5:
@@ -240,6 +171,9 @@ def without_other_things(
     other[away:] = True
     hidden = 0.0 if paint.polarity is None else HIDDEN_PART * width_px
     doubt = hidden * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
+    if line.odds >= SearchSettings.likely_odds:
+        # what it shows there may be something else next to it or before a part of it, but it is there
+        return line.doubted(np.where(other, SearchSettings.strange_doubt * width_px, doubt))
     shorter = line.only(~other).doubted(doubt[~other])
     if shorter.seen < LEAST_SEEN:
         share_seen = f"{100 * shorter.seen:.0f} % of its length"

@@ -15,7 +15,7 @@ from vbaa_calib.native import core
 from .acceptance import Evidence, accepted
 from .centreline import NOTHING, Centreline
 from .crossings import too_short
-from .path_refinement import NOTHING_KNOWN, Known, refine_path
+from .path_refinement import refine_path
 
 _QUIET = 0.4
 """Quantile of the profiles' residuals that the core takes for the picture's noise."""
@@ -41,7 +41,9 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
     """
     if too_short(guide_px):
         return NOTHING
-    return measure_on(image, refine_path(image, guide_px, width_px, width_px + 2.0, bright).path_px, width_px, bright)
+    if bright is not None:
+        guide_px = refine_path(image, guide_px, width_px, width_px + 2.0, bright).path_px
+    return measure_on(image, guide_px, width_px, bright)
 
 
 def measure_on(
@@ -50,23 +52,27 @@ def measure_on(
     width_px: float,
     bright: bool | None,
     blurred_px: float = 0.0,
-    known: Known = NOTHING_KNOWN,
+    stands_out: bool = False,
 ) -> Centreline:
-    """As `measure`, along a path (K, 2) on the antenna; `blurred_px` : by how much broader the line may be."""
+    """As `measure`, along a path (K, 2) on the antenna.
+
+    blurred_px : by how much broader the line may be. stands_out : the plane was made so that the antenna is bright on
+    it: that it is as bright as what lies behind it says nothing there.
+    """
     half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
     path_px = np.ascontiguousarray(path_px, np.float64)
     if bright is None:
         path_px, half = core.profile.stiffened(path_px), int(np.ceil(0.5 * width_px + _MARGIN_PX))
-    line = _measured(image, path_px, width_px, half, bright, known)
+    line = _measured(image, path_px, width_px, half, bright, stands_out)
     if line.breadth > _BROADER:
         half = int(np.ceil(half + 0.7 * line.breadth * width_px + 2.0))
-        wider = _measured(image, path_px, width_px, half, bright, known)
+        wider = _measured(image, path_px, width_px, half, bright, stands_out)
         return wider if len(wider.points_px) >= len(line.points_px) else line
     return line
 
 
 def _measured(
-    image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool | None, antenna: Known
+    image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool | None, stands_out: bool
 ) -> Centreline:
     width_px = round(float(width_px), 2)
     found = core.profile.measured(
@@ -77,8 +83,7 @@ def _measured(
         _POLARITY[bright],
         _quiet_part(2 * half - 3),
         _shapes(width_px, _ORDINARY_BLUR_PX, half + 2),
-        antenna.levels,
-        antenna.stands_out,
+        stands_out,
     )
     return NOTHING if found is None else accepted(Centreline(**found[0]), Evidence(**found[1]))
 

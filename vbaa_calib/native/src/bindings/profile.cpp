@@ -29,7 +29,7 @@ nb::object answer(detect::MeasuredLine&& found) {
              "breadth"_a = line.breadth, "guide_px"_a = to_numpy(std::move(seen.guide)),
              "visibility"_a = to_numpy(std::move(seen.visibility)),
              "end_px"_a = to_numpy(Array<double, 1>(ConstVector(end.place.data(), {2}))), "end_std_px"_a = end.std_px,
-             "end"_a = kinds[static_cast<int>(end.kind)], "noise"_a = line.noise, "familiar"_a = seen.familiar,
+             "end"_a = kinds[static_cast<int>(end.kind)], "noise"_a = line.noise,
              "sure"_a = line.sure);
     const nb::object evidence =
         dict("inside"_a = seen.inside, "root"_a = seen.root, "gap"_a = seen.gap, "spread_px"_a = seen.spread_px,
@@ -39,14 +39,13 @@ nb::object answer(detect::MeasuredLine&& found) {
 }
 
 nb::object measured(const InPicture& image, const InMatrix& path_px, double width_px, int half, int polarity,
-                    double quiet, const detect::Shapes& shapes, const InMatrix& levels, bool stands_out) {
+                    double quiet, const detect::Shapes& shapes, bool stands_out) {
     require_pixels(width_px, 0.0, half);
     require(image.ndim() == 2 && path_px.shape(1) == 2 && path_px.shape(0) > 1, "a path (K, 2) is in a picture (H, W)");
     require(half > 1 && shapes.reach_px == half + 2,
             "shapes reach two pixels farther than profiles of five pixels or more");
-    require(levels.shape(1) == 2 && levels.shape(0) != 1, "levels are an array (L, 2), at two places at least");
     const auto taken = picture(image);
-    const detect::Measuring how = {width_px, half, polarity, quiet, shapes, view(levels), stands_out};
+    const detect::Measuring how = {width_px, half, polarity, quiet, shapes, stands_out};
     auto found = unlocked([&] { return detect::measured(taken, view(path_px), how); });
     return found ? answer(std::move(*found)) : nb::none();
 }

@@ -10,6 +10,7 @@
 #include "detect/path_refinement.hpp"
 #include "detect/path_search.hpp"
 #include "detect/ridges.hpp"
+#include "detect/shape_search.hpp"
 #include "polyline.hpp"
 #include "smooth.hpp"
 
@@ -41,8 +42,7 @@ ConstVector of_size(const InVector& array, std::size_t count) {
 
 nb::tuple answer(detect::RefinedPath&& found) {
     require(found.path_px.size() > 0, "a path has two points at least, all of them numbers");
-    return nb::make_tuple(to_numpy(std::move(found.path_px)), found.share, found.strength,
-                          to_numpy(std::move(found.other_px)), found.clear);
+    return nb::make_tuple(to_numpy(std::move(found.path_px)), found.share, found.strength);
 }
 
 detect::FreeShape free_shape(nb::handle shape) {
@@ -126,15 +126,6 @@ void bind_paths(nb::module_& room) {
         const auto path = points(path_px);
         return unlocked([&, taken = picture(image)] { return detect::crossings(taken, path, half, sign); });
     });
-    room.attr("CURVE_POINTS") = detect::CURVE_POINTS;
-    room.attr("CURVE_STEP_PX") = detect::CURVE_STEP_PX;
-    const auto made = [](detect::Curves* to, int reach, InMatrix curves, InVector bent, InMatrix finer) {
-        require_pixels(reach);
-        require(reach > 0, "curves reach one pixel at least");
-        const auto of_curves = [](const InMatrix& each) { return rows_of(each, detect::CURVE_POINTS, 1, "60 points"); };
-        new (to) detect::Curves(reach, of_curves(curves), of_size(bent, curves.shape(0)), of_curves(finer));
-    };
-    nb::class_<detect::Curves>(room, "Curves").def("__init__", made);
     room.def("refine_path", [](InPicture image, InMatrix path_px, double width_px, double reach_px, double sign) {
         require_pixels(width_px);
         require_pixels(reach_px);
@@ -142,15 +133,6 @@ void bind_paths(nb::module_& room) {
         return answer(unlocked(
             [&, taken = picture(image)] { return detect::refine_path(taken, path, width_px, reach_px, sign); }));
     });
-    room.def("refine_changing_path",
-             [](InPicture image, InMatrix path_px, double width_px, const detect::Curves& tried, InMatrix levels) {
-                 require_pixels(width_px);
-                 require(levels.shape(0) != 1, "levels are at two places at least");
-                 const auto path = points(path_px), usual = points(levels);
-                 return answer(unlocked([&, taken = picture(image)] {
-                     return detect::refine_changing_path(taken, path, width_px, tried, usual);
-                 }));
-             });
 }
 
 void bind_ridges(nb::module_& room) {
@@ -181,6 +163,35 @@ void bind_ridges(nb::module_& room) {
 }
 
 void bind_shapes(nb::module_& room) {
+    room.def("likely_shapes", [](InPicture image, InMatrix axis, InCube paths, double spacing_px, double width_px,
+                                 InVector contacts, std::array<double, 2> clamp, InMatrix looks, nb::handle settings,
+                                 int most) {
+        require_pixels(width_px);
+        require_pixels(spacing_px);
+        require(axis.shape(0) >= 4 && axis.shape(0) < 1000 && axis.shape(1) == 2, "an axis has 4 to 999 points (u, v)");
+        require(paths.shape(0) > 0 && paths.shape(1) > 1 && paths.shape(2) == 2, "paths are (P, S, 2)");
+        require(width_px > 0.0 && contacts.shape(0) > 0 && contacts.shape(0) < 100, "there are 1 to 99 contacts");
+        require((looks.shape(0) == 0 || looks.shape(0) == 8) && looks.shape(1) == 4, "looks are (8, 4) or (0, 4)");
+        detect::ShapeFamily family = {view(axis),     view(paths), spacing_px, width_px,
+                                      view(contacts), clamp[0],    clamp[1]};
+        detect::EdgeModel model;
+        for (auto [name, to] : {std::pair{"surface_spread", &model.spread},
+                                {"colour_spread", &model.colour_spread},
+                                {"edge_rate", &model.rate},
+                                {"hidden_odds", &model.hidden},
+                                {"hidden_root_odds", &model.hidden_root},
+                                {"correlation_px", &model.correlation_px},
+                                {"strain_std", &model.strain},
+                                {"look_odds", &model.look}})
+            *to = number<double>(settings, name);
+        auto found = unlocked(
+            [&, taken = picture(image)] { return detect::likely_shapes(taken, family, view(looks), model, most); });
+        nb::list answers;
+        for (auto& one : found)
+            answers.append(nb::make_tuple(one.evidence, one.bend, to_numpy(std::move(one.path_px)),
+                                          to_numpy(std::move(one.odds))));
+        return answers;
+    });
     room.def("bent", [](nb::handle free, detect::Unknowns unknowns) {
         return to_numpy(std::move(detect::bent(free_shape(free), unknowns).curve));
     });
@@ -216,11 +227,6 @@ void bind_colours(nb::module_& room) {
         unlocked([&, taken = picture(image)] { detect::weigh_channels(taken, near, of_channels, reach, view(plane)); });
     };
     room.def("weigh_channels", weigh);
-    room.def("light_at_clamp", [](InPicture image, double level, InMatrix axis, InVector along, InMatrix looks) {
-        const auto each = of_size(along, axis.shape(0));
-        const auto found = detect::light_at_clamp(picture(image), level, points(axis), each, looks_of(looks));
-        return nb::make_tuple(found.light, found.sigma);
-    });
     room.def("foreign", [](InPicture image, double level, InMatrix at, InVector shares, InMatrix looks) {
         const auto each = of_size(shares, at.shape(0));
         detect::Foreign found = detect::foreign(picture(image), level, points(at), each, looks_of(looks));

@@ -11,9 +11,6 @@ constexpr int HEADINGS = 40;             // places along that curve at which its
 constexpr int NEARBY = 41;               // so many profiles have the light in common
 constexpr double VARIES = 0.25;          // least variation of the line over its height, for its transparency to show
 constexpr double BEHIND_VARIES = 0.15;   // and of its background
-constexpr double USUAL = 2.0;            // deviations within which a point is as bright as the antenna usually is
-constexpr double FAMILIAR = 0.7;         // from this share of usual points on a line is the antenna on any background,
-constexpr double MORE_FAMILIAR = 0.2;    // if it is so much more than on its flanks
 constexpr double ALIKE_PROFILES = 15.0;  // so many neighbouring profiles lie in front of the same thing
 constexpr double MAD_SCALE = 1.4826;     // standard deviation over median absolute deviation
 
@@ -30,24 +27,6 @@ double own_level(const Crossings& found, const FittedLine& line, int n) {
     for (int t = 1; t < across.shape[0]; ++t)
         if (std::abs(across[t] - line.centre[n]) < std::abs(across[nearest] - line.centre[n])) nearest = t;
     return found.profiles(n, nearest);
-}
-
-// Shares of a line's points, and of their flanks, that are as bright as the antenna's levels (L, 2).
-struct Familiar {
-    double own = 1.0, flanks = 1.0;
-};
-
-Familiar familiar(const Crossings& found, const FittedLine& line, ConstMatrix levels) {
-    int own = 0, next_to_it = 0;
-    const std::vector<int> chosen = places(line.kept);
-    for (int n : chosen) {
-        const Level level = usual_level(levels, found.along[n] / found.along[found.along.size() - 1]);
-        const auto usual = [&](double grey) { return std::abs(grey - level.usual) < USUAL * level.spread; };
-        own += usual(own_level(found, line, n));
-        for (double flank : flanks(found.profiles.row(n))) next_to_it += usual(flank);
-    }
-    const double whole = static_cast<double>(chosen.size());
-    return {own / whole, 0.5 * next_to_it / whole};
 }
 
 // How the background differs from one side of the line to the other, all along it, over the line's own height.
@@ -179,7 +158,7 @@ Flags without_margins(const Flags& kept, int margin) {
     return each(count, [&](int n) { return kept[n] && !around(filled, n, margin, false); });
 }
 
-Evidence evidence(const Crossings& found, const FittedLine& line, ConstMatrix levels, bool stands_out) {
+Evidence evidence(const Crossings& found, const FittedLine& line, bool stands_out) {
     const Flags& kept = line.kept;
     const double whole = kept.size(), seen = count(kept);
     Evidence evidence = {};
@@ -196,11 +175,8 @@ Evidence evidence(const Crossings& found, const FittedLine& line, ConstMatrix le
     evidence.height = median(selected(line.height, kept));
     evidence.spread_px = median(selected(line.sigma_px, kept));
     measure_wander(found.along, evidence.everywhere, kept, evidence);
-    const Familiar share = levels.shape[0] ? familiar(found, line, levels) : Familiar{};
-    const bool known = stands_out || (share.own > FAMILIAR && share.own - share.flanks > MORE_FAMILIAR);
-    evidence.familiar = share.own;
     if (line.changing) evidence.step = background_step(found, kept);
-    if (line.changing && !known) evidence.transparency = transparency(found, line);
+    if (line.changing && !stands_out) evidence.transparency = transparency(found, line);
     return evidence;
 }
 

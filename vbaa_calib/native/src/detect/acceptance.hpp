@@ -34,13 +34,12 @@ struct Evidence {
     double snaking_rad;        // by how much that curve turns to and fro
     double step;  // of one that changes along it: its background's difference from side to side, over its height
     double transparency;  // of the same: how far its brightness follows that of the background
-    double familiar;      // share of its points that are as bright as this antenna usually is, 1 where not known
 };
 
 // The kept points (N,) but for so many on either side of a gap; a profile or two that noise hides are no gap.
 Flags without_margins(const Flags& kept, int margin);
 
-// Of a line that is kept somewhere, for an antenna whose levels (L, 2), L ≥ 0, are known, or that stands out.
-Evidence evidence(const Crossings& found, const FittedLine& line, ConstMatrix levels, bool stands_out);
+// Of a line that is kept somewhere. stands_out : see `Measuring`.
+Evidence evidence(const Crossings& found, const FittedLine& line, bool stands_out);
 
 }  // namespace vbaa::detect

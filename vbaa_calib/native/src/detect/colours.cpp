@@ -16,11 +16,6 @@ constexpr int LEAST_POINTS = 20;
 constexpr double SHADE[2] = {0.33, 1.15}, TINT[2] = {0.9, 2.0};
 // Share of the line, from the clamp, that shows how brightly it is lit; limits of that factor.
 constexpr double ROOT = 0.4, LIGHT[2] = {0.6, 1.7};
-// Shares of its length between which a free and a bent antenna lie in one place, and show the light before it is found,
-// by so many pixels at least; the relative deviation of the light that is known beforehand: a highlight is no lamp.
-constexpr double BEGINNING[2] = {0.015, 0.1}, LAMP = 0.3;
-constexpr int LEAST_BEGINNING = 5;
-
 double square(double value) { return value * value; }
 
 int nearest_pixel(double place, int size) {
@@ -101,33 +96,6 @@ void weigh_channels(const Picture& picture, ConstMatrix points, ConstMatrix weig
             }
         },
         picture);
-}
-
-Light light_at_clamp(const Picture& picture, double level, ConstMatrix axis, ConstVector along, ConstMatrix looks) {
-    const auto [height, width] =
-        std::visit([](auto levels) { return std::pair(levels.shape[0], levels.shape[1]); }, picture);
-    const int count = along.shape[0];
-    std::vector<double> points, shares;
-    for (int k = 0; k < count; ++k) {
-        const double u = axis(k, 0), v = axis(k, 1), share = along[k] / along[count - 1];
-        if (!(u > 0.0 && v > 0.0 && u < width && v < height && share > BEGINNING[0] && share < BEGINNING[1])) continue;
-        points.insert(points.end(), {u, v});
-        shares.push_back(share);
-    }
-    const int first = static_cast<int>(shares.size());
-    if (first < LEAST_BEGINNING) return {NOT_A_NUMBER, NOT_A_NUMBER};
-    const Array<double, 2> colours = colours_at(picture, level, {points.data(), {first, 2}});
-    const Array<double, 2> usual = usual_looks(looks, {shares.data(), {first}});
-    std::vector<double> lit(first), spread(first);
-    for (int n = 0; n < first; ++n) {
-        double size = 1e-9;
-        for (int c = 0; c < 3; ++c) lit[n] += colours(n, c) * usual(c, n), size += square(usual(c, n));
-        lit[n] /= size;
-        spread[n] = usual(3, n) / std::sqrt(size);
-    }
-    const double sigma = middle(spread), trust = square(LAMP) / (square(LAMP) + square(sigma));
-    const double light = std::pow(middle(lit), trust);
-    return {light, light * sigma * std::sqrt(trust)};
 }
 
 Foreign foreign(const Picture& picture, double level, ConstMatrix points, ConstVector shares, ConstMatrix looks) {

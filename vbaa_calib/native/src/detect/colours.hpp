@@ -17,15 +17,6 @@ Array<double, 2> colours_at(const Picture& picture, double level, ConstMatrix po
 // Into a plane (H, W), near points (K, 2): the picture's channels by the weights (K, 3) of the nearest point.
 void weigh_channels(const Picture& picture, ConstMatrix points, ConstMatrix weights, int reach, View<float, 2> plane);
 
-// How brightly an antenna is lit, over usual, and the standard deviation of that; NaN where little of it is visible.
-struct Light {
-    double light, sigma;
-};
-
-// As its axis (K, 2) shows near the clamp, (K,) px from there, where it has the looks (PLACES, 4): mean colours at
-// places from clamp to tip, and their deviations.
-Light light_at_clamp(const Picture& picture, double level, ConstMatrix axis, ConstVector along, ConstMatrix looks);
-
 // Where points have not the antenna's looks.
 struct Foreign {
     Array<unsigned char, 1> other;   // (N,) whether they have not

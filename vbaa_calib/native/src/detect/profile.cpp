@@ -368,7 +368,7 @@ std::optional<MeasuredLine> measured(const Picture& picture, ConstMatrix path_px
     Lines lines = lines_of(found, how);
     FittedLine line = fitted_line(found, lines, how);
     if (!any(line.kept)) return {};
-    Evidence seen = evidence(found, line, how.levels, how.stands_out);
+    Evidence seen = evidence(found, line, how.stands_out);
     const Look look = {std::move(lines.section), how.half, line.noise, sign};
     const VisibleEnd end = visible_end(picture, seen.guide, line.kept, look);
     return MeasuredLine{std::move(line), std::move(seen), end};

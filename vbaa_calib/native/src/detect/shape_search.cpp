@@ -1,0 +1,377 @@
+#include "detect/shape_search.hpp"
+
+#include <cstring>
+
+#include "detect/ridges.hpp"
+#include "detect/rough_shapes.hpp"
+#include "detect/shape_strip.hpp"
+#include "lanes.hpp"
+#include "polyline.hpp"
+#include "smooth.hpp"
+
+namespace vbaa::detect {
+namespace {
+
+constexpr int AT_ONCE = 16;          // turns of the tip that are tried at once
+constexpr int FINER = 4;             // a strip's odds are tabled at so many places a step
+constexpr double ROUGH_SHARE = 0.3;  // of the best rough path's score above the worst one's: others are tried, too
+constexpr double CERTAIN_PX = 4.0;   // a clamp that may be moved by less needs no search where it is
+constexpr double LOOSE_PX = 20.0;    // most by which it is searched for
+constexpr double AROUND_PX = 10.0;   // of a path, that is seen beside its width
+constexpr double AROUND_ROUGH_PX = 4.0;
+constexpr double TURN_RAD = 0.25;  // by which a shape's tip may be turned from the rough path's
+constexpr double LEAST_CONTACT = 0.06, MOST_CONTACT = 1.9;  // parts of the length
+
+using Point = std::array<double, 2>;
+using Bend = std::array<double, 4>;  // contact, turn of the tip (rad), offset (px) and turn (rad) at the clamp
+
+// Shapes about a free axis (S, 2): its headings, and how a force at a place bends them.
+struct Axis {
+    int count;
+    double step, length;
+    Point start, normal;
+    Numbers cosine, sine;
+};
+
+Axis axis_of(ConstMatrix points) {
+    const int count = points.shape[0];
+    const double length = arc_lengths(points)[count - 1];
+    const Table across = normals(points);
+    return {count,
+            length / (count - 1),
+            length,
+            {points(0, 0), points(0, 1)},
+            {across(0, 0), across(0, 1)},
+            each(count, [&](int s) { return across(s, 1); }),
+            each(count, [&](int s) { return -across(s, 0); })};
+}
+
+// Sine and cosine of an angle of less than 2.5 rad, to 1e-6.
+template <class Number>
+inline void turned(Number angle, Number& sine, Number& cosine) {
+    const auto number = [](auto value) { return Number(static_cast<float>(value)); };
+    const Number one = number(1.0), two = number(2.0), part = number(0.25) * angle, q = part * part;
+    const Number s = part * (one - q * (number(1.0 / 6.0) - q * (number(1.0 / 120.0) - q * number(1.0 / 5040.0))));
+    const Number c = one - q * (number(0.5) - q * (number(1.0 / 24.0) - q * number(1.0 / 720.0)));
+    const Number s2 = two * s * c, c2 = one - two * s * s;
+    sine = two * s2 * c2;
+    cosine = one - two * s2 * s2;
+}
+
+// (S,) how far the direction has turned, over the turn of the tip, where a force acts at a part of the length.
+Numbers turn_shares(const Axis& axis, double contact) {
+    const auto share_of = [](double reach) { return reach < 1.0 ? reach * (2.0 - reach) : 1.0; };
+    const double whole = share_of(1.0 / contact);
+    return each(axis.count, [&](int s) { return share_of(s / ((axis.count - 1) * contact)) / whole; });
+}
+
+// (S, 2) the shape of a bend: turned as by a force at a part `contact` of its length, moved and turned at the clamp.
+Table bent(const Axis& axis, const Bend& bend) {
+    const auto [contact, turn, offset, rotation] = bend;
+    const Numbers shares = turn_shares(axis, contact);
+    Table path(axis.count, 2);
+    Point at = {axis.start[0] + offset * axis.normal[0], axis.start[1] + offset * axis.normal[1]}, before = {};
+    for (int s = 0; s < axis.count; ++s) {
+        double sine, cosine;
+        turned(rotation + turn * shares[s], sine, cosine);
+        const Point heading = {axis.cosine[s] * cosine - axis.sine[s] * sine,
+                               axis.sine[s] * cosine + axis.cosine[s] * sine};
+        for (int i = 0; i < 2; ++i) {
+            if (s) at[i] += 0.5 * axis.step * (before[i] + heading[i]);
+            path(s, i) = at[i];
+        }
+        before = heading;
+    }
+    return path;
+}
+
+// Log odds (S,) of a shape along a strip about another one much like it.
+Numbers odds_along(const Strip& strip, const Table& path, double hidden) {
+    const int last = strip.odds.shape[1] - 2;
+    return each(path.shape[0], [&](int s) {
+        const double off =
+            (path(s, 0) - strip.path(s, 0)) * strip.normal(s, 0) + (path(s, 1) - strip.path(s, 1)) * strip.normal(s, 1);
+        const double place = (off - strip.first) / STRIP_STEP_PX;
+        if (!(place >= 0.0 && place < last + 1.0)) return 2.0 * hidden;
+        const int m = static_cast<int>(place);
+        const double one = strip.odds(s, m), other = strip.odds(s, m + 1);
+        return one + (place - m) * (other - one);
+    });
+}
+
+// A strip as the family is laid over it: several stations are one, where shapes are much alike.
+struct Tabled {
+    int rows, places, bunch;  // stations and so many places across each
+    double first;             // offset (px) of the first place but one: before and after are those beyond the strip
+    Array<float, 2> odds;     // (rows, places) sums over a row's stations
+    const Strip& strip;
+
+    Tabled(const Strip& from, int stations, double hidden)
+        : rows((from.path.shape[0] + stations - 1) / stations),
+          places(std::max(FINER * (from.odds.shape[1] - 1) + 1, 0) + 2),
+          bunch(stations),
+          first(from.first),
+          odds(rows, places),
+          strip(from) {
+        const int count = from.path.shape[0], middles = from.odds.shape[1];
+        for (int s = 0; s < count; ++s) {
+            float* const __restrict to = odds.row(s / bunch).data;
+            to[0] += static_cast<float>(2.0 * hidden);
+            to[places - 1] += static_cast<float>(2.0 * hidden);
+            for (int m = 0; m < middles; ++m) {
+                const float one = from.odds(s, m), rise = m + 1 < middles ? from.odds(s, m + 1) - one : 0.0f;
+                for (int i = 0; i < (m + 1 < middles ? FINER : 1); ++i)
+                    to[1 + m * FINER + i] += one + static_cast<float>(i) / FINER * rise;
+            }
+        }
+    }
+};
+
+// A number of each of the turns that are tried at once.
+using Turns = Pack<float, AT_ONCE * sizeof(float)>;
+
+// Places, across a strip's rows, of shapes of one contact: how far they move with what happens at the clamp.
+struct Across {
+    std::vector<Turns> along, aside;        // (rows) with the cosine, and the sine, of the turn at the clamp
+    std::vector<float> still, with_offset;  // (rows) without any, and with its offset
+};
+
+// Of `AT_ONCE` turns from one on, in equal steps.
+void lay_across(const Axis& axis, const Numbers& shares, const Tabled& tabled, double turn, double step, Across& to) {
+    const float per_px = static_cast<float>(FINER / STRIP_STEP_PX);
+    Turns turns, u = 0.0f, v = 0.0f, before_u = 0.0f, before_v = 0.0f;
+    for (int lane = 0; lane < AT_ONCE; ++lane) turns[lane] = static_cast<float>(turn + lane * step);
+    to.along.assign(tabled.rows, 0.0f), to.aside.assign(tabled.rows, 0.0f);
+    to.still.assign(tabled.rows, 0.0f), to.with_offset.assign(tabled.rows, 0.0f);
+    const float half = static_cast<float>(0.5 * axis.step);
+    for (int s = 0; s < axis.count; ++s) {
+        Turns sine, cosine;
+        turned<Turns>(turns * Turns(static_cast<float>(shares[s])), sine, cosine);
+        const float c = static_cast<float>(axis.cosine[s]), d = static_cast<float>(axis.sine[s]);
+        const Turns to_u = Turns(c) * cosine - Turns(d) * sine, to_v = Turns(d) * cosine + Turns(c) * sine;
+        if (s) {
+            u += Turns(half) * (before_u + to_u);
+            v += Turns(half) * (before_v + to_v);
+        }
+        before_u = to_u, before_v = to_v;
+        const int row = s / tabled.bunch, several = std::min(tabled.bunch, axis.count - row * tabled.bunch);
+        const Strip& strip = tabled.strip;
+        const double nu = strip.normal(s, 0), nv = strip.normal(s, 1);
+        const float share = per_px / static_cast<float>(several);
+        const float a = share * static_cast<float>(nu), b = share * static_cast<float>(nv);
+        to.along[row] += Turns(a) * u + Turns(b) * v;
+        to.aside[row] += Turns(b) * u - Turns(a) * v;
+        const double still = (axis.start[0] - strip.path(s, 0)) * nu + (axis.start[1] - strip.path(s, 1)) * nv;
+        to.still[row] += share * static_cast<float>(still - tabled.first);
+        to.with_offset[row] += share * static_cast<float>(axis.normal[0] * nu + axis.normal[1] * nv);
+    }
+}
+
+// What is tried at the clamp, in equal steps to either side of a bend's own.
+struct Grid {
+    int steps = 0;
+    double middle = 0.0, step = 0.0;
+    int count() const { return 2 * steps + 1; }
+    double at(int k) const { return middle + step * (k - steps); }
+};
+
+// Sums of log odds of shapes: into (turns at the clamp, offsets, AT_ONCE).
+void sum_odds(const Tabled& tabled, const Across& across, const Grid& offsets, const Grid& rotations,
+              std::vector<Turns>& sums) {
+    sums.assign(static_cast<std::size_t>(offsets.count()) * rotations.count(), 0.0f);
+    const float last = static_cast<float>(tabled.places - 1);
+    for (int r = 0; r < rotations.count(); ++r) {
+        const float cosine = static_cast<float>(std::cos(rotations.at(r))),
+                    sine = static_cast<float>(std::sin(rotations.at(r)));
+        for (int row = 0; row < tabled.rows; ++row) {
+            const float* const odds = tabled.odds.row(row).data;
+            // one for the place beyond, a half for the nearest
+            const Turns place =
+                Turns(cosine) * across.along[row] + Turns(sine) * across.aside[row] + Turns(across.still[row] + 1.5f);
+            for (int o = 0; o < offsets.count(); ++o) {
+                const float by = static_cast<float>(offsets.at(o)) * across.with_offset[row];
+                float at[AT_ONCE], *const sum = reinterpret_cast<float*>(&sums[r * offsets.count() + o]);
+                std::memcpy(at, &place, sizeof(at));
+                for (int lane = 0; lane < AT_ONCE; ++lane)
+                    sum[lane] += odds[static_cast<int>(std::min(std::max(at[lane] + by, 0.0f), last))];
+            }
+        }
+    }
+}
+
+// A search's pieces that do not change from path to path.
+template <class T>
+struct Search {
+    const Colours<T>& picture;
+    const ShapeFamily& family;
+    const Axis axis;
+    const StripModel strips;
+    const EdgeModel& model;
+
+    double prior(const Bend& bend) const {
+        const double strain = bend[1] * family.width_px / (std::min(bend[0], 1.0) * axis.length) / model.strain;
+        return -0.5 * strain * strain;
+    }
+    double evidence(double mean_odds, const Bend& bend) const {
+        return axis.length / model.correlation_px * mean_odds + prior(bend);
+    }
+};
+
+// What is tried of a family.
+struct Tried {
+    std::vector<double> contacts;
+    Grid turns, offsets, rotations;
+};
+
+// The best of a family along a strip.
+template <class T>
+std::pair<double, Bend> best_of(const Search<T>& search, const Tabled& tabled, const Tried& tried) {
+    std::pair<double, Bend> best = {-INFINITY, {1.0, 0.0, 0.0, 0.0}};
+    Across across;
+    std::vector<Turns> sums;
+    for (const double contact : tried.contacts) {
+        const Numbers shares = turn_shares(search.axis, contact);
+        for (int first = 0; first < tried.turns.count(); first += AT_ONCE) {
+            lay_across(search.axis, shares, tabled, tried.turns.at(first), tried.turns.step, across);
+            sum_odds(tabled, across, tried.offsets, tried.rotations, sums);
+            const int turns = std::min(AT_ONCE, tried.turns.count() - first);
+            for (int r = 0; r < tried.rotations.count(); ++r)
+                for (int o = 0; o < tried.offsets.count(); ++o)
+                    for (int lane = 0; lane < turns; ++lane) {
+                        const Bend bend = {contact, tried.turns.at(first + lane), tried.offsets.at(o),
+                                           tried.rotations.at(r)};
+                        const double sum = sums[r * tried.offsets.count() + o][lane];
+                        const double evidence = search.evidence(sum / search.axis.count, bend);
+                        if (evidence > best.first) best = {evidence, bend};
+                    }
+        }
+    }
+    return best;
+}
+
+// (S, 2) a path at as many points as the axis has.
+Table even(ConstMatrix rough, int count) {
+    const Numbers along = arc_lengths(rough);
+    const int last = rough.shape[0] - 1;
+    Table path(count, 2);
+    for (int i = 0; i < 2; ++i) {
+        const Numbers values = each(last + 1, [&](int k) { return rough(k, i); });
+        for (int s = 0; s < count; ++s) path(s, i) = interpolated(along, values, along[last] * s / (count - 1));
+    }
+    return path;
+}
+
+// Direction of a line's last tenth.
+double heading(ConstMatrix line) {
+    const int last = line.shape[0] - 1, before = std::max(last - std::max(last / 10, 1), 0);
+    return std::atan2(line(last, 1) - line(before, 1), line(last, 0) - line(before, 0));
+}
+
+// The best shape near a rough path, dense enough to be found in finer rounds.
+template <class T>
+std::pair<double, Bend> best_near(const Search<T>& search, ConstMatrix rough) {
+    const ShapeFamily& family = search.family;
+    const bool certain = family.clamp_px < CERTAIN_PX;
+    const double loose = certain ? AROUND_ROUGH_PX : std::min(family.clamp_px, LOOSE_PX);
+    const double reach = 1.2 * family.spacing_px + 0.5 * family.width_px + AROUND_PX + loose;
+    const Table path = even(rough, search.axis.count);
+    const Strip strip = strip_along(search.picture, path, reach, search.strips);
+    const double turn = std::remainder(heading(path) - heading(family.axis_px), 2.0 * M_PI);
+    const double fine = (certain ? 4.0 : 8.0) / search.axis.length;  // the tip moves by half of that
+    Tried tried = {{family.contacts.begin(), family.contacts.end()},
+                   {static_cast<int>(std::ceil(TURN_RAD / fine)), turn, fine},
+                   {0, 0.0, 0.0},
+                   {0, 0.0, 0.0}};
+    if (!certain) {
+        tried.offsets = {6, 0.0, loose / 6};
+        tried.rotations = {3, 0.0, family.clamp_rad / 3};
+    }
+    return best_of(search, Tabled(strip, 1, search.model.hidden), tried);
+}
+
+// The same finer, about a shape.
+template <class T>
+ShapeFound refined(const Search<T>& search, Bend bend) {
+    struct Round {
+        double offset_px, clamp_rad, turn_rad;
+    };
+    constexpr std::array<Round, 2> rounds = {{{0.5, 0.005, 0.02}, {0.2, 0.002, 0.0075}}};
+    constexpr std::array<double, 5> parts = {0.7, 0.85, 1.0, 1.15, 1.4};
+    const double reach = 0.5 * search.family.width_px + AROUND_PX;
+    Strip strip;
+    for (const Round& round : rounds) {
+        strip = strip_along(search.picture, bent(search.axis, bend), reach, search.strips);
+        Tried tried = {{}, {4, bend[1], round.turn_rad}, {2, bend[2], round.offset_px}, {2, bend[3], round.clamp_rad}};
+        for (const double part : parts) tried.contacts.push_back(bounded(bend[0] * part, LEAST_CONTACT, MOST_CONTACT));
+        bend = best_of(search, Tabled(strip, 2, search.model.hidden), tried).second;
+    }
+    ShapeFound found = {0.0, bend, bent(search.axis, bend), {}};
+    found.odds = odds_along(strip, found.path_px, search.model.hidden);
+    found.evidence = search.evidence(total(found.odds) / search.axis.count, bend);
+    return found;
+}
+
+// Deviation of a pixel's noise in each channel, by second differences both ways at some thousands of places.
+template <class T>
+Colour noise_of(const Colours<T>& picture) {
+    const auto [height, width, several] = picture.levels.shape;
+    const int channels = picture.channels();
+    const int step = std::max(1, static_cast<int>(std::sqrt(height * static_cast<double>(width) / 6000.0)));
+    std::array<std::vector<float>, MOST_CHANNELS> found;
+    for (int row = 1; row < height - 1; row += step)
+        for (int column = 1; column < width - 1; column += step) {
+            Colour sum = {};
+            for (int v = -1; v <= 1; ++v)
+                for (int u = -1; u <= 1; ++u) {
+                    const T* const own = &picture.levels(row + v, column + u, 0);
+                    const float weight = static_cast<float>((v ? 1 : -2) * (u ? 1 : -2));
+                    for (int k = 0; k < channels; ++k) sum[k] += weight * static_cast<float>(own[k]);
+                }
+            const Colour off = picture.of(sum);
+            for (int k = 0; k < channels; ++k) found[k].push_back(std::abs(off[k]) / 6.0f);
+        }
+    Colour noise = {};
+    for (int k = 0; k < channels; ++k) {
+        const auto middle = found[k].begin() + found[k].size() / 2;
+        std::nth_element(found[k].begin(), middle, found[k].end());
+        noise[k] = found[k].empty() ? 1.0f : *middle / 0.6745f + 0.3f;
+    }
+    return noise;
+}
+
+template <class T>
+std::vector<ShapeFound> likely_in(const Colours<T>& picture, const ShapeFamily& family, ConstMatrix colours,
+                                  const EdgeModel& model, int most) {
+    const Colour noise = noise_of(picture);
+    const bool known = colours.shape[0] == LOOK_PLACES;
+    const Looks looks = known ? looks_of(colours) : Looks{};
+    const Looks* const own = known ? &looks : nullptr;
+    const RoughPaths paths = {family.paths_px, family.spacing_px, family.width_px};
+    Numbers score = rough_scores(reduced(picture, paths), paths, own, noise, model);
+    const double least = *std::min_element(score.begin(), score.end());
+    for (double& each : score) each -= least;
+    const double apart = 2.0 * family.spacing_px + family.width_px;
+    const EdgeOdds odds(model.rate);
+    const Search<T> search = {
+        picture, family, axis_of(family.axis_px), {family.width_px, own, noise, model, odds}, model};
+    std::vector<ShapeFound> found;
+    for (const int one : clearest_paths(score, family.paths_px, apart, most, ROUGH_SHARE))
+        found.push_back(refined(search, best_near(search, family.paths_px.row(one)).second));
+    std::stable_sort(found.begin(), found.end(),
+                     [](const ShapeFound& a, const ShapeFound& b) { return a.evidence > b.evidence; });
+    return found;
+}
+
+}  // namespace
+
+std::vector<ShapeFound> likely_shapes(const Picture& picture, const ShapeFamily& family, ConstMatrix looks,
+                                      const EdgeModel& model, int most) {
+    return std::visit(
+        [&](const auto& levels) {
+            using Kind = std::remove_const_t<std::remove_pointer_t<decltype(levels.data)>>;
+            return likely_in(Colours<Kind>{levels}, family, looks, model, most);
+        },
+        picture);
+}
+
+}  // namespace vbaa::detect

@@ -1,0 +1,234 @@
+#include "detect/shape_strip.hpp"
+
+#include <cstring>
+
+#include "polyline.hpp"
+
+namespace vbaa::detect {
+namespace {
+
+constexpr double SMOOTHED_PX = 5.0;                 // how much of a strip along it is averaged
+constexpr double EDGE_GAP_PX = 0.4, EDGE_PX = 2.0;  // next to an edge, left out for the blur; and compared, beyond that
+constexpr double CORE = 0.35;                       // of the width, to either side of the middle: shows the colour
+constexpr double USUAL_QUANTILE = 0.35, USUAL_SQUARE = 0.2;  // of squares of normal numbers, for their deviation
+constexpr double USUAL_PX = 10.0;                            // along, to either side: what is usual is averaged
+constexpr int SQUARES_ROUNDS = 12;  // halvings of the bits of a square: to a thousandth from 2^-8 to 2^24
+
+int steps(double px) { return static_cast<int>(std::rint(px / STRIP_STEP_PX)); }
+
+// Sizes of a strip, in steps across and stations along.
+struct Sizes {
+    int stations, half, across;
+    int gap, inner;           // of what is compared next to an edge
+    int room, edges;          // first edge, and their number
+    int wide, core, middles;  // from edge to middle; of what shows the colour; number of middles
+    int near, far;            // stations to either side that are averaged; over which the usual is
+
+    Sizes(ConstMatrix path, double width_px, double reach_px)
+        : stations(path.shape[0]),
+          half(static_cast<int>(std::ceil(reach_px / STRIP_STEP_PX))),
+          across(2 * half + 1),
+          gap(steps(EDGE_GAP_PX)),
+          inner(steps(EDGE_GAP_PX + std::min(0.5 * width_px, EDGE_PX))),
+          room(inner + 1),
+          edges(across - 2 * room),
+          wide(steps(0.5 * width_px)),
+          core(steps(CORE * width_px)),
+          middles(edges - 2 * wide) {
+        const double along = stations > 1 ? arc_lengths(path)[stations - 1] / (stations - 1) : 0.0;
+        const double step = std::max(along, 1e-6);
+        near = static_cast<int>(std::min(std::max(std::rint(0.5 * (SMOOTHED_PX / step - 1.0)), 0.0), 1.0 * stations));
+        far = static_cast<int>(std::min(std::max(USUAL_PX / step, 1.0), 1.0 * stations));
+    }
+};
+
+using Samples = Array<float, 3>;  // (S, channels, across)
+
+// Colours across each station, and which places (S, across) are within the picture.
+template <class T>
+void sample(const Colours<T>& picture, const Strip& strip, const Sizes& sizes, Samples& levels, Flags& inside) {
+    const int channels = picture.channels(), several = picture.levels.shape[2];
+    const int height = picture.levels.shape[0], width = picture.levels.shape[1];
+    const double last_u = width - 1.0, last_v = height - 1.0;
+    const int right = width > 1 ? several : 0, below = height > 1 ? width * several : 0;
+    for (int s = 0; s < sizes.stations; ++s) {
+        const double du = STRIP_STEP_PX * strip.normal(s, 0), dv = STRIP_STEP_PX * strip.normal(s, 1);
+        float* const to = levels.row(s).data;
+        for (int n = 0; n < sizes.across; ++n) {
+            const double u = strip.path(s, 0) + (n - sizes.half) * du, v = strip.path(s, 1) + (n - sizes.half) * dv;
+            inside[s * sizes.across + n] = u >= 0.0 && v >= 0.0 && u <= last_u && v <= last_v;
+            const double x = bounded(u, 0.0, last_u), y = bounded(v, 0.0, last_v);
+            const int left = std::min(static_cast<int>(x), std::max(width - 2, 0));
+            const int top = std::min(static_cast<int>(y), std::max(height - 2, 0));
+            const float a = static_cast<float>(x - left), b = static_cast<float>(y - top);
+            const T* const from = &picture.levels(top, left, 0);
+            Colour own = {};
+            for (int k = 0; k < channels; ++k) {
+                const float one = static_cast<float>(from[k]), other = static_cast<float>(from[below + k]);
+                const float upper = one + a * (static_cast<float>(from[right + k]) - one);
+                const float lower = other + a * (static_cast<float>(from[below + right + k]) - other);
+                own[k] = upper + b * (lower - upper);
+            }
+            const Colour found = picture.of(own);
+            for (int k = 0; k < channels; ++k) to[k * sizes.across + n] = found[k];
+        }
+    }
+}
+
+// Means of each station and those near it.
+Samples averaged(const Samples& levels, int near) {
+    if (near == 0) return levels;
+    const auto [stations, channels, across] = levels.shape;
+    Samples means(stations, channels, across);
+    const int row = channels * across;
+    for (int s = 0; s < stations; ++s) {
+        const int from = std::max(s - near, 0), to = std::min(s + near, stations - 1);
+        float* const __restrict mean = means.row(s).data;
+        for (int t = from; t <= to; ++t) {
+            const float* const own = levels.row(t).data;
+            for (int i = 0; i < row; ++i) mean[i] += own[i];
+        }
+        const float share = 1.0f / static_cast<float>(to - from + 1);
+        for (int i = 0; i < row; ++i) mean[i] *= share;
+    }
+    return means;
+}
+
+// The number below which a share of squares lies, between its bounds, to a thousandth: their bits are in their order.
+float quantile_of_squares(const float* squares, int count, double share) {
+    const auto bits_of = [](float value) {
+        std::int32_t bits;
+        std::memcpy(&bits, &value, sizeof(bits));
+        return bits;
+    };
+    std::int32_t low = bits_of(0x1p-8f), high = bits_of(0x1p24f);
+    const int place = std::min(static_cast<int>(share * count), count - 1);
+    float found = 0.0f;
+    for (int round = 0; round < SQUARES_ROUNDS; ++round) {
+        const std::int32_t middle = low + (high - low) / 2;
+        std::memcpy(&found, &middle, sizeof(found));
+        int below = 0;
+        for (int i = 0; i < count; ++i) below += squares[i] < found;
+        (below > place ? high : low) = middle;
+    }
+    return found;
+}
+
+// Differences (S, channels, edges) across each edge, and their variance (S, channels) where there is none.
+void compare(const Samples& levels, const Sizes& sizes, Samples& apart, Table& usual) {
+    const int edges = sizes.edges;
+    const float share = 1.0f / static_cast<float>(sizes.inner - sizes.gap + 1);
+    std::vector<float> squares(edges);
+    for (int s = 0; s < sizes.stations; ++s)
+        for (int k = 0; k < levels.shape[1]; ++k) {
+            const float* const own = levels.row(s).row(k).data + sizes.room;
+            float* const __restrict off = apart.row(s).row(k).data;
+            for (int by = sizes.gap; by <= sizes.inner; ++by)
+                for (int e = 0; e < edges; ++e) off[e] += own[e + by] - own[e - by];
+            for (int e = 0; e < edges; ++e) off[e] *= share;
+            for (int e = 0; e < edges; ++e) squares[e] = off[e] * off[e];
+            usual(s, k) = quantile_of_squares(squares.data(), edges, USUAL_QUANTILE) / USUAL_SQUARE;
+        }
+}
+
+// The log odds (edges,) of edges at a station.
+void edges_at(int station, const Samples& apart, const Table& usual, const Sizes& sizes, const StripModel& model,
+              float* __restrict edge) {
+    const int channels = apart.shape[1];
+    const int from = std::max(station - sizes.far, 0), to = std::min(station + sizes.far, sizes.stations - 1);
+    std::fill_n(edge, sizes.edges, -1e9f);
+    for (int k = 0; k < channels; ++k) {
+        double sum = 0.0;
+        for (int t = from; t <= to; ++t) sum += usual(t, k);
+        const double own = square(model.noise[k]) / (2.0 * sizes.near + 1.0);
+        const double variance = std::max(std::max(sum / (to - from + 1), own), static_cast<double>(LEAST_VARIANCE));
+        const auto [rise, low] = edge_scale(model.edges, k, variance);
+        const float* const off = apart.row(station).row(k).data;
+        for (int e = 0; e < sizes.edges; ++e) edge[e] = std::max(edge[e], off[e] * off[e] * rise - low);
+    }
+    const float several = static_cast<float>(std::log(channels));
+    for (int e = 0; e < sizes.edges; ++e) edge[e] = model.odds(edge[e] - several);
+}
+
+// How the antenna looks at a part of its length.
+Look look_at(const Looks& looks, double part) {
+    const double place = part * LOOK_PLACES - 0.5;
+    const int p = std::min(std::max(static_cast<int>(std::floor(place)), 0), LOOK_PLACES - 2);
+    const float share = static_cast<float>(bounded(place - p, 0.0, 1.0));
+    Look look;
+    for (int k = 0; k < MOST_CHANNELS; ++k) {
+        look.mean[k] = (1.0f - share) * looks[p].mean[k] + share * looks[p + 1].mean[k];
+        look.variance[k] = (1.0f - share) * looks[p].variance[k] + share * looks[p + 1].variance[k];
+    }
+    return look;
+}
+
+// Adds the log odds of the colours between the edges.
+void add_look(View<const float, 2> levels, const Look& look, const Sizes& sizes, float most,
+              std::vector<float>& scratch, float* __restrict odds) {
+    const int channels = levels.shape[0], middles = sizes.middles;
+    const LookOdds odds_of(look, channels);
+    const float share = 1.0f / static_cast<float>(2 * sizes.core + 1);
+    float* const __restrict mean = scratch.data(), * const __restrict sum = mean + middles;
+    std::fill_n(sum, middles, odds_of.constant);
+    for (int k = 0; k < channels; ++k) {
+        const float* const own = levels.row(k).data + sizes.room + sizes.wide;
+        std::fill_n(mean, middles, 0.0f);
+        for (int by = -sizes.core; by <= sizes.core; ++by)
+            for (int m = 0; m < middles; ++m) mean[m] += own[m + by];
+        for (int m = 0; m < middles; ++m) sum[m] += odds_of(k, share * mean[m]);
+    }
+    for (int m = 0; m < middles; ++m) odds[m] += std::min(std::max(sum[m], -most), most);
+}
+
+// Log odds (middles,) at a station of which the edges' are known.
+void middles_at(int station, const float* edge, const Samples& levels, const Sizes& sizes, const StripModel& model,
+                std::vector<float>& scratch, float* __restrict odds) {
+    const float hidden = static_cast<float>(model.edges.hidden);
+    const bool root = station < ROOT * sizes.stations;
+    const float least = root ? static_cast<float>(model.edges.hidden_root) : hidden;
+    const int middles = sizes.middles;
+    for (int m = 0; m < middles; ++m) odds[m] = edge[m] + edge[m + 2 * sizes.wide];
+    if (!model.looks) {
+        for (int m = 0; m < middles; ++m) odds[m] = std::max(odds[m], least);
+        return;
+    }
+    for (int m = 0; m < middles; ++m) odds[m] = std::max(odds[m], hidden);
+    const Look look = look_at(*model.looks, (station + 0.5) / sizes.stations);
+    add_look(levels.row(station), look, sizes, static_cast<float>(model.edges.look), scratch, odds);
+    for (int m = 0; m < middles; ++m) odds[m] = std::max(odds[m], 2.0f * least);
+}
+
+}  // namespace
+
+template <class T>
+Strip strip_along(const Colours<T>& picture, ConstMatrix path, double reach_px, const StripModel& model) {
+    const Sizes sizes(path, model.width_px, reach_px);
+    const int stations = sizes.stations, channels = picture.channels();
+    Strip strip = {Table(path), normals(path), {}, STRIP_STEP_PX * (sizes.room + sizes.wide - sizes.half)};
+    if (sizes.middles < 2) return strip;
+    strip.odds = Array<float, 2>(stations, sizes.middles);
+    Samples levels(stations, channels, sizes.across), apart(stations, channels, sizes.edges);
+    Flags inside(stations * sizes.across);
+    Table usual(stations, channels);
+    sample(picture, strip, sizes, levels, inside);
+    levels = averaged(levels, sizes.near);
+    compare(levels, sizes, apart, usual);
+    std::vector<float> edge(sizes.edges), scratch(2 * static_cast<std::size_t>(sizes.middles));
+    const float beyond = static_cast<float>(0.5 * model.edges.hidden);
+    for (int s = 0; s < stations; ++s) {
+        edges_at(s, apart, usual, sizes, model, edge.data());
+        float* const odds = strip.odds.row(s).data;
+        middles_at(s, edge.data(), levels, sizes, model, scratch, odds);
+        const unsigned char* const within = inside.begin() + s * sizes.across + sizes.room + sizes.wide;
+        for (int m = 0; m < sizes.middles; ++m) odds[m] = within[m] ? odds[m] : beyond;
+    }
+    return strip;
+}
+
+template Strip strip_along(const Colours<std::uint8_t>&, ConstMatrix, double, const StripModel&);
+template Strip strip_along(const Colours<std::uint16_t>&, ConstMatrix, double, const StripModel&);
+template Strip strip_along(const Colours<float>&, ConstMatrix, double, const StripModel&);
+template Strip strip_along(const Colours<double>&, ConstMatrix, double, const StripModel&);
+
+}  // namespace vbaa::detect
