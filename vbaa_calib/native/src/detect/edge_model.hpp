@@ -76,11 +76,11 @@ inline EdgeScale edge_scale(const EdgeModel& model, int channel, double variance
 }
 
 // How an antenna looks at a place, or along it: mean and variance of each channel.
-struct Look {
+struct UsualColours {
     Colour mean = {}, variance = {1.0f, 1.0f, 1.0f};
 };
 
-using Looks = std::array<Look, LOOK_PLACES>;
+using Looks = std::array<UsualColours, LOOK_PLACES>;
 
 // Of mean colours (b, g, r) and their deviation, (LOOK_PLACES, 4): lamps and shadows change what is dark or coloured.
 inline Looks looks_of(ConstMatrix colours) {
@@ -98,11 +98,11 @@ inline Looks looks_of(ConstMatrix colours) {
 
 // Log odds of a colour to be the antenna's, against any: a square in each channel.
 struct LookOdds {
-    static constexpr Look WORLD = {{100.0f, 0.0f, 0.0f}, {3600.0f, 400.0f, 400.0f}};
+    static constexpr UsualColours WORLD = {{100.0f, 0.0f, 0.0f}, {3600.0f, 400.0f, 400.0f}};
     Colour second = {}, first = {};  // of each channel's level
     float constant = 0.0f;
 
-    LookOdds(const Look& own, int channels) {
+    LookOdds(const UsualColours& own, int channels) {
         for (int k = 0; k < channels; ++k) {
             const float narrow = 0.5f / own.variance[k], wide = 0.5f / WORLD.variance[k];
             second[k] = wide - narrow;

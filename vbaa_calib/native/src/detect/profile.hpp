@@ -17,8 +17,8 @@ struct Measuring {
     int polarity;  // 1: brighter than its background, −1: darker, 0: here brighter, there darker
     double quiet;  // the noise quantile of the root mean square of as many normal numbers as a profile has freedoms
     const Shapes& shapes;
-    // the picture is a plane that was made so that the line is bright on it: that it is as bright as what lies behind it
-    // says nothing there
+    // the picture is a plane that was made so that the line is bright on it: that it is as bright as what lies behind
+    // it says nothing there
     bool stands_out;
 };
 

@@ -314,7 +314,8 @@ void edges_along(const Reduced& small, double angle, double reach, const Colour&
 }
 
 // Log odds of the colours of a place of the antenna, highest within a pool.
-void looks_at(const Reduced& small, const Look& look, float most, const Tiles& tiles, Scratch& scratch, float* to) {
+void looks_at(const Reduced& small, const UsualColours& look, float most, const Tiles& tiles, Scratch& scratch,
+              float* to) {
     const LookOdds odds(look, small.channels);
     const Tiles wider = tiles.around(2 * ((small.pool + TILE - 1) / TILE));
     wider.each_row(small.stride, [&](int first, int count) {

@@ -151,11 +151,11 @@ void edges_at(int station, const Samples& apart, const Table& usual, const Sizes
 }
 
 // How the antenna looks at a part of its length.
-Look look_at(const Looks& looks, double part) {
+UsualColours look_at(const Looks& looks, double part) {
     const double place = part * LOOK_PLACES - 0.5;
     const int p = std::min(std::max(static_cast<int>(std::floor(place)), 0), LOOK_PLACES - 2);
     const float share = static_cast<float>(bounded(place - p, 0.0, 1.0));
-    Look look;
+    UsualColours look;
     for (int k = 0; k < MOST_CHANNELS; ++k) {
         look.mean[k] = (1.0f - share) * looks[p].mean[k] + share * looks[p + 1].mean[k];
         look.variance[k] = (1.0f - share) * looks[p].variance[k] + share * looks[p + 1].variance[k];
@@ -164,7 +164,7 @@ Look look_at(const Looks& looks, double part) {
 }
 
 // Adds the log odds of the colours between the edges.
-void add_look(View<const float, 2> levels, const Look& look, const Sizes& sizes, float most,
+void add_look(View<const float, 2> levels, const UsualColours& look, const Sizes& sizes, float most,
               std::vector<float>& scratch, float* __restrict odds) {
     const int channels = levels.shape[0], middles = sizes.middles;
     const LookOdds odds_of(look, channels);
@@ -194,7 +194,7 @@ void middles_at(int station, const float* edge, const Samples& levels, const Siz
         return;
     }
     for (int m = 0; m < middles; ++m) odds[m] = std::max(odds[m], hidden);
-    const Look look = look_at(*model.looks, (station + 0.5) / sizes.stations);
+    const UsualColours look = look_at(*model.looks, (station + 0.5) / sizes.stations);
     add_look(levels.row(station), look, sizes, static_cast<float>(model.edges.look), scratch, odds);
     for (int m = 0; m < middles; ++m) odds[m] = std::max(odds[m], 2.0f * least);
 }
