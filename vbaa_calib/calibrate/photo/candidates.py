@@ -19,6 +19,8 @@ _MAIN_DIRECTIONS = 4
 _SAMPLED_ROWS = 100
 _ANY_EVIDENCE = -1e4
 _MOST_PIECES = 6
+_ALONG = 0.45
+"""Nearer than so many widths one line runs along another; a rod's shadow beside it is farther."""
 _FORWARD = 0.3
 """Least cosine between a path's end and the main direction in which it is followed."""
 _FLANK = 1.0
@@ -222,9 +224,9 @@ def _next_piece(sweeps: _Sweeps, path: Path) -> Path | None:
 
 
 def shared(path: Path, other: Path) -> float:
-    """Part of a path's length that is within a width of another."""
+    """Part of a path's length that runs along another, nearer than a part of the width."""
     along = arc_lengths(other.path_px)
     at = np.linspace(0.0, along[-1], max(2, int(2.0 * along[-1] / path.width_px)))
     fine = np.stack([np.interp(at, along, each) for each in other.path_px.T], axis=1)
     away = np.hypot(*(path.path_px[:, None] - fine).transpose(2, 0, 1)).min(axis=1)
-    return float(np.mean(away < max(path.width_px, other.width_px)))
+    return float(np.mean(away < _ALONG * max(path.width_px, other.width_px)))

@@ -19,6 +19,8 @@ from .settings import RodSettings
 
 _GROWN = 2
 """So many of the likeliest paths are followed beyond their ends."""
+_WINDING = 3
+"""So many of them are tried where no direct line leads from clamp to tip."""
 _END_REMEDY = "give --clamp U,V and --tip U,V"
 
 
@@ -145,8 +147,11 @@ def search_rod(
     found = [line.moved(low) for line in _lines(part, _grouped(paths, settings), ends, settings)]
     best = max(found, key=lambda fit: fit.evidence, default=None)
     good = best is not None and best.gap_px is None and best.parts["mean"] > settings.good_mean
+    good = good and best is not None and best.parts["gaps"] <= settings.good_gaps
     if clamp is not None and tip is not None and not good:
-        found += _winding(planes, clamp, tip, settings)
+        # one that takes another way is longer, and has more evidence only by that
+        least = 0.0 if best is None else best.parts["mean"] + settings.winding_lead
+        found += [line for line in _winding(planes, clamp, tip, settings) if line.parts["mean"] > least]
     if clamp is None and tip is None:
         found = [fit.alone(settings) for fit in found]
     found.sort(key=lambda fit: -fit.evidence)
@@ -175,16 +180,16 @@ def _lines(
 
 
 def _winding(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: RodSettings) -> list[Measured]:
-    """Lines from the clamp that wind on and come by the tip."""
-    paths = [_from_clamp(path, clamp, None) for path in searched(planes, clamp, None, settings)]
-    groups = _grouped(paths, settings)[:_GROWN]
+    """Lines that come by both clamp and tip, among those that are found without knowing these."""
     whole = []
-    for path in (group[0] for group in groups):
-        line = grown(planes, path, False, settings)
-        away = np.hypot(*(line.path_px - tip).T)
-        last = len(away) - 1 - int(np.argmin(away[::-1]))
-        if away[last] < 2.0 * line.width_px + settings.click_share * np.hypot(*planes.shape[1:]) and last > 4:
-            whole.append([Path(line.path_px[: last + 1], line.width_px, line.evidence)])
+    for path in (group[0] for group in _grouped(searched(planes, None, None, settings), settings)[:_WINDING]):
+        line = grown(planes, path, True, settings)
+        near = 2.0 * line.width_px + settings.click_share * np.hypot(*planes.shape[1:])
+        away = [np.hypot(*(line.path_px - end).T) for end in (clamp, tip)]
+        first, last = (int(np.argmin(each)) for each in away)
+        if max(away[0][first], away[1][last]) < near and abs(last - first) > 4:
+            on = line.path_px[first : last + 1] if first < last else line.path_px[last : first + 1][::-1]
+            whole.append([Path(on, line.width_px, line.evidence)])
     return _lines(planes, whole, [clamp, tip], settings)
 
 

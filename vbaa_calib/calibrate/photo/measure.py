@@ -99,7 +99,9 @@ class Measured:
         tip = min(
             odds if inside else settings.no_tip_cost for odds, inside in zip(self.holder, self.inside, strict=True)
         )
-        return replace(self, evidence=self.evidence - max(0.0, tip))
+        # straight things that end in the picture are everywhere
+        straight = all(self.inside) and self.parts["net"] < settings.least_turn
+        return replace(self, evidence=(self.evidence - max(0.0, tip)) * (settings.straight_share if straight else 1.0))
 
 
 def smoothed(planes: np.ndarray) -> np.ndarray:
@@ -275,7 +277,7 @@ def _edges(
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Middles (N, 2) between both edges, at which this share of the contrast is left, the widths (N,) there, and the
     part of the stations that have them; where only one is within the picture, half a width from that, and NaN."""
-    fine = float(np.clip(width / 40.0, 0.25, 1.0))
+    fine = float(np.clip(width / 80.0, 0.25, 1.0))
     strip = Strip.along(planes, curve, 0.2 * min(width, 20.0), 2.0 * width, fine)
     centre = len(strip.across_px) // 2
     ends = np.full((2, len(strip.stations_px)), np.nan)
@@ -475,7 +477,7 @@ def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray) -> np.n
         return np.zeros(middle.shape[1])
     with np.errstate(invalid="ignore", divide="ignore"):
         light = middle[0] / np.maximum(side[0], 1.0)
-        off = np.sum(((middle[1:] - light * side[1:]) / (2.0 * shading[1:, None])) ** 2, axis=0)
+        off = np.sum(((middle[1:] - light * side[1:]) / (4.0 * shading[1:, None])) ** 2, axis=0)
         there = np.exp(-0.5 * off) * ((light > _DARKEST_SHADOW) & (light < 0.95))
     return np.where(np.isfinite(there), there, 0.0)
 

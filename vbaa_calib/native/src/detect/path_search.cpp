@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <cstdlib>
 #include <numeric>
 #include <utility>
 
@@ -14,7 +13,7 @@ namespace {
 
 constexpr float NEVER = -1e6F;
 // Directions may change by so many in a step.
-constexpr int TURN = 5;
+constexpr int TURN = 3;
 // Ends that are tried, from the best downwards, at most.
 constexpr int TRIED = 4000;
 
@@ -105,7 +104,7 @@ class Sweep {
             const int other = direction + by;
             if (by == 0 || other < 0 || other >= DIRECTIONS_DOWN) continue;
             const float* from = &_value(row, other, 0);
-            const float less = cost * static_cast<float>(2 * std::abs(by) - 1);
+            const float less = cost * static_cast<float>(by * by);
             const auto code = static_cast<std::uint8_t>(by + TURN);
             for (int x = 0; x < width; ++x) {
                 const float each = from[x] - less;
