@@ -157,7 +157,8 @@ def test_each_stretch_has_its_own_surface(tmp_path: Path) -> None:
     shot = plan(scene).shots[-1]
     assert isinstance(shot, AntennaShot)
     free = replace(shot, indentation_m=None)
-    picture = TracedPictures(scene, place, print_sheet(scene.board), rng).shot(free, None, rng).astype(np.float32)
+    camera = TracedPictures(scene, place, print_sheet(scene.board), rng)
+    picture = camera.shot(free, None, rng).astype(np.float32)
     seen = seen_antenna(scene, free)
 
     def brightness(aside_px: float) -> np.ndarray:
@@ -172,6 +173,8 @@ def test_each_stretch_has_its_own_surface(tmp_path: Path) -> None:
     assert painted > 1.5
     assert rubber < 0.8
     assert gone == pytest.approx(1.0, abs=0.15)
+    # a picture of the board has no antenna
+    assert camera.shot(plan(scene).shots[0], None, rng).shape == picture.shape
 
 
 @pytest.fixture

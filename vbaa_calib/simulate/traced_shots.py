@@ -63,9 +63,8 @@ class TracedPictures:
 
     def _exposure(self, joints: Joints, wires: list[Wire]) -> Exposure:
         scene = self._scene
-        antenna, *holder = wires
-        drawn = list(_antenna_tubes(scene, antenna))
-        drawn += [(one.arclength_m, one.points_m, one.radius_m, matt(rgb(one.paint))) for one in holder]
+        drawn = [tube for antenna in wires[:1] for tube in _antenna_tubes(scene, antenna)]
+        drawn += [(one.arclength_m, one.points_m, one.radius_m, matt(rgb(one.paint))) for one in wires[1:]]
         return Exposure(scene.T_world_camera(joints), scene.T_world_antenna(joints), drawn)
 
     def _taken(
