@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import yaml
+from scipy.interpolate import CubicSpline
 
 from tests.small_scene import small_scene
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.cli.main import main
+from vbaa_calib.simulate.plan import AntennaShot, Plan, plan
 from vbaa_calib.simulate.render.antenna import tube
+from vbaa_calib.simulate.render.board import print_sheet
 from vbaa_calib.simulate.render.meshes import Triangles, object_mesh, tube_mesh
 from vbaa_calib.simulate.render.picture import studio
+from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Scene, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
+from vbaa_calib.simulate.shots import seen_antenna, wires_of
 from vbaa_calib.simulate.traced.tracer import Exposure, Tracer, load_mitsuba
+from vbaa_calib.simulate.traced_shots import TracedPictures
 
 X, Y, Z = np.eye(3)
 BUMPS = (Bump(Y, 0.004, 0.012), Bump(-X, -0.003, 0.01))
@@ -98,7 +105,76 @@ def test_labels_show_what_was_drawn(tmp_path: Path) -> None:
             assert at == pytest.approx([float(contact["u_px"]), float(contact["v_px"])], abs=0.05)
 
 
+def _small(folder: Path, traced: dict[str, object]) -> Scene:
+    (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(1, (3,)) | {"traced": traced}))
+    return load_scene(folder / "scene.yaml")
+
+
+def _recorded(planned: Plan) -> list[AntennaShot]:
+    shots = [shot for shot in planned.shots if isinstance(shot, AntennaShot)]
+    return [shot for shot in shots if shot.path.startswith("recording/")]
+
+
+def test_the_parts_of_an_antenna_make_up_the_whole(tmp_path: Path) -> None:
+    scene = _small(tmp_path, {})
+    shot = _recorded(plan(scene))[2]
+    s = shot.arclength_m
+    parts = wires_of(scene, s, shot.points_m)[0].cut(np.array([s[0], 0.1201, 0.13, s[-1]]))
+    assert [(part.arclength_m[0], part.arclength_m[-1]) for part in parts] == [
+        (s[0], 0.1201),
+        (0.1201, 0.13),
+        (0.13, s[-1]),
+    ]
+    for part in parts:
+        between = (part.arclength_m[1:] + part.arclength_m[:-1]) / 2
+        curve = CubicSpline(part.arclength_m, part.points_m)
+        assert curve(between) == pytest.approx(CubicSpline(s, shot.points_m)(between), abs=1e-8)
+
+
+def test_each_row_shows_the_antenna_when_it_is_read(tmp_path: Path) -> None:
+    scene = _small(tmp_path, {})
+    still, rolled = _recorded(plan(scene)), _recorded(plan(scene, 0.5))
+    assert np.array_equal(rolled[-1].points_m, still[-1].points_m)
+    after = CubicSpline(still[2].arclength_m, still[2].points_m)(still[1].arclength_m)
+    motion = after - still[1].points_m
+    row = project(scene.lens, scene.T_antenna_camera.inverse() @ rolled[1].points_m)[:, 1]
+    share = 0.5 * (row / (scene.lens.image_size[1] - 1) - 0.5)
+    assert np.abs(share).max() > 0.01
+    assert np.abs(motion).max() > 1e-3
+    assert rolled[1].points_m == pytest.approx(still[1].points_m + share[:, None] * motion, abs=1e-7)
+
+
 # --- what mitsuba shows
+
+
+def test_each_stretch_has_its_own_surface(tmp_path: Path) -> None:
+    pytest.importorskip("mitsuba", reason="the extra `render` is not installed")
+    stretches = [[0.03, 0.07, "paint", [0.9, 0.9, 0.9], 2e-4], [0.16, 1.0, "none", None, 0.0]]
+    stretches += [[0.0, 0.03, "clear", None, 0.0]]
+    lit = {"light": "side", "bench_roughness": 0.1, "bench_below_m": 0.3, "exposure": 2.0, "samples": 64}
+    scene = _small(tmp_path, lit | {"material": "rubber", "stretches": stretches})
+    rng, place = np.random.default_rng(0), studio(scene.lens, scene.picture, np.random.default_rng(0))
+    shot = plan(scene).shots[-1]
+    assert isinstance(shot, AntennaShot)
+    free = replace(shot, indentation_m=None)
+    camera = TracedPictures(scene, place, print_sheet(scene.board), rng)
+    picture = camera.shot(free, None, rng).astype(np.float32)
+    seen = seen_antenna(scene, free)
+
+    def brightness(aside_px: float) -> np.ndarray:
+        at = (seen.pixels + aside_px * seen.normals)[:, None].astype(np.float32)
+        return cv2.remap(picture, at, np.empty(0), cv2.INTER_LINEAR).ravel()
+
+    s, bench = np.linspace(0.0, shot.arclength_m[-1], len(seen.pixels)), (brightness(9.0) + brightness(-9.0)) / 2
+    painted, rubber, gone = (
+        float(np.median((brightness(0.0) / bench)[(s > low) & (s < high)]))
+        for low, high in ((0.035, 0.065), (0.08, 0.15), (0.17, 1.0))
+    )
+    assert painted > 1.5
+    assert rubber < 0.8
+    assert gone == pytest.approx(1.0, abs=0.15)
+    # a picture of the board has no antenna
+    assert camera.shot(plan(scene).shots[0], None, rng).shape == picture.shape
 
 
 @pytest.fixture

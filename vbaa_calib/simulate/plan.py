@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec
@@ -14,7 +15,7 @@ from vbaa_calib.antenna.rod import Rod, RodShape, solve_rod
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.contact.touch import Touch, touch_strokes
-from vbaa_calib.simulate.scene.lens import Lens, normalise
+from vbaa_calib.simulate.scene.lens import Lens, normalise, project
 from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, Joints, KnownLoad, Scene, true_rod
 
 from .joint_paths import Place, sweep_joints
@@ -137,8 +138,11 @@ class Plan:
     truth: Mapping[str, Any] = field(default_factory=dict)
 
 
-def plan(scene: Scene) -> Plan:
-    """Plan a scene. Raises InputError if the strokes miss the object, or a load is too large."""
+def plan(scene: Scene, readout: float = 0.0) -> Plan:
+    """Plan a scene. Raises InputError if the strokes miss the object, or a load is too large.
+
+    readout : time between a recorded picture's first row and its last, as a fraction of that between two frames.
+    """
     rod = true_rod(scene)
     noise = stream(scene, "moments")
     home = Joints(0.0, 0.0)
@@ -148,7 +152,7 @@ def plan(scene: Scene) -> Plan:
     boards += [BoardShot(f"plane/jig_{i:03d}.png", home, in_jig) for i in range(scene.jig_pictures)]
     noload, noload_rows, noload_truth = _held(scene, rod, scene.noload, "noload", noise)
     loads, load_rows, load_truth = _held(scene, rod, scene.loads, "loads", noise)
-    frames, frame_rows, frame_truth = _recording(scene, rod, noise)
+    frames, frame_rows, frame_truth = _recording(scene, rod, noise, readout)
     tables = {
         "noload/noload.csv": noload_rows,
         "loads/loads.csv": load_rows,
@@ -220,7 +224,7 @@ def _pressed(scene: Scene, rod: Rod) -> list[tuple[list[Joints], Touch]]:
 
 
 def _recording(
-    scene: Scene, rod: Rod, noise: np.random.Generator
+    scene: Scene, rod: Rod, noise: np.random.Generator, readout: float
 ) -> tuple[list[AntennaShot], list[dict[str, Any]], list[dict[str, Any]]]:
     shots: list[AntennaShot] = []
     rows: list[dict[str, Any]] = []
@@ -233,7 +237,24 @@ def _recording(
             time_s = round(start_s + i / scene.recording.rate_hz, 6)
             rows.append({"frame": frame, "time_s": time_s} | _row(image, at, reading))
             truth.append({"frame": frame} | facts | {"moment_true_Nm": moment})
-            arclength, points = touched.shape.arclength_m[i], touched.shape.points_m[i]
+            arclength, points = touched.shape.arclength_m[i], _rolled(scene, touched.shape, i, readout)
             shots.append(AntennaShot(f"recording/{image}", at, arclength, points, facts["indentation_m"] or 0.0))
         start_s += len(joints) / scene.recording.rate_hz + scene.recording.pause_s
     return shots, rows, truth
+
+
+def _rolled(scene: Scene, shape: RodShape, index: int, readout: float) -> np.ndarray:
+    """(N, 3) a stroke's antenna where it is when the row of the picture in which it appears is read.
+
+    The middle row is read at the frame's time. The last frame of a stroke is an instant.
+    """
+    s, now = shape.arclength_m[index], shape.points_m[index]
+    if readout == 0.0 or index + 1 == len(shape.points_m):
+        return now
+    motion, points = CubicSpline(shape.arclength_m[index + 1], shape.points_m[index + 1])(s) - now, now
+    # each round brings row and instant together by the factor rows over motion
+    for _ in range(8):
+        row = project(scene.lens, scene.T_antenna_camera.inverse() @ points)[:, 1]
+        share = readout * (np.clip(row / (scene.lens.image_size[1] - 1), 0.0, 1.0) - 0.5)
+        points = now + share[:, None] * motion
+    return points

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.geometry import Pose
@@ -29,6 +31,15 @@ class Wire:
     radius_m: float
     paint: float
     asymmetry: float = 0.0
+
+    def cut(self, bounds_m: np.ndarray, step_m: float = 5e-4) -> list[Wire]:
+        """The parts between rising arc lengths. Their nodes are `step_m` apart: their axis is the whole wire's within a
+        nanometre."""
+        if len(bounds_m) == 2:
+            return [self]
+        curve = CubicSpline(self.arclength_m, self.points_m)
+        parts = [np.linspace(a, b, 4 + int((b - a) / step_m)) for a, b in pairwise(bounds_m)]
+        return [replace(self, arclength_m=s, points_m=curve(s)) for s in parts]
 
     def seen(self, scene: Scene, lamp_camera: np.ndarray) -> Tube:
         """In the camera's picture."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from vbaa_calib.geometry import Pose
 
@@ -13,10 +15,10 @@ from .plan import AntennaShot, BoardShot
 from .render.board import Sheet, outline
 from .render.object import pressed_in
 from .render.picture import Studio, blurred, digitise
-from .scene.scene import Joints, Scene
+from .scene.scene import Joints, Scene, Stretch
 from .shots import Wire, free_wires, wires_of
 from .traced.bench import antenna_surface, matt, rgb
-from .traced.tracer import Exposure, Tracer, tracer
+from .traced.tracer import Exposure, SurfacedTube, Tracer, tracer
 
 _INSTANTS = 5
 """Of an open shutter."""
@@ -61,13 +63,8 @@ class TracedPictures:
 
     def _exposure(self, joints: Joints, wires: list[Wire]) -> Exposure:
         scene = self._scene
-        surfaces = [antenna_surface(scene.traced.material, scene.picture.antenna)]
-        surfaces += [matt(rgb(holder.paint)) for holder in wires[1:]]
-        drawn = [
-            (wire.arclength_m, wire.points_m, wire.radius_m, surface)
-            for wire, surface in zip(wires, surfaces, strict=False)
-            if surface is not None
-        ]
+        drawn = [tube for antenna in wires[:1] for tube in _antenna_tubes(scene, antenna)]
+        drawn += [(one.arclength_m, one.points_m, one.radius_m, matt(rgb(one.paint))) for one in wires[1:]]
         return Exposure(scene.T_world_camera(joints), scene.T_world_antenna(joints), drawn)
 
     def _taken(
@@ -79,9 +76,21 @@ class TracedPictures:
         return digitise(spec, 255.0 * blurred(np.ascontiguousarray(linear), spec.blur_px) * light, rng)
 
 
+def _antenna_tubes(scene: Scene, antenna: Wire) -> Iterator[SurfacedTube]:
+    """The antenna as tubes one behind the other, each with its own surface."""
+    spec, first, last = scene.traced, antenna.arclength_m[0], antenna.arclength_m[-1]
+    looks: list[Stretch] = [(first, last, spec.material, spec.colour, 0.0), *spec.stretches]
+    bounds = np.unique(np.clip([bound for one in looks for bound in one[:2]], first, last))
+    for part, middle in zip(antenna.cut(bounds), (bounds[1:] + bounds[:-1]) / 2, strict=True):
+        _, _, material, colour, thickness_m = [one for one in looks if one[0] <= middle <= one[1]][-1]
+        surface = antenna_surface(material, colour or 3 * (scene.picture.antenna,))
+        if surface is not None:
+            yield part.arclength_m, part.points_m, part.radius_m + thickness_m, surface
+
+
 def _while_open(shot: AntennaShot, after: AntennaShot, shutter: float) -> list[AntennaShot]:
     """The antenna at instants while the shutter is open, centred on the shot, on the way to the next frame."""
-    ahead = np.stack([np.interp(shot.arclength_m, after.arclength_m, axis) for axis in after.points_m.T], axis=1)
+    ahead = CubicSpline(after.arclength_m, after.points_m)(shot.arclength_m)
     turn = np.subtract(*(np.array([at.pan_rad, at.tilt_rad]) for at in (after.joints, shot.joints)))
     shares = shutter * ((np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5)
     return [

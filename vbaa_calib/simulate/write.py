@@ -82,7 +82,7 @@ def write_session(
     place, sheet = studio(scene.lens, scene.picture, stream(scene, "bench")), print_sheet(scene.board)
     photographer = TracedPictures(scene, place, sheet, stream(scene, "bench")) if traced else None
     take = photographer.shot if photographer else drawn_pictures(scene, place, sheet)
-    planned = plan(scene)
+    planned = plan(scene, scene.traced.readout if traced else 0.0)
     with replacing_folder(folder) as root:
         for name in ("intrinsics", "plane", "noload", "loads", "recording"):
             (root / name).mkdir()

@@ -110,29 +110,50 @@ class PictureSpec:
     shading_asymmetry: Annotated[Number, Field(ge=-1, le=1)] = 0.0
 
 
+Material = Literal["steel", "paint", "nitinol", "nylon", "clear", "rubber", "none"]
+_Colour = tuple[_Share, _Share, _Share]
+Stretch = tuple[
+    Annotated[Number, Field(ge=0)],
+    Annotated[Number, Field(gt=0)],
+    Material,
+    _Colour | None,
+    Annotated[Number, Field(ge=0, le=0.01)],
+]
+"""Of the antenna, where it looks different: first and last arc length, material, colour, and by how much its radius is
+larger (m; labels have the bare antenna)."""
+
+
 @dataclass(frozen=True)
 class TraceSpec:
     """What a path-traced picture shows beside what every picture shows.
 
     Attributes
     ----------
-    material : of the antenna; paint has the albedo `picture.antenna`, none leaves the antenna away.
+    material : of the antenna; none leaves the antenna away.
+    colour : reflectance of paint in red, green and blue; None: grey, `picture.antenna`.
+    stretches : where the antenna looks different; of two that overlap the later one is seen.
     bench, light : background and lighting.
     bench_below_m : how far the bench is below the joints.
+    bench_roughness : None: matt; else of the gloss on it, 0.02 like a film of water.
     aperture_m : diameter of the lens's opening; 0: everything is sharp. focus_m : depth that is sharp, by default the
         middle of the straight antenna.
     shutter : how much of the time between two frames of a recording the picture is exposed, 0: an instant.
+    readout : how much of that time passes from the first row to the last, 0: a global shutter.
     exposure : brightness of a white card that lies at the antenna.
     color : three channels. samples : light paths for each pixel.
     """
 
-    material: Literal["steel", "paint", "nitinol", "nylon", "none"] = "steel"
+    material: Material = "steel"
+    colour: _Colour | None = None
+    stretches: Annotated[tuple[Stretch, ...], ReadAs(Annotated[list[Stretch], Strict()], tuple)] = ()
     bench: Literal["plain", "cluttered", "wood", "cloth", "patchwork"] = "plain"
-    light: Literal["softboxes", "lamp", "daylight"] = "softboxes"
+    light: Literal["softboxes", "lamp", "side", "daylight"] = "softboxes"
     bench_below_m: Annotated[Number, Field(ge=0.02, le=2)] = 0.15
+    bench_roughness: Annotated[Number, Field(ge=0.001, le=1)] | None = None
     aperture_m: Annotated[Number, Field(ge=0, le=0.05)] = 0.0
     focus_m: Annotated[Number, Field(ge=0.01, le=10)] | None = None
     shutter: _Share = 0.0
+    readout: _Share = 0.0
     exposure: Annotated[Number, Field(ge=0.01, le=10)] = 0.8
     color: Annotated[bool, Strict()] = False
     samples: Annotated[WholeNumber, Field(ge=1, le=65536)] = 48

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -52,8 +53,8 @@ def picture_of(texture: np.ndarray) -> _Thing:
 # --- antenna
 
 
-def antenna_surface(material: str, albedo: float) -> _Thing | None:
-    """What the antenna is made of; None: it is not there."""
+def antenna_surface(material: str, paint: Sequence[float]) -> _Thing | None:
+    """What the antenna is made of, with the reflectance of its paint; None: it is not there."""
     if material == "none":
         return None
     metal = {"type": "roughconductor", "material": "Cr", "distribution": "ggx"}
@@ -68,14 +69,19 @@ def antenna_surface(material: str, albedo: float) -> _Thing | None:
         # milky: most of the light passes, some is scattered where it enters
         clear = {"type": "roughdielectric", "alpha": 0.08, "int_ior": 1.53, "ext_ior": 1.0}
         return {"type": "blendbsdf", "weight": 0.3, "a": clear, "b": matt(rgb(0.8))}
-    return {"type": "roughplastic", "alpha": 0.2, "diffuse_reflectance": rgb(albedo)}
+    if material == "clear":
+        # a fishing line: it shows what lies behind, bent, and highlights
+        return {"type": "roughdielectric", "alpha": 0.03, "int_ior": 1.53, "ext_ior": 1.0}
+    if material == "rubber":
+        return {"type": "roughplastic", "alpha": 0.4, "diffuse_reflectance": rgb(0.025)}
+    return {"type": "roughplastic", "alpha": 0.2, "diffuse_reflectance": rgb(*paint)}
 
 
 # --- light
 
 
 def lights(kind: str) -> dict[str, _Thing]:
-    """Soft boxes, one small lamp, or a room with a window."""
+    """Soft boxes, one small lamp from above or low from the side, or a room with a window."""
 
     def panel(middle: tuple[float, float, float], half: tuple[float, float], radiance: float) -> _Thing:
         matrix = placed(middle, facing(middle, (60.0, 0.0, 150.0)), (*half, 1.0))
@@ -86,6 +92,8 @@ def lights(kind: str) -> dict[str, _Thing]:
 
     if kind == "lamp":
         return {"lamp": panel((-220.0, 330.0, 650.0), (25.0, 25.0), 200.0), "room": room(0.25)}
+    if kind == "side":
+        return {"lamp": panel((90.0, 420.0, 560.0), (14.0, 14.0), 640.0), "room": room(0.15)}
     if kind == "daylight":
         return {"window": panel((200.0, 1400.0, 900.0), (600.0, 450.0), 6.0), "room": room(0.8)}
     left, right = (-320.0, 420.0, 700.0), (380.0, -460.0, 620.0)
@@ -95,20 +103,29 @@ def lights(kind: str) -> dict[str, _Thing]:
 # --- bench
 
 
-def bench(kind: str, middle: np.ndarray, along: float, rng: np.random.Generator) -> dict[str, _Solid]:
+def bench(
+    kind: str, roughness: float | None, middle: np.ndarray, along: float, rng: np.random.Generator
+) -> dict[str, _Solid]:
     """The bench and what lies on it: matt, which is quick to trace, but for metal.
 
-    middle : (2,) under the middle of the antenna. along : direction of the antenna at rest, rad from x.
+    roughness : of a gloss on the bench itself; None: none. middle : (2,) under the middle of the antenna.
+    along : direction of the antenna at rest, rad from x.
     """
+
+    def finish(colour: _Thing) -> _Thing:
+        if roughness is None:
+            return matt(colour)
+        return {"type": "roughplastic", "alpha": roughness, "diffuse_reflectance": colour}
+
     turn = Rotation.from_euler("z", along + rng.uniform(-0.6, 0.6)).as_matrix()
     top = placed([*middle, 0.0], turn, (_TEXTURED_MM / 2, _TEXTURED_MM / 2, 1.0))
     texture = _TEXTURES.get(kind, _plain)(rng)
     things: dict[str, _Solid] = {
-        "top": {"type": "rectangle", "to_world": top, "bsdf": matt(picture_of(texture))},
+        "top": {"type": "rectangle", "to_world": top, "bsdf": finish(picture_of(texture))},
         "around": {
             "type": "rectangle",
             "to_world": placed([*middle, -1.0], scale=(_BENCH_MM / 2, _BENCH_MM / 2, 1.0)),
-            "bsdf": matt(rgb(*texture.mean(axis=(0, 1)))),
+            "bsdf": finish(rgb(*texture.mean(axis=(0, 1)))),
         },
     }
     if kind == "cluttered":

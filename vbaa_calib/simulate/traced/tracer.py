@@ -58,13 +58,17 @@ def load_mitsuba() -> Any:
     return mitsuba
 
 
+SurfacedTube = tuple[np.ndarray, np.ndarray, float, dict[str, Any]]
+"""Arc lengths, points (antenna frame), radius, all in metres, and the surface of a tube."""
+
+
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """The rig at one instant. wires : (arc lengths, points, radius, surface) of each tube, antenna frame, m."""
+    """The rig at one instant. wires : the antenna and its holder."""
 
     T_world_camera: Pose
     T_world_antenna: Pose
-    wires: Sequence[tuple[np.ndarray, np.ndarray, float, dict[str, Any]]] = ()
+    wires: Sequence[SurfacedTube] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +167,7 @@ def tracer(scene: Scene, rays: RayMap, rng: np.random.Generator) -> Tracer:
     middle = _MM * (home @ np.array([scene.antenna.length_m / 2, 0.0, 0.0]) - _origin(scene))
     along = float(np.arctan2(*home.rotation[1::-1, 0]))
     below = np.array([0.0, 0.0, -_MM * spec.bench_below_m])
-    things = lights(spec.light) | bench(spec.bench, middle[:2], along, rng)
+    things = lights(spec.light) | bench(spec.bench, spec.bench_roughness, middle[:2], along, rng)
     around = {name: _loaded(mi, thing, below) for name, thing in things.items()}
     lit = {name: thing for name, thing in around.items() if name in lights(spec.light)}
     return Tracer(mi, scene, rays, around, _card(mi, lit, middle))
