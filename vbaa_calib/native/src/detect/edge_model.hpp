@@ -59,9 +59,21 @@ struct EdgeOdds {
             table[row] = static_cast<float>(-std::log((1.0 - rate) * std::exp(-odds) + rate));
         }
     }
-    float operator()(float odds) const {
-        const float place = (odds - LOW) * (ROWS / (HIGH - LOW));
-        return table[static_cast<int>(std::min(std::max(place, 0.0f), static_cast<float>(ROWS)))];
+    float most() const { return table[ROWS]; }
+    // In place of some log odds, of which so much is taken first.
+    void replace(float* odds, int count, float less) const {
+        constexpr int SOME = 64;
+        constexpr float scale = ROWS / (HIGH - LOW);
+        int rows[SOME];
+        for (int first = 0; first < count; first += SOME) {
+            const int some = std::min(SOME, count - first);
+            float* const own = odds + first;
+            for (int i = 0; i < some; ++i) {
+                const float place = (own[i] - (LOW + less)) * scale;
+                rows[i] = static_cast<int>(std::min(std::max(0.0f, place), static_cast<float>(ROWS)));
+            }
+            for (int i = 0; i < some; ++i) own[i] = table[rows[i]];
+        }
     }
 };
 

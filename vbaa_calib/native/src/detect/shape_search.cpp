@@ -190,10 +190,15 @@ void sum_odds(const Tabled& tabled, const Across& across, const Grid& offsets, c
                 Turns(cosine) * across.along[row] + Turns(sine) * across.aside[row] + Turns(across.still[row] + 1.5f);
             for (int o = 0; o < offsets.count(); ++o) {
                 const float by = static_cast<float>(offsets.at(o)) * across.with_offset[row];
-                float at[AT_ONCE], *const sum = reinterpret_cast<float*>(&sums[r * offsets.count() + o]);
-                std::memcpy(at, &place, sizeof(at));
+                float found[AT_ONCE];
+                int at[AT_ONCE];
+                std::memcpy(found, &place, sizeof(found));
                 for (int lane = 0; lane < AT_ONCE; ++lane)
-                    sum[lane] += odds[static_cast<int>(std::min(std::max(at[lane] + by, 0.0f), last))];
+                    at[lane] = static_cast<int>(std::min(std::max(0.0f, found[lane] + by), last));
+                for (int lane = 0; lane < AT_ONCE; ++lane) found[lane] = odds[at[lane]];
+                Turns more;
+                std::memcpy(&more, found, sizeof(found));
+                sums[r * offsets.count() + o] += more;
             }
         }
     }
@@ -347,7 +352,7 @@ std::vector<ShapeFound> likely_in(const Colours<T>& picture, const ShapeFamily& 
     const Looks looks = known ? looks_of(colours) : Looks{};
     const Looks* const own = known ? &looks : nullptr;
     const RoughPaths paths = {family.paths_px, family.spacing_px, family.width_px};
-    Numbers score = rough_scores(reduced(picture, paths), paths, own, noise, model);
+    Numbers score = rough_scores(picture, paths, own, noise, model);
     const double least = *std::min_element(score.begin(), score.end());
     for (double& each : score) each -= least;
     const double apart = 2.0 * family.spacing_px + family.width_px;

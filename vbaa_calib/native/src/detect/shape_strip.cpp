@@ -147,7 +147,7 @@ void edges_at(int station, const Samples& apart, const Table& usual, const Sizes
         for (int e = 0; e < sizes.edges; ++e) edge[e] = std::max(edge[e], off[e] * off[e] * rise - low);
     }
     const float several = static_cast<float>(std::log(channels));
-    for (int e = 0; e < sizes.edges; ++e) edge[e] = model.odds(edge[e] - several);
+    model.odds.replace(edge, sizes.edges, several);
 }
 
 // How the antenna looks at a part of its length.
