@@ -45,6 +45,20 @@ struct Colours {
     Colour of(const Colour& own) const {
         return channels() == 1 ? Colour{scale * own[0]} : opponent(scale * own[0], scale * own[1], scale * own[2]);
     }
+    // In place of some levels of each channel, those of the next so far on.
+    void convert(float* planes, std::ptrdiff_t next, int count) const {
+        float* const __restrict one = planes;
+        float *const __restrict two = planes + next, *const __restrict three = two + next;
+        if (channels() == 1)
+            for (int i = 0; i < count; ++i) one[i] *= scale;
+        else
+            for (int i = 0; i < count; ++i) {
+                const float b = scale * one[i], g = scale * two[i], r = scale * three[i];
+                one[i] = (b + g + r) * (1.0f / 3.0f);
+                two[i] = 0.5f * (r - b);
+                three[i] = 0.25f * (2.0f * g - r - b);
+            }
+    }
 };
 
 // Log odds of an edge, by the log odds without a background's own edges: tabled.

@@ -22,8 +22,9 @@ struct Reduced {
     int factor = 1, pool = 1;  // pixels in one; how far off a path its edges may be
     double reach = 0.0;        // from its middle, at which what lies beside it is compared
     int rows = 0, columns = 0, pad = 0, stride = 0, tall = 0, channels = 0;
-    std::array<Plane, MOST_CHANNELS> levels;
+    Plane levels;  // (channels, tall, stride)
 
+    float* channel(int k) const { return levels.get() + static_cast<std::ptrdiff_t>(k) * size(); }
     int size() const { return stride * tall; }
     int at(int row, int column) const { return (row + pad) * stride + column + pad; }
 };
@@ -54,7 +55,7 @@ Reduced reduced(std::array<int, 2> size, int channels, const RoughPaths& paths) 
 
 void extend(Reduced& small) {
     for (int k = 0; k < small.channels; ++k) {
-        float* const plane = small.levels[k].get();
+        float* const plane = small.channel(k);
         for (int row = 0; row < small.rows; ++row) {
             float* const line = plane + small.at(row, 0);
             std::fill(line - small.pad, line, line[0]);
@@ -258,7 +259,7 @@ void differences(const Reduced& small, int channel, double angle, const Tiles& t
     const double u = std::cos(angle), v = std::sin(angle);
     const int stride = small.stride;
     const Moved ahead(u, v, stride), behind(-u, -v, stride), across(small.reach * v, -small.reach * u, stride);
-    const float* const level = small.levels[channel].get();
+    const float* const level = small.channel(channel);
     float *const along = scratch.along.get(), *const apart = scratch.apart.get();
     tiles.around(1).each_row(stride, [&](int first, int count) {
         const float* const from = level + first;
@@ -398,7 +399,7 @@ void looks_at(const Reduced& small, const Look& look, const Tiles& tiles, const 
         float* const __restrict own = scratch.along.get() + first;
         std::fill_n(own, count, odds.constant);
         for (int k = 0; k < small.channels; ++k) {
-            const float* const level = small.levels[k].get() + first;
+            const float* const level = small.channel(k) + first;
             for (int i = 0; i < count; ++i) own[i] += odds(k, level[i]);
         }
     });
@@ -423,7 +424,7 @@ template <class T>
 void reduce(const Colours<T>& picture, const Tiles& tiles, Reduced& small) {
     const auto [height, width, several] = picture.levels.shape;
     const int down = std::min(small.factor, height), right = std::min(small.factor, width);
-    for (int k = 0; k < small.channels; ++k) small.levels[k] = plane_of(small);
+    small.levels = Plane(new float[static_cast<std::size_t>(small.channels) * small.size()]);
     const float share = 1.0f / static_cast<float>(down * right);
     int first = small.columns, after = 0, top = small.rows, bottom = 0;
     for (int tile = 0; tile < static_cast<int>(tiles.from.size()); ++tile) {
@@ -441,23 +442,17 @@ void reduce(const Colours<T>& picture, const Tiles& tiles, Reduced& small) {
             const T* const own = &picture.levels(row * small.factor + v, first * small.factor, 0);
             for (int i = 0; i < used; ++i) sum[i] += static_cast<float>(own[i]);
         }
-        std::array<float*, MOST_CHANNELS> to = {};
+        float* const to = small.channel(0) + small.at(row, first);
         for (int k = 0; k < small.channels; ++k) {
-            to[k] = small.levels[k].get() + small.at(row, 0);
-            for (int column = first; column < after; ++column) {
-                const float* const own = sum.data() + (column - first) * right * several + k;
+            float* const __restrict own = to + static_cast<std::ptrdiff_t>(k) * small.size();
+            for (int column = 0; column < after - first; ++column) {
+                const float* const from = sum.data() + column * right * several + k;
                 float all = 0.0f;
-                for (int u = 0; u < right; ++u) all += own[u * several];
-                to[k][column] = share * all;
+                for (int u = 0; u < right; ++u) all += from[u * several];
+                own[column] = share * all;
             }
         }
-        if (small.channels == 1)
-            for (int i = first; i < after; ++i) to[0][i] *= picture.scale;
-        else
-            for (int i = first; i < after; ++i) {
-                const Colour found = picture.of({to[0][i], to[1][i], to[2][i]});
-                to[0][i] = found[0], to[1][i] = found[1], to[2][i] = found[2];
-            }
+        picture.convert(to, small.size(), after - first);
     }
     extend(small);
 }
