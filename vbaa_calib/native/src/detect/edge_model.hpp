@@ -45,6 +45,20 @@ struct Colours {
     Colour of(const Colour& own) const {
         return channels() == 1 ? Colour{scale * own[0]} : opponent(scale * own[0], scale * own[1], scale * own[2]);
     }
+    // In place of some levels of each channel, those of the next so far on.
+    void convert(float* planes, std::ptrdiff_t next, int count) const {
+        float* const __restrict one = planes;
+        float* const __restrict two = planes + next, * const __restrict three = two + next;
+        if (channels() == 1)
+            for (int i = 0; i < count; ++i) one[i] *= scale;
+        else
+            for (int i = 0; i < count; ++i) {
+                const float b = scale * one[i], g = scale * two[i], r = scale * three[i];
+                one[i] = (b + g + r) * (1.0f / 3.0f);
+                two[i] = 0.5f * (r - b);
+                three[i] = 0.25f * (2.0f * g - r - b);
+            }
+    }
 };
 
 // Log odds of an edge, by the log odds without a background's own edges: tabled.
@@ -59,9 +73,21 @@ struct EdgeOdds {
             table[row] = static_cast<float>(-std::log((1.0 - rate) * std::exp(-odds) + rate));
         }
     }
-    float operator()(float odds) const {
-        const float place = (odds - LOW) * (ROWS / (HIGH - LOW));
-        return table[static_cast<int>(std::min(std::max(place, 0.0f), static_cast<float>(ROWS)))];
+    float most() const { return table[ROWS]; }
+    // In place of some log odds, of which so much is taken first.
+    void replace(float* odds, int count, float less) const {
+        constexpr int SOME = 64;
+        constexpr float scale = ROWS / (HIGH - LOW);
+        int rows[SOME];
+        for (int first = 0; first < count; first += SOME) {
+            const int some = std::min(SOME, count - first);
+            float* const own = odds + first;
+            for (int i = 0; i < some; ++i) {
+                const float place = (own[i] - (LOW + less)) * scale;
+                rows[i] = static_cast<int>(std::min(std::max(0.0f, place), static_cast<float>(ROWS)));
+            }
+            for (int i = 0; i < some; ++i) own[i] = table[rows[i]];
+        }
     }
 };
 

@@ -1,5 +1,8 @@
 #include "detect/rough_shapes.hpp"
 
+#include <memory>
+#include <numeric>
+
 namespace vbaa::detect {
 namespace {
 
@@ -11,8 +14,20 @@ constexpr double USUAL_SHARE = 0.3;
 constexpr float LARGE_SQUARE = 400.0f;
 constexpr float ROOT_WEIGHT = 1.5f;
 
-// How far from the middle of an antenna, in the reduced picture, what lies beside it is compared.
-double reach_of(double width_px, int factor) { return 0.5 * width_px / factor + 1.0; }
+// Floats that nobody has set.
+using Plane = std::unique_ptr<float[]>;
+
+// A reduced picture's luma and colour differences, with more rows and columns on every side: its border's.
+struct Reduced {
+    int factor = 1, pool = 1;  // pixels in one; how far off a path its edges may be
+    double reach = 0.0;        // from its middle, at which what lies beside it is compared
+    int rows = 0, columns = 0, pad = 0, stride = 0, tall = 0, channels = 0;
+    Plane levels;  // (channels, tall, stride)
+
+    float* channel(int k) const { return levels.get() + static_cast<std::ptrdiff_t>(k) * size(); }
+    int size() const { return stride * tall; }
+    int at(int row, int column) const { return (row + pad) * stride + column + pad; }
+};
 
 // What moving by less than `reach` and in between takes from neighbours.
 int room_of(double reach) { return static_cast<int>(std::ceil(reach)) + 1; }
@@ -20,9 +35,27 @@ int room_of(double reach) { return static_cast<int>(std::ceil(reach)) + 1; }
 // Tiles around those of the paths whose edges count, and those that their differences need.
 int tiles_around(int pool, double reach) { return (pool + room_of(reach) + TILE - 1) / TILE; }
 
+Plane plane_of(const Reduced& small) { return Plane(new float[small.size()]); }
+
+// Sizes of the reduced picture (height, width, channels) as the search needs it, without its levels.
+Reduced reduced(std::array<int, 2> size, int channels, const RoughPaths& paths) {
+    Reduced small;
+    small.factor = std::max(1, static_cast<int>(paths.width_px / REDUCED_WIDTH_PX));
+    small.pool = std::max(1, static_cast<int>(std::ceil(0.5 * paths.spacing_px / small.factor)));
+    small.reach = 0.5 * paths.width_px / small.factor + 1.0;
+    small.rows = std::max(size[0] / small.factor, 1);
+    small.columns = std::max(size[1] / small.factor, 1);
+    small.pad = TILE * (tiles_around(small.pool, small.reach) + (small.pool + TILE - 1) / TILE + 2);
+    const auto padded = [&](int count) { return 2 * small.pad + (count + TILE - 1) / TILE * TILE; };
+    small.stride = padded(small.columns);
+    small.tall = padded(small.rows);
+    small.channels = channels;
+    return small;
+}
+
 void extend(Reduced& small) {
     for (int k = 0; k < small.channels; ++k) {
-        float* const plane = small.levels[k].get();
+        float* const plane = small.channel(k);
         for (int row = 0; row < small.rows; ++row) {
             float* const line = plane + small.at(row, 0);
             std::fill(line - small.pad, line, line[0]);
@@ -85,52 +118,84 @@ struct Moved {
 // The places of paths in the reduced picture.
 struct Places {
     int count, samples;
-    std::vector<int> at;                       // (P * T) in a plane; 0, which no path reaches, beyond the picture
-    std::vector<unsigned char> direction;      // (P * T)
+    std::vector<int> at, plain;                // (P * T) in the directions' planes, and in one
     std::vector<Tiles> of_direction, of_look;  // tiles that they reach
 
     int place_of(int sample) const { return sample * LOOK_PLACES / samples; }
+    // All tiles that are worked on.
+    Tiles seen(const Reduced& small) const {
+        Tiles all(small.tall / TILE);
+        for (const Tiles& one : of_look)
+            for (std::size_t row = 0; row < one.from.size(); ++row)
+                all.add(static_cast<int>(row), one.from[row], one.to[row]);
+        return all.around(small.pad / TILE - 1);
+    }
 };
 
-// Directions (T,) of a path whose coordinates are given: 0 is along u, the others in equal steps of half a turn.
-struct Heading {
-    std::array<float, DIRECTIONS_ROUGH> cosine, sine;  // of the bounds between directions
+// The bounds between directions: 0 is along u, the others in equal steps of half a turn.
+struct Bounds {
+    std::array<float, DIRECTIONS_ROUGH> cosine, sine;
 
-    Heading() {
+    Bounds() {
         for (int k = 0; k < DIRECTIONS_ROUGH; ++k) {
             const double bound = M_PI * (k + 0.5) / DIRECTIONS_ROUGH;
             cosine[k] = static_cast<float>(std::cos(bound));
             sine[k] = static_cast<float>(std::sin(bound));
         }
     }
-    int operator()(float u, float v) const {
-        const float turned = v < 0.0f ? -1.0f : 1.0f;
-        int over = 0;
-        for (int k = 0; k < DIRECTIONS_ROUGH; ++k) over += turned * (cosine[k] * v - sine[k] * u) > 0.0f;
-        return over % DIRECTIONS_ROUGH;
-    }
 };
 
-// Into `at` and `direction` (T,) those of one path (T, 2).
-void place_path(const Reduced& small, const Heading& heading, ConstMatrix path, int* __restrict at,
-                unsigned char* __restrict direction, float* __restrict scratch) {
-    const int samples = path.shape[0];
-    float *const u = scratch + 1, *const v = u + samples + 2;
-    for (int s = 0; s < samples; ++s) u[s] = static_cast<float>(path.data[2 * s]);
-    for (int s = 0; s < samples; ++s) v[s] = static_cast<float>(path.data[2 * s + 1]);
-    u[-1] = u[0], v[-1] = v[0], u[samples] = u[samples - 1], v[samples] = v[samples - 1];
-    const float scale = 1.0f / static_cast<float>(small.factor);
-    const float last_column = static_cast<float>(small.columns), last_row = static_cast<float>(small.rows);
-    const int first = small.at(0, 0);
-    for (int s = 0; s < samples; ++s) {
-        // one more, so that what is cut off is below
-        const float x = (u[s] + 0.5f) * scale, y = (v[s] + 0.5f) * scale;
-        const bool inside = x >= 0.0f && y >= 0.0f && x < last_column && y < last_row;
-        const int column = static_cast<int>(inside ? x : 0.0f), row = static_cast<int>(inside ? y : 0.0f);
-        at[s] = inside ? first + row * small.stride + column : 0;
+// One path's samples (T,): coordinates with one more at either end, direction, place and tile.
+struct Path {
+    int samples;
+    std::vector<float> u, v, du, dv;
+    std::vector<int> direction, at, tile;
+
+    explicit Path(int count)
+        : samples(count), u(count + 2), v(count + 2), du(count), dv(count), direction(count), at(count), tile(count) {}
+};
+
+void read(ConstMatrix points, Path& path) {
+    const int samples = path.samples;
+    const double* const from = points.data;
+    for (int s = 0; s < samples; ++s) path.u[s + 1] = static_cast<float>(from[2 * s]);
+    for (int s = 0; s < samples; ++s) path.v[s + 1] = static_cast<float>(from[2 * s + 1]);
+    path.u[0] = path.u[1], path.v[0] = path.v[1];
+    path.u[samples + 1] = path.u[samples], path.v[samples + 1] = path.v[samples];
+}
+
+// How many bounds a path's direction is beyond.
+void direct(const Bounds& bounds, Path& path) {
+    const float *const u = path.u.data(), *const v = path.v.data();
+    float* const __restrict du = path.du.data(), * const __restrict dv = path.dv.data();
+    int* const __restrict over = path.direction.data();
+    for (int s = 0; s < path.samples; ++s) {
+        const float down = v[s + 2] - v[s], turned = down < 0.0f ? -1.0f : 1.0f;
+        du[s] = turned * (u[s + 2] - u[s]);
+        dv[s] = turned * down;
+        over[s] = 0;
     }
-    for (int s = 0; s < samples; ++s)
-        direction[s] = static_cast<unsigned char>(heading(u[s + 1] - u[s - 1], v[s + 1] - v[s - 1]));
+    for (int k = 0; k < DIRECTIONS_ROUGH; ++k) {
+        const float cosine = bounds.cosine[k], sine = bounds.sine[k];
+        for (int s = 0; s < path.samples; ++s) over[s] += cosine * dv[s] > sine * du[s] ? 1 : 0;
+    }
+    for (int s = 0; s < path.samples; ++s) over[s] = over[s] == DIRECTIONS_ROUGH ? 0 : over[s];
+}
+
+// In the reduced picture, 0 beyond it.
+void place(const Reduced& small, Path& path) {
+    const float *const u = path.u.data() + 1, *const v = path.v.data() + 1;
+    const float scale = 1.0f / static_cast<float>(small.factor);
+    const float columns = static_cast<float>(small.columns), rows = static_cast<float>(small.rows);
+    const int stride = small.stride, pad = small.pad, wide = stride / TILE;
+    int* const __restrict at = path.at.data(), * const __restrict tile = path.tile.data();
+    for (int s = 0; s < path.samples; ++s) {
+        const float x = (u[s] + 0.5f) * scale, y = (v[s] + 0.5f) * scale;
+        const bool inside = (x >= 0.0f) & (y >= 0.0f) & (x < columns) & (y < rows);
+        const int column = static_cast<int>(inside ? x : 0.0f) + pad, row = static_cast<int>(inside ? y : 0.0f) + pad;
+        at[s] = inside ? row * stride + column : 0;
+        tile[s] = inside ? row / TILE * wide + column / TILE : 0;
+    }
 }
 
 // Tiles of flags, one a tile.
@@ -146,61 +211,56 @@ Places places_of(const Reduced& small, ConstCube paths) {
     Places found = {paths.shape[0], paths.shape[1], {}, {}, {}, {}};
     const int count = found.count, samples = found.samples;
     found.at.resize(static_cast<std::size_t>(count) * samples);
-    found.direction.resize(found.at.size());
+    found.plain.resize(found.at.size());
     const int rows = small.tall / TILE, columns = small.stride / TILE, tiles = rows * columns;
     std::vector<unsigned char> along(DIRECTIONS_ROUGH * tiles), look(LOOK_PLACES * tiles);
-    std::vector<int> tile_of_row(small.tall), look_of(samples);
+    std::vector<int> look_of(samples);
     for (int s = 0; s < samples; ++s) look_of[s] = found.place_of(s) * tiles;
-    std::vector<float> scratch(2 * static_cast<std::size_t>(samples) + 4);
-    const Heading heading;
-    const unsigned stride = small.stride;
+    const Bounds bounds;
+    Path path(samples);
     for (int p = 0; p < count; ++p) {
-        int* const at = found.at.data() + static_cast<std::size_t>(p) * samples;
-        unsigned char* const direction = found.direction.data() + static_cast<std::size_t>(p) * samples;
-        place_path(small, heading, paths.row(p), at, direction, scratch.data());
+        read(paths.row(p), path);
+        direct(bounds, path);
+        place(small, path);
+        const std::size_t first = static_cast<std::size_t>(p) * samples;
         for (int s = 0; s < samples; ++s) {
-            if (at[s] == 0) continue;
-            const unsigned row = static_cast<unsigned>(at[s]) / stride,
-                           column = static_cast<unsigned>(at[s]) - row * stride;
-            const int tile = static_cast<int>(row / TILE) * columns + static_cast<int>(column / TILE);
-            along[direction[s] * tiles + tile] = 1;
+            const int tile = path.tile[s];
+            along[path.direction[s] * tiles + tile] = 1;
             look[look_of[s] + tile] = 1;
+            found.at[first + s] = path.direction[s] * small.size() + path.at[s];
+            found.plain[first + s] = path.at[s];
         }
     }
+    for (int d = 0; d < DIRECTIONS_ROUGH; ++d) along[d * tiles] = 0;  // beyond the picture
+    for (int p = 0; p < LOOK_PLACES; ++p) look[p * tiles] = 0;
     for (int d = 0; d < DIRECTIONS_ROUGH; ++d) found.of_direction.push_back(tiles_of(&along[d * tiles], rows, columns));
     for (int p = 0; p < LOOK_PLACES; ++p) found.of_look.push_back(tiles_of(&look[p * tiles], rows, columns));
     return found;
 }
 
-Plane plane_of(const Reduced& small) { return Plane(new float[small.size()]); }
-
 // What every direction needs anew.
 struct Scratch {
-    Plane along, map, sum, high;
-    std::array<Plane, MOST_CHANNELS> apart;
-    std::vector<float> usual;              // of tiles and channels: mean square of differences
+    Plane along, apart, map;
+    std::vector<float> usual;              // of tiles: mean square of differences
     std::vector<float> rise, low, square;  // along a row
 
     explicit Scratch(const Reduced& small)
         : along(plane_of(small)),
+          apart(plane_of(small)),
           map(plane_of(small)),
-          sum(plane_of(small)),
-          high(plane_of(small)),
           usual(static_cast<std::size_t>(small.tall / TILE) * (small.stride / TILE)),
           rise(small.stride),
           low(small.stride),
-          square(small.stride) {
-        for (int k = 0; k < small.channels; ++k) apart[k] = plane_of(small);
-    }
+          square(small.stride) {}
 };
 
 // Differences across a direction of what is averaged over three pixels along it.
-void differences(const Reduced& small, int channel, double angle, double reach, const Tiles& tiles, Scratch& scratch) {
+void differences(const Reduced& small, int channel, double angle, const Tiles& tiles, Scratch& scratch) {
     const double u = std::cos(angle), v = std::sin(angle);
     const int stride = small.stride;
-    const Moved ahead(u, v, stride), behind(-u, -v, stride), across(reach * v, -reach * u, stride);
-    const float* const level = small.levels[channel].get();
-    float *const along = scratch.along.get(), *const apart = scratch.apart[channel].get();
+    const Moved ahead(u, v, stride), behind(-u, -v, stride), across(small.reach * v, -small.reach * u, stride);
+    const float* const level = small.channel(channel);
+    float *const along = scratch.along.get(), *const apart = scratch.apart.get();
     tiles.around(1).each_row(stride, [&](int first, int count) {
         const float* const from = level + first;
         float* const __restrict to = along + first;
@@ -246,7 +306,7 @@ double mean_near(const std::vector<float>& values, int columns, const Tiles& til
 // The log odds at edges of one channel's differences, without a background's own: into `map`, where they are higher.
 void raise_edges(const Reduced& small, int channel, double noise, const EdgeModel& model, const Tiles& tiles,
                  Scratch& scratch) {
-    const float* const apart = scratch.apart[channel].get();
+    const float* const apart = scratch.apart.get();
     const int stride = small.stride, columns = stride / TILE;
     usual_squares(small, apart, tiles, scratch);
     const double least = std::max(square(noise), static_cast<double>(LEAST_VARIANCE));
@@ -270,8 +330,23 @@ void raise_edges(const Reduced& small, int channel, double noise, const EdgeMode
     }
 }
 
-// The highest within a pool around each place of the tiles, of values that are known around them.
-void pooled(const Reduced& small, const Tiles& tiles, const float* values, float* high, float* to) {
+// Log odds as bytes: their step, and that of byte 0.
+struct Steps {
+    float low, step;
+
+    Steps(double least, double most)
+        : low(static_cast<float>(least)), step(static_cast<float>((most - least) / 255.0)) {}
+    std::uint8_t operator()(float odds) const {
+        const float place = (odds - low) * (1.0f / step) + 0.5f;
+        return static_cast<std::uint8_t>(static_cast<int>(std::min(std::max(0.0f, place), 255.0f)));
+    }
+};
+
+using Bytes = std::unique_ptr<std::uint8_t[]>;
+
+// The highest within a pool around each place of the tiles, of values that are known around them: as bytes.
+void pooled(const Reduced& small, const Tiles& tiles, const Steps& steps, const float* values, float* high,
+            std::uint8_t* to) {
     const int stride = small.stride, pool = small.pool;
     tiles.around((pool + TILE - 1) / TILE).each_row(stride, [&](int first, int count) {
         float* const __restrict own = high + first;
@@ -281,135 +356,148 @@ void pooled(const Reduced& small, const Tiles& tiles, const float* values, float
             for (int i = 0; i < count; ++i) own[i] = std::max(own[i], from[i]);
         }
     });
+    std::vector<float> scratch(stride);
     tiles.each_row(stride, [&](int first, int count) {
-        float* const __restrict own = to + first;
+        float* const __restrict own = scratch.data();
         std::copy_n(high + first, count, own);
         for (int k = -pool; k <= pool; ++k) {
             const float* const from = high + first + k * stride;
             for (int i = 0; i < count; ++i) own[i] = std::max(own[i], from[i]);
         }
+        std::uint8_t* const __restrict bytes = to + first;
+        for (int i = 0; i < count; ++i) bytes[i] = steps(own[i]);
     });
 }
 
 // Log odds of two edges of an antenna along a direction, highest within a pool.
-void edges_along(const Reduced& small, double angle, double reach, const Colour& noise, const EdgeModel& model,
-                 const EdgeOdds& odds, const Tiles& tiles, Scratch& scratch, float* to) {
-    const Tiles wider = tiles.around(tiles_around(small.pool, reach));
+void edges_along(const Reduced& small, double angle, const Colour& noise, const EdgeModel& model, const EdgeOdds& odds,
+                 const Tiles& tiles, const Steps& steps, Scratch& scratch, std::uint8_t* to) {
+    const Tiles wider = tiles.around(tiles_around(small.pool, small.reach));
     for (int k = 0; k < small.channels; ++k) {
-        differences(small, k, angle, reach, wider, scratch);
+        differences(small, k, angle, wider, scratch);
         raise_edges(small, k, static_cast<double>(noise[k]) / small.factor, model, wider, scratch);
     }
     const float several = static_cast<float>(std::log(small.channels)), hidden = static_cast<float>(model.hidden);
-    float *const map = scratch.map.get(), *const sum = scratch.sum.get();
-    wider.each_row(small.stride, [&](int first, int count) {
-        for (int i = first; i < first + count; ++i) map[i] = odds(map[i] - several);
-    });
-    const Moved other(-reach * std::sin(angle), reach * std::cos(angle), small.stride);
+    float *const map = scratch.map.get(), *const sum = scratch.along.get();
+    wider.each_row(small.stride, [&](int first, int count) { odds.replace(map + first, count, several); });
+    const double u = -small.reach * std::sin(angle), v = small.reach * std::cos(angle);
+    const Moved other(u, v, small.stride);
     wider.each_row(small.stride, [&](int first, int count) {
         const float* const from = map + first;
         float* const __restrict own = sum + first;
-        for (int i = 0; i < count; ++i) own[i] = std::max(from[i] + other(from + i), hidden);
+        for (int i = 0; i < count; ++i) own[i] = std::max(hidden, from[i] + other(from + i));
     });
-    pooled(small, tiles, sum, scratch.high.get(), to);
+    pooled(small, tiles, steps, sum, scratch.apart.get(), to);
 }
 
 // Log odds of the colours of a place of the antenna, highest within a pool.
-void looks_at(const Reduced& small, const UsualColours& look, float most, const Tiles& tiles, Scratch& scratch,
-              float* to) {
+void looks_at(const Reduced& small, const UsualColours& look, const Tiles& tiles, const Steps& steps, Scratch& scratch,
+              std::uint8_t* to) {
     const LookOdds odds(look, small.channels);
     const Tiles wider = tiles.around(2 * ((small.pool + TILE - 1) / TILE));
     wider.each_row(small.stride, [&](int first, int count) {
-        float* const __restrict own = scratch.sum.get() + first;
+        float* const __restrict own = scratch.along.get() + first;
         std::fill_n(own, count, odds.constant);
         for (int k = 0; k < small.channels; ++k) {
-            const float* const level = small.levels[k].get() + first;
+            const float* const level = small.channel(k) + first;
             for (int i = 0; i < count; ++i) own[i] += odds(k, level[i]);
         }
-        for (int i = 0; i < count; ++i) own[i] = std::min(std::max(own[i], -most), most);
     });
-    pooled(small, tiles, scratch.sum.get(), scratch.high.get(), to);
+    pooled(small, tiles, steps, scratch.along.get(), scratch.apart.get(), to);
+}
+
+// Mean (P,) of bytes by weights (T,), where samples stand at (P * T), a sample's plane beginning at (T,).
+void add_means(const Bytes& bytes, const std::vector<int>& at, const std::vector<int>& plane,
+               const std::vector<float>& weight, const Steps& steps, Numbers& score) {
+    const int samples = static_cast<int>(plane.size());
+    const float all = std::accumulate(weight.begin(), weight.end(), 0.0f);
+    for (int p = 0; p < score.size(); ++p) {
+        const int* const own = at.data() + static_cast<std::size_t>(p) * samples;
+        float sum = 0.0f;
+        for (int s = 0; s < samples; ++s) sum += weight[s] * static_cast<float>(bytes[plane[s] + own[s]]);
+        score[p] += sum * steps.step + all * steps.low;
+    }
+}
+
+// The picture's part that the tiles need: blocks of pixels averaged.
+template <class T>
+void reduce(const Colours<T>& picture, const Tiles& tiles, Reduced& small) {
+    const auto [height, width, several] = picture.levels.shape;
+    const int down = std::min(small.factor, height), right = std::min(small.factor, width);
+    small.levels = Plane(new float[static_cast<std::size_t>(small.channels) * small.size()]);
+    const float share = 1.0f / static_cast<float>(down * right);
+    int first = small.columns, after = 0, top = small.rows, bottom = 0;
+    for (int tile = 0; tile < static_cast<int>(tiles.from.size()); ++tile) {
+        if (tiles.from[tile] >= tiles.to[tile]) continue;
+        first = std::min(first, std::max(tiles.from[tile] * TILE - small.pad, 0));
+        after = std::max(after, std::min(tiles.to[tile] * TILE - small.pad, small.columns));
+        top = std::min(top, std::max(tile * TILE - small.pad, 0));
+        bottom = std::max(bottom, std::min((tile + 1) * TILE - small.pad, small.rows));
+    }
+    const int used = std::max(after - first, 0) * right * several;
+    std::vector<float> sum(used);
+    for (int row = top; row < bottom; ++row) {
+        std::fill(sum.begin(), sum.end(), 0.0f);
+        for (int v = 0; v < down; ++v) {
+            const T* const own = &picture.levels(row * small.factor + v, first * small.factor, 0);
+            for (int i = 0; i < used; ++i) sum[i] += static_cast<float>(own[i]);
+        }
+        float* const to = small.channel(0) + small.at(row, first);
+        for (int k = 0; k < small.channels; ++k) {
+            float* const __restrict own = to + static_cast<std::ptrdiff_t>(k) * small.size();
+            for (int column = 0; column < after - first; ++column) {
+                const float* const from = sum.data() + column * right * several + k;
+                float all = 0.0f;
+                for (int u = 0; u < right; ++u) all += from[u * several];
+                own[column] = share * all;
+            }
+        }
+        picture.convert(to, small.size(), after - first);
+    }
+    extend(small);
 }
 
 }  // namespace
 
 template <class T>
-Reduced reduced(const Colours<T>& picture, const RoughPaths& paths) {
-    const auto [height, width, several] = picture.levels.shape;
-    Reduced small;
-    small.factor = std::max(1, static_cast<int>(paths.width_px / REDUCED_WIDTH_PX));
-    small.pool = std::max(1, static_cast<int>(std::ceil(0.5 * paths.spacing_px / small.factor)));
-    const int down = std::min(small.factor, height), right = std::min(small.factor, width);
-    small.rows = std::max(height / small.factor, 1);
-    small.columns = std::max(width / small.factor, 1);
-    const double reach = reach_of(paths.width_px, small.factor);
-    small.pad = TILE * (tiles_around(small.pool, reach) + (small.pool + TILE - 1) / TILE + 2);
-    const auto padded = [&](int count) { return 2 * small.pad + (count + TILE - 1) / TILE * TILE; };
-    small.stride = padded(small.columns);
-    small.tall = padded(small.rows);
-    small.channels = picture.channels();
-    for (int k = 0; k < small.channels; ++k) small.levels[k] = plane_of(small);
-    const float share = 1.0f / static_cast<float>(down * right);
-    const int used = small.columns * right * several;
-    std::vector<float> sum(used);
-    for (int row = 0; row < small.rows; ++row) {
-        std::fill(sum.begin(), sum.end(), 0.0f);
-        for (int v = 0; v < down; ++v) {
-            const T* const own = &picture.levels(row * small.factor + v, 0, 0);
-            for (int i = 0; i < used; ++i) sum[i] += static_cast<float>(own[i]);
-        }
-        for (int column = 0; column < small.columns; ++column) {
-            Colour all = {};
-            const float* own = sum.data() + static_cast<std::size_t>(column) * right * several;
-            for (int u = 0; u < right; ++u, own += several)
-                for (int k = 0; k < small.channels; ++k) all[k] += own[k];
-            for (float& each : all) each *= share;
-            const Colour found = picture.of(all);
-            for (int k = 0; k < small.channels; ++k) small.levels[k][small.at(row, column)] = found[k];
-        }
-    }
-    extend(small);
-    return small;
-}
-
-template Reduced reduced(const Colours<std::uint8_t>&, const RoughPaths&);
-template Reduced reduced(const Colours<std::uint16_t>&, const RoughPaths&);
-template Reduced reduced(const Colours<float>&, const RoughPaths&);
-template Reduced reduced(const Colours<double>&, const RoughPaths&);
-
-Numbers rough_scores(const Reduced& picture, const RoughPaths& paths, const Looks* looks, const Colour& noise,
+Numbers rough_scores(const Colours<T>& picture, const RoughPaths& paths, const Looks* looks, const Colour& noise,
                      const EdgeModel& model) {
-    const Places places = places_of(picture, paths.paths_px);
+    Reduced small = reduced({picture.levels.shape[0], picture.levels.shape[1]}, picture.channels(), paths);
+    const Places places = places_of(small, paths.paths_px);
+    reduce(picture, places.seen(small), small);
     const EdgeOdds odds(model.rate);
-    const double reach = reach_of(paths.width_px, picture.factor);
-    Scratch scratch(picture);
-    const int size = picture.size(), samples = places.samples;
-    const Plane edges(new float[static_cast<std::size_t>(DIRECTIONS_ROUGH) * size]);
-    for (int d = 0; d < DIRECTIONS_ROUGH; ++d) {
-        float* const own = edges.get() + static_cast<std::size_t>(d) * size;
-        edges_along(picture, M_PI * d / DIRECTIONS_ROUGH, reach, noise, model, odds, places.of_direction[d], scratch,
-                    own);
-        own[0] = static_cast<float>(0.5 * model.hidden);
-    }
-    const Plane look(new float[looks ? static_cast<std::size_t>(LOOK_PLACES) * size : 1]);
-    for (int p = 0; looks && p < LOOK_PLACES; ++p) {
-        float* const own = look.get() + static_cast<std::size_t>(p) * size;
-        looks_at(picture, (*looks)[p], static_cast<float>(model.look), places.of_look[p], scratch, own);
-        own[0] = 0.0f;
-    }
+    Scratch scratch(small);
+    const int size = small.size(), samples = places.samples;
+    const Steps edge_steps(model.hidden, 2.0 * odds.most()), look_steps(-model.look, model.look);
+    const Bytes bytes(new std::uint8_t[static_cast<std::size_t>(std::max(DIRECTIONS_ROUGH, LOOK_PLACES)) * size]);
     std::vector<float> weight(samples);
-    std::vector<int> look_at(samples);
-    for (int s = 0; s < samples; ++s) {
+    std::vector<int> plane(samples);
+    for (int s = 0; s < samples; ++s)
         weight[s] = (s < ROOT * samples ? ROOT_WEIGHT : 1.0f) / static_cast<float>(samples);
-        look_at[s] = places.place_of(s) * size;
+    Numbers score(places.count);
+    for (int d = 0; d < DIRECTIONS_ROUGH; ++d) {
+        std::uint8_t* const own = bytes.get() + static_cast<std::size_t>(d) * size;
+        edges_along(small, M_PI * d / DIRECTIONS_ROUGH, noise, model, odds, places.of_direction[d], edge_steps, scratch,
+                    own);
+        own[0] = edge_steps(static_cast<float>(0.5 * model.hidden));
     }
-    return each(places.count, [&](int p) {
-        const int* const at = places.at.data() + static_cast<std::size_t>(p) * samples;
-        const unsigned char* const direction = places.direction.data() + static_cast<std::size_t>(p) * samples;
-        float sum = 0.0f;
-        for (int s = 0; s < samples; ++s) sum += weight[s] * edges[direction[s] * size + at[s]];
-        for (int s = 0; looks && s < samples; ++s) sum += weight[s] * look[look_at[s] + at[s]];
-        return static_cast<double>(sum);
-    });
+    add_means(bytes, places.at, plane, weight, edge_steps, score);
+    if (!looks) return score;
+    for (int p = 0; p < LOOK_PLACES; ++p) {
+        std::uint8_t* const own = bytes.get() + static_cast<std::size_t>(p) * size;
+        looks_at(small, (*looks)[p], places.of_look[p], look_steps, scratch, own);
+        own[0] = look_steps(0.0f);
+    }
+    for (int s = 0; s < samples; ++s) plane[s] = places.place_of(s) * size;
+    add_means(bytes, places.plain, plane, weight, look_steps, score);
+    return score;
 }
+
+template Numbers rough_scores(const Colours<std::uint8_t>&, const RoughPaths&, const Looks*, const Colour&,
+                              const EdgeModel&);
+template Numbers rough_scores(const Colours<std::uint16_t>&, const RoughPaths&, const Looks*, const Colour&,
+                              const EdgeModel&);
+template Numbers rough_scores(const Colours<float>&, const RoughPaths&, const Looks*, const Colour&, const EdgeModel&);
+template Numbers rough_scores(const Colours<double>&, const RoughPaths&, const Looks*, const Colour&, const EdgeModel&);
 
 }  // namespace vbaa::detect

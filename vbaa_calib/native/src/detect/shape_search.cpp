@@ -19,7 +19,8 @@ constexpr double CERTAIN_PX = 4.0;   // a clamp that may be moved by less needs 
 constexpr double LOOSE_PX = 20.0;    // most by which it is searched for
 constexpr double AROUND_PX = 10.0;   // of a path, that is seen beside its width
 constexpr double AROUND_ROUGH_PX = 4.0;
-constexpr double TURN_RAD = 0.25;  // by which a shape's tip may be turned from the rough path's
+constexpr double TURN_RAD = 0.25;        // by which a shape's tip may be turned from the rough path's
+constexpr double NOISE_PLACES = 3000.0;  // at so many the noise is known to some hundredths
 constexpr double LEAST_CONTACT = 0.06, MOST_CONTACT = 1.9;  // parts of the length
 
 using Point = std::array<double, 2>;
@@ -190,10 +191,15 @@ void sum_odds(const Tabled& tabled, const Across& across, const Grid& offsets, c
                 Turns(cosine) * across.along[row] + Turns(sine) * across.aside[row] + Turns(across.still[row] + 1.5f);
             for (int o = 0; o < offsets.count(); ++o) {
                 const float by = static_cast<float>(offsets.at(o)) * across.with_offset[row];
-                float at[AT_ONCE], *const sum = reinterpret_cast<float*>(&sums[r * offsets.count() + o]);
-                std::memcpy(at, &place, sizeof(at));
+                float found[AT_ONCE];
+                int at[AT_ONCE];
+                std::memcpy(found, &place, sizeof(found));
                 for (int lane = 0; lane < AT_ONCE; ++lane)
-                    sum[lane] += odds[static_cast<int>(std::min(std::max(at[lane] + by, 0.0f), last))];
+                    at[lane] = static_cast<int>(std::min(std::max(0.0f, found[lane] + by), last));
+                for (int lane = 0; lane < AT_ONCE; ++lane) found[lane] = odds[at[lane]];
+                Turns more;
+                std::memcpy(&more, found, sizeof(found));
+                sums[r * offsets.count() + o] += more;
             }
         }
     }
@@ -217,16 +223,40 @@ struct Search {
     }
 };
 
+// A shape, and the evidence for it along a strip.
+struct Candidate {
+    double evidence;
+    Bend bend;
+};
+
 // What is tried of a family.
 struct Tried {
     std::vector<double> contacts;
     Grid turns, offsets, rotations;
 };
 
+// Of each turn the highest sum, and where it is.
+struct Highest {
+    std::array<float, AT_ONCE> sum;
+    std::array<int, AT_ONCE> at;
+
+    explicit Highest(const std::vector<Turns>& sums) : at{} {
+        sum.fill(-INFINITY);
+        for (int k = 0; k < static_cast<int>(sums.size()); ++k) {
+            float own[AT_ONCE];
+            std::memcpy(own, &sums[k], sizeof(own));
+            for (int lane = 0; lane < AT_ONCE; ++lane) {
+                at[lane] = own[lane] > sum[lane] ? k : at[lane];
+                sum[lane] = std::max(sum[lane], own[lane]);
+            }
+        }
+    }
+};
+
 // The best of a family along a strip.
 template <class T>
-std::pair<double, Bend> best_of(const Search<T>& search, const Tabled& tabled, const Tried& tried) {
-    std::pair<double, Bend> best = {-INFINITY, {1.0, 0.0, 0.0, 0.0}};
+Candidate best_of(const Search<T>& search, const Tabled& tabled, const Tried& tried) {
+    Candidate best = {-INFINITY, {1.0, 0.0, 0.0, 0.0}};
     Across across;
     std::vector<Turns> sums;
     for (const double contact : tried.contacts) {
@@ -234,16 +264,15 @@ std::pair<double, Bend> best_of(const Search<T>& search, const Tabled& tabled, c
         for (int first = 0; first < tried.turns.count(); first += AT_ONCE) {
             lay_across(search.axis, shares, tabled, tried.turns.at(first), tried.turns.step, across);
             sum_odds(tabled, across, tried.offsets, tried.rotations, sums);
-            const int turns = std::min(AT_ONCE, tried.turns.count() - first);
-            for (int r = 0; r < tried.rotations.count(); ++r)
-                for (int o = 0; o < tried.offsets.count(); ++o)
-                    for (int lane = 0; lane < turns; ++lane) {
-                        const Bend bend = {contact, tried.turns.at(first + lane), tried.offsets.at(o),
-                                           tried.rotations.at(r)};
-                        const double sum = sums[r * tried.offsets.count() + o][lane];
-                        const double evidence = search.evidence(sum / search.axis.count, bend);
-                        if (evidence > best.first) best = {evidence, bend};
-                    }
+            const Highest highest(sums);
+            for (int lane = 0; lane < std::min(AT_ONCE, tried.turns.count() - first); ++lane) {
+                const int at = highest.at[lane], offsets = tried.offsets.count();
+                const Bend bend = {contact, tried.turns.at(first + lane), tried.offsets.at(at % offsets),
+                                   tried.rotations.at(at / offsets)};
+                const double mean = static_cast<double>(highest.sum[lane]) / search.axis.count;
+                const double evidence = search.evidence(mean, bend);
+                if (evidence > best.evidence) best = {evidence, bend};
+            }
         }
     }
     return best;
@@ -269,7 +298,7 @@ double heading(ConstMatrix line) {
 
 // The best shape near a rough path, dense enough to be found in finer rounds.
 template <class T>
-std::pair<double, Bend> best_near(const Search<T>& search, ConstMatrix rough) {
+Candidate best_near(const Search<T>& search, ConstMatrix rough) {
     const ShapeFamily& family = search.family;
     const bool certain = family.clamp_px < CERTAIN_PX;
     const double loose = certain ? AROUND_ROUGH_PX : std::min(family.clamp_px, LOOSE_PX);
@@ -303,11 +332,37 @@ ShapeFound refined(const Search<T>& search, Bend bend) {
         strip = strip_along(search.picture, bent(search.axis, bend), reach, search.strips);
         Tried tried = {{}, {4, bend[1], round.turn_rad}, {2, bend[2], round.offset_px}, {2, bend[3], round.clamp_rad}};
         for (const double part : parts) tried.contacts.push_back(bounded(bend[0] * part, LEAST_CONTACT, MOST_CONTACT));
-        bend = best_of(search, Tabled(strip, 2, search.model.hidden), tried).second;
+        bend = best_of(search, Tabled(strip, 2, search.model.hidden), tried).bend;
     }
     ShapeFound found = {0.0, bend, bent(search.axis, bend), {}};
     found.odds = odds_along(strip, found.path_px, search.model.hidden);
     found.evidence = search.evidence(total(found.odds) / search.axis.count, bend);
+    return found;
+}
+
+double mean_distance(const Table& one, const Table& other) {
+    double sum = 0.0;
+    for (int s = 0; s < one.shape[0]; ++s)
+        sum += std::max(std::abs(one(s, 0) - other(s, 0)), std::abs(one(s, 1) - other(s, 1)));
+    return sum / one.shape[0];
+}
+
+// The best shapes near rough paths, the best first, that are not all within the antenna's width from a better one.
+template <class T>
+std::vector<Bend> different(const Search<T>& search, const std::vector<int>& rough) {
+    std::vector<Candidate> candidates;
+    for (const int one : rough) candidates.push_back(best_near(search, search.family.paths_px.row(one)));
+    const auto better = [](const Candidate& a, const Candidate& b) { return a.evidence > b.evidence; };
+    std::stable_sort(candidates.begin(), candidates.end(), better);
+    std::vector<Bend> found;
+    std::vector<Table> paths;
+    for (const Candidate& one : candidates) {
+        Table path = bent(search.axis, one.bend);
+        const auto alike = [&](const Table& other) { return mean_distance(path, other) < search.family.width_px; };
+        if (std::any_of(paths.begin(), paths.end(), alike)) continue;
+        found.push_back(one.bend);
+        paths.push_back(std::move(path));
+    }
     return found;
 }
 
@@ -316,7 +371,7 @@ template <class T>
 Colour noise_of(const Colours<T>& picture) {
     const auto [height, width, several] = picture.levels.shape;
     const int channels = picture.channels();
-    const int step = std::max(1, static_cast<int>(std::sqrt(height * static_cast<double>(width) / 6000.0)));
+    const int step = std::max(1, static_cast<int>(std::sqrt(height * static_cast<double>(width) / NOISE_PLACES)));
     std::array<std::vector<float>, MOST_CHANNELS> found;
     for (int row = 1; row < height - 1; row += step)
         for (int column = 1; column < width - 1; column += step) {
@@ -347,7 +402,7 @@ std::vector<ShapeFound> likely_in(const Colours<T>& picture, const ShapeFamily& 
     const Looks looks = known ? looks_of(colours) : Looks{};
     const Looks* const own = known ? &looks : nullptr;
     const RoughPaths paths = {family.paths_px, family.spacing_px, family.width_px};
-    Numbers score = rough_scores(reduced(picture, paths), paths, own, noise, model);
+    Numbers score = rough_scores(picture, paths, own, noise, model);
     const double least = *std::min_element(score.begin(), score.end());
     for (double& each : score) each -= least;
     const double apart = 2.0 * family.spacing_px + family.width_px;
@@ -355,8 +410,8 @@ std::vector<ShapeFound> likely_in(const Colours<T>& picture, const ShapeFamily& 
     const Search<T> search = {
         picture, family, axis_of(family.axis_px), {family.width_px, own, noise, model, odds}, model};
     std::vector<ShapeFound> found;
-    for (const int one : clearest_paths(score, family.paths_px, apart, most, ROUGH_SHARE))
-        found.push_back(refined(search, best_near(search, family.paths_px.row(one)).second));
+    for (const Bend& bend : different(search, clearest_paths(score, family.paths_px, apart, most, ROUGH_SHARE)))
+        found.push_back(refined(search, bend));
     std::stable_sort(found.begin(), found.end(),
                      [](const ShapeFound& a, const ShapeFound& b) { return a.evidence > b.evidence; });
     return found;

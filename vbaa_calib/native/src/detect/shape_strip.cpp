@@ -12,7 +12,9 @@ constexpr double EDGE_GAP_PX = 0.4, EDGE_PX = 2.0;  // next to an edge, left out
 constexpr double CORE = 0.35;                       // of the width, to either side of the middle: shows the colour
 constexpr double USUAL_QUANTILE = 0.35, USUAL_SQUARE = 0.2;  // of squares of normal numbers, for their deviation
 constexpr double USUAL_PX = 10.0;                            // along, to either side: what is usual is averaged
-constexpr int SQUARES_ROUNDS = 12;  // halvings of the bits of a square: to a thousandth from 2^-8 to 2^24
+// Squares are told apart to some hundredths, by halving the bits between the least and the most that matter.
+constexpr float LEAST_SQUARE = 0x1p-5f, MOST_SQUARE = 0x1p16f;
+constexpr int SQUARE_ROUNDS = 10;
 
 int steps(double px) { return static_cast<int>(std::rint(px / STRIP_STEP_PX)); }
 
@@ -44,34 +46,67 @@ struct Sizes {
 
 using Samples = Array<float, 3>;  // (S, channels, across)
 
+// Where a station's places are in a picture: the pixel before each, how far it is beyond, and whether it is within.
+struct Across {
+    std::vector<int> pixel;
+    std::vector<float> right, down;
+
+    explicit Across(int count) : pixel(count), right(count), down(count) {}
+};
+
+void lay_across(const Strip& strip, const Sizes& sizes, int station, std::array<int, 2> size, Across& across,
+                unsigned char* __restrict inside) {
+    const auto [height, width] = size;
+    const float du = static_cast<float>(STRIP_STEP_PX * strip.normal(station, 0));
+    const float dv = static_cast<float>(STRIP_STEP_PX * strip.normal(station, 1));
+    const float first_u = static_cast<float>(strip.path(station, 0)) - static_cast<float>(sizes.half) * du;
+    const float first_v = static_cast<float>(strip.path(station, 1)) - static_cast<float>(sizes.half) * dv;
+    const float last_u = static_cast<float>(width - 1), last_v = static_cast<float>(height - 1);
+    const int last_left = std::max(width - 2, 0), last_top = std::max(height - 2, 0);
+    int* const __restrict pixel = across.pixel.data();
+    float* const __restrict right = across.right.data(), * const __restrict down = across.down.data();
+    for (int n = 0; n < sizes.across; ++n) {
+        const float u = first_u + static_cast<float>(n) * du, v = first_v + static_cast<float>(n) * dv;
+        const float x = std::min(std::max(0.0f, u), last_u), y = std::min(std::max(0.0f, v), last_v);
+        const int left = std::min(static_cast<int>(x), last_left), top = std::min(static_cast<int>(y), last_top);
+        pixel[n] = top * width + left;
+        right[n] = x - static_cast<float>(left);
+        down[n] = y - static_cast<float>(top);
+        inside[n] = (x == u) & (y == v);
+    }
+}
+
+// Levels of some channels, linear between pixels: into (channels, across).
+template <int CHANNELS, class T>
+void interpolate(const Levels<T>& levels, const Across& across, int count, float* __restrict to) {
+    const auto [height, width, several] = levels.shape;
+    const int right = width > 1 ? several : 0, below = height > 1 ? width * several : 0;
+    for (int n = 0; n < count; ++n) {
+        const T* const from = levels.data + static_cast<std::ptrdiff_t>(across.pixel[n]) * several;
+        const float a = across.right[n], b = across.down[n];
+        for (int k = 0; k < CHANNELS; ++k) {
+            const float one = static_cast<float>(from[k]), other = static_cast<float>(from[below + k]);
+            const float upper = one + a * (static_cast<float>(from[right + k]) - one);
+            const float lower = other + a * (static_cast<float>(from[below + right + k]) - other);
+            to[k * count + n] = upper + b * (lower - upper);
+        }
+    }
+}
+
 // Colours across each station, and which places (S, across) are within the picture.
 template <class T>
 void sample(const Colours<T>& picture, const Strip& strip, const Sizes& sizes, Samples& levels, Flags& inside) {
-    const int channels = picture.channels(), several = picture.levels.shape[2];
-    const int height = picture.levels.shape[0], width = picture.levels.shape[1];
-    const double last_u = width - 1.0, last_v = height - 1.0;
-    const int right = width > 1 ? several : 0, below = height > 1 ? width * several : 0;
+    const std::array<int, 2> size = {picture.levels.shape[0], picture.levels.shape[1]};
+    const int count = sizes.across;
+    Across across(count);
     for (int s = 0; s < sizes.stations; ++s) {
-        const double du = STRIP_STEP_PX * strip.normal(s, 0), dv = STRIP_STEP_PX * strip.normal(s, 1);
+        lay_across(strip, sizes, s, size, across, inside.begin() + s * count);
         float* const to = levels.row(s).data;
-        for (int n = 0; n < sizes.across; ++n) {
-            const double u = strip.path(s, 0) + (n - sizes.half) * du, v = strip.path(s, 1) + (n - sizes.half) * dv;
-            inside[s * sizes.across + n] = u >= 0.0 && v >= 0.0 && u <= last_u && v <= last_v;
-            const double x = bounded(u, 0.0, last_u), y = bounded(v, 0.0, last_v);
-            const int left = std::min(static_cast<int>(x), std::max(width - 2, 0));
-            const int top = std::min(static_cast<int>(y), std::max(height - 2, 0));
-            const float a = static_cast<float>(x - left), b = static_cast<float>(y - top);
-            const T* const from = &picture.levels(top, left, 0);
-            Colour own = {};
-            for (int k = 0; k < channels; ++k) {
-                const float one = static_cast<float>(from[k]), other = static_cast<float>(from[below + k]);
-                const float upper = one + a * (static_cast<float>(from[right + k]) - one);
-                const float lower = other + a * (static_cast<float>(from[below + right + k]) - other);
-                own[k] = upper + b * (lower - upper);
-            }
-            const Colour found = picture.of(own);
-            for (int k = 0; k < channels; ++k) to[k * sizes.across + n] = found[k];
-        }
+        if (picture.channels() == 1)
+            interpolate<1>(picture.levels, across, count, to);
+        else
+            interpolate<MOST_CHANNELS>(picture.levels, across, count, to);
+        picture.convert(to, count, count);
     }
 }
 
@@ -94,17 +129,17 @@ Samples averaged(const Samples& levels, int near) {
     return means;
 }
 
-// The number below which a share of squares lies, between its bounds, to a thousandth: their bits are in their order.
+// The number below which a share of squares lies, their bits are in their order.
 float quantile_of_squares(const float* squares, int count, double share) {
     const auto bits_of = [](float value) {
         std::int32_t bits;
         std::memcpy(&bits, &value, sizeof(bits));
         return bits;
     };
-    std::int32_t low = bits_of(0x1p-8f), high = bits_of(0x1p24f);
+    std::int32_t low = bits_of(LEAST_SQUARE), high = bits_of(MOST_SQUARE);
     const int place = std::min(static_cast<int>(share * count), count - 1);
     float found = 0.0f;
-    for (int round = 0; round < SQUARES_ROUNDS; ++round) {
+    for (int round = 0; round < SQUARE_ROUNDS; ++round) {
         const std::int32_t middle = low + (high - low) / 2;
         std::memcpy(&found, &middle, sizeof(found));
         int below = 0;
@@ -147,7 +182,7 @@ void edges_at(int station, const Samples& apart, const Table& usual, const Sizes
         for (int e = 0; e < sizes.edges; ++e) edge[e] = std::max(edge[e], off[e] * off[e] * rise - low);
     }
     const float several = static_cast<float>(std::log(channels));
-    for (int e = 0; e < sizes.edges; ++e) edge[e] = model.odds(edge[e] - several);
+    model.odds.replace(edge, sizes.edges, several);
 }
 
 // How the antenna looks at a part of its length.
