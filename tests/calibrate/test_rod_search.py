@@ -1,0 +1,119 @@
+"""Rods in drawn pictures: any colour and width, clutter, shadow, two of them, mirrored, none."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from vbaa_calib.calibrate.photo.centreline import RodLine, find_rod, search_rod
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.polyline import beside
+
+Colour = tuple[float, float, float]
+GREY: Colour = (120.0, 120.0, 120.0)
+
+
+def bow(turn: float = 0.9, length: float = 420.0, start: tuple[float, float] = (-20.0, 130.0)) -> np.ndarray:
+    """(N, 2) a line from the left border that turns down evenly."""
+    angle = np.linspace(0.0, turn, 800)
+    steps = np.stack([np.cos(angle), np.sin(angle)], axis=1) * length / len(angle)
+    return np.cumsum(steps, axis=0) + start
+
+
+def painted(lines: list[tuple[np.ndarray, float, Colour]], ground: Colour = GREY, seed: int = 0) -> np.ndarray:
+    """(400, 520, 3) lines of a width and colour, the last one in front, with noise."""
+    picture = np.full((1600, 2080, 3), ground, np.float32)
+    for line, width, colour in lines:
+        cv2.polylines(picture, [np.rint(4.0 * line + 1.5).astype(np.int32)], False, colour, max(1, round(4.0 * width)))
+    small = cv2.resize(picture, (520, 400), interpolation=cv2.INTER_AREA)
+    noisy = small + np.random.default_rng(seed).normal(0.0, 3.0, small.shape)
+    return np.clip(noisy, 0, 255).astype(np.uint8)
+
+
+def apart(found: RodLine, line: np.ndarray) -> float:
+    """How far the found line is off at most, but for its ends."""
+    inner = found.curve_px[len(found.curve_px) // 20 : -len(found.curve_px) // 20]
+    return float(np.abs(beside(line, inner)[1]).max())
+
+
+@pytest.mark.parametrize(
+    ("colour", "ground"),
+    [
+        ((230, 230, 230), GREY),
+        ((20, 20, 20), GREY),
+        ((60, 120, 200), (90, 150, 100)),  # as bright as what is behind it
+    ],
+)
+def test_any_colour_is_found(colour: Colour, ground: Colour) -> None:
+    line = bow()
+    found = find_rod(painted([(line, 9.0, colour)], ground))
+    assert apart(found, line) < 1.0
+    assert found.curve_px[0, 0] < 2.0
+    assert np.hypot(*(found.curve_px[-1] - line[-1])) < 9.0
+    assert found.tip_inside
+
+
+@pytest.mark.parametrize("width", [2.5, 6.0, 14.0, 28.0])
+def test_any_width_is_found(width: float) -> None:
+    line = bow(0.6)
+    found = find_rod(painted([(line, width, (230, 230, 230))]))
+    assert found.width_px == pytest.approx(width, rel=0.15, abs=0.7)
+    assert apart(found, line) < max(1.0, width / 20)
+
+
+def test_a_rod_is_found_among_things_if_its_ends_are_known() -> None:
+    line, rng = bow(), np.random.default_rng(3)
+    picture = painted([(line, 8.0, (230, 230, 230))], seed=3)
+    for _ in range(25):
+        u, v, wide, high = rng.integers((0, 250, 10, 10), (450, 350, 60, 50))
+        if not np.any(np.all((line > [u - 12, v - 12]) & (line < [u + wide + 12, v + high + 12]), axis=1)):
+            cv2.rectangle(
+                picture, (int(u), int(v)), (int(u + wide), int(v + high)), rng.integers(0, 255, 3).tolist(), -1
+            )
+    assert apart(find_rod(picture, np.array([2.0, 130.0]), line[-1]), line) < 1.0
+
+
+def test_of_a_rod_and_its_shadow_the_rod_is_found() -> None:
+    line = bow()
+    shadow = (line + np.array([0.0, 40.0]), 10.0, (96.0, 102.0, 108.0))
+    picture = painted([shadow, (line, 10.0, (40.0, 60.0, 200.0))], (160.0, 170.0, 180.0))
+    assert apart(search_rod(picture).line(1), line) < 1.0
+
+
+def test_two_rods_are_numbered_and_either_can_be_chosen() -> None:
+    lines = [bow(0.8, start=(-20.0, 60.0)), bow(0.5, start=(-20.0, 200.0))]
+    search = search_rod(painted([(line, 9.0, (230, 230, 230)) for line in lines]))
+    with pytest.raises(InputError, match="candidates 1 and 2"):
+        search.line()
+    chosen = [search.line(number) for number in (1, 2)]
+    assert sorted(min((apart(line, true), index) for index, true in enumerate(lines))[1] for line in chosen) == [0, 1]
+    with pytest.raises(InputError, match="candidate 9"):
+        search.line(9)
+
+
+def test_mirrored_and_turned_pictures_give_the_same_line() -> None:
+    picture = painted([(bow(), 9.0, (230, 230, 230))])
+    found = find_rod(picture)
+    mirrored = find_rod(np.ascontiguousarray(picture[:, ::-1])).curve_px * [-1.0, 1.0] + [519.0, 0.0]
+    turned = find_rod(np.ascontiguousarray(np.rot90(picture))).curve_px
+    turned = np.stack([519.0 - turned[:, 1], turned[:, 0]], axis=1)
+    for other in (mirrored, turned):
+        assert np.abs(beside(found.curve_px, other[10:-10])[1]).max() < 0.7
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_found_where_nothing_is(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    clouds = cv2.GaussianBlur(rng.normal(0.0, 1.0, (300, 400, 3)), (0, 0), 2.0 + 6.0 * seed)
+    picture = np.clip(128.0 + 40.0 * clouds / clouds.std() + rng.normal(0.0, 4.0, clouds.shape), 0, 255)
+    with pytest.raises(InputError, match="no rod"):
+        find_rod(picture.astype(np.uint8))
+
+
+def test_a_rod_that_is_hidden_between_its_ends_is_refused() -> None:
+    line = bow()
+    picture = painted([(line, 9.0, (230, 230, 230))])
+    picture[:, 150:260] = 120
+    with pytest.raises(InputError, match=r"interrupted|no rod"):
+        find_rod(picture, np.array([2.0, 130.0]), line[-1])
