@@ -33,8 +33,8 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 2187,
     "class names used twice": 40,
-    "classes": 490,
-    "public names": 1343,
+    "classes": 496,
+    "public names": 1359,
     "private words": 691,
     "type: ignore": 4,
     "words on pages": 62238,

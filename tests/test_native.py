@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from estimator.solver.numbers import FitNumbers
+from vbaa_calib.detect.whisker.settings import SearchSettings
 from vbaa_calib.native import core, levels
 
 ROOT = Path(__file__).parents[1]
@@ -100,10 +101,9 @@ def _calls() -> dict[str, tuple[object, ...]]:
     object_ = _fields(kind=1, center_m=(3,), axis=(3,), wedge=(3,), radius_m=0.5, bumps=(2, 5))
     body = _fields(object=object_, sides=(2, 4), across=(3, 3), reach_m=1.0, steepest=1.0)
     image, path = RNG.integers(0, 255, (60, 80), np.uint8), np.linspace([5.0, 30.0], [70.0, 33.0], 9)
-    paths, levels, looks = np.stack([path, path + 9.0]), np.array([[90.0, 9.0]] * 3), _a(5, 4)
+    paths, looks = np.stack([path, path + 9.0]), _a(5, 4)
     colour = np.repeat(image[..., None], 3, axis=2)
     found = core.search.crossings(image, path, 9, 1.0)
-    tried = (12, _a(4, core.search.CURVE_POINTS), _a(4), _a(3, core.search.CURVE_POINTS))
     free = _fields(clamp_m=(3,), axes=np.eye(3), segments_m=np.array([[0.05, 0.0, 0.0]] * 6))
     rig_numbers = dict.fromkeys(("length_m", "force_unit_N", "unit_load", "stiffness_Nm2", "focal"), 1.0)
     flags, known = dict.fromkeys(("with_tip", "with_second_sensor", "with_lens"), True), {"axes": (26, 3), "line": (3,)}
@@ -195,25 +195,34 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "search.resample": (path, 2.0),
         "search.nearest_on": (path, _a(3, 2)),
         "search.crossings": (image, path, 9, 1.0),
-        "search.Curves": tried,
         "search.refine_path": (image, path, 4.0, 12.0, 1.0),
-        "search.refine_changing_path": (image, path, 4.0, core.search.Curves(*tried), levels),
         "search.places": (paths, 2, 2, (15, 20)),
         "search.ridge_responses": (image, 4, 2, 0),
         "search.scores": (image.ravel(), RNG.integers(0, 99, (3, 5), np.int32), _a(3)),
         "search.clearest_paths": (_a(2), paths, 3.0, 2, 0.5),
         "search.bent": (free, (0.1, 0.1, 0.5, 0.1, 0.5)),
+        "search.likely_shapes": (
+            colour,
+            np.linspace([5.0, 30.0], [70.0, 30.0], 12),
+            np.linspace([5.0, 30.0], [70.0, 30.0], 12)[None] + np.zeros((3, 12, 2)),
+            3.0,
+            4.0,
+            np.array([0.5, 1.1]),
+            (1.5, 0.1),
+            _a(8, 4),
+            SearchSettings(),
+            2,
+        ),
         "search.nearest_shape": (free, _a(7, 2), _a(7), (0.1, 0.1, 0.5), 0.0, _a(2, 5)),
         "search.means_of_runs": (_a(9, 2), _a(9), 4),
         "search.colours_at": (colour, 255.0, path),
         "search.weigh_channels": (colour, path, _a(9, 3), 4, np.zeros((60, 80), np.float32)),
-        "search.light_at_clamp": (colour, 255.0, path, np.linspace(1.0, 60.0, 9), looks),
         "search.foreign": (colour, 255.0, path, np.linspace(0.0, 1.0, 9), looks),
         "profile.expected": (4.0, 0.8, 11),
         "profile.shapes": (4.0, 0.8, 11),
         "profile.fit": (core.profile.expected(4.0, 0.8, 11), found, np.zeros(len(found.along))),
         "profile.stiffened": (path,),
-        "profile.measured": (image, path, 4.0, 9, 1, 0.6, core.profile.shapes(4.0, 0.8, 11), levels, True),
+        "profile.measured": (image, path, 4.0, 9, 1, 0.6, core.profile.shapes(4.0, 0.8, 11), True),
         "profile.normal_equations": (found, np.zeros(len(found.along)), 4.0, 0.8, _a(len(found.along), 4), 11),
         "profile.blurred_polynomials": (4.0, 0.8, 11),
     }

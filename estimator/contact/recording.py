@@ -185,8 +185,6 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     picture = glance.image if glance.bare else glance.picture
     again = glance.looking.along(glance.image, guide, width, glance.bright, picture, glance.line.odds)
     if glance.picture is not None:
-        if not glance.bare:
-            again = rig.image.paint.in_colour(glance.picture, again, glance.looking.corridor, width)
         again = without_other_things(glance.picture, again, rig.image.looks, width, rig.image.paint)
     where, changing = glance.looking.corridor, glance.bright is None
     # whatever was left out of the first look, since it was judged

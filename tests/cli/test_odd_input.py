@@ -47,7 +47,7 @@ def test_an_antenna_that_differs_in_colour_alone_is_learnt_from_the_noload_frame
         repaint(f"{name}/*.png", greened)(session)
     rig = tmp_path / "rig.json"
     assert vbaa("calibrate", session, "-o", rig).code == 0
-    assert Rig.load(rig).image.weights_bgr is not None
+    assert Rig.load(rig).image.bright is None
     one, other = Rig.load(rig).antenna, Rig.load(made / "rig.json").antenna
     assert one.stiffness_Nm2 == pytest.approx(other.stiffness_Nm2, rel=5e-3)
     assert vbaa("estimate", session, "--rig", rig, "--no-report", "-o", tmp_path / "contacts.csv").code == 0

@@ -101,4 +101,4 @@ def trace(image: np.ndarray, corridor: Corridor, bright: bool | None = True) -> 
     finder = AntennaFinder.prepare(corridor, (image.shape[1], image.shape[0]))
     if bright is None:
         return finder.shapes(image)[0][0]
-    return finder.path(image, finder.candidates(image, bright)[0], bright).path_px
+    return finder.path(image, finder.candidates(image, bright)[0], bright)

@@ -202,13 +202,8 @@ def test_where_it_is_as_bright_as_what_lies_behind_it_an_antenna_is_seen_by_its_
     off = aside(path, seen.points_px)
     assert np.sqrt(np.mean(off**2)) < 0.2
     assert np.sqrt(np.mean((off / seen.sigma_px) ** 2)) < 2.0
-    # seen by both edges, on a calibrated rig, in a colour picture, or not at all
-    assert Paint(True).in_colour(taken, line, where, 4.0) is line
-    assert Paint(True, both_edges=True).in_colour(taken, line, where, 4.0) is not line
-    assert paint.in_colour(taken, line, where, 4.0) is line
     for colourless in (grey, np.repeat(grey[..., None], 3, axis=2)):
         assert finder.along(grey, path, 4.0, None, colourless).seen == line.seen
-        assert Paint(True, both_edges=True).in_colour(colourless, line, where, 4.0) is line
 
 
 def test_of_two_lines_the_one_that_an_edge_explains_is_less_likely() -> None:

@@ -11,9 +11,10 @@ import pytest
 from vbaa_calib.calibrate.antenna.learnt_paint import learn
 from vbaa_calib.detect.whisker.antenna import find
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
+from vbaa_calib.detect.whisker.contrast import contrast_plane
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import Paint, contrast_plane, look_of, usual_looks, without_other_things
+from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks, without_other_things
 from vbaa_calib.detect.whisker.profile import measure
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
@@ -141,15 +142,6 @@ def test_a_line_keeps_to_the_middle_of_an_antenna_with_a_bright_and_a_dark_side(
     line = finder.find(image, None)
     assert line.found
     assert np.abs(aside(path, line.points_px)).max() < 0.25 * WIDTH_PX
-
-
-def test_the_plane_of_a_colour_is_linear_in_what_a_pixel_shows_of_it() -> None:
-    antenna, behind = np.array([200.0, 190.0, 60.0]), np.array([30.0, 90.0, 220.0])
-    share = np.linspace(0.0, 1.0, 11)[None, :, None]
-    plane = Paint(True, colour=(200.0, 190.0, 60.0)).plane(
-        (share * antenna + (1.0 - share) * behind).astype(np.float32)
-    )
-    np.testing.assert_allclose(plane[0], plane[0, 0] * (1.0 - share[0, :, 0]), atol=1e-3)
 
 
 def taken(drawn: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -115,7 +115,7 @@ def test_a_path_moves_onto_a_curved_line(bright: bool) -> None:
     line = tube(truth, 3.0, 80.0)
     picture = 100.0 + (line if bright else -line)
     rough = truth + np.outer(np.linspace(0.0, 5.0, len(truth)), [0.0, 1.0])
-    found = refine_path(picture.astype(np.float32), rough, 3.0, 12.0, bright).path_px[2:-6]
+    found = refine_path(picture.astype(np.float32), rough, 3.0, 12.0, bright)[2:-6]
     assert np.abs(aside(truth, found)).max() < 0.15
 
 

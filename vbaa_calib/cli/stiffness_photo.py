@@ -25,8 +25,6 @@ _CURVED_P = 1e-3
 """Probability below which moment against curvature is called curved: limp, curly rods reach 0.01 in 1 of 20."""
 _CURL_P = 0.05
 _ROWS = 40
-_COLOURS = ((0, 0, 255), (0, 255, 255), (255, 255, 0), (255, 0, 255), (0, 255, 0), (255, 128, 0))
-"""Of candidates; blue, green, red."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -234,9 +232,10 @@ def _with_candidates(
         return error
     from vbaa_calib.detect.drawing.canvas import Canvas
 
+    colours = (0, 0, 255), (0, 255, 255), (255, 255, 0), (255, 0, 255), (0, 255, 0), (255, 128, 0)
     canvas = Canvas.over(_grey(picture))
     for number, found in enumerate(search.candidates, start=1):
-        colour = _COLOURS[(number - 1) % len(_COLOURS)]
+        colour = colours[(number - 1) % len(colours)]
         canvas.line(found.curve_px, colour, 2.0)
         canvas.words(str(number), found.curve_px[len(found.curve_px) // 2], colour)
     try:

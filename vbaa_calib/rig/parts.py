@@ -100,8 +100,7 @@ class AntennaImage:
     bright : brighter than the background, darker, or, with None, here this and there that.
     noise_px : typical standard deviation of one centreline point.
     noise_scale : spread of the no-load points about the solved shape over the spread that their profiles predict.
-    weights_bgr : that make the plane of a colour picture on which it stands out; None for the grey level.
-    colour_bgr : of the antenna, where its nearness makes that plane.
+    weights_bgr, colour_bgr : of rigs calibrated before colours were seen by their edges.
     height : of the free antenna's line above its background, grey levels on that plane; None where not measured.
     looks : (8, 4) its mean colour from clamp to tip, and the deviation of that; None: not measured.
     both_edges : light from one side pulls its line, which is measured by both of its edges.
@@ -138,7 +137,9 @@ class AntennaImage:
         """What tells the antenna from its background."""
         from vbaa_calib.detect.whisker.paint import Paint  # loads the finder
 
-        return Paint(self.bright, self.weights_bgr, self.colour_bgr, self.both_edges)
+        if self.weights_bgr is not None or self.colour_bgr is not None:
+            return Paint(None)  # of an older calibration: any colour is seen by its edges now
+        return Paint(self.bright, self.both_edges)
 
 
 def kinematics_to_dict(kinematics: Kinematics) -> dict[str, Any]:

@@ -66,17 +66,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if looking is not None:
         if less is None:
             line = rig.image.paint.find(looking, own, plain)
-            line = rig.image.paint.in_colour(own, line, looking.corridor, looking.corridor.width_px)
         line = without_other_things(own, line, rig.image.looks, looking.corridor.width_px, rig.image.paint)
     # an antenna that is dark instead of bright, the other way round, or here this and there that
     words_of = {True: "brighter", False: "darker", None: "here brighter, there darker"}
-    others = [] if line.found or rig.image.bright is None else [not rig.image.bright, None]
-    paints = {words_of[bright]: replace(rig.image.paint, bright=bright, both_edges=False) for bright in others}
+    bright = rig.image.paint.bright
+    others = [] if line.found or bright is None else [not bright, None]
+    paints = {words_of[other]: replace(rig.image.paint, bright=other, both_edges=False) for other in others}
     opposite = None
     if looking is not None:
         opposite = next((words for words, paint in paints.items() if paint.find(looking, own, plain).found), None)
-    other_way, taken = opposite is not None, words_of[rig.image.bright]
-    taken += "" if rig.image.weights_bgr is None and rig.image.colour_bgr is None else " in its colour"
+    other_way, taken = opposite is not None, words_of[rig.image.paint.bright]
     hint = f"; taken for {opposite} it is found: is this the rig's picture?" if other_way else ""
     words = f"looked for as {taken} than its surroundings, as the rig says{hint}"
     where = corridor_of(rig, frame)

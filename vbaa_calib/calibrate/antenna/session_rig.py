@@ -323,8 +323,6 @@ def make_rig(
             noise_px=sigma_px * joint.noise_scale,
             noise_scale=joint.noise_scale,
             bright=paint.bright,
-            weights_bgr=paint.weights,
-            colour_bgr=paint.colour,
             height=height,
             looks=usual_looks([one.look for one in observations]),
             both_edges=paint.both_edges,

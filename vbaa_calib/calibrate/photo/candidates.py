@@ -15,20 +15,10 @@ from .settings import RodSettings
 
 _TO_OPPONENT = np.array([[0.114, 0.587, 0.299], [0.0, -0.7071, 0.7071], [-0.8165, 0.4082, 0.4082]])
 """Luma, red against green and yellow against blue, from blue, green and red."""
-_MAIN_DIRECTIONS = 4
-_SAMPLED_ROWS = 100
-_ANY_EVIDENCE = -1e4
-_MOST_PIECES = 6
-_ALONG = 0.45
-"""Nearer than so many widths one line runs along another; a rod's shadow beside it is farther."""
-_FORWARD = 0.3
-"""Least cosine between a path's end and the main direction in which it is followed."""
-_FLANK = 1.0
-"""Distance, in widths, at which neighbouring surfaces are compared."""
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class RodPath:
     """A coarse line (N, 2) in pixels of the photograph, the width it was found with, and its evidence."""
 
     path_px: np.ndarray
@@ -59,14 +49,14 @@ class Level:
 
     def noise(self, least: float) -> np.ndarray:
         """(channels,) standard deviation of a pixel, from second differences."""
-        rows = self.planes[:, :: max(1, self.planes.shape[1] // _SAMPLED_ROWS)]
+        rows = self.planes[:, :: max(1, self.planes.shape[1] // RodSettings.sampled_rows)]
         bend = rows[:, :, 2:] - 2.0 * rows[:, :, 1:-1] + rows[:, :, :-2]
         return np.maximum(np.median(np.abs(bend), axis=(1, 2)) / (NORMAL_QUARTILE * np.sqrt(6.0)), least)
 
     def texture(self, apart_px: float) -> np.ndarray:
         """(channels,) standard deviation between places so far apart, of the usual surface."""
         smooth = np.stack([cv2.blur(each, (3, 3)) for each in self.planes])
-        off, few = max(1, round(apart_px)), max(1, self.planes.shape[1] // _SAMPLED_ROWS)
+        off, few = max(1, round(apart_px)), max(1, self.planes.shape[1] // RodSettings.sampled_rows)
         differences = [smooth[:, off::few] - smooth[:, :-off:few], smooth[:, ::few, off:] - smooth[:, ::few, :-off]]
         return np.mean([np.median(np.abs(each), axis=(1, 2)) for each in differences], axis=0) / NORMAL_QUARTILE
 
@@ -95,11 +85,11 @@ def _turned(planes: np.ndarray, quarter: int) -> tuple[np.ndarray, np.ndarray, n
 
 def searched(
     picture_planes: np.ndarray, clamp: np.ndarray | None, tip: np.ndarray | None, settings: RodSettings
-) -> list[Path]:
+) -> list[RodPath]:
     """Paths that may be a rod, in pixels of the picture, the best first; through clamp and tip if these are known."""
     height, width = picture_planes.shape[1:]
     most = min(1.0, np.sqrt(1e6 * settings.most_megapixels / (height * width)))
-    paths: list[Path] = []
+    paths: list[RodPath] = []
     width_px = settings.narrowest_px / most
     level = Level(picture_planes, 1.0)
     while width_px <= min(settings.widest_px, 0.4 * min(height, width)):
@@ -125,11 +115,11 @@ class _Sweeps:
     def of(level: Level, width: float, settings: RodSettings) -> _Sweeps:
         """Of ribbons so wide in the level's pixels."""
         channels, height, columns = level.planes.shape
-        shading = np.hypot(shading_of(channels, settings), level.texture(_FLANK * width))
+        shading = np.hypot(shading_of(channels, settings), level.texture(RodSettings.flank_widths * width))
         noise = level.noise(settings.least_noise)
         shares = (settings.flat, settings.edge, settings.chance)
         found = []
-        for quarter in range(_MAIN_DIRECTIONS):
+        for quarter in range(RodSettings.main_directions):
             planes, within, to = _turned(level.planes, quarter)
             evidence = core.search.ribbon_evidence(
                 planes, within, width, noise, shading, settings.spread, shares, settings.gap
@@ -157,13 +147,13 @@ class _Sweeps:
 
 def _at_level(
     level: Level, width: float, clamp: np.ndarray | None, tip: np.ndarray | None, settings: RodSettings
-) -> list[Path]:
+) -> list[RodPath]:
     sweeps = _Sweeps.of(level, width, settings)
     tolerance = settings.click_share * sweeps.diagonal + 0.5 * width
-    least = settings.least_evidence if clamp is None or tip is None else _ANY_EVIDENCE
+    least = settings.least_evidence if clamp is None or tip is None else RodSettings.any_evidence
     one, other = (np.zeros((0, 2)) if each is None else each[None] for each in (clamp, tip))
     found = []
-    for quarter in range(_MAIN_DIRECTIONS):
+    for quarter in range(RodSettings.main_directions):
         orders = [(one, other)]
         if len(one) and len(other):
             orders = [(one, other) if (other - one)[0] @ sweeps.down(quarter) > 0.0 else (other, one)]
@@ -171,11 +161,11 @@ def _at_level(
             orders.append((other, one))
         for first, last in orders:
             for path, sum_of in sweeps.paths(quarter, first, last, tolerance, least):
-                found.append(Path(path, width / level.scale, sum_of))
+                found.append(RodPath(path, width / level.scale, sum_of))
     return found
 
 
-def grown(planes: np.ndarray, path: Path, at_first: bool, settings: RodSettings) -> Path:
+def grown(planes: np.ndarray, path: RodPath, at_first: bool, settings: RodSettings) -> RodPath:
     """The path, going on beyond its last end, and beyond its first one too if asked for, while there is evidence: a rod
     that winds is found in pieces, each of which goes one way."""
     height, columns = planes.shape[1:]
@@ -185,18 +175,18 @@ def grown(planes: np.ndarray, path: Path, at_first: bool, settings: RodSettings)
     sweeps = _Sweeps.of(level, path.width_px * scale, settings)
     for turn in (False, True) if at_first else (False,):
         if turn:
-            path = Path(path.path_px[::-1], path.width_px, path.evidence)
-        for _ in range(_MOST_PIECES):
+            path = RodPath(path.path_px[::-1], path.width_px, path.evidence)
+        for _ in range(RodSettings.most_pieces):
             longer = _next_piece(sweeps, path)
             if longer is None:
                 break
             path = longer
         if turn:
-            path = Path(path.path_px[::-1], path.width_px, path.evidence)
+            path = RodPath(path.path_px[::-1], path.width_px, path.evidence)
     return path
 
 
-def _next_piece(sweeps: _Sweeps, path: Path) -> Path | None:
+def _next_piece(sweeps: _Sweeps, path: RodPath) -> RodPath | None:
     """The path with the piece that goes on from its last end with the most evidence; None where none does."""
     points = path.path_px
     if len(points) < 5:
@@ -205,10 +195,10 @@ def _next_piece(sweeps: _Sweeps, path: Path) -> Path | None:
     ahead = stem[-1] - stem[-min(len(stem), 4)]
     ahead = ahead / max(np.hypot(*ahead), 1e-9)
     none, end = np.zeros((0, 2)), stem[-1][None]
-    best: Path | None = None
-    for quarter in range(_MAIN_DIRECTIONS):
+    best: RodPath | None = None
+    for quarter in range(RodSettings.main_directions):
         for sign in (1.0, -1.0):
-            if sign * sweeps.down(quarter) @ ahead < _FORWARD:
+            if sign * sweeps.down(quarter) @ ahead < RodSettings.pieces_forward:
                 continue
             first, last = (end, none) if sign > 0.0 else (none, end)
             for piece, gain in sweeps.paths(quarter, first, last, 2.0, sweeps.settings.least_growth):
@@ -218,15 +208,15 @@ def _next_piece(sweeps: _Sweeps, path: Path) -> Path | None:
                     best is not None and path.evidence + gain < best.evidence
                 ):
                     continue
-                if shared(Path(on[2:], path.width_px, gain), path) < 0.3 if len(on) > 4 else False:
-                    best = Path(np.concatenate([stem, on[1:]]), path.width_px, path.evidence + gain)
+                if shared(RodPath(on[2:], path.width_px, gain), path) < 0.3 if len(on) > 4 else False:
+                    best = RodPath(np.concatenate([stem, on[1:]]), path.width_px, path.evidence + gain)
     return best
 
 
-def shared(path: Path, other: Path) -> float:
+def shared(path: RodPath, other: RodPath) -> float:
     """Part of a path's length that runs along another, nearer than a part of the width."""
     along = arc_lengths(other.path_px)
     at = np.linspace(0.0, along[-1], max(2, int(2.0 * along[-1] / path.width_px)))
     fine = np.stack([np.interp(at, along, each) for each in other.path_px.T], axis=1)
     away = np.hypot(*(path.path_px[:, None] - fine).transpose(2, 0, 1)).min(axis=1)
-    return float(np.mean(away < _ALONG * max(path.width_px, other.width_px)))
+    return float(np.mean(away < RodSettings.pieces_along * max(path.width_px, other.width_px)))

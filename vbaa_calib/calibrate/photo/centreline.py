@@ -13,14 +13,10 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, beside
 
-from .candidates import Level, Path, grown, opponent, searched, shared
-from .measure import Measured, fitted, smoothed
+from .candidates import Level, RodPath, grown, opponent, searched, shared
+from .measure import MeasuredRod, fitted, smoothed
 from .settings import RodSettings
 
-_GROWN = 2
-"""So many of the likeliest paths are followed beyond their ends."""
-_WINDING = 3
-"""So many of them are tried where no direct line leads from clamp to tip."""
 _END_REMEDY = "give --clamp U,V and --tip U,V"
 
 
@@ -46,7 +42,7 @@ class RodLine:
 class RodSearch:
     """Lines that may be the rod, the likeliest first, and why the first one cannot be taken for it, if it cannot."""
 
-    candidates: list[Measured]
+    candidates: list[MeasuredRod]
     centre_px: np.ndarray
     clamp: np.ndarray | None
     tip: np.ndarray | None
@@ -65,6 +61,8 @@ class RodSearch:
         best = self.candidates[0] if self.candidates else None
         known = (self.clamp is not None) + (self.tip is not None)
         least = self.settings.least_evidence_known if known == 2 else self.settings.least_evidence_alone
+        if known < 2 and best is not None and best.hangs:
+            least = self.settings.least_evidence_hanging
         if best is None or best.evidence < least:
             where = " between clamp and tip" if known == 2 else ""
             remedy = "check --clamp and --tip" if known == 2 else _END_REMEDY
@@ -93,7 +91,7 @@ class RodSearch:
             raise InputError(what, remedy=f"choose with --candidate N, or {_END_REMEDY}")
         return self._directed(best)
 
-    def _directed(self, found: Measured) -> RodLine:
+    def _directed(self, found: MeasuredRod) -> RodLine:
         """From clamp to tip."""
         inside, ends = found.inside, found.curve_px[[0, -1]]
         if self.clamp is not None or self.tip is not None:
@@ -159,16 +157,16 @@ def search_rod(
 
 
 def _lines(
-    planes: np.ndarray, groups: list[list[Path]], ends: list[np.ndarray | None], settings: RodSettings
-) -> list[Measured]:
+    planes: np.ndarray, groups: list[list[RodPath]], ends: list[np.ndarray | None], settings: RodSettings
+) -> list[MeasuredRod]:
     """The likeliest line of each group of paths."""
     noise = Level(planes, 1.0).noise(settings.least_noise)
     smooth = smoothed(planes)
     found, alone = [], all(each is None for each in ends)
     for number, group in enumerate(groups):
-        likely: Measured | None = None
+        likely: MeasuredRod | None = None
         for path in group:
-            whole = grown(planes, path, True, settings) if number < _GROWN and alone else path
+            whole = grown(planes, path, True, settings) if number < RodSettings.grown_rounds and alone else path
             fit = fitted(smooth, noise, whole, ends[0], ends[1], settings)
             if fit is not None and (likely is None or fit.evidence > likely.evidence):
                 likely = fit
@@ -179,17 +177,19 @@ def _lines(
     return found
 
 
-def _winding(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: RodSettings) -> list[Measured]:
+def _winding(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: RodSettings) -> list[MeasuredRod]:
     """Lines that come by both clamp and tip, among those that are found without knowing these."""
     whole = []
-    for path in (group[0] for group in _grouped(searched(planes, None, None, settings), settings)[:_WINDING]):
+    for path in (
+        group[0] for group in _grouped(searched(planes, None, None, settings), settings)[: RodSettings.winding_rounds]
+    ):
         line = grown(planes, path, True, settings)
         near = 2.0 * line.width_px + settings.click_share * np.hypot(*planes.shape[1:])
         away = [np.hypot(*(line.path_px - end).T) for end in (clamp, tip)]
         first, last = (int(np.argmin(each)) for each in away)
         if max(away[0][first], away[1][last]) < near and abs(last - first) > 4:
             on = line.path_px[first : last + 1] if first < last else line.path_px[last : first + 1][::-1]
-            whole.append([Path(on, line.width_px, line.evidence)])
+            whole.append([RodPath(on, line.width_px, line.evidence)])
     return _lines(planes, whole, [clamp, tip], settings)
 
 
@@ -209,18 +209,18 @@ def _region(
     return low, np.clip(np.ceil(middle + reach) + 1, low + 1, size).astype(int)
 
 
-def _from_clamp(path: Path, clamp: np.ndarray | None, tip: np.ndarray | None) -> Path:
+def _from_clamp(path: RodPath, clamp: np.ndarray | None, tip: np.ndarray | None) -> RodPath:
     first, last = path.path_px[0], path.path_px[-1]
     if clamp is not None:
         turned = np.hypot(*(last - clamp)) < np.hypot(*(first - clamp))
     else:
         turned = tip is not None and np.hypot(*(first - tip)) < np.hypot(*(last - tip))
-    return Path(path.path_px[::-1], path.width_px, path.evidence) if turned else path
+    return RodPath(path.path_px[::-1], path.width_px, path.evidence) if turned else path
 
 
-def _grouped(paths: list[Path], settings: RodSettings) -> list[list[Path]]:
+def _grouped(paths: list[RodPath], settings: RodSettings) -> list[list[RodPath]]:
     """The best paths, each apart from those before it over half of its length, and with each one of another width."""
-    groups: list[list[Path]] = []
+    groups: list[list[RodPath]] = []
     for path in paths:
         group = next((each for each in groups if shared(path, each[0]) > 0.5), None)
         if group is None:
@@ -231,9 +231,9 @@ def _grouped(paths: list[Path], settings: RodSettings) -> list[list[Path]]:
     return groups
 
 
-def _different(found: list[Measured]) -> list[Measured]:
+def _different(found: list[MeasuredRod]) -> list[MeasuredRod]:
     """Lines that do not run along likelier ones."""
-    kept: list[Measured] = []
+    kept: list[MeasuredRod] = []
     for line in found:
         along = [np.abs(beside(other.curve_px, line.curve_px)[1]) < 0.5 * other.width_px for other in kept]
         if all(np.mean(each) < 0.5 for each in along):

@@ -17,19 +17,8 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from vbaa_calib.core.polyline import arc_lengths, beside, normals
 from vbaa_calib.core.robust import NORMAL_QUARTILE, huber_weights, mad_std
 
-from .candidates import Path, shading_of
+from .candidates import RodPath, shading_of
 from .settings import RodSettings
-
-_ROUNDS = 4
-_SMOOTHING_WIDTHS = 0.5  # along the rod, in widths: a twisted yarn's plies are lumps of about one width
-_LEAST_SMOOTHING_PX = 6.0
-_SMOOTHING_SHARE = 0.004  # of the length: a rod does not bend within it
-_EDGE = 0.6  # of the contrast that is left at an edge: a tangle of hairs beside a yarn has about half of it
-_LEAST_POINTS = 8
-_RING = 1.7  # widths from an end at which it is looked for what goes on
-_DARKEST_SHADOW = 0.3
-_WIDTH_TOLERANCE = 4.0  # deviations of the width from its neighbours' beyond which a point is left out
-
 
 _SETTINGS = RodSettings()
 
@@ -74,7 +63,7 @@ class Strip:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredRod:
     """A fitted line and what speaks for it."""
 
     points_px: np.ndarray
@@ -88,13 +77,18 @@ class Measured:
     evidence: float  # log odds of a rod against background
     parts: dict[str, float]
 
-    def moved(self, by: np.ndarray) -> Measured:
-        """The same in a picture whose first pixel is that far (2,) up and to the left."""
+    @property
+    def hangs(self) -> bool:
+        """Whether it comes from the picture's border and ends before plain background."""
+        return self.inside[0] != self.inside[1] and self.holder[0 if self.inside[0] else 1] < 0.0
+
+    def moved(self, by: np.ndarray) -> MeasuredRod:
+        """The same in a picture with its first pixel that far (2,) up and to the left."""
         gap = None if self.gap_px is None else self.gap_px + by
         end = None if self.goes_on_px is None else self.goes_on_px + by
         return replace(self, points_px=self.points_px + by, curve_px=self.curve_px + by, gap_px=gap, goes_on_px=end)
 
-    def alone(self, settings: RodSettings) -> Measured:
+    def alone(self, settings: RodSettings) -> MeasuredRod:
         """The same where nothing is known of the ends: a rod's tip is before the background, within the picture."""
         tip = min(
             odds if inside else settings.no_tip_cost for odds, inside in zip(self.holder, self.inside, strict=True)
@@ -105,36 +99,42 @@ class Measured:
 
 
 def smoothed(planes: np.ndarray) -> np.ndarray:
-    """Planes with less noise, as edges are looked for in."""
+    """Planes with less noise, in which edges are searched."""
     return np.stack([cv2.GaussianBlur(each, (0, 0), 0.7) for each in planes])
 
 
 def fitted(
     planes: np.ndarray,
     noise: np.ndarray,
-    path: Path,
+    path: RodPath,
     first: np.ndarray | None,
     last: np.ndarray | None,
     settings: RodSettings,
-) -> Measured | None:
+) -> MeasuredRod | None:
     """The line along a path, from its first end to its last where these are known; None where it has no edges."""
     width = path.width_px
     coarse = path.path_px
-    curve = _smooth(coarse, np.ones(len(coarse)), max(width, _LEAST_SMOOTHING_PX))
+    curve = _smooth(coarse, np.ones(len(coarse)), max(width, RodSettings.least_smoothing_px))
     points, misses = np.zeros((0, 2)), np.zeros(0)
     share = 0.0
-    for round_ in range(_ROUNDS):
-        points, widths, share = _edges(planes, noise, curve, width, 0.5 if round_ == 0 else 0.2, _EDGE)
-        if len(points) < _LEAST_POINTS:
+    for round_ in range(RodSettings.fit_rounds):
+        points, widths, share = _edges(
+            planes, noise, curve, width, 0.5 if round_ == 0 else 0.2, RodSettings.edge_contrast
+        )
+        if len(points) < RodSettings.least_points:
             return None
         width = _median_width(widths, width)
         widths = np.where(np.isfinite(widths), widths, width)
         usual = median_filter(widths, 9, mode="mirror")
-        kept = np.abs(widths - usual) < _WIDTH_TOLERANCE * max(mad_std(widths - usual), 0.02 * width)
+        kept = np.abs(widths - usual) < RodSettings.width_tolerance * max(mad_std(widths - usual), 0.02 * width)
         points = points[kept]
-        if len(points) < _LEAST_POINTS:
+        if len(points) < RodSettings.least_points:
             return None
-        scale = max(_SMOOTHING_WIDTHS * width, _LEAST_SMOOTHING_PX, _SMOOTHING_SHARE * arc_lengths(points)[-1])
+        scale = max(
+            RodSettings.smoothing_widths * width,
+            RodSettings.least_smoothing_px,
+            RodSettings.smoothing_share * arc_lengths(points)[-1],
+        )
         curve, misses = _robust(points, scale, width)
         if not np.isfinite(curve).all() or arc_lengths(curve)[-1] > 1.5 * arc_lengths(coarse)[-1] + 8.0 * width:
             return None
@@ -144,7 +144,7 @@ def fitted(
         return None
     index, _ = beside(on, points)
     kept = ((index > 0) | (not inside[0])) & ((index < len(on) - 1) | (not inside[1]))
-    if _LEAST_POINTS <= kept.sum() < len(points):
+    if RodSettings.least_points <= kept.sum() < len(points):
         points = points[kept]
         curve, misses = _robust(points, scale, width)
         curve, inside = _to_the_ends(planes, noise, curve, width, first, last)
@@ -166,7 +166,7 @@ def fitted(
     holder = _holders(planes, noise, curve, width, settings)
     gap = _gap(curve, log, settings)
     goes_on = _goes_on(planes, noise, curve, width, inside)
-    return Measured(points, curve, width, mad_std(misses), inside, holder, goes_on, gap, evidence, parts)
+    return MeasuredRod(points, curve, width, mad_std(misses), inside, holder, goes_on, gap, evidence, parts)
 
 
 def _goes_on(
@@ -181,7 +181,7 @@ def _goes_on(
             continue
         ahead = near[-1] - near[len(near) // 2]
         bearing = np.arctan2(ahead[1], ahead[0]) + np.linspace(-1.9, 1.9, 61)
-        ring = near[-1] + _RING * width * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+        ring = near[-1] + RodSettings.ring_widths * width * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
         if not np.all((ring >= 0.0) & (ring <= size)):
             continue
         strip = Strip.along(planes, near, max(1.0, 0.2 * width), 1.6 * width, max(0.25, width / 12.0))
@@ -193,7 +193,7 @@ def _goes_on(
         shares = difference @ (planes[:, v, u] - around[:, None]) / max(difference @ (rod - around), 1e-9)
         like = np.append(np.append(0, (shares > 0.6) & (shares < 1.6)), 0)
         starts, ends = np.flatnonzero(np.diff(like) > 0), np.flatnonzero(np.diff(like) < 0)
-        arcs = (ends - starts) * (3.8 / 60.0) * _RING
+        arcs = (ends - starts) * (3.8 / 60.0) * RodSettings.ring_widths
         if np.any((arcs > 0.5) & (arcs < 1.8) & (starts > 0) & (ends < 61)):
             return line[-1]
     return None
@@ -478,7 +478,7 @@ def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray) -> np.n
     with np.errstate(invalid="ignore", divide="ignore"):
         light = middle[0] / np.maximum(side[0], 1.0)
         off = np.sum(((middle[1:] - light * side[1:]) / (4.0 * shading[1:, None])) ** 2, axis=0)
-        there = np.exp(-0.5 * off) * ((light > _DARKEST_SHADOW) & (light < 0.95))
+        there = np.exp(-0.5 * off) * ((light > RodSettings.darkest_shadow) & (light < 0.95))
     return np.where(np.isfinite(there), there, 0.0)
 
 

@@ -80,6 +80,8 @@ class RodSettings:
     """Log odds by which something must be beyond one end rather than the other for that to be the clamp."""
     least_evidence_alone: float = 60.0
     """Evidence that a rod must have where not both ends are known: the most of 30 pictures without one is 57."""
+    least_evidence_hanging: float = 35.0
+    """The same where it comes from the picture's border and its other end is before plain background."""
     least_evidence_known: float = 15.0
     """Evidence that it must have between known ends."""
     least_mean: float = 2.5
@@ -90,3 +92,39 @@ class RodSettings:
     """Share of the best line's evidence from which another may be the rod as well."""
     rival_share_known: float = 0.6
     """The same between known ends."""
+    main_directions: int = 4
+    """Directions of the picture, a right angle apart, in which paths are followed: a rod runs along one of them."""
+    sampled_rows: int = 100
+    """Rows of a picture from which its noise and texture are taken: they are known to a few per cent then."""
+    any_evidence: float = -1e4
+    """Least log odds of a path between two ends that were clicked: the likeliest one is measured in any case."""
+    most_pieces: int = 6
+    """Pieces that are added to a path that goes on beyond its end, at most."""
+    pieces_along: float = 0.45
+    """Nearer than so many widths one line runs along another; a rod's shadow beside it is farther."""
+    pieces_forward: float = 0.3
+    """Least cosine between a path's end and the main direction in which it is followed."""
+    flank_widths: float = 1.0
+    """Distance, in widths, at which neighbouring surfaces are compared."""
+    fit_rounds: int = 6
+    """Rounds in which edges are measured along the curve before."""
+    smoothing_widths: float = 0.5
+    """Length along the rod, in widths, that its curve is smoothed over: a yarn's plies are lumps of about one."""
+    least_smoothing_px: float = 6.0
+    """Least length, in pixels along a rod, that its curve is smoothed over."""
+    smoothing_share: float = 0.004
+    """The same as a part of the rod's length: a rod does not bend within it."""
+    edge_contrast: float = 0.6
+    """Part of the contrast that is left at an edge: a tangle of hairs beside a yarn has about half of it."""
+    least_points: int = 8
+    """Fewest measured points of a rod."""
+    ring_widths: float = 1.7
+    """Distance from an end, in widths, at which what goes on is looked for."""
+    darkest_shadow: float = 0.3
+    """Least light, over that next to it, in a shadow: tried."""
+    width_tolerance: float = 4.0
+    """Standard deviations of the width from its neighbours' beyond which a point is left out."""
+    grown_rounds: int = 2
+    """So many of the likeliest paths are followed beyond their ends."""
+    winding_rounds: int = 3
+    """So many of them are tried where no direct line leads from clamp to tip."""

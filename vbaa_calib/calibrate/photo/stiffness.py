@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.polyline import arc_lengths
 
 from .bending import Bending, Loading, View, fit_bending, free_law, linear_law
 from .centreline import RodLine
@@ -90,6 +91,8 @@ def solve_photo(lines: Sequence[RodLine], setting: Setting) -> PhotoStiffness:
     other = float(np.sqrt(sum(share**2 for share in shares.values())))
     own = float(linear.moments_of(np.eye(linear.values.shape[1])[:1])[1][0])
     low, high = linear.quantiles((0.025, 0.975), other)
+    if high <= 0.0 and not _bends(views[0], lines[0], inverse):
+        high = -low
     if high <= 0.0:
         raise InputError(
             "the rod bends against its load", remedy="is the clamped end taken for the tip, or gravity not down?"
@@ -107,6 +110,14 @@ def solve_photo(lines: Sequence[RodLine], setting: Setting) -> PhotoStiffness:
         curvature_std,
         free.p_value(departures),
     )
+
+
+def _bends(view: View, line: RodLine, inverse: float, least_px: float = 0.2) -> bool:
+    """Whether so much 1/EI bends a rod by more than its edges are known to, beyond how it lies and points."""
+    _, effect, free, _ = view.rows
+    offsets = effect @ (view.moment * inverse)
+    offsets -= free @ np.linalg.lstsq(free, offsets, rcond=None)[0]
+    return bool(_rms(offsets.tolist()) * line.length_px > least_px * float(arc_lengths(view.curve_m)[-1]))
 
 
 def _rms(values: Sequence[float]) -> float:

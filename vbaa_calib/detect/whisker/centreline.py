@@ -58,7 +58,7 @@ class Centreline:
     other_line_px : (R, 2) the other line where the verdict is "ambiguous", else empty.
     noise : standard deviation of a pixel beside the line, grey levels.
     odds : mean log odds, per correlation length, of two edges along the shape that it was measured along, against
-        background alone; NaN where no shape was looked for.
+        background alone; NaN where none was searched.
     sure : mean over its points of how surely they are a line's, not the edge of another thing: 1 where that is clear.
     """
 

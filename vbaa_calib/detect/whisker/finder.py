@@ -16,7 +16,7 @@ from .centreline import Centreline
 from .contrast import coloured, contrast_plane
 from .corridor import Corridor, better_shaped, less_sure, of_antennas_shape
 from .crossings import too_short
-from .path_refinement import RefinedPath, refine_path
+from .path_refinement import refine_path
 from .profile import measure, measure_on
 from .settings import SearchSettings
 
@@ -115,7 +115,7 @@ class AntennaFinder:
         blurred = self._look(image, bright, BLURRED_PX)
         return blurred if blurred.found and blurred.seen > line.seen else line
 
-    def path(self, image: np.ndarray, rough: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> RefinedPath:
+    def path(self, image: np.ndarray, rough: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> np.ndarray:
         """A rough path (K, 2) moved onto the antenna."""
         reach = 1.2 * self.spacing_px + 0.5 * self.corridor.width_px + 4.0
         return refine_path(image, rough, self.corridor.width_px + blurred_px, reach, bright)
@@ -202,7 +202,7 @@ class AntennaFinder:
     def _look(self, image: np.ndarray, bright: bool, blurred_px: float) -> Centreline:
         width, lines = self.corridor.width_px, []
         for rough in self.candidates(image, bright, blurred_px):
-            path = self.path(image, rough, bright, blurred_px).path_px
+            path = self.path(image, rough, bright, blurred_px)
             lines.append(of_antennas_shape(measure_on(image, path, width, bright, blurred_px), self.corridor, False))
         return reject_faint(best_of(lines, width, OTHER_LINE_SEEN), self.usual_height)
 

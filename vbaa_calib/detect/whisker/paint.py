@@ -16,9 +16,7 @@ from vbaa_calib.native import core
 
 from .acceptance import LEAST_SEEN
 from .centreline import Centreline, Visibility
-from .contrast import channels, coloured, contrast_plane
-from .corridor import Corridor, better_shaped
-from .crossings import too_short
+from .contrast import channels, coloured
 from .finder import AntennaFinder
 from .profile import measure_on
 from .settings import SearchSettings
@@ -31,12 +29,6 @@ PARTLY_FOREIGN, LEAST_SPREAD = 1.0, (0.08, 3.0)
 in grey levels, since the light changes as the antenna bends."""
 SHOWN = ("ok", "ambiguous")
 """Verdicts of lines that are seen."""
-_MEASURED = ("ok", "too_little")
-"""Verdicts of lines that are measured in colour."""
-LESS_SEEN = 0.05
-"""What less of a line may be seen where it is measured by both of its edges."""
-SHADED_UNSURE = 0.3
-"""Part of its width to which it must be known where an antenna lies in a shadow, or else it may be the edge of that."""
 HIDDEN_PART, AWAY = 0.15, 0.25
 """Part of its width by which a line may lie off where it shows something else in part; and part of its length for which
 one of changing polarity lies on another thing and does not come back."""
@@ -49,15 +41,10 @@ class Paint:
     Attributes
     ----------
     bright : on that plane the antenna is brighter than its surroundings; None: here brighter, there darker.
-    weights : (b, g, r) of a colour picture's channels; None for its grey level.
-    colour : (b, g, r) of the antenna: the plane is then the negative distance of a pixel from it. It is linear in how
-        much of the pixel the antenna covers, so that edges stay where they are.
     both_edges : light from one side pulls the line that is seen there, which is measured by both of its edges.
     """
 
     bright: bool | None = True
-    weights: tuple[float, float, float] | None = None
-    colour: tuple[float, float, float] | None = None
     both_edges: bool = False
 
     @property
@@ -69,44 +56,18 @@ class Paint:
         """(H, W) of a grey (H, W) or colour (H, W, 3 or 4) picture: blue, green, red, any depth."""
         if image.ndim == 2:
             return image
-        colour = np.ascontiguousarray(image[..., :3])
-        if self.colour is not None:
-            apart = colour.astype(np.float32) - np.array(self.colour, np.float32)
-            return -cv2.sqrt(cv2.transform(apart * apart, np.ones((1, 3), np.float32)))
-        if self.weights is None:
-            return cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
-        return cv2.transform(colour.astype(np.float32), np.array([self.weights], np.float32))
+        return cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY)
 
     def find(self, finder: AntennaFinder, image: np.ndarray, plane: np.ndarray | None = None) -> Centreline:
-        """The centreline in a grey or colour picture, whose `plane` may be known; by both of its edges, here brighter,
-        there darker, where an antenna is not found by its own colour. On a calibrated rig one measured by both of its
-        edges is looked for by these; before, it is looked for by its polarity."""
+        """The centreline in a grey or colour picture, whose `plane` may be known. One measured by both of its edges is
+        looked for by these on a calibrated rig; before, it is looked for by its polarity."""
         plane = self.plane(image) if plane is None else plane
         calibrated = finder.corridor.shape_px is not None
         line = finder.find(plane, self.polarity if calibrated else self.bright, image)
-        if not line.found and self.colour is not None:
-            by_edges = finder.with_usual_height(0.0).find(Paint(None).plane(image), None, image)
-            return by_edges if by_edges.verdict in SHOWN else line
         if not line.found or not self.both_edges or calibrated:
             return line
         between = measure_on(plane, line.guide_px, finder.corridor.width_px, None)
-        return between if between.found and between.seen > line.seen - LESS_SEEN else line
-
-    def in_colour(self, image: np.ndarray, line: Centreline, where: Corridor, width_px: float) -> Centreline:
-        """The better shaped of two: a centreline in a picture (H, W[, 3]), and the same measured in its colours.
-
-        One plane for the whole picture tells the antenna from other things better than where it is: here or there one
-        of its sides is as bright on it as what lies behind, which pulls the line to the other. Only a calibrated rig
-        knows the shape that is measured along.
-        """
-        told = self.bright is not None and (self.both_edges or self.colour is not None)
-        if not told or where.shape_px is None or line.verdict not in _MEASURED or not coloured(image):
-            return line
-        guide = where.nearest(line.points_px, line.sigma_px)
-        if too_short(guide):
-            return line
-        plane = contrast_plane(image, guide, width_px)
-        return better_shaped(line, measure_on(plane, guide, width_px, None, stands_out=True), where)
+        return between if between.found and between.seen > line.seen - SearchSettings.less_seen else line
 
 
 Looks = tuple[tuple[float, float, float, float], ...]
@@ -156,7 +117,7 @@ def without_other_things(
     other, off, hue, tinted = core.search.foreign(*channels(image), line.points_px, shares, table)
     if not other.any() and off.max(initial=0.0) <= PARTLY_FOREIGN:
         return line
-    changing, sure = paint.bright is None, line.sigma_px <= SHADED_UNSURE * width_px
+    changing, sure = paint.bright is None, line.sigma_px <= SearchSettings.shaded_unsure * width_px
     hued = (paint.both_edges or changing) and coloured(image)
     shaded, away = other & sure & ~tinted & hued, len(other)
     for start, stop in np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2):

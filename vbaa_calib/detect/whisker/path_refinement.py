@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from vbaa_calib.native import core
 
 
-class RefinedPath(NamedTuple):
-    """A path (K, 2) that follows a ridge; along which share of it there is a ridge, and its median height there, grey
-    levels."""
-
-    path_px: np.ndarray
-    share: float
-    strength: float
-
-
-def refine_path(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool) -> RefinedPath:
-    """Move a path (K, 2) by up to `reach_px` across itself onto the antenna.
+def refine_path(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool) -> np.ndarray:
+    """(K, 2) a path moved by up to `reach_px` across itself onto the antenna.
 
     Two rounds: over the whole reach with a stiff curve, then near that curve with a supple one.
     """
-    return RefinedPath(*core.search.refine_path(image, path_px, width_px, reach_px, 1.0 if bright else -1.0))
+    found: np.ndarray = core.search.refine_path(image, path_px, width_px, reach_px, 1.0 if bright else -1.0)[0]
+    return found

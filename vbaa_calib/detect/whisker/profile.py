@@ -42,7 +42,7 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
     if too_short(guide_px):
         return NOTHING
     if bright is not None:
-        guide_px = refine_path(image, guide_px, width_px, width_px + 2.0, bright).path_px
+        guide_px = refine_path(image, guide_px, width_px, width_px + 2.0, bright)
     return measure_on(image, guide_px, width_px, bright)
 
 

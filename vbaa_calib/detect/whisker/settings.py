@@ -1,4 +1,4 @@
-"""Tunable numbers of the search for shapes along which a picture shows two edges."""
+"""Tunable numbers of the search for shapes along which a picture shows two edges, and of colours along them."""
 
 from __future__ import annotations
 
@@ -31,3 +31,10 @@ class SearchSettings:
     contacts: tuple[float, ...] = (0.08, 0.12, 0.18, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95, 1.1, 1.8)
     # parts of the length at which a force may act; beyond one the bend is nearly an arc
     few_contacts: tuple[float, ...] = (0.15, 0.3, 0.5, 0.7, 0.85, 1.1, 1.8)  # the same, on a rig that is not calibrated
+    own_share: float = 0.2  # of its width, to either side of its middle: where an antenna's own colour is sampled
+    flanks_px: tuple[float, float] = (1.5, 2.5)  # beyond its edges: where that next to it is
+    alike_places: int = 15  # so many of these along it, twice, are averaged
+    faint_contrast: float = 2.5  # grey levels in each channel: with less the plane of contrast is nearly grey
+    contrast_reach_px: float = 10.0  # beyond the width: how far from the antenna that plane is weighted
+    less_seen: float = 0.05  # part of a line less that may be seen of it where it is measured by both of its edges
+    shaded_unsure: float = 0.3  # widths to which a line in a shadow must be known: or it may be the edge of that

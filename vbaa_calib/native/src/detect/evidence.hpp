@@ -27,8 +27,8 @@ struct RibbonModel {
 };
 
 // Log odds (rows, directions, columns) for each width of length that a ribbon in planes (channels, H, W) ends its step
-// at a row and column in a direction. Places that `within` (H, W), 0 to 1, leaves out are no ribbon's; those whose
-// flanks it leaves out have log odds 0.
+// at a row and column in a direction. Places that `within` (H, W), 0 to 1, leaves out are no ribbon's; those of which
+// the flanks it leaves out have log odds 0.
 Array<float, 3> ribbon_evidence(View<const float, 3> planes, View<const float, 2> within, const RibbonModel& model);
 
 }  // namespace vbaa::detect

@@ -10,7 +10,7 @@ namespace vbaa::detect {
 struct PathRules {
     double widths_per_step = 1.0;  // length of a step straight down, in widths: evidence is counted once a width
     double turn_cost = 0.0;        // log odds for a change of direction by one, growing with its square
-    double tolerance_px = 0.0;     // by which a path may begin or end beside the places where it has to
+    double tolerance_px = 0.0;     // by which a path may miss the places where it has to begin or end
     double apart_px = 0.0;         // nearer than this, two paths' places are one
     double least = 0.0;            // evidence below which a path is none
     int most = 0;                  // number of paths

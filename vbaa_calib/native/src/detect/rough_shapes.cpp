@@ -20,7 +20,7 @@ using Plane = std::unique_ptr<float[]>;
 // A reduced picture's luma and colour differences, with more rows and columns on every side: its border's.
 struct Reduced {
     int factor = 1, pool = 1;  // pixels in one; how far off a path its edges may be
-    double reach = 0.0;        // from its middle, at which what lies beside it is compared
+    double reach = 0.0;        // from its middle, at which what is next to it is compared
     int rows = 0, columns = 0, pad = 0, stride = 0, tall = 0, channels = 0;
     Plane levels;  // (channels, tall, stride)
 
@@ -32,7 +32,7 @@ struct Reduced {
 // What moving by less than `reach` and in between takes from neighbours.
 int room_of(double reach) { return static_cast<int>(std::ceil(reach)) + 1; }
 
-// Tiles around those of the paths whose edges count, and those that their differences need.
+// Tiles around those of the paths that are scored, and those that their differences need.
 int tiles_around(int pool, double reach) { return (pool + room_of(reach) + TILE - 1) / TILE; }
 
 Plane plane_of(const Reduced& small) { return Plane(new float[small.size()]); }

@@ -17,7 +17,7 @@ constexpr int FINER = 4;             // a strip's odds are tabled at so many pla
 constexpr double ROUGH_SHARE = 0.3;  // of the best rough path's score above the worst one's: others are tried, too
 constexpr double CERTAIN_PX = 4.0;   // a clamp that may be moved by less needs no search where it is
 constexpr double LOOSE_PX = 20.0;    // most by which it is searched for
-constexpr double AROUND_PX = 10.0;   // of a path, that is seen beside its width
+constexpr double AROUND_PX = 10.0;   // of a path, that is visible next to its width
 constexpr double AROUND_ROUGH_PX = 4.0;
 constexpr double TURN_RAD = 0.25;        // by which a shape's tip may be turned from the rough path's
 constexpr double NOISE_PLACES = 3000.0;  // at so many the noise is known to some hundredths
@@ -133,8 +133,8 @@ using Turns = Pack<float, AT_ONCE * sizeof(float)>;
 
 // Places, across a strip's rows, of shapes of one contact: how far they move with what happens at the clamp.
 struct Across {
-    std::vector<Turns> along, aside;        // (rows) with the cosine, and the sine, of the turn at the clamp
-    std::vector<float> still, with_offset;  // (rows) without any, and with its offset
+    std::vector<Turns> along, lateral;        // (rows) with the cosine, and the sine, of the turn at the clamp
+    std::vector<float> at_rest, with_offset;  // (rows) without any, and with its offset
 };
 
 // Of `AT_ONCE` turns from one on, in equal steps.
@@ -142,8 +142,8 @@ void lay_across(const Axis& axis, const Numbers& shares, const Tabled& tabled, d
     const float per_px = static_cast<float>(FINER / STRIP_STEP_PX);
     Turns turns, u = 0.0f, v = 0.0f, before_u = 0.0f, before_v = 0.0f;
     for (int lane = 0; lane < AT_ONCE; ++lane) turns[lane] = static_cast<float>(turn + lane * step);
-    to.along.assign(tabled.rows, 0.0f), to.aside.assign(tabled.rows, 0.0f);
-    to.still.assign(tabled.rows, 0.0f), to.with_offset.assign(tabled.rows, 0.0f);
+    to.along.assign(tabled.rows, 0.0f), to.lateral.assign(tabled.rows, 0.0f);
+    to.at_rest.assign(tabled.rows, 0.0f), to.with_offset.assign(tabled.rows, 0.0f);
     const float half = static_cast<float>(0.5 * axis.step);
     for (int s = 0; s < axis.count; ++s) {
         Turns sine, cosine;
@@ -161,9 +161,9 @@ void lay_across(const Axis& axis, const Numbers& shares, const Tabled& tabled, d
         const float share = per_px / static_cast<float>(several);
         const float a = share * static_cast<float>(nu), b = share * static_cast<float>(nv);
         to.along[row] += Turns(a) * u + Turns(b) * v;
-        to.aside[row] += Turns(b) * u - Turns(a) * v;
-        const double still = (axis.start[0] - strip.path(s, 0)) * nu + (axis.start[1] - strip.path(s, 1)) * nv;
-        to.still[row] += share * static_cast<float>(still - tabled.first);
+        to.lateral[row] += Turns(b) * u - Turns(a) * v;
+        const double at_rest = (axis.start[0] - strip.path(s, 0)) * nu + (axis.start[1] - strip.path(s, 1)) * nv;
+        to.at_rest[row] += share * static_cast<float>(at_rest - tabled.first);
         to.with_offset[row] += share * static_cast<float>(axis.normal[0] * nu + axis.normal[1] * nv);
     }
 }
@@ -187,8 +187,8 @@ void sum_odds(const Tabled& tabled, const Across& across, const Grid& offsets, c
         for (int row = 0; row < tabled.rows; ++row) {
             const float* const odds = tabled.odds.row(row).data;
             // one for the place beyond, a half for the nearest
-            const Turns place =
-                Turns(cosine) * across.along[row] + Turns(sine) * across.aside[row] + Turns(across.still[row] + 1.5f);
+            const Turns place = Turns(cosine) * across.along[row] + Turns(sine) * across.lateral[row] +
+                                Turns(across.at_rest[row] + 1.5f);
             for (int o = 0; o < offsets.count(); ++o) {
                 const float by = static_cast<float>(offsets.at(o)) * across.with_offset[row];
                 float found[AT_ONCE];

@@ -1,7 +1,7 @@
 // The shapes that an antenna can take along which a picture shows the most edges on both of its sides.
 //
-// An edge is a difference of colour across it that is large beside what neighbouring places differ by; which side is
-// the brighter one does not matter, nor whether both sides of the antenna have the same background. The log odds of
+// An edge is a difference of colour across it that is large relative to what neighbouring places differ by; which side
+// is the brighter one does not matter, nor whether both sides of the antenna have the same background. The log odds of
 // two edges, one width apart, add up along a shape, once per correlation length; where the antenna's usual colours are
 // known, so do the log odds that what lies between the edges has them.
 #pragma once

@@ -12,7 +12,7 @@ constexpr double EDGE_GAP_PX = 0.4, EDGE_PX = 2.0;  // next to an edge, left out
 constexpr double CORE = 0.35;                       // of the width, to either side of the middle: shows the colour
 constexpr double USUAL_QUANTILE = 0.35, USUAL_SQUARE = 0.2;  // of squares of normal numbers, for their deviation
 constexpr double USUAL_PX = 10.0;                            // along, to either side: what is usual is averaged
-// Squares are told apart to some hundredths, by halving the bits between the least and the most that matter.
+// Squares are separated to some hundredths, by halving the bits between the least and the most that matter.
 constexpr float LEAST_SQUARE = 0x1p-5f, MOST_SQUARE = 0x1p16f;
 constexpr int SQUARE_ROUNDS = 10;
 

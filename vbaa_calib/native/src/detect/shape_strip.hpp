@@ -7,7 +7,7 @@ namespace vbaa::detect {
 
 constexpr double STRIP_STEP_PX = 0.5;  // across
 
-// Log odds (S, M) of an antenna whose middle is at an offset from a path (S, 2) along its normals.
+// Log odds (S, M) of an antenna with its middle at an offset from a path (S, 2) along its normals.
 struct Strip {
     Table path, normal;
     Array<float, 2> odds;
