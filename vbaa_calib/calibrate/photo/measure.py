@@ -387,6 +387,8 @@ def _to_the_ends(
             nearest = int(np.argmin(np.hypot(*(curve - known).T)))
             return nearest, bool(inside[nearest])
         near = order[count // 2 : count - 3 * fit] if count - 3 * fit > count // 2 + 2 else order[: count // 2]
+        if not np.isfinite(mark[:, near]).any(axis=1).all():
+            return int(order[count // 2]), True  # nothing of it is in the picture
         rod = np.nanmedian(mark[:, near], axis=1)
         around = np.nanmedian(np.concatenate([each[:, near] for each in grounds], axis=1), axis=1)
         difference = (rod - around) / noise**2
