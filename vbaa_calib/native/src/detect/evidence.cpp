@@ -28,17 +28,17 @@ inline float fast_exp(float x) {
     const auto whole = static_cast<std::int32_t>(t);
     const float part = t - static_cast<float>(whole);
     const float mantissa = 1.0F + part * (0.69589F + part * (0.22487F + part * 0.07944F));
-    const std::int32_t bits = whole << 23;
+    const std::uint32_t bits = static_cast<std::uint32_t>(whole) << 23U;
     float power;
     std::memcpy(&power, &bits, sizeof power);
     return power * mantissa;
 }
 
 inline float fast_log(float x) {
-    std::int32_t bits;
+    std::uint32_t bits;
     std::memcpy(&bits, &x, sizeof bits);
-    const auto exponent = static_cast<float>((bits >> 23) - 127);
-    const std::int32_t fraction = (bits & 0x007fffff) | 0x3f800000;
+    const float exponent = static_cast<float>(bits >> 23U) - 127.0F;
+    const std::uint32_t fraction = (bits & 0x007fffffU) | 0x3f800000U;
     float m;
     std::memcpy(&m, &fraction, sizeof m);
     const float p = -2.496846F + m * (4.028548F + m * (-2.081214F + m * (0.628874F - m * 0.079158F)));
@@ -155,11 +155,13 @@ void weigh(const Sums& sums_of, int at, const Windows& windows, const RibbonMode
 
 }  // namespace
 
-double columns_of(int direction) { return ROW_STEP * std::tan((direction - DIRECTIONS_DOWN / 2) * DIRECTION_STEP); }
+double columns_of(int direction) {
+    return ROW_STEP * std::tan((direction - 0.5 * (DIRECTIONS_DOWN - 1)) * DIRECTION_STEP);
+}
 
 Array<float, 3> ribbon_evidence(View<const float, 3> planes, View<const float, 2> within, const RibbonModel& model) {
     const int channels = planes.shape[0], height = planes.shape[1], width = planes.shape[2];
-    const double steepest = std::cos((DIRECTIONS_DOWN / 2) * DIRECTION_STEP);
+    const double steepest = std::cos(0.5 * (DIRECTIONS_DOWN - 1) * DIRECTION_STEP);
     const int margin = static_cast<int>(std::ceil(columns_of(DIRECTIONS_DOWN - 1) +
                                                   (FLANK + FLANK_HALF) * model.width_px / steepest)) +
                        3;
@@ -180,7 +182,8 @@ Array<float, 3> ribbon_evidence(View<const float, 3> planes, View<const float, 2
     Array<float, 1> odds(blocks);
     for (int j = 0; j < rows; ++j) {
         for (int k = 0; k < DIRECTIONS_DOWN; ++k) {
-            const double shift = columns_of(k) / ROW_STEP, slant = std::cos((k - DIRECTIONS_DOWN / 2) * DIRECTION_STEP);
+            const double shift = columns_of(k) / ROW_STEP,
+                         slant = std::cos((k - 0.5 * (DIRECTIONS_DOWN - 1)) * DIRECTION_STEP);
             const double across = model.width_px / slant;
             Windows windows{static_cast<int>(std::rint(INNER * across)), static_cast<int>(std::rint(FLANK * across)),
                             static_cast<int>(std::rint(FLANK_HALF * across)), 0.0F, 0.0F};

@@ -50,7 +50,7 @@ class Sweep {
                 first[x] = may ? 0.0F : NEVER;
             }
             for (int k = 0; k < DIRECTIONS_DOWN; ++k) {
-                const double slant = std::cos((k - DIRECTIONS_DOWN / 2) * DIRECTION_STEP);
+                const double slant = std::cos((k - 0.5 * (DIRECTIONS_DOWN - 1)) * DIRECTION_STEP);
                 const auto length = static_cast<float>(rules.widths_per_step / slant);
                 float* __restrict value = &_value(row, k, 0);
                 Step* __restrict step = &_step(row, k, 0);
@@ -86,7 +86,7 @@ class Sweep {
         const Step step = _step(place.row, place.direction, place.column);
         if (step == NOWHERE) return false;
         const double columns = columns_of(place.direction);
-        const bool high = (step & COLUMN_BIT) != 0;
+        const bool high = step >= COLUMN_BIT;
         place.column -= static_cast<int>(high ? std::ceil(columns - 1e-9) : std::floor(columns + 1e-9));
         place.direction += static_cast<int>(step % COLUMN_BIT) - TURN;
         place.row -= 1;

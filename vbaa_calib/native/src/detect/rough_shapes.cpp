@@ -74,7 +74,7 @@ void extend(Reduced& small) {
 struct Tiles {
     std::vector<int> from, to;
 
-    explicit Tiles(int rows) : from(rows, 1 << 20), to(rows, 0) {}
+    explicit Tiles(int rows) : from(rows, 1'000'000), to(rows, 0) {}
     void add(int row, int first, int after) {
         from[row] = std::min(from[row], first);
         to[row] = std::max(to[row], after);
@@ -191,7 +191,7 @@ void place(const Reduced& small, Path& path) {
     int* const __restrict at = path.at.data(), * const __restrict tile = path.tile.data();
     for (int s = 0; s < path.samples; ++s) {
         const float x = (u[s] + 0.5f) * scale, y = (v[s] + 0.5f) * scale;
-        const bool inside = (x >= 0.0f) & (y >= 0.0f) & (x < columns) & (y < rows);
+        const bool inside = x >= 0.0f && y >= 0.0f && x < columns && y < rows;
         const int column = static_cast<int>(inside ? x : 0.0f) + pad, row = static_cast<int>(inside ? y : 0.0f) + pad;
         at[s] = inside ? row * stride + column : 0;
         tile[s] = inside ? row / TILE * wide + column / TILE : 0;

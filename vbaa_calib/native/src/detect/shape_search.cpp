@@ -351,9 +351,12 @@ double mean_distance(const Table& one, const Table& other) {
 template <class T>
 std::vector<Bend> different(const Search<T>& search, const std::vector<int>& rough) {
     std::vector<Candidate> candidates;
+    candidates.reserve(rough.size());
     for (const int one : rough) candidates.push_back(best_near(search, search.family.paths_px.row(one)));
-    const auto better = [](const Candidate& a, const Candidate& b) { return a.evidence > b.evidence; };
-    std::stable_sort(candidates.begin(), candidates.end(), better);
+    const auto better = [](const Candidate& a, const Candidate& b) {
+        return a.evidence > b.evidence || (a.evidence == b.evidence && a.bend < b.bend);
+    };
+    std::sort(candidates.begin(), candidates.end(), better);
     std::vector<Bend> found;
     std::vector<Table> paths;
     for (const Candidate& one : candidates) {
@@ -412,8 +415,9 @@ std::vector<ShapeFound> likely_in(const Colours<T>& picture, const ShapeFamily& 
     std::vector<ShapeFound> found;
     for (const Bend& bend : different(search, clearest_paths(score, family.paths_px, apart, most, ROUGH_SHARE)))
         found.push_back(refined(search, bend));
-    std::stable_sort(found.begin(), found.end(),
-                     [](const ShapeFound& a, const ShapeFound& b) { return a.evidence > b.evidence; });
+    std::sort(found.begin(), found.end(), [](const ShapeFound& a, const ShapeFound& b) {
+        return a.evidence > b.evidence || (a.evidence == b.evidence && a.bend < b.bend);
+    });
     return found;
 }
 
