@@ -47,16 +47,16 @@ class Level:
             return self
         return Level(np.stack([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in self.planes]), scale)
 
-    def noise(self, least: float) -> np.ndarray:
+    def noise(self, settings: RodSettings) -> np.ndarray:
         """(channels,) standard deviation of a pixel, from second differences."""
-        rows = self.planes[:, :: max(1, self.planes.shape[1] // RodSettings.sampled_rows)]
+        rows = self.planes[:, :: max(1, self.planes.shape[1] // settings.sampled_rows)]
         bend = rows[:, :, 2:] - 2.0 * rows[:, :, 1:-1] + rows[:, :, :-2]
-        return np.maximum(np.median(np.abs(bend), axis=(1, 2)) / (NORMAL_QUARTILE * np.sqrt(6.0)), least)
+        return np.maximum(np.median(np.abs(bend), axis=(1, 2)) / (NORMAL_QUARTILE * np.sqrt(6.0)), settings.least_noise)
 
-    def texture(self, apart_px: float) -> np.ndarray:
+    def texture(self, apart_px: float, settings: RodSettings) -> np.ndarray:
         """(channels,) standard deviation between places so far apart, of the usual surface."""
         smooth = np.stack([cv2.blur(each, (3, 3)) for each in self.planes])
-        off, few = max(1, round(apart_px)), max(1, self.planes.shape[1] // RodSettings.sampled_rows)
+        off, few = max(1, round(apart_px)), max(1, self.planes.shape[1] // settings.sampled_rows)
         differences = [smooth[:, off::few] - smooth[:, :-off:few], smooth[:, ::few, off:] - smooth[:, ::few, :-off]]
         return np.mean([np.median(np.abs(each), axis=(1, 2)) for each in differences], axis=0) / NORMAL_QUARTILE
 
@@ -83,12 +83,17 @@ def _turned(planes: np.ndarray, quarter: int) -> tuple[np.ndarray, np.ndarray, n
     return turned, cv2.warpAffine(np.ones((height, width), np.float32), to, size, flags=cv2.INTER_LINEAR), to
 
 
+def _most_scale(planes: np.ndarray, settings: RodSettings) -> float:
+    """Scale at which a picture is searched for the thinnest rods."""
+    return float(min(1.0, np.sqrt(1e6 * settings.most_megapixels / np.prod(planes.shape[1:]))))
+
+
 def searched(
     picture_planes: np.ndarray, clamp: np.ndarray | None, tip: np.ndarray | None, settings: RodSettings
 ) -> list[RodPath]:
     """Paths that may be a rod, in pixels of the picture, the best first; through clamp and tip if these are known."""
     height, width = picture_planes.shape[1:]
-    most = min(1.0, np.sqrt(1e6 * settings.most_megapixels / (height * width)))
+    most = _most_scale(picture_planes, settings)
     paths: list[RodPath] = []
     width_px = settings.narrowest_px / most
     level = Level(picture_planes, 1.0)
@@ -115,11 +120,11 @@ class _Sweeps:
     def of(level: Level, width: float, settings: RodSettings) -> _Sweeps:
         """Of ribbons so wide in the level's pixels."""
         channels, height, columns = level.planes.shape
-        shading = np.hypot(shading_of(channels, settings), level.texture(RodSettings.flank_widths * width))
-        noise = level.noise(settings.least_noise)
+        shading = np.hypot(shading_of(channels, settings), level.texture(settings.flank_widths * width, settings))
+        noise = level.noise(settings)
         shares = (settings.flat, settings.edge, settings.chance)
         found = []
-        for quarter in range(RodSettings.main_directions):
+        for quarter in range(settings.main_directions):
             planes, within, to = _turned(level.planes, quarter)
             evidence = core.search.ribbon_evidence(
                 planes, within, width, noise, shading, settings.spread, shares, settings.gap
@@ -150,10 +155,10 @@ def _at_level(
 ) -> list[RodPath]:
     sweeps = _Sweeps.of(level, width, settings)
     tolerance = settings.click_share * sweeps.diagonal + 0.5 * width
-    least = settings.least_evidence if clamp is None or tip is None else RodSettings.any_evidence
+    least = settings.least_evidence if clamp is None or tip is None else settings.any_evidence
     one, other = (np.zeros((0, 2)) if each is None else each[None] for each in (clamp, tip))
     found = []
-    for quarter in range(RodSettings.main_directions):
+    for quarter in range(settings.main_directions):
         orders = [(one, other)]
         if len(one) and len(other):
             orders = [(one, other) if (other - one)[0] @ sweeps.down(quarter) > 0.0 else (other, one)]
@@ -168,15 +173,13 @@ def _at_level(
 def grown(planes: np.ndarray, path: RodPath, at_first: bool, settings: RodSettings) -> RodPath:
     """The path, going on beyond its last end, and beyond its first one too if asked for, while there is evidence: a rod
     that winds is found in pieces, each of which goes one way."""
-    height, columns = planes.shape[1:]
-    most = min(1.0, np.sqrt(1e6 * settings.most_megapixels / (height * columns)))
-    scale = min(most, settings.level_width_px / path.width_px)
-    level = Level(planes, 1.0).reduced(scale, (height, columns))
+    scale = min(_most_scale(planes, settings), settings.level_width_px / path.width_px)
+    level = Level(planes, 1.0).reduced(scale, planes.shape[1:])
     sweeps = _Sweeps.of(level, path.width_px * scale, settings)
     for turn in (False, True) if at_first else (False,):
         if turn:
             path = RodPath(path.path_px[::-1], path.width_px, path.evidence)
-        for _ in range(RodSettings.most_pieces):
+        for _ in range(settings.most_pieces):
             longer = _next_piece(sweeps, path)
             if longer is None:
                 break
@@ -196,9 +199,9 @@ def _next_piece(sweeps: _Sweeps, path: RodPath) -> RodPath | None:
     ahead = ahead / max(np.hypot(*ahead), 1e-9)
     none, end = np.zeros((0, 2)), stem[-1][None]
     best: RodPath | None = None
-    for quarter in range(RodSettings.main_directions):
+    for quarter in range(sweeps.settings.main_directions):
         for sign in (1.0, -1.0):
-            if sign * sweeps.down(quarter) @ ahead < RodSettings.pieces_forward:
+            if sign * sweeps.down(quarter) @ ahead < sweeps.settings.pieces_forward:
                 continue
             first, last = (end, none) if sign > 0.0 else (none, end)
             for piece, gain in sweeps.paths(quarter, first, last, 2.0, sweeps.settings.least_growth):
@@ -208,15 +211,15 @@ def _next_piece(sweeps: _Sweeps, path: RodPath) -> RodPath | None:
                     best is not None and path.evidence + gain < best.evidence
                 ):
                     continue
-                if shared(RodPath(on[2:], path.width_px, gain), path) < 0.3 if len(on) > 4 else False:
+                if len(on) > 4 and shared(RodPath(on[2:], path.width_px, gain), path, sweeps.settings) < 0.3:
                     best = RodPath(np.concatenate([stem, on[1:]]), path.width_px, path.evidence + gain)
     return best
 
 
-def shared(path: RodPath, other: RodPath) -> float:
+def shared(path: RodPath, other: RodPath, settings: RodSettings) -> float:
     """Part of a path's length that runs along another, nearer than a part of the width."""
     along = arc_lengths(other.path_px)
     at = np.linspace(0.0, along[-1], max(2, int(2.0 * along[-1] / path.width_px)))
     fine = np.stack([np.interp(at, along, each) for each in other.path_px.T], axis=1)
     away = np.hypot(*(path.path_px[:, None] - fine).transpose(2, 0, 1)).min(axis=1)
-    return float(np.mean(away < RodSettings.pieces_along * max(path.width_px, other.width_px)))
+    return float(np.mean(away < settings.pieces_along * max(path.width_px, other.width_px)))

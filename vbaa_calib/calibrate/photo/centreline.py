@@ -160,13 +160,13 @@ def _lines(
     planes: np.ndarray, groups: list[list[RodPath]], ends: list[np.ndarray | None], settings: RodSettings
 ) -> list[MeasuredRod]:
     """The likeliest line of each group of paths."""
-    noise = Level(planes, 1.0).noise(settings.least_noise)
+    noise = Level(planes, 1.0).noise(settings)
     smooth = smoothed(planes)
     found, alone = [], all(each is None for each in ends)
     for number, group in enumerate(groups):
         likely: MeasuredRod | None = None
         for path in group:
-            whole = grown(planes, path, True, settings) if number < RodSettings.grown_rounds and alone else path
+            whole = grown(planes, path, True, settings) if number < settings.grown_rounds and alone else path
             fit = fitted(smooth, noise, whole, ends[0], ends[1], settings)
             if fit is not None and (likely is None or fit.evidence > likely.evidence):
                 likely = fit
@@ -180,10 +180,8 @@ def _lines(
 def _winding(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: RodSettings) -> list[MeasuredRod]:
     """Lines that come by both clamp and tip, among those that are found without knowing these."""
     whole = []
-    for path in (
-        group[0] for group in _grouped(searched(planes, None, None, settings), settings)[: RodSettings.winding_rounds]
-    ):
-        line = grown(planes, path, True, settings)
+    for likeliest, *_ in _grouped(searched(planes, None, None, settings), settings)[: settings.winding_rounds]:
+        line = grown(planes, likeliest, True, settings)
         near = 2.0 * line.width_px + settings.click_share * np.hypot(*planes.shape[1:])
         away = [np.hypot(*(line.path_px - end).T) for end in (clamp, tip)]
         first, last = (int(np.argmin(each)) for each in away)
@@ -222,7 +220,7 @@ def _grouped(paths: list[RodPath], settings: RodSettings) -> list[list[RodPath]]
     """The best paths, each apart from those before it over half of its length, and with each one of another width."""
     groups: list[list[RodPath]] = []
     for path in paths:
-        group = next((each for each in groups if shared(path, each[0]) > 0.5), None)
+        group = next((each for each in groups if shared(path, each[0], settings) > 0.5), None)
         if group is None:
             if len(groups) < settings.candidates:
                 groups.append([path])

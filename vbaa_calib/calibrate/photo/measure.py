@@ -20,8 +20,6 @@ from vbaa_calib.core.robust import NORMAL_QUARTILE, huber_weights, mad_std
 from .candidates import RodPath, shading_of
 from .settings import RodSettings
 
-_SETTINGS = RodSettings()
-
 
 @dataclass(frozen=True, eq=False)
 class Strip:
@@ -114,26 +112,26 @@ def fitted(
     """The line along a path, from its first end to its last where these are known; None where it has no edges."""
     width = path.width_px
     coarse = path.path_px
-    curve = _smooth(coarse, np.ones(len(coarse)), max(width, RodSettings.least_smoothing_px))
+    curve = _smooth(coarse, np.ones(len(coarse)), max(width, settings.least_smoothing_px))
     points, misses = np.zeros((0, 2)), np.zeros(0)
     share = 0.0
-    for round_ in range(RodSettings.fit_rounds):
-        points, widths, share = _edges(
-            planes, noise, curve, width, 0.5 if round_ == 0 else 0.2, RodSettings.edge_contrast
-        )
-        if len(points) < RodSettings.least_points:
+    spread = np.hypot(noise, shading_of(len(planes), settings))
+    for round_ in range(settings.fit_rounds):
+        off = 0.5 if round_ == 0 else 0.2
+        points, widths, share = _edges(planes, spread, curve, width, off, settings.edge_contrast)
+        if len(points) < settings.least_points:
             return None
         width = _median_width(widths, width)
         widths = np.where(np.isfinite(widths), widths, width)
         usual = median_filter(widths, 9, mode="mirror")
-        kept = np.abs(widths - usual) < RodSettings.width_tolerance * max(mad_std(widths - usual), 0.02 * width)
+        kept = np.abs(widths - usual) < settings.width_tolerance * max(mad_std(widths - usual), 0.02 * width)
         points = points[kept]
-        if len(points) < RodSettings.least_points:
+        if len(points) < settings.least_points:
             return None
         scale = max(
-            RodSettings.smoothing_widths * width,
-            RodSettings.least_smoothing_px,
-            RodSettings.smoothing_share * arc_lengths(points)[-1],
+            settings.smoothing_widths * width,
+            settings.least_smoothing_px,
+            settings.smoothing_share * arc_lengths(points)[-1],
         )
         curve, misses = _robust(points, scale, width)
         if not np.isfinite(curve).all() or arc_lengths(curve)[-1] > 1.5 * arc_lengths(coarse)[-1] + 8.0 * width:
@@ -144,7 +142,7 @@ def fitted(
         return None
     index, _ = beside(on, points)
     kept = ((index > 0) | (not inside[0])) & ((index < len(on) - 1) | (not inside[1]))
-    if RodSettings.least_points <= kept.sum() < len(points):
+    if settings.least_points <= kept.sum() < len(points):
         points = points[kept]
         curve, misses = _robust(points, scale, width)
         curve, inside = _to_the_ends(planes, noise, curve, width, first, last)
@@ -155,7 +153,7 @@ def fitted(
     far = max(2.0 * width, 0.03 * float(arc_lengths(curve)[-1]))
     if any(end is not None and np.hypot(*(at - end)) > far for end, at in ((first, curve[0]), (last, curve[-1]))):
         return None
-    _, widths, share = _edges(planes, noise, curve, width, 0.2, 0.5)
+    _, widths, share = _edges(planes, spread, curve, width, 0.2, 0.5)
     width = _median_width(widths, width)
     parts, log = evidence_of(planes, noise, curve, width, settings)
     parts["edges"] = share
@@ -165,12 +163,17 @@ def fitted(
     evidence = parts["ribbon"] * (1.0 - settings.shadow_cost * parts["shadow"]) + _shape(parts, settings)
     holder = _holders(planes, noise, curve, width, settings)
     gap = _gap(curve, log, settings)
-    goes_on = _goes_on(planes, noise, curve, width, inside)
+    goes_on = _goes_on(planes, noise, curve, width, inside, settings)
     return MeasuredRod(points, curve, width, mad_std(misses), inside, holder, goes_on, gap, evidence, parts)
 
 
 def _goes_on(
-    planes: np.ndarray, noise: np.ndarray, curve: np.ndarray, width: float, inside: tuple[bool, bool]
+    planes: np.ndarray,
+    noise: np.ndarray,
+    curve: np.ndarray,
+    width: float,
+    inside: tuple[bool, bool],
+    settings: RodSettings,
 ) -> np.ndarray | None:
     """An end (2,) of a line ahead of which, to any side, there is more of its colour, about as wide."""
     size = np.array(planes.shape[:0:-1]) - 1.0
@@ -181,7 +184,7 @@ def _goes_on(
             continue
         ahead = near[-1] - near[len(near) // 2]
         bearing = np.arctan2(ahead[1], ahead[0]) + np.linspace(-1.9, 1.9, 61)
-        ring = near[-1] + RodSettings.ring_widths * width * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+        ring = near[-1] + settings.ring_widths * width * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
         if not np.all((ring >= 0.0) & (ring <= size)):
             continue
         strip = Strip.along(planes, near, max(1.0, 0.2 * width), 1.6 * width, max(0.25, width / 12.0))
@@ -193,7 +196,7 @@ def _goes_on(
         shares = difference @ (planes[:, v, u] - around[:, None]) / max(difference @ (rod - around), 1e-9)
         like = np.append(np.append(0, (shares > 0.6) & (shares < 1.6)), 0)
         starts, ends = np.flatnonzero(np.diff(like) > 0), np.flatnonzero(np.diff(like) < 0)
-        arcs = (ends - starts) * (3.8 / 60.0) * RodSettings.ring_widths
+        arcs = (ends - starts) * (3.8 / 60.0) * settings.ring_widths
         if np.any((arcs > 0.5) & (arcs < 1.8) & (starts > 0) & (ends < 61)):
             return line[-1]
     return None
@@ -252,38 +255,44 @@ def _holders(
 
 
 def _projected(
-    strip: Strip, noise: np.ndarray, shading: np.ndarray, width: float, inner: float, outer: tuple[float, float]
+    strip: Strip, spread: np.ndarray, width: float, inner: float, outer: tuple[float, float]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """For either side, (S, A) how much of the difference from the background to the rod a place has, and (S,) that
-    difference in standard deviations of the noise."""
+    difference in standard deviations of places of one surface, `spread` and what the rod itself scatters."""
     mark = strip.colours(-inner * width, inner * width)
     # a highlight or plies change one channel across the rod: others tell its edges better
     columns = np.abs(strip.across_px) < inner * width
     scatter = np.median(np.abs(strip.values[:, :, columns] - mark[..., None]), axis=2)
-    noise = np.hypot(np.hypot(noise, shading), np.nanmedian(scatter, axis=1) / NORMAL_QUARTILE)
+    spread = np.hypot(spread, np.nanmedian(scatter, axis=1) / NORMAL_QUARTILE)
     sides = []
     for low, high in ((-outer[1], -outer[0]), outer):
         ground = strip.colours(low * width, high * width)
-        difference = (mark - ground) / noise[:, None]
+        difference = (mark - ground) / spread[:, None]
         square = np.sum(difference**2, axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
-            shares = np.einsum("csa,cs->sa", strip.values - ground[..., None], difference / noise[:, None])
+            shares = np.einsum("csa,cs->sa", strip.values - ground[..., None], difference / spread[:, None])
             sides.append((shares / square[:, None], np.sqrt(square)))
     return sides
 
 
 def _edges(
-    planes: np.ndarray, noise: np.ndarray, curve: np.ndarray, width: float, most_off: float, share: float
+    planes: np.ndarray,
+    spread: np.ndarray,
+    curve: np.ndarray,
+    width: float,
+    most_off: float,
+    share: float,
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Middles (N, 2) between both edges, at which this share of the contrast is left, the widths (N,) there, and the
-    part of the stations that have them; where only one is within the picture, half a width from that, and NaN."""
+    part of the stations that have them; where only one is within the picture, half a width from that, and NaN.
+
+    spread : (channels,) deviation of places of one surface.
+    """
     fine = float(np.clip(width / 80.0, 0.25, 1.0))
     strip = Strip.along(planes, curve, 0.2 * min(width, 20.0), 2.0 * width, fine)
     centre = len(strip.across_px) // 2
     ends = np.full((2, len(strip.stations_px)), np.nan)
-    for side, (shares, contrast) in enumerate(
-        _projected(strip, noise, shading_of(len(planes), _SETTINGS), width, 0.3, (0.6, 2.0))
-    ):
+    for side, (shares, contrast) in enumerate(_projected(strip, spread, width, 0.3, (0.6, 2.0))):
         out = shares[:, centre::-1] if side == 0 else shares[:, centre:]
         below = out < share
         k = np.argmax(below, axis=1)
@@ -450,7 +459,8 @@ def evidence_of(
     a, b, e = (np.where(np.isfinite(each), np.clip(each, -60.0, 60.0), np.nan) for each in (a, b, e))
     log = -np.log(settings.flat * np.exp(-a - b) + settings.edge * np.exp(-e) + settings.chance)
     log = np.where(np.isfinite(log), np.maximum(log, settings.gap), 0.0)
-    shadow = np.maximum(_shadowed(middle, left, shading), _shadowed(middle, right, shading))
+    shadows = (_shadowed(middle, side, shading, settings.darkest_shadow) for side in (left, right))
+    shadow = np.maximum(*shadows)
     steps = np.diff(middle[:, :: max(1, run)], axis=1)
     steps = steps[:, np.isfinite(steps).all(axis=0)]
     uniform = odds_same(steps, shading, settings.spread)
@@ -473,14 +483,14 @@ def evidence_of(
     }, log
 
 
-def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray) -> np.ndarray:
+def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray, darkest: float) -> np.ndarray:
     """(S,) 0 to 1, how much colours (channels, S) look like those on one side in less light; 0 in a grey picture."""
     if len(middle) == 1:
         return np.zeros(middle.shape[1])
     with np.errstate(invalid="ignore", divide="ignore"):
         light = middle[0] / np.maximum(side[0], 1.0)
         off = np.sum(((middle[1:] - light * side[1:]) / (4.0 * shading[1:, None])) ** 2, axis=0)
-        there = np.exp(-0.5 * off) * ((light > RodSettings.darkest_shadow) & (light < 0.95))
+        there = np.exp(-0.5 * off) * ((light > darkest) & (light < 0.95))
     return np.where(np.isfinite(there), there, 0.0)
 
 

@@ -11,6 +11,11 @@ from vbaa_calib.native import core
 from .settings import SearchSettings
 
 
+def grey(image: np.ndarray) -> np.ndarray:
+    """(H, W) grey levels of a grey (H, W) or colour (H, W, 3 or 4) picture: blue, green, red, any depth."""
+    return image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY)
+
+
 def coloured(image: np.ndarray) -> bool:
     """Whether a picture (H, W[, 3]) has colours: a grey camera's may have three channels, too."""
     return image.ndim == 3 and bool(np.ptp(image[::8, ::8, :3], axis=2).any())
@@ -36,7 +41,7 @@ def contrast_plane(image: np.ndarray, path_px: np.ndarray, width_px: float) -> n
     contrast += SearchSettings.faint_contrast * np.where(contrast.sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
     # of as much noise as the mean of the channels
     weights = contrast / (np.sqrt(3.0) * np.linalg.norm(contrast, axis=1)[:, None])
-    plane = cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY).astype(np.float32)
+    plane = grey(image).astype(np.float32)
     core.search.weigh_channels(
         colours, points, weights, int(np.ceil(width_px + SearchSettings.contrast_reach_px)), plane
     )

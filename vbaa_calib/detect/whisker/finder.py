@@ -168,36 +168,32 @@ class AntennaFinder:
 
     def _likely(self, image: np.ndarray, picture: np.ndarray) -> Centreline:
         """The line along one of the likely shapes, be it here brighter, there darker than what lies behind it."""
-        lines = [
-            of_antennas_shape(self._along_shape(image, picture, path, odds), self.corridor, True)
-            for path, odds in self.shapes(picture)
-        ]
+        lines = [self._along_shape(image, picture, path, odds) for path, odds in self.shapes(picture)]
         line = best_of(lines, self.corridor.width_px, CHANGING_OTHER)
         return less_sure(reject_faint(line, self.usual_height), self.corridor)
 
     def _along_shape(
         self, image: np.ndarray, picture: np.ndarray, path_px: np.ndarray, odds: float = np.nan
     ) -> Centreline:
-        """The line measured along a shape (K, 2), K ≥ 2, of such log odds, in the picture's colours where it has some.
+        """The line measured along a shape (K, 2), K ≥ 2, of such log odds, in the picture's colours where it has some,
+        and judged by the shape that it has.
 
         On a rig that is calibrated once more along the shape that is nearest to what was measured: the better shaped.
         """
         where, width = self.corridor, self.corridor.width_px
         told = coloured(picture)
 
-        def measured(path: np.ndarray) -> Centreline:
+        def judged(path: np.ndarray) -> Centreline:
             path, _ = resample(path, 1.0)
             plane = contrast_plane(picture, path, width) if told else image
-            return replace(measure_on(plane, path, width, None, stands_out=told), odds=odds)
+            line = measure_on(plane, path, width, None, stands_out=told)
+            return of_antennas_shape(replace(line, odds=odds), where, True)
 
-        line = measured(path_px)
+        line = judged(path_px)
         if where.shape_px is None or too_short(line.points_px):
             return line
         nearest = where.nearest(line.points_px, line.sigma_px)
-        if too_short(nearest):
-            return line
-        first, again = (of_antennas_shape(one, where, True) for one in (line, measured(nearest)))
-        return better_shaped(first, again, where)
+        return line if too_short(nearest) else better_shaped(line, judged(nearest), where)
 
     def _look(self, image: np.ndarray, bright: bool, blurred_px: float) -> Centreline:
         width, lines = self.corridor.width_px, []

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import cast
 
-import cv2
 import numpy as np
 
 from vbaa_calib.core.polyline import arc_lengths
@@ -16,7 +15,7 @@ from vbaa_calib.native import core
 
 from .acceptance import LEAST_SEEN
 from .centreline import Centreline, Visibility
-from .contrast import channels, coloured
+from .contrast import channels, coloured, grey
 from .finder import AntennaFinder
 from .profile import measure_on
 from .settings import SearchSettings
@@ -54,9 +53,7 @@ class Paint:
 
     def plane(self, image: np.ndarray) -> np.ndarray:
         """(H, W) of a grey (H, W) or colour (H, W, 3 or 4) picture: blue, green, red, any depth."""
-        if image.ndim == 2:
-            return image
-        return cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY)
+        return grey(image)
 
     def find(self, finder: AntennaFinder, image: np.ndarray, plane: np.ndarray | None = None) -> Centreline:
         """The centreline in a grey or colour picture, whose `plane` may be known. One measured by both of its edges is

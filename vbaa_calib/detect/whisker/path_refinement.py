@@ -12,5 +12,5 @@ def refine_path(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_p
 
     Two rounds: over the whole reach with a stiff curve, then near that curve with a supple one.
     """
-    found: np.ndarray = core.search.refine_path(image, path_px, width_px, reach_px, 1.0 if bright else -1.0)[0]
+    found: np.ndarray = core.search.refine_path(image, path_px, width_px, reach_px, 1.0 if bright else -1.0)
     return found

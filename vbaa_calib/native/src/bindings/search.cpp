@@ -40,11 +40,6 @@ ConstVector of_size(const InVector& array, std::size_t count) {
     return view(array);
 }
 
-nb::tuple answer(detect::RefinedPath&& found) {
-    require(found.path_px.size() > 0, "a path has two points at least, all of them numbers");
-    return nb::make_tuple(to_numpy(std::move(found.path_px)), found.share, found.strength);
-}
-
 detect::FreeShape free_shape(nb::handle shape) {
     const detect::FreeShape found{attribute<const double, 1>(shape, "clamp_m"),
                                   attribute<const double, 2>(shape, "axes"),
@@ -130,8 +125,10 @@ void bind_paths(nb::module_& room) {
         require_pixels(width_px);
         require_pixels(reach_px);
         const auto path = points(path_px);
-        return answer(unlocked(
-            [&, taken = picture(image)] { return detect::refine_path(taken, path, width_px, reach_px, sign); }));
+        auto refined = unlocked(
+            [&, taken = picture(image)] { return detect::refine_path(taken, path, width_px, reach_px, sign); });
+        require(refined.size() > 0, "a path has two points at least, all of them numbers");
+        return to_numpy(std::move(refined));
     });
 }
 

@@ -24,11 +24,6 @@ struct Columns {
 
 double square(double value) { return value * value; }
 
-// A row of so many to either side of the middle one; what is no number lies on the first.
-int row_at(double px, int reach) {
-    return static_cast<int>(std::rint(std::min(std::max(0.0, px + reach), 2.0 * reach)));
-}
-
 // Rows in the middle of an antenna.
 int core(double width_px) { return 2 * static_cast<int>(0.35 * width_px) + 1; }
 
@@ -96,51 +91,39 @@ Array<double, 2> clarity_of(const Array<double, 2>& ridge) {
     return clarity;
 }
 
-// (K,) a smooth curve through every column's best place, and the clarity of a typical one.
-struct Smoothed {
-    Array<double, 1> curve;
-    double clarity;
-};
-
-Smoothed smoothed(ConstMatrix clarity, const Columns& across, const std::vector<double>& scales, int pieces) {
+// (K,) a smooth curve through every column's best place.
+Array<double, 1> smoothed(ConstMatrix clarity, const Columns& across, const std::vector<double>& scales, int pieces) {
     const int count = clarity.shape[0], last = clarity.shape[1] - 1;
-    Array<double, 1> place(count), weights(count), peak(count), share = across.along;
+    Array<double, 1> place(count), weights(count), share = across.along;
     for (int k = 0; k < count; ++k) {
         const ConstVector row = clarity.row(k);
         const int best = static_cast<int>(std::max_element(row.begin(), row.end()) - row.begin());
         place[k] = best - across.reach;
-        peak[k] = row[best];
         if (best > 0 && best < last) {
             const double left = row[best - 1], right = row[best + 1], bend = left - 2.0 * row[best] + right;
             if (bend < -1e-6) place[k] += std::clamp(0.5 * (left - right) / bend, -0.5, 0.5);
-            weights[k] = square(peak[k]);
+            weights[k] = square(row[best]);
         }
     }
     for (double& each : share) each /= std::max(across.along[count - 1], 1e-6);
-    return {fit_smooth(share, place, weights, scales, pieces, 0.3).values, quantile(peak, 0.75)};
+    return fit_smooth(share, place, weights, scales, pieces, 0.3).values;
 }
 
-// The path near a stiff curve (K,) through ridges (K, R) of some clarity (K, R), `scale` where it is clear.
-RefinedPath near_curve(ConstMatrix ridge, ConstMatrix clarity, const Columns& across, ConstVector stiff, double scale) {
+// (K, 2) the path near a stiff curve (K,) through ridges of some clarity (K, R).
+Array<double, 2> near_curve(ConstMatrix clarity, const Columns& across, ConstVector stiff) {
     const int reach = across.reach, count = stiff.shape[0];
     const double reach_near = std::max(0.6 * across.width_px, 3.0);
     Array<double, 2> nearby(count, 2 * reach + 1);
     for (int k = 0; k < count; ++k)
         for (int r = 0; r <= 2 * reach; ++r)
             if (std::abs(r - reach - stiff[k]) <= reach_near) nearby(k, r) = clarity(k, r);
-    const Array<double, 1> supple = smoothed(nearby, across, {1.5, 0.7}, 16).curve;
-    RefinedPath found;
-    found.path_px = across.points;
-    std::vector<double> height;
+    const Array<double, 1> supple = smoothed(nearby, across, {1.5, 0.7}, 16);
+    Array<double, 2> path = across.points;
     for (int k = 0; k < count; ++k) {
         const double shift = std::min(std::max(-1.0 * reach, supple[k]), 1.0 * reach);
-        const int at = row_at(shift, reach);
-        if (clarity(k, at) > 0.5 * scale) height.push_back(ridge(k, at));
-        for (int axis = 0; axis < 2; ++axis) found.path_px(k, axis) += shift * across.normals(k, axis);
+        for (int axis = 0; axis < 2; ++axis) path(k, axis) += shift * across.normals(k, axis);
     }
-    found.share = static_cast<double>(height.size()) / count;
-    if (!height.empty()) found.strength = median({height.data(), {static_cast<int>(height.size())}});
-    return found;
+    return path;
 }
 
 // (K, R) by how much the middle of a line is brighter than both flanks, in a strip (K, R + 2F).
@@ -158,13 +141,13 @@ Array<double, 2> bright_ridges(ConstMatrix strip, const Columns& across) {
 
 }  // namespace
 
-RefinedPath refine_path(const Picture& picture, ConstMatrix path_px, double width_px, double reach_px, double sign) {
+Array<double, 2> refine_path(const Picture& picture, ConstMatrix path_px, double width_px, double reach_px,
+                             double sign) {
     const Columns across = columns_across(path_px, width_px, static_cast<int>(std::ceil(reach_px)));
     if (across.along.size() < 2) return {};
     const auto raw = std::visit([&](auto levels) { return sampled(levels, across, sign); }, picture);
-    const Array<double, 2> ridge = bright_ridges(mean_of_columns(raw, 3), across), clarity = clarity_of(ridge);
-    const Smoothed stiff = smoothed(clarity, across, {0.7 * reach_px, 3.0, 2.0}, 6);
-    return near_curve(ridge, clarity, across, stiff.curve, stiff.clarity);
+    const Array<double, 2> clarity = clarity_of(bright_ridges(mean_of_columns(raw, 3), across));
+    return near_curve(clarity, across, smoothed(clarity, across, {0.7 * reach_px, 3.0, 2.0}, 6));
 }
 
 }  // namespace vbaa::detect

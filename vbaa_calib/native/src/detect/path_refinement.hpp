@@ -5,14 +5,9 @@
 
 namespace vbaa::detect {
 
-// A path that follows a ridge.
-struct RefinedPath {
-    Array<double, 2> path_px;  // (K, 2); none where the rough path has no two columns
-    double share = 0.0;        // of the path along which there is a ridge
-    double strength = 0.0;     // median height of the ridge where there is one, grey levels
-};
-
-// Along what is brighter (sign 1) or darker (−1) than both flanks, at most `reach_px` off a path (K, 2).
-RefinedPath refine_path(const Picture& picture, ConstMatrix path_px, double width_px, double reach_px, double sign);
+// (K, 2) along what is brighter (sign 1) or darker (−1) than both flanks, at most `reach_px` off a path; no points
+// where the path has no two columns.
+Array<double, 2> refine_path(const Picture& picture, ConstMatrix path_px, double width_px, double reach_px,
+                             double sign);
 
 }  // namespace vbaa::detect

@@ -340,6 +340,12 @@ ShapeFound refined(const Search<T>& search, Bend bend) {
     return found;
 }
 
+// Whether one comes before another: an order that does not depend on the library's way of sorting.
+template <class Shape>
+bool likelier(const Shape& a, const Shape& b) {
+    return a.evidence > b.evidence || (a.evidence == b.evidence && a.bend < b.bend);
+}
+
 double mean_distance(const Table& one, const Table& other) {
     double sum = 0.0;
     for (int s = 0; s < one.shape[0]; ++s)
@@ -353,10 +359,7 @@ std::vector<Bend> different(const Search<T>& search, const std::vector<int>& rou
     std::vector<Candidate> candidates;
     candidates.reserve(rough.size());
     for (const int one : rough) candidates.push_back(best_near(search, search.family.paths_px.row(one)));
-    const auto better = [](const Candidate& a, const Candidate& b) {
-        return a.evidence > b.evidence || (a.evidence == b.evidence && a.bend < b.bend);
-    };
-    std::sort(candidates.begin(), candidates.end(), better);
+    std::sort(candidates.begin(), candidates.end(), likelier<Candidate>);
     std::vector<Bend> found;
     std::vector<Table> paths;
     for (const Candidate& one : candidates) {
@@ -415,9 +418,7 @@ std::vector<ShapeFound> likely_in(const Colours<T>& picture, const ShapeFamily& 
     std::vector<ShapeFound> found;
     for (const Bend& bend : different(search, clearest_paths(score, family.paths_px, apart, most, ROUGH_SHARE)))
         found.push_back(refined(search, bend));
-    std::sort(found.begin(), found.end(), [](const ShapeFound& a, const ShapeFound& b) {
-        return a.evidence > b.evidence || (a.evidence == b.evidence && a.bend < b.bend);
-    });
+    std::sort(found.begin(), found.end(), likelier<ShapeFound>);
     return found;
 }
 
