@@ -16,7 +16,8 @@ from estimator.table.contacts import STATUSES, Measured
 from vbaa_calib.core.arrays import LARGEST_NM
 from vbaa_calib.core.polyline import arc_lengths, followed
 from vbaa_calib.detect.whisker.antenna import pixels, width_px
-from vbaa_calib.detect.whisker.path_refinement import refine_path
+from vbaa_calib.detect.whisker.corridor import Corridor
+from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.session import Frame, Shutter
 
 from ..fuzz.test_memory import taken
@@ -91,11 +92,14 @@ def test_a_shape_near_the_cameras_plane_is_no_longer_than_the_picture_allows() -
 
 @linux
 def test_a_broad_antenna_is_searched_in_bounded_memory() -> None:
-    """Of either polarity: the number of curves that are tried does not grow with the cube of its width."""
+    """Of either polarity: the number of shapes that are tried does not grow with its width."""
     image = np.random.default_rng(2).integers(0, 255, (240, 320)).astype(np.uint8)
     path = np.column_stack([np.linspace(20.0, 300.0, 30), np.full(30, 120.0)])
-    refine_path(image, path, 4.0, 6.0, None)
-    assert taken(lambda: refine_path(image, path, 200.0, 202.0, None)) < 3e8
+    narrow, broad = (
+        AntennaFinder.prepare(Corridor(path, np.full(30, 100.0), width_px), (320, 240)) for width_px in (4.0, 200.0)
+    )
+    narrow.shapes(image)
+    assert taken(lambda: broad.shapes(image)) < 3e8
 
 
 @linux

@@ -166,6 +166,8 @@ void bind_shapes(nb::module_& room) {
         require_pixels(width_px);
         require_pixels(spacing_px);
         require(axis.shape(0) >= 4 && axis.shape(0) < 1000 && axis.shape(1) == 2, "an axis has 4 to 999 points (u, v)");
+        const Array<double, 1> along = arc_lengths(view(axis));
+        require(along[along.size() - 1] < 1e5, "an axis is less than 100000 px long");
         require(paths.shape(0) > 0 && paths.shape(1) > 1 && paths.shape(2) == 2, "paths are (P, S, 2)");
         require(width_px > 0.0 && contacts.shape(0) > 0 && contacts.shape(0) < 100, "there are 1 to 99 contacts");
         require((looks.shape(0) == 0 || looks.shape(0) == 8) && looks.shape(1) == 4, "looks are (8, 4) or (0, 4)");

@@ -41,10 +41,11 @@ Plane plane_of(const Reduced& small) { return Plane(new float[small.size()]); }
 Reduced reduced(std::array<int, 2> size, int channels, const RoughPaths& paths) {
     Reduced small;
     small.factor = std::max(1, static_cast<int>(paths.width_px / REDUCED_WIDTH_PX));
-    small.pool = std::max(1, static_cast<int>(std::ceil(0.5 * paths.spacing_px / small.factor)));
     small.reach = 0.5 * paths.width_px / small.factor + 1.0;
     small.rows = std::max(size[0] / small.factor, 1);
     small.columns = std::max(size[1] / small.factor, 1);
+    const double pool = std::ceil(0.5 * paths.spacing_px / small.factor);
+    small.pool = static_cast<int>(bounded(pool, 1.0, std::max(small.rows, small.columns)));
     small.pad = TILE * (tiles_around(small.pool, small.reach) + (small.pool + TILE - 1) / TILE + 2);
     const auto padded = [&](int count) { return 2 * small.pad + (count + TILE - 1) / TILE * TILE; };
     small.stride = padded(small.columns);
