@@ -215,6 +215,29 @@ def load() -> Sheet:
     return sheet
 
 
+def sign() -> Sheet:
+    """A push along +z, the moment that is meant, and what a right-handed sensor says of it."""
+    sheet = Sheet(820, 300, "The sign of the moment: a push towards +z at the distance l")
+    base(sheet, 170, 190)
+    sheet.path("M170 190C330 190 450 178 640 96", BLUE, 4)
+    sheet.line((520, 246), (520, 162), colour=ORANGE, width=3, arrow=True)
+    sheet.text(532, 240, "f_z > 0: the object pushes towards +z", ORANGE)
+    sheet.measure((172, 206), (514, 206), "l", (340, 224))
+    sheet.path("M214 214A46 46 0 0 0 196 148", GREEN, 3, arrow=True)
+    sheet.text(226, 152, "moment + l·f_z: this is taken", GREEN)
+    sheet.line((40, 110), (100, 110), arrow=True)
+    sheet.text(106, 115, "x")
+    sheet.line((40, 110), (40, 50), arrow=True)
+    sheet.text(34, 42, "z")
+    sheet.line((32, 118), (48, 102), width=1.5)
+    sheet.line((32, 102), (48, 118), width=1.5)
+    sheet.text(20, 136, "y, into the page", size=13)
+    sheet.text(150, 54, "right-handed about y, the same moment is torque.y = −l·f_z: --moment-axis -y", INK)
+    sheet.text(150, 78, "a sensor that states its own reaction says + l·f_z: --moment-axis y", INK)
+    sheet.text(20, 286, "Try it: push towards +z; what is taken must rise.", INK, size=14)
+    return sheet
+
+
 def floors() -> Sheet:
     """The packages: data flows down, imports point up."""
     sheet = Sheet(820, 440, "Packages as floors: data flows down, imports point up")
@@ -243,6 +266,7 @@ DRAWINGS: dict[str, Callable[[], Sheet]] = {
     "jig": jig,
     "light": light,
     "load": load,
+    "sign": sign,
     "floors": floors,
 }
 

@@ -100,24 +100,28 @@ class _Readings:
 def recorded_clock_offset(
     estimator: ContactEstimator, opened: Callable[[], Source], timing: Timing, ground: Ground | None
 ) -> ClockOffset:
-    """`clock_offset` of a recorded source, which `opened` opens. Raises InputError as that does."""
-    source = opened()
+    """`clock_offset` of a recorded source, which `opened` opens, about what the times of logging show.
+
+    Raises InputError as that does.
+    """
+    ahead_s, source = opened().readings_ahead_s(), opened()
     read: list[tuple[float, float]] = []
 
     def heard() -> Iterator[Taken | Reading | None]:
         for message in source.messages():
             if isinstance(message, Reading) and message.channel == "moment_Nm" and message.possible:
-                read.append((message.time_s, message.value))
+                read.append((message.time_s + ahead_s, message.value))
             yield message
 
     # the joints' angles hardly change by what the clocks are apart
-    patient = replace(timing, wait_s=2.0 * FARTHEST_S)
+    patient = replace(timing, offset_s=ahead_s, wait_s=2.0 * FARTHEST_S)
     synchronizer = Synchronizer(patient, source.channels, estimator.rig.camera.image_size, live=False)
     taken = islice(taken_frames(heard(), synchronizer), MOST_PICTURES)
     seen = list(detections(estimator, first_looks(estimator, taken, ground)))
     times_s, first = np.unique([time_s for time_s, _ in read], return_index=True)
     moments_Nm = np.array([moment_Nm for _, moment_Nm in read])[first]
-    return clock_offset(estimator, [each.measured for each in seen if each.line.found], times_s, moments_Nm)
+    found = clock_offset(estimator, [each.measured for each in seen if each.line.found], times_s, moments_Nm)
+    return replace(found, offset_s=ahead_s + found.offset_s)
 
 
 def clock_offset(

@@ -71,7 +71,7 @@ class FrameContact:
 
 
 @dataclass(frozen=True, eq=False)
-class FirstDetection:
+class _FirstDetection:
     """A frame, its picture (H, W) on the plane of paint, what a first look saw in it, whether the antenna is brighter
     there than what lies behind it; and, where the antenna can be seen at all, the picture (H, W[, 3]) as it was taken,
     what looked for it, and whether what lies behind it was taken off."""
@@ -164,7 +164,7 @@ def _same_paths_m_s2(rig: Rig) -> float:
     return max(same_paths_m_s2(where, rig.antenna.parameters, rig.antenna.length_m), _GRAVITY_STEP_M_S2)
 
 
-def detect_again(estimator: ContactEstimator, glances: Sequence[FirstDetection]) -> list[Detection]:
+def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]) -> list[Detection]:
     """The antenna of each picture measured along the shape that the first look led to, which is where the fit begins.
 
     What was seen in part, or twice, is no antenna to be fitted, and is not looked for again.
@@ -178,7 +178,7 @@ def detect_again(estimator: ContactEstimator, glances: Sequence[FirstDetection])
     ]
 
 
-def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
+def _along(rig: Rig, glance: _FirstDetection, rough: RoughFit) -> Detection:
     seen_from = (rig.camera, rig.T_antenna_camera.inverse(), rough.points_m)
     guide, width = pixels(*seen_from), width_px(*seen_from, rig.antenna.diameter_m)
     assert glance.looking is not None
@@ -199,7 +199,7 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
 
 
-def detections(estimator: ContactEstimator, glances: Iterable[FirstDetection]) -> Iterator[Detection]:
+def detections(estimator: ContactEstimator, glances: Iterable[_FirstDetection]) -> Iterator[Detection]:
     """Second looks at pictures in order, as many at a time as memory allows."""
     coming = iter(glances)
     for first in coming:
@@ -218,7 +218,7 @@ def read_own(rig: Rig, path: Path) -> np.ndarray:
     return image
 
 
-def first_detection(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FirstDetection:
+def first_detection(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> _FirstDetection:
     """A first look at a frame's picture, less what lies behind the antenna where that is known and helps.
 
     Raises InputError when the picture cannot be read or has another size.
@@ -229,21 +229,21 @@ def first_detection(estimator: ContactEstimator, frame: Frame, ground: Ground | 
 
 def first_look(
     estimator: ContactEstimator, frame: Frame, picture: np.ndarray, ground: Ground | None = None
-) -> FirstDetection:
+) -> _FirstDetection:
     """The same at a picture (H, W[, 3]) of the rig's size that was read already."""
     rig, paint = estimator.rig, estimator.rig.image.paint
     bright, image = paint.polarity, paint.plane(picture)
     known = math.isfinite(frame.pan_rad + frame.tilt_rad)
     looking = prepared(rig, frame) if known else None
     if looking is None:
-        return FirstDetection(frame, image, NOTHING if known else replace(NOTHING, reason=_NO_JOINTS), bright)
+        return _FirstDetection(frame, image, NOTHING if known else replace(NOTHING, reason=_NO_JOINTS), bright)
     less = subtracted(looking, image, None if ground is None else ground(frame))
     if less is not None and less[1].found:
         image, line, bright, bare = *less, None, True
     else:
         line, bare = explained(paint.find(looking, picture, image), image, looking.corridor, bright), False
     line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px, paint)
-    return FirstDetection(frame, image, line, bright, picture, looking, bare)
+    return _FirstDetection(frame, image, line, bright, picture, looking, bare)
 
 
 def subtracted(
@@ -258,7 +258,7 @@ def subtracted(
     return evened(image, behind, line, looking.corridor.width_px), line
 
 
-def _in_order(firsts: Iterable[FirstDetection]) -> Iterator[FirstDetection]:
+def _in_order(firsts: Iterable[_FirstDetection]) -> Iterator[_FirstDetection]:
     """The same; where two lines could be the antenna, the frame before tells whether the first one is."""
     before = np.empty((0, 2))
     for first in firsts:
@@ -266,7 +266,7 @@ def _in_order(firsts: Iterable[FirstDetection]) -> Iterator[FirstDetection]:
         yield decided_one
 
 
-def after(first: FirstDetection, before: np.ndarray) -> tuple[FirstDetection, np.ndarray]:
+def after(first: _FirstDetection, before: np.ndarray) -> tuple[_FirstDetection, np.ndarray]:
     """A first look, decided by where the antenna was seen `before` (N, 2), and where it is seen now."""
     line = decided(first.line, before)
     return replace(first, line=line), line.guide_px if line.found else before
@@ -288,15 +288,15 @@ def estimate_taken(
 
 def first_looks(
     estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray]], ground: Ground | None = None
-) -> Iterator[FirstDetection]:
+) -> Iterator[_FirstDetection]:
     """First looks at pictures (H, W[, 3]) of the rig's size."""
     return (first_look(estimator, frame, image, ground) for frame, image in taken)
 
 
-def _estimated(estimator: ContactEstimator, firsts: Iterable[tuple[Frame, FirstDetection]]) -> Iterator[FrameContact]:
+def _estimated(estimator: ContactEstimator, firsts: Iterable[tuple[Frame, _FirstDetection]]) -> Iterator[FrameContact]:
     frames: deque[Frame] = deque()  # those whose contacts are still to come
 
-    def looked() -> Iterator[FirstDetection]:
+    def looked() -> Iterator[_FirstDetection]:
         for frame, first in firsts:
             frames.append(frame)
             yield first

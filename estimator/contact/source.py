@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
@@ -30,7 +31,7 @@ from vbaa_calib.session import (
 )
 from vbaa_calib.streams import Source as Opened
 from vbaa_calib.streams import Synchronizer, Timing, taken_frames
-from vbaa_calib.streams.bags import Topics, is_bag
+from vbaa_calib.streams.bags import Topics
 from vbaa_calib.streams.open import is_recorded, open_recorded
 from vbaa_calib.streams.pictures import stored, thinned
 
@@ -59,7 +60,7 @@ class StreamOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Stream:
+class _Stream:
     """A bag, or a video with the readings of the .csv beside it that has its name.
 
     notes : what the last pass had to tell.
@@ -76,7 +77,8 @@ class Stream:
         beside = self.path.with_suffix(".csv")
         table = beside if beside.is_file() and not is_bag(self.path) else None
         timing = self.options.timing
-        found = open_recorded(self.path, self.rig.camera, table, timing.offset_s, self.options.topics)
+        known_s = None if self.options.estimate_offset and timing.offset_std_s == 0.0 else timing.offset_s
+        found = open_recorded(self.path, self.rig.camera, table, known_s, self.options.topics)
         return found.without_moments() if self.no_moment else found
 
     def taken(self) -> Iterator[tuple[Frame, np.ndarray]]:
@@ -87,7 +89,7 @@ class Stream:
         yield from taken_frames(source.messages(), synchronizer)
         self.notes[:] = [*source.notes, *synchronizer.left_out()]
 
-    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> Stream:
+    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> _Stream:
         """With the clocks' offset, if it is to be estimated. Raises InputError where the data do not support it."""
         if not self.options.estimate_offset:
             return self
@@ -112,7 +114,7 @@ class Source:
     session: Session | None
     frames: Sequence[Frame]
     lines: Centrelines | None
-    stream: Stream | None = None
+    stream: _Stream | None = None
 
     @property
     def notes(self) -> Sequence[str]:
@@ -187,7 +189,7 @@ def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOp
     no_moment : leave the moment readings aside. Raises InputError for what is wrong in it.
     """
     if is_stream(path):
-        stream = Stream(path, rig, options or StreamOptions(), no_moment)
+        stream = _Stream(path, rig, options or StreamOptions(), no_moment)
         stream.opened()  # what is wrong is told at once
         return Source(None, (), None, stream)
     session = load_session(_session_root(path))

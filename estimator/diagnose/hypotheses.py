@@ -173,7 +173,7 @@ READINGS = (
     Reading(
         "moment_sign",
         "the moment readings have the wrong sign",
-        "change the sign of moment_Nm, or exchange the sensor's leads",
+        "change the sign of moment_Nm (of a bag --moment-axis -y, or y), or exchange the sensor's leads",
         partial(_moments, np.negative),
     ),
     Reading(

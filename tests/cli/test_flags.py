@@ -71,7 +71,7 @@ def test_the_table_has_what_several_verbs_share() -> None:
 
 
 def test_messages_of_calibration_name_options_that_its_verbs_have() -> None:
-    verbs = ("board", "intrinsics", "calibrate", "handeye", "stiffness", "check", "convert", "wizard")
+    verbs = ("board", "intrinsics", "calibrate", "handeye", "stiffness", "check", "convert", "wizard", "estimate")
     known = {name for verb in verbs for name in _verb_parser(verb)._option_string_actions}
     named = {}
     for folder in ("calibrate", "camera", "convert", "session", "wizard"):

@@ -142,5 +142,40 @@ COLMAP = """\
 """
 """The example of COLMAP's documentation."""
 
+NUMBERS = """\
+{"mtx": [[900.0, 0.0, 639.5], [0.0, 905.0, 479.5], [0.0, 0.0, 1.0]],
+ "dist": [[-0.2, 0.1, 0.001, -0.0005, 0.01]], "image_size": [1280, 960]}
+"""
+
+ORB_SLAM = """\
+%YAML:1.0
+
+File.version: "1.0"
+Camera.type: "PinHole"
+Camera1.fx: 458.654
+Camera1.fy: 457.296
+Camera1.cx: 367.215
+Camera1.cy: 248.375
+Camera1.k1: -0.28340811
+Camera1.k2: 0.07395907
+Camera1.p1: 0.00019359
+Camera1.p2: 1.76187114e-05
+Camera.width: 752
+Camera.height: 480
+"""
+"""The head of ORB-SLAM3's Examples/Monocular/EuRoC.yaml."""
+
+CAHVOR = """\
+Model = CAHVOR = perspective, distortion
+Dimensions = 1280 960
+C = 0.1 0.2 0.3
+A = 0.0 0.0 1.0
+H = 900.0 0.0 639.5
+V = 0.0 900.0 479.5
+O = 0.002 -0.001 0.9999975
+R = 0.0 -0.2 0.05
+"""
+
 SAMPLES = {"ros": ROS, "opencv": OPENCV, "kalibr": KALIBR, "mrcal": MRCAL, "colmap": COLMAP}
+READ_ONLY = {"numbers": NUMBERS, "orbslam": ORB_SLAM, "cahvor": CAHVOR}
 WHICH = {"kalibr": "cam0", "colmap": "3"}

@@ -33,6 +33,7 @@ from vbaa_calib.calibrate.antenna.deflection_table import read_deflections
 from vbaa_calib.calibrate.given_lens import read_lens
 from vbaa_calib.calibrate.pose.robot_tables import read_corners, read_robot_poses
 from vbaa_calib.convert import FORMATS
+from vbaa_calib.convert.values import Wanted
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, read_yaml, with_lines
 from vbaa_calib.core.images import read_gray
@@ -98,7 +99,7 @@ def _every_message(source: Any) -> None:
 def _bag(path: Path) -> None:
     """A file, or the folder that it lies in."""
     whole = path.parent if (path.parent / "metadata.yaml").exists() else path
-    _every_message(open_bag(whole, Topics(), np.diag([500.0, 500.0, 1.0]), (480, 360)))
+    _every_message(open_bag(whole, Topics(), Camera("opencv", (480, 360), np.diag([500.0, 500.0, 1.0]), np.zeros(0))))
 
 
 def _lines(path: Path) -> None:
@@ -164,10 +165,11 @@ READERS = (
     Reader("truth", "truth.json", _truth),
     Reader("picture", "free.png", read_gray),
     Reader("ros", "ros.txt", FORMATS["ros"].read),
-    Reader("kalibr", "kalibr.txt", lambda path: FORMATS["kalibr"].read(path, "cam0")),
-    Reader("colmap", "colmap.txt", lambda path: FORMATS["colmap"].read(path, "3")),
+    Reader("kalibr", "kalibr.txt", lambda path: FORMATS["kalibr"].read(path, Wanted("cam0"))),
+    Reader("colmap", "colmap.txt", lambda path: FORMATS["colmap"].read(path, Wanted("3"))),
     Reader("opencv", "opencv.txt", FORMATS["opencv"].read, seldom=50),
     Reader("mrcal", "mrcal.txt", FORMATS["mrcal"].read, seldom=50),
+    *(Reader(name, f"{name}.txt", FORMATS[name].read) for name in ("numbers", "orbslam", "cahvor")),
     Reader("ply", "object.ply", read_object),
     Reader("glb", "object.glb", read_object),
     Reader("vtp", "object.vtp", read_object, seldom=100),

@@ -20,7 +20,7 @@ from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.geometry import Pose
 from viz.report import make as report_make
 
-from ..formats.files import SAMPLES
+from ..formats.files import READ_ONLY, SAMPLES
 from ..made_once import made_once
 from ..small_scene import small_rig, small_scene
 
@@ -55,7 +55,7 @@ def _make_files(folder: Path) -> None:
 def _add_files(folder: Path) -> None:
     session = folder / "session"
     (folder / "board.yaml").write_text(yaml.safe_dump(read_yaml(session / "session.yaml")["board"]))
-    for name, sample in SAMPLES.items():
+    for name, sample in (SAMPLES | READ_ONLY).items():
         (folder / f"{name}.txt").write_text(sample)
     (folder / "stiffness.csv").write_text(DEFLECTIONS)
     (folder / "answers.yaml").write_text(ANSWERS)

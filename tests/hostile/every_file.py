@@ -58,6 +58,9 @@ TEXTS: tuple[tuple[str, str, str], ...] = (
     ("kalibr", "kalibr.txt", "convert kalibr.txt --from kalibr --camera-name cam0 -o out.json"),
     ("mrcal", "mrcal.txt", "convert mrcal.txt --from mrcal -o out.json"),
     ("colmap", "colmap.txt", "convert colmap.txt --camera-name 3 -o out.json"),
+    ("numbers", "numbers.txt", "convert numbers.txt -o out.json"),
+    ("orbslam", "orbslam.txt", "convert orbslam.txt --from orbslam -o out.json"),
+    ("cahvor", "cahvor.txt", "convert cahvor.txt --from cahvor -o out.json"),
 )
 """Kind, path, command."""
 

@@ -10,11 +10,11 @@ EXCHANGE: dict[str, tuple[Row, ...]] = {
     "ros": (
         ("a picture of half a pixel", d.text("image_width: 640", "image_width: 640.5"), "image_width is 640.5"),
         ("an unknown lens", d.text("plumb_bob", "thin_prism_fisheye"), "distortion_model is 'thin_prism_fisheye'"),
-        ("coefficients of another lens", d.text("plumb_bob", "rational_polynomial"), "a list of 8 or 12 or 14 numbers"),
+        ("coefficients of another lens", d.text("1.008031733388]", "1.0, 2.0]"), "a list of 5 or 4 or 0 numbers"),
         ("NaN", d.text("536.5713701935, 0. , 315", ".nan, 0. , 315"), "camera_matrix.data holds nan"),
         ("a key twice", d.text("image_height", "image_width"), "stands twice"),
         ("no matrix", d.text("camera_matrix:", "camera_matrix2:"), "camera_matrix is missing"),
-        ("a skewed matrix", d.text("536.5713701935, 0. , 315", "536.5, 0.7, 315"), "skew"),
+        ("a skewed matrix", d.text("536.5713701935, 0. , 315", "536.5, 700.0, 315"), "no lens of ours comes near"),
     ),
     "opencv": (
         ("a type that is none", d.text("dt: d", "dt: q"), "OpenCV cannot read it"),
@@ -24,8 +24,8 @@ EXCHANGE: dict[str, tuple[Row, ...]] = {
         ("nested 10000 deep", d.content("%YAML:1.0\n---\na: " + 10_000 * "["), "OpenCV cannot read it"),
     ),
     "kalibr": (
-        ("an unknown camera", d.text("camera_model: pinhole", "camera_model: omni"), "camera_model is 'omni'"),
-        ("an unknown lens", d.text("radtan", "fov"), "distortion_model is 'fov'"),
+        ("an unknown camera", d.text("camera_model: pinhole", "camera_model: mei"), "camera_model is 'mei'"),
+        ("an unknown lens", d.text("radtan", "atan"), "distortion_model is 'atan'"),
         ("no rotation", d.text("0.01779318", "0.51779318"), "T_cam_imu is no rigid motion"),
         ("no camera", d.text("cam0:", "camera:"), "holds no camera cam0"),
     ),
@@ -36,10 +36,28 @@ EXCHANGE: dict[str, tuple[Row, ...]] = {
         ("a camera at 1e200 m", d.text("-1e-2,  1.,", "-1e-2,  1e200,"), "extrinsics"),
     ),
     "colmap": (
-        ("an unknown lens", d.text("SIMPLE_RADIAL", "FOV"), "the model is 'FOV'"),
+        ("an unknown lens", d.text("SIMPLE_RADIAL", "DIVISION"), "the model is 'DIVISION'"),
         ("NaN", d.text("2559.69", "nan"), "'nan' is no number"),
         ("half a pixel", d.text("3 SIMPLE_RADIAL 3072", "3 SIMPLE_RADIAL 3072.5"), "the picture's side is 3072.5"),
         ("no such camera", d.text("3 SIMPLE", "4 SIMPLE"), "holds no camera 3"),
+    ),
+    "numbers": (
+        ("no size", d.text('"image_size"', '"images"'), "give --size"),
+        ("a size turned round", d.text("1280, 960", "960, 1280"), "give --size 1280x960"),
+        ("four coefficients", d.text(", 0.01]]", "]]"), "say --no-fisheye or --fisheye"),
+        ("a row too short", d.text("[0.0, 0.0, 1.0]", "[0.0, 1.0]"), "camera_matrix is missing or no matrix"),
+        ("no coefficients", d.text('"dist"', '"rms"'), "distortion_coefficients is missing"),
+    ),
+    "orbslam": (
+        ("an unknown lens", d.text("PinHole", "Omni"), "Camera.type is 'Omni'"),
+        ("a focal length of words", d.text("fy: 457.296", "fy: long"), "Camera1.fy is long"),
+        ("half a pixel", d.text("752", "752.5"), "Camera.width is 752.5"),
+        ("no camera", d.text(".fx", ".f"), "holds no camera"),
+    ),
+    "cahvor": (
+        ("no axis", d.text("A = 0.0 0.0 1.0", "A = 0.0 0.0 0.0"), "are no directions"),
+        ("a vector of two", d.text("H = 900.0 0.0 639.5", "H = 900.0 0.0"), "H is"),
+        ("no picture", d.text("1280 960", "0 0"), "Dimensions is 0"),
     ),
 }
 GUESSED: tuple[Row, ...] = (

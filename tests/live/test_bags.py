@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import sqlite3
 import struct
 from collections.abc import Callable
@@ -11,6 +13,7 @@ from shutil import copy
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -20,20 +23,22 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags import rosbag1, rosbag2
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2.storage_mcap import zstd
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from vbaa_calib.camera import Camera
+from vbaa_calib.cli.main import main
+from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.streams import Reading, Taken
 from vbaa_calib.streams.bags import BagWriter, Logged, Topics, open_bag, picture_of, readings_of
 
 from ..hostile.case import bounded
+from ..small_scene import small_rig
 from .recordings import COUNT, messages, rig, shown, write
 
-SIZE = (480, 360)
 
-
-def read(path: Path, topics: Topics | None = None, matrix: np.ndarray | None = None) -> tuple[list[Any], list[str]]:
-    source = open_bag(path, topics or Topics(), matrix, SIZE)
+def read(path: Path, topics: Topics | None = None, camera: Camera | None = None) -> tuple[list[Any], list[str]]:
+    source = open_bag(path, topics or Topics(), camera)
     return list(source.messages()), source.notes
 
 
@@ -89,6 +94,50 @@ def test_images_by_their_encoding(encoding: str) -> None:
     image = SimpleNamespace(encoding=encoding, height=5, width=7, step=rows.shape[1], is_bigendian=0, data=rows.ravel())
     expected = pixels[..., 0] if count == 1 else pixels[..., [2, 1, 0] if encoding.startswith("rgb") else [0, 1, 2]]
     np.testing.assert_array_equal(picture_of(image), expected)
+
+
+def image_of(encoding: str, data: np.ndarray, height: int, width: int) -> SimpleNamespace:
+    """An Image without padding, of rows of any type."""
+    raw = np.frombuffer(np.ascontiguousarray(data).tobytes(), np.uint8)
+    rows = height * 3 // 2 if encoding.startswith("nv") else height
+    return SimpleNamespace(
+        encoding=encoding, height=height, width=width, step=raw.size // rows, is_bigendian=0, data=raw
+    )
+
+
+def test_brightness_and_colour_apart() -> None:
+    """Two pixels share their colours: by YUV's definition, of both orders, and with colours in a plane of their own."""
+    y = np.arange(40, 232, 4, dtype=np.uint8).reshape(6, 8)
+    blue, red = np.uint8(190), np.uint8(90)  # Cb, Cr: a bluish picture
+    uv = np.tile(np.array([blue, red], np.uint8), (6, 4))
+    level = 1.164 * (y.astype(float) - 16.0)
+    expected = np.stack([level + 2.018 * 62, level - 0.813 * -38 - 0.391 * 62, level + 1.596 * -38], axis=-1)
+    for encoding, data in (
+        ("yuv422", np.stack([uv, y], axis=-1)),
+        ("uyvy", np.stack([uv, y], axis=-1)),
+        ("yuv422_yuy2", np.stack([y, uv], axis=-1)),
+        ("yuyv", np.stack([y, uv], axis=-1)),
+        ("nv12", np.concatenate([y, uv[:3]])),
+        ("nv21", np.concatenate([y, uv[:3, ::-1]])),
+    ):
+        np.testing.assert_allclose(picture_of(image_of(encoding, data, 6, 8)), np.clip(expected, 0, 255), atol=2.0)
+
+
+def test_deep_colours_and_mosaics_and_floats() -> None:
+    deep = np.random.default_rng(0).integers(0, 4096, (6, 8, 3)).astype(np.uint16)
+    deep[0, 0] = 4095
+    expected = deep * (255.0 / 4095)
+    np.testing.assert_allclose(picture_of(image_of("bgr16", deep, 6, 8)), expected, rtol=1e-5)
+    np.testing.assert_allclose(picture_of(image_of("rgb16", deep[..., ::-1], 6, 8)), expected, rtol=1e-5)
+    mosaic = np.zeros((8, 8), np.uint16)
+    mosaic[0::2, 0::2] = 4095  # red sites of RGGB
+    blue, green, red = picture_of(image_of("bayer_rggb16", mosaic, 8, 8))[4, 4]
+    assert red > 150 > 50 > max(blue, green)
+    share = np.linspace(0.0, 1.0, 48, dtype=np.float32).reshape(6, 8)
+    np.testing.assert_allclose(picture_of(image_of("32FC1", share, 6, 8)), 255.0 * share, rtol=1e-6)
+    np.testing.assert_allclose(picture_of(image_of("32FC1", 255 * share, 6, 8)), 255.0 * share, rtol=1e-6)
+    with pytest.raises(InputError, match="depths"):
+        picture_of(image_of("32FC1", 2000.0 * share, 6, 8))
 
 
 @pytest.mark.parametrize("big", [0, 1])
@@ -161,8 +210,8 @@ def test_a_bag_of_another_camera_is_refused(tmp_path: Path) -> None:
         of_camera = ("/cam/camera_info", "sensor_msgs/msg/CameraInfo", camera)
         path = small_bag(tmp_path / name, of_camera, ("/cam/image", "sensor_msgs/msg/Image", IMAGE))
         with pytest.raises(InputError, match=what):
-            read(path, matrix=matrix)
-        assert len(read(path, Topics(camera="none"), matrix)[0]) == 1
+            read(path, camera=rig().camera)
+        assert len(read(path, Topics(camera="none"), rig().camera)[0]) == 1
 
 
 def test_joints_by_name(tmp_path: Path) -> None:
@@ -174,9 +223,8 @@ def test_joints_by_name(tmp_path: Path) -> None:
     )
     found, _ = read(path, Topics(pan="shoulder", tilt="wrist"))
     assert [(each.channel, each.value) for each in found[1:]] == [("pan_rad", 0.25), ("tilt_rad", -0.5)]
-    found, notes = read(path)
-    assert len(found) == 1
-    assert "--pan-joint" in notes[0]
+    with pytest.raises(InputError, match="gripper, shoulder, wrist are called pan; name two of them: --pan-joint"):
+        read(path)
 
 
 def test_the_moment_of_a_right_handed_torque(tmp_path: Path) -> None:
@@ -196,6 +244,167 @@ def test_the_moment_of_a_right_handed_torque(tmp_path: Path) -> None:
     number = small_bag(tmp_path / "number.mcap", image, ("/moment", "std_msgs/msg/Float64", {"data": 0.25}))
     with pytest.raises(InputError, match="/moment is a Float64"):
         read(number, Topics(moment_axis="-y"))
+
+
+def logged_bag(path: Path, *streams: tuple[str, str, list[dict[str, Any]], float], count: int = 8) -> Path:
+    """Topics with messages of 10 a second, in turn; each stamped so many seconds off."""
+    writer = BagWriter(path)
+    for number in range(count):
+        for topic, kind, fields, off_s in streams:
+            time_ns = 10**9 + number * 10**8
+            stamp_ns = time_ns + round(1e9 * off_s)
+            header = {"header": {"stamp": {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}, "frame_id": ""}}
+            writer.write(
+                Logged(
+                    topic, kind, fields[number % len(fields)] | (header if "/msg/Float" not in kind else {}), time_ns
+                )
+            )
+    writer.close()
+    return path
+
+
+PICTURES = ("/image", "sensor_msgs/msg/Image", [IMAGE], 0.0)
+WRENCH = {"force": {"z": 1.0}, "torque": {"y": 0.25}}
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields"),
+    [
+        ("geometry_msgs/msg/Wrench", WRENCH),
+        ("std_msgs/msg/Float32", {"data": 0.25}),
+        ("std_msgs/msg/Float64", {"data": 0.25}),
+        ("geometry_msgs/msg/WrenchStamped", {"wrench": WRENCH}),
+    ],
+)
+def test_moments_of_every_type(tmp_path: Path, kind: str, fields: dict[str, Any]) -> None:
+    """Those without a stamp have the bag's, which is said of those that a temperature could be, too."""
+    path = small_bag(tmp_path / "a.mcap", ("/image", "sensor_msgs/msg/Image", IMAGE), ("/moment", kind, fields))
+    found, notes = read(path)
+    assert [(each.value, each.time_s) for each in found if isinstance(each, Reading)] == [(0.25, 1.0)]
+    assert bool(notes) == (kind in ("geometry_msgs/msg/Wrench", "std_msgs/msg/Float32"))
+
+
+def test_a_moment_that_is_not_read_is_said(tmp_path: Path) -> None:
+    image = ("/image", "sensor_msgs/msg/Image", IMAGE)
+    _, notes = read(small_bag(tmp_path / "a.mcap", image, ("/ft", "std_msgs/msg/Float64MultiArray", {})))
+    assert "no moment is read" in notes[0]
+    assert "/ft (std_msgs/msg/Float64MultiArray)" in notes[0]
+
+
+def test_joints_in_degrees_are_asked_about(tmp_path: Path) -> None:
+    joints = [{"name": ["pan", "tilt"], "position": [45.0 + number, -30.0]} for number in range(8)]
+    path = logged_bag(tmp_path / "a.mcap", PICTURES, ("/joints", "sensor_msgs/msg/JointState", joints, 0.0))
+    with pytest.raises(InputError, match=r"pan at 47 rad, more than a turn: in degrees\?; give --degrees"):
+        read(path)
+    found, _ = read(path, Topics(degrees=True))
+    assert next(each.value for each in found if isinstance(each, Reading)) == pytest.approx(np.radians(45.0))
+
+
+def test_clocks_apart_are_found_and_the_offset_proposed(tmp_path: Path) -> None:
+    wrench = ("/ft", "geometry_msgs/msg/WrenchStamped", [{"wrench": WRENCH}], -1000.0)
+    path = logged_bag(tmp_path / "a.mcap", PICTURES, wrench)
+    with pytest.raises(InputError, match="--clock-offset 1000 "):
+        read(path)
+    for offset_s in (1000.0, None):
+        assert len(list(open_bag(path, Topics(), None, offset_s).messages())) == 16
+    assert open_bag(path, Topics(), None, None).readings_ahead_s() == pytest.approx(1000.0)
+
+
+def test_a_folder_whose_metadata_was_never_written(tmp_path: Path) -> None:
+    """The file inside is read, or the numbered ones in turn; several others are bags of their own."""
+    folder = tmp_path / "rosbag2_2026"
+    folder.mkdir()
+    one = small_bag(folder / "rosbag2_2026_0.mcap", ("/image", "sensor_msgs/msg/Image", IMAGE))
+    assert is_bag(folder)
+    assert len(read(folder)[0]) == 1
+    copy(one, folder / "rosbag2_2026_1.mcap")
+    assert len(read(folder)[0]) == 2
+    copy(one, folder / "another.mcap")
+    assert not is_bag(folder)
+
+
+def test_rectified_pictures_are_named(tmp_path: Path) -> None:
+    """By the topic's name, and by a CameraInfo without distortion; a rig of a straight lens takes them."""
+    bent = Camera("opencv", (480, 360), rig().camera.matrix, np.array([-0.3, 0.1, 0.0, 0.0]))
+    straight = Camera("opencv", (480, 360), rig().camera.matrix, np.zeros(0))
+    about = CAMERA | {"k": bent.matrix.ravel(), "d": np.zeros(5)}
+    for name, topics in (
+        ("rect.mcap", [("/camera/image_rect_color", "sensor_msgs/msg/Image", IMAGE)]),
+        (
+            "info.mcap",
+            [("/c/camera_info", "sensor_msgs/msg/CameraInfo", about), ("/c/image", "sensor_msgs/msg/Image", IMAGE)],
+        ),
+    ):
+        path = small_bag(tmp_path / name, *topics)
+        with pytest.raises(InputError, match="rectified"):
+            read(path, camera=bent)
+        assert len(read(path, camera=straight)[0]) == len(read(path, Topics(camera="none"), bent)[0]) == 1
+
+
+JPEG = bytes(cv2.imencode(".png", np.arange(12, dtype=np.uint8).reshape(3, 4))[1])
+
+
+def foxglove_bag(path: Path, encoding: str, schema: bytes, data: bytes) -> None:
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        kind = "jsonschema" if encoding == "json" else encoding
+        number = writer.register_schema("foxglove.CompressedImage", kind, schema)
+        writer.add_message(writer.register_channel("/camera", encoding, number), 10**9, data, 10**9)
+        writer.finish()
+
+
+def field(number: int, data: bytes) -> bytes:
+    return (
+        bytes([number << 3 | 2, *([len(data)] if len(data) < 128 else [len(data) % 128 + 128, len(data) // 128])])
+        + data
+    )
+
+
+def test_foxgloves_pictures_in_json_and_protobuf(tmp_path: Path) -> None:
+    said = {"timestamp": {"sec": 7, "nsec": 500_000_000}, "frame_id": "c", "format": "png"}
+    said["data"] = base64.b64encode(JPEG).decode()
+    stamp = b"\x08\x07" + b"\x10\x80\xca\xb5\xee\x01"
+    packed = field(1, stamp) + field(2, JPEG) + field(3, b"png") + field(4, b"c")
+    foxglove_bag(tmp_path / "json.mcap", "json", b"{}", json.dumps(said).encode())
+    foxglove_bag(tmp_path / "proto.mcap", "protobuf", b"\x0a\xff\xfe", packed)
+    for name in ("json.mcap", "proto.mcap"):
+        ((picture,), _) = read(tmp_path / name)
+        assert picture.time_s == 7.5
+        np.testing.assert_array_equal(picture.image, np.arange(12).reshape(3, 4))
+    foxglove_bag(tmp_path / "torn.mcap", "protobuf", b"", packed[:30])
+    with pytest.raises(InputError, match="/camera"):
+        read(tmp_path / "torn.mcap")
+
+
+def test_foxgloves_ros_message(tmp_path: Path) -> None:
+    store, name = get_typestore(Stores.ROS2_HUMBLE), "foxglove_msgs/msg/CompressedImage"
+    text = "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n"
+    store.register(get_types_from_msg(text, name))
+    time = store.types["builtin_interfaces/msg/Time"](sec=7, nanosec=500_000_000)
+    picture = store.types[name](timestamp=time, frame_id="", data=np.frombuffer(JPEG, np.uint8), format="png")
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(name, "ros2msg", store.generate_msgdef(name, ros_version=2)[0].encode())
+        writer.add_message(
+            writer.register_channel("/c", "cdr", schema), 1, bytes(store.serialize_cdr(picture, name)), 1
+        )
+        writer.finish()
+    ((taken,), _) = read(tmp_path / "a.mcap")
+    assert (taken.time_s, taken.image.shape) == (7.5, (3, 4))
+
+
+def test_what_cannot_be_decoded_is_named_and_nothing_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    deep = IMAGE | {"encoding": "yuv444", "step": 6, "data": np.zeros(12, np.uint8)}
+    path = logged_bag(tmp_path / "a.mcap", ("/cam/image", "sensor_msgs/msg/Image", [deep], 0.0))
+    rig_file, out = small_rig() / "rig.json", tmp_path / "contacts.csv"
+    for call in (["estimate", str(path), "--rig", str(rig_file)], ["live", str(rig_file), str(path)]):
+        assert main([*call, "-o", str(out)]) == 2
+        assert "/cam/image can be decoded: the encoding is 'yuv444'" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_torn_bag_is_told(tmp_path: Path) -> None:

@@ -371,3 +371,13 @@ def test_readings_of_a_table_come_to_pictures_whose_first_stamp_is_wrong(by_s: f
     synchronizer = Synchronizer(Timing(), source.channels, live=False)
     found = through(synchronizer, *(each for each in source.messages() if each is not None))
     assert sum(np.isfinite(each.frame.moment_Nm) for each in found) == 380 - (by_s != 0.0)
+
+
+def test_recordings_of_two_clocks_are_refused_with_an_offset() -> None:
+    """Readings by the time of day of a video that begins at 0: what lets both begin together is proposed, and does."""
+    day_s, pictures = 1.7e9, [taken(0.1 * number) for number in range(20)]
+    readings = [moment(day_s + 0.05 * number, 1.0) for number in range(40)]
+    with pytest.raises(InputError, match=r"--clock-offset.* -1700000000 lets both begin together"):
+        through(Synchronizer(Timing(), ["moment_Nm"], live=False), *readings, *pictures)
+    late = Synchronizer(Timing(offset_s=-day_s), ["moment_Nm"], live=False)
+    assert sum(np.isfinite(each.frame.moment_Nm) for each in through(late, *readings, *pictures)) >= 19

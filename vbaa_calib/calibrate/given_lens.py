@@ -12,6 +12,7 @@ import numpy as np
 from targets.board import BoardSpec
 from vbaa_calib.camera import Camera
 from vbaa_calib.convert import guessed
+from vbaa_calib.convert.values import Wanted
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import Diagnosis, InputError, Severity, VbaaError
 from vbaa_calib.core.files import read_json, sha256
@@ -69,14 +70,18 @@ class GivenLens:
 
 
 @gate
-def read_lens(path: Path, which: str | None = None) -> GivenLens:
-    """The lens in a file; `which` of several.
+def read_lens(path: Path, wanted: Wanted | None = None) -> GivenLens:
+    """The lens in a file.
 
     Raises InputError for a file that is none of those known, is broken, or whose lens folds inside the picture.
     """
     path = Path(path)
+    if path.is_dir():
+        remedy = "convert it first: vbaa convert FOLDER -o camera.json"
+        raise InputError("is a folder", where=path, remedy=remedy)
     form = guessed(path)
-    camera = form.read(path, which).camera
+    read = form.read(path, wanted or Wanted())
+    camera = read.camera
     if not is_monotonic(_model_of(camera), camera.parameters, camera.image_size):
         what = f"its {_model_of(camera).name} lens folds inside the picture"
         raise InputError(what, where=path, remedy="calibrate the lens again, with a simpler --lens-model")
@@ -90,7 +95,9 @@ def read_lens(path: Path, which: str | None = None) -> GivenLens:
     if camera.covariance is not None and std > 0.0:
         return GivenLens(camera, path, form.what, _own_doubts(path) if form.name == "vbaa" else (), "")
     camera, assumed = _with_assumed_covariance(camera)
-    return GivenLens(camera, path, form.what, (), assumed)
+    remedy = "calibrate the lens with vbaa intrinsics where this is not meant"
+    notes = tuple(Diagnosis("given_lens_note", f"{path.name}: {note}", remedy, "note") for note in read.notes)
+    return GivenLens(camera, path, form.what, notes, assumed)
 
 
 def _model_of(camera: Camera) -> LensModel:

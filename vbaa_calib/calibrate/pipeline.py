@@ -148,7 +148,8 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     size, whose = (
         (picture_size(photos[0]), f"{photos[0].name} is") if given is None else (given.camera.image_size, given.whose)
     )
-    check_pictures(pictures, size, whose)
+    part = "give --binning or --roi if they are a part of the lens's pictures, or take the lens of this resolution"
+    check_pictures(pictures, size, whose, *([] if given is None else [part]))
     # plane C first: one picture shows whether the board is the one described
     views = read_views(session)
     lens_views = detect_folder(session.root / "intrinsics", session.board) if folders[0] == "intrinsics" else []

@@ -163,6 +163,29 @@ class Camera:
         return replace(self, matrix=matrix, distortion=self.distortion + step[4:])
 
     @gate
+    def part(self, binning: tuple[int, int] = (1, 1), roi: tuple[int, int, int, int] | None = None) -> Camera:
+        """That of pictures which are a part of its own (left, top, width, height; px), then binned across and down.
+
+        Raises InputError for a part that is not inside its pictures.
+        """
+        left, top, width, height = roi or (0, 0, *self.image_size)
+        inside = min(left, top) >= 0 and left + width <= self.image_size[0] and top + height <= self.image_size[1]
+        if not inside or min(width // binning[0], height // binning[1]) < 1:
+            whole = "x".join(map(str, self.image_size))
+            what = f"a part of {width}x{height} px at ({left}, {top}) is not inside a picture of {whole} px"
+            raise InputError(what, remedy="give left, top, width and height in pixels of the whole picture")
+        # a pixel of a binned picture has its centre between those of the pixels that it joins
+        corner = np.array([left + (binning[0] - 1) / 2.0, top + (binning[1] - 1) / 2.0])
+        matrix = self.matrix.copy()
+        matrix[:2, 2] -= corner
+        matrix[:2] /= np.array(binning)[:, None]
+        scale = np.ones(len(self.parameters))
+        scale[:4] = 1.0 / np.array([*binning, *binning])
+        covariance = None if self.covariance is None else self.covariance * np.outer(scale, scale)
+        size = width // binning[0], height // binning[1]
+        return replace(self, image_size=size, matrix=matrix, covariance=covariance)
+
+    @gate
     def in_picture(self, pixels: np.ndarray) -> np.ndarray:
         """(...) whether pixels (..., 2) lie in the picture, to the outer edges of its outermost ones; NaN does not."""
         if pixels.shape[-1:] != (2,):

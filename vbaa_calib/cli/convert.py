@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.cli.lens_file import add_lens_file, wanted_of
 from vbaa_calib.core.console import say
 from vbaa_calib.core.files import refuse_overwrite, write_text
+
+if TYPE_CHECKING:
+    from vbaa_calib.camera import Camera
 
 _NAMES = ("vbaa", "ros", "opencv", "kalibr", "mrcal", "colmap")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, help="rig.json, camera.json, or another program's file")
-    parser.add_argument("--from", dest="source", choices=_NAMES, help="its format (default: guessed from its contents)")
+    read = (*_NAMES, "numbers", "orbslam", "cahvor")
+    parser.add_argument("--from", dest="source", choices=read, help="its format (default: guessed from its contents)")
     parser.add_argument(
         "--to",
         dest="target",
@@ -24,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "cameras.txt; vbaa: camera.json (default: vbaa)",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, help="the file to write")
-    parser.add_argument("--camera-name", metavar="NAME", help="which one, where FILE holds several (cam1; CAMERA_ID)")
+    add_lens_file(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -34,14 +39,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from vbaa_calib.convert import FORMATS, guessed
 
-    refuse_overwrite(args.output, args.force, [args.file])
+    inputs = [args.file] if args.file.is_file() else []
+    refuse_overwrite(args.output, args.force, inputs)
+    wanted = wanted_of(args)
     source = guessed(args.file) if args.source is None else FORMATS[args.source]
     target = FORMATS[args.target]
-    given = source.read(args.file, args.camera_name)
-    text, lost = target.write(given), target.lost(given)
+    exchanged = source.read(args.file, wanted)
+    assert target.write is not None
+    text, lost = target.write(exchanged), target.lost(exchanged)
+    notes = [*exchanged.notes, *_folds(exchanged.camera)]
     write_text(args.output, text, args.force)
-    say(f"read {args.file}: {source.what}, lens {given.camera.model} with {given.camera.distortion.size} coefficients")
-    for note in given.notes:
+    camera = exchanged.camera
+    say(f"read {args.file}: {source.what}, lens {camera.model} with {camera.distortion.size} coefficients")
+    for note in notes:
         say(f"note  {note}")
     for words in lost:
         say(f"lost  {words}: {target.what} has no place for it")
@@ -50,9 +60,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "output": str(args.output),
         "from": source.name,
         "to": target.name,
-        "model": given.camera.model,
-        "coefficients": int(given.camera.distortion.size),
-        "pose": given.T_reference_camera is not None and target.with_pose,
+        "model": camera.model,
+        "coefficients": int(camera.distortion.size),
+        "pose": exchanged.T_reference_camera is not None and target.with_pose,
         "lost": lost,
-        "notes": list(given.notes),
+        "notes": notes,
     }
+
+
+def _folds(camera: Camera) -> list[str]:
+    """A sentence on a lens that does not map the picture one to one."""
+    share = camera.valid_region().image_fraction
+    if share == 1.0:
+        return []
+    words = f"the lens folds inside the picture: {100 * (1 - share):.2g} % of it have no direction"
+    return [f"{words}; vbaa calibrate refuses it"]

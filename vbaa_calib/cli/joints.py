@@ -14,7 +14,7 @@ def add_joints(parser: argparse._ActionsContainer, of: str = "joint angle") -> N
     """Add --pan and --tilt (None if not given) and --degrees."""
     for name in _ANGLES:
         parser.add_argument(f"--{name}", type=float, metavar="RAD", help=f"{of}, rad (default: 0)")
-    parser.add_argument("--degrees", action="store_true", help="--pan and --tilt are in degrees")
+    parser.add_argument("--degrees", action="store_true", help="--pan, --tilt and a bag's joints are in degrees")
 
 
 def joints_rad(args: argparse.Namespace) -> dict[str, float]:

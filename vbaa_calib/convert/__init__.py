@@ -8,19 +8,20 @@ from pathlib import Path
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.camera import SCHEMA as CAMERA_SCHEMA
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_json, read_text
+from vbaa_calib.core.files import read_bytes, read_json, read_text
 from vbaa_calib.rig import SCHEMA as RIG_SCHEMA
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import read_pose
 
-from .robots import KALIBR, ROS
-from .values import Exchanged, Format
-from .vision import COLMAP, MRCAL, OPENCV
+from .child import is_bag
+from .robots import KALIBR, ORB_SLAM, ROS
+from .values import Exchanged, Format, Wanted
+from .vision import CAHVOR, COLMAP, MRCAL, NUMBERS, OPENCV
 
 _POSE_KEY = "T_reference_camera"
 
 
-def _read(path: Path, _: str | None) -> Exchanged:
+def _read(path: Path, _: Wanted) -> Exchanged:
     """rig.json or camera.json. Of rig.json the camera and its pose in the antenna frame are taken.
 
     camera.json has no place of its own for a pose; one that another program's file brought along stands under
@@ -42,9 +43,9 @@ def _read(path: Path, _: str | None) -> Exchanged:
     return Exchanged(Camera.load(path), pose)
 
 
-def _write(given: Exchanged) -> str:
-    pose = {} if given.T_reference_camera is None else {_POSE_KEY: given.T_reference_camera.to_dict()}
-    return json.dumps(given.camera.to_dict() | pose, indent=2, allow_nan=False) + "\n"
+def _write(exchanged: Exchanged) -> str:
+    pose = {} if exchanged.T_reference_camera is None else {_POSE_KEY: exchanged.T_reference_camera.to_dict()}
+    return json.dumps(exchanged.camera.to_dict() | pose, indent=2, allow_nan=False) + "\n"
 
 
 _OURS = Format(
@@ -56,13 +57,17 @@ _OURS = Format(
     with_pose=True,
     with_covariance=True,
 )
-FORMATS = {each.name: each for each in (_OURS, ROS, OPENCV, KALIBR, MRCAL, COLMAP)}
+FORMATS = {each.name: each for each in (_OURS, ROS, OPENCV, KALIBR, MRCAL, COLMAP, NUMBERS, ORB_SLAM, CAHVOR)}
 """Name on the command line → format."""
 
 
 def guessed(path: Path) -> Format:
     """The one format that a file looks like. Raises InputError where none or several do."""
-    text = read_text(path)
+    if path.name == "cameras.bin":
+        return COLMAP
+    if is_bag(path):
+        return ROS
+    text = "PK" if read_bytes(path)[:2] == b"PK" else read_text(path)  # an .npz
     found = [each for each in FORMATS.values() if each.fits(text)]
     if len(found) == 1:
         return found[0]

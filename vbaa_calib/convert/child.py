@@ -7,16 +7,21 @@ file's size of memory: only the child is lost then.
 from __future__ import annotations
 
 import ast
+import contextlib
 import importlib
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import warnings
+import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,8 +33,19 @@ _ERROR = "error"
 
 Arrays = Mapping[str, np.ndarray]
 _LITERAL_KEYS = ("lens_model", "lensmodel", "intrinsics", "extrinsics", "imagersize", "valid_intrinsics_region")
-_NUMBERS = ("image_width", "image_height", "fisheye_model")
-MATRICES = ("camera_matrix", "distortion_coefficients")
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is meant for a bag: by its suffix, or a folder with a bag's metadata, or with its files alone."""
+    suffixes = (".mcap", ".bag", ".db3")
+    if path.suffix.lower() in suffixes or os.path.isfile(path / "metadata.yaml"):
+        return True
+    names = [Path(name) for name in os.listdir(path)] if os.path.isdir(path) else []
+    bags = [name for name in names if name.suffix.lower() in suffixes]
+    # as ROS 2 numbers the parts of one; several others are recordings of their own
+    parts = all(re.fullmatch(re.escape(path.resolve().name) + r"_\d+", name.stem) for name in bags)
+    alone = {name.suffix.lower() for name in names} <= {*suffixes, ".db3-shm", ".db3-wal", ".txt", ".log"}
+    return bool(bags) and alone and (parts or len(bags) == 1)
 
 
 def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.ndarray]:
@@ -72,25 +88,50 @@ def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.
 
 
 def read_storage(path: Path) -> dict[str, np.ndarray]:
-    """The `_NUMBERS`, as (), and `MATRICES`, two-dimensional, that a YAML, XML or JSON file has.
+    """The numbers, as (), and the matrices, two-dimensional, at the top of a YAML, XML or JSON file; an .npz's arrays.
 
     Raises
     ------
-    ValueError : OpenCV cannot read it; in its words.
+    ValueError : OpenCV, or NumPy, cannot read it; in its words.
     """
+    if path.read_bytes()[:2] == b"PK":
+        return _arrays(path)
     import cv2
 
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    found = {}
     try:
         storage = cv2.FileStorage(path.read_text(encoding="utf-8-sig"), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        numbers, matrices = ({key: storage.getNode(key) for key in keys} for keys in (_NUMBERS, MATRICES))
-        found = {key: np.array(node.real()) for key, node in numbers.items() if node.isInt() or node.isReal()}
-        for key, node in matrices.items():
+        root = storage.root()
+        for key in root.keys() if root.isMap() else ():
+            node = root.getNode(key)
+            if node.isInt() or node.isReal():
+                found[key] = np.array(node.real())
             matrix = node.mat() if node.isMap() else None
             if matrix is not None and matrix.size and matrix.ndim == 2:
                 found[key] = matrix.astype(float)
     except (cv2.error, SystemError) as error:
         raise ValueError(str(getattr(error, "err", "") or error).strip().partition("\n")[0]) from None
+    return found
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of up to a hundred numbers that an .npz holds.
+
+    Raises
+    ------
+    ValueError : NumPy cannot read it.
+    """
+    found = {}
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            for name in stored.files:
+                with contextlib.suppress(ValueError):  # lists of poses are stored as Python's objects
+                    array = stored[name]
+                    if array.dtype.kind in "iuf" and array.size <= 100:
+                        found[name] = array.astype(float)
+    except (OSError, zipfile.BadZipFile, EOFError, zlib.error) as error:
+        raise ValueError(f"{error}") from None
     return found
 
 
@@ -112,6 +153,28 @@ def read_literal(path: Path) -> dict[str, np.ndarray]:
         raise ValueError(f"line {line} is no Python" if line else "is no Python literal") from None
 
 
+def take_all_schemas() -> None:
+    """From now on rosbags opens MCAP files of JSON or protobuf, too: whoever reads their messages decodes them."""
+    from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+    from rosbags.rosbag2 import storage_mcap
+
+    of_ros: Any = storage_mcap.get_msgdef
+    if of_ros.__module__ == __name__:
+        return
+
+    def definition(schema: Any) -> Any:
+        foreign = schema is not None and schema.encoding in ("jsonschema", "protobuf")
+        return MessageDefinition(MessageDefinitionFormat.NONE, "") if foreign else of_ros(schema)
+
+    def text(stream: io.BytesIO) -> str:
+        # what a record begins with is the file's profile: without one it is of no ROS, but its records are the same
+        first = stream.tell() == 0
+        found = storage_mcap.read_bytes(stream).decode(errors="replace")
+        return "ros2" if first and found in ("", "json", "protobuf") else found
+
+    vars(storage_mcap).update(get_msgdef=definition, read_string=text)
+
+
 def read_bag_head(path: Path) -> dict[str, np.ndarray]:
     """Nothing of a bag that can be opened.
 
@@ -122,8 +185,34 @@ def read_bag_head(path: Path) -> dict[str, np.ndarray]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
+    take_all_schemas()
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)):
         return {}
+
+
+def read_camera_infos(path: Path) -> dict[str, np.ndarray]:
+    """Of a bag's topics of CameraInfo the first message each: TOPIC.field → its value, roi as x, y, width, height.
+
+    Raises
+    ------
+    Exception : rosbags cannot read it; of a damaged file it lets anything through.
+    """
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    found: dict[str, np.ndarray] = {}
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        of_cameras = [one for one in reader.connections if one.msgtype == "sensor_msgs/msg/CameraInfo"]
+        for one in of_cameras:
+            for connection, _, data in reader.messages([one]):
+                message = reader.deserialize(data, connection.msgtype)
+                fields = {name.lower(): getattr(message, name) for name in vars(message)}
+                roi = fields.pop("roi")
+                fields["roi"] = [roi.x_offset, roi.y_offset, roi.width, roi.height]
+                del fields["header"]
+                found |= {f"{one.topic}.{name}": np.array(value) for name, value in fields.items()}
+                break
+    return found
 
 
 def read_video_head(path: Path) -> dict[str, np.ndarray]:

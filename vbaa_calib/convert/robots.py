@@ -1,71 +1,193 @@
-"""Camera files of robotics: ROS' camera_info and Kalibr's camchain, both YAML."""
+"""Camera files of robotics: ROS' camera_info, Kalibr's camchain, ORB-SLAM's settings."""
 
 from __future__ import annotations
 
+import math
+import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+from scipy.spatial.transform import Rotation
 
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_yaml
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.arrays import FARTHEST_M
+from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.files import read_text, read_yaml
+from vbaa_calib.geometry import Pose
 
+from .child import is_bag, read_camera_infos, read_in_child
+from .refit import PROJECTIONS, refitted
 from .values import (
     Exchanged,
     Format,
+    Wanted,
     checked,
-    intrinsics,
-    matrix_of,
     numbers,
     one_of,
-    pose_of,
     size_of,
     stated,
-    which_of,
 )
 
-_ROS_COUNTS = {"plumb_bob": (5, 4), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
-"""Coefficients by model, as files in the wild have them. Azure Kinect's driver and others write the name fisheye."""
+_ROS_COUNTS = {
+    "plumb_bob": (5, 4, 0),
+    "rational_polynomial": (8, 12, 14, 5, 4),
+    "equidistant": (4,),
+    "fisheye": (4,),
+}
+"""Coefficients by model, as files in the wild have them. Azure Kinect's driver and others write the name fisheye,
+Tango's a rational_polynomial of five."""
+_ROS_KEYS = {
+    "k": "camera_matrix",
+    "d": "distortion_coefficients",
+    "r": "rectification_matrix",
+    "p": "projection_matrix",
+}
+"""A field of CameraInfo → its name in camera_info's YAML."""
 _ROS_MODELS = {("opencv", 5): "plumb_bob", ("opencv", 8): "rational_polynomial", ("fisheye", 4): "equidistant"}
 
 
-def _read_ros(path: Path, _: str | None) -> Exchanged:
-    """As camera_calibration_parsers writes and reads it (ros-perception/image_common, parse_yml.cpp).
+def _read_ros(path: Path, wanted: Wanted) -> Exchanged:
+    """As camera_calibration_parsers writes and reads it (ros-perception/image_common, parse_yml.cpp, parse_ini.cpp), or
+    a sensor_msgs/CameraInfo as `ros topic echo` prints it; of several messages the first."""
+    if is_bag(path):
+        return _read_bag(path, wanted)
+    if wanted.which is not None:
+        raise InputError("holds one camera", where=path, remedy="leave --camera-name out")
+    text = read_text(path, 1_000_000)
+    if "[image]" in text:
+        return _camera_of_message(_ini(text, path), path, wanted)
+    data = read_yaml(path, first=True)
+    names = {
+        "camera_matrix": "k",
+        "distortion_coefficients": "d",
+        "rectification_matrix": "r",
+        "projection_matrix": "p",
+    }
+    message = {"width": data.get("image_width"), "height": data.get("image_height")}
+    for key, value in data.items():
+        if names.get(key) and not isinstance(value, dict):
+            raise InputError(
+                f"{key} is {shown(value)}", where=path, remedy="a mapping with rows, cols and data is needed"
+            )
+        message[names.get(key, str(key).lower())] = value.get("data") if key in names else value
+    return _camera_of_message(message, path, wanted)
+
+
+def _read_bag(path: Path, wanted: Wanted) -> Exchanged:
+    """By the first CameraInfo of a topic of a bag."""
+    try:
+        found = read_in_child(read_camera_infos, path)
+    except ValueError as error:
+        what, remedy = f"cannot be read as a bag ({error!s:.100})", "record or copy it again"
+        raise InputError(what, where=path, remedy=remedy) from None
+    messages: dict[str, dict[str, Any]] = {}
+    for key, value in found.items():
+        topic, _, name = key.rpartition(".")
+        messages.setdefault(topic, {})[name] = value.tolist()
+    topic = wanted.one_of(sorted(messages), path)
+    roi = dict(zip(("x_offset", "y_offset", "width", "height"), messages[topic].pop("roi"), strict=True))
+    return _camera_of_message(messages[topic] | {"roi": roi}, path, wanted)
+
+
+def _camera_of_message(message: Mapping[str, Any], path: Path, wanted: Wanted) -> Exchanged:
+    """The camera of a sensor_msgs/CameraInfo by its fields, in small letters: width, height, distortion_model, d, k, r,
+    p, binning_x, binning_y, roi.
 
     - Pixels: (0, 0) is the centre of the first pixel, as OpenCV, which calibrates for ROS, has it.
     - distortion_model: plumb_bob k1 k2 p1 p2 k3; rational_polynomial k1 k2 p1 p2 k3 k4 k5 k6; equidistant k1 k2 k3 k4,
-      the fisheye of OpenCV (sensor_msgs/distortion_models.h). A file without it is a plumb_bob.
-    - There is no place for thin prism and sensor tilt, nor for a pose (that is tf's); rectification_matrix and
-      projection_matrix describe a rectified picture: we write the identity and the camera's own matrix.
+      the fisheye of OpenCV (sensor_msgs/distortion_models.h). One without it is a plumb_bob.
+    - There is no place for thin prism and sensor tilt, nor for a pose (that is tf's). p is the camera of rectified
+      pictures; of others r and p are written as the identity and the camera's own matrix, and not read.
+    - Its numbers are those of the whole picture, of which roi and binning make the published one.
     """
-    data = read_yaml(path)
 
     def block(key: str, *counts: int) -> np.ndarray:
-        if not isinstance(data.get(key), dict):
-            raise InputError(f"{key} is missing", where=path, remedy="a mapping with rows, cols and data is needed")
-        return np.array(numbers(data[key].get("data"), f"{key}.data", path, counts))
+        if message.get(key) is None:
+            remedy = "a mapping with rows, cols and data is needed, or CameraInfo's k, d, r, p"
+            raise InputError(f"{_ROS_KEYS[key]} is missing", where=path, remedy=remedy)
+        return np.array(numbers(message[key], f"{_ROS_KEYS[key]}.data", path, counts))
 
-    model = one_of(data.get("distortion_model", "plumb_bob"), _ROS_COUNTS, "distortion_model", path)
-    size = size_of([(key, data.get(key)) for key in ("image_width", "image_height")], path)
-    matrix = block("camera_matrix", 9).reshape(3, 3)
-    coefficients = block("distortion_coefficients", *_ROS_COUNTS[model])
-    camera = checked("fisheye" if _ROS_COUNTS[model] == (4,) else "opencv", size, matrix, coefficients, path)
+    model = one_of(message.get("distortion_model") or "plumb_bob", _ROS_COUNTS, "distortion_model", path)
+    size = size_of([(f"image_{key}", message.get(key)) for key in ("width", "height")], path)
+    matrix = block("k", 9).reshape(3, 3)
+    coefficients = block("d", *_ROS_COUNTS[model])
     notes = []
-    key = "rectification_matrix"
-    if key in data and not np.allclose(block(key, 9).reshape(3, 3), np.eye(3), atol=1e-9):
-        notes.append(f"{key} turns the picture for a stereo pair: it is left out")
-    if "projection_matrix" in data:
-        onto = block("projection_matrix", 12).reshape(3, 4)
-        if not np.allclose(onto[:, :3], matrix, atol=1e-6 * max(matrix.max(), 1.0)) or onto[:, 3].any():
-            notes.append("projection_matrix is that of the rectified picture: it is left out")
-    return Exchanged(camera, notes=tuple(notes))
+    if model == "rational_polynomial" and len(coefficients) < 8:
+        notes.append(f"{model} with {len(coefficients)} coefficients is read as plumb_bob")
+    binning = tuple(_whole(message.get(key), key, path) or 1 for key in ("binning_x", "binning_y"))
+    area = message["roi"] if isinstance(message.get("roi"), dict) else {}
+    roi = [_whole(area.get(key), f"roi.{key}", path) for key in ("x_offset", "y_offset", "width", "height")]
+    part: dict[str, Any] = {"binning": binning, "roi": tuple(roi) if roi[2] and roi[3] else None}
+    if wanted.rectified:
+        onto = block("p", 12).reshape(3, 4)[:, :3]
+        return Exchanged(checked("opencv", size, onto, [], path), notes=(*notes, "of rectified pictures"), **part)
+    if not matrix.any():
+        raise InputError("is of a camera that is not calibrated: k is zero", where=path, remedy="calibrate it")
+    camera, skew_note = _without_skew(
+        "fisheye" if _ROS_COUNTS[model] == (4,) else "opencv", size, matrix, coefficients, path
+    )
+    notes += skew_note
+    # drivers that rectify nothing write zeros
+    turn, onto = (
+        block(key, count) if message.get(key) is not None else np.zeros(count) for key, count in (("r", 9), ("p", 12))
+    )
+    if turn.any() and not np.allclose(turn.reshape(3, 3), np.eye(3), atol=1e-9):
+        notes.append("rectification_matrix turns the picture for a stereo pair: it is left out")
+    onto = onto.reshape(3, 4)
+    other = not np.allclose(onto[:, :3], matrix, atol=1e-6 * max(matrix.max(), 1.0)) or onto[:, 3].any()
+    if onto.any() and other:
+        notes.append("projection_matrix is that of the rectified picture, for --rectified: it is left out")
+    return Exchanged(camera, notes=tuple(notes), **part)
 
 
-def _write_ros(given: Exchanged) -> str:
-    camera = given.camera
+def _whole(value: Any, key: str, path: Path) -> int:
+    """A number of pixels, 0 where there is none."""
+    value = 0 if value is None else value
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 100_000:
+        raise InputError(f"{key} is {shown(value)}", where=path, remedy="a whole number of pixels is needed")
+    return value
+
+
+def _without_skew(
+    model: str, size: tuple[int, int], matrix: np.ndarray, coefficients: np.ndarray, path: Path
+) -> tuple[Camera, list[str]]:
+    """A camera; one with a skew is refitted, with a note."""
+    skew, straight = matrix[0, 1], matrix * [[1, 0, 1], [1, 1, 1], [1, 1, 1]]
+    camera = checked(model, size, straight, coefficients, path)
+    if not skew:
+        return camera, []
+    camera, words = refitted(PROJECTIONS["skewed"](camera, skew), size, f"a {model} lens with skew ({skew:g} px)", path)
+    return camera, [words]
+
+
+def _ini(text: str, path: Path) -> dict[str, Any]:
+    """The fields of CameraInfo out of an ost.ini: names in lines of their own, their numbers under them."""
+    names = {"camera matrix": "k", "distortion": "d", "rectification": "r", "projection": "p"}
+    message: dict[str, Any] = {}
+    key = ""
+    for line in (line.strip() for line in text.splitlines()):
+        if line.lower() in (*names, "width", "height"):
+            key = names.get(line.lower(), line.lower())
+            message[key] = []
+        elif key and line and line[0] not in "#;[":
+            try:
+                message[key] += [float(cell) for cell in line.split()]
+            except ValueError:
+                raise InputError(f"{key} holds {shown(line)}", where=path, remedy="numbers are needed") from None
+    for key in ("width", "height"):
+        message[key] = message[key][0] if message.get(key) else None
+    if len(message.get("d", ())) == 8:
+        message["distortion_model"] = "rational_polynomial"
+    return message
+
+
+def _write_ros(exchanged: Exchanged) -> str:
+    camera = exchanged.camera
     model, coefficients = stated(camera, _ROS_MODELS, "a camera_info of ROS")
-    fx, fy, cx, cy = intrinsics(camera)
+    fx, fy, cx, cy = camera.parameters[:4].tolist()
 
     def block(rows: int, columns: int, data: list[float]) -> dict[str, Any]:
         return {"rows": rows, "cols": columns, "data": data}
@@ -84,51 +206,72 @@ def _write_ros(given: Exchanged) -> str:
 
 
 def _is_ros(text: str) -> bool:
-    keys = ("image_width", "camera_matrix", "distortion_coefficients")
-    return all(f"{key}:" in text for key in keys) and "opencv-matrix" not in text
+    files = ("image_width:", "camera_matrix:", "distortion_coefficients:"), ("[image]", "camera matrix", "distortion")
+    echoed = all(re.search(rf"(?mi)^{key}:", text) for key in ("height", "width", "distortion_model", "d", "k"))
+    return "opencv-matrix" not in text and (echoed or any(all(key in text for key in keys) for keys in files))
 
 
 _KALIBR_MODELS = {"radtan": "opencv", "equidistant": "fisheye", "none": "opencv"}
+_KALIBR_REFITTED = {"omni": (5, ("none", "radtan")), "ds": (6, ("none",)), "eucm": (6, ("none",))}
+"""Camera models that are refitted: their number of intrinsics, and the distortions they come with."""
 
 
-def _read_kalibr(path: Path, which: str | None) -> Exchanged:
-    """ethz-asl/kalibr, wiki: YAML formats, supported models. `which` (cam0, cam1, …) where it holds several cameras.
+def _read_kalibr(path: Path, wanted: Wanted) -> Exchanged:
+    """ethz-asl/kalibr, wiki: YAML formats, supported models. One of cam0, cam1, … where it holds several cameras.
 
     - Pixels: its pinhole starts from ((w - 1)/2, (h - 1)/2), so (0, 0) is the centre of the first pixel.
     - intrinsics fu fv pu pv; radtan k1 k2 p1 p2 as OpenCV's first four; equidistant k1 k2 k3 k4 as OpenCV's fisheye.
+    - pinhole-fov, omni, ds and eucm are refitted (`refit`).
     - T_cam_imu takes points of the IMU's frame to the camera's, metres: the inverse of our T_reference_camera, our
       reference (the antenna frame) standing in for the IMU's.
     """
     data = {str(name): each for name, each in read_yaml(path).items() if str(name).startswith("cam")}
-    name = which_of([name for name, each in data.items() if isinstance(each, dict)], which, path)
+    name = wanted.one_of([name for name, each in data.items() if isinstance(each, dict)], path)
     data = data[name]
-    one_of(data.get("camera_model"), ("pinhole",), f"{name}: camera_model", path)
-    model = one_of(data.get("distortion_model", "none"), _KALIBR_MODELS, f"{name}: distortion_model", path)
+    kind = one_of(data.get("camera_model"), ("pinhole", *_KALIBR_REFITTED), f"{name}: camera_model", path)
+    count, known = _KALIBR_REFITTED.get(kind, (4, (*_KALIBR_MODELS, "fov")))
+    model = one_of(data.get("distortion_model", "none"), known, f"{name}: distortion_model", path)
     key = f"{name}.resolution"
     size = size_of([(key, side) for side in numbers(data.get("resolution"), key, path, (2,))], path)
-    core = numbers(data.get("intrinsics"), f"{name}.intrinsics", path, (4,))
-    given = [] if model == "none" else data.get("distortion_coeffs")
-    coefficients = numbers(given, f"{name}.distortion_coeffs", path, (0,) if model == "none" else (4,))
-    camera = checked(_KALIBR_MODELS[model], size, matrix_of(*core), coefficients, path)
-    pose = None if data.get("T_cam_imu") is None else pose_of(data["T_cam_imu"], f"{name}.T_cam_imu", path).inverse()
+    core = numbers(data.get("intrinsics"), f"{name}.intrinsics", path, (count,))
+    listed = [] if model == "none" else data.get("distortion_coeffs")
+    coefficients = numbers(listed, f"{name}.distortion_coeffs", path, ({"none": 0, "fov": 1}.get(model, 4),))
+    pose = None if data.get("T_cam_imu") is None else _pose_of(data["T_cam_imu"], f"{name}.T_cam_imu", path).inverse()
     alone = pose is None and data.get("T_cn_cnm1") is not None
     notes = (f"{name}.T_cn_cnm1 counts from the camera before it, which is not taken along: left out",) if alone else ()
-    return Exchanged(camera, pose, notes=notes)
+    if kind == "pinhole" and model != "fov":
+        camera = checked(_KALIBR_MODELS[model], size, core, coefficients, path)
+        return Exchanged(camera, pose, notes=notes)
+    projection = PROJECTIONS["fov" if model == "fov" else kind](core, coefficients)
+    camera, words = refitted(projection, size, f"{kind}-{model}", path)
+    return Exchanged(camera, pose, notes=(*notes, words))
 
 
-def _write_kalibr(given: Exchanged) -> str:
+def _pose_of(matrix: Any, key: str, path: Path) -> Pose:
+    """A pose from four rows of four numbers. Raises InputError where the rotation is none."""
+    if not isinstance(matrix, list | tuple) or len(matrix) != 4:
+        raise InputError(f"{key} is {shown(matrix)}", where=path, remedy="four rows of four numbers are needed")
+    rows = np.array([numbers(row, key, path, (4,), FARTHEST_M) for row in matrix])
+    turn = rows[:3, :3]
+    off = np.abs(turn @ turn.T - np.eye(3)).max() if np.abs(turn).max() < 2 else math.inf
+    if off > 1e-3 or np.linalg.det(turn) < 0 or np.abs(rows[3] - [0, 0, 0, 1]).max() > 1e-9:
+        raise InputError(f"{key} is no rigid motion", where=path, remedy="a rotation, a shift, and 0 0 0 1 are needed")
+    return Pose(Rotation.from_matrix(turn).as_matrix(), rows[:3, 3])
+
+
+def _write_kalibr(exchanged: Exchanged) -> str:
     written = {("opencv", 4): "radtan", ("fisheye", 4): "equidistant"}
-    model, coefficients = stated(given.camera, written, "Kalibr's pinhole-radtan")
+    model, coefficients = stated(exchanged.camera, written, "Kalibr's pinhole-radtan")
     document: dict[str, Any] = {
         "camera_model": "pinhole",
-        "intrinsics": intrinsics(given.camera),
+        "intrinsics": exchanged.camera.parameters[:4].tolist(),
         "distortion_model": model,
         "distortion_coeffs": coefficients,
-        "resolution": list(given.camera.image_size),
+        "resolution": list(exchanged.camera.image_size),
         "rostopic": "/camera/image_raw",
     }
-    if given.T_reference_camera is not None:
-        document = {"T_cam_imu": given.T_reference_camera.inverse().matrix.tolist()} | document
+    if exchanged.T_reference_camera is not None:
+        document = {"T_cam_imu": exchanged.T_reference_camera.inverse().matrix.tolist()} | document
     return yaml.safe_dump({"cam0": document}, sort_keys=False, default_flow_style=None)
 
 
@@ -138,7 +281,43 @@ def _is_kalibr(text: str) -> bool:
     )
 
 
-ROS = Format("ros", "camera_info YAML of ROS", _read_ros, _write_ros, _is_ros)
+def _read_orb_slam(path: Path, wanted: Wanted) -> Exchanged:
+    """UZ-SLAMLab/ORB_SLAM3, Examples/*/*.yaml, also as ORB_SLAM2 has it: Camera.fx, or Camera1.fx and Camera2.fx.
+
+    - Pixels: as OpenCV, which it calls. PinHole k1 k2 p1 p2 k3, of which the last may be missing; KannalaBrandt8 k1 to
+      k4 of OpenCV's fisheye; Rectified without any. Camera.newWidth is the size it works at, not that of its numbers.
+    """
+    found = dict(re.findall(r"(?m)^(Camera\d?\.\w+)[ \t]*:[ \t]*\"?([^\s\"#]+)", read_text(path, 1_000_000)))
+    names = [name for name in ("Camera", "Camera1", "Camera2") if f"{name}.fx" in found]
+    name = wanted.one_of(names, path)
+
+    def value(key: str) -> float:
+        try:
+            return float(found[key])
+        except (KeyError, ValueError):
+            raise InputError(f"{key} is {found.get(key, 'missing')}", where=path, remedy="a number is needed") from None
+
+    sides = [(key, value(key) if key in found else None) for key in ("Camera.width", "Camera.height")]
+    kind = one_of(found.get("Camera.type", "PinHole"), ("PinHole", "KannalaBrandt8", "Rectified"), "Camera.type", path)
+    keys = {"PinHole": ("k1", "k2", "p1", "p2"), "KannalaBrandt8": ("k1", "k2", "k3", "k4"), "Rectified": ()}[kind]
+    keys = (*keys, "k3") if kind == "PinHole" and f"{name}.k3" in found else keys
+    coefficients = [value(f"{name}.{key}") for key in keys]
+    matrix = [value(f"{name}.{key}") for key in ("fx", "fy", "cx", "cy")]
+    size = wanted.size_of(sides, path)
+    return Exchanged(checked("fisheye" if kind == "KannalaBrandt8" else "opencv", size, matrix, coefficients, path))
+
+
+ROS = Format(
+    "ros", "camera_info YAML, message or ost.ini of ROS", _read_ros, _write_ros, _is_ros, takes=("rectified", "which")
+)
 KALIBR = Format(
-    "kalibr", "camchain.yaml of Kalibr", _read_kalibr, _write_kalibr, _is_kalibr, with_pose=True, several=True
+    "kalibr", "camchain.yaml of Kalibr", _read_kalibr, _write_kalibr, _is_kalibr, with_pose=True, takes=("which",)
+)
+ORB_SLAM = Format(
+    "orbslam",
+    "settings YAML of ORB-SLAM",
+    _read_orb_slam,
+    None,
+    lambda text: re.search(r"(?m)^Camera1?\.fx[ \t]*:", text) is not None,
+    takes=("which", "size"),
 )

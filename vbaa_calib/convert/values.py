@@ -2,69 +2,127 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.arrays import FARTHEST_M
 from vbaa_calib.core.errors import InputError, about, shown
 from vbaa_calib.geometry import Pose
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What of a lens file is wanted, where it holds several cameras, or its pictures are not as those to be used.
+
+    which : the camera, by its name in the file. size : (width, height) px, for files that state none.
+    binning : pixels of the file's pictures that are one of ours, across and down; roi : left, top, width, height of
+    the part of them that ours are; None: as the file says. rectified : ours were rectified, with the file's projection.
+    fisheye : of four coefficients, whether they are a fisheye's; None: as the file says.
+    """
+
+    which: str | None = None
+    size: tuple[int, int] | None = None
+    binning: tuple[int, int] | None = None
+    roi: tuple[int, int, int, int] | None = None
+    rectified: bool = False
+    fisheye: bool | None = None
+
+    def one_of(self, names: Sequence[str], path: Path) -> str:
+        """The name of the chosen camera. Raises InputError where there is none, or several and no choice."""
+        which = self.which
+        if not names:
+            raise InputError("holds no camera", where=path, remedy="is it the file that is meant?")
+        if which is None and len(names) > 1:
+            raise InputError(f"holds {', '.join(names):.60}", where=path, remedy="say which with --camera-name NAME")
+        if which is not None and which not in names:
+            raise InputError(f"holds no camera {which:.20}", where=path, remedy=f"it holds {', '.join(names):.60}")
+        return which or names[0]
+
+    def size_of(self, sides: Sequence[tuple[str, Any]], path: Path) -> tuple[int, int]:
+        """(width, height) px as a file states them, or as asked for. Raises InputError where neither or differently."""
+        if all(value is None for _, value in sides):
+            if self.size is None:
+                raise InputError("does not state the picture's size", where=path, remedy="give --size WIDTHxHEIGHT")
+            return self.size
+        size = size_of(sides, path)
+        if self.size not in (None, size):
+            what = "states a picture of {}x{} px, not {}x{}".format(*size, *(self.size or size))
+            raise InputError(what, where=path, remedy="leave --size out")
+        return size
 
 
 @dataclass(frozen=True, eq=False)
 class Exchanged:
     """A camera and its pose in the file's reference frame (in ours the antenna's); None without a pose.
 
-    beside : contents that no other format can hold, in words. notes : on how the file was read.
+    others : contents that no other format can hold, in words. notes : on how the file was read.
+    binning, roi : of the file's own pictures, as in `Wanted`.
     """
 
     camera: Camera
     T_reference_camera: Pose | None = None
-    beside: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    binning: tuple[int, int] = (1, 1)
+    roi: tuple[int, int, int, int] | None = None
 
 
 @dataclass(frozen=True)
 class Format:
     """A file format: its name on the command line and in words, and what it can hold.
 
-    parse : path and which camera of several → the camera. write : → text. Both raise InputError.
-    fits : whether a text looks like this format.
+    parse : path and what of it is wanted → the camera. write : → text; None of a format that is read only. Both raise
+    InputError. fits : whether a text looks like this format.
+    takes : fields of `Wanted` that only some formats know: which, size, rectified, fisheye.
     """
 
     name: str
     what: str
-    parse: Callable[[Path, str | None], Exchanged]
-    write: Callable[[Exchanged], str]
+    parse: Callable[[Path, Wanted], Exchanged]
+    write: Callable[[Exchanged], str] | None
     fits: Callable[[str], bool]
     with_pose: bool = False
     with_covariance: bool = False
-    several: bool = False
+    takes: tuple[str, ...] = ()
 
-    def read(self, path: Path, which: str | None = None) -> Exchanged:
-        """The camera in a file; `which` of several. Raises InputError naming what is wrong."""
-        if which is not None and not self.several:
+    def read(self, path: Path, wanted: Wanted = Wanted()) -> Exchanged:
+        """The camera in a file. Raises InputError naming what is wrong."""
+        if wanted.which is not None and "which" not in self.takes:
             raise InputError("holds one camera", where=path, remedy="leave --camera-name out")
-        return self.parse(path, which)
+        if wanted.fisheye is not None and "fisheye" not in self.takes:
+            raise InputError(f"{self.what} states its lens model", where=path, remedy="leave --fisheye out")
+        if wanted.size is not None and "size" not in self.takes:
+            raise InputError(f"{self.what} states the picture's size", where=path, remedy="leave --size out")
+        if wanted.rectified and "rectified" not in self.takes:
+            what = f"{self.what} does not say how pictures are rectified"
+            remedy = "write down the matrix they were rectified with, without distortion, or calibrate from them"
+            raise InputError(what, where=path, remedy=remedy)
+        found = self.parse(path, wanted)
+        binning, roi = wanted.binning or found.binning, wanted.roi or found.roi
+        if binning == (1, 1) and roi is None:
+            return found
+        with about(path):
+            camera = found.camera.part(binning, roi)
+        size, whole = ("x".join(map(str, each.image_size)) for each in (camera, found.camera))
+        words = f"binning {binning[0]}x{binning[1]}" + (
+            "" if roi is None else " of {2}x{3} px at ({0}, {1})".format(*roi)
+        )
+        note = f"{words}: the lens is that of pictures of {size} px; --binning 1 takes it at {whole} px"
+        return replace(found, camera=camera, notes=(*found.notes, note))
 
-    def lost(self, given: Exchanged) -> list[str]:
+    def lost(self, exchanged: Exchanged) -> list[str]:
         """What a file of this format cannot hold of a camera, in words."""
-        words = list(given.beside)
-        if given.T_reference_camera is not None and not self.with_pose:
+        words = list(exchanged.others)
+        if exchanged.T_reference_camera is not None and not self.with_pose:
             words.append("the camera's pose")
-        if given.camera.covariance is not None and not self.with_covariance:
+        if exchanged.camera.covariance is not None and not self.with_covariance:
             words.append("the covariance of the lens")
         return words
-
-
-_COLUMNS, _ROWS = 41, 31
 
 
 def stated(camera: Camera, models: Mapping[tuple[str, int], str], whose: str) -> tuple[str, list[float]]:
@@ -98,7 +156,7 @@ def stated(camera: Camera, models: Mapping[tuple[str, int], str], whose: str) ->
 def _left_out_px(camera: Camera, count: int) -> float:
     """Largest shift of picture points if only `count` coefficients are kept, without a new fit; NaN: unknown."""
     width, height = camera.image_size
-    u, v = np.meshgrid(np.linspace(0, width - 1, _COLUMNS), np.linspace(0, height - 1, _ROWS))
+    u, v = np.meshgrid(np.linspace(0, width - 1, 41), np.linspace(0, height - 1, 31))
     pixels = np.stack([u, v], axis=-1).reshape(-1, 2)
     rays, seen = camera.unproject(pixels)
     short = Camera(camera.model, camera.image_size, camera.matrix, camera.distortion[:count])
@@ -109,7 +167,6 @@ def _left_out_px(camera: Camera, count: int) -> float:
 
 _LARGEST_SIDE_PX = 100_000
 """As in the schema of rig.json."""
-_SQUARE = 1e-3
 
 
 def size_of(sides: Sequence[tuple[str, Any]], path: Path) -> tuple[int, int]:
@@ -130,21 +187,6 @@ def one_of(value: Any, known: Iterable[str], key: str, path: Path) -> str:
     return value
 
 
-def which_of(names: Sequence[str], which: str | None, path: Path) -> str:
-    """The name of the chosen camera. Raises InputError where there is none, or several and no choice."""
-    if not names:
-        raise InputError("holds no camera", where=path, remedy="is it the file that is meant?")
-    if which is None and len(names) > 1:
-        raise InputError(
-            f"holds {', '.join(names):.60}",
-            where=path,
-            remedy="say which with --camera-name NAME",
-        )
-    if which is not None and which not in names:
-        raise InputError(f"holds no camera {which:.20}", where=path, remedy=f"it holds {', '.join(names):.60}")
-    return which or names[0]
-
-
 def numbers(values: Any, key: str, path: Path, counts: Sequence[int], most: float = 1e300) -> list[float]:
     """A flat list of numbers within ±most, as many as one of `counts`."""
     if not isinstance(values, list | tuple) or len(values) not in counts:
@@ -157,28 +199,10 @@ def numbers(values: Any, key: str, path: Path, counts: Sequence[int], most: floa
     return [float(value) for value in values]
 
 
-def matrix_of(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
-    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-
-
-def checked(model: str, size: tuple[int, int], matrix: np.ndarray, coefficients: ArrayLike, path: Path) -> Camera:
-    """A camera from its matrix (3, 3) and its coefficients. Raises InputError naming the file."""
+def checked(model: str, size: tuple[int, int], matrix: ArrayLike, coefficients: ArrayLike, path: Path) -> Camera:
+    """A camera from its matrix (3, 3), or fx, fy, cx, cy, and its coefficients. Raises InputError naming the file."""
+    if np.shape(matrix) == (4,):
+        fx, fy, cx, cy = np.asarray(matrix, float)
+        matrix = [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
     with about(path):
-        return Camera(model, size, matrix, np.array(coefficients, float))
-
-
-def pose_of(matrix: Any, key: str, path: Path) -> Pose:
-    """A pose from four rows of four numbers. Raises InputError where the rotation is none."""
-    if not isinstance(matrix, list | tuple) or len(matrix) != 4:
-        raise InputError(f"{key} is {shown(matrix)}", where=path, remedy="four rows of four numbers are needed")
-    rows = np.array([numbers(row, key, path, (4,), FARTHEST_M) for row in matrix])
-    turn = rows[:3, :3]
-    off = np.abs(turn @ turn.T - np.eye(3)).max() if np.abs(turn).max() < 2 else math.inf
-    if off > _SQUARE or np.linalg.det(turn) < 0 or np.abs(rows[3] - [0, 0, 0, 1]).max() > 1e-9:
-        raise InputError(f"{key} is no rigid motion", where=path, remedy="a rotation, a shift, and 0 0 0 1 are needed")
-    return Pose(Rotation.from_matrix(turn).as_matrix(), rows[:3, 3])
-
-
-def intrinsics(camera: Camera) -> list[float]:
-    """fx, fy, cx, cy."""
-    return camera.parameters[:4].tolist()
+        return Camera(model, size, np.array(matrix, float), np.array(coefficients, float))

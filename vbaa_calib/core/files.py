@@ -189,10 +189,13 @@ for _each in (_UniqueKeyLoader, UniqueKeyDumper):
     )
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
-    """A YAML mapping. Raises InputError naming the line of what is wrong."""
+def read_yaml(path: Path, *, first: bool = False) -> dict[str, Any]:
+    """A YAML mapping, or the first of several documents. Raises InputError naming the line of what is wrong."""
+    text = read_text(path, _MOST_YAML_BYTES)
+    if first:
+        text = re.split(r"(?m)(?<=\S)\s*^---\s*$", text, maxsplit=1)[0]
     try:
-        data = _UniqueKeyLoader(read_text(path, _MOST_YAML_BYTES)).get_single_data()
+        data = _UniqueKeyLoader(text).get_single_data()
         _refuse_deep(data)
     except RecursionError:
         raise InputError("is not valid YAML (nested too deeply)", where=path, remedy="write it again") from None

@@ -6,20 +6,27 @@ copied row by row by the CSV reader, which names the faulty line.
 
 from __future__ import annotations
 
+import csv
+import io
+import json
+import math
 import os
+import pickle
+import re
+import struct
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 
 from vbaa_calib.core.arrays import FARTHEST_PX
 from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, loaded, number, places_of, plain_rows, whole_number
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import require_file
+from vbaa_calib.core.errors import InputError, require_extra
+from vbaa_calib.core.files import read_bytes, require_file
 
 from .settings import Session
 from .tables import Frame, numbers_of, wrong
@@ -35,8 +42,15 @@ def read_centrelines(session: Session) -> Centrelines:
     return centrelines_of(session.root / "recording" / "centrelines.csv")
 
 
-def centrelines_of(path: Path) -> Centrelines:
-    """As `read_centrelines`, of any file."""
+def centrelines_of(path: Path, which: str | None = None) -> Centrelines:
+    """As `read_centrelines`, of any file; also one of DeepLabCut (CSV, HDF5), WhiskerToolbox (CSV, or a folder of
+    them), Janelia's whisk (.whiskers, or .measurements next to it) or NWB.
+
+    which : of several lines in a frame: an individual, a whisker's label, a line's place from 0 on.
+    """
+    foreign = _foreign(path, which)
+    if foreign is not None:
+        return _as_ours(path, *foreign)
     require_file(path)
     found = None
     with suppress(OSError), path.open("rb") as stream:
@@ -48,6 +62,19 @@ def centrelines_of(path: Path) -> Centrelines:
     found = _indexed(copy)
     assert found is not None
     return Centrelines(path, copy, *found)
+
+
+def _as_ours(path: Path, points: np.ndarray, note: str) -> Centrelines:
+    """Points (N, 3) of frame, u, v, px, of another tracker's file. Raises InputError for what is no pixel."""
+    copy = tempfile.TemporaryFile()  # noqa: SIM115 - as above
+    copy.write(b"frame,u_px,v_px\n")
+    copy.writelines(f"{frame:.0f},{u!r},{v!r}\n".encode() for frame, u, v in points.tolist())
+    copy.seek(0)
+    found = _indexed(copy)
+    if found is None or not len(found[2]):
+        copy.close()
+        raise InputError("has no points, or some that cannot be", where=path, remedy="export it again, in pixels")
+    return Centrelines(path, copy, *found, note)
 
 
 @dataclass(frozen=True)
@@ -62,7 +89,7 @@ class Centrelines(Mapping[int, np.ndarray]):
     """Frame → (N, 3) of u_px, v_px, sigma_px (NaN where the column is missing), read from the file when asked for.
 
     Takes 24 bytes for each run of consecutive rows of one frame. Looking up a frame raises InputError if the file has
-    changed since it was checked. frames (F,) : their numbers, in order.
+    changed since it was checked. frames (F,) : their numbers, in order. note : on how another tracker's were read.
     """
 
     def __init__(
@@ -72,9 +99,10 @@ class Centrelines(Mapping[int, np.ndarray]):
         state: tuple[int, ...],
         layout: _Layout,
         runs: np.ndarray,
+        note: str = "",
     ) -> None:
         """`runs` (R, 3) int64: frame, first and last byte of its rows in the file or its plain copy."""
-        self._path, self._copy, self._state, self._layout = path, copy, state, layout
+        self._path, self._copy, self._state, self._layout, self.note = path, copy, state, layout, note
         self._runs = runs[np.argsort(runs[:, 0], kind="stable")]
         self.frames = np.unique(self._runs[:, 0])
         self._lot, self._points = -1, [np.empty((0, 3))]
@@ -188,3 +216,239 @@ def _copy_plainly(path: Path, copy: BinaryIO) -> None:
                 raise wrong(row, path, f"{name} is {row[name]}", "give pixels: no picture is that large")
         copy.write(f"{frame},{','.join(map(repr, values))}\n".encode())
     copy.seek(0)
+
+
+_LEAST_LIKELIHOOD = 0.6
+"""Points that a network is less sure of are left out: pcutoff of DeepLabCut."""
+
+
+def _foreign(path: Path, which: str | None) -> tuple[np.ndarray, str] | None:
+    """Points (N, 3) of frame, u, v, px, frame by frame, and a note; None for a table of ours. Raises InputError."""
+    suffix = path.suffix.lower()
+    if os.path.isdir(path):
+        return _numbered_tables(path)
+    if suffix in (".whiskers", ".measurements"):
+        return _whisk(path, which)
+    if suffix in (".h5", ".hdf5", ".nwb"):
+        return _hdf5(path, which)
+    require_file(path)
+    try:
+        with path.open(encoding="utf-8-sig") as stream:
+            first = stream.readline(BLOCK)
+    except (OSError, UnicodeDecodeError):
+        return None
+    names = [name.strip().lower() for name in first.split(",")]
+    if names[0] in ("scorer", "individuals", "bodyparts"):
+        return _of_parts(path, which, *_network_table(path))
+    if names == ["frame", "x", "y"]:
+        return _lists(path, which)
+    if which is not None:
+        raise InputError("--line is of another tracker's table", where=path, remedy="leave it out")
+    return None
+
+
+def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The cells of a table's lines, with their numbers."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            yield from enumerate(csv.reader(stream), 1)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"cannot be read ({error})", where=path, remedy="export it again") from None
+
+
+def _floats(cells: Sequence[str], path: Path, line: int) -> list[float]:
+    """Numbers, NaN for empty cells. Raises InputError with file and line."""
+    try:
+        return [float(cell) if cell.strip() else math.nan for cell in cells]
+    except ValueError:
+        raise InputError("holds what is no number", where=f"{path} line {line}", remedy="export it again") from None
+
+
+def _network_table(path: Path) -> tuple[list[tuple[str, ...]], np.ndarray, np.ndarray]:
+    """DeepLabCut's columns (individual, part, x|y|likelihood), frames (F,) and values (F, C) of a CSV."""
+    heads: dict[str, list[str]] = {}
+    frames: list[float] = []
+    values: list[list[float]] = []
+    for line, cells in _rows(path):
+        if cells and cells[0].lower() in ("scorer", "individuals", "bodyparts", "coords"):
+            heads[cells[0].lower()] = cells[1:]
+        elif cells:
+            numbers = _floats(cells, path, line)
+            if len(cells) != 1 + len(heads.get("coords", ())):
+                raise InputError(f"has {len(cells)} cells", where=f"{path} line {line}", remedy="export it again")
+            frames.append(numbers[0])
+            values.append(numbers[1:])
+    coords = heads.get("coords", [])
+    if not values or any(len(heads.get(key, coords)) != len(coords) for key in ("individuals", "bodyparts")):
+        raise InputError("is no table of DeepLabCut", where=path, remedy="scorer, bodyparts and coords come first")
+    parts = zip(heads.get("individuals", [""] * len(coords)), heads.get("bodyparts", coords), coords, strict=True)
+    return list(parts), np.array(frames), np.array(values)
+
+
+def _of_parts(
+    path: Path, which: str | None, columns: Sequence[tuple[str, ...]], frames: np.ndarray, values: np.ndarray
+) -> tuple[np.ndarray, str]:
+    """The points that a network is sure of, of one individual."""
+    individuals = list(dict.fromkeys(each[0] for each in columns))
+    chosen = _chosen([name for name in individuals if name != "single" or len(individuals) == 1], which, path)
+    place = {(part, coordinate): at for at, (who, part, coordinate) in enumerate(columns) if who == chosen}
+    parts = list(dict.fromkeys(part for part, _ in place))
+    if any((part, coordinate) not in place for part in parts for coordinate in "xy"):
+        raise InputError("has a part without x and y", where=path, remedy="export it again")
+    u, v = (values[:, [place[part, coordinate] for part in parts]] for coordinate in "xy")
+    sure = np.isfinite(u) & np.isfinite(v)
+    known = sure.sum()
+    for at, part in enumerate(parts):
+        if (part, "likelihood") in place:
+            sure[:, at] &= values[:, place[part, "likelihood"]] >= _LEAST_LIKELIHOOD
+    points = np.stack([np.broadcast_to(frames[:, None], u.shape)[sure], u[sure], v[sure]], axis=1)
+    note = f"{len(parts)} parts a frame ({', '.join(parts)[:80]}); {known - sure.sum()} of {known} points"
+    return points, f"{note} are left out: a likelihood below {_LEAST_LIKELIHOOD:g}"
+
+
+def _chosen(names: Sequence[str], which: str | None, path: Path) -> str:
+    """The line that is meant. Raises InputError where there are several and none is named."""
+    if which is None and len(names) != 1:
+        what = f"has {len(names)} lines: {', '.join(map(str, names))}"
+        raise InputError(what, where=path, remedy="say which is the antenna: --line NAME")
+    if which is not None and which not in names:
+        raise InputError(f"has no line {which}", where=path, remedy=f"there are {', '.join(names)}")
+    return which if which is not None else names[0]
+
+
+def _picked(path: Path, which: str | None, lines: Sequence[tuple[str, int, np.ndarray]]) -> tuple[np.ndarray, str]:
+    """Points (N, 3) of the lines (name, frame, (n, 2) px) of one name."""
+    chosen = _chosen(sorted({name for name, _, _ in lines}, key=lambda name: (len(name), name)), which, path)
+    kept = sorted(((frame, line) for name, frame, line in lines if name == chosen), key=lambda each: each[0])
+    points = [np.column_stack([np.full(len(line), frame), line]) for frame, line in kept]
+    return np.concatenate([np.empty((0, 3)), *points]), f"{len(kept)} lines"
+
+
+def _lists(path: Path, which: str | None) -> tuple[np.ndarray, str]:
+    """WhiskerToolbox's lines in one file: a frame, then all x and all y, each in quotes."""
+    lines, count = [], dict[int, int]()
+    for line, cells in _rows(path):
+        if line == 1 or not cells:
+            continue
+        x, y = (_floats(cell.split(","), path, line) for cell in [*cells[1:], "", ""][:2])
+        frame = _floats(cells[:1], path, line)[0]
+        if len(x) != len(y) or not frame >= 0:
+            raise InputError("has no frame, or as many x as y", where=f"{path} line {line}", remedy="export it again")
+        number = count.get(int(frame), 0)
+        count[int(frame)] = number + 1
+        lines.append((str(number), int(frame), np.column_stack([x, y])))
+    return _picked(path, which, lines)
+
+
+def _numbered_tables(path: Path) -> tuple[np.ndarray, str]:
+    """WhiskerToolbox's lines in a file each, named by the frame: x,y."""
+    lines = []
+    for each in sorted(path.glob("*.csv")):
+        if each.stem.isdecimal():
+            rows = [(line, cells) for line, cells in _rows(each) if cells and re.match(r"[-+.\d]", cells[0].strip())]
+            found = [_floats(cells[:2], each, line) for line, cells in rows]
+            lines.append(("", int(each.stem), np.reshape(found, (-1, 2))))
+    if not lines:
+        raise InputError("holds no lines", where=path, remedy="a folder of 000001.csv and so on is needed, with x,y")
+    return _picked(path, None, lines)
+
+
+def _whisk(path: Path, which: str | None) -> tuple[np.ndarray, str]:
+    """The lines of Janelia's whisk (whisker_io_whiskbin1.c), by the labels of the measurements beside them."""
+    traces, measured = path.with_suffix(".whiskers"), path.with_suffix(".measurements")
+    if not traces.is_file():
+        what = "holds where whiskers begin and end, not their lines"
+        raise InputError(what, where=path, remedy=f"put {traces.name} beside it, or export lines")
+    labels = _labels(measured) if measured.is_file() else {}
+    data, lines, at = read_bytes(traces), [], 12
+    if not data.startswith(b"bwhiskbin1\0"):
+        raise InputError("is no binary file of whisk", where=traces, remedy="convert it: whisker_convert … whiskbin1")
+    while at + 12 <= len(data):
+        whisker, frame, count = struct.unpack_from("<3i", data, at)
+        if count < 0 or frame < 0 or at + 12 + 16 * count > len(data):
+            raise InputError("is torn", where=traces, remedy="trace again, or copy it again")
+        points = np.frombuffer(data, "<f4", 2 * count, at + 12).reshape(2, count).T.astype(float)
+        at += 12 + 16 * count
+        label = labels.get((frame, whisker), -1) if labels else whisker
+        if label >= 0:
+            lines.append((str(label), frame, points))
+    return _picked(traces, which, lines)
+
+
+def _labels(path: Path) -> dict[tuple[int, int], int]:
+    """(frame, whisker) → its label in a .measurements file (measurements_io_v1.c, _v3.c)."""
+    data = read_bytes(path)
+    size = {b"measV1\0\0": 40, b"measv3\0\0": 41}.get(data[:8])
+    try:
+        rows, columns = struct.unpack_from("<2i", data, 8)
+        step = (size or 0) + 16 * columns
+        if size is None or min(rows, columns) < 0 or 16 + rows * step > len(data):
+            raise ValueError
+        heads = [struct.unpack_from("<4i", data, 16 + row * step) for row in range(rows)]
+    except (struct.error, ValueError):
+        raise InputError("is no table of whisk that is known here", where=path, remedy="measure again") from None
+    return {(frame, whisker): label for _, frame, whisker, label in heads}
+
+
+def _hdf5(path: Path, which: str | None) -> tuple[np.ndarray, str]:
+    """DeepLabCut's HDF5, or the poses of an NWB file."""
+    from vbaa_calib.convert.child import read_in_child  # which needs sessions
+
+    require_file(path)
+    require_extra("h5py", "trackers")
+    try:
+        found = read_in_child(_read_hdf5, path)
+    except ValueError as error:
+        raise InputError(f"cannot be read ({error!s:.200})", where=path, remedy="export it as CSV") from None
+    columns = [tuple(each) for each in json.loads(str(found["columns"]))]
+    return _of_parts(path, which, columns, found["frames"], found["values"])
+
+
+def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
+    """`columns` (JSON of [individual, part, coordinate]), `frames` (F,), `values` (F, C) of a tracker's HDF5 or NWB.
+
+    Raises
+    ------
+    ValueError : it holds none.
+    """
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        groups = (each for each in file.values() if isinstance(each, h5py.Group))
+        table = next((each["table"] for each in groups if "table" in each), None)
+        if table is not None and table.dtype.names and "values_block_0" in table.dtype.names:
+            columns = _pickled(bytes(table.attrs["values_block_0_kind"]))
+            named = [[each[1] if len(each) == 4 else "", *each[-2:]] for each in columns]
+            frames, values = np.asarray(table["index"], float), np.asarray(table["values_block_0"], float)
+            return {"columns": np.array(json.dumps(named)), "frames": frames, "values": values}
+        series, kinds = list[tuple[str, Any]](), set[str]()
+
+        def visit(name: str, node: Any) -> None:
+            kind = node.attrs.get("neurodata_type", "")
+            kinds.add(kind if isinstance(kind, str) else kind.decode())
+            if "data" in node and "PoseEstimationSeries" in str(kind):
+                series.append((name.rpartition("/")[2], node))
+
+        file.visititems(lambda name, node: visit(name, node) if isinstance(node, h5py.Group) else None)
+        if not series:
+            ends = "WhiskerMeasurementTable" in kinds
+            raise ValueError("its table has follicle and tip, not lines" if ends else "it holds no poses")
+        named, values_of = [], []
+        for name, node in series:
+            xy = np.asarray(node["data"], float)
+            sure = np.asarray(node["confidence"], float) if "confidence" in node else np.ones(len(xy))
+            named += [["", name, coordinate] for coordinate in ("x", "y", "likelihood")]
+            values_of += [xy[:, 0], xy[:, 1], sure]
+        values = np.stack(values_of, axis=1)
+        return {"columns": np.array(json.dumps(named)), "frames": np.arange(len(values), dtype=float), "values": values}
+
+
+def _pickled(data: bytes) -> Any:
+    """The lists and texts of a pickle. Raises ValueError for one that asks for anything else."""
+
+    def refuse(module: str, name: str) -> Any:
+        raise ValueError(f"its columns ask for {module}.{name}")
+
+    reader = pickle._Unpickler(io.BytesIO(data))
+    vars(reader)["find_class"] = refuse
+    return reader.load()

@@ -136,7 +136,12 @@ def refuse_measured(output: Path, root: Path) -> None:
         raise InputError("is an input of this command", where=output, remedy="take another name")
 
 
-def check_pictures(pictures: Iterable[Path], image_size: tuple[int, int], whose: str) -> None:
+def check_pictures(
+    pictures: Iterable[Path],
+    image_size: tuple[int, int],
+    whose: str,
+    remedy: str = "use one camera at one resolution throughout",
+) -> None:
     """Raises InputError for the first picture that is not whole or has another size than (width, height) px.
 
     Quick, so that bad pictures are reported before the long work and not in the middle of it.
@@ -145,7 +150,7 @@ def check_pictures(pictures: Iterable[Path], image_size: tuple[int, int], whose:
         width, height = picture_size(path)
         if (width, height) != tuple(image_size):
             what = f"is {width}x{height} px, {whose} {image_size[0]}x{image_size[1]} px"
-            raise InputError(what, where=path, remedy="use one camera at one resolution throughout")
+            raise InputError(what, where=path, remedy=remedy)
 
 
 _Row = TypeVar("_Row", SweepPicture, Still, Load)

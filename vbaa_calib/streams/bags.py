@@ -2,47 +2,78 @@
 
 from __future__ import annotations
 
+import base64
+import json
+import math
 import os
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
 
-from vbaa_calib.core.errors import InputError, clipped, require_extra
+from vbaa_calib.camera import Camera
+from vbaa_calib.convert.child import is_bag
+from vbaa_calib.core.errors import InputError, clipped, require_extra, shown
 from vbaa_calib.core.files import read_yaml, require_file
 from vbaa_calib.core.images import as_levels, read_picture
 
-from .messages import Messages, Reading, Source, Taken
+from .messages import ONE_CLOCK_S, Messages, Reading, Source, Taken
 from .unpacking import bound_unpacking, check_bag, refuse_bombs
 
-SUFFIXES = (".mcap", ".bag", ".db3")
-_IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
-_MOMENTS = ("geometry_msgs/msg/WrenchStamped", "std_msgs/msg/Float64")
-_JOINTS, _CAMERA = "sensor_msgs/msg/JointState", "sensor_msgs/msg/CameraInfo"
-_ROLES = {"image": _IMAGES, "moment": _MOMENTS, "joints": (_JOINTS,)}
-_COLOURS = {"rgb8": cv2.COLOR_RGB2BGR, "rgba8": cv2.COLOR_RGBA2BGR, "bgra8": cv2.COLOR_BGRA2BGR}
-_BAYER = {
+_ROLES: dict[str, tuple[tuple[str, ...], ...]] = {
+    "image": (
+        ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"),
+        ("foxglove_msgs/msg/CompressedImage", "foxglove.CompressedImage"),
+    ),
+    "moment": (
+        ("geometry_msgs/msg/WrenchStamped", "std_msgs/msg/Float64"),
+        ("geometry_msgs/msg/Wrench", "std_msgs/msg/Float32"),
+    ),
+    "joints": (("sensor_msgs/msg/JointState",),),
+    "camera": (("sensor_msgs/msg/CameraInfo",),),
+}
+"""What a topic may be for → the types that are taken for it, the second group where a bag has none of the first."""
+_ENCODINGS: dict[str, tuple[str, int, int | None]] = {
+    **dict.fromkeys(("mono8", "8UC1"), ("u1", 1, None)),
+    **dict.fromkeys(("mono16", "16UC1"), ("u2", 1, None)),
+    **dict.fromkeys(("bgr8", "8UC3"), ("u1", 3, None)),
+    **dict.fromkeys(("bgr16", "16UC3"), ("u2", 3, None)),
+    **dict.fromkeys(("uyvy", "yuv422"), ("u1", 2, cv2.COLOR_YUV2BGR_UYVY)),
+    **dict.fromkeys(("yuyv", "yuv422_yuy2"), ("u1", 2, cv2.COLOR_YUV2BGR_YUY2)),
+    **{f"rgb{bits}": (kind, 3, cv2.COLOR_RGB2BGR) for bits, kind in ((8, "u1"), (16, "u2"))},
+    **{f"rgba{bits}": (kind, 4, cv2.COLOR_RGBA2BGR) for bits, kind in ((8, "u1"), (16, "u2"))},
+    **{f"bgra{bits}": (kind, 4, cv2.COLOR_BGRA2BGR) for bits, kind in ((8, "u1"), (16, "u2"))},
     # OpenCV names the pattern by its second row and column
-    "bayer_rggb8": cv2.COLOR_BayerBG2BGR,
-    "bayer_bggr8": cv2.COLOR_BayerRG2BGR,
-    "bayer_gbrg8": cv2.COLOR_BayerGR2BGR,
-    "bayer_grbg8": cv2.COLOR_BayerGB2BGR,
+    **{
+        f"bayer_{name}{bits}": (kind, 1, code)
+        for bits, kind in ((8, "u1"), (16, "u2"))
+        for name, code in (
+            ("rggb", cv2.COLOR_BayerBG2BGR),
+            ("bggr", cv2.COLOR_BayerRG2BGR),
+            ("gbrg", cv2.COLOR_BayerGR2BGR),
+            ("grbg", cv2.COLOR_BayerGB2BGR),
+        )
+    },
+    # a plane of brightness, then one of colour with half as many rows
+    "nv12": ("u1", 1, cv2.COLOR_YUV2BGR_NV12),
+    "nv21": ("u1", 1, cv2.COLOR_YUV2BGR_NV21),
+    "32FC1": ("f4", 1, None),
 }
-_LAYOUTS: dict[str, tuple[str, int]] = {
-    **dict.fromkeys(("mono8", "8UC1", *_BAYER), ("u1", 1)),
-    **dict.fromkeys(("rgb8", "bgr8", "8UC3"), ("u1", 3)),
-    **dict.fromkeys(("rgba8", "bgra8"), ("u1", 4)),
-    **dict.fromkeys(("mono16", "16UC1"), ("u2", 1)),
-}
-"""ROS' name of an image's encoding: type and number of its channels."""
+"""ROS' name of an image's encoding: type and number of its channels, and OpenCV's conversion to blue, green, red."""
 _FOCAL_SHARE = 0.01
 """A camera whose focal length is so much off the rig's is another one."""
+_STRAIGHT_PX = 3.0
+"""Rectified pictures differ from those of a lens that bends straight lines by so much, somewhere in the picture."""
+_PATIENCE = 30
+"""So many pictures or joints that cannot be read, and none before them, end the reading: no other can."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +81,8 @@ class Topics:
     """Which topics to take, and what in them. "": the only one of its kind.
 
     pan, tilt : names of the joints. moment_axis : the component of a wrench's torque that is the moment, such as y or
-    -y: of the right-handed torque about the antenna's y, the moment x·f_z − z·f_x is the negative.
+    -y: of the right-handed torque about the antenna's y, the moment x·f_z − z·f_x is the negative. degrees : whether
+    joints are in degrees, against ROS' rule.
     """
 
     image: str = ""
@@ -60,29 +92,36 @@ class Topics:
     pan: str = ""
     tilt: str = ""
     moment_axis: str = "y"
+    degrees: bool = False
+
+    @staticmethod
+    def of(named: Mapping[str, str], *, degrees: bool = False) -> Topics:
+        """Topics, joints and axis by their names here."""
+        values: dict[str, Any] = {**named, "degrees": degrees}
+        return Topics(**values)
 
 
-def is_bag(path: Path) -> bool:
-    """Whether a path is meant for a bag: by its suffix, or a folder with a bag's metadata."""
-    return path.suffix.lower() in SUFFIXES or os.path.isfile(path / "metadata.yaml")
-
-
-def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image_size: tuple[int, int]) -> Source:
+def open_bag(path: Path, topics: Topics, camera: Camera | None, offset_s: float | None = 0.0) -> Source:
     """The pictures and readings of a bag, in the order in which they were logged.
 
-    camera_matrix : (3, 3) of the rig's camera: one that CameraInfo shows to be another is refused.
-    Raises InputError for a bag that cannot be read, has no pictures, or several topics to choose from.
+    camera : the rig's: one that CameraInfo or the topic's name shows to be another is refused. offset_s : what will be
+    added to the readings' times; None: it is to be estimated.
+    Raises InputError for a bag that cannot be read, has no pictures, or several topics to choose from; while it is
+    read, for joints that are not named or in degrees, pictures that cannot be decoded, and clocks that are far apart.
     """
-    if not os.path.isdir(path):
-        require_file(path, "bag")
+    files = _bag_files(path)
+    for each in files:
+        if not os.path.isdir(each):
+            require_file(each, "bag")
     highlevel = require_extra("rosbags.highlevel", "live")
     # bounded, which the reader's own YAML is not
-    check_bag(path, read_yaml(path / "metadata.yaml") if os.path.isdir(path) else {})
+    for each in files:
+        check_bag(each, read_yaml(each / "metadata.yaml") if os.path.isdir(each) else {})
     bound_unpacking()
-    standard = _typestore(path)
+    standard = _typestore(files[0])
     stack = ExitStack()
     try:
-        reader = highlevel.AnyReader([path], default_typestore=standard)
+        reader = highlevel.AnyReader(files, default_typestore=standard)
         reader.open()
         stack.callback(_close, reader)
         kinds = {name: info.msgtype for name, info in reader.topics.items()}
@@ -93,49 +132,129 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
     except Exception as error:  # of a damaged file the reader lets anything through
         what = f"cannot be read as a bag ({type(error).__name__}: {clipped(str(error).partition(chr(10))[0])})"
         raise InputError(what, where=path, remedy="record or copy it again, or mend it (mcap recover)") from None
-    taken = {role: _topic(path, role, getattr(topics, role), kinds) for role in _ROLES}
+    taken = {role: _topic(path, role, getattr(topics, role), kinds) for role in ("image", "moment", "joints")}
     if not taken["image"]:
         what = f"holds no pictures; its topics are {', '.join(sorted(kinds)) or 'none'}"
         raise InputError(what, where=path, remedy="sensor_msgs/Image or CompressedImage is needed")
-    if topics.moment_axis != Topics.moment_axis and kinds.get(taken["moment"]) == _MOMENTS[1]:
-        what = f"--moment-axis is of a WrenchStamped; {taken['moment']} is a Float64, which has no axes"
+    of_moment = kinds.get(taken["moment"]) or ""
+    if topics.moment_axis != Topics.moment_axis and of_moment.startswith("std_msgs"):
+        number = of_moment.rpartition("/")[2]
+        what = f"--moment-axis is of a WrenchStamped; {taken['moment']} is a {number}, which has no axes"
         raise InputError(what, where=path, remedy="leave it out, or choose a wrench: --topic moment=NAME")
-    of_camera = [name for name, kind in kinds.items() if kind == _CAMERA]
-    notes: list[str] = []
+    if camera is not None and topics.camera != "none":
+        _refuse_rectified(taken["image"], camera, path)
+    notes = _notes_on(taken, topics, kinds)
     channels = {"moment_Nm"} if taken["moment"] else set()
     channels |= {"pan_rad", "tilt_rad"} if taken["joints"] else set()
     wanted = {name: role for role, name in taken.items() if name}
-    if camera_matrix is not None and topics.camera != "none":
+    if camera is not None and topics.camera != "none":
         near = taken["image"].rpartition("/")[0]
-        own = [name for name in of_camera if near.startswith(name.rpartition("/")[0])]
+        of_cameras = [name for name, kind in kinds.items() if kind in _ROLES["camera"][0]]
+        own = [name for name in of_cameras if near.startswith(name.rpartition("/")[0])]
         wanted |= dict.fromkeys(own, "camera")
     connections = [each for each in reader.connections if each.topic in wanted]
-    broken: Counter[str] = Counter()
     # by ROS' own definitions: those in the bag may say that a picture holds a billion of something
-    deserialize = standard.deserialize_ros1 if path.suffix == ".bag" else standard.deserialize_cdr
+    ros = standard.deserialize_ros1 if files[0].suffix == ".bag" else standard.deserialize_cdr
+
+    def parts(topic: str, message: Any, arrived_s: float) -> Iterator[Taken | Reading]:
+        """What a message holds. Raises InputError for one that cannot be read."""
+        role = wanted[topic]
+        if role == "image":
+            yield Taken(stamp_s(message, arrived_s), picture_of(message), arrived_s, perf_counter())
+        elif role == "camera" and camera is not None:
+            _check_camera(message, camera, path)
+        elif role != "camera":
+            yield from readings_of(message, topics, arrived_s)
 
     def messages() -> Messages:
-        checked = False
+        good, broken, last, turns = Counter[str](), Counter[str](), dict[str, Exception](), 0
+        lags: dict[str, list[float]] = {role: [] for role in _ROLES}
         with stack:
             for connection, logged_ns, data in _whole(reader.messages(connections), path, notes):
-                role, arrived_s = wanted[connection.topic], 1e-9 * logged_ns
+                topic, arrived_s = connection.topic, 1e-9 * logged_ns
+                if wanted[topic] == "camera" and good[topic]:
+                    continue
                 try:
-                    message = deserialize(data, connection.msgtype)
-                    if role == "camera" and not checked:
-                        _check_camera(message, camera_matrix, image_size, path)
-                        checked = True
-                    elif role == "image":
-                        yield Taken(stamp_s(message, arrived_s), picture_of(message), arrived_s, perf_counter())
-                    elif role != "camera":
-                        yield from readings_of(message, topics, arrived_s)
-                except _NotThisRig:
-                    raise
+                    kind = connection.msgtype
+                    message = _foxglove_picture(data, kind) if kind.startswith("foxglove.") else ros(data, kind)
+                    found = list(parts(topic, message, arrived_s))
                 except Exception as error:
-                    broken[connection.topic] += 1
-                    if broken[connection.topic] == 1:
-                        notes.append(f"{connection.topic} holds messages that cannot be read ({clipped(str(error))})")
+                    if getattr(error, "where", None) == path:
+                        raise
+                    broken[topic] += 1
+                    if broken[topic] == 1:
+                        notes.append(f"{topic} holds messages that cannot be read ({clipped(str(error))})")
+                    if broken[topic] == _PATIENCE and wanted[topic] in ("image", "joints") and not good[topic]:
+                        raise _unreadable(topic, wanted[topic], error, path) from None
+                    last[topic] = error
+                    continue
+                good[topic] += 1
+                far = [each for each in found if isinstance(each, Reading) and not each.possible]
+                turns += wanted[topic] == "joints" and bool(far)
+                if turns == 3 and far:
+                    raise _in_degrees(topic, far[0], path)
+                lags_s = lags[wanted[topic]]
+                if offset_s is not None and found and len(lags_s) < 5:
+                    lags_s.append(found[0].time_s - arrived_s)
+                    _refuse_two_clocks(lags, offset_s, path)
+                yield from found
+            for topic, fault in last.items():
+                if wanted[topic] in ("image", "joints") and not good[topic]:
+                    raise _unreadable(topic, wanted[topic], fault, path)
 
     return Source(path.name, messages, frozenset(channels), notes=notes)
+
+
+def _unreadable(topic: str, role: str, error: Exception, path: Path) -> InputError:
+    """What to say of a topic of which no message can be read."""
+    what, remedy = getattr(error, "what", str(error)), getattr(error, "remedy", None)
+    if role == "image":
+        remedy = remedy or "record them as Image, or as CompressedImage of JPEG or PNG"
+        return InputError(f"none of the pictures of {topic} can be decoded: {clipped(what)}", where=path, remedy=remedy)
+    return InputError(f"{topic}: {clipped(what)}", where=path, remedy=remedy)
+
+
+def _in_degrees(topic: str, far: Reading, path: Path) -> InputError:
+    """What to say of a joint that is further than a turn."""
+    what = f"{topic} has {far.channel.removesuffix('_rad')} at {far.value:g} rad, more than a turn: in degrees?"
+    return InputError(what, where=path, remedy="give --degrees if they are, or name other joints (--pan-joint)")
+
+
+def _refuse_two_clocks(lags: Mapping[str, Sequence[float]], offset_s: float, path: Path) -> None:
+    """Raises InputError where the first stamps of readings and pictures, less when they were logged, are far apart."""
+    for role, words in (("moment", "the moments"), ("joints", "the joints")):
+        if min(len(lags["image"]), len(lags[role])) < 5:
+            continue
+        ahead_s = float(np.median(lags["image"]) - np.median(lags[role]))
+        if abs(ahead_s - offset_s) > ONE_CLOCK_S:
+            side = "before" if ahead_s > 0.0 else "after"
+            what = (
+                f"{words} are stamped {abs(ahead_s):.6g} s {side} the pictures that were logged with them: two clocks"
+            )
+            remedy = f"give --clock-offset {ahead_s:.6g} to add that to their times, or --clock-offset estimate"
+            raise InputError(what, where=path, remedy=remedy)
+
+
+def _refuse_rectified(topic: str, camera: Camera, path: Path) -> None:
+    """Raises InputError for a topic of rectified pictures where the rig's lens bends straight lines."""
+    bends_px = _bend_px(camera)
+    if re.search(r"(?:^|[/_])rect(?:ified)?(?:[/_]|$)", topic) and bends_px > _STRAIGHT_PX:
+        what = f"{topic} is of rectified pictures, the rig's lens that of raw ones: it bends by up to {bends_px:.0f} px"
+        raise InputError(what, where=path, remedy=_raw_remedy("the name misleads"))
+
+
+def _raw_remedy(unless: str) -> str:
+    return f"take the raw pictures' topic, or calibrate with rectified ones; if {unless}, give --topic camera=none"
+
+
+def _bend_px(camera: Camera) -> float:
+    """By how much the picture of a lens differs from that of a pinhole with its matrix, at most."""
+    width, height = camera.image_size
+    u, v = np.meshgrid(np.linspace(0.0, width - 1.0, 17), np.linspace(0.0, height - 1.0, 13))
+    pixels = np.stack([u, v], axis=-1)
+    points, valid = camera.unproject_normalized(pixels)
+    straight = points * camera.matrix[[0, 1], [0, 1]] + camera.matrix[:2, 2]
+    return float(np.linalg.norm(straight - pixels, axis=-1)[valid].max(initial=0.0))
 
 
 def _close(reader: Any) -> None:
@@ -143,15 +262,16 @@ def _close(reader: Any) -> None:
         reader.close()
 
 
-class _NotThisRig(InputError):
-    """Pictures of another camera."""
-
-
 def _typestore(path: Path) -> Any:
-    """Of bags that hold no definitions: those of the last ROS that wrote such."""
+    """Of bags that hold no definitions: those of the last ROS that wrote such, and Foxglove's picture."""
     typesys = require_extra("rosbags.typesys", "live")
     stores = typesys.Stores
-    return typesys.get_typestore(stores.ROS1_NOETIC if path.suffix == ".bag" else stores.ROS2_HUMBLE)
+    if path.suffix == ".bag":
+        return typesys.get_typestore(stores.ROS1_NOETIC)
+    store, name = typesys.get_typestore(stores.ROS2_HUMBLE), "foxglove_msgs/msg/CompressedImage"
+    fields = "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n"
+    store.register(typesys.get_types_from_msg(fields, name))
+    return store
 
 
 def _whole(messages: Iterator[Any], path: Path, notes: list[str]) -> Iterator[Any]:
@@ -168,55 +288,153 @@ def _whole(messages: Iterator[Any], path: Path, notes: list[str]) -> Iterator[An
             return
 
 
+def _bag_files(path: Path) -> list[Path]:
+    """The bag itself, or the files of a ROS 2 bag's folder whose metadata.yaml was never written."""
+    if not os.path.isdir(path) or os.path.isfile(path / "metadata.yaml"):
+        return [path]
+    return sorted((each for each in path.iterdir() if is_bag(each)), key=lambda each: (len(each.name), each.name))
+
+
 def _topic(path: Path, role: str, named: str, kinds: Mapping[str, str | None]) -> str:
     """The topic of a role; "" where there is none. Raises InputError where it must be chosen."""
-    fitting = sorted(name for name, kind in kinds.items() if kind in _ROLES[role])
+    groups = [sorted(name for name, kind in kinds.items() if kind in group) for group in _ROLES[role]]
     if named == "none":
         return ""
     if named:
-        if named not in fitting:
+        every = [name for fitting in groups for name in fitting]
+        if named not in every:
             what = f"has no topic {named} for {role}"
-            raise InputError(what, where=path, remedy=f"there are {', '.join(fitting) or 'none of that kind'}")
+            raise InputError(what, where=path, remedy=f"there are {', '.join(every) or 'none of that kind'}")
         return named
+    fitting = next(filter(None, groups), [])
     if len(fitting) > 1:
         what = f"has several topics for {role}: {', '.join(fitting)}"
         raise InputError(what, where=path, remedy=f"choose: --topic {role}={fitting[0]}, or {role}=none")
     return fitting[0] if fitting else ""
 
 
+def _notes_on(taken: Mapping[str, str], topics: Topics, kinds: Mapping[str, str | None]) -> list[str]:
+    """What there is to say of the topics before they are read."""
+    kind = kinds.get(taken["moment"]) or ""
+    if kind in _ROLES["moment"][1]:
+        return [f"the moment is that of {taken['moment']} ({kind}), stamped when it was logged"]
+    if taken["moment"] or topics.moment == "none":
+        return []
+    known = ", ".join(each.rpartition("/")[2] for group in _ROLES["moment"] for each in group)
+    others = [f"{name} ({kinds[name]})" for name in sorted(kinds) if name not in taken.values()]
+    return [f"no moment is read: none of the bag's other topics, {', '.join(others) or 'none'}, is {known}"]
+
+
 def stamp_s(message: Any, arrived_s: float) -> float:
     """A message's own time, or when it was logged where it has none."""
-    header = getattr(message, "header", None)
-    time_s = 0.0 if header is None else header.stamp.sec + 1e-9 * header.stamp.nanosec
-    return time_s or arrived_s
+    stamp = getattr(getattr(message, "header", None), "stamp", getattr(message, "timestamp", None))
+    return (0.0 if stamp is None else stamp.sec + 1e-9 * stamp.nanosec) or arrived_s
 
 
 def picture_of(message: Any) -> np.ndarray:
     """(H, W) grey or (H, W, 3) blue, green, red, of an Image or CompressedImage. Raises InputError."""
     if hasattr(message, "format"):
-        return read_picture(Path("picture"), bytes(message.data))
+        try:
+            return read_picture(Path("picture"), bytes(message.data))
+        except InputError as error:
+            raise InputError(f"format {shown(message.format)}: {error.what}", remedy=error.remedy) from None
     encoding, height, width = message.encoding, message.height, message.width
-    if encoding not in _LAYOUTS:
-        raise InputError(f"the encoding is {encoding!r}", remedy=f"one of {', '.join(_LAYOUTS)} is needed")
-    kind, count = _LAYOUTS[encoding]
+    if encoding not in _ENCODINGS:
+        raise InputError(f"the encoding is {encoding!r}", remedy=f"one of {', '.join(_ENCODINGS)} is needed")
+    kind, count, conversion = _ENCODINGS[encoding]
+    rows = height * 3 // 2 if encoding.startswith("nv") else height
     row = width * count * int(kind[1])
     data = np.frombuffer(message.data, np.uint8)
-    if not 0 < row <= message.step or data.size != message.step * height or height == 0:
-        raise InputError(f"{data.size} bytes are not {height} rows of {message.step}", remedy="record it again")
-    rows = np.ascontiguousarray(data.reshape(height, message.step)[:, :row])
-    pixels = rows.view(np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")).reshape(height, width, count)
+    if not 0 < row <= message.step or data.size != message.step * rows or height == 0:
+        raise InputError(f"{data.size} bytes are not {rows} rows of {message.step}", remedy="record it again")
+    packed = np.ascontiguousarray(data.reshape(rows, message.step)[:, :row])
+    pixels = packed.view(np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")).reshape(rows, width, count)
     pixels = pixels.astype(pixels.dtype.newbyteorder("="), copy=False)
-    if encoding in _COLOURS or encoding in _BAYER:
-        return np.asarray(cv2.cvtColor(pixels, (_COLOURS | _BAYER)[encoding]))
-    return as_levels(pixels[..., 0] if count == 1 else pixels)
+    if conversion is not None:
+        try:
+            pixels = np.asarray(cv2.cvtColor(pixels, conversion))
+        except cv2.error:
+            what = f"OpenCV cannot convert {encoding} of {width}x{height} px"
+            raise InputError(what, remedy="record it with even sides") from None
+    if kind == "f4":
+        return _levels_of_floats(pixels[..., 0])
+    return as_levels(pixels[..., 0] if pixels.shape[2:] == (1,) else pixels)
+
+
+def _levels_of_floats(pixels: np.ndarray) -> np.ndarray:
+    """Levels 0 to 255 as they are, and 0 to 1 times 255. Raises InputError for others, such as depths."""
+    least, most = (float(pixels.min()), float(pixels.max())) if np.isfinite(pixels).all() else (np.nan, np.nan)
+    if not 0.0 <= least <= most <= 255.0:
+        what = f"its pixels are from {least:g} to {most:g}"
+        raise InputError(what, remedy="levels from 0 to 1 or 255 are needed; is it a picture of depths?")
+    return pixels * (255.0 if most <= 1.0 else 1.0)
+
+
+def _foxglove_picture(data: bytes, kind: str) -> Any:
+    """The time, format and bytes of a foxglove.CompressedImage in JSON or protobuf, as ROS' message has them.
+
+    Raises InputError for what is neither.
+    """
+    if kind != "foxglove.CompressedImage":
+        raise InputError(f"the type is {kind}", remedy="CompressedImage is read")
+    try:
+        fields = _json_fields(data) if data[:1] == b"{" else _protobuf_fields(data)
+        sec, nanosec, name, content = fields
+    except (ValueError, KeyError, IndexError, TypeError, RecursionError):
+        raise InputError("is neither JSON nor protobuf of foxglove.CompressedImage", remedy="record it again") from None
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec))
+    return SimpleNamespace(header=header, format=name, data=content)
+
+
+def _json_fields(data: bytes) -> tuple[int, int, str, bytes]:
+    said = json.loads(data)
+    stamp = said["timestamp"]
+    return int(stamp["sec"]), int(stamp["nsec"]), str(said["format"]), base64.b64decode(said["data"], validate=True)
+
+
+def _protobuf_fields(data: bytes) -> tuple[int, int, str, bytes]:
+    """timestamp 1 (seconds 1, nanos 2), data 2, format 3, frame_id 4 of foxglove/CompressedImage.proto."""
+    fields = _protobuf(data)
+    stamp = _protobuf(fields.get(1, b""))
+    return stamp.get(1, 0), stamp.get(2, 0), fields.get(3, b"").decode(), fields[2]
+
+
+def _protobuf(data: bytes) -> dict[int, Any]:
+    """Number → whole number or bytes of a message's fields. Raises ValueError or IndexError for what is none."""
+    fields: dict[int, Any] = {}
+    at = 0
+
+    def number() -> int:
+        nonlocal at
+        value = shift = 0
+        while True:
+            byte, at = data[at], at + 1
+            value |= (byte & 0x7F) << shift
+            shift += 7
+            if byte < 0x80:
+                return value
+            if shift > 63:
+                raise ValueError("a number without end")
+
+    while at < len(data):
+        key = number()
+        if key & 7 == 0:
+            fields[key >> 3] = number()
+            continue
+        length = {1: 8, 5: 4}.get(key & 7) or number()
+        if key & 7 not in (1, 2, 5) or at + length > len(data):
+            raise ValueError("no field")
+        fields[key >> 3], at = data[at : at + length], at + length
+    return fields
 
 
 def readings_of(message: Any, topics: Topics, arrived_s: float) -> Iterator[Reading]:
-    """What a WrenchStamped, Float64 or JointState says. Raises InputError where the joints must be named."""
+    """What a wrench, a number or a JointState says. Raises InputError where the joints must be named."""
     time_s = stamp_s(message, arrived_s)
-    if hasattr(message, "wrench"):
+    wrench = getattr(message, "wrench", message)
+    if hasattr(wrench, "torque"):
         axis = topics.moment_axis
-        moment_Nm = float(getattr(message.wrench.torque, axis.removeprefix("-")))
+        moment_Nm = float(getattr(wrench.torque, axis.removeprefix("-")))
         yield Reading(time_s, "moment_Nm", -moment_Nm if axis.startswith("-") else moment_Nm, arrived_s)
     elif hasattr(message, "data"):
         yield Reading(time_s, "moment_Nm", float(message.data), arrived_s)
@@ -225,20 +443,25 @@ def readings_of(message: Any, topics: Topics, arrived_s: float) -> Iterator[Read
             at = [i for i, name in enumerate(message.name) if name == named or (named in name and named in channel)]
             if len(at) != 1 or at[0] >= len(message.position):
                 what = f"{len(at)} joints of {', '.join(map(str, message.name))} are called {named}"
-                raise InputError(what, remedy=f"name it: --{channel.removesuffix('_rad')}-joint")
-            yield Reading(time_s, channel, float(message.position[at[0]]), arrived_s)
+                raise InputError(what, remedy="name two of them: --pan-joint NAME --tilt-joint NAME")
+            angle = float(message.position[at[0]])
+            yield Reading(time_s, channel, math.radians(angle) if topics.degrees else angle, arrived_s)
 
 
-def _check_camera(message: Any, matrix: np.ndarray | None, image_size: tuple[int, int], path: Path) -> None:
-    """Raises InputError for a CameraInfo of another camera than the rig's."""
-    assert matrix is not None
-    if (message.width, message.height) != tuple(image_size):
-        what = f"CameraInfo says {message.width}x{message.height} px, the rig {image_size[0]}x{image_size[1]}"
-        raise _NotThisRig(what, where=path, remedy="use the camera and resolution of the calibration")
+def _check_camera(message: Any, camera: Camera, path: Path) -> None:
+    """Raises InputError for a CameraInfo of another camera than the rig's, or of rectified pictures."""
+    size, matrix = camera.image_size, camera.matrix
+    if (message.width, message.height) != tuple(size):
+        what = f"CameraInfo says {message.width}x{message.height} px, the rig {size[0]}x{size[1]}"
+        raise InputError(what, where=path, remedy="use the camera and resolution of the calibration")
     focal = float(getattr(message, "k", getattr(message, "K", np.zeros(9)))[0])
     if focal > 0.0 and abs(focal / matrix[0, 0] - 1.0) > _FOCAL_SHARE:
         what = f"CameraInfo says a focal length of {focal:.1f} px, the rig {matrix[0, 0]:.1f}"
-        raise _NotThisRig(what, where=path, remedy="is it the rig's camera, and its focus? if so, --topic camera=none")
+        raise InputError(what, where=path, remedy="is it the rig's camera, and its focus? if so, --topic camera=none")
+    distortion, bends_px = np.asarray(getattr(message, "d", getattr(message, "D", ()))), _bend_px(camera)
+    if focal > 0.0 and distortion.size and not distortion.any() and bends_px > _STRAIGHT_PX:
+        what = f"CameraInfo says no distortion, as of rectified pictures; the rig's lens bends by {bends_px:.0f} px"
+        raise InputError(what, where=path, remedy=_raw_remedy("CameraInfo is wrong"))
 
 
 @dataclass(frozen=True, eq=False)

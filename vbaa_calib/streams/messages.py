@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -64,6 +65,8 @@ class Reading:
         return abs(self.value) <= _MOST[self.channel] and abs(self.time_s) < 1e12
 
 
+ONE_CLOCK_S = 10.0
+"""Stamps that are further apart than the messages were logged are of two clocks: nothing waits so long."""
 _BEGAN_S = time.time() - time.monotonic()
 
 
@@ -99,6 +102,39 @@ class Source:
     dropped: Callable[[], int] = lambda: 0
     reopened: Callable[[], int] = lambda: 0
     notes: list[str] = field(default_factory=list)
+
+    def readings_ahead_s(self) -> float:
+        """By how much readings are stamped before pictures, s, by when they came: 0 where they are on one clock.
+
+        Of the first messages, which are gone then.
+        """
+        lags_s: dict[bool, list[float]] = {True: [], False: []}
+        messages = self.messages()
+        for each in messages:
+            if each is not None:
+                lags_s[isinstance(each, Taken)].append(each.time_s - each.arrived_s)
+            if min(map(len, lags_s.values())) >= 5:
+                break
+        messages.close()
+        if not all(lags_s.values()):
+            return 0.0
+        ahead_s = float(np.median(lags_s[True]) - np.median(lags_s[False]))
+        return ahead_s if abs(ahead_s) > ONE_CLOCK_S else 0.0
+
+    def begun(self) -> Source:
+        """The same, read up to its first picture. Raises InputError where a recording has none that can be read."""
+        several, ahead = self.messages(), list[Taken | Reading | None]()
+        for each in several:
+            ahead.append(each)
+            if isinstance(each, Taken):
+                break
+
+        def messages() -> Messages:
+            with closing(several):
+                yield from ahead
+                yield from several
+
+        return replace(self, messages=messages)
 
     def without_moments(self) -> Source:
         """The same for vision alone."""

@@ -7,12 +7,13 @@ import sys
 from pathlib import Path
 
 from vbaa_calib.camera import Camera
+from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import require_file
 from vbaa_calib.sources import open_source
 from vbaa_calib.sources.live import LiveSource
 
-from .bags import Topics, is_bag, open_bag
+from .bags import Topics, open_bag
 from .devices import open_device
 from .messages import Source
 from .recorded import open_folder, open_lines, open_table, open_video, with_readings
@@ -26,17 +27,14 @@ def is_recorded(path: Path) -> bool:
 
 
 def open_recorded(
-    path: Path, camera: Camera, table: Path | None, offset_s: float = 0.0, topics: Topics | None = None
+    path: Path, camera: Camera, table: Path | None, offset_s: float | None = 0.0, topics: Topics | None = None
 ) -> Source:
     """A bag, a video or a table of pictures, with the readings of a table, if one is given.
 
-    offset_s : added to the readings' times. Raises InputError, also for a bag of another camera.
+    offset_s : added to the readings' times; None: to be estimated. Raises InputError, also for a bag of another camera.
     """
-    if is_bag(path):
-        source = open_bag(path, topics or Topics(), camera.matrix, camera.image_size)
-    else:
-        source = open_pictures(path)
-    return with_readings(source, table, offset_s)
+    source = open_bag(path, topics or Topics(), camera, offset_s) if is_bag(path) else open_pictures(path)
+    return with_readings(source, table, offset_s or 0.0)
 
 
 def open_pictures(path: Path) -> Source:

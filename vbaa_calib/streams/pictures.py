@@ -9,10 +9,11 @@ from typing import Any, TypeVar
 import cv2
 import numpy as np
 
+from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.sources.files import Picture, frame_picture, shown
 
-from .bags import Topics, is_bag, open_bag
+from .bags import Topics, open_bag
 from .messages import Messages, Taken
 from .open import open_pictures
 
@@ -24,7 +25,7 @@ _SAME = 0.15
 
 def _recorded_pictures(path: Path, topics: Topics | None = None) -> Messages:
     """The messages of a bag or video, of whatever camera. Raises InputError."""
-    return (open_bag(path, topics or Topics(), None, (0, 0)) if is_bag(path) else open_pictures(path)).messages()
+    return (open_bag(path, topics or Topics(), None) if is_bag(path) else open_pictures(path)).messages()
 
 
 def thinned(pictures: Iterable[tuple[_T, np.ndarray]], most: int) -> list[tuple[_T, np.ndarray]]:

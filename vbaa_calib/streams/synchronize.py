@@ -233,6 +233,7 @@ class Synchronizer:
         self._now_s = self._given_s = -np.inf
         self._set_back_s = 0.0
         self._number = 0
+        self._spans: dict[str, tuple[float, float]] = {}
 
     def push(self, message: Taken | Reading) -> Iterator[Synchronized]:
         """The frames that are complete with it. Raises InputError when the first picture has not the rig's size."""
@@ -275,12 +276,29 @@ class Synchronizer:
             yield self._frame(self._waiting.popleft())
 
     def finish(self) -> Iterator[Synchronized]:
-        """Those that still wait; nothing comes after them."""
+        """Those that still wait; nothing comes after them.
+
+        Raises InputError for a recording whose pictures and readings have no instant in common.
+        """
         for stream, stamps in self._stamps.items():
             last = stamps.last
             counted, wrong = stamps.finish()
             yield from self._judged(stream, last, counted, wrong, jumped=len(counted) > 1)
         yield from self._flushed()
+        for channel in () if self.live else self._channels:
+            self._refuse_two_clocks(channel)
+
+    def _refuse_two_clocks(self, channel: str) -> None:
+        """Raises InputError for a channel that begins after the last picture, or ends before the first."""
+        if channel not in self._spans or "pictures" not in self._spans:
+            return
+        (first_s, last_s), (begin_s, end_s) = self._spans[channel], self._spans["pictures"]
+        if max(first_s - end_s, begin_s - last_s) <= self._timing.gap_s + _INSTANT_S:
+            return
+        what = f"{channel} was read from {first_s:.10g} to {last_s:.10g} s, the pictures are of {begin_s:.10g} to "
+        offset_s = self._timing.offset_s + begin_s - first_s
+        remedy = f"give --clock-offset, which is added to the readings' times: {offset_s:.10g} lets both begin together"
+        raise InputError(f"{what}{end_s:.10g} s: two clocks", remedy=remedy)
 
     def left_out(self) -> list[str]:
         """What was left out, in words."""
@@ -339,6 +357,9 @@ class Synchronizer:
                     self._set_back_s += (onward_s - by_s) * (kind == "pictures")
         for message in counted:
             self.counts[kind] += 1
+            at_s = message.time_s + (0.0 if isinstance(message, Taken) else self._timing.offset_s)
+            least_s, most_s = self._spans.get(stream, (at_s, at_s))
+            self._spans[stream] = min(least_s, at_s), max(most_s, at_s)
             if isinstance(message, Taken):
                 self._waiting.append(message)
                 continue

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from vbaa_calib.convert.child import read_bag_head, read_in_child
+from vbaa_calib.convert.child import read_bag_head, read_in_child, take_all_schemas
 from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.core.files import most_memory
 
@@ -57,6 +57,7 @@ def bound_unpacking() -> None:
 
     It offers no other way: its functions are replaced by such as raise InputError.
     """
+    take_all_schemas()
     rosbags = _rosbags()
     lz4, zstd = _bounded(rosbags.lz4.open), _bounded(rosbags.mcap.zstd.open)
     rosbags.bag.decompressors.update(bz2=_bounded(bz2.open), lz4=lz4)

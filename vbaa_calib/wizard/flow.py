@@ -8,11 +8,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.images import SUFFIXES
 from vbaa_calib.sources import Source, SourceLost, VideoSource, open_source
 
-from ..streams.bags import is_bag
 from ..streams.pictures import BagPictures
 from .asking import answer_all, change, set_unlisted_aside, take_back
 from .capture import GO_ON, Capture

@@ -28,6 +28,7 @@ from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.calibrate.pipeline import first_solved, next_lenses, stills_prior
 from vbaa_calib.calibrate.plane_c import PlaneC, PlaneViews, find_plane
 from vbaa_calib.calibrate.pose.fusion import fused
+from vbaa_calib.convert.values import Wanted
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.files import UniqueKeyDumper, read_yaml, write_text
 from vbaa_calib.core.images import read_gray, read_picture
@@ -271,7 +272,7 @@ class SessionState:
     def given_lens(self) -> GivenLens | None:
         """The known lens, if any. Raises InputError for a file without one."""
         path, name = (self._answers.get(key) for key in ("camera", "camera_name"))
-        return path and self.cached("given lens", (path, name), lambda: read_lens(Path(path), name))
+        return path and self.cached("given lens", (path, name), lambda: read_lens(Path(path), Wanted(name)))
 
     @property
     def image_size(self) -> tuple[int, int] | None:

@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from vbaa_calib.cli.lens_file import add_lens_file, wanted_of
 from vbaa_calib.core.console import say
 from vbaa_calib.core.csv_rows import read_csv
 from vbaa_calib.core.errors import InputError, VbaaError
@@ -41,10 +42,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--camera",
         type=Path,
         metavar="FILE",
-        help="start from a known lens: camera.json, rig.json, or a file of ROS, OpenCV, Kalibr, mrcal or COLMAP; "
+        help="start from a known lens: camera.json, rig.json, or any file that `vbaa convert` reads; "
         "intrinsics/ is not needed then, and tests it if it is there",
     )
-    parser.add_argument("--camera-name", metavar="NAME", help="which one, where FILE holds several (cam1; CAMERA_ID)")
+    add_lens_file(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -66,13 +67,15 @@ def _one(args: argparse.Namespace) -> dict[str, Any]:
 
     inputs = [] if args.camera is None else [args.camera]
     refuse_overwrite(args.output, args.force, inputs)
-    if args.camera_name is not None and not inputs:
-        raise InputError("names a camera of no file", where="--camera-name", remedy="give --camera FILE, too")
+    wanted = wanted_of(args)
+    if wanted != type(wanted)() and not inputs:
+        name = "--camera-name" if args.camera_name else "--size, --binning, --roi, --rectified, --fisheye"
+        raise InputError("is about a lens file, of which there is none", where=name, remedy="give --camera FILE, too")
     if inputs and args.model != "auto":
         raise InputError("--camera brings its lens model", where="--lens-model", remedy="leave one of the two out")
     refuse_measured(args.output, args.session)
     session = load_session(args.session)
-    given = None if args.camera is None else read_lens(args.camera, args.camera_name)
+    given = None if args.camera is None else read_lens(args.camera, wanted)
     calibration = calibrate(session, args.model, given)
     report(calibration)
     write_json(args.output, rig_document(calibration, args.argv), args.force, Rig.from_dict)

@@ -84,9 +84,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--centrelines",
         type=Path,
         metavar="FILE",
-        help="in place of a session: the antenna's pixels, frame,u_px,v_px[,sigma_px], from one's own tracker; "
-        "--readings gives frame,time_s,pan_rad,tilt_rad[,moment_Nm]",
+        help="in place of a session: the antenna's pixels, frame,u_px,v_px[,sigma_px], from one's own tracker, or as "
+        "DeepLabCut, WhiskerToolbox, whisk or NWB have them; --readings: frame,time_s,pan_rad,tilt_rad[,moment_Nm]",
     )
+    parser.add_argument("--line", metavar="NAME", help="which of several lines or individuals there is the antenna")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json of `vbaa calibrate`")
     parser.add_argument("-o", "--output", type=Path, required=True, help="contacts.csv to write, or contacts.parquet")
     add_estimator_options(parser)
@@ -117,6 +118,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if (args.session is None) == (args.centrelines is None):
         remedy = "give a session, a bag or a video, or --centrelines"
         raise InputError("what is to be estimated is not named, or twice", where="vbaa estimate", remedy=remedy)
+    if args.line is not None and args.centrelines is None:
+        raise InputError("--line", where="vbaa estimate", remedy="it is of --centrelines")
     if args.clock_offset != "0" and (args.session is None or _is_session(args.session)):
         remedy = "leave it out: here every reading stands beside its picture"
         raise InputError("--clock-offset is for a bag, a video or a table of pictures", remedy=remedy)

@@ -121,7 +121,7 @@ def _folder_of(args: argparse.Namespace) -> Iterator[Path]:
             raise InputError("--topic is for a bag", where=_VERB, remedy="leave it out")
         yield args.images
         return
-    topics = Topics(**named_topics([args.topic] if args.topic else [], ("image",)))
+    topics = Topics.of(named_topics([args.topic] if args.topic else [], ("image",)))
     with TemporaryDirectory(prefix="vbaa-views-") as name:
         count = unpack_views(args.images, Path(name), topics, _VIEWS)
         kept = len(list(Path(name).iterdir()))

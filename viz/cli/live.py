@@ -103,6 +103,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     with ExitStack() as stack:
         timing = _clocked(args, estimator, timing, ground)
         source = _source(args, rig, timing)
+        # before any output is begun
+        source = source if source.live else source.begun()
         sinks = _sinks(args, stack)
         synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size, source.notes, source.live)
         live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final)

@@ -146,7 +146,8 @@ def _topics_of(args: argparse.Namespace) -> Topics:
     """Which topics of a bag to take. Raises InputError for what is no role."""
     from vbaa_calib.streams.bags import Topics
 
-    return Topics(**named_topics(args.topic), pan=args.pan_joint, tilt=args.tilt_joint, moment_axis=args.moment_axis)
+    named = named_topics(args.topic) | {"pan": args.pan_joint, "tilt": args.tilt_joint, "moment_axis": args.moment_axis}
+    return Topics.of(named, degrees=args.degrees)
 
 
 def named_topics(given: Iterable[str], roles: Sequence[str] = _ROLES) -> dict[str, str]:
@@ -162,13 +163,14 @@ def named_topics(given: Iterable[str], roles: Sequence[str] = _ROLES) -> dict[st
 
 def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> Source:
     """A bag, a video or a table of pictures, with its readings. Raises InputError."""
-    from vbaa_calib.streams.bags import is_bag
+    from vbaa_calib.convert.child import is_bag
     from vbaa_calib.streams.open import open_recorded
 
     table = args.readings
     if table is None and not is_bag(path) and path.suffix.lower() == ".csv":
         table = path
-    source = open_recorded(path, rig.camera, table, timing.offset_s, _topics_of(args))
+    known_s = None if args.clock_offset == ESTIMATE and timing.offset_std_s == 0.0 else timing.offset_s
+    source = open_recorded(path, rig.camera, table, known_s, _topics_of(args))
     return source.without_moments() if args.no_moment else source
 
 
@@ -178,10 +180,13 @@ def tracked(args: argparse.Namespace) -> tuple[Sequence[Frame], Centrelines]:
     Without readings: vision alone, the joints as --pan and --tilt say, a second from frame to frame, so that none is
     tested for motion.
     """
+    from vbaa_calib.core.console import say
     from vbaa_calib.session import Frame, centrelines_of, recording_of
 
     path, readings, joints = args.centrelines, args.readings, pan_tilt_rad(args)
-    lines = centrelines_of(path)
+    lines = centrelines_of(path, args.line)
+    if lines.note:
+        say(f"read {path}: {lines.note}")
     if readings is None:
         first = Frame(None, *joints, math.nan, frame=0, time_s=0.0, joints_read=(False, False))
         return [replace(first, frame=frame, time_s=float(frame)) for frame in lines], lines

@@ -57,13 +57,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     full or gone.
     """
     from vbaa_calib.calibrate.given_lens import read_lens
+    from vbaa_calib.convert.values import Wanted
     from vbaa_calib.wizard.store import Store
 
     if not 0 <= args.port <= _LAST_PORT:
         raise InputError(f"there is no port {args.port}", where="--port", remedy=f"0 for any, or up to {_LAST_PORT}")
     given = _answers_given(args)
     if "camera" in given:  # before anything is touched
-        read_lens(Path(given["camera"]), given.get("camera_name"))
+        read_lens(Path(given["camera"]), Wanted(given.get("camera_name")))
     try:
         with Store(args.session) as store:
             return _run(args, store, given)
