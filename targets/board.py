@@ -1,4 +1,4 @@
-"""The board as the user describes it, checked once: ChArUco, or for the lens a chessboard or a grid of circles."""
+"""The board as the user describes it, checked once: ChArUco, AprilGrid, chessboard or grid of circles."""
 
 from __future__ import annotations
 
@@ -14,12 +14,21 @@ from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
 DICTIONARY_SIZES = (50, 100, 250, 1000)
-DICTIONARIES = tuple(f"DICT_{bits}X{bits}_{size}" for bits in (4, 5, 6, 7) for size in DICTIONARY_SIZES)
+DICTIONARIES = {f"DICT_{bits}X{bits}_{size}": size for bits in (4, 5, 6, 7) for size in DICTIONARY_SIZES} | {
+    "DICT_ARUCO_ORIGINAL": 1024,
+    "DICT_ARUCO_MIP_36h12": 250,
+    "DICT_APRILTAG_16h5": 30,
+    "DICT_APRILTAG_25h9": 35,
+    "DICT_APRILTAG_36h10": 2320,
+    "DICT_APRILTAG_36h11": 587,
+}
+"""OpenCV's dictionaries, and how many markers each has."""
 
 _Squares = Annotated[int, Field(strict=True, ge=2, le=200)]
 _ChessCount = Annotated[int, Field(strict=True, ge=4, le=200)]
 _GridCount = Annotated[int, Field(strict=True, ge=3, le=50)]
 _Side = Annotated[float, Field(strict=True, gt=0, lt=10)]
+_Id = Annotated[int, Field(strict=True, ge=0, le=9999)]
 
 
 class _OfSquares:
@@ -33,6 +42,16 @@ class _OfSquares:
     def pitch_m(self) -> float:
         """Distance of neighbouring corners."""
         return self.square_m
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """(along x, along y) of the print."""
+        return self.square_m * self.squares_x, self.square_m * self.squares_y
+
+    @property
+    def corner_columns(self) -> int:
+        """Corners in a line."""
+        return self.squares_x - 1
 
     @property
     def corner_count(self) -> int:
@@ -52,6 +71,7 @@ class BoardSpec(_OfSquares):
     thickness_m : distance from the printed face to the face that rests in the jig.
     stretch, stretch_std : by how much the print is longer along x than along y, relative, where both rulers were
         measured; `square_m` is then the mean of a square's sides.
+    first_id, ids : the markers' ids, row by row: from `first_id` on, or as they are listed.
 
     Raises pydantic's ValidationError, a ValueError, for what is no board.
     """
@@ -65,13 +85,18 @@ class BoardSpec(_OfSquares):
     thickness_m: Annotated[float, Field(strict=True, ge=0, lt=10)] = 0.0
     stretch: Annotated[float, Field(strict=True, gt=-0.3, lt=0.3)] = 0.0
     stretch_std: Annotated[float, Field(strict=True, gt=0, lt=0.1)] | None = None
+    first_id: _Id = 0
+    ids: tuple[_Id, ...] | None = None
     type: Literal["charuco"] = field(default="charuco", kw_only=True, repr=False)
 
     @model_validator(mode="before")
     @classmethod
     def _has_ids(cls, data: Any) -> Any:
         kind = data.get("type") if isinstance(data, Mapping) else None
-        if isinstance(kind, str) and kind in PLAIN_BOARDS:
+        if kind == "aprilgrid":
+            what, remedy = f"is {kind!r}: a session's board is a ChArUco board", "`vbaa intrinsics` takes an AprilGrid"
+            raise ValueError(what, f"{remedy}, `vbaa calibrate --camera` its lens, and `vbaa handeye` both", "type")
+        if isinstance(kind, str) and kind in BOARDS and kind != "charuco":
             what = f"is {kind!r}: its marks have no ids, so the board's pose is ambiguous"
             remedy = "take a ChArUco board here; for the lens alone `vbaa intrinsics` takes that one, too"
             raise ValueError(what, remedy, "type")
@@ -88,21 +113,32 @@ class BoardSpec(_OfSquares):
                 f"marker_m is {self.marker_m!r} and square_m {self.square_m!r}: 0 < marker_m < square_m is needed"
                 + (exchanged if self.marker_m > self.square_m else "")
             )
-        if self.dictionary not in DICTIONARIES:
-            raise ValueError(f"dictionary is {self.dictionary!r}: one of {', '.join(DICTIONARIES)} is needed")
-        available = int(self.dictionary.rsplit("_", 1)[1])
-        if self.marker_count > available:
-            squares = f"{self.squares_x}x{self.squares_y} squares"
-            raise ValueError(f"{squares} need {self.marker_count} markers, {self.dictionary} has {available}")
+        if self.ids is not None:
+            if len(set(self.ids)) != len(self.ids) or len(self.ids) != self.marker_count:
+                needed = f"{self.marker_count} different ones are needed for {self.squares_x}x{self.squares_y} squares"
+                raise ValueError(f"ids are {len(self.ids)}, {len(set(self.ids))} of them different: {needed}")
+            if self.first_id:
+                raise ValueError(f"first_id is {self.first_id!r} and ids are listed: leave one out")
+        _require_markers(self.dictionary, self.marker_ids, f"{self.squares_x}x{self.squares_y} squares")
 
     @property
     def marker_count(self) -> int:
         return self.squares_x * self.squares_y // 2
 
     @property
+    def marker_ids(self) -> np.ndarray:
+        """(marker_count,) ids row by row."""
+        return self.first_id + np.arange(self.marker_count) if self.ids is None else np.array(self.ids)
+
+    @property
     def modules(self) -> int:
         """Cells along a marker's side, its black border included."""
-        return int(self.dictionary[len("DICT_")]) + 2
+        return int(_dictionary(self.dictionary).markerSize) + 2
+
+    @property
+    def has_one_reading(self) -> bool:
+        """Whether a picture of the whole board shows which corner is which."""
+        return True
 
     @property
     def starts_with_marker(self) -> bool:
@@ -114,7 +150,10 @@ class BoardSpec(_OfSquares):
         described = {"type": self.type, **asdict(self)}
         if self.stretch_std is None:
             del described["stretch"], described["stretch_std"]
-        return described
+        if not self.first_id:
+            del described["first_id"]
+        listed = described.pop("ids")
+        return described if listed is None else described | {"ids": list(listed)}
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -128,6 +167,11 @@ class Chessboard(_OfSquares):
     squares_x: _ChessCount
     squares_y: _ChessCount
     square_m: _Side
+
+    @property
+    def has_one_reading(self) -> bool:
+        """Whether a picture of the whole board shows which corner is which: by the corner whose square is black."""
+        return (self.squares_x + self.squares_y) % 2 == 1
 
     @property
     def lattice(self) -> np.ndarray:
@@ -157,6 +201,11 @@ class CircleGrid:
     spacing_m: _Side
 
     @property
+    def has_one_reading(self) -> bool:
+        """Whether a picture of the whole board shows which circle is which: by its shape."""
+        return self.type == "asymmetric_circles" and self.rows % 2 == 1
+
+    @property
     def lattice(self) -> np.ndarray:
         """(corner_count, 2) place of each circle, in spacings from the first one."""
         places = _lattice(self.columns, self.rows)
@@ -178,14 +227,87 @@ class CircleGrid:
         return asdict(self)
 
 
-PLAIN_BOARDS: dict[str, type[Chessboard | CircleGrid]] = {
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class AprilGrid:
+    """Kalibr's AprilGrid: tags in columns and rows, with black squares where their corners meet.
+
+    Board frame: origin at the upper left corner of the upper left tag, x along its row, y down, z away from the viewer.
+    Corners are numbered along the lines of corners from there; tags from the lower left one, row by row upwards.
+
+    columns, rows : tags. tag_m : side of a tag, m. spacing : width of the gap between tags, in sides of a tag.
+    border : modules of black around a tag's bits. first_id : of the lower left tag.
+    """
+
+    type: Literal["aprilgrid"]
+    columns: Annotated[int, Field(strict=True, ge=1, le=50)]
+    rows: Annotated[int, Field(strict=True, ge=1, le=50)]
+    tag_m: _Side
+    spacing: Annotated[float, Field(strict=True, ge=0.05, le=1)]
+    dictionary: str = "DICT_APRILTAG_36h11"
+    border: Annotated[int, Field(strict=True, ge=1, le=2)] = 2
+    first_id: _Id = 0
+
+    def __post_init__(self) -> None:
+        _require_markers(self.dictionary, self.marker_ids, f"{self.columns}x{self.rows} tags")
+
+    @property
+    def has_one_reading(self) -> bool:
+        """Whether a picture of the whole board shows which corner is which."""
+        return True
+
+    @property
+    def marker_ids(self) -> np.ndarray:
+        """(rows · columns,) ids, row by row from the upper left tag."""
+        rows = np.arange(self.rows * self.columns).reshape(self.rows, self.columns)
+        return self.first_id + rows[::-1].ravel()
+
+    @property
+    def modules(self) -> int:
+        """Cells along a tag's side, its black border included."""
+        return int(_dictionary(self.dictionary).markerSize) + 2 * self.border
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """(along x, along y) of the print, with the squares at its rim."""
+        across, down = (self.tag_m * (count + (count + 1) * self.spacing) for count in (self.columns, self.rows))
+        return across, down
+
+    @property
+    def pitch_m(self) -> float:
+        """Least distance of neighbouring corners."""
+        return self.tag_m * self.spacing
+
+    @property
+    def corner_columns(self) -> int:
+        """Corners in a line."""
+        return 2 * self.columns
+
+    @property
+    def corner_count(self) -> int:
+        return 4 * self.columns * self.rows
+
+    @property
+    def lattice(self) -> np.ndarray:
+        """(corner_count, 2) place of each corner, in sides of a tag from the first one."""
+        step = _lattice(2 * self.columns, 2 * self.rows)
+        return step // 2 * (1.0 + self.spacing) + step % 2
+
+    def to_dict(self) -> dict[str, Any]:
+        """A board.yaml."""
+        described = asdict(self)
+        return described if self.first_id else {name: value for name, value in described.items() if name != "first_id"}
+
+
+Board = BoardSpec | AprilGrid | Chessboard | CircleGrid
+"""What the lens can be calibrated with."""
+BOARDS: dict[str, type[Board]] = {
+    "charuco": BoardSpec,
+    "aprilgrid": AprilGrid,
     "chessboard": Chessboard,
     "circles": CircleGrid,
     "asymmetric_circles": CircleGrid,
 }
-"""Boards whose marks have no ids, by `type`."""
-Board = BoardSpec | Chessboard | CircleGrid
-"""What the lens can be calibrated with."""
+"""The kinds of boards, by `type`."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -205,9 +327,22 @@ def _lattice(columns: int, rows: int) -> np.ndarray:
     return np.stack([column.ravel(), row.ravel()], axis=1)
 
 
+def _dictionary(name: str) -> cv2.aruco.Dictionary:
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
+def _require_markers(dictionary: str, ids: np.ndarray, what: str) -> None:
+    if dictionary not in DICTIONARIES:
+        raise ValueError(f"dictionary is {dictionary!r}: one of {', '.join(DICTIONARIES)} is needed")
+    if ids.max() >= DICTIONARIES[dictionary]:
+        needed = f"{what} need {len(ids)} markers"
+        needed += f" with ids up to {ids.max()}" if ids.max() >= len(ids) else ""
+        raise ValueError(f"{needed}, {dictionary} has {DICTIONARIES[dictionary]}")
+
+
 def opencv_board(spec: BoardSpec) -> cv2.aruco.CharucoBoard:
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, spec.dictionary))
-    board = cv2.aruco.CharucoBoard((spec.squares_x, spec.squares_y), spec.square_m, spec.marker_m, dictionary)
+    size, ids = (spec.squares_x, spec.squares_y), spec.marker_ids.astype(np.int32)
+    board = cv2.aruco.CharucoBoard(size, spec.square_m, spec.marker_m, _dictionary(spec.dictionary), ids)
     board.setLegacyPattern(spec.legacy_pattern)
     return board
 
@@ -217,8 +352,8 @@ def corner_points(spec: Board | BoardPoints) -> np.ndarray:
     if isinstance(spec, BoardPoints):
         return spec.points_m
     if not isinstance(spec, BoardSpec):
-        step = spec.square_m if isinstance(spec, Chessboard) else spec.spacing_m
-        return np.pad(step * spec.lattice, ((0, 0), (0, 1)))
+        step = {Chessboard: "square_m", AprilGrid: "tag_m", CircleGrid: "spacing_m"}[type(spec)]
+        return np.pad(getattr(spec, step) * spec.lattice, ((0, 0), (0, 1)))
     return np.asarray(opencv_board(spec).getChessboardCorners(), float).reshape(-1, 3)
 
 

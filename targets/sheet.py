@@ -12,8 +12,10 @@ from typing import Any
 import yaml
 from reportlab.lib.utils import simpleSplit
 
-from .board import DICTIONARY_SIZES, BoardSpec, spec_line
+from .board import DICTIONARY_SIZES, AprilGrid, BoardSpec, spec_line
 
+Printed = BoardSpec | AprilGrid
+"""What is printed."""
 Loop = tuple[tuple[float, float], ...]
 """A closed polygon's corners (x, y), the last joined to the first."""
 PAPERS_MM = {
@@ -99,27 +101,41 @@ class Drawing:
     subject: str
 
 
-def board_id(spec: BoardSpec) -> str:
+def board_id(spec: Printed) -> str:
     """Eight hexadecimal digits that identify the print.
 
     Lengths count to the nanometre; the mount's thickness does not count, nor the legacy flag where both patterns agree.
     """
-    lengths = [round(1e9 * length) for length in (spec.square_m, spec.marker_m)]
-    text = f"charuco {spec.squares_x} {spec.squares_y} {lengths} {spec.dictionary} {spec.starts_with_marker}"
+    if isinstance(spec, AprilGrid):
+        text = str(spec.to_dict())
+    else:
+        lengths = [round(1e9 * length) for length in (spec.square_m, spec.marker_m)]
+        text = f"charuco {spec.squares_x} {spec.squares_y} {lengths} {spec.dictionary} {spec.starts_with_marker}"
+        text += f" {spec.marker_ids.tolist()}" if spec.first_id or spec.ids else ""
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
-def spec_document(spec: BoardSpec, note: str = "") -> str:
+def _title(spec: Printed) -> str:
+    """Kind and id of the board."""
+    return f"{'AprilGrid' if isinstance(spec, AprilGrid) else 'ChArUco board'} {board_id(spec)}"
+
+
+def spec_document(spec: Printed, note: str = "") -> str:
     """board.yaml, with a comment on top."""
-    head = f"# ChArUco board {board_id(spec)}" + (f", {note}" if note else "")
+    head = f"# {_title(spec)}" + (f", {note}" if note else "")
     return f"{head}\n{yaml.safe_dump(spec.to_dict(), sort_keys=False)}"
 
 
-def size_words(spec: BoardSpec) -> str:
-    """Squares, markers and dictionary in words."""
-    pattern = ""
+def size_words(spec: Printed) -> str:
+    """Squares or tags, markers and dictionary in words."""
+    if isinstance(spec, AprilGrid):
+        tags = f"{spec.columns} × {spec.rows} tags of {1e3 * spec.tag_m:.6g} mm, {1e3 * spec.pitch_m:.6g} mm apart"
+        return f"{tags}, {spec.dictionary}, ids from {spec.first_id}"
+    pattern = f", ids from {spec.first_id}" if spec.first_id else ""
     if spec.squares_y % 2 == 0:
-        pattern = ", legacy pattern (OpenCV before 4.6)" if spec.legacy_pattern else ", pattern of OpenCV 4.6 and later"
+        pattern += (
+            ", legacy pattern (OpenCV before 4.6)" if spec.legacy_pattern else ", pattern of OpenCV 4.6 and later"
+        )
     return (
         f"{spec.squares_x} × {spec.squares_y} squares of {1e3 * spec.square_m:.6g} mm, "
         f"markers of {1e3 * spec.marker_m:.6g} mm, {spec.dictionary}{pattern}"
@@ -187,7 +203,7 @@ def font_name(bold: bool) -> str:
     return "Helvetica-Bold" if bold else "Helvetica"
 
 
-def lay_out(spec: BoardSpec, paper: _Paper, margin_mm: float = MARGIN_MM) -> Layout:
+def lay_out(spec: Printed, paper: _Paper, margin_mm: float = MARGIN_MM) -> Layout:
     """The sheet for a board on a paper, in the orientation that leaves more room.
 
     Raises ValueError if it does not fit, with the largest fitting square and the smallest sufficient paper.
@@ -195,9 +211,12 @@ def lay_out(spec: BoardSpec, paper: _Paper, margin_mm: float = MARGIN_MM) -> Lay
     fitting = _fitting(spec, paper, margin_mm)
     if fitting is not None:
         return fitting
-    width, height = (1e3 * spec.square_m * count for count in (spec.squares_x, spec.squares_y))
-    square, counts = _largest_square_mm(spec, paper, margin_mm), f"{spec.squares_x}x{spec.squares_y}"
-    smaller = f"the largest square that fits is {square:g} mm" if square else f"no board of {counts} squares does"
+    width, height = (1e3 * side for side in spec.size_m)
+    name = "tag" if isinstance(spec, AprilGrid) else "square"
+    counts = (spec.columns, spec.rows) if isinstance(spec, AprilGrid) else (spec.squares_x, spec.squares_y)
+    square = _largest_square_mm(spec, paper, margin_mm)
+    none = f"no board of {counts[0]}x{counts[1]} {name}s does"
+    smaller = f"the largest {name} that fits is {square:g} mm" if square else none
     larger = (name for name, size in PAPERS_MM.items() if _fitting(spec, _Paper(name, *size), margin_mm))
     raise ValueError(
         f"a board of {width:.6g} x {height:.6g} mm with its rulers does not fit on {paper.name}: {smaller}; "
@@ -205,19 +224,21 @@ def lay_out(spec: BoardSpec, paper: _Paper, margin_mm: float = MARGIN_MM) -> Lay
     )
 
 
-def _largest_square_mm(spec: BoardSpec, paper: _Paper, margin_mm: float) -> float | None:
-    """The largest square, in steps of 0.1 mm, with which a board of this layout fits; None if none does."""
-    ratio = spec.marker_m / spec.square_m
+def _largest_square_mm(spec: Printed, paper: _Paper, margin_mm: float) -> float | None:
+    """The largest square or tag, in steps of 0.1 mm, with which a board of this layout fits; None if none does."""
 
     def is_too_large(tenths: int) -> bool:
-        square_m = 1e-3 * tenths * 0.1
-        return _fitting(replace(spec, square_m=square_m, marker_m=ratio * square_m), paper, margin_mm) is None
+        side_m = 1e-3 * tenths * 0.1
+        if isinstance(spec, AprilGrid):
+            return _fitting(replace(spec, tag_m=side_m), paper, margin_mm) is None
+        marker_m = spec.marker_m / spec.square_m * side_m
+        return _fitting(replace(spec, square_m=side_m, marker_m=marker_m), paper, margin_mm) is None
 
     tenths = bisect_left(range(1, int(paper.height_mm / 0.1 / 2) + 1), True, key=is_too_large)
     return round(tenths * 0.1, 6) if tenths else None
 
 
-def _fitting(spec: BoardSpec, paper: _Paper, margin: float) -> Layout | None:
+def _fitting(spec: Printed, paper: _Paper, margin: float) -> Layout | None:
     if not 0 <= margin <= _MOST_MARGIN_MM:
         raise ValueError(f"the margin is {margin:g} mm: 0 to {_MOST_MARGIN_MM:g} mm are needed")
     pages = [(paper.width_mm, paper.height_mm), (paper.height_mm, paper.width_mm)]
@@ -234,7 +255,7 @@ def _fitting(spec: BoardSpec, paper: _Paper, margin: float) -> Layout | None:
     return None
 
 
-def _on_page(spec: BoardSpec, page: tuple[float, float], margin: float, size: float) -> Layout | None:
+def _on_page(spec: Printed, page: tuple[float, float], margin: float, size: float) -> Layout | None:
     width, height = page
     ruler, end = _RULER_MM * size, _RULER_END_MM * size
     text_width = width - 2 * margin - _QR_MM * size - _GAP_MM
@@ -242,8 +263,9 @@ def _on_page(spec: BoardSpec, page: tuple[float, float], margin: float, size: fl
         return None
     header = _header(spec, margin, text_width, size)
     header_height = max(_QR_MM * size, _LINE_SPACING * sum(line.size_mm for line in header))
-    quiet = max(_LEAST_QUIET_MM, _QUIET_SQUARES * 1e3 * spec.square_m)
-    board_width, board_height = (1e3 * spec.square_m * count for count in (spec.squares_x, spec.squares_y))
+    side_m = spec.tag_m if isinstance(spec, AprilGrid) else spec.square_m
+    quiet = max(_LEAST_QUIET_MM, _QUIET_SQUARES * 1e3 * side_m)
+    board_width, board_height = (1e3 * side for side in spec.size_m)
     left, right = margin + ruler + quiet, margin + quiet
     top, bottom = margin + header_height + quiet, margin + ruler + quiet
     # whole centimetres, with room for the unit behind the last number
@@ -259,9 +281,9 @@ def _on_page(spec: BoardSpec, page: tuple[float, float], margin: float, size: fl
     return Layout(width, height, margin, quiet, *board, ruler_x, ruler_y, header, header_height, size)
 
 
-def _header(spec: BoardSpec, margin: float, width_mm: float, size: float) -> tuple[Label, ...]:
+def _header(spec: Printed, margin: float, width_mm: float, size: float) -> tuple[Label, ...]:
     texts = (
-        (f"ChArUco board {board_id(spec)}", 4.2, True),
+        (_title(spec), 4.2, True),
         (size_words(spec), 3.0, False),
         (spec_line(spec), 2.1, False),
         (_ADVICE, 2.6, False),

@@ -13,8 +13,8 @@ import numpy as np
 from reportlab.graphics.barcode import qrencoder
 from reportlab.pdfgen.canvas import FILL_EVEN_ODD, Canvas
 
-from .board import BoardSpec, opencv_board, spec_line
-from .sheet import PT_PER_MM, Drawing, Label, Layout, Loop, Shape, Stroke, board_id, font_name
+from .board import AprilGrid, BoardSpec, opencv_board, spec_line
+from .sheet import PT_PER_MM, Drawing, Label, Layout, Loop, Printed, Shape, Stroke, font_name
 
 _TICK_WIDTH_MM, _END_WIDTH_MM = 0.12, 0.2
 _TICKS_MM = {1: 1.8, 5: 2.6, 10: 3.6}
@@ -53,11 +53,13 @@ def outlines(black: np.ndarray) -> tuple[Loop, ...]:
     return tuple(loops)
 
 
-def board_shapes(spec: BoardSpec) -> list[tuple[Loop, ...]]:
-    """Outlines of all black squares, then of each marker, for the even-odd rule, mm in the board frame.
+def board_shapes(spec: Printed) -> list[tuple[Loop, ...]]:
+    """Outlines of all black squares, then of each marker, for the even-odd rule, mm from the print's first corner.
 
     The squares are one shape, since viewers snap single rectangles to whole pixels.
     """
+    if isinstance(spec, AprilGrid):
+        return _grid_shapes(spec)
     square, marker = 1e3 * spec.square_m, 1e3 * spec.marker_m
     board, black = opencv_board(spec), np.ones((spec.squares_y, spec.squares_x), bool)
     markers = []
@@ -70,11 +72,26 @@ def board_shapes(spec: BoardSpec) -> list[tuple[Loop, ...]]:
     return [placed(outlines(black), square, 0.0, 0.0), *markers]
 
 
+def _grid_shapes(spec: AprilGrid) -> list[tuple[Loop, ...]]:
+    """Those of an AprilGrid, whose tags Kalibr turns by half against OpenCV's."""
+    tag, gap = 1e3 * spec.tag_m, 1e3 * spec.pitch_m
+    spots = [(column, row) for row in range(spec.rows + 1) for column in range(spec.columns + 1)]
+    unit = outlines(np.ones((1, 1), bool))
+    squares = tuple(placed(unit, gap, (tag + gap) * x, (tag + gap) * y)[0] for x, y in spots)
+    family, shapes = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, spec.dictionary)), [squares]
+    for index, number in enumerate(spec.marker_ids.tolist()):
+        row, column = divmod(index, spec.columns)
+        cells = cv2.aruco.generateImageMarker(family, number, spec.modules, borderBits=spec.border) < 128
+        at = (gap + length * (tag + gap) for length in (column, row))
+        shapes.append(placed(outlines(np.rot90(cells, 2)), tag / spec.modules, *at))
+    return shapes
+
+
 def placed(loops: tuple[Loop, ...], scale: float, x: float, y: float) -> tuple[Loop, ...]:
     return tuple(tuple((x + scale * u, y + scale * v) for u, v in loop) for loop in loops)
 
 
-def draw(spec: BoardSpec, layout: Layout) -> Drawing:
+def draw(spec: Printed, layout: Layout) -> Drawing:
     marks: list[Shape | Stroke | Label] = [
         Shape(placed(shape, 1.0, layout.board_x, layout.board_y)) for shape in board_shapes(spec)
     ]
@@ -87,7 +104,7 @@ def draw(spec: BoardSpec, layout: Layout) -> Drawing:
     module = layout.qr / (len(dark) + _QR_QUIET)
     qr = placed(outlines(dark), module, layout.width - layout.margin - module * len(dark), layout.margin)
     marks += [*_ruler(layout, turned=False), *_ruler(layout, turned=True), *layout.header, Shape(qr)]
-    return Drawing(layout.width, layout.height, tuple(marks), f"ChArUco board {board_id(spec)}", spec_line(spec))
+    return Drawing(layout.width, layout.height, tuple(marks), layout.header[0].text, spec_line(spec))
 
 
 def ruler_origin(layout: Layout) -> tuple[float, float, float, float]:
@@ -129,7 +146,7 @@ def as_pdf(drawing: Drawing) -> bytes:
     canvas.setSubject(drawing.subject)
     canvas.setAuthor("vbaa-calib")
     canvas.setCreator("vbaa board")
-    canvas.setKeywords("ChArUco, calibration board")
+    canvas.setKeywords("calibration board")
     canvas.setViewerPreference("PrintScaling", "None")
     for mark in drawing.marks:
         _put(canvas, mark, drawing.height_mm)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import yaml
 
-from targets.board import BoardSpec, Chessboard
+from targets.board import AprilGrid, BoardSpec, Chessboard
 from targets.sheet import fill_in, paper_named
 from tests.small_scene import small_scene
 from vbaa_calib.cli.main import main
@@ -21,7 +21,7 @@ from vbaa_calib.geometry import Pose
 
 from .calibrate.test_stiffness_photo import drawn as photographed
 from .calibrate.test_stiffness_photo import rod
-from .detect import drawn_grids
+from .detect import drawn_grids, drawn_sheets
 from .hostile.conftest import POSES, good_files
 from .made_once import made_once
 
@@ -41,7 +41,8 @@ def page_folder() -> Path:
 
 
 def photos(kind: str) -> Path:
-    """A folder of photographs of a board: "A3" (the sheet for that paper), "charuco", "chessboard" or "circles"."""
+    """A folder of photographs of a board: "A3" (the sheet for that paper), "aprilgrid", "charuco", "chessboard" or
+    "circles"."""
     return made_once(f"photos_{kind}", lambda folder: _photograph(kind, folder))
 
 
@@ -108,12 +109,16 @@ def _add_a_month_later(folder: Path) -> None:
 
 
 def _add_held_board(folder: Path) -> None:
-    """held.csv: the poses of a tool that is one frame with the board, in a base that is one with the camera."""
+    """held.csv: the poses of a tool that is one frame with the board, in a base that is one with the camera; seen.csv:
+    the same as poses of the board in the camera."""
     rows = [POSES]
     for view in read_json(folder / "camera.json")["views"]:
         tool = Pose.from_dict(view["T_camera_board"]).to_dict()
         rows.append(",".join(map(str, [view["name"], *tool["translation_m"], *tool["rotation_xyzw"]])))
-    (folder / "held.csv").write_text("\n".join(rows) + "\n")
+    for name in ("held.csv", "seen.csv"):
+        (folder / name).write_text("\n".join(rows) + "\n")
+    target = {"target_type": "aprilgrid", "tagCols": 4, "tagRows": 3, "tagSize": 0.035, "tagSpacing": 0.3}
+    (folder / "target.yaml").write_text(yaml.safe_dump(target))
 
 
 def _add_rods(folder: Path) -> None:
@@ -135,6 +140,11 @@ def _photograph(kind: str, folder: Path) -> None:
         for seed in range(VIEWS):
             grey = drawn_grids.drawn(spec, *drawn_grids.pose(seed, spec))[0]
             cv2.imwrite(str(folder / f"{seed}.png"), drawn_grids.picture(grey, seed=seed))
+        return
+    if kind == "aprilgrid":
+        drawn = drawn_sheets.grid_sheet(AprilGrid("aprilgrid", 4, 3, 0.035, 0.3))
+        for seed in range(VIEWS):
+            cv2.imwrite(str(folder / f"{seed}.png"), drawn_sheets.view([drawn], seed)[0])
         return
     sheet = fill_in(paper=paper_named("A3"))
     board = sheet if kind == "A3" else BoardSpec(9, 6, 0.025, 0.018)

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -46,6 +47,49 @@ def refused(caught: pytest.ExceptionInfo[InputError], path: Path, words: str) ->
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
     assert caught.value.remedy
+
+
+class TestTables:
+    """Cells between commas, semicolons or tabs; comments; numbers that are none."""
+
+    PLAIN = "view,x_m,y_m\na,1.5,2\nb,3,4\n"
+
+    @pytest.mark.parametrize(
+        "text",
+        [
+            PLAIN,
+            PLAIN.replace(",", ";"),
+            PLAIN.replace(",", "\t"),
+            "# made by hand\n\n# twice, at noon\n" + PLAIN.replace("b,", "# b was lost, once\nb,"),
+            "sep=;\n" + PLAIN.replace(",", ";"),
+            "\ufeff" + PLAIN,
+        ],
+    )
+    def test_they_read_alike(self, path: Path, text: str) -> None:
+        path.write_text(text, encoding="utf-8")
+        rows = read_csv(path, ("view", "x_m", "y_m"))
+        assert [(row["view"], number(row, "x_m", path), number(row, "y_m", path)) for row in rows] == [
+            ("a", 1.5, 2.0),
+            ("b", 3.0, 4.0),
+        ]
+        assert [text.splitlines()[int(row["line"]) - 1][0] for row in rows] == ["a", "b"]
+
+    def test_a_header_may_be_a_comment_as_numpy_writes_it(self, path: Path) -> None:
+        np.savetxt(path, [[0, 1.5], [1, 2.5]], delimiter=";", header="a note\nframe;u_px")
+        assert [number(row, "u_px", path) for row in read_csv(path, ("frame", "u_px"))] == [1.5, 2.5]
+        path.write_text("# view, x_m\na, 1\nb, 2\n")
+        assert [(row["view"], number(row, "x_m", path)) for row in read_csv(path, ("view", "x_m"))] == [
+            ("a", 1),
+            ("b", 2),
+        ]
+
+    def test_decimal_commas_are_named(self, path: Path) -> None:
+        path.write_text("frame;u_px\n0;1,5\n")
+        (row,) = read_csv(path, ("frame", "u_px"))
+        with pytest.raises(InputError) as caught:
+            number(row, "u_px", path)
+        refused(caught, path, "'1,5'")
+        assert "decimal point" in caught.value.remedy
 
 
 class TestYaml:
@@ -102,7 +146,9 @@ class TestCsv:
     cell = st.text(st.characters(codec="utf-8", exclude_characters="\r\0"), max_size=8).map(str.strip)
 
     @settings(deadline=None)
-    @given(st.lists(st.tuples(cell, cell, cell.filter(bool)), min_size=1, max_size=6))
+    @given(
+        st.lists(st.tuples(cell.filter(lambda text: text[:1] != "#"), cell, cell.filter(bool)), min_size=1, max_size=6)
+    )
     def test_round_trip(self, rows: list[tuple[str, str, str]]) -> None:
         stream = io.StringIO()
         writer = csv.writer(stream, lineterminator="\n")

@@ -31,7 +31,13 @@ NOT_RUN = {
     "tls://": "there is no cluster",
 }
 """A part of a command line, and why it is not run here."""
-OTHER_PHOTOS = (("--circles", "circles"), ("--marker", "charuco"), ("--squares 9x6", "chessboard"), ("--board", "A3"))
+OTHER_PHOTOS = (
+    ("--circles", "circles"),
+    ("--marker", "charuco"),
+    ("--squares 9x6", "chessboard"),
+    ("target.yaml", "aprilgrid"),
+    ("--board", "A3"),
+)
 """Whose board the photographs in photos/ show, by a part of the command line."""
 
 

@@ -12,6 +12,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec, corner_points
+from tests.detect.drawn_grids import CHESSBOARD, DISTORTION, MATRIX, drawn, picture
+from tests.detect.drawn_grids import SIZE as GRID_SIZE
+from tests.detect.drawn_grids import pose as drawn_pose
 from vbaa_calib.calibrate.pose.hand_eye import HandEye, solve_hand_eye
 from vbaa_calib.calibrate.pose.robot_tables import read_corners, read_robot_poses
 from vbaa_calib.camera import Camera
@@ -203,6 +206,88 @@ def test_the_antenna_on_the_arm_follows_from_a_rig() -> None:
     np.testing.assert_allclose(np.std(draws, axis=0) / np.sqrt(np.diag(covariance)), 1.0, atol=0.08)
     with pytest.raises(InputError, match="not on the arm"):
         solve(Arm("fixed"))[0].antenna_on_arm(rig, spread)
+
+
+def poses_seen(arm: Arm, seed: int = 0, std: tuple[float, float] = (0.0, 0.0)) -> tuple[list, list[Pose]]:
+    """Names and poses of the board in the camera, off by normal turns (rad) and shifts (m); the robot's readings."""
+    _, robot = views_and_poses(arm, seed)
+    exact = views_and_poses(replace(arm, robot_std=(0.0, 0.0)), seed)[1]
+    rng = np.random.default_rng(500 + seed)
+    seen = []
+    for index, tool in enumerate(exact):
+        pose = X.inverse() @ (tool.inverse() if arm.mount == "hand" else tool) @ Z
+        off = np.repeat(std, 3) * rng.standard_normal(6)
+        seen.append((f"{index:02d}", Pose.from_rotvec(off[:3], off[3:]) @ pose))
+    return seen, robot
+
+
+class TestPosesAlone:
+    """A·X = Z·B, from poses of any target that were measured by any means."""
+
+    @pytest.mark.parametrize("mount", MOUNTS)
+    def test_exact_poses_give_the_exact_ones(self, mount: str) -> None:
+        solved = solve_hand_eye(*poses_seen(Arm(mount, 8, **EXACT)), mount=mount)
+        assert np.abs(error(solved)).max() < 1e-6
+        assert solved.noise_px is None
+        assert json.loads(json.dumps(solved.to_dict()))["noise_px"] is None
+
+    def test_errors_are_those_predicted(self) -> None:
+        """Of turns and shifts, of the robot's and of the target's own errors."""
+        for arm, std in ((Arm("hand", 12, robot_std=(1e-3, 5e-4)), (0.0, 0.0)), (Arm("fixed", 15), (1e-3, 5e-4))):
+            solved = [solve_hand_eye(*poses_seen(arm, seed, std), mount=arm.mount) for seed in range(12)]
+            squares = np.array([chi_square(error(one)[:6], one.covariance[:6, :6]) for one in solved])
+            assert np.mean(squares < 12.59) > 0.8
+            assert 0.4 < np.sqrt(squares.mean() / 6.0) < 1.4
+
+    def test_a_wrong_row_is_left_out_and_inverted_poses_are_named(self) -> None:
+        seen, robot = poses_seen(Arm("hand", 14))
+        name, pose = seen[3]
+        spoilt = [*seen[:3], (name, pose @ Pose.from_rotvec(np.array([0.0, 0.1, 0.0]), np.zeros(3))), *seen[4:]]
+        assert solve_hand_eye(spoilt, robot).outliers == (name,)
+        with pytest.raises(InputError, match=r"inverted.*are of the camera in the board"):
+            solve_hand_eye([(name, pose.inverse()) for name, pose in seen], robot)
+        with pytest.raises(InputError, match="view 03 is none"):
+            solve_hand_eye([*seen[:3], (name, Pose(2.0 * np.eye(3), np.zeros(3))), *seen[4:]], robot)
+
+    def test_two_tables_are_all_that_is_needed(self, tmp_path: Path) -> None:
+        seen, robot = poses_seen(Arm("hand", 10))
+        for name, rows, between in (("seen", [pose for _, pose in seen], ";"), ("poses", robot, ",")):
+            lines = ["# taken at noon", between.join(("view", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"))]
+            for index, pose in enumerate(rows):
+                turn = Rotation.from_matrix(pose.rotation).as_quat()
+                lines.append(between.join(map(str, (f"{index:02d}", *pose.translation_m.tolist(), *turn.tolist()))))
+            (tmp_path / f"{name}.csv").write_text("\n".join(lines) + "\n")
+        call = ["handeye", f"{tmp_path}/seen.csv", "--poses", f"{tmp_path}/poses.csv", "-o", f"{tmp_path}/out.json"]
+        assert main(call) == 0
+        out = json.loads((tmp_path / "out.json").read_text())
+        assert np.abs(np.array(out["T_tool_camera"]["translation_m"]) - X.translation_m).max() < 2e-3
+        assert "camera" not in out
+        assert main([*call, "--force", "--board", "board.yaml"]) == 2
+
+
+def test_a_chessboard_that_shows_which_way_it_is_turned_will_do(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """Even by odd squares, 9 x 6, the camera known."""
+    camera, rows = Camera("opencv", GRID_SIZE, MATRIX, DISTORTION[:4]), []
+    (tmp_path / "camera.json").write_text(json.dumps(camera.to_dict()))
+    for seed in range(6):
+        rvec, shift = drawn_pose(seed, CHESSBOARD, 0.5)
+        turn = Pose.from_rotvec(np.array([0.0, 0.0, np.pi * (seed % 2)]), np.zeros(3))  # also upside down
+        T_camera_board = turn @ Pose.from_rotvec(rvec, shift)
+        grey, _ = drawn(CHESSBOARD, T_camera_board.vector[:3], T_camera_board.translation_m)
+        cv2.imwrite(str(tmp_path / f"{seed}.png"), picture(grey, seed=seed))
+        tool = Z @ T_camera_board.inverse() @ X.inverse()
+        rows.append([f"{seed}", *tool.translation_m, *Rotation.from_matrix(tool.rotation).as_quat()])
+    lines = ["view,x_m,y_m,z_m,qx,qy,qz,qw", *(",".join(map(str, row)) for row in rows)]
+    (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n")
+    (tmp_path / "board.yaml").write_text(json.dumps(CHESSBOARD.to_dict()))
+    line = f"handeye {tmp_path} --board {tmp_path}/board.yaml --poses {tmp_path}/poses.csv -o {tmp_path}/out.json"
+    assert main([*line.split(), "--camera", f"{tmp_path}/camera.json"]) == 0
+    out = json.loads((tmp_path / "out.json").read_text())
+    assert [view["name"] for view in out["views"] if view["reason"]] == []
+    assert np.abs(np.array(out["T_tool_camera"]["translation_m"]) - X.translation_m).max() < 1e-3
+    (tmp_path / "board.yaml").write_text(json.dumps(replace(CHESSBOARD, squares_y=5).to_dict()))
+    assert main([*line.split(), "--force"]) == 2
+    assert "looks the same when turned" in capsys.readouterr().err
 
 
 class TestTables:

@@ -14,7 +14,7 @@ import yaml
 from targets.board import BoardSpec, corner_points, opencv_board
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import detect_corners, detect_folder
-from vbaa_calib.detect.board.diagnosis import Markers, judge, marker_cells
+from vbaa_calib.detect.board.markers import Markers, marker_cells, marker_grids
 
 SPEC = BoardSpec(squares_x=9, squares_y=6, square_m=0.012, marker_m=0.009)
 SIZE = (960, 720)
@@ -68,7 +68,7 @@ def test_corners_are_found_to_a_twentieth_of_a_pixel_and_without_bias() -> None:
 def test_marker_cells_are_opencvs(legacy: bool, columns: int) -> None:
     spec = BoardSpec(columns, 6, 0.012, 0.009, legacy_pattern=legacy)
     centres = np.array([np.mean(outline, axis=0)[:2] for outline in opencv_board(spec).getObjPoints()]) / 0.012
-    np.testing.assert_allclose(marker_cells(columns, legacy, len(centres)) + 0.5, centres, atol=1e-5)
+    np.testing.assert_allclose(marker_cells(np.arange(len(centres)), columns, legacy) + 0.5, centres, atol=1e-5)
 
 
 def spec_in(message: str) -> BoardSpec:
@@ -149,15 +149,17 @@ def test_the_markers_share_of_a_square_is_measured(ratio: float) -> None:
     spec = BoardSpec(9, 6, 0.02, 0.02 * ratio)
     views = [detect_corners(drawn(spec, seed)[0], SPEC) for seed in range(2)]
     markers = [Markers(view.marker_ids, view.marker_corners_px) for view in views]
-    assert judge(markers, 9, False, 27).ratio == pytest.approx(ratio, abs=0.02)
+    assert 1.0 / marker_grids(markers)[0].unit == pytest.approx(ratio, abs=0.02)
 
 
 def test_markers_of_another_maker_are_named(tmp_path: Path) -> None:
     tags = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     sheet = cv2.aruco.CharucoBoard((7, 5), 0.02, 0.015, tags).generateImage((700, 500), marginSize=30)
     cv2.imwrite(str(tmp_path / "0.png"), sheet)
-    with pytest.raises(InputError, match="its markers are of DICT_APRILTAG_36h11; print a board"):
+    with pytest.raises(InputError, match=r"dictionary: DICT_APRILTAG_36h11 \(not DICT_4X4_100\)") as caught:
         detect_folder(tmp_path, SPEC)
+    fitting = spec_in(str(caught.value))
+    assert (fitting.squares_x, fitting.squares_y, fitting.dictionary) == (7, 5, "DICT_APRILTAG_36h11")
 
 
 @pytest.mark.parametrize("shape", [(0, 0), (0, 9), (1, 1), (9, 700), (300, 400)])
@@ -209,5 +211,5 @@ def test_pictures_without_a_board_are_refused(tmp_path: Path) -> None:
 def test_mixed_sizes_are_refused_by_name(tmp_path: Path) -> None:
     write_pictures(tmp_path, SPEC, 2)
     cv2.imwrite(str(tmp_path / "9.png"), drawn(SPEC, 5, (800, 600))[0])
-    with pytest.raises(InputError, match=r"9\.png: is 800x600 px, 0\.png is 960x720 px"):
+    with pytest.raises(InputError, match=r"9\.png: is 800x600 px, 0\.png is 960x720 px, as 2 of 3 are"):
         detect_folder(tmp_path, SPEC)

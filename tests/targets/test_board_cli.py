@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import pypdfium2
 import pytest
 import yaml
 
 from targets.board import BoardSpec
+from targets.sheet import lay_out, paper_named
 from vbaa_calib.cli import board as board_cli
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.detect.board.board_file import load_board
+from vbaa_calib.detect.board.board_file import load_board, load_lens_board
 from vbaa_calib.detect.board.corners import detect_corners
 
 
@@ -42,6 +45,30 @@ def test_one_command_gives_sheet_and_description(tmp_path: Path) -> None:
     )
     picture = pypdfium2.PdfDocument(out)[0].render(scale=150 / 72, grayscale=True).to_numpy().squeeze()
     assert len(detect_corners(picture, spec).ids) == spec.corner_count == result["corners"]
+
+
+def test_an_april_grid_is_drawn_as_it_is_found(tmp_path: Path) -> None:
+    """As large as the paper lets it; printed again from its board.yaml, or from Kalibr's target.yaml."""
+    result = board("--type", "aprilgrid", "--tags", "5x4", "--first-id", 3, "-o", tmp_path / "grid.pdf")
+    spec = load_lens_board(tmp_path / "grid.yaml")
+    assert result["board"] == spec.to_dict()
+    assert (result["corners"], result["markers"], result["paper"]) == (80, 20, "A4")
+    with pytest.raises(ValueError, match="does not fit"):
+        lay_out(replace(spec, tag_m=spec.tag_m + 1e-3), paper_named("A4"))
+    picture = (
+        pypdfium2.PdfDocument(tmp_path / "grid.pdf")[0].render(scale=150 / 72, grayscale=True).to_numpy().squeeze()
+    )
+    found = detect_corners(picture, spec)
+    assert len(found.ids) == spec.corner_count
+    mm = found.corners_px / (150 / 25.4)
+    steps = np.linalg.norm(np.diff(mm.reshape(-1, spec.corner_columns, 2), axis=1), axis=-1)[:, ::2]
+    np.testing.assert_allclose(steps, 1e3 * spec.tag_m, atol=0.05)
+    target = tmp_path / "target.yaml"
+    target.write_text("{target_type: aprilgrid, tagCols: 4, tagRows: 3, tagSize: 0.03, tagSpacing: 0.3}")
+    assert board("--spec", target, "-o", tmp_path / "k.svg")["board"]["tag_m"] == 0.03
+    for wrong in (("--tags", "5x4"), ("--type", "aprilgrid", "--squares", "5x4"), ("--type", "aprilgrid")):
+        with pytest.raises(InputError):
+            board(*wrong, "-o", tmp_path / "x.png", "--screen-ppi", 96)
 
 
 def test_a_described_board_is_printed_as_it_is(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from targets.board import BoardSpec
+from targets.board import Board
 from vbaa_calib.camera import Camera
 from vbaa_calib.convert import guessed
 from vbaa_calib.convert.values import Wanted
@@ -144,7 +144,7 @@ def _with_assumed_covariance(camera: Camera) -> tuple[Camera, str]:
 
 
 def given_solution(
-    given: GivenLens, views: Sequence[BoardView], spec: BoardSpec, placed: Sequence[tuple[str, BoardView]] = ()
+    given: GivenLens, views: Sequence[BoardView], spec: Board, placed: Sequence[tuple[str, BoardView]] = ()
 ) -> LensSolution:
     """The given lens as the lens step of a calibration. The board's views, if any, and those that show plane C,
     `placed` with their folders, test the lens; the former show the board's shape, too."""

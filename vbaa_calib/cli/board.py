@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import os
+from bisect import bisect_left
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,13 +15,17 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite, replacing
 
 if TYPE_CHECKING:
-    from targets.board import BoardSpec
+    from targets.board import AprilGrid, BoardSpec
+    from targets.sheet import Printed
 
 _SUFFIXES = (".pdf", ".svg", ".png")
 _FINE_MODULE_MM = 0.5
 _MM_PER_INCH = 25.4
 _LARGEST_MM = 10_000.0
-_OF_THE_BOARD = ("squares", "square_mm", "marker_mm", "dictionary", "legacy", "thickness_mm")
+_OF_CHARUCO = ("squares", "square_mm", "marker_mm", "legacy", "thickness_mm")
+_OF_GRID = ("tags", "tag_mm", "tag_spacing")
+_OF_THE_BOARD = (*_OF_CHARUCO, *_OF_GRID, "dictionary", "first_id", "type")
+_TAGS, _SPACING, _TAG_MM = (6, 6), 0.3, range(5, 200)
 _OF_PAPER, _OF_SCREENS = ("paper", "margin_mm"), ("px_per_mm", "screen_ppi")
 
 
@@ -34,7 +40,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     board = parser.add_argument_group("board, described by a file or by flags; what is left out is chosen to fit")
     board.add_argument("--spec", type=Path, metavar="FILE", help="board.yaml, or a session.yaml")
+    board.add_argument("--type", choices=("charuco", "aprilgrid"), help="kind of board (default: charuco)")
     board.add_argument("--squares", metavar="CxR", help="columns x rows (default: 11x7)")
+    board.add_argument("--tags", metavar="CxR", help="of an AprilGrid: columns x rows (default: 6x6)")
+    board.add_argument("--tag-mm", type=float, metavar="MM", help="side of a tag (default: the largest that fits)")
+    board.add_argument(
+        "--tag-spacing", type=float, metavar="S", help="gap between tags, in sides of a tag (default: 0.3)"
+    )
+    board.add_argument("--first-id", type=int, metavar="N", help="of the markers (default: 0)")
     board.add_argument(
         "--square-mm", type=float, metavar="MM", help="side of a square (default: the largest that fits)"
     )
@@ -73,13 +86,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     refuse_overwrite(args.output, args.force, [args.spec])
     from pydantic import TypeAdapter
 
-    from targets.board import BoardSpec
+    from targets.board import AprilGrid, BoardSpec
     from vbaa_calib.core.models import refusal
 
     try:
         return _for_screens(args) if kind == ".png" else _for_paper(args, kind)
     except ValueError as error:
-        schema = TypeAdapter(BoardSpec).json_schema
+        schema = TypeAdapter(AprilGrid if args.type == "aprilgrid" else BoardSpec).json_schema
         raise refusal(error, args.spec or "vbaa board", schema=schema) from None
 
 
@@ -90,12 +103,15 @@ def _refuse_flags(args: argparse.Namespace, names: tuple[str, ...], why: str) ->
 
 
 def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
+    from targets.board import AprilGrid
     from targets.sheet import MARGIN_MM, lay_out, paper_named
     from targets.write_sheet import as_pdf, as_svg, draw
 
     paper = paper_named("A4" if args.paper is None else args.paper)
     margin = MARGIN_MM if args.margin_mm is None else args.margin_mm
-    spec = _wanted(args, paper=paper, margin_mm=margin)
+    spec: Printed = _wanted_grid(args, lambda grid: lay_out(grid, paper, margin)) or _wanted(
+        args, paper=paper, margin_mm=margin
+    )
     layout = lay_out(spec, paper, margin)
     description = _description(args, spec, changed=False)
     drawing = draw(spec, layout)
@@ -108,7 +124,9 @@ def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
     }
     say(f"paper    {paper.name} {layout.orientation}, {layout.width:g} x {layout.height:g} mm")
     say(f"rulers   {layout.ruler_x:g} mm along the lower edge (x), {layout.ruler_y:g} mm along the left one (y)")
-    module, gap = 1e3 * spec.marker_m / spec.modules, 500 * (spec.square_m - spec.marker_m)
+    side_m = spec.tag_m if isinstance(spec, AprilGrid) else spec.marker_m
+    module = 1e3 * side_m / spec.modules
+    gap = 1e3 * spec.pitch_m if isinstance(spec, AprilGrid) else 500 * (spec.square_m - spec.marker_m)
     fine = f"a marker's module is {module:.2g} mm: few printers draw it clean, few cameras see it"
     tight = f"{gap:.2g} mm of white around a marker is little: markers of 3/4 of the square are found best"
     rules = (module < _FINE_MODULE_MM, fine), (gap < 0.5 * module, tight)
@@ -127,6 +145,8 @@ def _for_screens(args: argparse.Namespace) -> dict[str, Any]:
     if args.px_per_mm is None and args.screen_ppi is None:
         remedy = "give --screen-ppi (pixels along the diagonal by its inches) or --px-per-mm"
         raise InputError("a .png needs the screen's pixel size", where="vbaa board", remedy=remedy)
+    if _wanted_grid(args, lambda grid: grid) is not None:
+        raise InputError("an AprilGrid is drawn to print", where="vbaa board", remedy="name a .pdf or .svg")
     px_per_mm = args.px_per_mm if args.screen_ppi is None else args.screen_ppi / _MM_PER_INCH
     wanted = _wanted(args)
     board = on_screen(wanted, px_per_mm)
@@ -147,13 +167,45 @@ def _for_screens(args: argparse.Namespace) -> dict[str, Any]:
     return result
 
 
+def _wanted_grid(args: argparse.Namespace, lay_out: Callable[[AprilGrid], Any]) -> AprilGrid | None:
+    """The AprilGrid of --spec, or of the flags, its tags as large as `lay_out` takes; None where another is wanted."""
+    from targets.board import AprilGrid
+    from vbaa_calib.detect.board.board_file import counts, load_lens_board
+
+    if args.spec is not None:
+        _refuse_flags(args, _OF_THE_BOARD, "and --spec both describe the board")
+        spec = load_lens_board(args.spec)
+        return spec if isinstance(spec, AprilGrid) else None
+    if args.type != "aprilgrid":
+        _refuse_flags(args, _OF_GRID, "is of an AprilGrid: give --type aprilgrid")
+        return None
+    _refuse_flags(args, _OF_CHARUCO, "is of a ChArUco board")
+    columns, rows = _TAGS if args.tags is None else counts(args.tags, "--tags", "vbaa board")
+    spacing = _SPACING if args.tag_spacing is None else args.tag_spacing
+    family = args.dictionary or "DICT_APRILTAG_36h11"
+
+    def grid(tag_mm: float) -> AprilGrid:
+        tag_m = round(1e-3 * tag_mm, 12)
+        return AprilGrid("aprilgrid", columns, rows, tag_m, spacing, family, first_id=args.first_id or 0)
+
+    def is_too_large(tag_mm: int) -> bool:
+        try:
+            lay_out(grid(tag_mm))
+        except ValueError:
+            return True
+        return False
+
+    if args.tag_mm is not None:
+        return grid(args.tag_mm)
+    return grid(_TAG_MM[max(bisect_left(_TAG_MM, True, key=is_too_large) - 1, 0)])
+
+
 def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
     """The board of --spec, or of the flags, completed."""
     from targets.sheet import fill_in
     from vbaa_calib.detect.board.board_file import counts, load_board
 
     if args.spec is not None:
-        _refuse_flags(args, _OF_THE_BOARD, "and --spec both describe the board")
         return load_board(args.spec)
     for name in ("square_mm", "marker_mm"):
         length = getattr(args, name)
@@ -161,15 +213,16 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
             what, remedy = f"--{name.replace('_', '-')} is {length:g}", f"give millimetres, 0 to {_LARGEST_MM:g}"
             raise InputError(what, where="vbaa board", remedy=remedy)
     given = {name: getattr(args, name) for name in ("square_mm", "marker_mm", "dictionary")} | room
-    given |= {"legacy_pattern": bool(args.legacy), "thickness_m": round(1e-3 * (args.thickness_mm or 0.0), 12)}
+    given |= {"first_id": args.first_id or 0, "legacy_pattern": bool(args.legacy)}
+    given |= {"thickness_m": round(1e-3 * (args.thickness_mm or 0.0), 12)}
     if args.squares is None:
         return fill_in(**given)
     return fill_in(counts(args.squares, "--squares", "vbaa board"), **given)
 
 
-def _description(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> tuple[Path | None, bool]:
+def _description(args: argparse.Namespace, spec: Printed, changed: bool) -> tuple[Path | None, bool]:
     """The description's path, None if it is --spec, and whether to write it."""
-    from vbaa_calib.detect.board.board_file import load_board
+    from vbaa_calib.detect.board.board_file import load_lens_board
 
     if args.spec is not None and not changed and args.write_spec is None:
         return None, False
@@ -179,7 +232,7 @@ def _description(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> tu
     refuse_overwrite(path, True, [args.spec])
     if path.is_file():
         try:
-            if load_board(path) == spec:
+            if load_lens_board(path) == spec:
                 return path, False
         except InputError:
             pass  # no board: refused below as any other file
@@ -191,7 +244,7 @@ def _description(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> tu
 
 
 def _write(
-    args: argparse.Namespace, data: bytes, spec: BoardSpec, description: tuple[Path | None, bool]
+    args: argparse.Namespace, data: bytes, spec: Printed, description: tuple[Path | None, bool]
 ) -> dict[str, Any]:
     """Write the sheet and its description, both or neither. Returns the numbers."""
     from targets.sheet import board_id, size_words, spec_document
@@ -211,5 +264,5 @@ def _write(
         "id": board_id(spec),
         "board": spec.to_dict(),
         "corners": spec.corner_count,
-        "markers": spec.marker_count,
+        "markers": len(spec.marker_ids),
     }

@@ -14,7 +14,7 @@ from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_overwrite, sha256, write_json
 
 if TYPE_CHECKING:
-    from targets.board import BoardSpec
+    from targets.board import Board
     from vbaa_calib.calibrate.given_lens import GivenLens
     from vbaa_calib.calibrate.lens.intrinsics import LensSolution
     from vbaa_calib.calibrate.pose.hand_eye import HandEye
@@ -24,9 +24,12 @@ if TYPE_CHECKING:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "views", type=Path, help="folder of pictures of the board, or a CSV of corners: view,id,u_px,v_px"
+        "views",
+        type=Path,
+        help="folder of pictures of the board; or a CSV of corners, view,id,u_px,v_px, or of poses of the board (or "
+        "any target) in the camera, with the columns of --poses",
     )
-    parser.add_argument("--board", type=Path, required=True, help="board.yaml, or a session.yaml")
+    parser.add_argument("--board", type=Path, help="board.yaml, a session.yaml or Kalibr's target.yaml; not with poses")
     parser.add_argument(
         "--poses",
         type=Path,
@@ -54,34 +57,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Find the corners, solve, write handeye.json; the exit code is 1 where the lens must not be used."""
-    import numpy as np
-
-    from vbaa_calib.calibrate.given_lens import read_lens
-    from vbaa_calib.calibrate.pose.hand_eye import solve_hand_eye
+    """Solve by corners or by poses, write handeye.json; the exit code is 1 where the lens must not be used."""
     from vbaa_calib.calibrate.pose.robot_tables import read_robot_poses
     from vbaa_calib.cli.usable_rig import usable_rig
-    from vbaa_calib.detect.board.board_file import load_board
+    from vbaa_calib.core.csv_rows import header_of
 
-    table = args.views.suffix.lower() == ".csv"
+    table = args.views.suffix.lower() in _TABLES
     inputs = [args.board, args.poses, args.camera, args.rig, *([args.views] if table else [])]
     refuse_overwrite(args.output, args.force, inputs)
     if args.rig and args.mount != "hand":
         raise InputError("--rig with --mount fixed", remedy="camera and antenna ride together: take --mount hand")
-    spec, (poses, others) = load_board(args.board), read_robot_poses(args.poses, args.euler)
+    poses, others = read_robot_poses(args.poses, args.euler)
     rig = usable_rig(args.rig) if args.rig else None
-    known = read_lens(args.camera or args.rig) if args.camera or args.rig else None
-    views = _paired(_views(args, spec, known), poses, args.poses)
-    lens = _lens(known, views, spec)
-    outlier_ids = {view.name: view.outlier_ids for view in lens.views}
-    views = [view.picked(np.isin(view.ids, outlier_ids.get(view.name, ()), invert=True)) for view in views]
-    given = [poses[view.name] for view in views]
-    readings = {words: [other[view.name] for view in views] for words, other in others.items()}
-    with about(f"{args.views} by {args.poses}"):
-        solution = solve_hand_eye(views, given, lens.board_shape.points_m, lens.camera, args.mount, readings)
-    document = solution.to_dict() | {"camera": lens.camera.to_dict(), "board": spec.to_dict()}
-    document["warnings"] += [f"the lens: {one}" for one in lens.verdict.diagnoses]
-    document["board_shape"] = lens.board_shape.to_dict()
+    if table and {"x_m", "x_mm"} & set(header_of(args.views)):
+        solution, document = _from_poses(args, poses, others)
+        exit_code = 0
+    else:
+        solution, document, exit_code = _from_corners(args, poses, others)
     if rig:
         antenna, covariance = solution.antenna_on_arm(rig.T_antenna_camera, rig.covariance[:6, :6])
         document["T_actuator_antenna"] = antenna.to_dict()
@@ -92,15 +84,75 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     write_json(args.output, document, args.force)
     _report(solution, document)
     say(f"wrote {args.output}")
-    return {"output": str(args.output), **document, "exit_code": lens.verdict.exit_code}
+    return {"output": str(args.output), **document, "exit_code": exit_code}
 
 
-def _views(args: argparse.Namespace, spec: BoardSpec, lens: GivenLens | None) -> list[BoardView]:
+_TABLES = (".csv", ".tsv", ".txt")
+
+
+def _from_poses(
+    args: argparse.Namespace, poses: Mapping[str, Pose], others: Mapping[str, Mapping[str, Pose]]
+) -> tuple[HandEye, dict[str, Any]]:
+    """The solution by the board's poses in the camera."""
+    from vbaa_calib.calibrate.pose.hand_eye import solve_hand_eye
+    from vbaa_calib.calibrate.pose.robot_tables import read_robot_poses
+
+    for name in ("board", "camera", "image_size"):
+        if getattr(args, name) is not None:
+            flag = f"--{name.replace('_', '-')}"
+            raise InputError(f"{flag} beside poses of the board", where=args.views, remedy=f"leave {flag} out")
+    seen, _ = read_robot_poses(args.views, args.euler)
+    pairs = _paired(list(seen), poses, args.poses)
+    readings = {words: [other[row] for _, row in pairs] for words, other in others.items()}
+    views, given = [(row, seen[view]) for view, row in pairs], [poses[row] for _, row in pairs]
+    with about(f"{args.views} by {args.poses}"):
+        solution = solve_hand_eye(views, given, mount=args.mount, readings=readings)
+    return solution, solution.to_dict()
+
+
+def _from_corners(
+    args: argparse.Namespace, poses: Mapping[str, Pose], others: Mapping[str, Mapping[str, Pose]]
+) -> tuple[HandEye, dict[str, Any], int]:
+    """The solution by corners of a board, and the exit code, which is 1 where the lens must not be used."""
+    import numpy as np
+
+    from vbaa_calib.calibrate.given_lens import read_lens
+    from vbaa_calib.calibrate.pose.hand_eye import solve_hand_eye
+    from vbaa_calib.detect.board.board_file import load_lens_board
+
+    if args.board is None:
+        remedy = "give --board FILE, or poses of the board in the camera as a CSV"
+        raise InputError("no board is given", where="vbaa handeye", remedy=remedy)
+    spec = load_lens_board(args.board)
+    known = read_lens(args.camera or args.rig) if args.camera or args.rig else None
+    found = _views(args, spec, known)
+    by_name = {view.name: view for view in found}
+    pairs = _paired(list(by_name), poses, args.poses)
+    views = [replace(by_name[view], name=row) for view, row in pairs]
+    lens = _lens(known, views, spec)
+    outlier_ids = {view.name: view.outlier_ids for view in lens.views}
+    views = [view.picked(np.isin(view.ids, outlier_ids.get(view.name, ()), invert=True)) for view in views]
+    given = [poses[view.name] for view in views]
+    readings = {words: [other[view.name] for view in views] for words, other in others.items()}
+    with about(f"{args.views} by {args.poses}"):
+        solution = solve_hand_eye(views, given, lens.board_shape.points_m, lens.camera, args.mount, readings)
+    document = solution.to_dict() | {"camera": lens.camera.to_dict(), "board": spec.to_dict()}
+    document["warnings"] += [f"the lens: {one}" for one in lens.verdict.diagnoses]
+    document["board_shape"] = lens.board_shape.to_dict()
+    return solution, document, lens.verdict.exit_code
+
+
+def _views(args: argparse.Namespace, spec: Board, lens: GivenLens | None) -> list[BoardView]:
+    from targets.board import spec_line
     from vbaa_calib.calibrate.pose.robot_tables import read_corners
     from vbaa_calib.core.images import list_images
     from vbaa_calib.detect.board.corners import detect_folder
 
-    if args.views.suffix.lower() != ".csv":
+    if args.views.suffix.lower() not in _TABLES:
+        if not spec.has_one_reading:
+            what = f"the board, {spec_line(spec)}, looks the same when turned: a pose would be guessed"
+            remedy = "take a board with ids or an even and an odd number of squares, or give corners with ids as a CSV"
+            raise InputError(what, where=args.board, remedy=remedy)
         refuse_overwrite(args.output, args.force, list_images(args.views))
         return detect_folder(args.views, spec)
     if lens is None and (args.image_size is None or min(args.image_size) < 1):
@@ -109,18 +161,19 @@ def _views(args: argparse.Namespace, spec: BoardSpec, lens: GivenLens | None) ->
     return read_corners(args.views, lens.camera.image_size if lens else tuple(args.image_size), spec.corner_count)
 
 
-def _paired(views: Sequence[BoardView], poses: Mapping[str, Pose], where: Path) -> list[BoardView]:
-    """The views that have a pose, in the order of the poses, matched by names with or without suffix."""
-    by_name = {view.name: view for view in views} | {Path(view.name).stem: view for view in views}
-    paired = [replace(by_name[name], name=name) for name in poses if name in by_name]
-    twice = {name for name in poses if by_name.get(name) is by_name.get(Path(name).stem) and Path(name).stem != name}
+def _paired(views: Sequence[str], poses: Mapping[str, Pose], where: Path) -> list[tuple[str, str]]:
+    """View and row of poses that belong together, in the order of the poses, by names with or without suffix."""
+    by_name = {view: view for view in views} | {Path(view).stem: view for view in views}
+    paired = [(by_name[name], name) for name in poses if name in by_name]
+    twice = {name for name in poses if by_name.get(name) == by_name.get(Path(name).stem) and Path(name).stem != name}
     if both := sorted(name for name in twice if Path(name).stem in poses):
         raise InputError(f"view {both[0]} stands twice", where=where, remedy="give each view one row")
     if not paired:
-        few = ", ".join([view.name for view in views][:3])
-        raise InputError("no row is of one of the views", where=where, remedy=f"their names are {few}, …")
+        raise InputError(
+            "no row is of one of the views", where=where, remedy=f"their names are {', '.join(views[:3])}, …"
+        )
     for what, names in (
-        ("views without a pose", {Path(view.name).stem for view in views} - {Path(name).stem for name in poses}),
+        ("views without a pose", {Path(view).stem for view in views} - {Path(name).stem for name in poses}),
         ("poses without a view", set(poses) - set(by_name)),
     ):
         if names:
@@ -128,7 +181,7 @@ def _paired(views: Sequence[BoardView], poses: Mapping[str, Pose], where: Path) 
     return paired
 
 
-def _lens(given: GivenLens | None, views: list[BoardView], spec: BoardSpec) -> LensSolution:
+def _lens(given: GivenLens | None, views: list[BoardView], spec: Board) -> LensSolution:
     """The lens as given, or from the views; the board's shape from the views."""
     from vbaa_calib.calibrate.given_lens import given_solution
     from vbaa_calib.calibrate.lens_from_views import solve_lens

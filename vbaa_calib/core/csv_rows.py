@@ -1,4 +1,7 @@
-"""CSV tables as rows of text, a long one a row at a time, and the numbers in their cells."""
+"""Tables as rows of text, a long one a row at a time, and the numbers in their cells.
+
+Cells stand between commas, semicolons or tabs, as the header shows; lines that begin with # are comments.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import TextIO
 
@@ -21,6 +25,7 @@ _LONGEST = 1_000_000
 MOST_WHOLE = 2**53
 """Whole numbers below are exact as floats."""
 _NEWLINE, _RETURN, _COMMA = b"\n\r,"
+_BETWEEN = (",", ";", "\t")
 
 
 def read_csv(
@@ -34,7 +39,7 @@ def read_csv(
 def csv_rows(
     path: Path, columns: Sequence[str], optional: Sequence[str] = (), instead: Mapping[str, str] = _NOTHING
 ) -> Iterator[dict[str, str]]:
-    """Rows of a CSV with a header, as text, as they are asked for; each also carries its place in the file as `line`.
+    """Rows of a table with a header, as text, as they are asked for; each also carries its place in the file as `line`.
 
     Raises InputError, when it comes to it, for a missing file, header, column or cell, and for a table without rows.
     Columns beyond those named are ignored, and so are blank lines. `instead` names a column that may stand in the place
@@ -57,25 +62,66 @@ def csv_rows(
         raise InputError("has a header but no rows", where=path, remedy="add at least one row")
 
 
+def header_of(path: Path) -> list[str]:
+    """The names of a table's columns; none for an empty file. Raises InputError as `csv_rows` does."""
+    return next(_filled(path), (0, []))[1]
+
+
 def _filled(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line and cells of each row that is not blank, the header first."""
     require_file(path)
-    line = 0
+    line, fresh = 1, True
+
+    def without_comments(lines: Iterator[str]) -> Iterator[str]:
+        nonlocal fresh  # at the beginning of a row: a cell in quotes may go on with a line that looks like a comment
+        for text in lines:
+            begins, fresh = fresh, False
+            yield "\n" if begins and text.startswith("#") else text
+
     try:
         with Path(path).open(encoding="utf-8-sig") as stream:
-            reader = csv.reader(_lines(stream), strict=True)
-            for cells in reader:
-                line = reader.line_num
+            begin, header = _beginning(_lines(stream))
+            between = max(_BETWEEN, key=(header or begin[-1] if begin else "").count)
+            if header is not None:
+                line = len(begin) - 1
+                yield line, [cell.strip() for cell in next(csv.reader([header], delimiter=between))]
+            reader = csv.reader(chain(begin, without_comments(_lines(stream))), strict=True, delimiter=between)
+            while (cells := next(reader, None)) is not None:
                 cells = [cell.strip() for cell in cells]
                 if any(cells):
-                    yield line, cells
+                    yield reader.line_num, cells
+                line, fresh = reader.line_num + 1, True  # where an error is, if one is
     except csv.Error as error:
-        where = f"{path} line {reader.line_num}"
+        where = f"{path} line {line}"
         raise InputError(f"is not a valid CSV ({error})", where=where, remedy="write it again") from None
     except UnicodeDecodeError:
         raise InputError("is not UTF-8 text", where=path, remedy="save it as UTF-8") from None
     except OSError as error:
         what = f"cannot be read ({error.strerror})"
         raise InputError(what, where=path, remedy="check the path and its permissions") from None
+
+
+def _beginning(lines: Iterator[str]) -> tuple[list[str], str | None]:
+    """The lines up to the first row, comments and what is before them blank, and the header if that is a comment: the
+    last one, where it names as many cells as the first row has, and that holds numbers, which no header does."""
+    begin, comment = list[str](), ""
+    for text in lines:
+        if not text.startswith("#") and not text.startswith("sep=") and text.strip(" \t\r\n,;"):
+            names = comment.lstrip("# ").strip()
+            between = max(_BETWEEN, key=names.count)
+            first, named = text.split(between), names.split(between)
+            numbers = [sum(map(_is_number, cells)) for cells in (first, named)]
+            is_header = len(named) == len(first) > 1 and numbers[0] > numbers[1] == 0
+            return [*begin, text], names if is_header else None
+        comment = text if text.startswith("#") else comment
+        begin.append("\n")
+    return begin, None
+
+
+def _is_number(text: str) -> bool:
+    with suppress(ValueError):
+        return math.isfinite(float(text))
+    return False
 
 
 def _lines(stream: TextIO) -> Iterator[str]:
@@ -95,11 +141,7 @@ def places_of(header: Sequence[str], columns: Sequence[str], optional: Sequence[
         if header.count(name) == 1:
             continue
         problem = "is missing" if name not in header else "stands twice"
-        other = next((mark for mark in (";", "\t") if len(header) == 1 and mark in header[0]), None)
-        remedy = f"the columns {','.join(columns)} are needed"
-        if other:
-            remedy = f"separate the cells by commas, not by {other!r}"
-        raise InputError(f"column {name} {problem}", where=path, remedy=remedy)
+        raise InputError(f"column {name} {problem}", where=path, remedy=f"the columns {','.join(columns)} are needed")
     return {name: header.index(name) for name in known}
 
 
@@ -152,7 +194,8 @@ def number(row: Mapping[str, str], column: str, path: Path) -> float:
         # float() reads 1_0 as 10; in a table it is a slip of the pen
         value = float(text.replace("_", "?"))
     except ValueError:
-        raise InputError(f"{column} is {text!r}", where=place, remedy="a number in SI units is needed") from None
+        remedy = "write it with a decimal point" if "," in text else "a number in SI units is needed"
+        raise InputError(f"{column} is {text!r}", where=place, remedy=remedy) from None
     if not math.isfinite(value):
         raise InputError(f"{column} is {text}", where=place, remedy="a finite number in SI units is needed")
     return value

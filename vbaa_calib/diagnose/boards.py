@@ -10,7 +10,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from targets.board import Board, BoardPoints, BoardSpec, corner_points
+from targets.board import AprilGrid, Board, BoardPoints, BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_shape import STRETCH, BoardShape
 from vbaa_calib.calibrate.lens.bundle import Bundle, free_directions, rows
 from vbaa_calib.calibrate.lens.information import kept_observations
@@ -118,7 +118,7 @@ def _poorly_covered(views: Sequence[BoardView], spec: Board | BoardPoints) -> Di
         "border_empty",
         f"the corners reach over {100 * hull:.0f} % of the picture{where}",
         f"show the board in the {empty[0] if empty else 'picture’s corners'}"
-        + (", also partly outside" if isinstance(spec, BoardSpec) else ""),
+        + (", also partly outside" if isinstance(spec, BoardSpec | AprilGrid) else ""),
     )
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import difflib
-import io
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -16,9 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from vbaa_calib.core.arrays import LARGEST_RAD, Rows, check_angle
-from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, number, plain_columns, read_csv, whole_number
+from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, header_of, number, plain_columns, read_csv, whole_number
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_text
 from vbaa_calib.core.images import SUFFIXES, picture_size
 
 from .settings import Session
@@ -265,8 +262,7 @@ def _view(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[s
 
 def _refuse_misspelt(path: Path, wanted: str, known: Sequence[str]) -> None:
     """Raises InputError for a misspelt optional column `wanted`, whose readings would else be ignored in silence."""
-    lines = ([cell.strip() for cell in cells] for cells in csv.reader(io.StringIO(read_text(path))))
-    header = next(cells for cells in lines if any(cells))
+    header = header_of(path)
     strange = {name.lower(): name for name in header if name not in known}
     close = difflib.get_close_matches(wanted.lower(), strange, n=1, cutoff=0.75)
     if close and wanted not in header:

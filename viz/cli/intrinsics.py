@@ -30,13 +30,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--output", type=Path, required=True, help="camera.json to write")
     board = parser.add_argument_group("board, by a file or by flags; lengths in metres")
-    board.add_argument("--board", type=Path, metavar="FILE", help="board.yaml, or a session.yaml")
+    board.add_argument("--board", type=Path, metavar="FILE", help="board.yaml, a session.yaml, or Kalibr's target.yaml")
     board.add_argument(
         "--squares", metavar="CxR", help="all squares, columns x rows: ChArUco, or without --marker plain"
     )
     board.add_argument("--square", type=float, metavar="M", help="side of a square, such as 0.025")
     board.add_argument("--marker", type=float, metavar="M", help="side of a marker")
     board.add_argument("--dict", metavar="NAME", help="of OpenCV's markers (default: DICT_4X4_100)")
+    board.add_argument("--first-id", type=int, metavar="N", help="of the markers (default: 0)")
     board.add_argument("--legacy", action="store_true", default=None, help="the pattern of OpenCV before 4.6")
     board.add_argument("--circles", metavar="CxR", help="grid of circles, columns x rows")
     board.add_argument(
@@ -60,7 +61,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 _OF_FLAG = {
-    "squares": {"square": "square_m", "marker": "marker_m", "dict": "dictionary", "legacy": "legacy_pattern"},
+    "squares": {"square": "square_m", "marker": "marker_m", "dict": "dictionary", "legacy": "legacy_pattern"}
+    | {"first_id": "first_id"},
     "circles": {"spacing": "spacing_m", "asymmetric": "type"},
     "board": {},
 }
@@ -92,10 +94,9 @@ def _board(args: argparse.Namespace) -> Board:
         raise InputError(f"--{ways[0]} without --{needed}", where=_VERB, remedy="measure it, and give it in metres")
     if args.squares is not None:
         given["squares_x"], given["squares_y"] = counts(args.squares, "--squares", _VERB)
-        if args.marker is None and (args.dict or args.legacy):
-            raise InputError(
-                "--dict and --legacy are of markers", where=_VERB, remedy="give --marker, or leave them out"
-            )
+        if args.marker is None and (args.dict or args.legacy or args.first_id is not None):
+            what, remedy = "--dict, --first-id and --legacy are of markers", "give --marker, or leave them out"
+            raise InputError(what, where=_VERB, remedy=remedy)
         given["type"] = "chessboard" if args.marker is None else "charuco"
     else:
         given["columns"], given["rows"] = counts(args.circles, "--circles", _VERB)

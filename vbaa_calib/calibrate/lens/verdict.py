@@ -21,6 +21,7 @@ _VAGUE_FOCAL = 0.02
 _COVERED = 0.5
 _ENOUGH_VIEWS = 6
 _SCATTERED = 2.0
+_MOST_RMS_PX = 3.0  # of a lens that may be used: what misses by more is of other corners, boards or cameras
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,10 @@ def _grave_first(found: Iterable[Diagnosis]) -> tuple[Diagnosis, ...]:
 def _diagnoses(solution: LensSolution, views_px: Sequence[np.ndarray], view_scatter: float) -> Iterator[Diagnosis]:
     """What speaks against trusting the lens."""
     chosen, count = solution.chosen, len(views_px)
+    if solution.rms_inliers_px > _MOST_RMS_PX:
+        words = f"the corners miss the lens by {solution.rms_inliers_px:.1f} px rms, outliers left out"
+        remedy = "see that board and counts are as described, and all pictures of one camera at one focus"
+        yield Diagnosis("lens_misses", words, remedy, "wrong")
     if count < _ENOUGH_VIEWS:
         words = f"the lens rests on {count} views: they fit almost any lens, and halves of them cannot be compared"
         missing = f"add {_ENOUGH_VIEWS - count} or more views"

@@ -22,7 +22,7 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import largest_std
 
-from .hand_eye_fit import HandEyeProblem, HandEyeSolution, Misfits
+from .hand_eye_fit import HandEyeProblem, HandEyeSolution, Misfits, ViewCorners
 from .hand_eye_start import Start, consensus, other_orders
 from .hand_eye_views import LEAST_CORNERS, SeenView, seen_view
 
@@ -34,6 +34,7 @@ _EXPLAINED, _WELL_EXPLAINED, _FEW_SUBSETS = 0.05, 0.002, 10
 """Misfits over the board's distance: beyond the first the poses are not of these views, below the second they are."""
 _OUTLIER_CHANCE, _ROUNDS, _FEW_TO_JUDGE, _MANY, _ROUNDING_PX = 1e-5, 8, 8, 0.2, 1e-6
 _LOOSE_RAD, _LOOSE_SHARE, _TURNED_WELL_DEG, _SIGNIFICANT = 0.02, 0.05, 10.0, 3.3
+_POINT_SHARE, _LEAST_SIZE_M = 0.1, 1e-3
 _TURN_MORE = "add views with the hand turned by 20° and more about a second axis, at right angles to the first"
 
 
@@ -66,10 +67,11 @@ class HandEye:
     robot_std : (2,) standard deviation per axis of the tool's turns, rad, and shifts, m, against the robot's readings.
     robot_log_std : (2,) of their logarithms.
     rms : (2,) disagreement of the good views, turns rad and the board's centre m.
-    parts : "corners", "lens", "robot" → (2,) predicted contribution of each to it, rms.
+    parts : "corners", "lens", "robot" → (2,) predicted contribution of each to it, rms; the last one with poses alone.
     board_scale : by what part the board is larger than stated where the robot's lengths are right, and its standard
         deviation.
-    noise_px : of a corner's coordinate: as the corners of a view scatter, or more where the boards' poses do.
+    noise_px : of a corner's coordinate: as the corners of a view scatter, or more where the boards' poses do; None
+        where the board's poses were given, whose errors count as the robot's.
     """
 
     mount: str
@@ -81,7 +83,7 @@ class HandEye:
     rms: np.ndarray
     parts: Mapping[str, np.ndarray]
     board_scale: tuple[float, float]
-    noise_px: float
+    noise_px: float | None
     views: tuple[HandEyeView, ...]
 
     @property
@@ -99,7 +101,7 @@ class HandEye:
         """What a reader must know, in words."""
         used = len(self.views) - len(self.outliers)
         larger, by = self.board_scale
-        contradicted = sum(bool(view.reason) and view.corners > 0 for view in self.views)
+        contradicted = sum(bool(view.reason) and view.distance_m == view.distance_m for view in self.views)
         rules = (
             (used < _FEW_TO_JUDGE, f"{used} views hardly show which of them are wrong: ten to twenty are good"),
             (
@@ -164,16 +166,17 @@ def _two(what: str, turn_and_shift: np.ndarray) -> dict[str, Any]:
 
 @gate
 def solve_hand_eye(
-    views: Sequence[BoardView],
+    views: Sequence[BoardView | tuple[str, Pose]],
     robot_poses: Sequence[Pose],
-    board_points: np.ndarray,
-    camera: Camera,
+    board_points: np.ndarray | None = None,
+    camera: Camera | None = None,
     mount: str = "hand",
     readings: Mapping[str, Sequence[Pose]] | None = None,
 ) -> HandEye:
     """Solve for the camera's pose on the arm, or beside it, and the board's.
 
-    views : the board in each picture; grossly wrong corners are left out.
+    views : the board in each picture; grossly wrong corners are left out. Or name and pose T_camera_board of each, by
+        whatever means they were measured (A·X = X·B, A·X = Z·B): then neither points nor camera are needed.
     robot_poses : T_base_tool of each, in the same order.
     board_points : (K, 3) m, by corner id, as the lens solve has found them.
     mount : "hand" or "fixed", as in `HandEye`.
@@ -188,8 +191,12 @@ def solve_hand_eye(
         raise InputError(
             f"there are {len(views)} views and {len(robot_poses)} robot poses", remedy="give one pose for each view"
         )
-    points = _checked_points(board_points)
-    seen = [seen_view(view, points, camera) for view in views]
+    measured = [view for view in views if isinstance(view, tuple)]
+    if measured:
+        camera = None
+        points, seen = _seen_poses(measured, len(views))
+    else:
+        points, seen = _seen_corners([view for view in views if not isinstance(view, tuple)], board_points, camera)
     used = np.array([index for index, one in enumerate(seen) if not one.reason], int)
     if len(used) < _LEAST_VIEWS:
         reasons = sorted({one.reason for one in seen if one.reason})
@@ -199,19 +206,44 @@ def solve_hand_eye(
             remedy="add views with the hand turned about two axes; ten to twenty are good",
         )
     good = [seen[i] for i in used]
-    rows = [_checked_pose(pose, index) for index, pose in enumerate(robot_poses)]
+    rows = [_checked_pose(pose, f"robot pose {index}") for index, pose in enumerate(robot_poses)]
     poses = [rows[i] for i in used]
     _refuse_one_axis(poses)  # and again without outliers
-    start = _start(rows, used, good, points, mount == "hand", readings or {})
+    start = _start(rows, used, good, points, mount == "hand", (readings or {}, camera is None))
     corners = tuple(one.corners for one in good if one.corners is not None)
-    freedom = sum(2 * len(one.pixels) - 6 for one in corners)
+    freedom = sum(one.pixels.size - 6 for one in corners)
     noise_px = float(np.sqrt(sum(one.square for one in good) / freedom))
     problem = HandEyeProblem(corners, tuple(poses), camera, max(noise_px, _ROUNDING_PX), mount == "hand")
     chosen = [one.poses[min(k, len(one.poses) - 1)] for one, k in zip(good, start.chosen.tolist(), strict=True)]
     solved, kept, off = _consistent(problem, start, chosen, points.mean(axis=0))
     in_it = [pose for pose, good_one in zip(poses, kept, strict=True) if good_one]
-    _refuse_loose(solved, in_it, float(np.median([pose.translation_m[2] for pose in chosen])))
+    _refuse_loose(solved, in_it, float(np.median([_distance_m(pose, camera is None) for pose in chosen])))
     return _result(solved, kept, off, problem, seen)
+
+
+def _distance_m(pose: Pose, measured: bool) -> float:
+    """Of the board from the camera: along its axis, or where the pose was measured, which may be of anything."""
+    return float(np.linalg.norm(pose.translation_m) if measured else pose.translation_m[2])
+
+
+def _seen_corners(
+    views: Sequence[BoardView], board_points: np.ndarray | None, camera: Camera | None
+) -> tuple[np.ndarray, list[SeenView]]:
+    if board_points is None or camera is None:
+        raise InputError("corners need the board's points and a camera", remedy="give both, or poses T_camera_board")
+    points = _checked_points(board_points)
+    return points, [seen_view(view, points, camera) for view in views]
+
+
+def _seen_poses(views: Sequence[tuple[str, Pose]], count: int) -> tuple[np.ndarray, list[SeenView]]:
+    """Points of a board about the origin, as large as a tenth of its distance, and the views of it."""
+    if len(views) < count:
+        raise InputError("views are partly poses and partly corners", remedy="give one kind")
+    poses = [(name, _checked_pose(pose, f"view {name}")) for name, pose in views]
+    size_m = max(_POINT_SHARE * float(np.median([_distance_m(pose, True) for _, pose in poses])), _LEAST_SIZE_M)
+    points = size_m * np.vstack([np.eye(3), -np.eye(3)])
+    ones = np.ones(len(points))
+    return points, [SeenView(name, "", ViewCorners(points, pose @ points, ones), (pose,)) for name, pose in poses]
 
 
 def _checked_points(board_points: np.ndarray) -> np.ndarray:
@@ -224,11 +256,11 @@ def _checked_points(board_points: np.ndarray) -> np.ndarray:
     return points
 
 
-def _checked_pose(pose: Pose, index: int) -> Pose:
+def _checked_pose(pose: Pose, name: str) -> Pose:
     rotation, place = np.asarray(pose.rotation, float), np.asarray(pose.translation_m, float)
     fits = rotation.shape == (3, 3) and place.shape == (3,) and np.isfinite(rotation).all() and np.isfinite(place).all()
     if not fits or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0.0:
-        raise InputError(f"robot pose {index} is none", remedy="give a rotation matrix, and metres")
+        raise InputError(f"{name} is none", remedy="give a rotation matrix, and metres")
     return Pose(Rotation.from_matrix(rotation).as_matrix(), place)
 
 
@@ -263,21 +295,27 @@ def _start(
     seen: Sequence[SeenView],
     points: np.ndarray,
     in_hand: bool,
-    readings: Mapping[str, Sequence[Pose]],
+    how: tuple[Mapping[str, Sequence[Pose]], bool],
 ) -> Start:
     """A start from all rows of poses, of which `used` (V,) are the views'. Raises InputError where they fit far better
-    in another reading, or in none."""
+    in another reading, or in none.
+
+    how : other readings of the rows, and whether the board's poses were measured.
+    """
+    readings, measured = how
     looked = [one.poses for one in seen]
 
     def known(tools: Sequence[Pose]) -> list[Pose]:
         return [pose.inverse() for pose in tools] if in_hand else list(tools)
 
     best = consensus(known([rows[i] for i in used]), looked, points)
-    reach = float(np.median([one.poses[0].translation_m[2] for one in seen]))
+    reach = float(np.median([_distance_m(one.poses[0], measured) for one in seen]))
     if best.spread_m <= _WELL_EXPLAINED * reach:
         return best
+    # X and Z exchanged, these are the same
+    inverted = ", or the views' are of the camera in the board" if measured else ""
     tables = {
-        "are inverted, or the mount is the other": [pose.inverse() for pose in rows],
+        f"are inverted, or the mount is the other{inverted}": [pose.inverse() for pose in rows],
         "are in millimetres": [Pose(pose.rotation, 1e-3 * pose.translation_m) for pose in rows],
         "are in kilometres": [Pose(pose.rotation, 1e3 * pose.translation_m) for pose in rows],
         **readings,
@@ -319,7 +357,7 @@ def _consistent(
         part = problem.picked(kept)
         _refuse_one_axis(part.readings)
         solved = part.solved(part.start(X, Z), std)
-        X, Z, std = solved.state.X, solved.state.Z, solved.std
+        (X, Z, *_), std = solved.state, solved.std
         off = problem.misfits(solved, seen, kept, centre_m)
         # outliers still in it make the robot look worse than it is; among few views that cannot be seen
         scale = float(np.median(off.squares) / chdtri(6, 0.5))
@@ -353,19 +391,24 @@ def _result(
             views.append(HandEyeView(one.name, 0, 0, np.nan, np.nan, one.reason))
             continue
         reason = "" if kept[index] else "its robot pose contradicts the others"
+        count = 0 if problem.camera is None else len(one.corners.pixels)
         distance, turn = float(off.distance_m[index]), float(off.turn_rad[index])
-        views.append(HandEyeView(one.name, len(one.corners.pixels), one.left_out, distance, turn, reason))
+        views.append(HandEyeView(one.name, count, one.left_out, distance, turn, reason))
         index += 1
     return HandEye(
         mount="hand" if problem.in_hand else "fixed",
-        camera_pose=solved.state.X,
-        board_pose=solved.state.Z,
+        camera_pose=solved.state[0],
+        board_pose=solved.state[1],
         covariance=solved.covariance,
         robot_std=solved.std[:2],
         robot_log_std=solved.log_std[:2],
         rms=np.sqrt([np.mean(off.turn_rad[kept] ** 2), np.mean(off.distance_m[kept] ** 2)]),
-        parts={name: np.sqrt(part[kept].mean(axis=0)) for name, part in off.parts.items()},
+        parts={
+            name: np.sqrt(part[kept].mean(axis=0))
+            for name, part in off.parts.items()
+            if problem.camera is not None or name == "robot"
+        },
         board_scale=problem.picked(kept).board_scale(solved),
-        noise_px=problem.noise_px * solved.std[2],
+        noise_px=None if problem.camera is None else problem.noise_px * solved.std[2],
         views=tuple(views),
     )

@@ -43,17 +43,20 @@ _DIFFERENCE, _LEAST_FREEDOM, _SHARED_DOUBT = 0.05, 3.0, 1.5
 
 @dataclass(frozen=True, eq=False)
 class ViewCorners:
-    """One view's corners."""
+    """One view's corners, or points of a board as its measured pose puts them."""
 
     points_m: np.ndarray  # (N, 3) board frame
-    pixels: np.ndarray  # (N, 2)
+    pixels: np.ndarray  # (N, 2), or without a camera (N, 3) m in its frame
     weights: np.ndarray  # (N,) on residuals
 
-    def linearised(self, camera: Camera, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def linearised(self, camera: Camera | None, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Weighted residuals (2N,) px, observed less predicted, and derivatives of what is predicted by the pose's
-        tangent (2N, 6) and by the lens (2N, 4 + k)."""
+        tangent (2N, 6) and by the lens (2N, 4 + k); without a camera (3N,) m, (3N, 6) and (3N, 0)."""
         lever = self.points_m @ T_camera_board.rotation.T
-        pixels, by_point, by_lens = projected(camera, lever + T_camera_board.translation_m)
+        pixels = lever + T_camera_board.translation_m
+        by_point, by_lens = np.broadcast_to(np.eye(3), (len(lever), 3, 3)), np.zeros((len(lever), 3, 0))
+        if camera is not None:
+            pixels, by_point, by_lens = projected(camera, pixels)
         residuals = (self.pixels - pixels) * self.weights[:, None]
         weighted, by_lens = (
             (slopes * self.weights[:, None, None]).reshape(residuals.size, -1)
@@ -76,13 +79,8 @@ class ViewCorners:
         return pose, np.linalg.norm(self.linearised(camera, pose)[0].reshape(-1, 2), axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class _HandEyeState:
-    """What is solved for: X, Z, and each view's E."""
-
-    X: Pose
-    Z: Pose
-    errors: tuple[Pose, ...]
+_HandEyeState = tuple[Pose, ...]
+"""What is solved for: X, Z, and each view's E."""
 
 
 class _HandEyeRows(NamedTuple):
@@ -170,13 +168,13 @@ class Misfits:
 
 @dataclass(frozen=True, eq=False)
 class HandEyeProblem:
-    """V views, the robot's readings of the tool in its base, the camera, the noise of a corner's coordinate in px, and
-    whether the arm holds the camera.
+    """V views, the robot's readings of the tool in its base, the camera (None: the board's poses were measured), the
+    noise of a corner's coordinate in px (m), and whether the arm holds the camera.
     """
 
     views: tuple[ViewCorners, ...]
     readings: tuple[Pose, ...]
-    camera: Camera
+    camera: Camera | None
     noise_px: float
     in_hand: bool
 
@@ -190,25 +188,25 @@ class HandEyeProblem:
     @property
     def _lens_axes(self) -> np.ndarray:
         """(4 + k, K) steps of the lens that vary independently by one deviation."""
-        if self.camera.covariance is None:
-            return np.zeros((len(self.camera.parameters), 0))
+        if self.camera is None or self.camera.covariance is None:
+            return np.zeros((0 if self.camera is None else len(self.camera.parameters), 0))
         axes = independent_axes(self.camera.covariance)
         return axes[:, np.any(axes != 0.0, axis=0)]
 
     def start(self, X: Pose, Z: Pose) -> _HandEyeState:
         """The state without robot errors."""
-        return _HandEyeState(X, Z, (Pose.identity(),) * len(self.views))
+        return (X, Z, *(Pose.identity(),) * len(self.views))
 
     def predicted(self, state: _HandEyeState) -> list[Pose]:
         """T_camera_board of each view."""
-        back = state.X.inverse()
-        if self.in_hand:
-            return [back @ E @ G.inverse() @ state.Z for G, E in zip(self.readings, state.errors, strict=True)]
-        return [back @ G @ E @ state.Z for G, E in zip(self.readings, state.errors, strict=True)]
+        X, Z, *errors = state
+        back, both = X.inverse(), zip(self.readings, errors, strict=True)
+        return [back @ E @ G.inverse() @ Z if self.in_hand else back @ G @ E @ Z for G, E in both]
 
     def _tangents(self, state: _HandEyeState, T_camera_board: Pose, view: int) -> np.ndarray:
         """(6, 18) the tangent of a view's board pose by those of X, Z and E."""
-        X, Z, G, E = state.X, state.Z, self.readings[view], state.errors[view]
+        (X, Z, *errors), G = state, self.readings[view]
+        E = errors[view]
         R_camera_base = X.rotation.T
         # rotation through which the camera sees what E moves, and the lever about which
         through, inner = (R_camera_base, G.inverse() @ Z) if self.in_hand else (R_camera_base @ G.rotation, Z)
@@ -233,7 +231,7 @@ class HandEyeProblem:
             shared = np.hstack([slopes[:, :_SHARED], basis.T @ by_lens @ axes])
             each.append((own, shared, slopes[:, _SHARED:], factor))
         own, by_shared, by_error, by_pose = (np.array(parts) for parts in zip(*each, strict=True))
-        errors = np.array([E.vector for E in state.errors])
+        errors = np.array([E.vector for E in state[2:]])
         squares += float(((errors / std[:2].repeat(3)) ** 2).sum())
         return _HandEyeRows(state, own, by_shared, by_error, by_pose, errors, 0.5 * squares)
 
@@ -252,10 +250,8 @@ class HandEyeProblem:
             return np.concatenate([move, own.ravel()]), promise
 
         def moved(at: _HandEyeRows, move: np.ndarray) -> _HandEyeRows:
-            X, Z = at.state.X.retract(move[:6]), at.state.Z.retract(move[6:_SHARED])
-            steps = move[_SHARED:].reshape(-1, 6)
-            errors = tuple(E.retract(own) for E, own in zip(at.state.errors, steps, strict=True))
-            return self.linearised(_HandEyeState(X, Z, errors), std)
+            steps = move.reshape(-1, 6)
+            return self.linearised(tuple(pose.retract(own) for pose, own in zip(at.state, steps, strict=True)), std)
 
         return levenberg_marquardt(self.linearised(state, std), step, moved, _RULES).at
 
@@ -284,7 +280,7 @@ class HandEyeProblem:
 
     def misfits(self, solved: HandEyeSolution, seen: Sequence[Pose], kept: np.ndarray, centre_m: np.ndarray) -> Misfits:
         """Of all views, whose corners alone show the board at the poses `seen`, by a solution over those kept (V,)."""
-        state = self.start(solved.state.X, solved.state.Z)
+        state = self.start(*solved.state[:2])
         rows, std = self.linearised(state, solved.std), solved.std
         tangents = np.array([own.tangent_from(said) for own, said in zip(seen, self.predicted(state), strict=True)])
         V, fit = rows.normal(std).V, solved.rows.normal(std)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from itertools import permutations
 from pathlib import Path
@@ -10,9 +9,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vbaa_calib.core.csv_rows import number, read_csv, whole_number
+from vbaa_calib.core.csv_rows import header_of, number, read_csv, whole_number
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_text
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
@@ -36,7 +34,7 @@ def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Po
     rx_deg,…, or Euler angles a_rad,b_rad,c_rad or a_deg,… in the order `euler`, as SciPy names it. With other readings
     of the rows, by what is then said of the poses. Raises InputError naming file and line.
     """
-    header = _header(path)
+    header = header_of(path)
     place = next((names for names in _PLACES if names[0] in header), ("x_m", "y_m", "z_m"))
     turn = next((names for names in (*_VECTORS, *_ANGLES) if names[0] in header), _QUATERNION)
     if turn in _ANGLES and euler not in _EULER:
@@ -71,11 +69,6 @@ def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Po
     return posed(_rotations(rotations, turn, euler)), {words: posed(turned) for words, turned in others.items()}
 
 
-def _header(path: Path) -> list[str]:
-    filled = (line for line in read_text(path).splitlines() if line.strip(" ,"))
-    return [cell.strip() for cells in csv.reader([next(filled, "")]) for cell in cells]
-
-
 def _rotations(values: np.ndarray, columns: tuple[str, ...], euler: str | None) -> Rotation:
     """V rotations from the numbers (V, 3 or 4) in these columns."""
     degrees = columns[0].endswith("_deg")
@@ -103,7 +96,7 @@ def read_corners(path: Path, image_size: tuple[int, int], corner_count: int) -> 
 
     Raises InputError for an id that the board has not, or twice in a view, and a corner outside the picture.
     """
-    column = "corner_id" if "corner_id" in _header(path) else "id"
+    column = "corner_id" if "corner_id" in header_of(path) else "id"
     views: dict[str, dict[int, tuple[float, float]]] = {}
     for row in read_csv(path, ["view", column, "u_px", "v_px"]):
         name, where = row["view"], f"{path} line {row['line']}"

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from targets.board import PLAIN_BOARDS, Board, BoardSpec
+from targets.board import BOARDS, Board, BoardSpec
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import checked
@@ -21,11 +21,12 @@ def load_board(path: Path) -> BoardSpec:
     Raises InputError naming the file, the key and the remedy; also for a board without ids.
     """
     board, key = _keys(path)
-    return checked(BoardSpec, board, path, _REMEDY, key)
+    described = _of_kalibr(board, path, key).to_dict() if "target_type" in board else board
+    return checked(BoardSpec, described, path, _REMEDY, key)
 
 
 def load_lens_board(path: Path) -> Board:
-    """As `load_board`, also a board without ids, for the lens."""
+    """As `load_board`, a board of any kind, for the lens; also Kalibr's target.yaml."""
     board, key = _keys(path)
     return board_from(board, path, key)
 
@@ -38,15 +39,45 @@ def _keys(path: Path) -> tuple[Mapping[str, Any], str]:
 
 def board_from(board: Mapping[str, Any], where: object, key: str = "") -> Board:
     """The board that a mapping describes. Raises InputError naming `where` and the key."""
+    if "target_type" in board:
+        return _of_kalibr(board, where, key)
     kind = board.get("type", "charuco")
-    if kind == "charuco":
-        return checked(BoardSpec, board, where, _REMEDY, key)
-    if not isinstance(kind, str) or kind not in PLAIN_BOARDS:
+    if not isinstance(kind, str) or kind not in BOARDS:
         name = f"{key}.type" if key else "type"
-        raise InputError(
-            f"{name} is {kind!r}", where=where, remedy=f"one of charuco, {', '.join(PLAIN_BOARDS)} is needed"
-        )
-    return checked(PLAIN_BOARDS[kind], board, where, _REMEDY, key)
+        raise InputError(f"{name} is {kind!r}", where=where, remedy=f"one of {', '.join(BOARDS)} is needed")
+    return checked(BOARDS[kind], board, where, _REMEDY, key)
+
+
+_KALIBR: dict[str, tuple[str, dict[str, str]]] = {
+    "aprilgrid": (
+        "aprilgrid",
+        {"tagCols": "columns", "tagRows": "rows", "tagSize": "tag_m", "tagSpacing": "spacing"},
+    ),
+    "checkerboard": (
+        "chessboard",
+        {"targetCols": "squares_x", "targetRows": "squares_y", "colSpacingMeters": "square_m", "rowSpacingMeters": ""},
+    ),
+    "circlegrid": ("circles", {"targetCols": "columns", "targetRows": "rows", "spacingMeters": "spacing_m"}),
+}
+"""Kalibr's kinds of targets: ours, and the key for each of theirs."""
+
+
+def _of_kalibr(target: Mapping[str, Any], where: object, key: str) -> Board:
+    """The board of Kalibr's target.yaml, which counts the inner corners of a checkerboard. Raises InputError."""
+    named = target["target_type"]
+    if named not in _KALIBR or target.get("asymmetricGrid"):
+        what = f"target_type is {named!r}" if named not in _KALIBR else "asymmetricGrid is true"
+        raise InputError(what, where=where, remedy=f"describe the board as one of {', '.join(BOARDS)} ({_REMEDY})")
+    kind, keys = _KALIBR[named]
+    if missing := [name for name in keys if name not in target]:
+        raise InputError(f"{missing[0]} is missing", where=where, remedy=f"Kalibr's {named} has {', '.join(keys)}")
+    if target.get("colSpacingMeters") != target.get("rowSpacingMeters"):
+        remedy = "squares of two sides are not calibrated with: print it anew"
+        raise InputError("colSpacingMeters and rowSpacingMeters differ", where=where, remedy=remedy)
+    board = {own: target[name] for name, own in keys.items() if own}
+    if kind == "chessboard":
+        board |= {own: board[own] + 1 for own in ("squares_x", "squares_y") if isinstance(board[own], int)}
+    return checked(BOARDS[kind], {"type": kind, **board}, where, _REMEDY, key)
 
 
 def counts(text: str, flag: str, where: str) -> tuple[int, int]:

@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
-from targets.board import Board, BoardSpec, Chessboard, CircleGrid, opencv_board
+from targets.board import AprilGrid, Board, BoardSpec, Chessboard, CircleGrid, opencv_board
 from vbaa_calib.core.console import progress, say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.images import list_images, read_gray
+from vbaa_calib.core.images import list_images, picture_size, read_gray
 
 from .circles import circle_centres
 from .covariance import corner_covariances
-from .diagnosis import Markers, explain_mismatch, px_per_square, rows_too_many
+from .diagnosis import refuse_wrong_spec
 from .grids import find_grid
-from .other_kinds import explain_other_kind
+from .markers import OUTLINE, RULES, TURNS, Markers, find_markers
 from .view_quality import ViewQuality, measure_quality
 
-_WORKERS = 2
-_FEW_CORNERS = 6
-_FOUND_SHARE = 0.3
-_WINDOW_PER_GAP = 0.9
-_SMALLEST_WINDOW_PX = 4
-_LARGEST_WINDOW_PX = 10
-_FURTHEST_PX = 1.5
-_OF_A_SQUARE = 0.6
 _STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-3)
 
 
@@ -47,6 +41,7 @@ class BoardView:
     marker_corners_px : (M, 4, 2) their outlines.
     covariance_px2 : (N, 2, 2) of each corner, from the picture's noise alone (`corner_covariance`).
     quality : blur, saturation and contrast (`view_quality`).
+    left_out : why the picture was not searched, in words; empty where it was.
     """
 
     name: str
@@ -57,6 +52,7 @@ class BoardView:
     marker_corners_px: np.ndarray = field(default_factory=lambda: np.zeros((0, 4, 2)))
     covariance_px2: np.ndarray | None = None
     quality: ViewQuality | None = None
+    left_out: str = ""
 
     @property
     def marker_count(self) -> int:
@@ -77,43 +73,104 @@ def require_corners(ids: np.ndarray, pixels: np.ndarray, count: int, where: str)
 
 
 def detect_corners(image: np.ndarray, spec: Board, name: str = "") -> BoardView:
-    """Find the board's corners in a picture (H, W) uint8; none gives an empty view. Boards without ids must be whole.
+    """Find the board's corners in a picture (H, W) uint8; none gives an empty view. Boards without ids count whole."""
+    return _KINDS[type(spec)](image, spec, name)
 
-    OpenCV's settings for ChArUco boards are kept: on the real photo sets each marker refinement changes the
+
+def _detect_charuco(image: np.ndarray, spec: BoardSpec, name: str) -> BoardView:
+    """OpenCV's settings for ChArUco boards are kept: on the real photo sets each marker refinement changes the
     reprojection error by a few per cent, up or down. Corners next to a single marker are left out, since they are
-    grossly wrong on partly covered boards.
+    grossly wrong on partly covered boards. Of several copies of the board, that of which most is seen is taken.
     """
-    if not isinstance(spec, BoardSpec):
-        return _detect_grid(image, spec, name)
     # OpenCV refuses a picture without pixels
     seen = image if image.size else np.zeros((1, 1), np.uint8)
-    corners, ids, outlines, marker_ids = (
-        np.asarray([] if found is None else found, float)
-        for found in cv2.aruco.CharucoDetector(opencv_board(spec)).detectBoard(seen)
-    )
-    outlines, ids = outlines.reshape(-1, 4, 2), ids.ravel().astype(int)
-    sharpened, windows = _between_markers(image, corners.reshape(-1, 2), outlines, spec)
+    detector = cv2.aruco.CharucoDetector(opencv_board(spec))
+    corners, ids, outlines, marker_ids = _arrays(*detector.detectBoard(seen))
+    copy = (markers := Markers(marker_ids.ravel().astype(int), outlines.reshape(-1, 4, 2))).one_copy(spec)
+    if len(copy.ids) < len(markers.ids):
+        own = copy.outlines.astype(np.float32)[:, None], copy.ids.astype(np.int32)
+        corners, ids, *_ = _arrays(*detector.detectBoard(seen, markerCorners=list(own[0]), markerIds=own[1]))
+    ids = ids.ravel().astype(int)
+    sharpened, windows = _between_markers(image, corners.reshape(-1, 2), markers, spec)
     return BoardView(
         name,
         ids,
         sharpened,
         (image.shape[1], image.shape[0]),
-        marker_ids.ravel().astype(int),
-        outlines,
+        markers.ids,
+        markers.outlines,
         corner_covariances(image, sharpened, windows),
         measure_quality(image, ids, sharpened, spec),
     )
 
 
-def _detect_grid(image: np.ndarray, spec: Chessboard | CircleGrid, name: str) -> BoardView:
+def _arrays(*found: Sequence[np.ndarray] | np.ndarray | None) -> list[np.ndarray]:
+    return [np.asarray([] if one is None else one, float) for one in found]
+
+
+def _detect_april_grid(image: np.ndarray, spec: AprilGrid, name: str) -> BoardView:
+    """Corners of the tags that stand as neighbours on the grid; how the tags are turned, their neighbours show."""
+    markers = find_markers(image, spec.dictionary, spec.border)
+    order = np.argsort(spec.marker_ids)
+    tags = markers.picked(np.isin(markers.ids, spec.marker_ids))
+    row, column = np.divmod(order[np.searchsorted(spec.marker_ids[order], tags.ids)], spec.columns)
+    cells = np.stack([column, row], axis=1)
+    pairs, steps = tags.neighbours(False, 1.0 + spec.spacing)
+    between = cells[pairs[:, 1]] - cells[pairs[:, 0]]
+    readings = [(((steps @ turn) == between).all(axis=1), turn) for turn in TURNS]
+    agree, about = max(readings, key=lambda one: int(one[0].sum()))
+    kept = np.zeros(0, int)
+    for group in tags.groups(pairs[agree]):
+        if len(group) > 1 and not np.isin(tags.ids[group], tags.ids[kept]).any():
+            kept = np.append(kept, group)
+    place = 2 * cells[kept, None] + (OUTLINE @ about + 0.5).astype(int)
+    ids = (place[..., 1] * spec.corner_columns + place[..., 0]).ravel()
+    places, corners = spec.lattice[ids].reshape(-1, 4, 2), tags.outlines[kept].reshape(-1, 2)
+    side_px = np.linalg.svd(tags.px_per_marker[kept], compute_uv=False)[:, 1].repeat(4)
+    gap_px, windows = min(spec.border / spec.modules, spec.spacing) * side_px, 0 * ids
+    for _ in range(RULES.rounds):
+        start = _by_neighbours(places, corners.reshape(-1, 4, 2), cells[kept])
+        within = ((start > 0) & (start < np.array(image.shape[::-1]) - 1)).all(axis=1)
+        corners, windows = start.copy(), np.zeros(len(ids), int)
+        corners[within], windows[within] = _sharpened(image, start[within], gap_px[within], 0 * ids[within])
+    found = np.flatnonzero(windows)
+    found = found[np.argsort(ids[found])]
+    ids, corners, windows = ids[found], corners[found], windows[found]
+    covariances, quality = corner_covariances(image, corners, windows), measure_quality(image, ids, corners, spec)
+    size = (image.shape[1], image.shape[0])
+    return BoardView(name, ids, corners, size, markers.ids, markers.outlines, covariances, quality)
+
+
+def _by_neighbours(places: np.ndarray, outlines: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """(4M, 2) px corners of tags, each by the homography of the tag and its neighbours.
+
+    places : (M, 4, 2) on the board. outlines : (M, 4, 2) px, cut off where the tags meet black squares, by up to some
+    pixels. cells : (M, 2) column and row.
+    """
+    predicted = outlines.copy()
+    for tag, cell in enumerate(cells):
+        near = np.abs(cells - cell).max(axis=1) <= 1
+        found, _ = cv2.findHomography(places[near].reshape(-1, 2), outlines[near].reshape(-1, 2), cv2.LMEDS)
+        if found is not None:
+            predicted[tag] = cv2.perspectiveTransform(places[tag][None], found)[0]
+    return predicted.reshape(-1, 2)
+
+
+def _detect_circles(image: np.ndarray, spec: CircleGrid, name: str) -> BoardView:
     size = (image.shape[1], image.shape[0])
     found = find_grid(image, spec)
     if found is None:
         return BoardView(name, np.zeros(0, int), np.zeros((0, 2)), size)
-    if isinstance(spec, CircleGrid):
-        ids, centres, covariances, _ = circle_centres(image, found, spec)
-        return BoardView(name, ids, centres, size, covariance_px2=covariances)
-    grid = found.reshape(spec.squares_y - 1, spec.squares_x - 1, 2)
+    ids, centres, covariances, _ = circle_centres(image, found, spec)
+    return BoardView(name, ids, centres, size, covariance_px2=covariances)
+
+
+def _detect_chessboard(image: np.ndarray, spec: Chessboard, name: str) -> BoardView:
+    size = (image.shape[1], image.shape[0])
+    found = find_grid(image, spec)
+    if found is None:
+        return BoardView(name, np.zeros(0, int), np.zeros((0, 2)), size)
+    grid = found.reshape(-1, spec.corner_columns, 2)
     across, down = (np.linalg.norm(np.diff(grid, axis=axis), axis=-1) for axis in (1, 0))
     # a square's shorter side or the half of its shorter diagonal: to the next edge that is not the corner's own
     gap_px = np.full(grid.shape[:2], np.inf)
@@ -123,13 +180,24 @@ def _detect_grid(image: np.ndarray, spec: Chessboard | CircleGrid, name: str) ->
     ):
         gap_px[before], gap_px[after] = np.minimum(gap_px[before], lengths), np.minimum(gap_px[after], lengths)
     ids = np.arange(spec.corner_count)
-    corners, windows = _sharpened(image, found, _OF_A_SQUARE * gap_px.ravel(), np.full(len(ids), _SMALLEST_WINDOW_PX))
+    corners, windows = _sharpened(
+        image, found, RULES.of_a_square * gap_px.ravel(), np.full(len(ids), RULES.smallest_window_px)
+    )
     covariances, quality = corner_covariances(image, corners, windows), measure_quality(image, ids, corners, spec)
     return BoardView(name, ids, corners, size, covariance_px2=covariances, quality=quality)
 
 
+_KINDS: dict[type[Board], Callable[[np.ndarray, Any, str], BoardView]] = {
+    BoardSpec: _detect_charuco,
+    AprilGrid: _detect_april_grid,
+    Chessboard: _detect_chessboard,
+    CircleGrid: _detect_circles,
+}
+"""How each kind of board is detected."""
+
+
 def _between_markers(
-    image: np.ndarray, corners: np.ndarray, outlines: np.ndarray, spec: BoardSpec
+    image: np.ndarray, corners: np.ndarray, markers: Markers, spec: BoardSpec
 ) -> tuple[np.ndarray, np.ndarray]:
     """Corners (N, 2) refined again in windows that end before the markers, and these half windows (N,).
 
@@ -137,10 +205,11 @@ def _between_markers(
     of 0.03 px; on the real photo sets the reprojection error changes by less than 1 %. OpenCV's corner is kept where
     the gap between corner and markers is too narrow.
     """
+    outlines = markers.outlines
     if not len(corners) or not len(outlines):
-        return corners, np.full(len(corners), _SMALLEST_WINDOW_PX)
+        return corners, np.full(len(corners), RULES.smallest_window_px)
     ratio = spec.marker_m / spec.square_m
-    smallest = np.linalg.svd(px_per_square(outlines, ratio), compute_uv=False)[:, 1]
+    smallest = np.linalg.svd(markers.px_per_square(ratio), compute_uv=False)[:, 1]
     nearest = np.argsort(np.linalg.norm(outlines.mean(axis=1)[None] - corners[:, None], axis=-1), axis=1)[:, :2]
     gap_px = smallest[nearest].min(axis=1) * (1.0 - ratio) / 2.0
     # OpenCV's windows end two pixels before the nearest marker corner
@@ -155,13 +224,13 @@ def _sharpened(
 
     unrefined : (N,) half windows of corners that are kept, since the gap is too small or the step too large.
     """
-    windows = np.minimum(_WINDOW_PER_GAP * gap_px, _LARGEST_WINDOW_PX).astype(int)
+    windows = np.minimum(RULES.window_per_gap * gap_px, RULES.largest_window_px).astype(int)
     refined, used = corners.copy(), unrefined.copy()
-    for window in np.unique(windows[windows >= _SMALLEST_WINDOW_PX]).tolist():
+    for window in np.unique(windows[windows >= RULES.smallest_window_px]).tolist():
         chosen = np.flatnonzero(windows == window)
         start = corners[chosen].astype(np.float32).reshape(-1, 1, 2)
         better = cv2.cornerSubPix(image, start, (window, window), (-1, -1), _STOP).reshape(-1, 2)
-        near = np.linalg.norm(better - corners[chosen], axis=1) < _FURTHEST_PX
+        near = np.linalg.norm(better - corners[chosen], axis=1) < RULES.furthest_px
         refined[chosen[near]] = better[near]
         used[chosen[near]] = window
     return refined, used
@@ -173,53 +242,50 @@ def detect_folder(folder: Path, spec: Board) -> list[BoardView]:
 
 
 def detect_files(paths: Sequence[Path], spec: Board) -> list[BoardView]:
-    """The board in each picture.
+    """The board in each picture; a few pictures of another size than the others are left out.
 
     Raises InputError for damaged pictures, for pictures of different sizes, and for a board spec that does not fit the
-    pictures (kind of board, dictionary, legacy pattern, number of squares, size of markers), with the causes and the
-    fitting spec where they can be found.
+    pictures (kind of board, dictionary, ids, legacy pattern, number of squares, size of markers), with the causes and
+    the fitting spec where they can be found.
     """
-    with ThreadPoolExecutor(_WORKERS) as pool:
-        found = pool.map(lambda path: detect_corners(read_gray(path), spec, Path(path).name), paths)
-        views = list(progress(found, "detecting the board", len(paths)))
-    for path, view in zip(paths, views, strict=True):
-        if view.image_size != views[0].image_size:
-            own, first = (f"{one.image_size[0]}x{one.image_size[1]} px" for one in (view, views[0]))
-            remedy = "calibrate from pictures of one camera at one resolution"
-            raise InputError(f"is {own}, {views[0].name} is {first}", where=path, remedy=remedy)
-    _refuse_wrong_spec(paths, views, spec)
+    sizes = [picture_size(path) for path in paths]
+    usual = _one_size(paths, sizes)
+    searched = [path for path, size in zip(paths, sizes, strict=True) if size == usual]
+    refuse_wrong_spec(searched, None, spec, _found_corners)
+
+    def view(path: Path, size: tuple[int, int]) -> BoardView:
+        if size != usual:
+            left_out = f"it is {_in_px(size)}, the others are {_in_px(usual)}"
+            return BoardView(Path(path).name, np.zeros(0, int), np.zeros((0, 2)), usual, left_out=left_out)
+        return detect_corners(read_gray(path), spec, Path(path).name)
+
+    with ThreadPoolExecutor(RULES.workers) as pool:
+        views = list(progress(pool.map(view, paths, sizes), "detecting the board", len(paths)))
+    refuse_wrong_spec(searched, [one for one in views if not one.left_out], spec, _found_corners)
     return views
 
 
-def _refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView], spec: Board) -> None:
-    place = Path(paths[0]).parent if len(paths) > 1 else paths[0]
-    shown = sum(len(view.ids) > 0 for view in views)
+def _one_size(paths: Sequence[Path], sizes: Sequence[tuple[int, int]]) -> tuple[int, int]:
+    """The size of all pictures but a few. Raises InputError where too many are of another."""
+    usual, count = Counter(sizes).most_common(1)[0]
+    odd = [(path, size) for path, size in zip(paths, sizes, strict=True) if size != usual]
+    if not odd:
+        return usual
+    few = len(sizes) >= RULES.fewest and len(odd) <= max(RULES.odd_sizes * len(sizes), 1)
+    if not few:
+        remedy = "calibrate from pictures of one camera at one resolution"
+        first = Path(paths[sizes.index(usual)]).name
+        what = f"is {_in_px(odd[0][1])}, {first} is {_in_px(usual)}, as {count} of {len(sizes)} are"
+        raise InputError(what, where=odd[0][0], remedy=remedy)
+    names = ", ".join(Path(path).name for path, _ in odd)
+    say(f"left out: {names}, {'is' if len(odd) == 1 else 'are'} {_in_px(odd[0][1])}, the others {_in_px(usual)}")
+    return usual
 
-    def read(index: int) -> np.ndarray:
-        return read_gray(paths[index])
 
-    markers = [Markers(view.marker_ids, view.marker_corners_px) for view in views]
-    if isinstance(spec, BoardSpec):
-        found = sum(len(view.ids) >= _FEW_CORNERS for view in views) >= _FOUND_SHARE * len(views)
-        mismatch = explain_mismatch(read, markers, spec, found)
-        if mismatch is not None:
-            what = f"the board spec does not fit the pictures: {mismatch.words}"
-            raise InputError(what, where=place, remedy=mismatch.remedy)
-    if not isinstance(spec, BoardSpec) or not shown:
-        other = explain_other_kind(read, [view.corners_px for view in views], spec)
-        if other is not None:
-            raise InputError(f"the board spec does not fit the pictures: {other[0]}", where=place, remedy=other[1])
-    if not shown:
-        what, needed = "no board is found in any picture", "whole markers are in view"
-        if not isinstance(spec, BoardSpec):
-            what, needed = f"{what}: without ids it counts only where it is seen whole", "the whole board is in view"
-        raise InputError(what, where=place, remedy=f"check that the board is sharp, lit, large enough and {needed}")
-    if not isinstance(spec, BoardSpec):
-        if shown < len(views):
-            of = f"{len(views) - shown} of {len(views)} pictures"
-            say(f"{place}: {of} do not show the whole board, and are of no use: without ids a part could be any part")
-    elif missing := rows_too_many(markers, spec, views[0].image_size):
-        say(
-            f"{place}: the pictures show room for the board's last {missing} rows and no marker there: is squares_y "
-            f"{spec.squares_y - missing}, not {spec.squares_y}? The corners are the same."
-        )
+def _in_px(size: tuple[int, int]) -> str:
+    return f"{size[0]}x{size[1]} px"
+
+
+def _found_corners(image: np.ndarray, spec: Board) -> tuple[np.ndarray, np.ndarray]:
+    view = detect_corners(image, spec)
+    return view.ids, view.corners_px

@@ -1,200 +1,114 @@
-"""Why a board spec does not fit the pictures, and the spec that does, found by trying.
-
-A layout fits when neighbouring markers lie relative to one another as it says.
-"""
+"""Why a board spec does not fit the pictures, and the spec that does: measured, and proposed only if it is found."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
-from targets.board import DICTIONARIES, DICTIONARY_SIZES, BoardSpec, spec_line
-from vbaa_calib.core.errors import Diagnosis
+from targets.board import DICTIONARIES, DICTIONARY_SIZES, AprilGrid, Board, BoardSpec, Chessboard, CircleGrid, spec_line
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import Diagnosis, InputError
+from vbaa_calib.core.images import read_gray
+
+from .grids import find_grid, find_whole_chessboard
+from .markers import RULES, TURNS, MarkerGrid, Markers, find_markers, marker_cells, marker_grids
+
+if TYPE_CHECKING:
+    from .corners import BoardView
 
 MIRRORED = "the markers are found only in the mirror image (the pictures are mirrored: mirror them back)"
 _NEGATIVE = "the markers are found only with black and white exchanged (the board is a negative: print it anew)"
 _BOTH = f"{MIRRORED}; {_NEGATIVE}"
-PICTURES_TRIED, _LAYOUT_PICTURES = 4, 10
-_APRILTAGS = ("DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11")
-# the largest of each family holds the smaller ones
-_FAMILIES = (*(name for name in DICTIONARIES if name.endswith("_1000")), *_APRILTAGS, "DICT_ARUCO_ORIGINAL")
-_CONTRADICTED = 0.2
-_RATIO_OFF, _RATIO_OFF_PX = 0.08, 2.0
-"""Error of the marker-to-square ratio that is reported. In drawn pictures an error of 0.1 raises the corners' error
-from 0.03 to 0.05 px, one of 0.25 from 0.04 to 0.4 px."""
-_PAIRS_NEEDED = 6
-"""Least number of agreeing pairs of markers for any conclusion."""
-_MISS_SQUARES = 0.6
-_LARGEST_WIDTH = 60
-_RATIOS = (0.2, 1.0)
-_NEAR = 2
-# the unit square's outline in OpenCV's marker corner order, about its centre
-_OUTLINE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
-# contours run through the centres of the outermost black pixels: half a pixel inside the edge, on either side
-_CONTOUR_PX = 1.0
+_MISTAKES = ("", MIRRORED, _NEGATIVE, _BOTH)
+Read = Callable[[int], np.ndarray]
+"""A picture (H, W) uint8 by its index."""
+Detect = Callable[[np.ndarray, Board], tuple[np.ndarray, np.ndarray]]
+"""Ids (N,) and pixels (N, 2) of the corners of a board in a picture (H, W) uint8."""
 
 
-def marker_cells(squares_x: int, on_even_squares: bool, count: int) -> np.ndarray:
-    """(count, 2) column and row of each marker id, numbered along the rows on every other square.
-
-    on_even_squares : the first square has a marker (OpenCV's legacy layout with an even number of rows).
-    """
-    rows = 2 * count // squares_x + 2
-    row, column = np.mgrid[:rows, :squares_x]
-    holds_marker = (row + column) % 2 == (0 if on_even_squares else 1)
-    return np.stack([column[holds_marker], row[holds_marker]], axis=-1)[:count]
-
-
-def px_per_square(outlines: np.ndarray, marker_per_square: float) -> np.ndarray:
-    """(M, 2, 2) pixels per square along the board's x and y (columns) at each marker, outlines (M, 4, 2) px.
-
-    The least-squares affine map of its four corners.
-    """
-    return np.einsum("mcp,cb->mpb", outlines, _OUTLINE) / marker_per_square
-
-
-@dataclass(frozen=True, eq=False)
-class Markers:
-    """The markers of one picture: ids (M,) and their outlines (M, 4, 2) px."""
-
-    ids: np.ndarray
-    outlines: np.ndarray
-
-    @cached_property
-    def px_per_marker(self) -> np.ndarray:
-        """(M, 2, 2) pixels per marker side along the board's x and y (columns)."""
-        found = px_per_square(self.outlines, 1.0)
-        side_px = np.sqrt(np.maximum(np.abs(np.linalg.det(found)), 1e-6))
-        return found * (1.0 + _CONTOUR_PX / side_px)[:, None, None]
-
-    @cached_property
-    def offsets(self) -> np.ndarray:
-        """(M, M, 2) from each marker's centre to every other's, along the board's x and y in sides of the first."""
-        centres = self.outlines.mean(axis=1)
-        return np.einsum("ibp,ijp->ijb", np.linalg.pinv(self.px_per_marker), centres[None] - centres[:, None])
-
-    def below(self, count: int) -> Markers:
-        """The markers with ids below `count`."""
-        low = self.ids < count
-        return self if low.all() else Markers(self.ids[low], self.outlines[low])
-
-
-@dataclass(frozen=True, eq=False)
-class _MarkerLayout:
-    """How well markers fit a layout.
-
-    Attributes
-    ----------
-    squares_x, on_even_squares : the layout (`marker_cells`).
-    ratio : best fitting marker side over square side.
-    wrong, total : pairs of markers at most two squares apart that contradict the layout, and all such pairs.
-    fits : (count,) number of fitting pairs that begin with each id.
-    """
-
-    squares_x: int
-    on_even_squares: bool
-    ratio: float
-    wrong: int
-    total: int
-    fits: np.ndarray
-
-    @property
-    def agreeing(self) -> int:
-        return self.total - self.wrong
-
-    @property
-    def share_wrong(self) -> float:
-        return self.wrong / max(self.total, 1)
-
-    @property
-    def cells(self) -> np.ndarray:
-        """(count, 2) column and row of each id."""
-        return marker_cells(self.squares_x, self.on_even_squares, len(self.fits))
-
-
-def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, count: int) -> _MarkerLayout:
-    """How well the markers with ids under `count` fit a layout.
-
-    Each marker's outline predicts its neighbours' places; a pair fits if they are within 0.6 squares. This is local and
-    so holds for any lens. The marker-to-square ratio is found from the same pairs.
-    """
-    cells = marker_cells(squares_x, on_even_squares, count)
-    ids, steps, offsets = [np.zeros(0, int)], [np.zeros((0, 2))], [np.zeros((0, 2))]
-    for picture in (picture.below(count) for picture in pictures):
-        step = cells[picture.ids][None] - cells[picture.ids][:, None]
-        near = (np.abs(step).max(axis=-1) <= _NEAR) & step.any(axis=-1)
-        ids.append(picture.ids[np.nonzero(near)[0]])
-        steps.append(step[near].astype(float))
-        offsets.append(picture.offsets[near])
-    step, offset = np.concatenate(steps), np.concatenate(offsets)
-    along = (step * offset).sum(axis=1)
-    ahead = along > 0.0
-    typical = np.median((step[ahead] ** 2).sum(axis=1) / along[ahead]) if ahead.any() else np.mean(_RATIOS)
-    ratio = float(np.clip(typical, *_RATIOS))
-    good = np.linalg.norm(ratio * offset - step, axis=1) < _MISS_SQUARES
-    fits = np.bincount(np.concatenate(ids)[good], minlength=count)
-    return _MarkerLayout(squares_x, on_even_squares, ratio, int((~good).sum()), len(good), fits)
-
-
-def _distinctive_pairs(pictures: Sequence[Markers], here: _MarkerLayout, other: _MarkerLayout) -> int:
-    """Number of pairs of neighbouring markers that fit the layout `here` and would lie differently in `other`."""
-    cells, votes = (here.cells, other.cells), 0
-    for picture in (picture.below(len(here.fits)) for picture in pictures):
-        step, rival = (layout[picture.ids][None] - layout[picture.ids][:, None] for layout in cells)
-        near = (np.abs(step).max(axis=-1) <= _NEAR) & (step != rival).any(axis=-1)
-        votes += int((near & (np.linalg.norm(here.ratio * picture.offsets - step, axis=-1) < _MISS_SQUARES)).sum())
-    return votes
-
-
-def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> _MarkerLayout | None:
-    """The layout with the smallest share of contradicting pairs, `prefer` (squares_x, on_even_squares) among equals.
-
-    None with too few pairs, or if one in ten contradicts the best layout.
-    """
-    if sum(len(picture.ids) * (len(picture.ids) - 1) for picture in pictures) < _PAIRS_NEEDED:
-        return None
-    count = 1 + max((int(picture.ids.max(initial=-1)) for picture in pictures), default=-1)
-    every = [(squares_x, even) for squares_x in range(2, _LARGEST_WIDTH + 1) for even in (False, True)]
-    best: _MarkerLayout | None = None
-    for squares_x, even in [prefer, *every]:
-        layout = judge(pictures, squares_x, even, count)
-        if layout.agreeing >= _PAIRS_NEEDED and (best is None or layout.share_wrong < best.share_wrong - 1e-9):
-            best = layout
-    return best if best is not None and best.share_wrong <= 0.1 else None
-
-
-def _vacant_below(picture: Markers, layout: _MarkerLayout, row: int, image_size: tuple[int, int]) -> int:
-    """Number of places for markers of the next row that lie well inside the picture, beside markers of `row`."""
-    picture = picture.below(len(layout.fits))
-    column, its_row = layout.cells[picture.ids].T
-    last = its_row == row
-    centres, per_square = picture.outlines.mean(axis=1)[last], picture.px_per_marker[last] / layout.ratio
-    size_px, vacant = np.linalg.norm(per_square, axis=(1, 2)), 0
-    for side in (-1, 1):
-        where = centres + per_square @ np.array([side, 1.0])
-        room = np.minimum(where, np.array(image_size) - 1 - where).min(axis=1)
-        beside = column[last] + side
-        vacant += int(((room > size_px) & (beside >= 0) & (beside < layout.squares_x)).sum())
-    return vacant
+def _families() -> dict[str, tuple[int, ...]]:
+    """The dictionaries that hold all others, and the widths of black border with which their markers are printed."""
+    held = [name for name in DICTIONARIES if name.rpartition("_")[2] not in map(str, DICTIONARY_SIZES[:-1])]
+    return {name: (1, 2) if "APRILTAG_36" in name else (1,) for name in held}
 
 
 @dataclass(frozen=True, eq=False)
 class _Sighting:
-    """Markers per picture that agree on a layout, and how the pictures are mirrored or inverted ("" for not)."""
+    """Markers per picture, as they lie to one another, and how the pictures are mirrored or inverted ("" for not)."""
 
     dictionary: str
+    border: int
     turned: str
     markers: Sequence[Markers]
-    layout: _MarkerLayout
+    grids: Sequence[MarkerGrid]
+
+    @property
+    def votes(self) -> int:
+        return int(self.grids[0].votes.sum()) if self.grids else 0
+
+
+def _refuse(found: tuple[str, str] | None, paths: Sequence[Path]) -> None:
+    """Raises InputError where something was found that does not fit: what, and the remedy."""
+    if found is not None:
+        place = Path(paths[0]).parent if len(paths) > 1 else paths[0]
+        raise InputError(f"the board spec does not fit the pictures: {found[0]}", where=place, remedy=found[1])
+
+
+def refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView] | None, spec: Board, detect: Detect) -> None:
+    """Raises InputError where a spec does not fit the pictures, or none shows a board: what is wrong, and the spec that
+    fits. What is of no use, and rows that are not there, are printed.
+
+    views : None before the search, which is slow for a chessboard: what is seen at once is refused.
+    """
+
+    def read(index: int) -> np.ndarray:
+        return read_gray(paths[index])
+
+    if views is None:
+        if isinstance(spec, Chessboard):
+            _refuse(_other_than_chessboard(read, len(paths), spec, detect), paths)
+        return
+    place = Path(paths[0]).parent if len(paths) > 1 else paths[0]
+    visible = sum(len(view.ids) > 0 for view in views)
+    markers = [Markers(view.marker_ids, view.marker_corners_px) for view in views]
+    if isinstance(spec, BoardSpec | AprilGrid):
+        found = sum(len(view.ids) >= RULES.few_corners for view in views) >= RULES.found * len(views)
+        mismatch = explain_mismatch(read, markers, spec, found, detect)
+        _refuse(None if mismatch is None else (mismatch.words, mismatch.remedy), paths)
+    if not isinstance(spec, BoardSpec | AprilGrid) or not visible:
+        _refuse(_other_kind(read, [view.corners_px for view in views], spec, detect), paths)
+    if not visible:
+        what, needed = "no board is found in any picture", "whole markers are in view"
+        if not isinstance(spec, BoardSpec | AprilGrid):
+            what, needed = f"{what}: without ids it counts only where it is seen whole", "the whole board is in view"
+        elif words := _markers_in_words(markers, spec, read):
+            remedy = "describe the board that is in the pictures, its first_id and dictionary too, or show more of it"
+            raise InputError(f"{what}: {words}", where=place, remedy=remedy)
+        raise InputError(what, where=place, remedy=f"check that the board is sharp, lit, large enough and {needed}")
+    if not isinstance(spec, BoardSpec | AprilGrid):
+        if visible < len(views):
+            of = f"{len(views) - visible} of {len(views)} pictures"
+            say(f"{place}: {of} do not show the whole board, and are of no use: without ids a part could be any part")
+    elif isinstance(spec, BoardSpec) and (missing := _rows_too_many(markers, spec, views[0].image_size)):
+        say(
+            f"{place}: the pictures show room for the board's last {missing} rows and no marker there: is squares_y "
+            f"{spec.squares_y - missing}, not {spec.squares_y}? The corners are the same."
+        )
 
 
 def explain_mismatch(
-    read: Callable[[int], np.ndarray], markers: Sequence[Markers], spec: BoardSpec, found: bool
+    read: Read,
+    markers: Sequence[Markers],
+    spec: BoardSpec | AprilGrid,
+    found: bool,
+    detect: Detect,
 ) -> Diagnosis | None:
     """What is wrong with the spec; None if nothing is, or if that cannot be determined.
 
@@ -203,151 +117,490 @@ def explain_mismatch(
     read : reads a picture (H, W) uint8 by its index.
     markers : markers of the spec's dictionary in each picture.
     found : whether the board's corners are found in enough pictures.
+    detect : with it a proposed spec is tried.
     """
-    own = judge(markers, spec.squares_x, spec.starts_with_marker, spec.marker_count)
-    doubtful = own.total >= _PAIRS_NEEDED and own.share_wrong > _CONTRADICTED
-    legacy_is_wrong = _legacy_is_wrong(markers, own, spec)
-    if found and not doubtful and not legacy_is_wrong:
-        highest = max((int(picture.ids.max(initial=-1)) for picture in markers), default=-1)
-        layout = judge(markers, spec.squares_x, spec.starts_with_marker, max(highest + 1, 1))
-        return _compared(_Sighting(spec.dictionary, "", markers, layout), spec)
-    rich = sorted(markers, key=lambda picture: len(picture.ids))[-_LAYOUT_PICTURES:]
-    seen = _best_layout(rich, (spec.squares_x, spec.starts_with_marker))
-    # so many that they are no chance finds of a dictionary that is not on the board
-    if seen is not None and (seen.fits > 0).sum() >= _PAIRS_NEEDED:
-        if legacy_is_wrong:
-            seen = judge(markers, spec.squares_x, not spec.starts_with_marker, len(seen.fits))
-        return _compared(_Sighting(spec.dictionary, "", markers, seen), spec)
-    chosen = np.unique(np.linspace(0, len(markers) - 1, PICTURES_TRIED).astype(int))
-    sighting = _searched([read(int(index)) for index in chosen], (spec.squares_x, spec.starts_with_marker))
-    return None if sighting is None else _compared(sighting, spec)
+    own = _Sighting(spec.dictionary, getattr(spec, "border", 1), "", markers, marker_grids(markers))
+    grids = sorted(own.grids, key=lambda grid: -_agreement(grid, spec)[0])
+    fits = found and not (grids and _contradicted(grids[0], spec))
+    if fits and grids:
+        beyond = _agreement(grids[0], spec)[0] > 0 and max(grids[0].cells) > spec.marker_ids.max()
+        resized = isinstance(spec, AprilGrid) or _marker_m(own, grids[0], spec)
+        grids = grids[:1] if beyond or resized else []
+    if fits and not grids:
+        return None
+    pictures = [read(index) for index in _rich(markers)]
+    if fits and isinstance(spec, AprilGrid) and _found(pictures, own, spec, detect) == spec:
+        return None
+    for grid in grids:
+        if grid.votes.sum() >= RULES.votes and (seen := _proposed(own, grid, spec, pictures, detect)):
+            return seen
+    return None if found else _searched(pictures, spec, detect)
 
 
-def fitting_board(pictures: Sequence[np.ndarray], square_m: float) -> BoardSpec | str | None:
-    """The ChArUco board in pictures (H, W) uint8, given the side of its squares; only the dictionary's name where no
-    BoardSpec fits, None without markers."""
-    any_board = BoardSpec(3, 3, square_m, 0.75 * square_m)
-    sighting = _searched(pictures, (any_board.squares_x, False))
-    return None if sighting is None else _fitting_spec(sighting, any_board) or sighting.dictionary
+def _rich(markers: Sequence[Markers]) -> list[int]:
+    """Indices of the pictures that are tried: spread over all, or those in which most markers were read."""
+    counts = np.array([len(picture.ids) for picture in markers])
+    if counts.any():
+        return np.argsort(-counts, kind="stable")[: RULES.tried].tolist()
+    return np.unique(np.linspace(0, len(markers) - 1, RULES.tried).astype(int)).tolist()
 
 
-def markers_within(picture: np.ndarray, corners_px: np.ndarray) -> int:
-    """Largest number of markers of one dictionary within the hull of corners (N, 2) px, N ≥ 3."""
-    hull = cv2.convexHull(corners_px.astype(np.float32))
-    counts = []
-    for dictionary in _FAMILIES:
-        centres = _find_markers(picture, dictionary).outlines.mean(axis=1)
-        counts.append(sum(cv2.pointPolygonTest(hull, centre, False) > 0 for centre in centres.tolist()))
-    return max(counts)
+def _markers_in_words(markers: Sequence[Markers], spec: BoardSpec | AprilGrid, read: Read) -> str:
+    """The markers that are read in pictures without a board, and why they make none; empty without any."""
+    dictionary = spec.dictionary
+    if not any(len(picture.ids) for picture in markers):
+        pictures = [read(index) for index in _rich(markers)]
+        best = max(_sightings(pictures, ("",)), key=lambda one: one.votes, default=None)
+        if best is None or best.votes < RULES.clear:
+            return ""
+        dictionary, markers = best.dictionary, best.markers
+    ids = np.unique(np.concatenate([picture.ids for picture in markers]))
+    own = np.sort(spec.marker_ids)
+    seen = f"{len(ids)} marker{'s' if len(ids) > 1 else ''} of {dictionary} {'are' if len(ids) > 1 else 'is'} read"
+    needed = f"the board has {_ranges(own)} of {spec.dictionary}"
+    on_board = np.isin(ids, own) if dictionary == spec.dictionary else np.zeros(len(ids), bool)
+    if not on_board.any():
+        why = needed
+    elif not any(grid.votes.sum() >= RULES.clear for grid in marker_grids(markers)):
+        why = f"no two of them stand as neighbours on a board, and {needed}"
+    else:
+        why = f"they do not stand as on that board: {needed}"
+    return f"{seen} ({_ranges(ids)}); {why}"
 
 
-def _legacy_is_wrong(markers: Sequence[Markers], own: _MarkerLayout, spec: BoardSpec) -> bool:
-    """Whether the markers fit the board clearly better with the other legacy flag.
-
-    With odd columns and even rows the two layouts differ by a shift of one square: corners are found under both, and
-    only markers that wrap to the next row tell them apart.
-    """
-    if spec.squares_y % 2:
-        return False
-    rival = judge(markers, spec.squares_x, not own.on_even_squares, spec.marker_count)
-    here, other = _distinctive_pairs(markers, own, rival), _distinctive_pairs(markers, rival, own)
-    return other >= _PAIRS_NEEDED and here < 0.2 * other
+def _ranges(ids: np.ndarray) -> str:
+    """Ids in words, such as "0 to 16, 20"."""
+    runs = np.split(np.sort(ids), np.flatnonzero(np.diff(np.sort(ids)) > 1) + 1)
+    words = [f"{run[0]} to {run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs]
+    return ", ".join(words if len(words) < 6 else [*words[:4], "…", words[-1]])
 
 
-def _searched(pictures: Sequence[np.ndarray], prefer: tuple[int, bool]) -> _Sighting | None:
-    """The markers that agree best on a layout, in the pictures as they are, else mirrored or inverted."""
-    for turned in ("", MIRRORED, _NEGATIVE, _BOTH):
+def _sightings(pictures: Sequence[np.ndarray], turns: Sequence[str]) -> Iterator[_Sighting]:
+    """The markers of each dictionary that lie in grids, most pairs first; of pictures as they are, else as `turns`."""
+    for turned in turns:
         seen = [cv2.flip(picture, 1) for picture in pictures] if turned in (MIRRORED, _BOTH) else pictures
         seen = [255 - picture for picture in seen] if turned in (_NEGATIVE, _BOTH) else seen
-        found = []
-        for dictionary in _FAMILIES:
-            markers = [_find_markers(picture, dictionary) for picture in seen]
-            layout = _best_layout(markers, prefer)
-            if layout is not None:
-                found.append(_Sighting(dictionary, turned, markers, layout))
-        if found:
-            return max(found, key=lambda one: one.layout.agreeing)
+        every = []
+        for dictionary, borders in _families().items():
+            for border in borders:
+                markers = [find_markers(picture, dictionary, border) for picture in seen]
+                every.append(_Sighting(dictionary, border, turned, markers, marker_grids(markers)))
+        # a wide border holds a narrower one
+        every = sorted((one for one in every if one.votes), key=lambda one: -one.votes * one.border)
+        yield from every
+        if every and every[0].votes >= RULES.votes:
+            return
+
+
+def _searched(pictures: Sequence[np.ndarray], spec: BoardSpec | AprilGrid, detect: Detect) -> Diagnosis | None:
+    for sighting in _sightings(pictures, _MISTAKES):
+        for grid in sighting.grids[:1]:
+            if sighting.votes >= RULES.votes and (seen := _proposed(sighting, grid, spec, pictures, detect)):
+                return seen
     return None
 
 
-def _find_markers(picture: np.ndarray, dictionary: str) -> Markers:
-    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
-    outlines, ids, _ = cv2.aruco.ArucoDetector(known).detectMarkers(picture)
-    found = np.zeros(0, int) if ids is None else np.asarray(ids, int).ravel()
-    return Markers(found, np.asarray(outlines, float).reshape(-1, 4, 2))
+def _proposed(
+    sighting: _Sighting, grid: MarkerGrid, spec: BoardSpec | AprilGrid, pictures: Sequence[np.ndarray], detect: Detect
+) -> Diagnosis | None:
+    """The first board that fits the grid, is not the spec and is found in the pictures, and how they differ."""
+    for fitting in _fitting(sighting, grid, spec):
+        if fitting == spec and not sighting.turned:
+            continue
+        found = _found(pictures, sighting, fitting, detect)
+        if isinstance(found, AprilGrid) and isinstance(spec, AprilGrid):
+            close = abs(found.spacing - spec.spacing) <= 2.0 * RULES.gap
+            found = dataclasses.replace(found, spacing=spec.spacing) if close else found
+        if found is not None and (causes := _causes(sighting, grid, found, spec)):
+            name = "mirrored_picture" if causes == (MIRRORED,) else "wrong_board"
+            return Diagnosis(name, ", ".join(causes), f"this board fits: {spec_line(found)}", "wrong")
+    return None
 
 
-def _compared(sighting: _Sighting, spec: BoardSpec) -> Diagnosis | None:
-    """How the board in the pictures differs from the spec."""
-    fitting = _fitting_spec(sighting, spec)
-    if fitting is None:
-        turned = (sighting.turned,) if sighting.turned else ()
-        remedy = f"print a board whose markers are of one of {DICTIONARIES[0]} … {DICTIONARIES[-1]}"
-        return _mismatch((*turned, f"its markers are of {sighting.dictionary}"), remedy)
-    legacy, named = (str(each.legacy_pattern).lower() for each in (fitting, spec))
-    ratios = f"{sighting.layout.ratio:.2f} of a square, not {spec.marker_m / spec.square_m:.2f}"
-    counts, exchanged = (spec.squares_x, spec.squares_y), (spec.squares_y, spec.squares_x)
-    differences = (
-        (sighting.turned != "", sighting.turned),
-        (fitting.dictionary != spec.dictionary, f"dictionary: {fitting.dictionary} (not {spec.dictionary})"),
-        (fitting.squares_x != spec.squares_x, f"squares_x: {fitting.squares_x} (not {spec.squares_x})"),
-        (fitting.squares_y != spec.squares_y, f"squares_y is {fitting.squares_y} or more (not {spec.squares_y})"),
-        (exchanged == (fitting.squares_x, fitting.squares_y) != counts, "squares_x and squares_y are exchanged"),
-        (legacy != named, f"the markers stand as in legacy_pattern: {legacy} (not {named})"),
-        (fitting.marker_m != spec.marker_m, f"marker_m: {fitting.marker_m:g} (markers measure {ratios})"),
-    )
-    causes = tuple(words for differs, words in differences if differs)
-    return _mismatch(causes, f"this board fits: {spec_line(fitting)}") if causes else None
+def _found(pictures: Sequence[np.ndarray], sighting: _Sighting, fitting: Board, detect: Detect) -> Board | None:
+    """The board, if detecting it works in half of the pictures that show its markers; of an AprilGrid with the gap
+    between tags as it is measured."""
+    works, gaps = list[bool](), [np.zeros(0)]
+    for picture in pictures:
+        seen = cv2.flip(picture, 1) if sighting.turned in (MIRRORED, _BOTH) else picture
+        seen = 255 - seen if sighting.turned in (_NEGATIVE, _BOTH) else seen
+        count = len(find_markers(seen, sighting.dictionary, sighting.border).ids)
+        if count > 1:
+            ids, corners_px = detect(seen, fitting)
+            works.append(len(ids) >= max(RULES.corners * count, 1))
+            if isinstance(fitting, AprilGrid):
+                gaps.append(_gaps(ids, corners_px, fitting.corner_columns))
+    if not works or sum(works) < 0.5 * len(works):
+        return None
+    measured = np.concatenate(gaps)
+    if isinstance(fitting, AprilGrid) and len(measured) and abs(np.median(measured) - fitting.spacing) > RULES.gap:
+        return dataclasses.replace(fitting, spacing=round(float(np.median(measured)), 2))
+    return fitting
 
 
-def _mismatch(causes: tuple[str, ...], remedy: str) -> Diagnosis:
-    name = "mirrored_picture" if causes == (MIRRORED,) else "wrong_board"
-    return Diagnosis(name, ", ".join(causes), remedy, "wrong")
+def _gaps(ids: np.ndarray, corners_px: np.ndarray, columns: int) -> np.ndarray:
+    """Gaps between the tags of an AprilGrid, in sides of the tags to both sides, from corners in order."""
+    runs = ids[3:] - ids[:-3] == 3
+    runs &= (ids[:-3] % 2 == 0) & (ids[:-3] // columns == ids[3:] // columns)
+    left, gap, right = (np.linalg.norm(np.diff(corners_px, axis=0), axis=1)[i : len(ids) - 3 + i] for i in range(3))
+    return np.asarray(2.0 * gap[runs] / (left + right)[runs])
 
 
-def _fitting_spec(sighting: _Sighting, spec: BoardSpec) -> BoardSpec | None:
-    """The spec of the board in the pictures, undetermined fields kept; None if its dictionary is not supported."""
-    layout, columns, even = sighting.layout, sighting.layout.squares_x, sighting.layout.on_even_squares
-    seen = layout.fits >= _PAIRS_NEEDED
-    rows = int(layout.cells[seen if seen.any() else layout.fits > 0, 1].max(initial=-1)) + 1
-    # the first square holds a marker only on boards with an even number of rows
-    rows = max(rows + rows % 2 if even else rows, 2)
-    if columns == spec.squares_x and rows <= spec.squares_y and even == spec.starts_with_marker:
-        rows = spec.squares_y
+def _fitting(sighting: _Sighting, grid: MarkerGrid, spec: Board) -> Iterator[Board]:
+    """Boards with the markers of a grid, the likeliest first; lengths and what is not seen as in the spec."""
+    if grid.diagonal:
+        named = spec if isinstance(spec, BoardSpec) else BoardSpec(3, 3, spec.pitch_m, 0.75 * spec.pitch_m)
+        yield from _charuco_boards(sighting, grid, named)
+    else:
+        yield from _april_grids(sighting, grid, spec)
+
+
+def _april_grids(sighting: _Sighting, grid: MarkerGrid, spec: Board) -> Iterator[AprilGrid]:
+    """AprilGrids: ids go up by one to the right and by `columns` upwards, the tags turned in whatever way."""
+    side_m = {BoardSpec: "marker_m", AprilGrid: "tag_m"}.get(type(spec))
+    tag_m = getattr(spec, side_m) if side_m else float(f"{spec.pitch_m:.4g}")
+    ids, cells = np.array(list(grid.cells)), np.array(list(grid.cells.values()))
+    by_id = grid.pairs[:, 1] - grid.pairs[:, 0]
+    for about in TURNS:
+        (right, down), placed = (grid.steps @ about).T, cells @ about
+        up = by_id[down == -1]
+        columns = int(np.median(up)) if len(up) else int(np.ptp(placed[:, 0])) + 1
+        agree = by_id == right - columns * down
+        if columns < 1 or grid.votes[~agree].sum() > RULES.wrong * grid.votes.sum():
+            continue
+        column, row = (placed - placed.min(axis=0)).T
+        first = int(np.median(ids - column - columns * (row.max() - row)))
+        if np.ptp(column) + 1 < columns or first < 0:  # a part is seen: which, the ids tell
+            first = 0
+        if (
+            isinstance(spec, AprilGrid)
+            and (first - spec.first_id) % columns == 0
+            and np.isin(ids, spec.marker_ids).all()
+        ):
+            first = spec.first_id
+        rows = (int(ids.max()) - first) // columns + 1
+        if isinstance(spec, AprilGrid) and (columns, first) == (spec.columns, spec.first_id):
+            rows = max(rows, spec.rows)
+        side_px = _side_px(sighting)
+        # contours may run so much inside small tags
+        spacings = [round(grid.unit * side_px / (side_px + short_px) - 1.0, 2) for short_px in (0.0, 2.0, 4.0)]
+        for spacing in spacings:
+            with suppress(ValueError):  # more tags than the dictionary has
+                yield AprilGrid("aprilgrid", columns, rows, tag_m, spacing, sighting.dictionary, sighting.border, first)
+
+
+def _agreement(grid: MarkerGrid, spec: BoardSpec | AprilGrid) -> tuple[int, int]:
+    """Pairs of a grid for and against the board described."""
+    if isinstance(spec, BoardSpec) != grid.diagonal:
+        return 0, 0
+    turns = TURNS[1:2] if isinstance(spec, BoardSpec) else TURNS
+    ids, cells = spec.marker_ids, _cells_of(spec)
+    order = np.argsort(ids)
+    places = np.minimum(np.searchsorted(ids[order], grid.pairs), len(order) - 1)
+    known = (ids[order][places] == grid.pairs).all(axis=1)
+    between = np.diff(cells[order[places]], axis=1)[:, 0]
+    agree = max(((grid.steps @ turn == between).all(axis=-1) for turn in turns), key=lambda one: one @ grid.votes)
+    return int(grid.votes[known & agree].sum()), int(grid.votes[known & ~agree].sum())
+
+
+def _cells_of(spec: BoardSpec | AprilGrid) -> np.ndarray:
+    """(M, 2) column and row of each marker of a board."""
+    if isinstance(spec, BoardSpec):
+        return marker_cells(np.arange(spec.marker_count), spec.squares_x, spec.starts_with_marker)
+    row, column = np.divmod(np.arange(len(spec.marker_ids)), spec.columns)
+    return np.stack([column, row], axis=1)
+
+
+def _contradicted(grid: MarkerGrid, spec: BoardSpec | AprilGrid) -> bool:
+    """Whether the markers lie clearly otherwise than the spec says."""
+    agreeing, wrong = _agreement(grid, spec)
+    if not isinstance(spec, BoardSpec):
+        return wrong > RULES.contradicted * (agreeing + wrong)
+    least = next((layout[0] for layout in _sequences(grid, spec)), 0)
+    clear = wrong >= RULES.clear if not least else wrong >= RULES.votes
+    return clear and least < RULES.contradicted * wrong
+
+
+def _sequences(grid: MarkerGrid, spec: BoardSpec) -> Iterator[tuple[int, int, bool, int]]:
+    """Layouts with ids in sequence that the pairs agree on, the best first: votes against, squares_x, whether the first
+    square holds a marker, and the first id but for whole pairs of rows."""
+    found = []
+    for width in range(2, RULES.widest + 1):
+        index = grid.pairs - np.arange(width)[:, None, None] + width
+        for even in (False, True):
+            cells = marker_cells(index, width, even)
+            wrong = ((cells[:, :, 1] - cells[:, :, 0] != grid.steps).any(axis=-1) * grid.votes).sum(axis=1)
+            for first in np.flatnonzero(wrong <= RULES.wrong * grid.votes.sum()).tolist():
+                own = (width, even, first) == (spec.squares_x, spec.starts_with_marker, spec.first_id % width)
+                found.append(((int(wrong[first]), not own, first != 0, width != spec.squares_x), (width, even, first)))
+    for (wrong, *_), layout in sorted(found):
+        yield wrong, *layout
+
+
+def _charuco_boards(sighting: _Sighting, grid: MarkerGrid, spec: BoardSpec) -> Iterator[BoardSpec]:
+    """ChArUco boards with the markers of a grid: ids in sequence, from 0 or another on, or in a list."""
+    ids = np.array(sorted(grid.cells))
+    fields = {"marker_m": _marker_m(sighting, grid, spec) or spec.marker_m}
+    layouts, boards = list(_sequences(grid, spec)), list[BoardSpec]()
+    for _, columns, even, rest in [one for one in layouts if one[0] == layouts[0][0]]:
+        last = int(ids.min() - (ids.min() - rest) % columns)
+        own = columns == spec.squares_x and even == spec.starts_with_marker
+        for first in {spec.first_id if spec.first_id % columns == rest else -1, rest, last}:
+            if not 0 <= first <= ids.min():
+                continue
+            rows = int(marker_cells(ids - first, columns, even)[:, 1].max()) + 1
+            # the first square holds a marker only on boards with an even number of rows
+            rows = max(rows + rows % 2 if even else rows, 2)
+            rows = spec.squares_y if own and rows <= spec.squares_y else rows
+            legacy = even or (spec.legacy_pattern and rows % 2 == 1)
+            named = fields | {"squares_x": columns, "squares_y": rows, "legacy_pattern": legacy}
+            board = _named(sighting, spec, named | {"first_id": first, "ids": None})
+            boards += [] if board is None else [board]
+
+    def unlike(board: BoardSpec) -> tuple[bool, ...]:
+        keys = ("squares_x", "squares_y", "first_id", "legacy_pattern")
+        other = [getattr(board, key) != getattr(spec, key) for key in keys]
+        return other[0] or other[1], board.first_id != 0, *other[2:]
+
+    yield from sorted(boards, key=unlike)[: RULES.tried]
+    cells = {cell: number for number, cell in grid.cells.items()}
+    columns, rows = np.max(list(cells), axis=0) + 1
+    listed = [cells.get((column, row), -1) for row in range(rows) for column in range(columns) if (row + column) % 2]
+    if not layouts and -1 not in listed and len(listed) == columns * rows // 2 == len(cells):
+        named = fields | {"squares_x": int(columns), "squares_y": int(rows), "legacy_pattern": False}
+        board = _named(sighting, spec, named | {"first_id": 0, "ids": tuple(listed)})
+        if board is not None:
+            yield board
+
+
+def _named(sighting: _Sighting, spec: BoardSpec, fields: dict[str, Any]) -> BoardSpec | None:
+    """The spec with other fields, and the dictionary that it names if that begins with the markers, else the smallest
+    that does; None where there is none."""
     # the small dictionaries of a family are the beginnings of the large ones
     family = sighting.dictionary.rpartition("_")[0]
-    enough = [f"{family}_{size}" for size in DICTIONARY_SIZES if size >= columns * rows // 2]
-    if sighting.dictionary not in DICTIONARIES or not enough:
-        return None
-    return dataclasses.replace(
-        spec,
-        squares_x=columns,
-        squares_y=rows,
-        legacy_pattern=even or (spec.legacy_pattern and rows % 2 == 1),
-        dictionary=spec.dictionary if spec.dictionary in enough else enough[0],
-        marker_m=_marker_m(sighting, spec),
-    )
+    small = [f"{family}_{size}" for size in DICTIONARY_SIZES if f"{family}_{size}" in DICTIONARIES]
+    for name in dict.fromkeys([spec.dictionary] * (spec.dictionary in small) + (small or [sighting.dictionary])):
+        try:
+            return dataclasses.replace(spec, dictionary=name, **fields)
+        except ValueError:
+            continue
+    return None
 
 
-def _marker_m(sighting: _Sighting, spec: BoardSpec) -> float:
-    """The spec's marker side, or that in the pictures if it clearly differs."""
-    ratio, named = sighting.layout.ratio, spec.marker_m / spec.square_m
+def _causes(sighting: _Sighting, grid: MarkerGrid, fitting: Board, spec: BoardSpec | AprilGrid) -> tuple[str, ...]:
+    """How the board in the pictures differs from the spec."""
+    turned = (sighting.turned,) if sighting.turned else ()
+    if type(fitting) is not type(spec):
+        kinds = {BoardSpec: "a ChArUco board", AprilGrid: "an AprilGrid"}
+        return (*turned, f"{kinds[type(fitting)]} is in the pictures, the board spec says {kinds[type(spec)]}")
+    here, there = (dict[str, Any](first_id=0, ids=None) | board.to_dict() for board in (fitting, spec))
+    counts = [name for name in ("squares_x", "squares_y", "columns", "rows") if name in here]
+    causes = [
+        _cause(name, here[name], there[name], f"{1.0 / grid.unit:.2f} of a square, not {_share(spec):.2f}")
+        for name in here
+        if name not in ("square_m", "tag_m") and here[name] != there[name]
+    ]
+    if here["first_id"] != there["first_id"] or here["ids"] != there["ids"]:
+        causes.append(f"the ids {_ranges(np.array(list(grid.cells)))} are read")
+    if [here[name] for name in counts] == [there[name] for name in counts][::-1] != [there[name] for name in counts]:
+        causes.append(f"{' and '.join(counts)} are exchanged")
+    return (*turned, *causes)
+
+
+def _share(spec: Board) -> float:
+    return spec.marker_m / spec.square_m if isinstance(spec, BoardSpec) else float("nan")
+
+
+def _cause(name: str, here: Any, there: Any, measured: str) -> str:
+    """One key of a board that is otherwise in the pictures than in the spec."""
+    match name:
+        case "squares_y" | "rows":
+            return f"{name} is {here} or more (not {there})"
+        case "legacy_pattern":
+            return f"the markers stand as in legacy_pattern: {str(here).lower()} (not {str(there).lower()})"
+        case "marker_m":
+            return f"marker_m: {here:g} (markers measure {measured})"
+        case "ids":
+            return "its ids stand in another order" if here else "its ids stand in sequence"
+    return f"{name}: {here} (not {there})"
+
+
+def _marker_m(sighting: _Sighting, grid: MarkerGrid, spec: BoardSpec) -> float | None:
+    """The marker side in the pictures if it clearly differs from the spec's."""
+    ratio, named = 1.0 / grid.unit, spec.marker_m / spec.square_m
+    tolerance = max(RULES.ratio, RULES.ratio_px * ratio / _side_px(sighting))
+    sure = grid.votes.sum() >= RULES.votes and 0.25 < ratio < 0.98
+    return float(f"{round(ratio, 2) * spec.square_m:.4g}") if sure and abs(ratio - named) > tolerance else None
+
+
+def _side_px(sighting: _Sighting) -> float:
+    """The median marker's side."""
     sides = [np.sqrt(np.abs(np.linalg.det(picture.px_per_marker))) for picture in sighting.markers if len(picture.ids)]
-    side_px = float(np.median(np.concatenate(sides))) if sides else 0.0
-    tolerance = max(_RATIO_OFF, _RATIO_OFF_PX * ratio / max(side_px, 1.0))
-    sure = sighting.layout.agreeing >= _PAIRS_NEEDED and 0.25 < ratio < 0.98
-    return float(f"{round(ratio, 2) * spec.square_m:.4g}") if sure and abs(ratio - named) > tolerance else spec.marker_m
+    return max(float(np.median(np.concatenate(sides))), 1.0) if sides else 1.0
 
 
-def rows_too_many(markers: Sequence[Markers], spec: BoardSpec, image_size: tuple[int, int]) -> int:
+def _rows_too_many(markers: Sequence[Markers], spec: BoardSpec, image_size: tuple[int, int]) -> int:
     """Number of the spec's last rows that the board lacks: their places are in view and show no marker.
 
     A note rather than an error: the corners keep their ids, and the sheet may be covered there.
     """
-    layout = judge(markers, spec.squares_x, spec.starts_with_marker, spec.marker_count)
-    if not layout.fits.any():
-        return 0
-    last = int(layout.cells[np.flatnonzero(layout.fits)[-1], 1])
-    vacant = [_vacant_below(picture, layout, last, image_size) for picture in markers]
-    sure = sum(vacant) >= _PAIRS_NEEDED and sum(one >= 2 for one in vacant) >= min(3, len(markers))
+    cells = dict(zip(spec.marker_ids.tolist(), _cells_of(spec), strict=True))
+    linked = {number for grid in marker_grids(markers) for number in grid.cells if number in cells}
+    last = max((int(cells[number][1]) for number in linked), default=spec.squares_y - 1)
+    vacant = [
+        _vacant_below(picture, {n: int(cell[0]) for n, cell in cells.items() if cell[1] == last}, spec, image_size)
+        for picture in markers
+    ]
+    sure = sum(vacant) >= RULES.votes and sum(one >= 2 for one in vacant) >= min(3, len(markers))
     return spec.squares_y - 1 - last if sure else 0
+
+
+def _vacant_below(picture: Markers, columns: dict[int, int], spec: BoardSpec, image_size: tuple[int, int]) -> int:
+    """Number of places for markers of the next row that lie well inside the picture, beside those of a row, whose
+    columns are known by id."""
+    row = picture.picked(np.isin(picture.ids, list(columns)))
+    column = np.array([columns[int(number)] for number in row.ids])
+    centres, per_square = row.outlines.mean(axis=1), row.px_per_marker * (spec.square_m / spec.marker_m)
+    size_px, vacant = np.linalg.norm(per_square, axis=(1, 2)), 0
+    for side in (-1, 1):
+        where = centres + per_square @ np.array([side, 1.0])
+        room = np.minimum(where, np.array(image_size) - 1 - where).min(axis=1)
+        vacant += int(((room > size_px) & (column + side >= 0) & (column + side < spec.squares_x)).sum())
+    return vacant
+
+
+def _other_than_chessboard(read: Read, count: int, spec: Chessboard, detect: Detect) -> tuple[str, str] | None:
+    """What a few of the pictures show, in words, and a remedy; a chessboard counts where two show it."""
+    own, seen, pictures = sorted((spec.squares_x, spec.squares_y)), list[tuple[int, ...]](), list[np.ndarray]()
+    for index in np.unique(np.linspace(0, count - 1, RULES.tried).astype(int)).tolist():
+        inner = find_whole_chessboard(picture := read(index), thorough=False)
+        columns, rows = sorted((1 + each for each in inner or (0, 0)), reverse=spec.squares_x >= spec.squares_y)
+        if sorted((columns, rows)) == own:
+            return None
+        other = dataclasses.replace(spec, squares_x=max(columns, 4), squares_y=max(rows, 4))
+        if np.greater_equal(sorted((columns, rows)), own).all() and find_grid(picture, other) is not None:
+            seen.append((columns, rows))
+            if seen.count((columns, rows)) >= min(2, count):
+                return _larger(other, spec)
+        pictures.append(picture)
+    if seen or any(find_grid(picture, spec, thorough=False) is not None for picture in pictures):
+        return None
+    return _with_ids(pictures, spec, detect)
+
+
+def _larger(other: Chessboard, spec: Chessboard) -> tuple[str, str]:
+    if _inner(other, spec):
+        other = dataclasses.replace(other, squares_x=spec.squares_x + 1, squares_y=spec.squares_y + 1)
+    counts = f"{other.squares_x}x{other.squares_y}"
+    what, remedy = _mistaken(_in_words(other), other, spec)
+    if _inner(other, spec):
+        what = f"{spec.squares_x}x{spec.squares_y} are inner corners: {counts} squares"
+    return what, f"{remedy}; all squares are counted, not the corners between them: --squares {counts}"
+
+
+def _inner(other: Chessboard, spec: Chessboard) -> bool:
+    """Whether the spec counts the corners of the other board."""
+    return sorted((other.squares_x, other.squares_y)) == sorted((spec.squares_x + 1, spec.squares_y + 1))
+
+
+def _other_kind(read: Read, found: Sequence[np.ndarray], spec: Board, detect: Detect) -> tuple[str, str] | None:
+    """The board that the pictures show instead, in words, and a remedy; None if that cannot be determined.
+
+    Parameters
+    ----------
+    read : reads a picture (H, W) uint8 by its index.
+    found : (N, 2) px marks of the spec's board in each picture.
+    detect : with it a board is tried before it is proposed.
+    """
+    with_ids = isinstance(spec, BoardSpec | AprilGrid)
+    visible = [index for index, corners in enumerate(found) if len(corners)]
+    if visible and with_ids:
+        return None
+    if visible and _markers_within(read(visible[0]), found[visible[0]]) >= RULES.markers_amid:
+        return _with_ids([read(index) for index in visible[: RULES.tried]], spec, detect)
+    if visible:  # a part of a larger board may have been found
+        rest = [index for index, corners in enumerate(found) if not len(corners)][: RULES.tried]
+        return (
+            _as_chessboard([read(index) for index in rest], spec, True)
+            if isinstance(spec, Chessboard) and rest
+            else None
+        )
+    chosen = np.unique(np.linspace(0, len(found) - 1, RULES.tried).astype(int))
+    pictures = [read(int(index)) for index in chosen]
+    marked = None if with_ids else _with_ids(pictures, spec, detect)
+    return marked or _as_circles(pictures, spec) or _as_chessboard(pictures, spec)
+
+
+def _mistaken(what: str, fitting: Board, spec: Board) -> tuple[str, str]:
+    remedy = f"this board fits, if its lengths are right: {spec_line(fitting)}"
+    return f"{what} is in the pictures, the board spec says {_in_words(spec)}", remedy
+
+
+def _in_words(spec: Board) -> str:
+    """The kind of a board; of one without ids, with its counts."""
+    if isinstance(spec, BoardSpec):
+        return "a ChArUco board"
+    if isinstance(spec, AprilGrid):
+        return "an AprilGrid"
+    if isinstance(spec, Chessboard):
+        return f"a plain chessboard of {spec.squares_x} x {spec.squares_y} squares"
+    return _circles_in_words(spec)
+
+
+def _circles_in_words(spec: CircleGrid) -> str:
+    kind = "an asymmetric grid" if spec.type == "asymmetric_circles" else "a grid"
+    return f"{kind} of {spec.columns} columns and {spec.rows} rows of circles"
+
+
+def _with_ids(pictures: Sequence[np.ndarray], spec: Board, detect: Detect) -> tuple[str, str] | None:
+    fitting = _fitting_board(pictures, spec.pitch_m, detect)
+    return None if fitting is None else _mistaken(_in_words(fitting), fitting, spec)
+
+
+def _as_circles(pictures: Sequence[np.ndarray], spec: Board) -> tuple[str, str] | None:
+    """Circles of the other kind, or with columns and rows exchanged."""
+    if not isinstance(spec, CircleGrid):
+        return None
+    for kind in ("circles", "asymmetric_circles"):
+        for columns, rows in ((spec.columns, spec.rows), (spec.rows, spec.columns)):
+            other = dataclasses.replace(spec, type=kind, columns=columns, rows=rows)
+            if other != spec and any(find_grid(picture, other) is not None for picture in pictures):
+                return _mistaken(_circles_in_words(other), other, spec)
+    return None
+
+
+def _as_chessboard(pictures: Sequence[np.ndarray], spec: Board, found: bool = False) -> tuple[str, str] | None:
+    """A plain chessboard of another size: the largest that two pictures agree on, or that of a single picture; a larger
+    one where the spec's was found in other pictures."""
+    sizes = [sorted(size)[::-1] for picture in pictures if (size := find_whole_chessboard(picture))]
+    own = sorted((spec.squares_x - 1, spec.squares_y - 1))[::-1] if isinstance(spec, Chessboard) else [0, 0]
+    least = 2 if len(pictures) > 1 or any(np.greater_equal(own, max(sizes, default=own))) else 1
+    agreed = [size for size in sizes if np.prod(size) >= RULES.least_corners and sizes.count(size) >= least]
+    columns, rows = (corners + 1 for corners in max(agreed, key=np.prod, default=own))
+    if not agreed or [columns - 1, rows - 1] == own or (found and min(columns - 1 - own[0], rows - 1 - own[1]) < 0):
+        return None
+    fitting = Chessboard("chessboard", columns, rows, spec.pitch_m)
+    if not any(find_grid(picture, fitting) is not None for picture in pictures):
+        return None
+    return _larger(fitting, spec) if isinstance(spec, Chessboard) else _mistaken(_in_words(fitting), fitting, spec)
+
+
+def _fitting_board(pictures: Sequence[np.ndarray], pitch_m: float, detect: Detect) -> Board | None:
+    """The board with ids in pictures (H, W) uint8, its lengths by those of squares of the side `pitch_m`."""
+    named = BoardSpec(3, 3, pitch_m, float(f"{0.75 * pitch_m:.4g}"))
+    for sighting in _sightings(pictures, ("",)):
+        for fitting in _fitting(sighting, sighting.grids[0], named):
+            found = _found(pictures, sighting, fitting, detect)
+            if found is not None:
+                return found
+    return None
+
+
+def _markers_within(picture: np.ndarray, corners_px: np.ndarray) -> int:
+    """Largest number of markers of one dictionary within the hull of corners (N, 2) px, N ≥ 3."""
+    hull = cv2.convexHull(corners_px.astype(np.float32))
+    counts = []
+    for dictionary in _families():
+        centres = find_markers(picture, dictionary).outlines.mean(axis=1)
+        counts.append(sum(cv2.pointPolygonTest(hull, centre, False) > 0 for centre in centres.tolist()))
+    return max(counts)

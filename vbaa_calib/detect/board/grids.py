@@ -40,37 +40,43 @@ def _grid_readings(spec: Chessboard | CircleGrid) -> np.ndarray:
     return np.array(found)
 
 
-def find_grid(image: np.ndarray, spec: Chessboard | CircleGrid) -> np.ndarray | None:
+def find_grid(image: np.ndarray, spec: Chessboard | CircleGrid, thorough: bool = True) -> np.ndarray | None:
     """(corner_count, 2) px of all marks in a picture (H, W) uint8, unrefined; None if not all are found.
 
-    Of several possible numberings, that whose x axis is nearest to the picture's.
+    Of several possible numberings, that whose x axis is nearest to the picture's. thorough : looks for a chessboard
+    longer, which takes seconds where there is none.
     """
     small, scale = _searchable(image)
     if min(small.shape) < _LEAST_SIDE_PX:
         return None
-    marks = _chessboard(small, spec) if isinstance(spec, Chessboard) else _circles(small, spec)
+    marks = _chessboard(small, spec, thorough) if isinstance(spec, Chessboard) else _circles(small, spec)
     if marks is None or not _regular(marks, spec):
         return None
     return _upright((marks + 0.5) / scale - 0.5, image, spec)
 
 
-def _chessboard(image: np.ndarray, spec: Chessboard) -> np.ndarray | None:
+def _chessboard(image: np.ndarray, spec: Chessboard, thorough: bool) -> np.ndarray | None:
     size = (spec.squares_x - 1, spec.squares_y - 1)
-    for flags in _SEARCHES:
+    for flags in _SEARCHES if thorough else (0,):
         found, corners = cv2.findChessboardCornersSB(image, size, flags=flags)
         if found:
             return np.asarray(corners, float).reshape(-1, 2)
+    if not thorough:
+        return None
     found, corners = cv2.findChessboardCorners(image, size, flags=_CLASSIC)
     return np.asarray(corners, float).reshape(-1, 2) if found else None
 
 
-def find_whole_chessboard(image: np.ndarray) -> tuple[int, int] | None:
-    """Columns and rows of the inner corners of the largest chessboard in a picture (H, W) uint8; None without one."""
+def find_whole_chessboard(image: np.ndarray, thorough: bool = True) -> tuple[int, int] | None:
+    """Columns and rows of the inner corners of the largest chessboard in a picture (H, W) uint8; None without one.
+
+    thorough : looks twice, and longer.
+    """
     small = _searchable(image)[0]
     if min(small.shape) < _LEAST_SIDE_PX:
         return None
     sizes = []
-    for flags in _SEARCHES:
+    for flags in _SEARCHES if thorough else (0,):
         # it sometimes finds only a part of the board
         found, _, meta = cv2.findChessboardCornersSBWithMeta(small, (3, 3), flags | cv2.CALIB_CB_LARGER)
         sizes += [(meta.shape[1], meta.shape[0])] if found else []

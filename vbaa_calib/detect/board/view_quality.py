@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from targets.board import BoardSpec, Chessboard
+from targets.board import AprilGrid, BoardSpec, Chessboard
 
 _MOST_EDGES = 40
 _MOVED = 1.4
@@ -65,19 +65,19 @@ class ViewQuality:
 
 
 def measure_quality(
-    image: np.ndarray, ids: np.ndarray, corners_px: np.ndarray, spec: BoardSpec | Chessboard
+    image: np.ndarray, ids: np.ndarray, corners_px: np.ndarray, spec: BoardSpec | AprilGrid | Chessboard
 ) -> ViewQuality:
     """The quality of a view: picture (H, W) uint8, corner ids (N,) and their pixels (N, 2)."""
-    columns = spec.squares_x - 1
+    columns = spec.corner_columns
     cells = np.stack([ids % columns, ids // columns], axis=1)
     edges = [_edges(ids, cells, step, columns, spec.corner_count) for step in ((0, 1), (1, 0))]
-    # on a chessboard without markers to the middle of the square
+    # without markers beside the edges to the middle of the square
     room = (1.0 - spec.marker_m / spec.square_m if isinstance(spec, BoardSpec) else 1.0) / 2.0
     gap_px = _gap_px(corners_px, np.concatenate(edges), room)
     across = [_across(image, corners_px[pair], gap_px, gap_px / room) for pair in edges]
-    blur = (across[0].blur_px, across[1].blur_px)
+    blur = (across[0].blur_px[0], across[1].blur_px[0])
     wider = across[int(np.nan_to_num(blur[1]) > np.nan_to_num(blur[0]))]
-    seen = [one for one in across if np.isfinite(one.contrast)] or [_Across()]
+    seen = [one for one in across if np.isfinite(one.contrast)] or across[:1]
     return ViewQuality(
         collinear=not fixes_homography(cells.astype(float)),
         blur_px=blur,
@@ -87,17 +87,6 @@ def measure_quality(
         saturated=max(one.saturated for one in seen),
         edge_level=float(np.mean([one.edge_level for one in seen])),
     )
-
-
-@dataclass(frozen=True)
-class _Across:
-    """Blur from profiles across the edges of one direction; the fields are those of `ViewQuality`."""
-
-    blur_px: float = float("nan")
-    direction_rad: float = float("nan")
-    contrast: float = float("nan")
-    saturated: float = 0.0
-    edge_level: float = float("nan")
 
 
 def _edges(ids: np.ndarray, cells: np.ndarray, step: tuple[int, int], columns: int, count: int) -> np.ndarray:
@@ -117,14 +106,16 @@ def _gap_px(corners_px: np.ndarray, edges: np.ndarray, room: float) -> float:
     return float(np.percentile(lengths, 20.0)) * room
 
 
-def _across(image: np.ndarray, ends: np.ndarray, gap_px: float, square_px: float) -> _Across:
-    """Blur from profiles across edges between corners (E, 2, 2) px, from the black square to the white one's rim.
+def _across(image: np.ndarray, ends: np.ndarray, gap_px: float, square_px: float) -> ViewQuality:
+    """Quality across edges between corners (E, 2, 2) px of one direction, its blur twice: by profiles from the black
+    square to the white one's rim.
 
     It is read from the black half, where only the edge is: there a Gaussian edge of height 2a has the squared slopes'
     integral a² / (√π σ).
     """
     if not len(ends):
-        return _Across()
+        nan = float("nan")
+        return ViewQuality(False, (nan, nan), nan, gap_px, nan, 0.0, nan)
     black_steps = int(np.clip(_INTO_BLACK * square_px / _STEP_PX, 4, _MOST_STEPS))
     along = ends[:, 1] - ends[:, 0]
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
@@ -140,9 +131,12 @@ def _across(image: np.ndarray, ends: np.ndarray, gap_px: float, square_px: float
     spread = float(np.median(rise**2 / (np.sqrt(np.pi) * np.maximum(energy, 1e-9))))
     contrast = float(np.median(profiles[:, -1] - black))
     doubled = 2.0 * np.arctan2(normal[:, 1], normal[:, 0])
-    return _Across(
-        blur_px=float(np.sqrt(max(spread**2 - _ADDED_PX2, _PIXEL_PX2))),
+    blur_px = float(np.sqrt(max(spread**2 - _ADDED_PX2, _PIXEL_PX2)))
+    return ViewQuality(
+        collinear=False,
+        blur_px=(blur_px, blur_px),
         direction_rad=0.5 * float(np.arctan2(np.sin(doubled).mean(), np.cos(doubled).mean())),
+        gap_px=gap_px,
         contrast=contrast,
         saturated=float(max((samples[..., 0] < _BLACKEST).mean(), (samples[..., -1] > _WHITEST).mean())),
         edge_level=float(np.median(rise)) / max(contrast, 1.0),

@@ -9,7 +9,7 @@ import numpy as np
 
 from targets.board import BoardSpec
 from vbaa_calib.detect.board.corners import BoardView
-from vbaa_calib.detect.board.diagnosis import marker_cells
+from vbaa_calib.detect.board.markers import marker_cells
 from vbaa_calib.detect.board.view_quality import fixes_homography
 
 _TEXELS = 12
@@ -49,12 +49,14 @@ class BoardMap:
 def board_map(view: BoardView, spec: BoardSpec) -> BoardMap | None:
     """From the corners, else from three or more markers; None if neither suffice, or distortion exceeds a third of a
     square."""
-    columns = spec.squares_x - 1
+    columns = spec.corner_columns
     squares, seen = np.stack([view.ids % columns, view.ids // columns], axis=1) + 1.0, view.corners_px
     if len(squares) < 6 or not fixes_homography(squares):
-        cells = marker_cells(spec.squares_x, spec.starts_with_marker, spec.marker_count)
-        known = view.marker_ids < len(cells)
-        corners = cells[view.marker_ids[known], None] + 0.5 + spec.marker_m / spec.square_m * (_OUTLINE - 0.5)
+        cells = marker_cells(np.arange(spec.marker_count), spec.squares_x, spec.starts_with_marker)
+        order = np.argsort(spec.marker_ids)
+        places = np.minimum(np.searchsorted(spec.marker_ids[order], view.marker_ids), len(order) - 1)
+        known = spec.marker_ids[order][places] == view.marker_ids
+        corners = cells[order[places[known]], None] + 0.5 + spec.marker_m / spec.square_m * (_OUTLINE - 0.5)
         squares, seen = corners.reshape(-1, 2), view.marker_corners_px[known].reshape(-1, 2)
         if len(squares) < _FEWEST_MARKERS * 4 or not fixes_homography(squares):
             return None

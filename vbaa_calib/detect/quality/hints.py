@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from targets.board import BoardSpec
+from targets.board import Board, BoardSpec
 from vbaa_calib.core.errors import Diagnosis, Severity
-from vbaa_calib.detect.board.corners import BoardView
-from vbaa_calib.detect.board.diagnosis import Markers, explain_mismatch, px_per_square
+from vbaa_calib.detect.board.corners import BoardView, detect_corners
+from vbaa_calib.detect.board.diagnosis import explain_mismatch
+from vbaa_calib.detect.board.markers import Markers
 
 from .flat import BoardMap, Levels, blemishes, board_map, levels
 from .screen import CLIPPED, GROWN, LEAST_CORNERS, MOST_BLUR_PER_GAP, NOISY_PX, corner_std_px
@@ -47,7 +48,12 @@ def picture_hints(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[D
 def wrong_board(image: np.ndarray, view: BoardView, spec: BoardSpec) -> Diagnosis | None:
     """Whether the picture (H, W) shows another board, or is mirrored; None if undetermined. Takes up to seconds."""
     markers = [Markers(view.marker_ids, view.marker_corners_px)]
-    mismatch = explain_mismatch(lambda _: image, markers, spec, len(view.ids) >= LEAST_CORNERS)
+
+    def detect(picture: np.ndarray, other: Board) -> tuple[np.ndarray, np.ndarray]:
+        seen = detect_corners(picture, other)
+        return seen.ids, seen.corners_px
+
+    mismatch = explain_mismatch(lambda _: image, markers, spec, len(view.ids) >= LEAST_CORNERS, detect)
     if mismatch is None or mismatch.name == "wrong_board":
         return mismatch and replace(mismatch, words=f"not the board named: {mismatch.words}")
     remedy = "switch off mirroring at the camera, or mirror the pictures back"
@@ -241,7 +247,9 @@ def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardSpec) -> _Blur |
 
 def _axes(view: BoardView, spec: BoardSpec) -> np.ndarray:
     """(2, 2) columns of unit length: the mean directions across the board's edges."""
-    typical = np.median(px_per_square(view.marker_corners_px, spec.marker_m / spec.square_m), axis=0)
+    typical = np.median(
+        Markers(view.marker_ids, view.marker_corners_px).px_per_square(spec.marker_m / spec.square_m), axis=0
+    )
     across = np.linalg.inv(typical).T
     # the blur across edges is that along the edges' normals; back from normals to axes
     return np.linalg.inv((across / np.linalg.norm(across, axis=0)).T)
@@ -249,7 +257,7 @@ def _axes(view: BoardView, spec: BoardSpec) -> np.ndarray:
 
 def _correlation(image: np.ndarray, view: BoardView, spec: BoardSpec, contrast: float) -> float:
     """Of the blur along the board's x with that along its y."""
-    columns = spec.squares_x - 1
+    columns = spec.corner_columns
     # whether the square before the corner, left and above, is black
     odd = ((view.ids % columns + view.ids // columns) % 2 == 0) == spec.starts_with_marker
     where = view.corners_px.astype(np.float32).reshape(1, -1, 2)

@@ -53,7 +53,11 @@ def corner_std_px(view: BoardView) -> float:
 def too_few(view: BoardView, min_corners: int) -> str:
     """Why there are too few corners, or ""."""
     if len(view.ids) == 0:
-        return "the board is not found" if view.marker_count == 0 else "markers are found, corners are not"
+        return (
+            view.left_out or "the board is not found"
+            if view.marker_count == 0
+            else "markers are found, corners are not"
+        )
     if len(view.ids) < min_corners:
         return f"{len(view.ids)} corners, at least {min_corners} are needed"
     if view.quality is not None and view.quality.collinear:
