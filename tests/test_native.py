@@ -118,7 +118,8 @@ def _calls() -> dict[str, tuple[object, ...]]:
     )
     frames.available, frames.gravity_m_s2 = np.ones((3, 3)), _a(3, 3)
     planes = RNG.uniform(0.0, 255.0, (3, 36, 40)).astype(np.float32)
-    ribbons = RNG.normal(0.0, 2.0, (6, core.search.DIRECTIONS_DOWN, 40)).astype(np.float32)
+    ways = core.search.DIRECTIONS_DOWN
+    ribbons = [RNG.normal(0.0, 2.0, each).astype(np.float32) for each in ((7, ways, 40), (8, ways, 36))]
     nodes, pieces = core.solver.NODES, core.solver.PIECES
     linear = {"tangents": (3, nodes), "point_force": (6,), "columns": (6, 10), "residual": (3,)}
     linear |= {"readings": (3, 10), "information": (10, 10), "side": (10,), "prior": (10,), "excess": ()}
@@ -178,17 +179,15 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "search.solve_definite": (np.eye(3), _a(3, 2)),
         "search.running_mean": (_a(9), 3, core.search.Beyond.mirrored),
         "search.triangle_sums": (_a(9, 2), 3),
-        "search.ribbon_evidence": (
-            planes,
-            np.ones((36, 40), np.float32),
-            3.5,
-            _a(3),
-            _a(3),
-            50.0,
-            (0.7, 0.2, 0.05),
-            -2.5,
+        "search.ribbon_evidence": (planes, 3.5, _a(3), _a(3), 50.0, (0.7, 0.2, 0.05), -2.5),
+        "search.best_paths": (
+            *ribbons,
+            np.array([[20.0, 2.0]]),
+            np.array([[20.0, 33.0]]),
+            (1.0, 2.5, 0.02, 0.15, 9.0, 3.0, 2.0, 90.0, 5.0),
+            (1.5, 8.0),
+            4,
         ),
-        "search.best_paths": (ribbons, np.array([[20.0, 2.0]]), np.array([[20.0, 33.0]]), (1.0, 0.5, 9.0, 3.0, 2.0), 4),
         "search.quantile": (_a(9), 0.4),
         "search.median": (_a(9),),
         "search.normals": (path,),

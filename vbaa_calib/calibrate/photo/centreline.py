@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.polyline import arc_lengths, beside
+from vbaa_calib.core.polyline import arc_lengths
 
-from .candidates import Level, RodPath, grown, opponent, searched, shared
-from .measure import MeasuredRod, fitted, smoothed
+from .candidates import Level, RodPath, levels_of, opponent, paths_at, shared
+from .measure import MeasuredRod, fitted
 from .settings import RodSettings
 
 _END_REMEDY = "give --clamp U,V and --tip U,V"
@@ -79,12 +79,12 @@ class RodSearch:
             u, v = best.goes_on_px
             what = f"the likeliest line goes on beyond {u:.0f},{v:.0f}, where it cannot be followed"
             raise InputError(what, remedy=f"{_END_REMEDY}, or choose with --candidate N")
-        share = self.settings.rival_share_known if known == 2 else self.settings.rival_share
-        rivals = [
-            number
-            for number, other in enumerate(self.candidates[1:], start=2)
-            if other.evidence > share * best.evidence
-        ]
+        if known == 2:
+            least_mean = best.parts["mean"] - self.settings.alike
+            alike = [line.parts["mean"] > least_mean and not best.contains(line.curve_px) for line in self.candidates]
+        else:
+            alike = [line.evidence > self.settings.rival_share * best.evidence for line in self.candidates]
+        rivals = [number for number, is_one in enumerate(alike[1:], start=2) if is_one]
         if rivals:
             numbers = ", ".join(map(str, range(1, rivals[-1]))) + f" and {rivals[-1]}"
             what = f"{1 + len(rivals)} things in it may be the rod: candidates {numbers}"
@@ -138,36 +138,77 @@ def search_rod(
             raise InputError(f"the {name} {place[0]:g},{place[1]:g} is outside the picture of {width}x{height} pixels")
     settings = settings or RodSettings()
     planes = opponent(picture)
-    low, high = _region(planes, clamp, tip, settings)
-    part = planes[:, low[1] : high[1], low[0] : high[0]]
-    ends = [None if place is None else place - low for place in (clamp, tip)]
-    paths = [_from_clamp(path, *ends) for path in searched(part, ends[0], ends[1], settings)]
-    found = [line.moved(low) for line in _lines(part, _grouped(paths, settings), ends, settings)]
-    best = max(found, key=lambda fit: fit.evidence, default=None)
-    good = best is not None and best.gap_px is None and best.parts["mean"] > settings.good_mean
-    good = good and best is not None and best.parts["gaps"] <= settings.good_gaps
-    if clamp is not None and tip is not None and not good:
-        # one that takes another way is longer, and has more evidence only by that
-        least = 0.0 if best is None else best.parts["mean"] + settings.winding_lead
-        found += [line for line in _winding(planes, clamp, tip, settings) if line.parts["mean"] > least]
+    if clamp is not None and tip is not None:
+        found = _between(planes, clamp, tip, settings)
+    else:
+        paths: list[RodPath] = []
+        for level, width_px in levels_of(planes, settings):
+            if any(path.width_px > settings.much_wider * width_px and path.is_clear(settings) for path in paths):
+                break
+            paths += paths_at(level, width_px, (clamp, tip), settings, settings.most_cost_alone)
+        paths.sort(key=lambda path: -path.evidence)
+        found = _lines(planes, _grouped(paths, settings), [clamp, tip], settings)
     if clamp is None and tip is None:
         found = [fit.alone(settings) for fit in found]
-    found.sort(key=lambda fit: -fit.evidence)
+    if clamp is None or tip is None:
+        found.sort(key=lambda fit: -fit.evidence)
     return RodSearch(_different(found), 0.5 * (np.array([width, height]) - 1.0), clamp, tip, settings)
+
+
+def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: RodSettings) -> list[MeasuredRod]:
+    """Lines from clamp to tip, the likeliest first."""
+    levels = levels_of(planes, settings)
+    found = _ranked(_measured(planes, levels, clamp, tip, None, settings), settings)
+    if found and not found[0].is_good(settings) and found[0].parts["mean"] > settings.coloured_mean:
+        # of one colour, as at the ends
+        colours = found[0].end_colours(planes)
+        found = _ranked(found + _measured(planes, levels, clamp, tip, colours, settings), settings)
+    return found
+
+
+def _measured(
+    planes: np.ndarray,
+    levels: list[tuple[Level, float]],
+    clamp: np.ndarray,
+    tip: np.ndarray,
+    colours: np.ndarray | None,
+    settings: RodSettings,
+) -> list[MeasuredRod]:
+    """Lines from clamp to tip, from the widest ribbons to the narrowest, until one is as good as a rod's."""
+    found: list[MeasuredRod] = []
+    bound, mean = settings.most_cost, 0.0
+    for level, width_px in levels:
+        if any(line.is_good(settings) and line.width_px > 1.8 * width_px for line in found):
+            break
+        for path in paths_at(level, width_px, (clamp, tip), settings, bound, colours):
+            length = arc_lengths(path.path_px)[-1]
+            mean = max(mean, path.mean)
+            if length < settings.least_aspect * width_px or path.mean < max(settings.least_path_mean, mean - 1.0):
+                continue
+            bound = min(bound, settings.slack[0] * path.cost + settings.slack[1])
+            if any(line.contains(path.path_px) and width_px < 1.5 * line.width_px for line in found):
+                continue
+            line = fitted(planes, path, clamp, tip, settings)
+            if line is not None:
+                found.append(line)
+    return found
+
+
+def _ranked(found: list[MeasuredRod], settings: RodSettings) -> list[MeasuredRod]:
+    """The likeliest first: of lines whose mean evidence is about the same the one with the most."""
+    best = max((line.parts["mean"] for line in found), default=0.0)
+    return sorted(found, key=lambda line: (line.parts["mean"] < best - settings.alike, -line.evidence))
 
 
 def _lines(
     planes: np.ndarray, groups: list[list[RodPath]], ends: list[np.ndarray | None], settings: RodSettings
 ) -> list[MeasuredRod]:
     """The likeliest line of each group of paths."""
-    noise = Level(planes, 1.0).noise(settings)
-    smooth = smoothed(planes)
-    found, alone = [], all(each is None for each in ends)
-    for number, group in enumerate(groups):
+    found = []
+    for group in groups:
         likely: MeasuredRod | None = None
         for path in group:
-            whole = grown(planes, path, True, settings) if number < settings.grown_rounds and alone else path
-            fit = fitted(smooth, noise, whole, ends[0], ends[1], settings)
+            fit = fitted(planes, path, ends[0], ends[1], settings)
             if fit is not None and (likely is None or fit.evidence > likely.evidence):
                 likely = fit
             if likely is not None and 0.6 < likely.width_px / path.width_px < 1.7:
@@ -175,45 +216,6 @@ def _lines(
         if likely is not None:
             found.append(likely)
     return found
-
-
-def _winding(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: RodSettings) -> list[MeasuredRod]:
-    """Lines that come by both clamp and tip, among those that are found without knowing these."""
-    whole = []
-    for likeliest, *_ in _grouped(searched(planes, None, None, settings), settings)[: settings.winding_rounds]:
-        line = grown(planes, likeliest, True, settings)
-        near = 2.0 * line.width_px + settings.click_share * np.hypot(*planes.shape[1:])
-        away = [np.hypot(*(line.path_px - end).T) for end in (clamp, tip)]
-        first, last = (int(np.argmin(each)) for each in away)
-        if max(away[0][first], away[1][last]) < near and abs(last - first) > 4:
-            on = line.path_px[first : last + 1] if first < last else line.path_px[last : first + 1][::-1]
-            whole.append([RodPath(on, line.width_px, line.evidence)])
-    return _lines(planes, whole, [clamp, tip], settings)
-
-
-def _region(
-    planes: np.ndarray, clamp: np.ndarray | None, tip: np.ndarray | None, settings: RodSettings
-) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (2,) of the part of the picture in which a rod between clamp and tip can be."""
-    size = np.array(planes.shape[:0:-1])
-    if clamp is None or tip is None:
-        return np.zeros(2, int), size
-    middle, half = 0.5 * (clamp + tip), 0.5 * np.hypot(*(tip - clamp))
-    # an ellipse about both ends
-    long, short = settings.detour * half, half * np.sqrt(settings.detour**2 - 1.0)
-    along = (tip - clamp) / max(2.0 * half, 1e-9)
-    reach = np.hypot(long * along, short * along[::-1]) + 0.15 * half + 30.0
-    low = np.clip(np.floor(middle - reach), 0, size - 1).astype(int)
-    return low, np.clip(np.ceil(middle + reach) + 1, low + 1, size).astype(int)
-
-
-def _from_clamp(path: RodPath, clamp: np.ndarray | None, tip: np.ndarray | None) -> RodPath:
-    first, last = path.path_px[0], path.path_px[-1]
-    if clamp is not None:
-        turned = np.hypot(*(last - clamp)) < np.hypot(*(first - clamp))
-    else:
-        turned = tip is not None and np.hypot(*(first - tip)) < np.hypot(*(last - tip))
-    return RodPath(path.path_px[::-1], path.width_px, path.evidence) if turned else path
 
 
 def _grouped(paths: list[RodPath], settings: RodSettings) -> list[list[RodPath]]:
@@ -233,7 +235,6 @@ def _different(found: list[MeasuredRod]) -> list[MeasuredRod]:
     """Lines that do not run along likelier ones."""
     kept: list[MeasuredRod] = []
     for line in found:
-        along = [np.abs(beside(other.curve_px, line.curve_px)[1]) < 0.5 * other.width_px for other in kept]
-        if all(np.mean(each) < 0.5 for each in along):
+        if not any(other.contains(line.curve_px, 0.5) for other in kept):
             kept.append(line)
     return kept

@@ -11,14 +11,48 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.interpolate import make_smoothing_spline
-from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.interpolate import CubicSpline
+from scipy.linalg import solveh_banded
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from vbaa_calib.core.polyline import arc_lengths, beside, normals
 from vbaa_calib.core.robust import NORMAL_QUARTILE, huber_weights, mad_std
+from vbaa_calib.native import core
 
-from .candidates import RodPath, shading_of
+from .candidates import Level, RodPath, ribbon_evidence, shading_of
 from .settings import RodSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """The part of a picture about a path, reduced until the rod is a few pixels wide: `scale` of its pixels to one."""
+
+    planes: np.ndarray
+    scale: float
+    low: np.ndarray  # (2,) its first pixel in the picture
+    noise: np.ndarray  # (channels,) standard deviation of a pixel
+    spread: np.ndarray  # (channels,) of places of one surface
+
+    @staticmethod
+    def about(planes: np.ndarray, path: RodPath, settings: RodSettings) -> Patch:
+        """About a path."""
+        size, room = np.array(planes.shape[:0:-1]), settings.patch_widths * path.width_px + 10.0
+        times = max(1, int(path.width_px / settings.measured_width_px))
+        low = np.clip(np.floor(path.path_px.min(axis=0) - room).astype(int), 0, size - 2 * times)
+        high = np.clip(np.ceil(path.path_px.max(axis=0) + room).astype(int), low + 2 * times, size)
+        high -= (high - low) % times
+        part = planes[:, low[1] : high[1], low[0] : high[0]]
+        level = Level(part, 1.0).reduced(1.0 / times, part.shape[1:])
+        noise = level.noise(settings)
+        return Patch(level.planes, level.scale, low, noise, np.hypot(noise, shading_of(len(planes), settings)))
+
+    def here(self, points: np.ndarray) -> np.ndarray:
+        """Places (..., 2) of the picture in the patch."""
+        return (points - self.low + 0.5) * self.scale - 0.5
+
+    def back(self, points: np.ndarray) -> np.ndarray:
+        """Places (..., 2) of the patch in the picture."""
+        return (points + 0.5) / self.scale - 0.5 + self.low
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,23 +80,37 @@ class Strip:
         return Strip(values, stations, normal, across, inside)
 
     def colours(self, low: float, high: float, smooth: int = 1) -> np.ndarray:
-        """(channels, S) median colour between two places across; outside the picture as nearest to there within."""
-        columns = (self.across_px >= low) & (self.across_px <= high)
-        values = np.where(self.inside[:, columns], self.values[:, :, columns], np.nan)
-        with np.errstate(invalid="ignore"):
-            known = self.inside[:, columns].mean(axis=1) > 0.3
-            found = np.full(values.shape[:2], np.nan)
-            if known.any():
-                found[:, known] = np.nanmedian(values[:, known], axis=2)
+        """(channels, S) median colour between two places across, NaN outside the picture; a running one over so many
+        stations."""
+        columns = self._between(low, high)
+        found = np.median(self.values[:, :, columns], axis=2)
+        known = self.inside[:, columns].mean(axis=1) > 0.3
         if smooth > 1 and known.sum() > 3:
-            size = min(smooth | 1, (int(known.sum()) - 1) | 1)
-            found[:, known] = median_filter(found[:, known], (1, size), mode="nearest")
+            if smooth < known.sum():
+                found[:, known] = median_filter(found[:, known], (1, smooth | 1), mode="mirror")
+            else:
+                found[:, known] = np.median(found[:, known], axis=1)[:, None]
+        found[:, ~known] = np.nan
         return found
+
+    def _between(self, low: float, high: float) -> np.ndarray:
+        """A few columns between two places across."""
+        columns = np.flatnonzero((self.across_px >= low) & (self.across_px <= high))
+        return columns[:: max(1, len(columns) // 8)]
+
+    def surface(self, low: float, high: float, smooth: int) -> tuple[np.ndarray, np.ndarray]:
+        """(channels, S) median colour between two places across, and (channels,) how much it scatters there."""
+        colours = self.colours(low, high, smooth)
+        scatter = np.median(np.abs(self.values[:, :, self._between(low, high)] - colours[..., None]), axis=2)
+        known = np.isfinite(scatter[0])
+        return colours, np.median(scatter[:, known], axis=1) / NORMAL_QUARTILE if known.any() else np.zeros(
+            len(colours)
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRod:
-    """A fitted line and what speaks for it."""
+    """A fitted line and what speaks for it; pixels of the photograph."""
 
     points_px: np.ndarray
     curve_px: np.ndarray
@@ -80,11 +128,22 @@ class MeasuredRod:
         """Whether it comes from the picture's border and ends before plain background."""
         return self.inside[0] != self.inside[1] and self.holder[0 if self.inside[0] else 1] < 0.0
 
-    def moved(self, by: np.ndarray) -> MeasuredRod:
-        """The same in a picture with its first pixel that far (2,) up and to the left."""
-        gap = None if self.gap_px is None else self.gap_px + by
-        end = None if self.goes_on_px is None else self.goes_on_px + by
-        return replace(self, points_px=self.points_px + by, curve_px=self.curve_px + by, gap_px=gap, goes_on_px=end)
+    def is_good(self, settings: RodSettings) -> bool:
+        """Whether nothing better is to be expected."""
+        return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.parts["edges"] > 0.9
+
+    def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
+        """Whether a line (N, 2) runs in this rod over such a share of its points."""
+        return float(np.mean(np.abs(beside(self.curve_px, line)[1]) < 0.5 * self.width_px)) > share
+
+    def end_colours(self, planes: np.ndarray) -> np.ndarray:
+        """(2, channels) of its first and last eighth."""
+        size = np.array(planes.shape[:0:-1]) - 1
+        places = np.clip(np.rint(self.curve_px).astype(int), 0, size)
+        count = max(2, len(places) // 8)
+        return np.stack(
+            [np.median(planes[:, part[:, 1], part[:, 0]], axis=1) for part in (places[:count], places[-count:])]
+        )
 
     def alone(self, settings: RodSettings) -> MeasuredRod:
         """The same where nothing is known of the ends: a rod's tip is before the background, within the picture."""
@@ -96,36 +155,29 @@ class MeasuredRod:
         return replace(self, evidence=(self.evidence - max(0.0, tip)) * (settings.straight_share if straight else 1.0))
 
 
-def smoothed(planes: np.ndarray) -> np.ndarray:
-    """Planes with less noise, in which edges are searched."""
-    return np.stack([cv2.GaussianBlur(each, (0, 0), 0.7) for each in planes])
-
-
 def fitted(
-    planes: np.ndarray,
-    noise: np.ndarray,
+    picture_planes: np.ndarray,
     path: RodPath,
     first: np.ndarray | None,
     last: np.ndarray | None,
     settings: RodSettings,
 ) -> MeasuredRod | None:
     """The line along a path, from its first end to its last where these are known; None where it has no edges."""
-    width = path.width_px
-    coarse = path.path_px
+    patch = Patch.about(picture_planes, path, settings)
+    planes, noise = patch.planes, patch.noise
+    first, last = (None if each is None else patch.here(each) for each in (first, last))
+    width, coarse = path.width_px * patch.scale, patch.here(path.path_px)
+    for end, way in ((first, 1), (last, -1)):
+        if end is not None:
+            apart = np.hypot(*(coarse[::way] - end).T) > 1.5 * width
+            coarse = np.concatenate([end[None], coarse[::way][int(np.argmax(apart)) :]])[::way]
     curve = _smooth(coarse, np.ones(len(coarse)), max(width, settings.least_smoothing_px))
+    for _ in range(settings.centred_rounds):
+        middles = _centred(planes, patch.spread, curve, width, settings)
+        curve = _smooth(middles, np.ones(len(middles)), max(width, settings.least_smoothing_px))
     points, misses = np.zeros((0, 2)), np.zeros(0)
-    share = 0.0
-    spread = np.hypot(noise, shading_of(len(planes), settings))
     for round_ in range(settings.fit_rounds):
-        off = 0.5 if round_ == 0 else 0.2
-        points, widths, share = _edges(planes, spread, curve, width, off, settings.edge_contrast)
-        if len(points) < settings.least_points:
-            return None
-        width = _median_width(widths, width)
-        widths = np.where(np.isfinite(widths), widths, width)
-        usual = median_filter(widths, 9, mode="mirror")
-        kept = np.abs(widths - usual) < settings.width_tolerance * max(mad_std(widths - usual), 0.02 * width)
-        points = points[kept]
+        points, width, _ = _edges(planes, patch.spread, curve, width, settings, round_ > settings.fit_rounds - 3)
         if len(points) < settings.least_points:
             return None
         scale = max(
@@ -148,23 +200,91 @@ def fitted(
         curve, inside = _to_the_ends(planes, noise, curve, width, first, last)
     else:
         curve = on
-    if len(curve) < 10:
+    length = float(arc_lengths(curve)[-1])
+    if len(curve) < 10 or length < settings.least_aspect * width:
         return None
-    far = max(2.0 * width, 0.03 * float(arc_lengths(curve)[-1]))
+    far = max(2.0 * width, 0.03 * length)
     if any(end is not None and np.hypot(*(at - end)) > far for end, at in ((first, curve[0]), (last, curve[-1]))):
         return None
-    _, widths, share = _edges(planes, spread, curve, width, 0.2, 0.5)
-    width = _median_width(widths, width)
-    parts, log = evidence_of(planes, noise, curve, width, settings)
-    parts["edges"] = share
-    parts["wander"] = mad_std(misses) / width
-    if parts["aspect"] < settings.least_aspect or share < settings.least_edges:
+    diagonal = float(np.hypot(*picture_planes.shape[1:])) * patch.scale
+    cell = max(width, settings.correlation_share * diagonal)
+    _, width, seen = _edges(planes, patch.spread, curve, width, settings, True)
+    if seen.mean() < settings.least_edges:
         return None
-    evidence = parts["ribbon"] * (1.0 - settings.shadow_cost * parts["shadow"]) + _shape(parts, settings)
-    holder = _holders(planes, noise, curve, width, settings)
-    gap = _gap(curve, log, settings)
-    goes_on = _goes_on(planes, noise, curve, width, inside, settings)
-    return MeasuredRod(points, curve, width, mad_std(misses), inside, holder, goes_on, gap, evidence, parts)
+    log, parts = _along(planes, curve, width, cell, seen, settings)
+    parts |= {"edges": float(seen.mean()), "wander": mad_std(misses) / width, "length_share": length / diagonal}
+    evidence = parts["ribbon"]
+    if first is None or last is None:  # it may be none, or a shadow
+        evidence = evidence * (1.0 - settings.shadow_cost * parts["shadow"]) + _shape(parts, settings)
+    gap, goes_on = (
+        _gap(curve, log, settings.longest_gap * max(cell / length, 0.02)),
+        _goes_on(planes, noise, curve, width, inside, settings),
+    )
+    return MeasuredRod(
+        patch.back(points),
+        patch.back(curve),
+        width / patch.scale,
+        mad_std(misses) / patch.scale,
+        inside,
+        _holders(planes, noise, curve, width, settings),
+        None if goes_on is None else patch.back(goes_on),
+        None if gap is None else patch.back(gap),
+        evidence,
+        parts,
+    )
+
+
+def _along(
+    planes: np.ndarray, curve: np.ndarray, width: float, cell: float, seen: np.ndarray, settings: RodSettings
+) -> tuple[np.ndarray, dict[str, float]]:
+    """Log odds (S,) of a ribbon along a curve, by the search's evidence in the straightened picture, and what they and
+    the line's shape and colours add up to."""
+    fine = width / settings.level_width_px
+    sigma = 0.4 * np.sqrt(max(fine**2 - 1.0, 0.0))
+    soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
+    strip = Strip.along(soft, curve, fine, 4.0 * width, fine)
+    level = Level(np.ascontiguousarray(strip.values), 1.0 / fine)
+    each = ribbon_evidence(level, settings.level_width_px, settings)
+    log = each[:, each.shape[1] // 2, len(strip.across_px) // 2].astype(float)
+    inside = np.asarray(strip.inside[:, np.abs(strip.across_px) < width].all(axis=1))
+    step = core.search.ROW_STEP
+    log = np.where(inside[step // 2 :: step][: len(log)], log, np.maximum(log, 0.0))
+    length = float(arc_lengths(curve)[-1])
+    # what has not both its edges, in its colour, is no rod
+    near = uniform_filter1d(seen.astype(float), max(1, round(2.0 * width / (length / len(seen)))), mode="nearest")
+    near = np.interp(np.linspace(0.0, 1.0, len(log)), np.linspace(0.0, 1.0, len(seen)), near)
+    run = max(1, round(cell / fine))
+    middle, *sides = (
+        uniform_filter1d(strip.colours(low * width, high * width), run, axis=1, mode="nearest")[:, run // 2 :: run]
+        for low, high in ((-0.35, 0.35), (-1.2, -0.65), (0.65, 1.2))
+    )
+    other = np.interp(
+        np.linspace(0.0, 1.0, len(log)),
+        np.linspace(0.0, 1.0, middle.shape[1]),
+        _other(middle, sides, settings.least_chroma),
+    )
+    log = np.where((near < 0.3) | (other > 0.5), settings.gap, log)
+    shading = shading_of(len(planes), settings)
+    shadow = np.maximum(*(_shadowed(middle, side, shading, settings.darkest_shadow) for side in sides))
+    tangent = np.diff(curve, axis=0)
+    angle = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
+    angle = uniform_filter1d(angle, max(1, round(2.0 * width / (length / len(curve)))), mode="nearest")
+    return log, {
+        "ribbon": float(log.mean()) * length / cell,
+        "mean": float(log.mean()),
+        "gaps": float(np.mean(log < 0.5)),
+        "turning": float(np.abs(np.diff(angle)).sum()),
+        "net": float(np.ptp(angle)),
+        "sharpest": _sharpest(angle, 3.0 * width * len(curve) / length),
+        "aspect": length / width,
+        "shadow": float(np.mean(shadow)),
+    }
+
+
+def _sharpest(angle: np.ndarray, run: float) -> float:
+    """Most by which a direction (M,) changes within so many places."""
+    by = min(max(1, round(run)), len(angle) - 1)
+    return float(np.abs(angle[by:] - angle[:-by]).max())
 
 
 def _goes_on(
@@ -210,14 +330,14 @@ def _shape(parts: dict[str, float], settings: RodSettings) -> float:
     return -settings.winding_cost * winding - settings.turned_cost * turned - settings.straight_cost * straight
 
 
-def _gap(curve: np.ndarray, log: np.ndarray, settings: RodSettings) -> np.ndarray | None:
+def _gap(curve: np.ndarray, log: np.ndarray, longest_gap: float) -> np.ndarray | None:
     """The middle of the longest piece without evidence, if it is too long."""
     empty = np.append(np.append(0, log < 0.5), 0)
     starts, ends = np.flatnonzero(np.diff(empty) > 0), np.flatnonzero(np.diff(empty) < 0)
     if len(starts) == 0:
         return None
     longest = int(np.argmax(ends - starts))
-    if ends[longest] - starts[longest] < settings.longest_gap * len(log):
+    if ends[longest] - starts[longest] < longest_gap * len(log):
         return None
     return curve[int(0.5 * (starts[longest] + ends[longest]) / len(log) * (len(curve) - 1))]
 
@@ -254,77 +374,103 @@ def _holders(
     return found[0], found[1]
 
 
-def _projected(
-    strip: Strip, spread: np.ndarray, width: float, inner: float, outer: tuple[float, float]
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """For either side, (S, A) how much of the difference from the background to the rod a place has, and (S,) that
-    difference in standard deviations of places of one surface, `spread` and what the rod itself scatters."""
-    mark = strip.colours(-inner * width, inner * width)
-    # a highlight or plies change one channel across the rod: others tell its edges better
-    columns = np.abs(strip.across_px) < inner * width
-    scatter = np.median(np.abs(strip.values[:, :, columns] - mark[..., None]), axis=2)
-    spread = np.hypot(spread, np.nanmedian(scatter, axis=1) / NORMAL_QUARTILE)
-    sides = []
-    for low, high in ((-outer[1], -outer[0]), outer):
-        ground = strip.colours(low * width, high * width)
-        difference = (mark - ground) / spread[:, None]
-        square = np.sum(difference**2, axis=0)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            shares = np.einsum("csa,cs->sa", strip.values - ground[..., None], difference / spread[:, None])
-            sides.append((shares / square[:, None], np.sqrt(square)))
-    return sides
+def _centred(
+    planes: np.ndarray, spread: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings
+) -> np.ndarray:
+    """Points (S, 2) in the middles of what is of the rod's usual colour near a coarse curve, by dynamic programming."""
+    fine = width / 20.0
+    spacing = max(0.2 * min(width, 20.0), arc_lengths(curve)[-1] / settings.most_stations)
+    strip = Strip.along(planes, curve, spacing, 2.0 * width, fine)
+    mark, scatter = (each[..., None] for each in strip.surface(-0.3 * width, 0.3 * width, 2 * len(curve)))
+    variance = spread[:, None] ** 2 + scatter**2
+    if len(variance) > 1:
+        variance[0] += settings.light**2
+    # near the rod's colour, against near that of either side
+    unlike = [np.sum((strip.values - mark) ** 2 / variance[..., None], axis=0)]
+    for low, high in ((-2.0 * width, -0.8 * width), (0.8 * width, 2.0 * width)):
+        ground, _ = strip.surface(low, high, round(5.0 * width / spacing))
+        unlike.append(np.sum((strip.values - ground[..., None]) ** 2 / variance[..., None], axis=0))
+    like = np.clip(0.5 * (np.minimum(unlike[1], unlike[2]) - unlike[0]), -2.0, 2.0)
+    like = np.where(strip.inside & np.isfinite(like), like, -0.5)
+    like = uniform_filter1d(like, max(1, round(0.5 * width / spacing)), axis=0)
+    score = 2.0 * uniform_filter1d(like, 20, axis=1, mode="nearest") - uniform_filter1d(
+        like, 40, axis=1, mode="nearest"
+    )
+    total, came = score[0], np.zeros(score.shape, int)
+    for row in range(1, len(score)):
+        steps = np.stack([np.roll(total, 1), total, np.roll(total, -1)])
+        steps[0, 0] = steps[2, -1] = -np.inf
+        steps[[0, 2]] -= 0.1
+        came[row] = np.argmax(steps, axis=0) - 1
+        total = np.max(steps, axis=0) + score[row]
+    at = np.zeros(len(score), int)
+    at[-1] = int(np.argmax(total))
+    for row in range(len(score) - 1, 0, -1):
+        at[row - 1] = at[row] + came[row, at[row]]
+    return strip.stations_px + strip.across_px[at, None] * strip.normals
 
 
 def _edges(
-    planes: np.ndarray,
-    spread: np.ndarray,
-    curve: np.ndarray,
-    width: float,
-    most_off: float,
-    share: float,
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Middles (N, 2) between both edges, at which this share of the contrast is left, the widths (N,) there, and the
-    part of the stations that have them; where only one is within the picture, half a width from that, and NaN.
+    planes: np.ndarray, spread: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings, last: bool
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """Middles (N, 2) between edges, or half a width from one of them; the width, and (S,) whether stations have two
+    edges so far apart. At the last, edges are looked for next to those of the curve.
 
     spread : (channels,) deviation of places of one surface.
     """
-    fine = float(np.clip(width / 80.0, 0.25, 1.0))
-    strip = Strip.along(planes, curve, 0.2 * min(width, 20.0), 2.0 * width, fine)
+    fine = float(np.clip(width / 40.0, 0.25, 1.0))
+    spacing = max(0.2 * min(width, 20.0), arc_lengths(curve)[-1] / settings.most_stations)
+    strip = Strip.along(planes, curve, spacing, 2.0 * width, fine)
     centre = len(strip.across_px) // 2
+    run = 1 if last else round(settings.one_colour * width / spacing)
+    mark, mark_scatter = strip.surface(-0.3 * width, 0.3 * width, run)
     ends = np.full((2, len(strip.stations_px)), np.nan)
-    for side, (shares, contrast) in enumerate(_projected(strip, spread, width, 0.3, (0.6, 2.0))):
-        out = shares[:, centre::-1] if side == 0 else shares[:, centre:]
-        below = out < share
-        k = np.argmax(below, axis=1)
-        rows = np.arange(len(k))
+    share = settings.edge_contrast
+    for side, way in enumerate((-1, 1)):
+        low, high = (0.6 * width, 2.0 * width) if way > 0 else (-2.0 * width, -0.6 * width)
+        ground, scatter = strip.surface(low, high, 1 if last else round(width / spacing))
+        # a highlight, plies or a shadow change one channel of a surface: others tell its edges better
+        variance = spread**2 + mark_scatter**2 + scatter**2
+        contrast = np.sum((mark - ground) ** 2 / variance[:, None], axis=0)
+        if len(variance) > 1:
+            variance[0] += (settings.light * (np.clip(0.1 * width - 1.0, 0.0, 1.0) if last else 1.0)) ** 2
+        difference = (mark - ground) / variance[:, None]
+        square = np.sum(difference * (mark - ground), axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
-            at = fine * (k - (share - out[rows, k]) / (out[rows, k - 1] - out[rows, k]))
-        good = (k > 0) & (contrast > 2.0)
-        ends[side, good] = (-1.0, 1.0)[side] * at[good]
-    return _middles(strip, ends, width, most_off, planes.shape[1:])
-
-
-def _middles(
-    strip: Strip, ends: np.ndarray, width: float, most_off: float, shape: tuple[int, ...]
-) -> tuple[np.ndarray, np.ndarray, float]:
-    size = np.array(shape[::-1]) - 1.0
-
-    def within(places: np.ndarray) -> np.ndarray:
-        return np.all((places >= 0.0) & (places <= size), axis=-1)
-
+            like = np.einsum("csa,cs->sa", strip.values - ground[..., None], difference) / square[:, None]
+        out = like[:, centre::way] - share
+        inside = strip.inside[:, centre::way]
+        known = np.where(inside & np.isfinite(out), np.clip(out, share - 1.0, 1.0 - share), -1.0)
+        if last:
+            off = np.abs(strip.across_px[centre::way]) - 0.5 * width
+            known = np.where(np.abs(off) < 0.2 * width + 1.0, known, -np.sign(off))
+        # inside of the edge most is the rod's, outside of it most is not
+        k = np.argmax(np.cumsum(known, axis=1), axis=1)
+        rows = np.arange(len(k))
+        on = np.minimum(k + 1, out.shape[1] - 1)
+        good = (k > 0) & (k < on) & (contrast > 4.0) & inside[rows, on] & (out[rows, k] > 0.0) & (out[rows, on] <= 0.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            at = fine * (k + out[rows, k] / (out[rows, k] - out[rows, on]))
+        ends[side, good] = way * at[good]
+    widths = ends[1] - ends[0]
+    width = _median_width(widths, width)
+    # edges are parallel: where they are not, the one that the curve agrees with is the rod's
+    known = np.isfinite(widths)
+    usual = np.full(len(widths), width)
+    if known.sum() > 2:
+        run = min(round(settings.one_colour * width / spacing), int(known.sum()) - 1) | 1
+        local = median_filter(widths[known], run, mode="mirror")
+        usual = np.interp(np.arange(len(widths)), np.flatnonzero(known), local)
+    either = np.stack([ends[0] + 0.5 * usual, ends[1] - 0.5 * usual])
+    nearer = np.where(np.isfinite(either), np.abs(either), np.inf).argmin(axis=0)
+    parallel = np.abs(widths - usual) < settings.parallel * usual + 0.5
+    middles = np.where(parallel, ends.mean(axis=0), np.take_along_axis(either, nearer[None], axis=0)[0])
     with np.errstate(invalid="ignore"):
-        inside = np.stack([within(strip.stations_px + each[:, None] * strip.normals) for each in ends])
-    cut = np.stack([~within(strip.stations_px + half * width * strip.normals) for half in (-0.5, 0.5)])
-    middle, broad = ends.mean(axis=0), ends[1] - ends[0]
-    # the border cuts one edge off: the rod is as wide there as elsewhere
-    once = (cut.sum(axis=0) == 1) & (inside == ~cut).all(axis=0)
-    from_one = np.where(cut[0], ends[1] - 0.5 * width, ends[0] + 0.5 * width)
-    middle, broad = np.where(once, from_one, middle), np.where(once, np.nan, broad)
-    there = inside.all(axis=0) | once
-    with np.errstate(invalid="ignore"):
-        good = there & (np.abs(middle) < most_off * width)
-    points = strip.stations_px[good] + middle[good, None] * strip.normals[good]
-    return points, broad[good], float(np.mean(good))
+        kept = np.abs(middles) < (0.2 if last else 0.6) * width
+    if last:  # one edge does where there are no two near by
+        kept &= parallel | ~maximum_filter1d(parallel, round(settings.one_edge * width / spacing) | 1, mode="nearest")
+    points = strip.stations_px[kept] + middles[kept, None] * strip.normals[kept]
+    return points, width, parallel
 
 
 def _median_width(widths: np.ndarray, before: float) -> float:
@@ -335,18 +481,23 @@ def _median_width(widths: np.ndarray, before: float) -> float:
 def _smooth(points: np.ndarray, weights: np.ndarray, scale: float) -> np.ndarray:
     """(M, 2) smooth curve by points (N, 2), evenly spaced, on which bends shorter than the scale are lost."""
     along = arc_lengths(points)
-    # means over a part of the scale lose nothing, and a spline's cost is in its knots
-    each = np.unique(np.floor(along / (0.2 * scale)), return_inverse=True)[1]
-    totals = np.maximum(np.bincount(each, weights), 1e-9)
-    points = np.stack([np.bincount(each, weights * axis) for axis in points.T], axis=1) / totals[:, None]
-    along, weights = np.bincount(each, weights * along) / totals, totals
-    if len(along) < 5:
-        at = np.linspace(along[0], along[-1], 50)
-        return np.stack([np.interp(at, along, each) for each in points.T], axis=1)
-    # the kernel of a smoothing spline with this penalty is `scale` wide
-    penalty = scale**4 * float(weights.sum()) / (along[-1] - along[0])
-    at = np.linspace(along[0], along[-1], max(50, int((along[-1] - along[0]) / 2.0)))
-    return np.stack([make_smoothing_spline(along, each, weights, penalty)(at) for each in points.T], axis=1)
+    length = float(along[-1])
+    count = max(6, int(np.ceil(length / (0.25 * scale))))
+    step = length / count
+    # Whittaker's smoother: the kernel of this penalty on second differences is `scale` wide
+    cell = np.minimum((along / step).astype(int), count - 1)
+    totals = np.bincount(cell, weights, count)
+    penalty = (scale / step) ** 4 * float(weights.sum()) / count
+    bands = penalty * np.array([[1.0, -4.0, 6.0]]).T * np.ones(count)
+    bands[2, [0, -1]], bands[2, [1, -2]], bands[1, [1, -1]] = penalty, 5.0 * penalty, -2.0 * penalty
+    bands[2] += totals
+    # points lie unevenly within their cells
+    sums = np.stack([np.bincount(cell, weights * axis, count) for axis in points.T], axis=1)
+    knots = solveh_banded(bands, sums)
+    middles = np.bincount(cell, weights * along, count) / np.maximum(totals, 1e-9)
+    middles = np.where(totals > 1e-9, middles, (np.arange(count) + 0.5) * step)
+    at = np.linspace(0.0, length, max(50, int(length)))
+    return CubicSpline(middles, knots, bc_type="natural")(at)
 
 
 def _robust(points: np.ndarray, scale: float, width: float) -> tuple[np.ndarray, np.ndarray]:
@@ -356,7 +507,7 @@ def _robust(points: np.ndarray, scale: float, width: float) -> tuple[np.ndarray,
     along = arc_lengths(points)
     on = np.linspace(0.0, 2.0 * width, 21)[1:]
     curve = points
-    for _ in range(3):
+    for round_ in range(5):
         pieces = [points]
         for last, beyond in ((False, -on[::-1]), (True, along[-1] + on)):
             near = np.abs(along - last * along[-1]) < max(3.0 * width, 2.0 * scale)
@@ -367,7 +518,9 @@ def _robust(points: np.ndarray, scale: float, width: float) -> tuple[np.ndarray,
         trusted = np.pad(weights, len(on), constant_values=0.3)
         curve = _smooth(np.concatenate(pieces), trusted, scale)
         misses = beside(curve, points)[1]
-        weights = huber_weights(misses / max(mad_std(misses), 0.02))
+        off = misses / max(mad_std(misses), 0.02)
+        # what is far off is something else's
+        weights = huber_weights(off) if round_ < 2 else np.maximum(1.0 - (off / 5.0) ** 2, 0.0) ** 2 + 1e-3
     return curve, misses
 
 
@@ -411,7 +564,10 @@ def _to_the_ends(
         gone = off & (np.convolve(off, np.ones(fit), "full")[fit - 1 :][: len(off)] >= fit - 0.5)
         out = gone | ~inside[run]
         at = max(int(np.argmax(out)) - 1, 0) if out.any() else len(run) - 1
-        return int(run[at]), bool(inside[run[min(at + fit, len(run) - 1)]])
+        ahead = min(at + round((0.5 * width + 5.0) / step), len(run) - 1)
+        if inside[run[ahead]]:
+            return int(run[at]), True
+        return int(run[at + np.argmin(inside[run[at : ahead + 1]]) - 1]) if at < ahead else int(run[at]), False
 
     everything = np.arange(count)
     start, seen_first = run_out(first, everything[::-1])
@@ -419,68 +575,17 @@ def _to_the_ends(
     return curve[start : end + 1], (seen_first, seen_last)
 
 
-def evidence_of(
-    planes: np.ndarray, noise: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings
-) -> tuple[dict[str, float], np.ndarray]:
-    """What speaks for a rod along a curve: log odds, summed over cells of one correlation length; and (S,) for each."""
-    diagonal = float(np.hypot(*planes.shape[1:]))
-    length = float(arc_lengths(curve)[-1])
-    cell = max(width, settings.correlation_share * diagonal)
-    strip = Strip.along(planes, curve, max(1.0, 0.2 * width), 1.5 * width, max(0.25, width / 16.0))
-    bands = [strip.colours(low * width, high * width) for low, high in ((-0.35, 0.35), (-1.2, -0.65), (0.65, 1.2))]
-    spacing = length / max(len(strip.stations_px) - 1, 1)
-    run = max(1, round(cell / spacing))
-    shading = shading_of(len(planes), settings)
-    means, scatter = [], []
-    for band in bands:
-        filled = np.where(np.isfinite(band), band, 0.0)
-        known = uniform_filter1d(np.isfinite(band).astype(float), run, axis=1, mode="constant")
-        with np.errstate(invalid="ignore", divide="ignore"):
-            mean = uniform_filter1d(filled, run, axis=1, mode="constant") / known
-            square = uniform_filter1d(filled**2, run, axis=1, mode="constant") / known
-        means.append(np.where(known > 0.3, mean, np.nan))
-        scatter.append(np.maximum(square - mean**2, 0.0) * min(1.0, 2.0 / run))
-    spread = 2.0 * settings.spread**2
-
-    def odds(difference: np.ndarray, variance: np.ndarray) -> np.ndarray:
-        wide = variance + spread
-        log = 0.5 * difference**2 * (1.0 / variance - 1.0 / wide) - 0.5 * np.log(wide / variance)
-        return np.sum(log, axis=0)
-
-    base = 2.0 * shading[:, None] ** 2 + noise[:, None] ** 2 / 4.0
-    middle, left, right = means
-    a = odds(middle - left, base + scatter[0] + scatter[1])
-    b = odds(middle - right, base + scatter[0] + scatter[2])
-    across = (right - left) / shading[:, None]
-    mixed = np.clip(
-        np.sum(across * (middle - left) / shading[:, None], axis=0) / np.sum(across**2 + 1e-6, axis=0), 0, 1
-    )
-    e = odds(middle - left - mixed * (right - left), base + scatter[0] + 0.5 * (scatter[1] + scatter[2]))
-    a, b, e = (np.where(np.isfinite(each), np.clip(each, -60.0, 60.0), np.nan) for each in (a, b, e))
-    log = -np.log(settings.flat * np.exp(-a - b) + settings.edge * np.exp(-e) + settings.chance)
-    log = np.where(np.isfinite(log), np.maximum(log, settings.gap), 0.0)
-    shadows = (_shadowed(middle, side, shading, settings.darkest_shadow) for side in (left, right))
-    shadow = np.maximum(*shadows)
-    steps = np.diff(middle[:, :: max(1, run)], axis=1)
-    steps = steps[:, np.isfinite(steps).all(axis=0)]
-    uniform = odds_same(steps, shading, settings.spread)
-    tangent = np.diff(curve, axis=0)
-    angle = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
-    smooth = max(1, round(2.0 * width / max(length / len(curve), 1e-9)))
-    angle = uniform_filter1d(angle, smooth, mode="nearest")
-    return {
-        "ribbon": float(log.sum()) * spacing / cell,
-        "mean": float(log.mean()),
-        "worst": float(np.quantile(log, 0.1)),
-        "gaps": float(np.mean(log < 0.5)),
-        "uniform": uniform,
-        "turning": float(np.abs(np.diff(angle)).sum()),
-        "net": float(np.ptp(angle)),
-        "cells": length / cell,
-        "aspect": length / width,
-        "length_share": length / diagonal,
-        "shadow": float(np.mean(shadow)),
-    }, log
+def _other(middle: np.ndarray, sides: list[np.ndarray], least_chroma: float) -> np.ndarray:
+    """(S,) 1 where colours (channels, S) differ from their surroundings by another hue than they usually do, else 0."""
+    chroma = (middle - 0.5 * (sides[0] + sides[1]))[1:]
+    known = np.isfinite(chroma).all(axis=0)
+    usual = np.median(chroma[:, known], axis=1) if len(chroma) and known.any() else np.zeros(2)
+    size = float(np.hypot(*usual))
+    if not size > least_chroma:
+        return np.zeros(middle.shape[1])
+    along = usual @ chroma / size**2
+    across = np.hypot(*(chroma - along * usual[:, None])) / size
+    return ((across > 0.7) | ((along < 0.0) & (np.hypot(*chroma) > 0.4 * size))).astype(float)
 
 
 def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray, darkest: float) -> np.ndarray:
@@ -492,12 +597,3 @@ def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray, darkest
         off = np.sum(((middle[1:] - light * side[1:]) / (4.0 * shading[1:, None])) ** 2, axis=0)
         there = np.exp(-0.5 * off) * ((light > darkest) & (light < 0.95))
     return np.where(np.isfinite(there), there, 0.0)
-
-
-def odds_same(steps: np.ndarray, shading: np.ndarray, spread: float) -> float:
-    """Mean log odds, from differences (channels, N) between neighbouring cells, that they are of one surface."""
-    if steps.shape[1] == 0:
-        return 0.0
-    one, two = 2.0 * (2.0 * shading[:, None]) ** 2, 2.0 * spread**2
-    log = 0.5 * steps**2 * (1.0 / one - 1.0 / two) + 0.5 * np.log(one / two)
-    return float(np.mean(-np.log(0.1 + 0.9 * np.exp(np.clip(np.sum(log, axis=0), -50, 50)))))

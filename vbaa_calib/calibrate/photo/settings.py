@@ -10,12 +10,10 @@ class RodSettings:
     """Tunable numbers of the search for a rod. Grey levels are of 255, evidence is in natural log odds; "tried" are
     numbers chosen on 16 photographs of cables and yarns and 31 without a rod."""
 
-    most_megapixels: float = 1.0
-    """Millions of pixels that a photograph is reduced to at most before the search: 3 s of work."""
+    most_megapixels: float = 0.7
+    """Millions of pixels that a photograph is reduced to at most before the search: 2 s of work."""
     narrowest_px: float = 2.4
     """Narrowest rod that is looked for, in pixels of the reduced photograph: it has three pixels across."""
-    widest_px: float = 140.0
-    """Widest rod, in pixels: the widest of the photographs that were gathered."""
     width_step: float = 1.5
     """Ratio of neighbouring widths: evidence stays above half of its best within it."""
     level_width_px: float = 3.5
@@ -36,30 +34,56 @@ class RodSettings:
     """Share of those with three colours: what one place can say is at most 3."""
     gap: float = -2.5
     """Least log odds of one correlation length: a rod may be hidden, or as bright as what is behind it."""
-    turn_cost: float = 0.5
-    """Log odds of a change of direction by 5.6 degrees in a step of 1.7 widths, growing with its square: tried."""
+    length_cost: float = 0.02
+    """Log odds against each correlation length."""
+    most_cost: float = 40.0
+    """Evidence that a path between clamp and tip may lack, turns included: one of 240 widths lacks 20."""
+    most_cost_alone: float = 30.0
+    """The same for either part of a path that may end anywhere."""
+    much_wider: float = 3.0
+    """A rod that is clear and so many times as wide ends the search for narrower ones."""
+    clear_evidence: float = 80.0
+    """Evidence of a path from which a rod is likely to be along it."""
+    most_stations: int = 1000
+    """Stations along a rod at which it is measured, at most: 0.1 s of work."""
+    coloured_mean: float = 1.0
+    """Mean evidence of a line from which it is looked for again in the colour of its ends."""
+    least_path_mean: float = 0.5
+    """Mean evidence below which a path is not measured."""
+    one_edge: float = 3.0
+    """Length in widths without two parallel edges from which one edge is enough: hairs are shorter."""
+    parallel: float = 0.15
+    """Part of the width by which it may differ from the usual one near by: plies of a yarn do less."""
+    cuts: int = 4
+    """Paths that are looked for between clamp and tip, each by cutting the weakest place of the one before."""
+    widest: float = 0.3
+    """Widest rod, in shorter sides of the picture."""
+    alike: float = 0.15
+    """Difference of mean evidence below which two lines may both be the rod: tried."""
+    other_colour: float = 8.0
+    """Places of one rod differ in colour by so many times `shading`: highlights and shades of a cable."""
+    slack: tuple[float, float] = (1.5, 8.0)
+    """So many times the evidence that the best path lacks, and so much more, may others lack."""
+    drop: float = 5.0
+    """Evidence that is lost beyond an end before it is one: two correlation lengths without any."""
+    enough: float = 2.5
+    """Evidence of a correlation length that says all that a picture can: 3 at most, less what is rounded off."""
+    turn_cost: float = 0.15
+    """Log odds of a change of direction by 11 degrees in a step of 1.4 widths, growing with the square: tried."""
     click_share: float = 0.012
-    """How far a click may be off an end, in diagonals of the picture, beside half a width."""
+    """How far a click may be off an end, in diagonals of the picture, and half a width."""
     least_evidence: float = 12.0
     """Evidence below which a path is no candidate."""
     candidates: int = 6
     """Number of candidates at most: what a person can compare."""
-    least_growth: float = 6.0
-    """Evidence that a piece beyond an end must have to be added: tried."""
-    winding_lead: float = 0.1
-    """By how much the mean evidence of a line that winds from clamp to tip must exceed that of a direct one: tried."""
-    good_mean: float = 2.85
-    """Mean evidence above which a direct line from clamp to tip is not compared with winding ones: tried."""
-    good_gaps: float = 0.02
-    """Share of such a line without evidence, up to which it is not."""
-    detour: float = 1.5
-    """Length of a rod at most, in distances from clamp to tip, before winding ones are tried: an arc of 180 degrees."""
-    least_aspect: float = 6.0
+    good_mean: float = 2.7
+    """Mean evidence of a line from clamp to tip above which nothing better is looked for."""
+    least_aspect: float = 4.0
     """Length over width, below which it is no rod."""
-    least_edges: float = 0.5
+    least_edges: float = 0.4
     """Share of places with both edges, below which a line is not measured."""
-    longest_gap: float = 0.15
-    """Longest piece without evidence, in lengths of the rod."""
+    longest_gap: float = 3.0
+    """Longest piece without evidence, in correlation lengths: what crosses a rod is shorter."""
     least_turn: float = 0.12
     """Turning in radians below which a line is straight; rods bent for a measurement turn by 0.2 to 1.6."""
     straight_cost: float = 15.0
@@ -82,49 +106,47 @@ class RodSettings:
     """Evidence that a rod must have where not both ends are known: the most of 30 pictures without one is 57."""
     least_evidence_hanging: float = 35.0
     """The same where it comes from the picture's border and its other end is before plain background."""
-    least_evidence_known: float = 15.0
+    least_evidence_known: float = 8.0
     """Evidence that it must have between known ends."""
     least_mean: float = 2.5
-    """Mean evidence along it between known ends, of 3 at most: right lines had 2.7 and more, wrong ones less."""
-    least_mean_alone: float = 2.6
+    """Mean evidence along it between known ends, of 3 at most: right lines had 2.6, wrong ones 1.3."""
+    least_mean_alone: float = 2.3
     """Mean evidence along it where not both ends are known."""
     rival_share: float = 0.5
     """Share of the best line's evidence from which another may be the rod as well."""
-    rival_share_known: float = 0.6
-    """The same between known ends."""
-    main_directions: int = 4
-    """Directions of the picture, a right angle apart, in which paths are followed: a rod runs along one of them."""
     sampled_rows: int = 100
     """Rows of a picture from which its noise and texture are taken: they are known to a few per cent then."""
     any_evidence: float = -1e4
     """Least log odds of a path between two ends that were clicked: the likeliest one is measured in any case."""
-    most_pieces: int = 6
-    """Pieces that are added to a path that goes on beyond its end, at most."""
     pieces_along: float = 0.45
-    """Nearer than so many widths one line runs along another; a rod's shadow beside it is farther."""
-    pieces_forward: float = 0.3
-    """Least cosine between a path's end and the main direction in which it is followed."""
+    """Nearer than so many widths one line runs along another; a rod's shadow is farther."""
     flank_widths: float = 1.0
     """Distance, in widths, at which neighbouring surfaces are compared."""
-    fit_rounds: int = 6
+    patch_widths: float = 5.0
+    """Room about a path, in widths, in which it is measured."""
+    measured_width_px: float = 20.0
+    """Width in pixels that wider rods are reduced to before they are measured."""
+    light: float = 80.0
+    """Grey levels by which light changes along one surface: a shadow, a highlight or a printed letter."""
+    least_chroma: float = 10.0
+    """Chroma, over that next to it, from which a rod has a hue."""
+    one_colour: float = 12.0
+    """Length in widths over which the rod has one colour and width: what crosses it is shorter."""
+    centred_rounds: int = 1
+    """Rounds in which a coarse path is moved to where the rod's colour is."""
+    fit_rounds: int = 5
     """Rounds in which edges are measured along the curve before."""
-    smoothing_widths: float = 0.5
+    smoothing_widths: float = 0.45
     """Length along the rod, in widths, that its curve is smoothed over: a yarn's plies are lumps of about one."""
     least_smoothing_px: float = 6.0
     """Least length, in pixels along a rod, that its curve is smoothed over."""
     smoothing_share: float = 0.004
     """The same as a part of the rod's length: a rod does not bend within it."""
     edge_contrast: float = 0.6
-    """Part of the contrast that is left at an edge: a tangle of hairs beside a yarn has about half of it."""
+    """Part of the contrast that is left at an edge: a tangle of hairs along a yarn has about half of it."""
     least_points: int = 8
     """Fewest measured points of a rod."""
     ring_widths: float = 1.7
     """Distance from an end, in widths, at which what goes on is looked for."""
     darkest_shadow: float = 0.3
     """Least light, over that next to it, in a shadow: tried."""
-    width_tolerance: float = 4.0
-    """Standard deviations of the width from its neighbours' beyond which a point is left out."""
-    grown_rounds: int = 2
-    """So many of the likeliest paths are followed beyond their ends."""
-    winding_rounds: int = 3
-    """So many of them are tried where no direct line leads from clamp to tip."""

@@ -238,30 +238,35 @@ void bind_ribbons(nb::module_& room) {
     using InPlanes = Numpy<const float, 3>;
     room.attr("ROW_STEP") = detect::ROW_STEP;
     room.attr("DIRECTIONS_DOWN") = detect::DIRECTIONS_DOWN;
-    const auto evidence = [](InPlanes planes, Numpy<const float, 2> within, double width_px, InVector noise,
-                             InVector shading, double spread, std::array<double, 3> shares, double gap) {
+    const auto evidence = [](InPlanes planes, double width_px, InVector noise, InVector shading, double spread,
+                             std::array<double, 3> shares, double gap) {
         require_pixels(width_px);
-        require(planes.size() > 0 && within.shape(0) == planes.shape(1) && within.shape(1) == planes.shape(2),
-                "planes (channels, H, W) are not empty and lie within (H, W)");
+        require(planes.size() > 0, "planes (channels, H, W) are not empty");
         require(planes.shape(2) < LONG && planes.shape(1) < LONG && planes.shape(0) < 100,
                 "a picture has less than 10^6 rows and columns");
         const double places = static_cast<double>(planes.shape(1)) * static_cast<double>(planes.shape(2)) + 1e5;
         require(places * detect::DIRECTIONS_DOWN < 2e9, "a picture has less than 8 million pixels");
         const auto each = of_size(noise, planes.shape(0)), shade = of_size(shading, planes.shape(0));
         const detect::RibbonModel model{width_px, each, shade, spread, shares[0], shares[1], shares[2], gap};
-        return to_numpy(unlocked([&] { return detect::ribbon_evidence(view(planes), view(within), model); }));
+        return to_numpy(unlocked([&] { return detect::ribbon_evidence(view(planes), model); }));
     };
     room.def("ribbon_evidence", evidence);
-    const auto paths = [](InPlanes evidence_of, InMatrix starts, InMatrix ends, std::array<double, 5> rules, int most) {
-        require(evidence_of.size() > 0 && evidence_of.shape(1) == detect::DIRECTIONS_DOWN,
-                "evidence is an array (rows, DIRECTIONS_DOWN, columns)");
-        require(evidence_of.shape(2) < LONG && evidence_of.shape(0) < LONG, "a picture has less than 10^6 columns");
-        require(most >= 0 && rules[3] >= 0.0 && rules[3] < 1e4, "a number of paths and how far apart they are");
+    const auto paths = [](InPlanes down, InPlanes across, InMatrix starts, InMatrix ends, std::array<double, 9> rules,
+                          std::array<double, 2> slack, int count) {
+        const auto turned = [](const InPlanes& one, const InPlanes& other) {
+            return one.shape(0) == other.shape(2) / detect::ROW_STEP && one.shape(1) == detect::DIRECTIONS_DOWN;
+        };
+        require(turned(down, across) && turned(across, down),
+                "evidence is an array (H/ROW_STEP, DIRECTIONS_DOWN, W) and one (W/ROW_STEP, DIRECTIONS_DOWN, H)");
+        require(down.shape(2) < LONG && across.shape(2) < LONG && down.size() < 500'000'000,
+                "a picture has less than 10^6 columns");
+        require(count >= 0 && rules[5] >= 0.0 && rules[5] < 1e4, "a number of paths and how far apart they are");
         const auto first = points(starts), last = points(ends);
-        const detect::PathRules each{rules[0], rules[1], rules[2], rules[3], rules[4], most};
-        auto found = unlocked([&] { return detect::best_paths(view(evidence_of), first, last, each); });
+        const detect::PathRules each{rules[0], rules[1], rules[2], rules[3], rules[4], rules[5],
+                                     rules[6], rules[7], slack,    rules[8], count};
+        auto found = unlocked([&] { return detect::best_paths(view(down), view(across), first, last, each); });
         nb::list list;
-        for (auto& one : found) list.append(nb::make_tuple(to_numpy(std::move(one.path_px)), one.evidence));
+        for (auto& one : found) list.append(nb::make_tuple(to_numpy(std::move(one.path_px)), one.evidence, one.cost));
         return list;
     };
     room.def("best_paths", paths);

@@ -155,25 +155,18 @@ void weigh(const Sums& sums_of, int at, const Windows& windows, const RibbonMode
 
 }  // namespace
 
-double columns_of(int direction) {
-    return ROW_STEP * std::tan((direction - 0.5 * (DIRECTIONS_DOWN - 1)) * DIRECTION_STEP);
-}
-
-Array<float, 3> ribbon_evidence(View<const float, 3> planes, View<const float, 2> within, const RibbonModel& model) {
+Array<float, 3> ribbon_evidence(View<const float, 3> planes, const RibbonModel& model) {
     const int channels = planes.shape[0], height = planes.shape[1], width = planes.shape[2];
-    const double steepest = std::cos(0.5 * (DIRECTIONS_DOWN - 1) * DIRECTION_STEP);
-    const int margin = static_cast<int>(std::ceil(columns_of(DIRECTIONS_DOWN - 1) +
-                                                  (FLANK + FLANK_HALF) * model.width_px / steepest)) +
-                       3;
+    const double steepest = std::cos(slant_of(DIRECTIONS_DOWN - 1));
+    const int margin = static_cast<int>(std::ceil(ROW_STEP + (FLANK + FLANK_HALF) * model.width_px / steepest)) + 3;
     const int padded = width + 2 * margin;
     // planes, squares of the first, and where they are known
     Array<float, 3> wide(channels + 2, height, padded);
     for (int y = 0; y < height; ++y) {
         for (int x = 0; x < width; ++x) {
-            const float known = within(y, x);
-            for (int c = 0; c < channels; ++c) wide(c, y, x + margin) = planes(c, y, x) * known;
-            wide(channels, y, x + margin) = planes(0, y, x) * planes(0, y, x) * known;
-            wide(channels + 1, y, x + margin) = known;
+            for (int c = 0; c < channels; ++c) wide(c, y, x + margin) = planes(c, y, x);
+            wide(channels, y, x + margin) = planes(0, y, x) * planes(0, y, x);
+            wide(channels + 1, y, x + margin) = 1.0F;
         }
     }
     const int rows = height / ROW_STEP, blocks = (width + BLOCK - 1) / BLOCK * BLOCK;
@@ -182,8 +175,7 @@ Array<float, 3> ribbon_evidence(View<const float, 3> planes, View<const float, 2
     Array<float, 1> odds(blocks);
     for (int j = 0; j < rows; ++j) {
         for (int k = 0; k < DIRECTIONS_DOWN; ++k) {
-            const double shift = columns_of(k) / ROW_STEP,
-                         slant = std::cos((k - 0.5 * (DIRECTIONS_DOWN - 1)) * DIRECTION_STEP);
+            const double shift = std::tan(slant_of(k)), slant = std::cos(slant_of(k));
             const double across = model.width_px / slant;
             Windows windows{static_cast<int>(std::rint(INNER * across)), static_cast<int>(std::rint(FLANK * across)),
                             static_cast<int>(std::rint(FLANK_HALF * across)), 0.0F, 0.0F};
@@ -195,8 +187,8 @@ Array<float, 3> ribbon_evidence(View<const float, 3> planes, View<const float, 2
                 float* __restrict line = &work.line(c, start);
                 std::fill(line, line + span, 0.0F);
                 for (int r = 0; r < ROW_STEP; ++r) {
-                    const int back = static_cast<int>(std::rint(shift * (r + 0.5)));
-                    const float* row = &wide(c, j * ROW_STEP + ROW_STEP - 1 - r, start) - back;
+                    const int on = static_cast<int>(std::rint(shift * (r - 0.5 * (ROW_STEP - 1))));
+                    const float* row = &wide(c, j * ROW_STEP + r, start) + on;
                     for (int i = 0; i < span; ++i) line[i] += row[i];
                 }
                 const float* middle = &work.line(c, margin);

@@ -5,14 +5,14 @@
 
 namespace vbaa::detect {
 
-// Main direction of a search: down the picture, from row to row, `ROW_STEP` apart.
-constexpr int ROW_STEP = 6;
-// Directions, by so many radians apart, the middle one straight down.
-constexpr int DIRECTIONS_DOWN = 25;
+// Rows of a step down the picture; odd, so that it has a middle one.
+constexpr int ROW_STEP = 5;
+// Directions, by so many radians apart, from 45° to one side of straight down to 45° to the other.
+constexpr int DIRECTIONS_DOWN = 17;
 constexpr double DIRECTION_STEP = 0.09817477042468103;  // π/32
 
-// Columns by which a path that ends at a row goes on, from the row before, in one of the directions.
-double columns_of(int direction);
+// By how much a direction is off straight down, in radians.
+constexpr double slant_of(int direction) { return (direction - 0.5 * (DIRECTIONS_DOWN - 1)) * DIRECTION_STEP; }
 
 // What a ribbon and its background are supposed to be like; grey levels.
 struct RibbonModel {
@@ -26,9 +26,9 @@ struct RibbonModel {
     double gap = 0.0;     // least log odds: the ribbon may be hidden
 };
 
-// Log odds (rows, directions, columns) for each width of length that a ribbon in planes (channels, H, W) ends its step
-// at a row and column in a direction. Places that `within` (H, W), 0 to 1, leaves out are no ribbon's; those of which
-// the flanks it leaves out have log odds 0.
-Array<float, 3> ribbon_evidence(View<const float, 3> planes, View<const float, 2> within, const RibbonModel& model);
+// Log odds (steps, directions, columns) for each width of length that a ribbon in planes (channels, H, W) goes in a
+// direction through a column of a step's middle row. Places outside the picture are no ribbon's; those of which a flank
+// is outside have log odds 0 at most.
+Array<float, 3> ribbon_evidence(View<const float, 3> planes, const RibbonModel& model);
 
 }  // namespace vbaa::detect

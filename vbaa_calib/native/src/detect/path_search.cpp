@@ -1,9 +1,11 @@
 #include "detect/path_search.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <cstdint>
-#include <numeric>
+#include <functional>
+#include <queue>
+#include <tuple>
 #include <utility>
 
 #include "detect/evidence.hpp"
@@ -11,171 +13,348 @@
 namespace vbaa::detect {
 namespace {
 
-constexpr float NEVER = -1e6F;
 // Directions may change by so many in a step.
-constexpr int TURN = 3;
-// Ends that are tried, from the best downwards, at most.
-constexpr int TRIED = 4000;
+constexpr int TURN = 5;
+// Places that are reached in one search, at most: 100 MB; and where a path may end anywhere.
+constexpr std::size_t MOST_REACHED = 4'000'000, MOST_ALONE = 80'000;
+constexpr int NOWHERE = -1;
+// Directions on either side of a cut one that are cut with it: no path turns over all of them at once.
+constexpr int CUT = 3;
 
-// Where a path comes from, packed: change of direction, and which of two columns; or nowhere.
-using Step = std::uint8_t;
-constexpr Step NOWHERE = 255;
-constexpr int COLUMN_BIT = 16;
-
-bool near(ConstMatrix places, double x, double y, double tolerance) {
-    for (int i = 0; i < places.shape[0]; ++i)
-        if (std::hypot(places(i, 0) - x, places(i, 1) - y) <= tolerance) return true;
-    return false;
-}
-
-// The middle of a step's last row.
-double row_px(int row) { return row * ROW_STEP + ROW_STEP - 1.0; }
-
-struct Place {
-    int row, direction, column;
+// A place and direction of a path: down or up a picture (way 1 or -1), or of the transposed one (`across`) to the right
+// or left.
+struct State {
+    bool across;
+    int way, row, direction, column;
 };
 
-class Sweep {
+struct Reached {
+    std::size_t state = 0;
+    int before = NOWHERE;
+    float cost = 0.0F;  // what the path lacks of enough evidence, and what its turns cost
+    float sum = 0.0F;   // evidence less turns
+    float peak = 0.0F;  // most of that along the path
+    bool done = false;
+};
+
+class Lattice {
   public:
-    Sweep(View<const float, 3> evidence, ConstMatrix starts, const PathRules& rules)
-        : _value(evidence.shape[0], evidence.shape[1], evidence.shape[2]),
-          _step(evidence.shape[0], evidence.shape[1], evidence.shape[2]) {
-        const int width = evidence.shape[2];
-        Array<float, 1> turned(width), first(width);
-        Array<std::uint8_t, 1> turn(width);
-        for (int row = 0; row < evidence.shape[0]; ++row) {
-            for (int x = 0; x < width; ++x) {
-                const bool may = starts.shape[0] == 0 ||
-                                 near(starts, x, row_px(row) - 0.5 * ROW_STEP, rules.tolerance_px + 0.5 * ROW_STEP);
-                first[x] = may ? 0.0F : NEVER;
+    Lattice(View<const float, 3> down, View<const float, 3> across, const PathRules& rules)
+        : _charts{down, across},
+          _half(static_cast<std::size_t>(down.size())),
+          _all(_half + static_cast<std::size_t>(across.size())),
+          _rules(rules),
+          _slot(2 * _all, NOWHERE),
+          _taken(across.shape[2], down.shape[2]) {
+        for (int k = 0; k < DIRECTIONS_DOWN; ++k) {
+            _length[k] = static_cast<float>(rules.widths_per_px * ROW_STEP / std::cos(slant_of(k)));
+            const double columns = ROW_STEP * std::tan(slant_of(k));
+            _columns[k] = {static_cast<int>(std::floor(columns + 1e-9)), static_cast<int>(std::ceil(columns - 1e-9))};
+        }
+    }
+
+    std::array<double, 2> place(const State& at) const {
+        const double along = at.row * ROW_STEP + 0.5 * (ROW_STEP - 1), other = at.column;
+        return at.across ? std::array{along, other} : std::array{other, along};
+    }
+
+    // The best path from some states to near one of the places, or to where its evidence is largest; NOWHERE if none.
+    int search(const std::vector<State>& starts, ConstMatrix ends) {
+        for (const Reached& each : _reached) _slot[each.state] = NOWHERE;
+        _reached.clear();
+        _queue = {};
+        for (const State& each : starts) _reach(each, NOWHERE, 0.0F, 0.0F);
+        int best = NOWHERE;
+        const std::size_t most = ends.shape[0] > 0 ? MOST_REACHED : MOST_ALONE;
+        while (!_queue.empty() && _reached.size() < most) {
+            const int at = _queue.top().second;
+            _queue.pop();
+            if (_reached[at].done) continue;
+            _reached[at].done = true;
+            const State state = unpack(_reached[at].state);
+            if (ends.shape[0] == 0) {
+                if (best == NOWHERE || _reached[at].sum > _reached[best].sum) best = at;
+                if (_reached[at].sum < _reached[at].peak - _rules.drop) continue;
+            } else if (_near(ends, state)) {
+                _bound = std::min(_bound, _rules.slack[0] * _reached[at].cost + _rules.slack[1]);
+                return at;
             }
-            for (int k = 0; k < DIRECTIONS_DOWN; ++k) {
-                const double slant = std::cos((k - 0.5 * (DIRECTIONS_DOWN - 1)) * DIRECTION_STEP);
-                const auto length = static_cast<float>(rules.widths_per_step / slant);
-                float* __restrict value = &_value(row, k, 0);
-                Step* __restrict step = &_step(row, k, 0);
-                std::copy(first.begin(), first.end(), value);
-                std::fill(step, step + width, NOWHERE);
-                if (row > 0) {
-                    _turn(row - 1, k, static_cast<float>(rules.turn_cost), turned.begin(), turn.begin());
-                    const double back = columns_of(k);
-                    const int low = static_cast<int>(std::floor(back + 1e-9)),
-                              high = static_cast<int>(std::ceil(back - 1e-9));
-                    for (const int shift : {low, high}) {
-                        const int from = std::max(0, shift), to = std::min(width, width + shift);
-                        const int column = shift == low ? 0 : COLUMN_BIT;
-                        for (int x = from; x < to; ++x) {
-                            const float other = turned[x - shift];
-                            if (other > value[x]) {
-                                value[x] = other;
-                                step[x] = static_cast<Step>(turn[x - shift] + column);
-                            }
+            _go_on(state, at);
+        }
+        return best;
+    }
+
+    const Reached& operator[](int at) const { return _reached[at]; }
+
+    // States of a path, from its start.
+    std::vector<State> path(int at) const {
+        std::vector<State> found;
+        for (; at != NOWHERE; at = _reached[at].before) found.push_back(unpack(_reached[at].state));
+        std::reverse(found.begin(), found.end());
+        return found;
+    }
+
+    // All states near places, of which one begins a path.
+    std::vector<State> near(ConstMatrix places) const {
+        std::vector<State> found;
+        for (const bool across : {false, true})
+            for (int row = 0; row < _charts[across].shape[0]; ++row)
+                for (int column = 0; column < _charts[across].shape[2]; ++column) {
+                    if (!_near(places, {across, 1, row, 0, column})) continue;
+                    for (int k = 0; k < DIRECTIONS_DOWN; ++k)
+                        for (const int way : {-1, 1}) found.push_back({across, way, row, k, column});
+                }
+        return found;
+    }
+
+    // States in the midst of straight pieces with much evidence, the best first.
+    std::vector<State> seeds() const {
+        constexpr int steps = 3;  // to either side, over which there has to be evidence
+        std::vector<std::pair<float, State>> found;
+        const int cell = std::max(1, static_cast<int>(_rules.apart_px));
+        for (const bool across : {false, true}) {
+            const View<const float, 3>& chart = _charts[across];
+            Array<float, 2> best(chart.shape[0] / 2 + 1, chart.shape[2] / cell + 1);
+            Array<int, 2> which(best.shape[0], best.shape[1]);
+            for (int row = steps; row < chart.shape[0] - steps; ++row)
+                for (int k = 0; k < DIRECTIONS_DOWN; ++k) {
+                    const double columns = ROW_STEP * std::tan(slant_of(k));
+                    const int reach = static_cast<int>(std::ceil(steps * std::abs(columns)));
+                    for (int x = reach; x < chart.shape[2] - reach; ++x) {
+                        if (chart(row, k, x) <= 0.0F) continue;
+                        float sum = 0.0F;
+                        for (int by = -steps; by <= steps; ++by)
+                            sum += chart(row + by, k, x + static_cast<int>(std::lrint(by * columns)));
+                        if (sum > best(row / 2, x / cell)) {
+                            best(row / 2, x / cell) = sum;
+                            which(row / 2, x / cell) = (row % 2 * DIRECTIONS_DOWN + k) * cell + x % cell;
                         }
                     }
                 }
-                const float* here = &evidence(row, k, 0);
-                for (int x = 0; x < width; ++x) value[x] = std::max(value[x] + length * here[x], NEVER);
-            }
+            for (int j = 0; j < best.shape[0]; ++j)
+                for (int i = 0; i < best.shape[1]; ++i)
+                    if (best(j, i) > 0.6F * static_cast<float>(_rules.enough) * (2 * steps + 1)) {
+                        const int code = which(j, i) / cell;
+                        found.emplace_back(best(j, i), State{across, 1, 2 * j + code / DIRECTIONS_DOWN,
+                                                             code % DIRECTIONS_DOWN, i * cell + which(j, i) % cell});
+                    }
+        }
+        const auto order = [](const auto& each) {
+            const State& at = each.second;
+            return std::tuple(-each.first, at.across, at.row, at.column);
+        };
+        std::sort(found.begin(), found.end(), [&](const auto& a, const auto& b) { return order(a) < order(b); });
+        std::vector<State> states;
+        states.reserve(found.size());
+        for (const auto& each : found) states.push_back(each.second);
+        return states;
+    }
+
+    bool taken(const State& at) const {
+        const auto [x, y] = place(at);
+        return _taken(static_cast<int>(y), static_cast<int>(x)) != 0;
+    }
+
+    // What is near a path, but for what is near the ends that all have, is no other path's.
+    void take(const std::vector<State>& path, ConstMatrix starts, ConstMatrix ends) {
+        const int reach = static_cast<int>(_rules.apart_px);
+        for (const State& each : path) {
+            const auto [x, y] = place(each);
+            const double room = 2.0 * (_rules.tolerance_px + _rules.apart_px);
+            if (_within(starts, x, y, room) || _within(ends, x, y, room)) continue;
+            const int u = static_cast<int>(x), v = static_cast<int>(y);
+            for (int j = std::max(0, v - reach); j <= std::min(_taken.shape[0] - 1, v + reach); ++j)
+                for (int i = std::max(0, u - reach); i <= std::min(_taken.shape[1] - 1, u + reach); ++i)
+                    _taken(j, i) = 1;
         }
     }
 
-    float value(const Place& place) const { return _value(place.row, place.direction, place.column); }
+    State unpack(std::size_t packed) const {
+        State at{false, packed < _all ? 1 : -1, 0, 0, 0};
+        packed %= _all;
+        at.across = packed >= _half;
+        if (at.across) packed -= _half;
+        const auto width = static_cast<std::size_t>(_charts[at.across].shape[2]);
+        at.column = static_cast<int>(packed % width);
+        at.direction = static_cast<int>(packed / width % DIRECTIONS_DOWN);
+        at.row = static_cast<int>(packed / width / DIRECTIONS_DOWN);
+        return at;
+    }
 
-    // The place before one on its path; false at the path's beginning.
-    bool back(Place& place) const {
-        const Step step = _step(place.row, place.direction, place.column);
-        if (step == NOWHERE) return false;
-        const double columns = columns_of(place.direction);
-        const bool high = step >= COLUMN_BIT;
-        place.column -= static_cast<int>(high ? std::ceil(columns - 1e-9) : std::floor(columns + 1e-9));
-        place.direction += static_cast<int>(step % COLUMN_BIT) - TURN;
-        place.row -= 1;
-        return true;
+    // No other path goes by a path's weakest place in its direction there; false if there is none between its ends.
+    bool cut(int at, ConstMatrix starts, ConstMatrix ends) {
+        std::vector<int> path;
+        for (; at != NOWHERE; at = _reached[at].before) path.push_back(at);
+        constexpr int steps = 2;  // to either side
+        float most = 1.0F;        // what they lack at least
+        const State* weakest = nullptr;
+        State found{};
+        for (std::size_t i = steps; i + steps < path.size(); ++i) {
+            const float lacking = _reached[path[i - steps]].cost - _reached[path[i + steps]].cost;
+            const State state = unpack(_reached[path[i]].state);
+            const auto [x, y] = place(state);
+            const double room = _rules.tolerance_px + 2.0 * _rules.apart_px;
+            if (lacking <= most || _within(starts, x, y, room) || _within(ends, x, y, room)) continue;
+            most = lacking;
+            found = state;
+            weakest = &found;
+        }
+        if (weakest != nullptr) _cuts.push_back(found);
+        return weakest != nullptr;
     }
 
   private:
-    // For each column of a row the best value from which a path goes on in a direction, and by which change.
-    void _turn(int row, int direction, float cost, float* __restrict best, std::uint8_t* __restrict change) const {
-        const int width = _value.shape[2];
-        const float* same = &_value(row, direction, 0);
-        for (int x = 0; x < width; ++x) best[x] = same[x];
-        std::fill(change, change + width, static_cast<std::uint8_t>(TURN));
-        for (int by = -TURN; by <= TURN; ++by) {
-            const int other = direction + by;
-            if (by == 0 || other < 0 || other >= DIRECTIONS_DOWN) continue;
-            const float* from = &_value(row, other, 0);
-            const float less = cost * static_cast<float>(by * by);
-            const auto code = static_cast<std::uint8_t>(by + TURN);
-            for (int x = 0; x < width; ++x) {
-                const float each = from[x] - less;
-                change[x] = each > best[x] ? code : change[x];
-                best[x] = std::max(best[x], each);
-            }
-        }
+    // The number of a direction among all, either way.
+    static int _bearing(const State& at) {
+        const int slant = at.direction - (DIRECTIONS_DOWN - 1) / 2;
+        return ((at.across ? slant : 16 - slant) + 64) % 32;
     }
 
-    Array<float, 3> _value;
-    Array<Step, 3> _step;
+    bool _is_cut(const State& at) const {
+        for (const State& each : _cuts) {
+            const int apart = std::abs(_bearing(at) - _bearing(each));
+            if (std::min(apart, 32 - apart) > CUT) continue;
+            const auto [x, y] = place(at);
+            const auto [u, v] = place(each);
+            if (std::hypot(x - u, y - v) <= 2.0 * _rules.apart_px) return true;
+        }
+        return false;
+    }
+
+    std::size_t _pack(const State& at) const {
+        const View<const float, 3>& chart = _charts[at.across];
+        const auto place = (static_cast<std::size_t>(at.row) * DIRECTIONS_DOWN + at.direction) * chart.shape[2];
+        return (at.way > 0 ? 0 : _all) + (at.across ? _half : 0) + place + at.column;
+    }
+
+    static bool _within(ConstMatrix places, double x, double y, double reach) {
+        for (int i = 0; i < places.shape[0]; ++i)
+            if (std::hypot(places(i, 0) - x, places(i, 1) - y) <= reach) return true;
+        return false;
+    }
+
+    bool _near(ConstMatrix places, const State& at) const {
+        const auto [x, y] = place(at);
+        return _within(places, x, y, _rules.tolerance_px + 0.5 * ROW_STEP);
+    }
+
+    // A path comes to a state, after another, by a turn of so much and so much of the evidence there.
+    void _reach(const State& at, int before, float turn, float length) {
+        const View<const float, 3>& chart = _charts[at.across];
+        float evidence = chart(at.row, at.direction, at.column);
+        if (taken(at)) evidence = std::min(evidence, -static_cast<float>(_rules.enough));
+        const float sharp = std::max(0.0F, std::abs(turn) - 1.0F);
+        const float less = static_cast<float>(_rules.turn_cost) * sharp * sharp;
+        const float lacking =
+            static_cast<float>(_rules.length_cost) + std::max(0.0F, static_cast<float>(_rules.enough) - evidence);
+        Reached next{_pack(at), before, less + length * lacking, length * evidence - less, 0.0F, false};
+        if (before != NOWHERE) {
+            next.cost += _reached[before].cost;
+            next.sum += _reached[before].sum;
+            next.peak = std::max(next.sum, _reached[before].peak);
+        }
+        if (next.cost > _bound || _is_cut(at)) return;
+        int& slot = _slot[next.state];
+        if (slot == NOWHERE) {
+            slot = static_cast<int>(_reached.size());
+            _reached.push_back(next);
+        } else if (!_reached[slot].done && next.cost < _reached[slot].cost) {
+            _reached[slot] = next;
+        } else {
+            return;
+        }
+        _queue.emplace(next.cost, slot);
+    }
+
+    void _go_on(const State& from, int at) {
+        const View<const float, 3>& chart = _charts[from.across];
+        const int row = from.row + from.way;
+        if (row >= 0 && row < chart.shape[0])
+            for (int k = std::max(0, from.direction - TURN);
+                 k <= std::min((DIRECTIONS_DOWN - 1), from.direction + TURN); ++k) {
+                const auto [low, high] = _columns[k];
+                for (int shift = low; shift <= high; ++shift) {
+                    const int column = from.column + from.way * shift;
+                    if (column < 0 || column >= chart.shape[2]) continue;
+                    _reach({from.across, from.way, row, k, column}, at, static_cast<float>(k - from.direction),
+                           _length[k]);
+                }
+            }
+        if (from.direction % (DIRECTIONS_DOWN - 1) != 0) return;
+        // at 45° the same direction is one of the transposed picture: a little along it there is a row of that
+        const int sign = from.direction == 0 ? -1 : 1;
+        const View<const float, 3>& other = _charts[!from.across];
+        const int next = from.column / ROW_STEP;
+        const int column = from.row * ROW_STEP + ROW_STEP / 2 + sign * (next * ROW_STEP + ROW_STEP / 2 - from.column);
+        if (next < other.shape[0] && column >= 0 && column < other.shape[2])
+            _reach({!from.across, sign * from.way, next, from.direction, column}, at, 0.0F, 0.0F);
+    }
+
+    using Waiting = std::pair<float, int>;
+
+    std::array<View<const float, 3>, 2> _charts;
+    std::size_t _half, _all;
+    PathRules _rules;
+    double _bound = _rules.bound;
+    std::vector<State> _cuts;
+    std::vector<int> _slot;
+    Array<unsigned char, 2> _taken;
+    std::array<float, DIRECTIONS_DOWN> _length = {};
+    std::array<std::array<int, 2>, DIRECTIONS_DOWN> _columns = {};
+    std::vector<Reached> _reached;
+    std::priority_queue<Waiting, std::vector<Waiting>, std::greater<>> _queue;
 };
 
-// The best direction of each place (row, column) at which a path may end, best places first.
-std::vector<Place> ends_of(const Sweep& sweep, View<const float, 3> evidence, ConstMatrix ends,
-                           const PathRules& rules) {
-    std::vector<std::pair<float, Place>> found;
-    for (int row = 0; row < evidence.shape[0]; ++row) {
-        for (int x = 0; x < evidence.shape[2]; ++x) {
-            if (ends.shape[0] > 0 && !near(ends, x, row_px(row), rules.tolerance_px + 0.5 * ROW_STEP)) continue;
-            Place best{row, 0, x};
-            for (int k = 1; k < DIRECTIONS_DOWN; ++k)
-                if (sweep.value({row, k, x}) > sweep.value(best)) best.direction = k;
-            if (sweep.value(best) > rules.least) found.emplace_back(sweep.value(best), best);
-        }
-    }
-    const auto better = [](const auto& one, const auto& other) { return one.first > other.first; };
-    std::sort(found.begin(), found.end(), better);
-    std::vector<Place> places;
-    places.reserve(found.size());
-    for (const auto& each : found) places.push_back(each.second);
-    return places;
+State turned(State at) {
+    at.way = -at.way;
+    return at;
 }
 
 }  // namespace
 
-std::vector<FoundPath> best_paths(View<const float, 3> evidence, ConstMatrix starts, ConstMatrix ends,
-                                  const PathRules& rules) {
-    const Sweep sweep(evidence, starts, rules);
-    const int rows = evidence.shape[0], width = evidence.shape[2];
-    Array<unsigned char, 2> taken(rows, width);
-    const auto claim = [&](const Place& place) {
-        const int reach = static_cast<int>(rules.apart_px), down = std::max(1, reach / ROW_STEP);
-        for (int row = std::max(0, place.row - down); row <= std::min(rows - 1, place.row + down); ++row)
-            for (int x = std::max(0, place.column - reach); x <= std::min(width - 1, place.column + reach); ++x)
-                taken(row, x) = 1;
-    };
+std::vector<FoundPath> best_paths(View<const float, 3> down, View<const float, 3> across, ConstMatrix starts,
+                                  ConstMatrix ends, const PathRules& rules) {
+    Lattice lattice(down, across, rules);
     std::vector<FoundPath> found;
-    int tried = 0;
-    for (const Place& end : ends_of(sweep, evidence, ends, rules)) {
-        if (static_cast<int>(found.size()) == rules.most || tried == TRIED) break;
-        if (taken(end.row, end.column) != 0) continue;
-        ++tried;
-        std::vector<Place> path{end};
-        for (Place place = end; sweep.back(place);) path.push_back(place);
-        const auto used = std::count_if(path.begin(), path.end(),
-                                        [&](const Place& each) { return taken(each.row, each.column) != 0; });
-        claim(end);
-        if (2 * used > static_cast<int>(path.size()) || path.size() < 2) continue;
-        FoundPath next{Array<double, 2>(static_cast<int>(path.size()) + 1, 2), sweep.value(end)};
-        for (std::size_t i = 0; i < path.size(); ++i) {
-            const int at = static_cast<int>(path.size() - i);
-            next.path_px(at, 0) = path[i].column;
-            next.path_px(at, 1) = row_px(path[i].row);
-        }
-        // the first step begins a row before its end
-        next.path_px(0, 0) = path.back().column - columns_of(path.back().direction);
-        next.path_px(0, 1) = row_px(path.back().row) - ROW_STEP;
-        for (const Place& each : path) claim(each);
+    const auto keep = [&](const std::vector<State>& path, double sum, double cost) {
+        if (ends.shape[0] == 0) lattice.take(path, starts, ends);
+        if (path.size() < 2 || sum < rules.least) return;
+        FoundPath next{Array<double, 2>(static_cast<int>(path.size()), 2), sum, cost};
+        for (std::size_t i = 0; i < path.size(); ++i)
+            for (int axis = 0; axis < 2; ++axis) next.path_px(static_cast<int>(i), axis) = lattice.place(path[i])[axis];
         found.push_back(std::move(next));
+    };
+    if (starts.shape[0] > 0) {
+        const std::vector<State> first = lattice.near(starts);
+        while (static_cast<int>(found.size()) < rules.count) {
+            const int at = lattice.search(first, ends);
+            const std::size_t before = found.size();
+            if (at != NOWHERE) keep(lattice.path(at), lattice[at].sum, lattice[at].cost);
+            if (found.size() == before || (ends.shape[0] > 0 && !lattice.cut(at, starts, ends))) break;
+        }
+        return found;
     }
+    constexpr int most_seeds = 16;
+    int tried = 0;
+    for (const State& seed : lattice.seeds()) {
+        if (static_cast<int>(found.size()) == rules.count || tried == most_seeds) break;
+        if (lattice.taken(seed)) continue;
+        ++tried;
+        int at = lattice.search({turned(seed)}, ends);
+        std::vector<State> path = lattice.path(at);
+        double sum = lattice[at].sum, cost = lattice[at].cost;
+        const std::array<double, 2> middle = lattice.place(seed);
+        lattice.take(path, ConstMatrix(middle.data(), {1, 2}), ends);  // a ring is not twice a rod
+        path.erase(path.begin());
+        std::reverse(path.begin(), path.end());
+        at = lattice.search({seed}, ends);
+        const std::vector<State> rest = lattice.path(at);
+        path.insert(path.end(), rest.begin(), rest.end());
+        sum += lattice[at].sum;
+        cost += lattice[at].cost;
+        keep(path, sum, cost);
+    }
+    std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.evidence > b.evidence; });
     return found;
 }
 
