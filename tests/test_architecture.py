@@ -31,11 +31,11 @@ NATIVE = [path for kind in ("cpp", "hpp") for path in sorted((ROOT / "vbaa_calib
 CXX_CONSTANTS = re.compile(r"^(?:inline )?(?:constexpr|const) .*", re.MULTILINE)
 CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
-    "module constants": 2187,
+    "module constants": 2242,
     "class names used twice": 40,
-    "classes": 496,
+    "classes": 497,
     "public names": 1359,
-    "private words": 691,
+    "private words": 707,
     "type: ignore": 4,
     "words on pages": 62238,
 }

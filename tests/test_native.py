@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from estimator.solver.numbers import FitNumbers
-from vbaa_calib.detect.whisker.settings import SearchSettings
+from vbaa_calib.detect.whisker.settings import RibbonSettings, SearchSettings
 from vbaa_calib.native import core, levels
 
 ROOT = Path(__file__).parents[1]
@@ -215,13 +215,14 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "search.nearest_shape": (free, _a(7, 2), _a(7), (0.1, 0.1, 0.5), 0.0, _a(2, 5)),
         "search.means_of_runs": (_a(9, 2), _a(9), 4),
         "search.colours_at": (colour, 255.0, path),
-        "search.weigh_channels": (colour, path, _a(9, 3), 4, np.zeros((60, 80), np.float32)),
         "search.foreign": (colour, 255.0, path, np.linspace(0.0, 1.0, 9), looks),
         "profile.expected": (4.0, 0.8, 11),
         "profile.shapes": (4.0, 0.8, 11),
         "profile.fit": (core.profile.expected(4.0, 0.8, 11), found, np.zeros(len(found.along))),
         "profile.stiffened": (path,),
         "profile.measured": (image, path, 4.0, 9, 1, 0.6, core.profile.shapes(4.0, 0.8, 11), True),
+        "profile.measured_ribbon": (colour, path, 4.0, 0.8, 9, RibbonSettings()),
+        "profile.shades": (4.0, 0.8, 11),
         "profile.normal_equations": (found, np.zeros(len(found.along)), 4.0, 0.8, _a(len(found.along), 4), 11),
         "profile.blurred_polynomials": (4.0, 0.8, 11),
     }

@@ -11,7 +11,6 @@ import pytest
 from vbaa_calib.calibrate.antenna.learnt_paint import learn
 from vbaa_calib.detect.whisker.antenna import find
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
-from vbaa_calib.detect.whisker.contrast import contrast_plane
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks, without_other_things
@@ -224,29 +223,3 @@ def test_a_line_is_followed_into_a_shadow_that_does_not_end_by_its_hue(
     grey = [cv2.cvtColor(one, cv2.COLOR_BGR2GRAY) for one in (*calibrated, image)]
     line = own(finder, paint, grey[-1], grey[:-1])
     assert line.points_px[-1, 0] < begin + 15.0
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_the_plane_of_contrast_tells_the_antenna_from_either_side_as_well_as_any(seed: int) -> None:
-    rng, (height, width) = np.random.default_rng(seed), SIZE
-    own, above, below = np.rint(rng.uniform(30.0, 220.0, (3, 3)))
-    picture = np.where(np.arange(height)[:, None, None] < 100, above, below) * np.ones((height, width, 1))
-    picture[98:103] = own
-    path = np.column_stack([np.linspace(20.0, width + 30.0, 50), np.full(50, 100.0)])  # out of the picture
-    plane, deep = (contrast_plane((unit * picture).astype(kind), path, 5.0) / unit for unit, kind in DEPTHS)
-    np.testing.assert_allclose(deep[95:106, 30:], plane[95:106, 30:], atol=1e-3)
-    told = plane[100] - np.maximum(plane[95], plane[105])
-    others = rng.standard_normal((5000, 3))
-    others /= np.linalg.norm(others, axis=1)[:, None] * np.sqrt(3.0)  # of as much noise as the mean of the channels
-    best = np.minimum(others @ (own - above), others @ (own - below)).max()
-    assert told[30:].min() > 0.95 * best - 3.0
-    assert told[30:].max() < best + 1.0
-    grey = Paint(None).plane(picture.astype(np.float32))
-    np.testing.assert_allclose(plane[:80], grey[:80], atol=1.0)
-
-
-def test_along_an_edge_that_has_no_colour_of_its_own_the_plane_of_contrast_is_grey() -> None:
-    picture = np.zeros((*SIZE, 3), np.uint8)
-    picture[:100], picture[98:103], picture[103:] = (40, 160, 90), (80, 120, 100), (120, 80, 110)
-    plane = contrast_plane(picture, np.array([[20.0, 100.0], [300.0, 100.0]]), 5.0)
-    assert abs(plane[100, 150] - picture[100, 150].mean()) < 1.0

@@ -213,11 +213,6 @@ def test_colours(depth: type) -> None:
     colours = core.search.colours_at(taken, level, path)
     column, row = np.rint(path.T).astype(int)
     np.testing.assert_allclose(colours, taken[row, column] / level)
-    plane, weights = np.full((80, 100), 7.0, np.float32), RNG.normal(size=(len(path), 3))
-    core.search.weigh_channels(taken, path, weights, 6, plane)
-    near = apart < 5.5
-    np.testing.assert_allclose(plane[near], (taken * weights[nearest]).sum(axis=-1)[near], rtol=1e-4, atol=0.01 * level)
-    assert (plane[apart > 9.0] == 7.0).all()
     other, off, hue, tinted = core.search.foreign(taken, level, path, share, LOOKS)
     root = share < 0.4
     lit = np.median((colours.T * usual[:3]).sum(axis=0)[root] / (usual[:3] ** 2).sum(axis=0)[root])
@@ -246,6 +241,4 @@ def test_wrong_arrays_are_refused() -> None:
         core.search.crossings(picture, line, 0, 1.0)
     with pytest.raises(ValueError, match="numbers"):
         refine_path(picture, line, 2.0, 5.0, True)
-    with pytest.raises(TypeError):
-        core.search.weigh_channels(np.zeros((9, 9, 3), np.uint8), line, np.zeros((3, 3)), 3, np.zeros((9, 9)))
     assert core.search.scores(np.zeros(3, np.uint8), np.array([[-5, 99]], np.int32), np.ones(1)) == [0.0]

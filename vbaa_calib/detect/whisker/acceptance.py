@@ -76,7 +76,7 @@ def best_of(lines: Sequence[Centreline], width_px: float, alike: float = OTHER_L
 
     It is ambiguous where of another so much is seen, over what is seen of the first.
     """
-    ranked = sorted(lines, key=lambda line: -line.likely)
+    ranked = sorted(lines, key=lambda line: (not line.found, -line.likely))
     best = ranked[0]
     for other in ranked[1:]:
         if best.found and other.found and other.likely > alike * best.likely and _differ(best, other, width_px):

@@ -13,11 +13,11 @@ from vbaa_calib.native import core
 
 from .acceptance import OTHER_LINE_SEEN, best_of, reject_faint
 from .centreline import Centreline
-from .contrast import coloured, contrast_plane
-from .corridor import Corridor, better_shaped, less_sure, of_antennas_shape
+from .contrast import coloured
+from .corridor import USUAL_MISFIT, Corridor, better_shaped, less_sure, of_antennas_shape
 from .crossings import too_short
 from .path_refinement import refine_path
-from .profile import measure, measure_on
+from .profile import measure, measure_in_colour, measure_on
 from .settings import SearchSettings
 
 _OTHER_PATH_SHARE = 0.75
@@ -178,19 +178,21 @@ class AntennaFinder:
         """The line measured along a shape (K, 2), K ≥ 2, of such log odds, in the picture's colours where it has some,
         and judged by the shape that it has.
 
-        On a rig that is calibrated once more along the shape that is nearest to what was measured: the better shaped.
+        On a rig that is calibrated one that has not quite the antenna's shape is measured once more along the nearest
+        shape that it can have: the better shaped is taken.
         """
         where, width = self.corridor, self.corridor.width_px
         told = coloured(picture)
 
         def judged(path: np.ndarray) -> Centreline:
             path, _ = resample(path, 1.0)
-            plane = contrast_plane(picture, path, width) if told else image
-            line = measure_on(plane, path, width, None, stands_out=told)
+            line = measure_in_colour(picture, path, width) if told else measure_on(image, path, width, None)
             return of_antennas_shape(replace(line, odds=odds), where, True)
 
         line = judged(path_px)
         if where.shape_px is None or too_short(line.points_px):
+            return line
+        if told and line.found and where.misfit(line.points_px, line.sigma_px, USUAL_MISFIT) <= USUAL_MISFIT:
             return line
         nearest = where.nearest(line.points_px, line.sigma_px)
         return line if too_short(nearest) else better_shaped(line, judged(nearest), where)

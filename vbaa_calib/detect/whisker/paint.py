@@ -118,7 +118,7 @@ def without_other_things(
     hued = (paint.both_edges or changing) and coloured(image)
     shaded, away = other & sure & ~tinted & hued, len(other)
     for start, stop in np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2):
-        if changing and shares[stop - 1] - shares[start] > AWAY and shaded[start:stop].mean() < 0.5:
+        if changing and shares[stop - 1] - shares[start] > AWAY and shaded[start:stop].mean() < 0.4:
             away = start
             break
     if not other[:away].all():

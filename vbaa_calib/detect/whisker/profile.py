@@ -16,6 +16,7 @@ from .acceptance import Evidence, accepted
 from .centreline import NOTHING, Centreline
 from .crossings import too_short
 from .path_refinement import refine_path
+from .settings import RibbonSettings
 
 _QUIET = 0.4
 """Quantile of the profiles' residuals that the core takes for the picture's noise."""
@@ -52,28 +53,21 @@ def measure_on(
     width_px: float,
     bright: bool | None,
     blurred_px: float = 0.0,
-    stands_out: bool = False,
 ) -> Centreline:
-    """As `measure`, along a path (K, 2) on the antenna.
-
-    blurred_px : by how much broader the line may be. stands_out : the plane was made so that the antenna is bright on
-    it: that it is as bright as what lies behind it says nothing there.
-    """
+    """As `measure`, along a path (K, 2) on the antenna; blurred_px : by how much broader the line may be."""
     half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
     path_px = np.ascontiguousarray(path_px, np.float64)
     if bright is None:
         path_px, half = core.profile.stiffened(path_px), int(np.ceil(0.5 * width_px + _MARGIN_PX))
-    line = _measured(image, path_px, width_px, half, bright, stands_out)
+    line = _measured(image, path_px, width_px, half, bright)
     if line.breadth > _BROADER:
         half = int(np.ceil(half + 0.7 * line.breadth * width_px + 2.0))
-        wider = _measured(image, path_px, width_px, half, bright, stands_out)
+        wider = _measured(image, path_px, width_px, half, bright)
         return wider if len(wider.points_px) >= len(line.points_px) else line
     return line
 
 
-def _measured(
-    image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool | None, stands_out: bool
-) -> Centreline:
+def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool | None) -> Centreline:
     width_px = round(float(width_px), 2)
     found = core.profile.measured(
         np.ascontiguousarray(image),
@@ -83,8 +77,21 @@ def _measured(
         _POLARITY[bright],
         _quiet_part(2 * half - 3),
         _shapes(width_px, _ORDINARY_BLUR_PX, half + 2),
-        stands_out,
+        False,
     )
+    return NOTHING if found is None else accepted(Centreline(**found[0]), Evidence(**found[1]))
+
+
+def measure_in_colour(
+    picture: np.ndarray, path_px: np.ndarray, width_px: float, settings: RibbonSettings | None = None
+) -> Centreline:
+    """The centreline along a path (K, 2) on the antenna in a picture with colours (H, W, 3): a ribbon between two
+    backgrounds, brighter or darker than these, whose light changes smoothly along it."""
+    how = settings or RibbonSettings()
+    half = int(np.ceil(how.flank_widths * width_px + how.flank_px))
+    path_px = np.ascontiguousarray(path_px, np.float64)
+    picture = np.ascontiguousarray(picture[..., :3])
+    found = core.profile.measured_ribbon(picture, path_px, float(width_px), how.blur_px, half, how)
     return NOTHING if found is None else accepted(Centreline(**found[0]), Evidence(**found[1]))
 
 

@@ -1,4 +1,4 @@
-"""Tunable numbers of the search for shapes along which a picture shows two edges, and of colours along them."""
+"""Tunable numbers of the search for shapes along which a picture shows two edges, and of what is measured there."""
 
 from __future__ import annotations
 
@@ -31,10 +31,30 @@ class SearchSettings:
     contacts: tuple[float, ...] = (0.08, 0.12, 0.18, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95, 1.1, 1.8)
     # parts of the length at which a force may act; beyond one the bend is nearly an arc
     few_contacts: tuple[float, ...] = (0.15, 0.3, 0.5, 0.7, 0.85, 1.1, 1.8)  # the same, on a rig that is not calibrated
-    own_share: float = 0.2  # of its width, to either side of its middle: where an antenna's own colour is sampled
-    flanks_px: tuple[float, float] = (1.5, 2.5)  # beyond its edges: where that next to it is
-    alike_places: int = 15  # so many of these along it, twice, are averaged
-    faint_contrast: float = 2.5  # grey levels in each channel: with less the plane of contrast is nearly grey
-    contrast_reach_px: float = 10.0  # beyond the width: how far from the antenna that plane is weighted
     less_seen: float = 0.05  # part of a line less that may be seen of it where it is measured by both of its edges
     shaded_unsure: float = 0.3  # widths to which a line in a shadow must be known: or it may be the edge of that
+
+
+@dataclass(frozen=True)
+class RibbonSettings:
+    """What is supposed of an antenna in a picture with colours, near it, and how it is solved for.
+
+    Chosen on six path-traced sessions (steel, nylon and nitinol on a plain bench, paint and steel on a patchwork, thick
+    paint on wood) unless a line says otherwise.
+    """
+
+    flank_widths: float = 0.5  # profiles reach so many widths
+    flank_px: float = 3.5  # and so many pixels to either side
+    blur_px: float = 0.8  # standard deviation of a lens in focus
+    width_std: float = 0.015  # prior deviation of the width, as a part of it
+    blur_std: float = 0.1  # the same of the blur
+    taper_std: float = 0.05  # part of its width by which it may be broader at one end
+    sides: float = 0.8  # deviation of light from one side, over the antenna's contrast
+    middles: float = 0.8  # the same of what is brighter or darker in the middle
+    bend_px: float = 0.04  # deviation of the second difference over 20 px of how far the path is off
+    knot_px: float = 30.0  # between which its look changes linearly
+    alike: float = 0.4  # share of a profile's log odds that its neighbours do not have, too
+    hidden: float = -1.5  # log odds of being seen before a profile is looked at
+    change_px: float = 80.0  # length after which it is hidden, or seen again
+    cut: float = 1.2  # deviations at which a pixel counts half
+    passes: int = 8  # Gauss–Newton steps

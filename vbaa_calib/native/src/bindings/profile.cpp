@@ -2,6 +2,7 @@
 
 #include "bindings/picture.hpp"
 #include "detect/reflectance.hpp"
+#include "detect/ribbon_line.hpp"
 
 namespace vbaa {
 namespace {
@@ -49,6 +50,29 @@ nb::object measured(const InPicture& image, const InMatrix& path_px, double widt
     return found ? answer(std::move(*found)) : nb::none();
 }
 
+nb::object measured_ribbon(const InPicture& image, const InMatrix& path_px, double width_px, double blur_px, int half,
+                           nb::handle settings) {
+    require_pixels(width_px, blur_px, half);
+    require(path_px.shape(1) == 2 && path_px.shape(0) > 1 && half > 2, "a path is (K, 2), profiles have seven pixels");
+    const auto taken = picture(image);
+    detect::RibbonMeasuring how = {width_px, blur_px, half, image.ndim() == 3 && image.shape(2) >= 3 ? 3 : 1, {}};
+    for (auto [name, to] : {std::pair{"width_std", &how.priors.width_std},
+                            {"blur_std", &how.priors.blur_std},
+                            {"taper_std", &how.priors.taper_std},
+                            {"sides", &how.priors.sides},
+                            {"middles", &how.priors.middles},
+                            {"bend_px", &how.priors.bend_px},
+                            {"knot_px", &how.priors.knot_px},
+                            {"alike", &how.priors.alike},
+                            {"hidden", &how.priors.hidden},
+                            {"change_px", &how.priors.change_px},
+                            {"cut", &how.priors.cut}})
+        *to = number<double>(settings, name);
+    how.priors.passes = number<int>(settings, "passes");
+    auto found = unlocked([&] { return detect::measured_ribbon(taken, view(path_px), how); });
+    return found ? answer(std::move(*found)) : nb::none();
+}
+
 }  // namespace
 
 void bind_profile(nb::module_& module) {
@@ -75,6 +99,12 @@ void bind_profile(nb::module_& module) {
         return to_numpy(unlocked([&] { return detect::stiffened(view(path_px)); }));
     });
     room.def("measured", measured);
+    room.def("measured_ribbon", measured_ribbon);
+    room.def("shades", [](double width_px, double blur_px, int reach_px) {
+        require_pixels(width_px, blur_px, reach_px);
+        require(blur_px > 0.0, "blur is above 0 px");
+        return to_numpy(detect::shade_table(width_px, blur_px, reach_px));
+    });
     room.def("normal_equations", [](const detect::Crossings& found, InVector base, double width_px, double blur_px,
                                     InMatrix coefficients, int reach_px) {
         const std::size_t count = found.along.size();

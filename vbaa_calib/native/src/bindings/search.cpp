@@ -217,15 +217,6 @@ void bind_colours(nb::module_& room) {
     room.def("colours_at", [](InPicture image, double level, InMatrix at) {
         return to_numpy(detect::colours_at(picture(image), level, points(at)));
     });
-    const auto weigh = [](InPicture image, InMatrix at, InMatrix weights, int reach, Numpy<float, 2> plane) {
-        require_pixels(reach);
-        require(image.ndim() == 3 && image.shape(2) >= 3 && image.shape(0) == plane.shape(0) &&
-                    image.shape(1) == plane.shape(1) && weights.shape(0) == at.shape(0),
-                "a plane (H, W) is of a colour picture (H, W, 3), with weights (K, 3) of points (K, 2)");
-        const auto near = points(at), of_channels = rows_of(weights, 3, 0, "weights are an array (K, 3)");
-        unlocked([&, taken = picture(image)] { detect::weigh_channels(taken, near, of_channels, reach, view(plane)); });
-    };
-    room.def("weigh_channels", weigh);
     room.def("foreign", [](InPicture image, double level, InMatrix at, InVector shares, InMatrix looks) {
         const auto each = of_size(shares, at.shape(0));
         detect::Foreign found = detect::foreign(picture(image), level, points(at), each, looks_of(looks));

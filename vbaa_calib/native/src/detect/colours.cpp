@@ -74,30 +74,6 @@ Array<double, 2> colours_at(const Picture& picture, double level, ConstMatrix po
     return found;
 }
 
-void weigh_channels(const Picture& picture, ConstMatrix points, ConstMatrix weights, int reach, View<float, 2> plane) {
-    const int height = plane.shape[0], width = plane.shape[1];
-    Array<float, 2> nearest(height, width);
-    fill(nearest.view(), static_cast<float>(square(reach + 1.0)));
-    std::visit(
-        [&](auto levels) {
-            for (int k = 0; k < points.shape[0]; ++k) {
-                // a point far outside the picture reaches no pixel
-                const int column = static_cast<int>(std::rint(std::min(std::max(-1e6, points(k, 0)), 1e6)));
-                const int row = static_cast<int>(std::rint(std::min(std::max(-1e6, points(k, 1)), 1e6)));
-                for (int v = std::max(row - reach, 0); v < std::min(row + reach + 1, height); ++v)
-                    for (int u = std::max(column - reach, 0); u < std::min(column + reach + 1, width); ++u) {
-                        const double apart = square(u - points(k, 0)) + square(v - points(k, 1));
-                        if (!(apart < nearest(v, u))) continue;
-                        nearest(v, u) = static_cast<float>(apart);
-                        plane(v, u) = 0.0f;
-                        for (int c = 0; c < 3; ++c)
-                            plane(v, u) = static_cast<float>(plane(v, u) + weights(k, c) * levels(v, u, c));
-                    }
-            }
-        },
-        picture);
-}
-
 Foreign foreign(const Picture& picture, double level, ConstMatrix points, ConstVector shares, ConstMatrix looks) {
     const int count = points.shape[0];
     const Array<double, 2> colours = colours_at(picture, level, points), usual = usual_looks(looks, shares);

@@ -14,9 +14,6 @@ constexpr double FOREIGN = 4.0, MOSTLY_FOREIGN = 2.5;
 // picture's; grey is three times one.
 Array<double, 2> colours_at(const Picture& picture, double level, ConstMatrix points);
 
-// Into a plane (H, W), near points (K, 2): the picture's channels by the weights (K, 3) of the nearest point.
-void weigh_channels(const Picture& picture, ConstMatrix points, ConstMatrix weights, int reach, View<float, 2> plane);
-
 // Where points have not the antenna's looks.
 struct Foreign {
     Array<unsigned char, 1> other;   // (N,) whether they have not

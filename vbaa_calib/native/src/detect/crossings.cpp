@@ -57,7 +57,7 @@ double crossed_line(double one, double other) {
 
 // Fills in the profiles, from each one's first pixel (N, 2), u and v, that lie in the picture.
 template <class T>
-void read(Levels<T> picture, Pixels first, double sign, Crossings& found) {
+void read(Levels<T> picture, int channel, Pixels first, double sign, Crossings& found) {
     const int height = picture.shape[0], width = picture.shape[1], last = found.profiles.shape[1] - 1;
     const Matrix profiles = writable(found.profiles);
     for (int n = 0; n < first.shape[0]; ++n) {
@@ -65,7 +65,7 @@ void read(Levels<T> picture, Pixels first, double sign, Crossings& found) {
         found.inside[n] = u >= 0 && v >= 0 && u + last * right < width && v + last * down < height;
         if (!found.inside[n]) continue;
         for (int t = 0; t <= last; ++t)
-            profiles(n, t) = sign * static_cast<double>(picture(v + t * down, u + t * right, 0));
+            profiles(n, t) = sign * static_cast<double>(picture(v + t * down, u + t * right, channel));
     }
 }
 
@@ -87,7 +87,7 @@ Array<T, N> every_row(View<const T, N> values, int step) {
 
 }  // namespace
 
-Crossings crossings(const Picture& picture, ConstMatrix path_px, int half, double sign) {
+Crossings crossings(const Picture& picture, ConstMatrix path_px, int half, double sign, int channel) {
     const auto [path, along] = resample(path_px, SPACING_PX);
     const Array<double, 2> normal = normals(path);
     const Array<double, 1> bend = running_mean(turning(normal), BOW_RUN, Beyond::end_value);
@@ -119,7 +119,7 @@ Crossings crossings(const Picture& picture, ConstMatrix path_px, int half, doubl
         first(n, axis) = pixel(middle) - half;
         ++n;
     }
-    std::visit([&](auto levels) { read(levels, first.view(), sign, found); }, picture);
+    std::visit([&](auto levels) { read(levels, channel, first.view(), sign, found); }, picture);
     return found;
 }
 

@@ -24,8 +24,8 @@ struct Crossings {
     std::shared_ptr<const std::array<Array<double, 2>, 2>> kept;  // what `across` and `profiles` show
 };
 
-// Profiles of 2·half + 1 pixels of a grey picture across a path (K, 2), times `sign` (−1 for a dark line).
-Crossings crossings(const Picture& picture, ConstMatrix path_px, int half, double sign);
+// Profiles of 2·half + 1 pixels of a picture's channel across a path (K, 2), times `sign` (−1 for a dark line).
+Crossings crossings(const Picture& picture, ConstMatrix path_px, int half, double sign, int channel = 0);
 
 // Every so many of the crossings.
 Crossings every(const Crossings& found, int step);

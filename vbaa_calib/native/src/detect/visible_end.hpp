@@ -24,6 +24,7 @@ struct Look {
     CrossSection section;
     int half;
     double noise, sign;
+    int channel = 0;  // of the picture
 };
 
 // The end of a line (K, 2) in a picture, from the clamp to where a whole antenna ends, bridged where it is hidden;

@@ -1,0 +1,157 @@
+// Centreline of the antenna from its ribbon: what is kept, and standard deviations.
+#include "detect/ribbon_line.hpp"
+
+#include "smooth.hpp"
+
+namespace vbaa::detect {
+
+namespace {
+
+constexpr int LEAST_PROFILES = 8;   // for there to be a line
+constexpr double SEEN = 0.5;        // least probability
+constexpr double DISTURBED = 25.0;  // a profile with residuals so many times the noise shows something else
+constexpr int MARGIN_PX = 1;        // dropped on either side of a gap: they show part of what hides the antenna
+constexpr double STRAY = 5.0, STRAY_PX = 0.12;  // deviations, and px, off the smooth course: another thing's point
+// Part of the width by which the line may be pulled in any case; deviations of a profile by which what is left alike
+// all along the line may pull it, were its variance the noise's.
+constexpr double PULLED = 0.0002, LEFT = 2.5, MOST_LEFT = 0.08;
+// Light, width and blur are never quite as the model has them. How far that moves the whole line shows in what
+// neighbours share of their scatter about it: so many deviations, where that power is more than that of noise alone.
+constexpr double MISFIT = 6.0, NOISE_ALONE = 0.6, LEAST_MISFIT = 0.25;
+constexpr int SHARED_RUN = 100;   // so many neighbours share that
+constexpr int NEAR_POINTS = 41;   // neighbours whose scatter is compared with their deviations
+constexpr int CURVE_PIECES = 12;  // of the curve that points scatter about: it must not follow what neighbours share
+constexpr int RUN = 16;           // neighbours whose mean shows what they share
+constexpr double LIKELY_POINTS = 20.0, LIKELY_RUNS = 4.0;  // that scatter as predicted are added to those that are seen
+constexpr int END_PROFILES = 40;  // before the visible end, that show what the antenna looks like there
+
+// What in a ribbon's profiles is kept of a line.
+Flags kept_of(const Crossings& found, const Ribbon& ribbon) {
+    const double half = 0.5 * (found.profiles.shape[1] - 1);
+    return each(found.inside.size(), [&](int n) {
+        return found.inside[n] && ribbon.seen[n] > SEEN && ribbon.rms[n] < DISTURBED &&
+               std::abs(ribbon.centre[n]) < half - 2.0;
+    });
+}
+
+// By which factor what neighbours share makes means of runs scatter more than those of independent points: normalised
+// offsets (M,).
+double shared_factor(const Numbers& normalised) {
+    const int all = normalised.size();
+    Numbers sums(all + 1);
+    for (int k = 0; k < all; ++k) sums[k + 1] = sums[k] + normalised[k];
+    double power = LIKELY_RUNS, informed = LIKELY_RUNS;
+    for (int k = 0; k + 3 * RUN < all + 1; ++k) {
+        // second differences, which a curve that is too stiff or too supple changes little
+        const double bend = (sums[k + 3 * RUN] - 3.0 * sums[k + 2 * RUN] + 3.0 * sums[k + RUN] - sums[k]) / RUN;
+        power += bend * bend / 6.0;
+        informed += 1.0 / RUN;
+    }
+    return power / informed;
+}
+
+// The smooth curve through the kept points, along the profiles, px: the path may be off by what the ribbon's own course
+// is too stiff for.
+Numbers smooth_course(const Crossings& found, const Ribbon& ribbon, const Flags& kept) {
+    const int all = kept.size();
+    const double spread = std::max(median(selected(ribbon.sigma_px, kept)), 0.02);
+    const Numbers across = each(all, [&](int n) { return ribbon.centre[n] * found.side[n] / found.stretch[n]; });
+    const Numbers weights =
+        each(all, [&](int n) { return kept[n] ? 1.0 / square(std::max(ribbon.sigma_px[n], 0.02)) : 0.0; });
+    Numbers curve = fit_smooth(shares(found), across, weights, {6.0 * spread, 6.0 * spread}, CURVE_PIECES, 1e-6).values;
+    for (int n = 0; n < all; ++n) curve[n] *= found.side[n] * found.stretch[n];
+    return curve;
+}
+
+// Sets the line's deviations to how the kept points scatter about the smooth course. A profile's pixels do not show by
+// how much noise that the camera has filtered, or a model that is not quite right, moves the line; its neighbours do.
+// What neighbours share shows in means of runs.
+void calibrate(const Crossings& found, const Ribbon& ribbon, double width_px, FittedLine& line) {
+    const std::vector<int> kept = places(line.kept);
+    const int count_kept = static_cast<int>(kept.size());
+    Numbers off = each(count_kept, [&](int k) {
+        const int n = kept[k];
+        return (line.centre[n] - line.course[n]) / (found.stretch[n] * std::max(ribbon.sigma_px[n], 1e-9));
+    });
+    double power = LIKELY_POINTS;
+    for (double each : off) power += square(each);
+    const double overall = power / (LIKELY_POINTS + count_kept);
+    const Numbers excess = each(count_kept, [&](int k) { return square(off[k]) - overall; });
+    const Numbers near = running_mean(excess, NEAR_POINTS, Beyond::end_value);
+    line.sigma_px = ribbon.sigma_px;
+    for (int k = 0; k < count_kept; ++k) {
+        const double scale = std::sqrt(0.5 * (overall + std::max(overall + near[k], 0.0)));
+        line.sigma_px[kept[k]] *= scale;
+        off[k] /= scale;
+    }
+    const double factor = shared_factor(off);
+    // what the curve follows of the points' errors
+    const double free = (CURVE_PIECES + 2.0) * std::max(factor, 1.0);
+    const double freed = std::sqrt(count_kept / std::max(count_kept - free, 0.5 * count_kept));
+    for (double& each : line.sigma_px) each *= freed;
+    const double misfit = MISFIT * std::sqrt(std::max(overall * factor - NOISE_ALONE, 0.0));
+    const Numbers shared = each(line.kept.size(), [&](int n) {
+        const double left =
+            LEFT * std::sqrt(found.profiles.shape[1] * std::min(ribbon.pattern, MOST_LEFT)) * ribbon.sigma_px[n];
+        return std::hypot(std::hypot(std::max(misfit, LEAST_MISFIT) * ribbon.shared_px[n], left), PULLED * width_px);
+    });
+    line.effective_px = each(line.kept.size(), [&](int n) {
+        return std::sqrt(square(line.sigma_px[n]) * std::max(factor, 1.0) + SHARED_RUN * square(shared[n]));
+    });
+    for (int n = 0; n < line.kept.size(); ++n) line.sigma_px[n] = std::hypot(line.sigma_px[n], shared[n]);
+}
+
+// What the antenna looks like near its visible end, in the strongest channel, over its height there.
+CrossSection end_section(const Ribbon& ribbon, const Flags& kept, int reach_px) {
+    std::vector<int> last = places(kept);
+    if (last.size() > END_PROFILES) last.erase(last.begin(), last.end() - END_PROFILES);
+    std::array<double, SHADES> mean = {};
+    for (int n : last)
+        for (int k = 0; k < SHADES; ++k) mean[k] += ribbon.shades(n, k) / static_cast<double>(last.size());
+    double height = 1e-12;
+    for (double each : mean) height += square(each);
+    const Table shades = shade_table(ribbon.width_px, ribbon.blur_px, reach_px);
+    CrossSection section = {Table(shades.shape[0], 1), Table(shades.shape[0], 1), {}};
+    for (int r = 0; r < shades.shape[0]; ++r)
+        for (int k = 0; k < SHADES; ++k) {
+            section.values(r, 0) += mean[k] / std::sqrt(height) * shades(r, SIDES + k);
+            section.slopes(r, 0) += mean[k] / std::sqrt(height) * shades(r, FUNCTIONS + SIDES + k);
+        }
+    return section;
+}
+
+}  // namespace
+
+std::optional<MeasuredLine> measured_ribbon(const Picture& picture, ConstMatrix path_px, const RibbonMeasuring& how) {
+    std::vector<Crossings> channels;
+    for (int c = 0; c < how.channels; ++c) channels.push_back(crossings(picture, path_px, how.half, 1.0, c));
+    if (count(channels[0].inside) < LEAST_PROFILES) return {};
+    const Ribbon ribbon = fitted_ribbon(channels, how.width_px, how.blur_px, how.priors);
+    const Crossings& found = channels[ribbon.strongest];
+    FittedLine line = {ribbon.centre,
+                       ribbon.course,
+                       Numbers(),
+                       Numbers(),
+                       kept_of(found, ribbon),
+                       ribbon.height,
+                       ribbon.noise,
+                       ribbon.width_px / how.width_px,
+                       true,
+                       0.0};
+    if (!any(line.kept)) return {};
+    line.course = smooth_course(found, ribbon, line.kept);
+    for (int n = 0; n < line.kept.size(); ++n) {
+        const double off = std::abs(line.centre[n] - line.course[n]);
+        line.kept[n] = line.kept[n] && off < std::max(STRAY * ribbon.sigma_px[n] * found.stretch[n], STRAY_PX);
+    }
+    line.kept = without_margins(line.kept, MARGIN_PX);
+    if (!any(line.kept)) return {};
+    calibrate(found, ribbon, how.width_px, line);
+    line.sure = total(selected(ribbon.seen, line.kept)) / count(line.kept);
+    Evidence seen = evidence(found, line, how.channels > 1);
+    const Look look = {end_section(ribbon, line.kept, how.half + 2), how.half, ribbon.noise, 1.0, ribbon.strongest};
+    const VisibleEnd end = visible_end(picture, seen.guide, line.kept, look);
+    return MeasuredLine{std::move(line), std::move(seen), end};
+}
+
+}  // namespace vbaa::detect
