@@ -86,7 +86,8 @@ struct Line {
 };
 
 double prior_of_shade(const RibbonPriors& model, int k) {
-    const double part = 1.2 / (1.0 + (k + 1) / 2);  // 0.6, 0.4, 0.3
+    const int harmonic = (k + 1) / 2;
+    const double part = 1.2 / (1.0 + harmonic);
     return k == 0 ? 3.0 : part * (k % 2 ? model.sides : model.middles);
 }
 

@@ -124,6 +124,7 @@ CrossSection end_section(const Ribbon& ribbon, const Flags& kept, int reach_px) 
 
 std::optional<MeasuredLine> measured_ribbon(const Picture& picture, ConstMatrix path_px, const RibbonMeasuring& how) {
     std::vector<Crossings> channels;
+    channels.reserve(how.channels);
     for (int c = 0; c < how.channels; ++c) channels.push_back(crossings(picture, path_px, how.half, 1.0, c));
     if (count(channels[0].inside) < LEAST_PROFILES) return {};
     const Ribbon ribbon = fitted_ribbon(channels, how.width_px, how.blur_px, how.priors);

@@ -250,7 +250,8 @@ VisibleEnd visible_end(const Picture& picture, ConstMatrix path_px, const Flags&
         const int last = last_of(visible);
         const Continued ahead = continued(path, visible);
         if (!ahead.path_px.size()) return {EndKind::hidden, {path(last, 0), path(last, 1)}, NAN};
-        const End found = end_or_longer(crossings(picture, ahead.path_px, look.half, look.sign, look.channel), look, ahead);
+        const End found =
+            end_or_longer(crossings(picture, ahead.path_px, look.half, look.sign, look.channel), look, ahead);
         const int more = found.longer.shape[0], whole = last + 1 + more;
         if (!more) return found.end;
         path.values.resize(2 * (last + 1));
