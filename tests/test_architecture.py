@@ -31,13 +31,13 @@ NATIVE = [path for kind in ("cpp", "hpp") for path in sorted((ROOT / "vbaa_calib
 CXX_CONSTANTS = re.compile(r"^(?:inline )?(?:constexpr|const) .*", re.MULTILINE)
 CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
-    "module constants": 2242,
+    "module constants": 2240,
     "class names used twice": 40,
     "classes": 497,
     "public names": 1359,
     "private words": 707,
     "type: ignore": 4,
-    "words on pages": 62238,
+    "words on pages": 62236,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

@@ -77,7 +77,6 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
         _POLARITY[bright],
         _quiet_part(2 * half - 3),
         _shapes(width_px, _ORDINARY_BLUR_PX, half + 2),
-        False,
     )
     return NOTHING if found is None else accepted(Centreline(**found[0]), Evidence(**found[1]))
 

@@ -39,13 +39,13 @@ nb::object answer(detect::MeasuredLine&& found) {
 }
 
 nb::object measured(const InPicture& image, const InMatrix& path_px, double width_px, int half, int polarity,
-                    double quiet, const detect::Shapes& shapes, bool stands_out) {
+                    double quiet, const detect::Shapes& shapes) {
     require_pixels(width_px, 0.0, half);
     require(image.ndim() == 2 && path_px.shape(1) == 2 && path_px.shape(0) > 1, "a path (K, 2) is in a picture (H, W)");
     require(half > 1 && shapes.reach_px == half + 2,
             "shapes reach two pixels farther than profiles of five pixels or more");
     const auto taken = picture(image);
-    const detect::Measuring how = {width_px, half, polarity, quiet, shapes, stands_out};
+    const detect::Measuring how = {width_px, half, polarity, quiet, shapes};
     auto found = unlocked([&] { return detect::measured(taken, view(path_px), how); });
     return found ? answer(std::move(*found)) : nb::none();
 }

@@ -273,23 +273,6 @@ Numbers smooth_course(const Crossings& found, const Lines& lines, const Numbers&
         .values;
 }
 
-// By which factor what neighbours share makes means of runs scatter more than those of independent points: normalised
-// offsets (M,) of points that count so much (M,).
-double shared_factor(const Numbers& normalised, const Numbers& trusted) {
-    const int all = normalised.size();
-    Numbers sums(all + 1);
-    for (int k = 0; k < all; ++k) sums[k + 1] = sums[k] + normalised[k];
-    double power = LIKELY_RUNS, informed = LIKELY_RUNS;
-    for (int k = 0; k + 3 * RUN < all + 1; ++k) {
-        // second differences, which a curve that is too stiff or too supple changes little
-        const double bend = (sums[k + 3 * RUN] - 3.0 * sums[k + 2 * RUN] + 3.0 * sums[k + RUN] - sums[k]) / RUN;
-        const double weight = trusted[k + RUN + RUN / 2] / RUN;
-        power += weight * RUN / 6.0 * bend * bend;
-        informed += weight;
-    }
-    return std::max(power / informed, 1.0);
-}
-
 // Sets the line's deviations to how the kept points scatter about a smooth curve. A profile's residuals do not show by
 // how much noise that the camera has filtered, or a shape that is not quite right, moves the line; its neighbours do.
 // What neighbours share shows in means of runs.
@@ -317,7 +300,7 @@ void calibrate(const Crossings& found, const Lines& lines, const Numbers& edge, 
         calibrated[kept[k]] *= scale;
         off[k] /= scale;
     }
-    const double factor = shared_factor(off, trusted);
+    const double factor = std::max(shared_factor(off, trusted), 1.0);
     line.effective_px = each(sigma.size(), [&](int n) {
         return std::sqrt(square(calibrated[n]) * factor + EDGE_RUN * square(edge[n]) +
                          SHARED_RUN * square(lines.shared[n]));
@@ -361,6 +344,21 @@ Lines lines_of(const Crossings& found, const Measuring& how) {
 
 }  // namespace
 
+double shared_factor(const Numbers& normalised, const Numbers& trusted) {
+    const int all = normalised.size();
+    Numbers sums(all + 1);
+    for (int k = 0; k < all; ++k) sums[k + 1] = sums[k] + normalised[k];
+    double power = LIKELY_RUNS, informed = LIKELY_RUNS;
+    for (int k = 0; k + 3 * RUN < all + 1; ++k) {
+        // second differences, which a curve that is too stiff or too supple changes little
+        const double bend = (sums[k + 3 * RUN] - 3.0 * sums[k + 2 * RUN] + 3.0 * sums[k + RUN] - sums[k]) / RUN;
+        const double weight = trusted[k + RUN + RUN / 2] / RUN;
+        power += weight * RUN / 6.0 * bend * bend;
+        informed += weight;
+    }
+    return power / informed;
+}
+
 std::optional<MeasuredLine> measured(const Picture& picture, ConstMatrix path_px, const Measuring& how) {
     const double sign = how.polarity < 0 ? -1.0 : 1.0;
     const Crossings found = crossings(picture, path_px, how.half, sign);
@@ -368,7 +366,7 @@ std::optional<MeasuredLine> measured(const Picture& picture, ConstMatrix path_px
     Lines lines = lines_of(found, how);
     FittedLine line = fitted_line(found, lines, how);
     if (!any(line.kept)) return {};
-    Evidence seen = evidence(found, line, how.stands_out);
+    Evidence seen = evidence(found, line, false);
     const Look look = {std::move(lines.section), how.half, line.noise, sign};
     const VisibleEnd end = visible_end(picture, seen.guide, line.kept, look);
     return MeasuredLine{std::move(line), std::move(seen), end};

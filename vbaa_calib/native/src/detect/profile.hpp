@@ -17,9 +17,6 @@ struct Measuring {
     int polarity;  // 1: brighter than its background, −1: darker, 0: here brighter, there darker
     double quiet;  // the noise quantile of the root mean square of as many normal numbers as a profile has freedoms
     const Shapes& shapes;
-    // the picture is a plane that was made so that the line is bright on it: that it is as bright as what lies behind
-    // it says nothing there
-    bool stands_out;
 };
 
 struct MeasuredLine {
@@ -27,6 +24,10 @@ struct MeasuredLine {
     Evidence evidence;
     VisibleEnd end;
 };
+
+// By which factor what neighbours share makes means of runs scatter more than those of independent points: normalised
+// offsets (M,) of points that count so much (M,).
+double shared_factor(const Numbers& normalised, const Numbers& trusted);
 
 // The line along a path (K, 2) near the antenna; none where no profile shows it. A point is kept where its height
 // stands out from the noise and agrees with its neighbours', its profile leaves no more residual than noise does, and

@@ -66,7 +66,7 @@ struct Line {
     std::vector<Channel> channels;
     Numbers share;
     Numbers course;  // (N,) across the path, px
-    Numbers seen, weight, odds;
+    Numbers seen, weight;
     std::array<double, CHANGES> moved = {};
     // knots of the shades, and pieces of the course
     int knots, pieces;
@@ -92,7 +92,7 @@ double prior_of_shade(const RibbonPriors& model, int k) {
 }
 
 Line begun(const std::vector<Crossings>& channels, double width_px, double blur_px, const RibbonPriors& model) {
-    Line line = {model, width_px, blur_px, {}, {}, {}, {}, {}, {}, {}, 0, 0, {}, {}, {}, {}, {}, {}, {}};
+    Line line = {model, width_px, blur_px, {}, {}, {}, {}, {}, {}, 0, 0, {}, {}, {}, {}, {}, {}, {}};
     const Crossings& first = channels[0];
     const int count = first.along.size();
     double most = 0.0;
@@ -128,7 +128,7 @@ Line begun(const std::vector<Crossings>& channels, double width_px, double blur_
     }
     const double length = std::max(first.along[count - 1] - first.along[0], 1e-6);
     line.share = each(count, [&](int n) { return (first.along[n] - first.along[0]) / length; });
-    line.course = line.odds = Numbers(count);
+    line.course = Numbers(count);
     line.seen = each(count, [&](int n) { return first.inside[n] ? 1.0 : 0.0; });
     line.weight = line.seen;
     line.knots = static_cast<int>(bounded(std::rint(length / model.knot_px) + 1, LEAST_KNOTS, MOST_KNOTS));
@@ -384,7 +384,6 @@ void weigh(Line& line, const std::vector<int>& active, int step) {
         double power = 0.0;
         for (const Channel& channel : line.channels) power += square(channel.rms[n] / expected_rms(channel, n));
         power /= static_cast<double>(line.channels.size());
-        line.odds[n] = odds[m];
         line.seen[n] = seen[m];
         line.weight[n] = line.channels[0].found->inside[n] ? seen[m] / square(1.0 + power / square(DISTURBED)) : 0.0;
     }
@@ -553,21 +552,18 @@ void improve(Line& line, const std::vector<int>& active, int step, int round) {
     }
     const double bend = model.bend_px * std::pow(line.length_px() / line.pieces / FINEST, 1.5);
     const double here = 0.5 * line.width_px + 1.5;
-    const auto add_course_prior = [&](Table& to, bool with_side) {
-        constexpr std::array<double, 3> second = {1.0, -2.0, 1.0};
-        for (int b = 0; b < splines; ++b) {
-            to(b, b) += first ? 1e8 : 1.0 / square(here);
-            if (with_side && !first) to(b, rows) -= line.offset[b] / square(here);
+    constexpr std::array<double, 3> second = {1.0, -2.0, 1.0};
+    for (int b = 0; b < splines; ++b) {
+        border(b, b) += first ? 1e8 : 1.0 / square(here);
+        if (!first) border(b, rows) -= line.offset[b] / square(here);
+    }
+    for (int b = 0; b + 2 < splines; ++b) {
+        const double off = line.offset[b] - 2.0 * line.offset[b + 1] + line.offset[b + 2];
+        for (int i = 0; i < 3; ++i) {
+            for (int j = 0; j < 3; ++j) border(b + i, b + j) += second[i] * second[j] / square(bend);
+            border(b + i, rows) -= second[i] * off / square(bend);
         }
-        for (int b = 0; b + 2 < splines; ++b) {
-            const double off = line.offset[b] - 2.0 * line.offset[b + 1] + line.offset[b + 2];
-            for (int i = 0; i < 3; ++i) {
-                for (int j = 0; j < 3; ++j) to(b + i, b + j) += second[i] * second[j] / square(bend);
-                if (with_side) to(b + i, rows) -= second[i] * off / square(bend);
-            }
-        }
-    };
-    add_course_prior(border, true);
+    }
     const std::array<double, CHANGES> spread = {model.width_std, model.blur_std, model.taper_std};
     for (int s = 0; s < CHANGES; ++s) {
         border(splines + s, splines + s) += first ? 1e10 : 1.0 / square(spread[s]);
@@ -688,10 +684,8 @@ Ribbon answer(const Line& line) {
     const double several = static_cast<double>(line.channels.size());
     const int count = line.count();
     Ribbon found;
-    found.course = each(count, [&](int n) { return line.course[n] * first.side[n] * first.stretch[n]; });
-    found.seen = line.seen, found.odds = line.odds;
-    for (Numbers* numbers : {&found.centre, &found.sigma_px, &found.shared_px, &found.contrast, &found.height,
-                             &found.lopsided, &found.rms})
+    found.seen = line.seen;
+    for (Numbers* numbers : {&found.centre, &found.sigma_px, &found.shared_px, &found.height, &found.rms})
         *numbers = Numbers(count);
     double power = 0.0, most = 0.0;
     found.strongest = 0;
@@ -714,21 +708,18 @@ Ribbon answer(const Line& line) {
     }
     found.shades = Table(count, SHADES);
     for (int n = 0; n < count; ++n) {
-        double information = 1e-12, side = 0.0, residual = 0.0, odd = 0.0, all = 1e-12;
+        double information = 1e-12, side = 0.0, residual = 0.0, height = 1e-12;
         for (const Channel& channel : line.channels) {
             const auto& own = channel.equations[n].left;
             information += own[at(AT_PLACE, AT_PLACE)];
             side += own[at(AT_LEVEL, AT_PLACE)];
             for (int k = 0; k < SHADES; ++k) side -= own[at(AT_PLACE, k)] * channel.shades(n, k);
-            const std::array<double, SHADES> shades = shown(channel, n);
-            found.contrast[n] += shades[0] / several;
-            for (int k = 0; k < SHADES; ++k) (k % 2 ? odd : all) += square(shades[k]) / several;
+            for (double each : shown(channel, n)) height += square(each) / several;
             residual += square(channel.rms[n] / expected_rms(channel, n)) / several;
         }
         const std::array<double, SHADES> strongest = shown(line.channels[found.strongest], n);
         for (int k = 0; k < SHADES; ++k) found.shades(n, k) = strongest[k];
-        found.height[n] = std::sqrt(all + odd);
-        found.lopsided[n] = std::sqrt(odd) / found.height[n];
+        found.height[n] = std::sqrt(height);
         found.rms[n] = std::sqrt(residual);
         const double off = bounded(side / information, -2.0, 2.0);
         found.centre[n] = (line.course[n] + off) * first.side[n] * first.stretch[n];
@@ -741,7 +732,7 @@ Ribbon answer(const Line& line) {
             }
         found.shared_px[n] = std::sqrt(std::max(more, 0.0));
     }
-    found.width_px = line.width(), found.blur_px = line.blur(), found.taper = line.moved[2];
+    found.width_px = line.width(), found.blur_px = line.blur();
     return found;
 }
 

@@ -28,20 +28,17 @@ struct RibbonPriors {
 // What is found of N profiles.
 struct Ribbon {
     Numbers centre;     // (N,) along the profiles from the path, px
-    Numbers course;     // (N,) the same, as a smooth curve
     Numbers sigma_px;   // (N,) deviation across the antenna, by the pixels of the profile alone
     Numbers shared_px;  // (N,) what neighbours share of the place's error: light, width and blur that are not known
     Numbers seen;       // (N,) probability that it is seen there
-    Numbers odds;       // (N,) log odds of its two edges against one
-    Numbers contrast;   // (N,) to the mean of its two sides, grey levels; above 0 where it is brighter
-    Numbers height;     // (N,) what it shows above that mean, grey levels: root mean square over it and the channels
-    Numbers lopsided;   // (N,) part of that which is brighter on one side
-    Numbers rms;        // (N,) residuals of its pixels over the noise
-    int strongest;      // channel in which it stands out the most
-    Table shades;       // (N, SHADES) above the mean of both sides, grey levels of that channel
-    double noise;       // of a pixel, grey levels
-    double pattern;     // variance of what is left alike all along it where it is, over that of the noise
-    double width_px, blur_px, taper;
+    Numbers height;  // (N,) what it shows above the mean of its two sides, grey levels: root mean square over it, all
+                     // channels
+    Numbers rms;     // (N,) residuals of its pixels over the noise
+    int strongest;   // channel in which it stands out the most
+    Table shades;    // (N, SHADES) above the mean of both sides, grey levels of that channel
+    double noise;    // of a pixel, grey levels
+    double pattern;  // variance of what is left alike all along it where it is, over that of the noise
+    double width_px, blur_px;
 };
 
 // Profiles (one entry a channel, of the same path) of an antenna of this width, seen through this blur.

@@ -21,9 +21,8 @@ constexpr double MISFIT = 6.0, NOISE_ALONE = 0.6, LEAST_MISFIT = 0.25;
 constexpr int SHARED_RUN = 100;   // so many neighbours share that
 constexpr int NEAR_POINTS = 41;   // neighbours whose scatter is compared with their deviations
 constexpr int CURVE_PIECES = 12;  // of the curve that points scatter about: it must not follow what neighbours share
-constexpr int RUN = 16;           // neighbours whose mean shows what they share
-constexpr double LIKELY_POINTS = 20.0, LIKELY_RUNS = 4.0;  // that scatter as predicted are added to those that are seen
-constexpr int END_PROFILES = 40;  // before the visible end, that show what the antenna looks like there
+constexpr double LIKELY_POINTS = 20.0;  // that scatter as predicted are added to those that are seen
+constexpr int END_PROFILES = 40;        // before the visible end, that show what the antenna looks like there
 
 // What in a ribbon's profiles is kept of a line.
 Flags kept_of(const Crossings& found, const Ribbon& ribbon) {
@@ -32,22 +31,6 @@ Flags kept_of(const Crossings& found, const Ribbon& ribbon) {
         return found.inside[n] && ribbon.seen[n] > SEEN && ribbon.rms[n] < DISTURBED &&
                std::abs(ribbon.centre[n]) < half - 2.0;
     });
-}
-
-// By which factor what neighbours share makes means of runs scatter more than those of independent points: normalised
-// offsets (M,).
-double shared_factor(const Numbers& normalised) {
-    const int all = normalised.size();
-    Numbers sums(all + 1);
-    for (int k = 0; k < all; ++k) sums[k + 1] = sums[k] + normalised[k];
-    double power = LIKELY_RUNS, informed = LIKELY_RUNS;
-    for (int k = 0; k + 3 * RUN < all + 1; ++k) {
-        // second differences, which a curve that is too stiff or too supple changes little
-        const double bend = (sums[k + 3 * RUN] - 3.0 * sums[k + 2 * RUN] + 3.0 * sums[k + RUN] - sums[k]) / RUN;
-        power += bend * bend / 6.0;
-        informed += 1.0 / RUN;
-    }
-    return power / informed;
 }
 
 // The smooth curve through the kept points, along the profiles, px: the path may be off by what the ribbon's own course
@@ -84,7 +67,7 @@ void calibrate(const Crossings& found, const Ribbon& ribbon, double width_px, Fi
         line.sigma_px[kept[k]] *= scale;
         off[k] /= scale;
     }
-    const double factor = shared_factor(off);
+    const double factor = shared_factor(off, each(count_kept, [](int) { return 1.0; }));
     // what the curve follows of the points' errors
     const double free = (CURVE_PIECES + 2.0) * std::max(factor, 1.0);
     const double freed = std::sqrt(count_kept / std::max(count_kept - free, 0.5 * count_kept));
@@ -130,7 +113,7 @@ std::optional<MeasuredLine> measured_ribbon(const Picture& picture, ConstMatrix 
     const Ribbon ribbon = fitted_ribbon(channels, how.width_px, how.blur_px, how.priors);
     const Crossings& found = channels[ribbon.strongest];
     FittedLine line = {ribbon.centre,
-                       ribbon.course,
+                       Numbers(),
                        Numbers(),
                        Numbers(),
                        kept_of(found, ribbon),
