@@ -153,6 +153,7 @@ def error_budget(
     if not 0.0 <= friction <= 1.0:
         raise InputError(f"friction is {friction}", remedy="give the angle's deviation in rad, 0 to 1")
     touches = ordinary_touches(rig) if touches is None else touches
+    with_moment = with_moment and any(rig.moment_noise_Nm)
     rig_arrays = RigArrays.from_rig(rig, float(friction), drift=False)
     space = ErrorSpace.of(rig_arrays)
     with np.errstate(all="ignore"):  # what leaves the domain of the model is left out below
@@ -193,7 +194,7 @@ def error_budget(
     if rig.kinematics.axes_known:
         notes.append("The joint axes count as exact: no sweep has measured them.")
     if not with_moment:
-        notes.append("Vision alone: the moment reading is left aside.")
+        notes.append("Vision alone: no moment reading counts.")
     return Budget(touches.picked(determined), len(determined), results, by_cause, exact_causes, tuple(notes))
 
 

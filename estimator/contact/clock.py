@@ -141,6 +141,8 @@ def clock_offset(
     InputError : the data do not support it, and why.
     """
     sensor = estimator.rig.moment_sensor
+    if not sensor.exists:
+        raise _refused("the rig has no moment sensor")
     if sensor.gain == 0.0 or len(times_s) < _WINDOW_FRAMES:
         raise _refused(f"there are {len(times_s)} readings of the moment")
     windows = _windows(estimator, several, np.full(len(several), np.nan))

@@ -83,7 +83,7 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
     status = statuses(numbers)
     located = (status == OK) | (status == TIP)
     rotation, translation = rig.kinematics.world_antenna(pan_rad, tilt_rad)
-    length, sensor = rig.antenna.length_m, rig.moment_sensor
+    length = rig.antenna.length_m
 
     every = bool(located.all())
 
@@ -100,7 +100,7 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
         turned = np.einsum(
             "bij,bnj->bni", rotation, np.stack([numbers.point_m, numbers.force_N, numbers.tangent], axis=1)
         )
-        moment = numbers.residual[:, 0] * sensor.std_Nm / sensor.gain
+        moment = numbers.residual[:, 0] * rig.moment_noise_Nm[0] / rig.moment_sensor.gain
         return Contacts(
             rig=rig,
             numbers=numbers,

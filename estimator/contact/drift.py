@@ -90,7 +90,8 @@ class LearntRig:
         later = wandering.drifted(min(part, 1.0))
         zero = len(RIG_PARAMETERS) - 1
         covariance = later.covariance.copy()
-        covariance[zero, zero] += hours * (self.calibrated.drift.zero_hourly * self.now.moment_sensor.std_Nm) ** 2
+        if self.now.moment_sensor.exists:
+            covariance[zero, zero] += hours * (self.calibrated.drift.zero_hourly * self.now.moment_sensor.std_Nm) ** 2
         return replace(self, now=_in_covariance(later.with_covariance(covariance), self.now), time_s=time_s)
 
     def learn(self, batch: Batch, time_s: float) -> Generator[None, None, LearntRig]:

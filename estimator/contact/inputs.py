@@ -105,6 +105,8 @@ class Batch(Rows):
         points = _padded([each.points_px[::n] for each, n in zip(several, steps, strict=True)], np.nan)
         sigma = _padded([each.sigma_px[::n] for each, n in zip(several, steps, strict=True)], 1.0)
         numbers = np.array([[each.moment_Nm, each.moment_z_Nm, each.pan_rad, each.tilt_rad] for each in several])
+        if not rig.moment_sensor.exists:
+            numbers[:, 0] = np.nan
         starts = np.array([each.start for each in several])
         if warm is not None:
             starts = np.where(np.isfinite(starts).all(axis=1, keepdims=True), starts, warm)
@@ -145,6 +147,8 @@ class Batch(Rows):
         points, sigma, shape, outside = _in_order(rig, points, sigma, shape)
         pan, tilt = angles.values()
         columns = np.stack(list(moments.values()), axis=-1)
+        if not rig.moment_sensor.exists:
+            columns[:, 0] = np.nan
         return Batch(points, sigma, columns, no_tips, pan, tilt, outside, covariance_shape=shape)
 
 

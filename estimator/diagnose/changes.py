@@ -196,7 +196,8 @@ def axes_of(rig: Rig, rows: Sequence[Change]) -> tuple[np.ndarray, list[np.ndarr
     """(18 + P, Q) the parameters' steps by one standard deviation of each row's, and the columns (K,) of each; an
     empty one where the rig does not have the parameter."""
     names = list(rig.parameter_names) + (["tip_offset_m"] if rig.tip is not None else [])
-    units = {"moment_gain": abs(rig.moment_sensor.gain), "moment_offset_Nm": rig.moment_sensor.std_Nm}
+    sensor = rig.moment_sensor
+    units = {"moment_gain": abs(sensor.gain), "moment_offset_Nm": sensor.std_Nm} if sensor.exists else {}
     columns: list[np.ndarray] = []
     which = []
     for row in rows:
@@ -207,6 +208,8 @@ def axes_of(rig: Rig, rows: Sequence[Change]) -> tuple[np.ndarray, list[np.ndarr
                 for axis, each in enumerate(("fx", "fy")):
                     if each in names:
                         step[names.index(each)] = std * rig.camera.matrix[axis, axis]
+            elif name.startswith("moment_") and not sensor.exists:
+                continue
             elif (known := "tip_offset_m" if name == "length_m" else name) in names:
                 step[names.index(known)] = std * units.get(name, 1.0)
             if step.any():

@@ -265,7 +265,7 @@ def _untested(case: Case) -> list[Diagnosis]:
     if not recorded.fit.free.any():
         words = "no frame shows the free antenna: a rig that has changed a little goes unnoticed"
         found.append(Diagnosis("no_free_frame", words, "begin recordings with ten frames without contact", "note"))
-    if not np.isfinite(recorded.batch.readings_Nm[:, 0]).any():
+    if recorded.rig.moment_sensor.exists and not np.isfinite(recorded.batch.readings_Nm[:, 0]).any():
         words = "no moment was read: forces along the line of sight, and a sensor's faults, go unnoticed"
         found.append(Diagnosis("no_readings", words, "give moment_Nm where there is a sensor", "note"))
     joints = np.ptp(np.stack([recorded.batch.pan_rad, recorded.batch.tilt_rad]), axis=1).max()

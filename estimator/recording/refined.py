@@ -355,7 +355,7 @@ def _table(contacts: ContactTable, problem: Problem, found: Solution, rows: np.n
         "force_world_N": np.einsum("bij,bj->bi", rotation, equations.touch[:, 3:]),
         "tangent_world": np.einsum("bij,bj->bi", rotation, equations.tangent),
         "moment_residual_Nm": np.where(
-            np.isfinite(batch.readings_Nm[:, 0]), equations.reading * sensor.std_Nm / sensor.gain, np.nan
+            np.isfinite(batch.readings_Nm[:, 0]), equations.reading * rig.moment_noise_Nm[0] / sensor.gain, np.nan
         ),
         "friction_angle_rad": problem.friction_rad * unknowns[:, 3],
         "friction_angle_std_rad": angle_std,

@@ -56,7 +56,8 @@ class RigArrays:
         size = np.abs(axes).max(axis=0)
         axes = axes[:, size > _NEGLIGIBLE * max(float(size.max()), 1e-300)]
         sensors = (rig.moment_sensor, rig.second_moment_sensor)
-        gain, offset, std = np.array([(s.gain, s.offset_Nm, s.std_Nm) if s else (0.0, 0.0, 1.0) for s in sensors]).T
+        known = [(s.gain, s.offset_Nm, s.std_Nm) if s and s.exists else (0.0, 0.0, 1.0) for s in sensors]
+        gain, offset, std = np.array(known).T
         focal = np.sqrt(np.prod(np.diag(rig.camera.matrix)[:2]))
         line_px = np.hypot(rig.drift.line_px, rig.drift.light_px) if drift else 0.0
         own = np.full(LINE_ERRORS if line_px > 0.0 else 0, line_px / focal)

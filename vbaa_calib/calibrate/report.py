@@ -40,8 +40,8 @@ def report(calibration: Calibration) -> None:
     for difference in calibration.plane.differences:
         say(f"           {difference}")
     say(f"antenna    EI = {stiffness:.5g} ± {stiffness * rig.std('log_stiffness_Nm2'):.2g} N·m²")
-    gain = f"gain {sensor.gain:.4f} ± {rig.std('moment_gain'):.4f}"
-    say(f"sensor     {gain}, offset {1e3 * sensor.offset_Nm:.3f} mN·m")
+    gain = f"gain {sensor.gain:.4f} ± {rig.std('moment_gain'):.4f}, offset {1e3 * sensor.offset_Nm:.3f} mN·m"
+    say(f"sensor     {gain if sensor.exists else 'none: vision alone'}")
     for one in rig.verdict.findings:
         say(f"{one.label:10s} {one}")
 
@@ -56,7 +56,7 @@ def summary(calibration: Calibration) -> dict[str, Any]:
         "noise_scale": joint.noise_scale,
         "lens_grade": calibration.lens.verdict.grade,
         "worst_still_rms": float(joint.point_rms.max()),
-        "moment_residual_rms_Nm": float(np.sqrt((joint.moment_residuals_Nm**2).mean())),
+        "moment_residual_rms_Nm": finite_or_none(np.sqrt((joint.moment_residuals_Nm**2).mean())),
         "warnings": [str(one) for one in calibration.rig.verdict.findings],
     }
 
@@ -68,7 +68,7 @@ def _evidence(calibration: Calibration) -> dict[str, Any]:
     stills: list[dict[str, Any]] = []
     for still, rms, residual_Nm, kept in rows:
         image = os.path.relpath(still.image, calibration.session.root) if still.image else None
-        numbers = {"point_rms": float(rms), "moment_residual_Nm": float(residual_Nm), "kept": bool(kept)}
+        numbers = {"point_rms": float(rms), "moment_residual_Nm": finite_or_none(residual_Nm), "kept": bool(kept)}
         load = ("distance_m", "force_y_N", "force_z_N") if isinstance(still, Load) else ()
         stills.append({"image": image, **numbers, **{name: getattr(still, name) for name in load}})
     return summary(calibration) | {

@@ -15,7 +15,7 @@ from vbaa_calib.core.errors import InputError, Verdict
 from vbaa_calib.core.files import read_json
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
 from vbaa_calib.geometry.independent_axes import is_covariance
-from vbaa_calib.session import DRIFTS, Drift, MomentSensor
+from vbaa_calib.session import DRIFTS, NO_SENSOR, Drift, MomentSensor
 
 from .parts import (
     ANTENNA_PARAMETERS,
@@ -74,6 +74,7 @@ class Rig:
     T_antenna_camera : pose of the camera in the antenna frame.
     covariance : (17 + P, 17 + P) joint covariance of `RIG_PARAMETERS` and the P parameters of the lens, in
         `parameter_names` order; (17, 17) where the lens counts as exact.
+    moment_sensor : about y; `session.NO_SENSOR` for a rig without, whose covariance is 0 at gain and offset.
     second_moment_sensor : about z, of x·f_y − y·f_x of force and weight (antenna frame); None where a rig has none. Its
         gain and offset count as exact.
     drift : what may have changed since; it is not in the covariance.
@@ -97,8 +98,8 @@ class Rig:
     @property
     def moment_noise_Nm(self) -> tuple[float, float]:
         """Standard deviations of both moment sensors' readings, 0 for one that the rig does not have."""
-        second = self.second_moment_sensor
-        return self.moment_sensor.std_Nm, 0.0 if second is None else second.std_Nm
+        first, second = self.moment_sensor, self.second_moment_sensor
+        return first.std_Nm if first.exists else 0.0, 0.0 if second is None else second.std_Nm
 
     @gate
     def with_covariance(self, covariance: np.ndarray) -> Rig:
@@ -145,8 +146,9 @@ class Rig:
         std[:3], std[3:pose] = drift.camera_turn_rad, drift.camera_shift_m
         std[pose + 2 : pose + 4], std[pose + 4 : pose + 6] = drift.clamp_turn_rad, drift.bow_per_m
         std[pose + ANTENNA_PARAMETERS.index("log_stiffness_Nm2")] = drift.stiffness
-        std[first - 2] = drift.moment_gain * abs(self.moment_sensor.gain)
-        std[first - 1] = drift.moment_zero * self.moment_sensor.std_Nm
+        if self.moment_sensor.exists:
+            std[first - 2] = drift.moment_gain * abs(self.moment_sensor.gain)
+            std[first - 1] = drift.moment_zero * self.moment_sensor.std_Nm
         std[[first + lens.index(name) for name in ("cx", "cy")]] = drift.picture_shift_px
         # one zoom for both focal lengths
         focal_px = np.diag(self.camera.matrix)[:2]
@@ -265,7 +267,7 @@ class Rig:
             camera=camera,
             T_antenna_camera=read.T_antenna_camera,
             antenna=read.antenna.antenna(),
-            moment_sensor=MomentSensor(sensor.gain, sensor.offset_Nm, sensor.std_Nm),
+            moment_sensor=NO_SENSOR if sensor is None else MomentSensor(sensor.gain, sensor.offset_Nm, sensor.std_Nm),
             kinematics=replace(read.kinematics.kinematics(), axes_std=axes.std, axes_by_pose=axes.by_pose),
             gravity_world_m_s2=read.gravity_world,
             image=read.image,
@@ -278,7 +280,8 @@ class Rig:
 
     def to_dict(self) -> dict[str, Any]:
         """The part of rig.json that describes the rig; the provenance is added by who writes it."""
-        second, sensor = self.second_moment_sensor, asdict(self.moment_sensor)
+        first, second = self.moment_sensor, self.second_moment_sensor
+        std = {"gain_std": self.std("moment_gain"), "offset_std_Nm": self.std("moment_offset_Nm")}
         return {
             "schema": SCHEMA,
             "camera": self.camera.to_dict(),
@@ -287,8 +290,7 @@ class Rig:
                 **self.antenna.to_dict(self.std),
                 **({} if self.tip is None else {"tip": self.tip.to_dict()}),
             },
-            "moment_sensor": sensor
-            | {"gain_std": self.std("moment_gain"), "offset_std_Nm": self.std("moment_offset_Nm")},
+            "moment_sensor": asdict(first) | std if first.exists else None,
             **({} if second is None else {"second_moment_sensor": asdict(second)}),
             "kinematics": kinematics_to_dict(self.kinematics),
             "gravity_world": self.gravity_world_m_s2.tolist(),

@@ -136,7 +136,7 @@ class RigFile(FileModel):
     camera: _Camera
     T_antenna_camera: FilePose
     antenna: _Antenna
-    moment_sensor: _MomentSensor
+    moment_sensor: Annotated[_MomentSensor | None, Field(description="about y; null: a rig without")]
     second_moment_sensor: Annotated[
         MomentSensor | None,
         Field(description="about z: reads gain · (x·f_y − y·f_x of force and weight) + offset; counts as exact"),

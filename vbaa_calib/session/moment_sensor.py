@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -16,7 +17,7 @@ def _not_zero(gain: float) -> float:
 
 @dataclass(frozen=True)
 class MomentSensor:
-    """reading = gain · moment + offset + noise of standard deviation std."""
+    """reading = gain · moment + offset + noise of standard deviation std, infinite where there is no sensor."""
 
     gain: Annotated[
         float,
@@ -29,3 +30,12 @@ class MomentSensor:
     ]
     offset_Nm: Annotated[float, Within(ge=-1e9, le=1e9)]
     std_Nm: Annotated[float, Within(ge=1e-12, le=1e6)]
+
+    @property
+    def exists(self) -> bool:
+        """Whether there is a sensor."""
+        return math.isfinite(self.std_Nm)
+
+
+NO_SENSOR = MomentSensor(1.0, 0.0, math.inf)
+"""Of a rig without a moment sensor: no reading of it would tell anything."""

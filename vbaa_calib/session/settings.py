@@ -22,7 +22,7 @@ from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
 from vbaa_calib.geometry import Kinematics, Pose
 
 from .drift import DRIFTS, LAB, Drift
-from .moment_sensor import MomentSensor
+from .moment_sensor import NO_SENSOR, MomentSensor
 
 if TYPE_CHECKING:
     from .tables import Still
@@ -290,7 +290,9 @@ class SessionFile(FileModel):
     jig: _Jig | None = None
     kinematics: _SessionKinematics | None = None
     gravity_world: Annotated[Gravity | None, Field(description="m/s²; null: weightless")]
-    moment_sensor: _Noise
+    moment_sensor: Annotated[
+        _Noise | None, Field(description="about y; null, or left out: a rig without, calibrated by its pictures alone")
+    ] = None
     second_moment_sensor: Annotated[
         MomentSensor | None,
         Field(description="about z: reads gain · (x·f_y − y·f_x of force and weight) + offset; counts as exact"),
@@ -317,6 +319,8 @@ class Session:
     gravity_world_m_s2 : (3,), zero when weightless.
     print_scale_std : relative, of the board's printed size, as far as it was measured.
     over : how the antenna is held over the board in over/, or None where session.yaml does not say.
+    moment_std_Nm : noise of the moment sensor, infinite where there is none.
+    sensor_stated : whether session.yaml says that there is a moment sensor, or none.
     second_moment_sensor : about z, calibrated elsewhere; None where there is none.
     drift : what may change between calibration and recording; None where session.yaml does not say.
     shutter : of the recording's camera, as far as session.yaml says it.
@@ -340,6 +344,12 @@ class Session:
     drift: Drift | None = None
     shutter: Shutter = Shutter()
     known_object: KnownObject | None = None
+    sensor_stated: bool = True
+
+    @property
+    def with_sensor(self) -> bool:
+        """Whether there is a moment sensor."""
+        return math.isfinite(self.moment_std_Nm)
 
     @property
     def possible_drift(self) -> Drift:
@@ -382,7 +392,7 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
         T_antenna_board=jig.T_antenna_board @ face if jig else None,
         kinematics=kinematics.kinematics(),
         gravity_world_m_s2=np.zeros(3) if read.gravity_world is None else read.gravity_world,
-        moment_std_Nm=read.moment_sensor.std_Nm,
+        moment_std_Nm=NO_SENSOR.std_Nm if read.moment_sensor is None else read.moment_sensor.std_Nm,
         jig_translation_std_m=jig.translation_std_m if jig else 0.0,
         jig_rotation_std_rad=jig.rotation_std_rad if jig else 0.0,
         tilt_zero_std_rad=kinematics.tilt_zero_std_rad,
@@ -393,6 +403,7 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
         drift=read.drift,
         shutter=read.camera or Shutter(),
         known_object=read.known_object,
+        sensor_stated="moment_sensor" in data,
     )
 
 

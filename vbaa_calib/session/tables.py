@@ -32,7 +32,7 @@ class SweepPicture:
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """One picture of the antenna with the joints at rest. `moment_Nm` is the sensor's reading.
+    """One picture of the antenna with the joints at rest. `moment_Nm` is the sensor's reading, NaN without a sensor.
 
     `time_s` is when it was taken, from any start, for the sensor's drift; None if not recorded.
     """
@@ -167,13 +167,13 @@ def read_sweep(session: Session) -> list[SweepPicture]:
 def read_noload(session: Session) -> list[Still]:
     """noload/noload.csv: the free antenna."""
     why = "calibration needs the free antenna"
-    return [still for _, still in _pictures(session, "noload", why, Still, "moment_Nm")]
+    return [still for _, still in _pictures(session, "noload", why, Still)]
 
 
 def read_loads(session: Session) -> list[Load]:
     """loads/loads.csv: the antenna under known loads."""
     why, loads = "calibration needs known loads, for the stiffness", []
-    values, path = ("moment_Nm", "distance_m", "force_y_N", "force_z_N"), session.root / "loads" / "loads.csv"
+    values, path = ("distance_m", "force_y_N", "force_z_N"), session.root / "loads" / "loads.csv"
     for row, load in _pictures(session, "loads", why, Load, *values):
         if not 0 < load.distance_m <= session.antenna.length_m:
             what = f"distance_m is {load.distance_m:g}, the antenna {session.antenna.length_m:g} m long"
@@ -187,17 +187,24 @@ def read_loads(session: Session) -> list[Load]:
 def _pictures(
     session: Session, name: str, why: str, kind: type[_Row], *values: str
 ) -> Iterator[tuple[Mapping[str, str], _Row]]:
-    """The rows of a table: picture (no two alike), joint angles, and the columns `values`."""
+    """The rows of a table: picture (no two alike), joint angles, the moment of a still, and the columns `values`."""
     path, lines = session.root / name / f"{name}.csv", dict[Path, str]()
     _require(path, why)
-    columns, optional = ("image", *_ANGLES, *values), ("time_s",) if values else ()
+    of_antenna = issubclass(kind, Still)
+    values = (_MOMENTS[0], *values) if of_antenna and session.with_sensor else values
+    if of_antenna and not session.sensor_stated and _MOMENTS[0] in header_of(path):
+        what = f"column {_MOMENTS[0]} is there, but session.yaml says nothing of a moment sensor"
+        remedy = "give moment_sensor: {std_Nm: …} in session.yaml, or moment_sensor: null to leave the readings aside"
+        raise InputError(what, where=path, remedy=remedy)
+    unread = {_MOMENTS[0]: np.nan} if of_antenna else {}
+    columns, optional = ("image", *_ANGLES, *values), ("time_s",) if of_antenna else ()
     for row in read_csv(path, columns, optional, _IN_DEGREES):
         view = _view(row, path)
         if view["image"] in lines:
             what = f"the picture {row['image']} stands in line {lines[view['image']]}, too"
             raise wrong(row, path, what, "every row needs its own picture")
         lines[view["image"]] = row["line"]
-        entries = view | {value: number(row, value, path) for value in values}
+        entries = view | unread | {value: number(row, value, path) for value in values}
         yield row, kind(**entries)
 
 

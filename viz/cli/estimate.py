@@ -318,7 +318,9 @@ def _say_silent(frames: Sequence[Frame], rig: Rig) -> None:
     import numpy as np
 
     silent = sum(np.isnan(frame.moment_Nm) for frame in frames)
-    if silent:
+    if not rig.moment_sensor.exists:
+        say("vision alone: the rig has no moment sensor" + ", moment_Nm is left aside" * (silent < len(frames)))
+    elif silent:
         say(f"{silent} of {len(frames)} frames have no moment reading: vision alone there")
     if rig.second_moment_sensor is None and not all(np.isnan(frame.moment_z_Nm) for frame in frames):
         say("moment_z_Nm is left aside: rig.json has no second_moment_sensor")

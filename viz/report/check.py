@@ -140,12 +140,13 @@ def _calibrated(numbers: Mapping[str, Any]) -> list[tuple[str, Table]]:
             ["diameter", number(1e3 * antenna["diameter_m"]), "mm"],
             *shape,
         ],
-        "Moment sensor": [
+    }
+    if sensor is not None:
+        tables["Moment sensor"] = [
             _row("gain", sensor, "gain", "", 1.0, ""),
             _row("offset", sensor, "offset", "_Nm", 1e6, "µN·m"),
             ["noise of a reading", number(1e6 * sensor["std_Nm"]), "µN·m"],
-        ],
-    }
+        ]
     return [(name, Table(("what", "value", "unit"), rows, ("what",))) for name, rows in tables.items()]
 
 

@@ -187,7 +187,9 @@ def _over_time(report: Report) -> list[Markup]:
         title = "slip of the antenna on the object, mm/s"
         drawn.append(signals(clock, title, slip, 1e3 * track.slip_std_m_s, "the noise, at most"))
     title, residual = "moment: measured minus predicted by the fit", table.moment_residual_Nm
-    if rig is None:
+    if rig is not None and not rig.moment_sensor.exists:
+        pass
+    elif rig is None:
         unit, scale = _shown_unit("moment_residual_Nm")
         nothing = np.full(len(table), np.nan)
         drawn.append(curve(clock, f"{title}, {unit}", scale * residual, nothing))

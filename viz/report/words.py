@@ -152,7 +152,7 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
         words = f"{count} frame{'s' * (count != 1)} gave no contact point: {'; '.join(shown)}."
         facts.append(Fact("Lost", words, "look"))
     residual = table.moment_residual_Nm[np.isfinite(table.moment_residual_Nm)]
-    if rig is not None and len(residual):
+    if rig is not None and rig.moment_sensor.exists and len(residual):
         rms = float(np.sqrt(np.mean((residual / rig.moment_sensor.std_Nm) ** 2)))
         words = f"picture and moment sensor disagree by {rms:.1f} times the sensor's noise (rms)"
         facts += [Fact("To look at", f"{words}: `vbaa check` asks why.", "look")] if rms > _LARGE_RESIDUAL else []
@@ -172,7 +172,8 @@ def origin(files: Mapping[str, Path | None], rig: Rig | None, argv: Sequence[str
         length, diameter = number(1e3 * rig.antenna.length_m), number(1e3 * rig.antenna.diameter_m)
         antenna = f"antenna of {length} mm × {diameter} mm, EI = {1e3 * rig.antenna.stiffness_Nm2:.4g} mN·m²"
         camera = "camera of {} × {} px".format(*rig.camera.image_size)
-        noise = f"moment sensor's noise {1e6 * rig.moment_sensor.std_Nm:.3g} µN·m"
+        sensor = rig.moment_sensor
+        noise = f"moment sensor's noise {1e6 * sensor.std_Nm:.3g} µN·m" if sensor.exists else "no moment sensor"
         rows.append(("antenna and camera", "; ".join([antenna, camera, noise])))
     versions = f"vbaa-calib {vbaa_calib.__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
     return [*rows, ("versions", versions), ("written", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")]

@@ -117,7 +117,7 @@ class Problem:
     seen_at_lens: Sequence[SeenPoints]  # every observation's points, through the lens that is `lens_at` steps away
     lens_at: np.ndarray  # (P,)
     length_m: float
-    moment_std_Nm: float
+    moment_std_Nm: float  # infinite: no moment sensor
     noise_scale: float  # factor on the stated deviations of the points
     kept: np.ndarray  # (F,) which observations take part
     groups: ReadingGroups  # what the readings have in common
@@ -352,7 +352,7 @@ class Problem:
         misfit, rows = -self.moment_residuals_Nm(parameters, moments), self.moment_slopes(parameters, moments)
         parts = [
             (points[:, 0] / self.noise_scale, self.by_all(points) / self.noise_scale),
-            (misfit[self.kept] / self.moment_std_Nm, rows[self.kept] / self.moment_std_Nm),
+            (self._in_std(misfit[self.kept]), rows[self.kept] / self.moment_std_Nm),
         ]
         parts += [self._pose_prior(estimate, parameters) for estimate in self.prior.poses]
         parts.append(self._tip_rows(evaluated))
@@ -410,9 +410,13 @@ class Problem:
         return rows
 
     def moment_residuals_Nm(self, parameters: np.ndarray, moments: np.ndarray) -> np.ndarray:
-        """(F,) the sensor's readings less what the parameters predict."""
+        """(F,) the sensor's readings less what the parameters predict; NaN without a sensor."""
         readings = np.array([obs.still.moment_Nm for obs in self.observations])
         return readings - parameters[GAIN] * moments[:, 0] - parameters[OFFSET]
+
+    def _in_std(self, misfit_Nm: np.ndarray) -> np.ndarray:
+        """Residuals of the moments over the sensor's noise; 0 without a sensor."""
+        return misfit_Nm / self.moment_std_Nm if np.isfinite(self.moment_std_Nm) else np.zeros_like(misfit_Nm)
 
     def _pose_prior(self, estimate: PoseEstimate, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         whiten, away = self._away(estimate, parameters)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from vbaa_calib.antenna.shape import PARAMETERS
-from vbaa_calib.core.robust import mad_std
+from vbaa_calib.core.robust import finite_or_none, mad_std
 
 from .bundle_adjustment import BundleAdjustment
 
@@ -33,7 +33,8 @@ class Checks:
     anisotropy : log of the stiffness against bending to y over that to z; assumption 4 says 0. None without loads.
     mass_per_length_kg_m : from the sag alone, without prior knowledge; None if the sag does not determine it.
     drift_Nm : of the moment sensor, per s, or per row where the stills have no times: drift_per.
-    noise_Nm : of the moment sensor as the stills show it, by so many degrees of freedom, and its 95 % interval.
+    noise_Nm : of the moment sensor as the stills show it, by so many degrees of freedom, and its 95 % interval; NaN
+        without a sensor.
     """
 
     anisotropy: Estimate | None
@@ -49,7 +50,8 @@ class Checks:
         drift = {f"drift_Nm_per_{per}": self.drift_Nm if per == self.drift_per else None for per in ("s", "row")}
         estimates = {"anisotropy": self.anisotropy, "mass_per_length_kg_m": self.mass_per_length_kg_m, **drift}
         numbers = {name: one and vars(one) for name, one in estimates.items()}
-        return numbers | {"noise_Nm": self.noise_Nm, "noise_interval_95_Nm": list(self.noise_interval_95_Nm)}
+        interval = [finite_or_none(end) for end in self.noise_interval_95_Nm]
+        return numbers | {"noise_Nm": finite_or_none(self.noise_Nm), "noise_interval_95_Nm": interval}
 
 
 def check(joint: BundleAdjustment) -> Checks:
@@ -95,7 +97,7 @@ def _mass(joint: BundleAdjustment) -> Estimate | None:
 
 
 def _drift(joint: BundleAdjustment, when: np.ndarray) -> Estimate | None:
-    if np.ptp(when) == 0.0:
+    if np.ptp(when) == 0.0 or np.isinf(joint.problem.moment_std_Nm):
         return None
     centred = (when - when[joint.kept].mean()) / joint.problem.moment_std_Nm
     return _one_more(joint, np.zeros(_point_rows(joint)), centred)
@@ -104,6 +106,8 @@ def _drift(joint: BundleAdjustment, when: np.ndarray) -> Estimate | None:
 def _moment_noise(joint: BundleAdjustment) -> tuple[float, tuple[float, float], float]:
     """Noise of one reading, its interval, and its degrees of freedom, those that the fit took left out."""
     problem, solution = joint.problem, joint.solution
+    if np.isinf(problem.moment_std_Nm):
+        return np.nan, (np.nan, np.nan), 0.0
     residuals = joint.moment_residuals_Nm[joint.kept]
     # a reading that is wrong is not noise: it is named instead
     usual = max(mad_std(residuals), problem.moment_std_Nm)

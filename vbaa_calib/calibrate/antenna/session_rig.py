@@ -24,6 +24,7 @@ from vbaa_calib.detect.whisker.stretches import stretches, why_lost
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.session import (
+    NO_SENSOR,
     Load,
     LoadReadings,
     NominalAntenna,
@@ -37,7 +38,7 @@ from vbaa_calib.session import (
 from .bundle_adjustment import BundleAdjustment, adjust_bundle
 from .inputs import EXACT, Observation, Prior
 from .learnt_paint import learn
-from .problem import ANTENNA
+from .problem import ANTENNA, GAIN, OFFSET
 from .residual_checks import check
 
 _LEAST_SEEN_FREE = 0.6  # nothing hides the free antenna: less than this fraction seen means that something is wrong
@@ -307,6 +308,11 @@ def make_rig(
 ) -> Rig:
     """The rig out of a bundle adjustment."""
     gain, offset = joint.sensor_gain_offset
+    covariance = joint.covariance
+    if not session.with_sensor:
+        # its parameters, which nothing shows, are none of the rig's
+        covariance = covariance.copy()
+        covariance[GAIN : OFFSET + 1] = covariance[:, GAIN : OFFSET + 1] = 0.0
     paint = observations[0].paint
     heights = [one.height for one in observations if not isinstance(one.still, Load) and one.height > 0]
     # where it changes along the antenna it changes with the light as well
@@ -316,7 +322,7 @@ def make_rig(
         camera=joint.camera,
         T_antenna_camera=joint.T_antenna_camera,
         antenna=Antenna(session.antenna.length_m, session.antenna.diameter_m, joint.parameters[ANTENNA]),
-        moment_sensor=MomentSensor(gain, offset, joint.problem.moment_std_Nm),
+        moment_sensor=MomentSensor(gain, offset, joint.problem.moment_std_Nm) if session.with_sensor else NO_SENSOR,
         kinematics=kinematics,
         gravity_world_m_s2=session.gravity_world_m_s2,
         image=AntennaImage(
@@ -327,7 +333,7 @@ def make_rig(
             looks=usual_looks([one.look for one in observations]),
             both_edges=paint.both_edges,
         ),
-        covariance=joint.covariance,
+        covariance=covariance,
         second_moment_sensor=session.second_moment_sensor,
         drift=session.possible_drift,
         tip=joint.tip,

@@ -15,7 +15,7 @@ from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior, readi
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, Problem, still_curves
 from vbaa_calib.calibrate.antenna.problem import RIG as LENS
 from vbaa_calib.core.least_squares import ScoreTest, change_test, products
-from vbaa_calib.core.robust import mad_std
+from vbaa_calib.core.robust import finite_or_none, mad_std
 from vbaa_calib.rig import RIG_STEPS, Rig
 from vbaa_calib.rig.reprojection import feet, image_curves
 from vbaa_calib.session import Load, LoadReadings, Still
@@ -121,7 +121,8 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
     loaded = [one for one in stills if isinstance(one.still, Load)]
     covariance = rig.joint_covariance
     count = len(covariance)
-    scale = np.concatenate([_SCALE, [10 * rig.moment_sensor.std_Nm], np.full(count - LENS, 0.01)])
+    sensor = rig.moment_sensor
+    scale = np.concatenate([_SCALE, [10 * sensor.std_Nm if sensor.exists else 1.0], np.full(count - LENS, 0.01)])
     changed: list[int] = []
 
     def change(data: np.ndarray, wanted: Sequence[int] | np.ndarray) -> ScoreTest:
@@ -140,17 +141,21 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
     changed += [_STIFFNESS] if stiffness.is_bad else []
     read = [one for one in free if one.has_moment]
     zero = _information(read, _MOMENT, count)
+    document = {
+        "noload": [_free_row(rig.antenna.length_m, one) for one in free],
+        "loads": [
+            _load_row(one, float(own.values[0]), float(own.std[0])) for one, own in zip(loaded, by_load, strict=True)
+        ],
+    }
+    if not sensor.exists:
+        return Checked((shape, stiffness), document)
     found = change(bent + zero, [OFFSET]) if read else _UNREAD if free else _NO_FREE
-    offset = _number_finding(
-        "sensor_offset", found, _NO_FREE, _offset_remedy(rig, read), 1e3 * rig.moment_sensor.std_Nm
-    )
+    offset = _number_finding("sensor_offset", found, _NO_FREE, _offset_remedy(rig, read), 1e3 * sensor.std_Nm)
     changed += [OFFSET] if not read or offset.is_bad else []
     found = change(data + zero + _information(loaded, _BOTH, count), [GAIN]) if loaded else _NO_LOADS
     hidden = "the given loads do not show the gain: add one that leaves plane C (force_z_N)"
     remedy = "check the loads' signs and the sensor's wiring, then calibrate again"
     gain = _number_finding("sensor_gain", found, hidden, remedy)
-    rows = [_load_row(one, float(own.values[0]), float(own.std[0])) for one, own in zip(loaded, by_load, strict=True)]
-    document = {"noload": [_free_row(rig.antenna.length_m, one) for one in free], "loads": rows}
     return Checked((shape, stiffness, offset, gain), document)
 
 
@@ -251,9 +256,9 @@ def _load_row(one: CheckedStill, step: float, std: float) -> dict[str, Any]:
         "seen_deflection_mm": 1e3 * one.deflection_m * float(np.exp(-step)),
         "stiffness_percent": 100 * step,
         "stiffness_std_percent": 100 * std,
-        "moment_predicted_mNm": 1e3 * (load.moment_Nm - residual),
-        "moment_read_mNm": 1e3 * load.moment_Nm,
-        "moment_residual_mNm": 1e3 * residual,
+        "moment_predicted_mNm": finite_or_none(1e3 * (load.moment_Nm - residual)),
+        "moment_read_mNm": finite_or_none(1e3 * load.moment_Nm),
+        "moment_residual_mNm": finite_or_none(1e3 * residual),
         "look_at": bool(wrong),
     }
 
@@ -267,6 +272,6 @@ def _free_row(length_m: float, one: CheckedStill) -> dict[str, Any]:
         "tilt_deg": float(np.degrees(one.still.tilt_rad)),
         "arclength_mm": [1e3 * float(np.median(one.arclength_m[inside])) for inside in bins],
         "residual_mm": [float(np.median(one.residual_mm[inside])) for inside in bins],
-        "moment_read_mNm": 1e3 * one.still.moment_Nm if one.has_moment else None,
-        "moment_residual_mNm": 1e3 * one.moment_residual_Nm if one.has_moment else None,
+        "moment_read_mNm": finite_or_none(1e3 * one.still.moment_Nm),
+        "moment_residual_mNm": finite_or_none(1e3 * one.moment_residual_Nm),
     }

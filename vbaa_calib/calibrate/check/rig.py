@@ -135,7 +135,9 @@ def rig_numbers(rig: Rig, nominal_Nm2: float | None) -> dict[str, Any]:
             "offset_Nm": sensor.offset_Nm,
             "offset_std_Nm": rig.std("moment_offset_Nm"),
             "std_Nm": sensor.std_Nm,
-        },
+        }
+        if sensor.exists
+        else None,
     }
 
 
@@ -157,7 +159,8 @@ def rig_findings(rig: Rig, quality: Mapping[str, Any], nominal_Nm2: float | None
         second = Finding(name, NOT_GIVEN, "not recorded")
     else:
         second = Finding(name, HOLDS, "no: only one pose of the board fits the picture")
-    return [_plane_c(rig), _lens_region(rig), _stiffness(rig, nominal_Nm2), _sensor(rig), second, doubts]
+    sensor = [_sensor(rig)] if rig.moment_sensor.exists else []
+    return [_plane_c(rig), _lens_region(rig), _stiffness(rig, nominal_Nm2), *sensor, second, doubts]
 
 
 def _listed(found: Any) -> list[str]:

@@ -234,6 +234,7 @@ def load_progress(
     kept = zip(joint.noted, joint.kept, strict=True)
     hung = [one.still for one, inside in kept if inside and isinstance(one.still, Load)]
     gain_std = float(np.sqrt(joint.covariance[GAIN, GAIN]) / max(abs(joint.parameters[GAIN]), 1e-9))
+    gain_std = gain_std if session.with_sensor else 0.0
     # a load that shows the gain comes first where the gain is not known, if any can
     showing_gain = [index for index, one in enumerate(candidates) if abs(one.pull.direction[1]) > _OUT_OF_PLANE]
     gain_open = gain_std > _GAIN_STD and bool(showing_gain)
