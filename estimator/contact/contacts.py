@@ -16,7 +16,7 @@ from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .inputs import Batch
 from .motion import Beam, Inertia, Motion, Shapes
-from .status import FAILED, NO_ANTENNA, NO_CONTACT, ODD_END, OK, TIP, reason, statuses
+from .status import FAILED, NO_ANTENNA, NO_CONTACT, ODD_END, OK, TIP, force_determined, reason, statuses
 
 _LARGEST_SHIFT = 1 / 3  # inertia that would move the distance by more than this part of its deviation is too much
 
@@ -100,6 +100,10 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
         turned = np.einsum(
             "bij,bnj->bni", rotation, np.stack([numbers.point_m, numbers.force_N, numbers.tangent], axis=1)
         )
+        known = force_determined(numbers)
+        # of a force that is not known in all directions nothing mixes its components
+        whole = located & known.all(axis=1)
+        components = np.column_stack([whole, located[:, None] & known])
         moment = numbers.residual[:, 0] * rig.moment_noise_Nm[0] / rig.moment_sensor.gain
         return Contacts(
             rig=rig,
@@ -113,16 +117,16 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
             distance_std_m=given(numbers.std[:, 0] * length),
             distance_shared_std_m=given(numbers.shared_std * length),
             point_shared_std_m=given(_deviations(rotation @ numbers.shared[:, :3, :3] @ np.swapaxes(rotation, 1, 2))),
-            force_covariance_yz_N2=given(numbers.covariance[:, 4, 5]),
-            force_shared_std_N=given(_deviations(numbers.shared[:, 3:, 3:])),
-            force_N=given(numbers.force_N),
-            force_std_N=given(deviations[:, 3:]),
-            deflection_m=given(numbers.deflection_m),
+            force_covariance_yz_N2=given(numbers.covariance[:, 4, 5], whole),
+            force_shared_std_N=np.where(components, _deviations(numbers.shared[:, 3:, 3:]), np.nan),
+            force_N=np.where(components, numbers.force_N, np.nan),
+            force_std_N=np.where(components, deviations[:, 3:], np.nan),
+            deflection_m=np.where(components, numbers.deflection_m, np.nan),
             point_antenna_m=given(numbers.point_m),
             point_world_m=given(turned[:, 0] + translation),
             covariance_world_m2=given(covariance),
-            force_world_N=given(turned[:, 1]),
-            tangent_world=given(turned[:, 2]),
+            force_world_N=given(turned[:, 1], whole),
+            tangent_world=given(turned[:, 2], whole),
             moment_residual_Nm=given(moment, numbers.sensor_available[:, 0]),
             friction_angle_rad=given(numbers.unknowns[:, 3] * friction_rad),
             friction_angle_std_rad=given(numbers.std[:, 3] * friction_rad),

@@ -92,7 +92,8 @@ def _mirrored(numbers: FitNumbers) -> np.ndarray:
 
 def _at_clamp(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether the contact lies at the least distance that is searched."""
-    return numbers.unknowns[:, 0] <= core.solver.NEAREST * (1.0 + 1e-6)
+    least = numbers.unknowns[:, 0] - np.where(numbers.marginal, numbers.std[:, 0], 0.0)
+    return least <= core.solver.NEAREST * (1.0 + 1e-6)
 
 
 def _friction_exceeded(numbers: FitNumbers) -> np.ndarray:
@@ -105,14 +106,16 @@ def _second_contact(numbers: FitNumbers) -> np.ndarray:
 
 
 def _force_undetermined(numbers: FitNumbers) -> np.ndarray:
-    """(B,) whether the force, and with it the contact point, is undetermined in some direction across the antenna.
+    """(B,) whether the force, and with it the contact point, is undetermined in some direction across the antenna, and
+    the rest is not known for all that it may be there."""
+    std = np.max(numbers.std[:, 1:3], axis=1)
+    return ~(0.01 * numbers.unknowns[:, 0] ** 3 * std < LOW_SIGNAL) & ~numbers.marginal
 
-    Without a reading also where it is not known to half its size: then its direction is not known either, and first
-    order does not describe the rest.
-    """
-    std, force = np.max(numbers.std[:, 1:3], axis=1), np.hypot(numbers.unknowns[:, 1], numbers.unknowns[:, 2])
-    swaying = ~(0.01 * numbers.unknowns[:, 0] ** 3 * std < LOW_SIGNAL)
-    return swaying | (_mirrored(numbers) & ~(std < 0.5 * force))
+
+def force_determined(numbers: FitNumbers) -> np.ndarray:
+    """(B, 2) whether the force's components along y and z are known to half of its size."""
+    force = np.hypot(numbers.unknowns[:, 1], numbers.unknowns[:, 2])
+    return (numbers.std[:, 1:3] < 0.5 * force[:, None]) | ~numbers.marginal[:, None]
 
 
 def _model_too_low(numbers: FitNumbers) -> np.ndarray:
@@ -218,8 +221,23 @@ def _model(numbers: FitNumbers, requested: str) -> str:
     return f"{name}: {RUNGS[low[-1]]} would be {bias[low[-1]]:.1f} std off"
 
 
+def _undetermined(numbers: FitNumbers) -> list[str]:
+    """Which components of the force are not determined, and what is of it."""
+    known = force_determined(numbers)[0]
+    if known.all():
+        return []
+    missing = " and ".join(name for name, given in zip(("f_y", "f_z"), known, strict=True) if not given)
+    variances, axes = np.linalg.eigh(numbers.covariance[0, 4:, 4:])
+    seen, std = float(axes[:, 0] @ numbers.force_N[0, 1:]), float(np.sqrt(max(variances[0], 0.0)))
+    angle = np.degrees(np.arctan2(*(np.sign(seen) * axes[::-1, 0])))
+    return [
+        f"{missing} not determined: only perspective shows the force along the line of sight; across it, "
+        f"{angle:.0f}° from y, it is {1e3 * abs(seen):.3g} ± {1e3 * std:.2g} mN"
+    ]
+
+
 def _remarks(numbers: FitNumbers) -> list[str]:
-    remarks = []
+    remarks = _undetermined(numbers)
     if numbers.scatter[0] > 1.0:
         remarks.append(f"the points scatter {numbers.scatter[0]:.1f} times more than they should")
     rig = float(numbers.rig_chi_square[0])

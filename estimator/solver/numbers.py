@@ -39,7 +39,8 @@ class FitNumbers:
     evidence : (B,) for a contact, see `uncertainty.hpp`. condition : (B,) likewise.
     converged, at_tip, scatter : (B,) see `structs.hpp`.
     alternative_cost : (B,) how much more another minimum costs, infinite without one. alternative_unknowns : (B, 4).
-    ambiguous : (B,) bool, see `alternative_minima.hpp`.
+    ambiguous : (B,) bool, see `alternative_minima.hpp`. marginal : (B,) bool, the numbers are means over all forces
+        along the line of sight, see `marginal.hpp`.
     second_gain, second_place, second_shift : (B,) see `second_contact.hpp`.
     finite : (B,) bool, the fit stayed in the model's domain.
     edge_on_rad : angle between the deformation plane and the ray from the camera's centre to the contact.
@@ -85,6 +86,7 @@ class FitNumbers:
     alternative_cost: np.ndarray = _each()
     alternative_unknowns: np.ndarray = _each(4)
     ambiguous: np.ndarray = _each(dtype=bool)
+    marginal: np.ndarray = _each(dtype=bool)
     second_gain: np.ndarray = _each()
     second_place: np.ndarray = _each()
     second_shift: np.ndarray = _each()

@@ -81,11 +81,12 @@ solver::Numbers numbers_of(nb::handle object, int count) {
     solver::Numbers n;
     read(object, std::array{count}, "points", n.points, "evaluations", n.evaluations, "rung", n.rung, "rig_axes",
          n.rig_axes, "outliers", n.outliers, "converged", n.converged, "at_tip", n.at_tip, "finite", n.finite,
-         "ambiguous", n.ambiguous, "shared_std", n.shared_std, "friction_share", n.friction_share, "tip_std", n.tip_std,
-         "cost", n.cost, "rig_chi_square", n.rig_chi_square, "evidence", n.evidence, "scatter", n.scatter, "condition",
-         n.condition, "alternative_cost", n.alternative_cost, "second_gain", n.second_gain, "second_place",
-         n.second_place, "second_shift", n.second_shift, "edge_on_rad", n.edge_on_rad, "drift_px", n.drift_px,
-         "drift_readings", n.drift_readings, "left_px", n.left_px, "farthest", n.farthest);
+         "ambiguous", n.ambiguous, "marginal", n.marginal, "shared_std", n.shared_std, "friction_share",
+         n.friction_share, "tip_std", n.tip_std, "cost", n.cost, "rig_chi_square", n.rig_chi_square, "evidence",
+         n.evidence, "scatter", n.scatter, "condition", n.condition, "alternative_cost", n.alternative_cost,
+         "second_gain", n.second_gain, "second_place", n.second_place, "second_shift", n.second_shift, "edge_on_rad",
+         n.edge_on_rad, "drift_px", n.drift_px, "drift_readings", n.drift_readings, "left_px", n.left_px, "farthest",
+         n.farthest);
     read(object, std::array{count, 2}, "sensor_available", n.sensor_available, "residual", n.residual, "residual_std",
          n.residual_std);
     read(object, std::array{count, 3}, "point_m", n.point_m, "force_N", n.force_N, "tangent", n.tangent, "deflection_m",

@@ -19,8 +19,6 @@ constexpr double TOLERANCE = 1e-4, COARSE_TOLERANCE = 1e-2;
 constexpr double NEGLIGIBLE = 0.1;
 // A rise of the cost by less is none: it is no better known while the feet are not yet the nearest.
 constexpr double COST_NOISE = 1e-3;
-// Largest friction angle that is searched, in standard deviations of its prior.
-constexpr double LARGEST_FRICTION = 4.0;
 // Least damping, on a unit diagonal, after a step that was poorly predicted.
 constexpr double DAMPING = 1e-3;
 // A step to more than this many times the lowest cost is not followed.

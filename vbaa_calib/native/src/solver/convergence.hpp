@@ -9,6 +9,8 @@ namespace vbaa::solver {
 constexpr double NEAREST = 0.03;
 // N points whose median residual exceeds its expectation by this over √N scatter more than noise: three deviations.
 constexpr double EXCESS_SCATTER = 3.5;
+// Largest friction angle that is searched, in standard deviations of its prior.
+constexpr double LARGEST_FRICTION = 4.0;
 // Iterations of a rough descent.
 constexpr int COARSE_ITERATIONS = 5;
 // Median residual, in standard deviations, beyond which the shape is not that of one contact.

@@ -136,7 +136,7 @@ bool is_significant(const Unknowns& unknowns, const Uncertainty& found) {
 }
 
 // The best of a frame's minima on a rung and its uncertainty; whether its mirror image looks like it.
-bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative& other) {
+bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative& other, Marginal& marginal) {
     const Rig& rig = search.rig;
     const Frame& frame = search.frame;
     Work& work = search.work;
@@ -161,7 +161,9 @@ bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative
         // what turned out better has a mirror image of its own
         if (different(before, best.unknowns)) try_mirrors(rig, frame, rung, best.unknowns, best, other, work);
         uncertainty(best, found, work);
-        widen_by_profile(rig, frame, rung, best, found, work);
+        const bool read = frame.available[0] > 0.0 || frame.available[1] > 0.0;
+        if (!read && best.converged) marginalise(rig, frame, rung, best, other, found, marginal, work);
+        if (!marginal.known) widen_by_profile(rig, frame, rung, best, found, work);
     }
     return ambiguous;
 }
@@ -209,7 +211,7 @@ void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model
         coarse_minimum(rig, frame, rung, work.best, work, false, MOST_SCATTER, 0);
         uncertainty(work.best, found, work);
     } else {
-        findings.ambiguous = fit_on_rung(search, rung, found, findings.other);
+        findings.ambiguous = fit_on_rung(search, rung, found, findings.other, findings.marginal);
     }
     const Fit& problem = with_right_shapes(search, rung);
     judge_rungs(search, model, problem, found, findings);

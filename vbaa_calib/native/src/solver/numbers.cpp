@@ -164,15 +164,17 @@ void write_push(const Rig& rig, const Frame& frame, const Fit& fit, ConstVector 
 void write_touch(const Rig& rig, const Uncertainty& found, const Findings& findings, const Numbers& numbers, int row,
                  const Work& work) {
     const Fit& fit = work.best;
+    const Marginal& marginal = findings.marginal;
     const int shared = rig.shared, steps = fit.size - UNKNOWNS;
     double covariance[6][6], by_distance = 0.0;
     touch_covariance(found, covariance);
+    const auto& own = marginal.known ? marginal.fixed : found.covariance;
     // how far a unit error of each of the rig's axes, which all frames share, turns a result
     Array<double, 2> with_rig(6, shared);
     for (int k = 0; k < shared; ++k) {
         Unknowns response = {};
         for (int a = 0; a < UNKNOWNS; ++a) {
-            for (int b = 0; b < UNKNOWNS; ++b) response[a] += found.covariance[a][b] * found.rig_response(k, b);
+            for (int b = 0; b < UNKNOWNS; ++b) response[a] += own[a][b] * found.rig_response(k, b);
         }
         by_distance += response[0] * response[0];
         for (int q = 0; q < 6; ++q) {
@@ -183,11 +185,14 @@ void write_touch(const Rig& rig, const Uncertainty& found, const Findings& findi
     }
     numbers.shared_std[row] = std::sqrt(by_distance);
     if (!fit.at_tip) add_bows(rig, fit.unknowns, found, covariance);
+    if (marginal.known) std::copy_n(marginal.touch_covariance[0], 36, covariance[0]);
     add_model_errors(rig, findings, found, covariance, numbers.std.row(row));
-    const std::array<double, 3> free_point = point_at(work.free, rig.length_m, fit.unknowns[0] * rig.length_m);
+    const double distance = marginal.known ? marginal.mean[0] : fit.unknowns[0];
+    const std::array<double, 3> free_point = point_at(work.free, rig.length_m, distance * rig.length_m);
     for (int q = 0; q < 6; ++q) {
         double touch = fit.point_force[q];
         for (int k = 0; k < steps; ++k) touch += fit.point_force_columns(q, UNKNOWNS + k) * fit.steps[k];
+        if (marginal.known) touch = marginal.touch[q];
         (q < 3 ? numbers.point_m : numbers.force_N)(row, q % 3) = touch;
         if (q < 3) {
             numbers.deflection_m(row, q) = touch - free_point[q];
@@ -211,6 +216,8 @@ void write_touch(const Rig& rig, const Uncertainty& found, const Findings& findi
 void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found, const Findings& findings,
                    ConstVector pieces_m, const Numbers& numbers, int row, Work& work) {
     const Fit& fit = work.best;
+    const Marginal& marginal = findings.marginal;
+    const Unknowns& unknowns = marginal.known ? marginal.mean : fit.unknowns;
     write_touch(rig, found, findings, numbers, row, work);
     write_drift(rig, fit, numbers, row);
     numbers.points[row] = fit.points;
@@ -223,9 +230,9 @@ void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found,
     numbers.cost[row] = fit.cost;
     bool finite = std::isfinite(fit.cost);
     for (int a = 0; a < UNKNOWNS; ++a) {
-        numbers.unknowns(row, a) = fit.unknowns[a];
+        numbers.unknowns(row, a) = unknowns[a];
         numbers.alternative_unknowns(row, a) = findings.other.unknowns[a];
-        finite = finite && std::isfinite(fit.unknowns[a]);
+        finite = finite && std::isfinite(unknowns[a]);
     }
     numbers.finite[row] = finite;
     for (int reading = 0; reading < 2; ++reading) {
@@ -249,10 +256,11 @@ void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found,
     numbers.second_place[row] = findings.second.place;
     numbers.second_shift[row] = findings.second.shift;
     numbers.ambiguous[row] = findings.ambiguous;
+    numbers.marginal[row] = marginal.known;
     std::copy_n(findings.bias, REFERENCE + 1, numbers.bias.row(row).data);
     numbers.farthest[row] = std::sqrt(largest);
     numbers.outliers[row] = 0;
-    numbers.edge_on_rad[row] = angle_edge_on(rig, fit.unknowns.data());
+    numbers.edge_on_rad[row] = angle_edge_on(rig, unknowns.data());
     numbers.rung[row] = findings.needed;
     numbers.left_px[row] = findings.left_px;
     if (pieces_m.size()) {

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "solver/alternative_minima.hpp"
+#include "solver/marginal.hpp"
 #include "solver/second_contact.hpp"
 #include "solver/structs.hpp"
 #include "solver/uncertainty.hpp"
@@ -19,7 +19,7 @@ constexpr double SMALL_BIAS = 1.0 / 3.0;
 // Arrays of one row for each frame, see `FitNumbers` in Python.
 struct Numbers {
     View<std::int64_t, 1> points, evaluations, rung, rig_axes, outliers;
-    View<bool, 1> converged, at_tip, finite, ambiguous;
+    View<bool, 1> converged, at_tip, finite, ambiguous, marginal;
     View<bool, 2> sensor_available;
     Vector shared_std, friction_share, tip_std, cost, rig_chi_square, evidence, scatter, condition, alternative_cost,
         second_gain, second_place, second_shift, edge_on_rad, drift_px, drift_readings, left_px, farthest;
@@ -38,6 +38,7 @@ struct Findings {
     double evidence;             // for a contact
     SecondForce second;
     bool ambiguous = false;  // its mirror image looks like it
+    Marginal marginal;       // over its force along the line of sight, if no reading shows that
     double left_px;          // how far most points stay from the nearest antenna, if it was given up for that; else NaN
 };
 

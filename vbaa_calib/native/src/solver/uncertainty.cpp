@@ -82,12 +82,6 @@ void reading_std(const Fit& fit, const std::array<double, 3>& fitted, Uncertaint
     }
 }
 
-// `huber_excess` where it is more than noise gives, else 1.
-double huber_variance_inflation(const Fit& fit) {
-    const double factor = huber_excess(fit);
-    return factor > 1.0 + EXCESS_SCATTER / std::sqrt(fit.points + 1e-30) ? factor : 1.0;
-}
-
 // What another shape of the antenna says, less the fit's, into a column.
 void compare(const Rig& rig, const Frame& frame, const Fit& fit, const Bent& bent, int column, double sign,
              Changes& changes) {
@@ -201,6 +195,11 @@ double huber_excess(const Fit& fit) {
         total += weight;
     }
     return square / std::max(total, 1e-30);
+}
+
+double huber_variance_inflation(const Fit& fit) {
+    const double factor = huber_excess(fit);
+    return factor > 1.0 + EXCESS_SCATTER / std::sqrt(fit.points + 1e-30) ? factor : 1.0;
 }
 
 void touch_covariance(const Uncertainty& found, double (&total)[6][6]) {

@@ -17,6 +17,9 @@ void uncertainty(const Fit& fit, Uncertainty& found, Work& work);
 // Σψ²/Σw of Huber's ψ and weights: about 1 where points scatter as their σ say.
 double huber_excess(const Fit& fit);
 
+// That where it is more than noise gives, else 1.
+double huber_variance_inflation(const Fit& fit);
+
 // Covariance of contact point and force.
 void touch_covariance(const Uncertainty& found, double (&total)[6][6]);
 

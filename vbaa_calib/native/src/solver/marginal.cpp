@@ -1,0 +1,280 @@
+#include "solver/marginal.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "linear_algebra.hpp"
+#include "solver/convergence.hpp"
+#include "solver/initialization.hpp"
+#include "solver/normal_equations.hpp"
+#include "solver/rig_jacobian.hpp"
+#include "solver/uncertainty.hpp"
+
+namespace vbaa::solver {
+namespace {
+
+// Largest load F·l²/EI along the line of sight: a slope of some 60°.
+constexpr double LARGEST_LOAD = 3.0;
+// First step of the force, in its σ and in antenna lengths of the tip's deflection, whichever is less.
+constexpr double FIRST_STEP_STD = 0.7, FIRST_STEP_DEFLECTION = 0.02;
+// A step that changes the log density by more is halved, after one that changes it by less the next one is longer.
+constexpr double COARSE = 2.5, FINE = 0.2, LONGER = 1.5;
+// Below the highest density by this factor's logarithm nothing is left.
+constexpr double NOTHING = 10.0;
+constexpr int MOST_SLICES = 32, MOST_ROUNDS = 4, MOST_HALVINGS = 6;
+// A slice is reached if the last step changed the cost by less, and the force is off by this part of the step.
+constexpr double COST_CHANGE = 0.02, OFF_PLACE = 0.02;
+// Weight that fixes the force along the line of sight, over the information on forces.
+constexpr double FIXED = 1e4;
+// Weight of each tail that is left out when the farthest values are looked for, and how far from the mean these may be, in
+// σ: farther than a normal distribution's.
+constexpr double TAIL = 1e-4, TAIL_STD = 4.0;
+// Change of the tip's deflection, in antenna lengths, after which the rig's derivatives are renewed.
+constexpr double FAR = 0.02;
+
+// What is known where the force along the line of sight has one value.
+struct Slice {
+    double along, log_density;
+    Unknowns unknowns;
+    double covariance[UNKNOWNS][UNKNOWNS], touch[6], touch_covariance[6][6];
+};
+
+double along_sight(const Rig& rig, const Unknowns& unknowns) {
+    return unknowns[1] * rig.to_camera[0] + unknowns[2] * rig.to_camera[1];
+}
+
+// Adds what fixes the force along the line of sight, and pulls it to a value; gives its weight.
+double fix(const Rig& rig, double along, Fit& fit) {
+    const double weight = FIXED * (fit.information(1, 1) + fit.information(2, 2));
+    const double pull = weight * (along - along_sight(rig, fit.unknowns));
+    for (int a = 0; a < 2; ++a) {
+        fit.side[1 + a] += pull * rig.to_camera[a];
+        for (int b = 0; b < 2; ++b) fit.information(1 + a, 1 + b) += weight * rig.to_camera[a] * rig.to_camera[b];
+    }
+    return weight;
+}
+
+// Gauss–Newton's step at a fixed force, into `work.step`.
+void fixed_step(const Fit& fit, Work& work) {
+    const double distance = fit.unknowns[0];
+    double* step = work.step.begin();
+    factorise(fit.information, 0, fit.size, 0.0, work.factor, work.scale);
+    solve_factorised(work.factor, work.scale, fit.size, fit.side.begin(), step);
+    if (!((distance <= NEAREST && step[0] < 0.0) || (distance >= TIP && step[0] > 0.0))) return;
+    step[0] = 0.0;
+    factorise(fit.information, 1, fit.size - 1, 0.0, work.factor, work.scale);
+    solve_factorised(work.factor, work.scale, fit.size - 1, &fit.side[1], step + 1);
+}
+
+// The best fit with a force along the line of sight, from one near it; whether there is one.
+bool reach(const Rig& rig, const Frame& frame, int rung, double along, double tolerance, Fit& fit, Work& work) {
+    for (int round = 0; round < MOST_ROUNDS; ++round) {
+        const double before = fit.cost;
+        fix(rig, along, fit);
+        fixed_step(fit, work);
+        fit.unknowns = moved_unknowns(rig, fit.unknowns, work.step.begin());
+        for (int k = 0; k < fit.steps.size(); ++k) fit.steps[k] += work.step[UNKNOWNS + k];
+        evaluate(rig, frame, rung, fit, work);
+        if (!std::isfinite(fit.cost) || !(std::abs(fit.unknowns[3]) < LARGEST_FRICTION)) return false;
+        const bool there = std::abs(along - along_sight(rig, fit.unknowns)) < tolerance;
+        if (there && std::abs(fit.cost - before) < COST_CHANGE) break;
+    }
+    return true;
+}
+
+// Laplace's approximation about a fit: density of the force along the line of sight, moments of all else.
+Slice slice_of(const Rig& rig, Fit& fit, Work& work) {
+    Slice slice;
+    const int size = fit.size;
+    slice.along = along_sight(rig, fit.unknowns);
+    const double weight = fix(rig, slice.along, fit);
+    fixed_step(fit, work);
+    double promise = 0.0;
+    for (int k = 0; k < size; ++k) promise += fit.side[k] * work.step[k];
+    const Array<double, 1> step = work.step;
+    slice.unknowns = moved_unknowns(rig, fit.unknowns, step.begin());
+    factorise(fit.information, 0, size, 0.0, work.factor, work.scale);
+    double log_density = 0.5 * std::log(weight) - fit.cost + 0.5 * promise;
+    for (int k = 0; k < size; ++k) log_density += std::log(work.factor(k, k)) + std::log(work.scale[k]);
+    Array<double, 2> sides(size, 2 * LANES);
+    for (int k = 0; k < size; ++k) {
+        if (k < UNKNOWNS) sides(k, k) = 1.0;
+        for (int q = 0; q < 6; ++q) sides(k, UNKNOWNS + q) = fit.point_force_columns(q, k);
+    }
+    solve_many(work.factor, work.scale, size, sides, true);
+    for (int a = 0; a < UNKNOWNS; ++a) {
+        for (int b = 0; b < UNKNOWNS; ++b) slice.covariance[a][b] = sides(a, b);
+    }
+    for (int p = 0; p < 6; ++p) {
+        slice.touch[p] = fit.point_force[p];
+        for (int k = 0; k < size; ++k) {
+            const double by = k < UNKNOWNS ? slice.unknowns[k] - fit.unknowns[k] : fit.steps[k - UNKNOWNS] + step[k];
+            slice.touch[p] += fit.point_force_columns(p, k) * by;
+        }
+        for (int q = 0; q < 6; ++q) {
+            slice.touch_covariance[p][q] = 0.0;
+            for (int k = 0; k < size; ++k) {
+                slice.touch_covariance[p][q] += fit.point_force_columns(p, k) * sides(k, UNKNOWNS + q);
+            }
+        }
+    }
+    const auto& spread = slice.covariance;
+    const double y = slice.unknowns[1], z = slice.unknowns[2];
+    slice.log_density = log_density - std::log(y * y + z * z + spread[1][1] + spread[2][2]);
+    return slice;
+}
+
+// Places on one side of a fit, away from it.
+void sweep(const Rig& rig, const Frame& frame, int rung, const Fit& start, const Slice& middle, double step,
+           std::vector<Slice>& slices, Work& work) {
+    Fit &fit = work.other, &kept = work.found;
+    fit = start;
+    double most = middle.log_density, last = most, along = middle.along, deflected = along;
+    int halvings = 0;
+    for (int count = 0; count < MOST_SLICES && work.evaluations < work.most; ++count) {
+        const double distance = fit.unknowns[0], bound = LARGEST_LOAD / (rig.unit_load * distance * distance);
+        const double target = std::min(std::max(along + step, -bound), bound);
+        if (!((target - along) * step > 0.0)) return;
+        kept = fit;
+        if (!reach(rig, frame, rung, target, OFF_PLACE * std::abs(step), fit, work)) return;
+        const Slice slice = slice_of(rig, fit, work);
+        if (!std::isfinite(slice.log_density)) return;
+        const double change = std::abs(slice.log_density - last);
+        if (change > COARSE && halvings < MOST_HALVINGS) {
+            fit = kept;
+            step *= 0.5;
+            ++halvings;
+            continue;
+        }
+        slices.push_back(slice);
+        along = target;
+        last = slice.log_density;
+        most = std::max(most, last);
+        if (last < most - NOTHING) return;
+        if (change < FINE) step *= LONGER;
+        if (std::abs(along - deflected) * tip_deflection(rig, distance) > FAR && fit.steps.size()) {
+            rig_jacobian(rig, frame, rung, work.bent, fit);
+            deflected = along;
+        }
+        evaluate(rig, frame, rung, fit, work);
+    }
+}
+
+// Places about a fit, on both sides.
+void sweep_about(const Rig& rig, const Frame& frame, int rung, const Fit& start, double step,
+                 std::vector<Slice>& slices, Work& work) {
+    work.other = start;
+    evaluate(rig, frame, rung, work.other, work);
+    const Slice middle = slice_of(rig, work.other, work);
+    if (!std::isfinite(middle.log_density)) return;
+    slices.push_back(middle);
+    for (double side : {1.0, -1.0}) sweep(rig, frame, rung, start, middle, side * step, slices, work);
+}
+
+// Adds a part's values and covariance to the first and second moments of a whole.
+void add_moments(double weight, ConstVector values, ConstMatrix covariance, Vector mean, Matrix square) {
+    for (int a = 0; a < mean.size(); ++a) {
+        mean[a] += weight * values[a];
+        for (int b = 0; b < mean.size(); ++b) square(a, b) += weight * (covariance(a, b) + values[a] * values[b]);
+    }
+}
+
+// Covariance from second moments, inflated.
+void centre(ConstVector mean, double inflation, Matrix square) {
+    for (int a = 0; a < mean.size(); ++a) {
+        for (int b = 0; b < mean.size(); ++b) square(a, b) = inflation * (square(a, b) - mean[a] * mean[b]);
+    }
+}
+
+// Slices, from the first to the one before the end, outside of which hardly any weight is.
+std::pair<int, int> inner_slices(const std::vector<double>& weights, double total) {
+    int first = 0, end = static_cast<int>(weights.size());
+    for (double left = weights[first]; left < TAIL * total; left += weights[first]) ++first;
+    for (double left = weights[end - 1]; left < TAIL * total; left += weights[end - 1]) --end;
+    return {first, end};
+}
+
+// Widens a covariance so that no slice's values are farther than `TAIL_STD` from the mean.
+template <class Values>
+void widen(ConstVector mean, Matrix covariance, Values&& values_of, int first, int end) {
+    const int size = mean.size();
+    for (int a = 0; a < size; ++a) {
+        double far = 0.0;
+        for (int k = first; k < end; ++k) far = std::max(far, std::abs(values_of(k)[a] - mean[a]));
+        const double wider = std::max(far / (TAIL_STD * std::sqrt(covariance(a, a)) + 1e-300), 1.0);
+        for (int b = 0; b < size; ++b) covariance(a, b) *= wider, covariance(b, a) *= wider;
+    }
+}
+
+}  // namespace
+
+void marginalise(const Rig& rig, const Frame& frame, int rung, Fit& best, const Alternative& other, Uncertainty& found,
+                 Marginal& marginal, Work& work) {
+    const double e_y = rig.to_camera[0], e_z = rig.to_camera[1], sway = tip_deflection(rig, best.unknowns[0]);
+    const double variance = e_y * e_y * found.covariance[1][1] + 2.0 * e_y * e_z * found.covariance[1][2] +
+                            e_z * e_z * found.covariance[2][2];
+    double step = FIRST_STEP_DEFLECTION / sway;
+    if (std::isfinite(variance)) step = std::min(step, FIRST_STEP_STD * std::sqrt(std::max(variance, 0.0)));
+    std::vector<Slice> slices;
+    work.most = MOST_EVALUATIONS + work.evaluations;
+    Fit start = best;
+    start.at_tip = false;
+    sweep_about(rig, frame, rung, start, step, slices, work);
+    if (slices.size() < 3) return;
+    const auto [low, high] = std::minmax_element(slices.begin(), slices.end(),
+                                                 [](const Slice& a, const Slice& b) { return a.along < b.along; });
+    const double there = along_sight(rig, other.unknowns);
+    if (std::isfinite(other.cost) && !(low->along < there && there < high->along)) {
+        start.unknowns = other.unknowns;
+        evaluate(rig, frame, rung, start, work);
+        if (start.steps.size()) rig_jacobian(rig, frame, rung, work.bent, start);
+        evaluate(rig, frame, rung, start, work);
+        if (reach(rig, frame, rung, there, OFF_PLACE * step, start, work)) {
+            sweep_about(rig, frame, rung, start, step, slices, work);
+        }
+    }
+    std::sort(slices.begin(), slices.end(), [](const Slice& a, const Slice& b) { return a.along < b.along; });
+    double most = slices.front().log_density, total = 0.0;
+    for (const Slice& slice : slices) most = std::max(most, slice.log_density);
+    const int last = static_cast<int>(slices.size()) - 1;
+    std::vector<double> weights(slices.size());
+    for (int k = 0; k <= last; ++k) {
+        const double width = slices[std::min(k + 1, last)].along - slices[std::max(k - 1, 0)].along;
+        weights[k] = width * std::exp(slices[k].log_density - most);
+        total += weights[k];
+    }
+    if (!(total > 0.0)) return;
+    marginal = {};
+    double covariance[UNKNOWNS][UNKNOWNS] = {};
+    const Vector mean = {marginal.mean.data(), {UNKNOWNS}};
+    for (int k = 0; k <= last; ++k) {
+        const double weight = weights[k] / total;
+        Slice& slice = slices[k];
+        add_moments(weight, {slice.unknowns.data(), {UNKNOWNS}}, view(slice.covariance), mean, view(covariance));
+        add_moments(weight, view(slice.touch), view(slice.touch_covariance), view(marginal.touch),
+                    view(marginal.touch_covariance));
+    }
+    if (best.at_tip) {
+        // as far as the tip is no more likely than other places
+        const double back = TIP - marginal.mean[0];
+        best.at_tip = back * back < covariance[0][0] - mean[0] * mean[0];
+        if (best.at_tip) covariance[0][0] += TIP * TIP - mean[0] * mean[0] + back * back, mean[0] = TIP;
+    }
+    const double inflation = huber_variance_inflation(best);
+    centre(mean, inflation, view(covariance));
+    centre(view(marginal.touch), inflation, view(marginal.touch_covariance));
+    // where the tails are heavier than a normal distribution's
+    const auto [first, end] = inner_slices(weights, total);
+    widen(mean, view(covariance), [&](int k) { return slices[k].unknowns.data(); }, first, end);
+    widen(view(marginal.touch), view(marginal.touch_covariance), [&](int k) { return slices[k].touch; }, first, end);
+    marginal.known = true;
+    work.other = best;
+    fix(rig, along_sight(rig, best.unknowns), work.other);
+    uncertainty(work.other, found, work);
+    std::copy_n(found.covariance[0], UNKNOWNS * UNKNOWNS, marginal.fixed[0]);
+    std::copy_n(covariance[0], UNKNOWNS * UNKNOWNS, found.covariance[0]);
+}
+
+}  // namespace vbaa::solver
