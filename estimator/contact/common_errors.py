@@ -114,9 +114,10 @@ def _moved(
 
 
 def unknowns_of(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.ndarray:
-    """(B, 4) `rig_arrays.UNKNOWNS` of contacts: the push that, with its friction, makes the forces of the table."""
+    """(B, 4) `rig_arrays.UNKNOWNS` of contacts: the push that, with its friction, makes the forces of the table, as far
+    as they are known."""
     rig_arrays = frames.rig_arrays
-    force = np.stack([table.force_y_N[rows], table.force_z_N[rows]], axis=1)
+    force = np.nan_to_num(np.stack([table.force_y_N[rows], table.force_z_N[rows]], axis=1))
     unknowns = np.zeros((len(rows), UNKNOWNS))
     unknowns[:, 0] = np.clip(table.distance_m[rows] / rig_arrays.length_m, 0.01, 1.0)
     unknowns[:, 1:3] = force / rig_arrays.force_unit_N

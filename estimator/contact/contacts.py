@@ -118,7 +118,7 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
             distance_shared_std_m=given(numbers.shared_std * length),
             point_shared_std_m=given(_deviations(rotation @ numbers.shared[:, :3, :3] @ np.swapaxes(rotation, 1, 2))),
             force_covariance_yz_N2=given(numbers.covariance[:, 4, 5], whole),
-            force_shared_std_N=np.where(components, _deviations(numbers.shared[:, 3:, 3:]), np.nan),
+            force_shared_std_N=given(_deviations(numbers.shared[:, 3:, 3:]), whole),
             force_N=np.where(components, numbers.force_N, np.nan),
             force_std_N=np.where(components, deviations[:, 3:], np.nan),
             deflection_m=np.where(components, numbers.deflection_m, np.nan),

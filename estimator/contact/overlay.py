@@ -130,10 +130,10 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
     if found.located:
         drawn += [Key("contact, 95 % ellipse", CONTACT, "ring"), Key("force on the antenna", CONTACT, "arrow")]
         force, std = 1e3 * contact.force_N, 1e3 * contact.force_std_N
-        numbers = [
-            f"contact {1e3 * contact.distance_m:.2f} ± {1e3 * contact.distance_std_m:.2f} mm from the clamp",
-            f"force {np.linalg.norm(force):.2f} mN (y {force[1]:.2f} ± {std[1]:.2f}, z {force[2]:.2f} ± {std[2]:.2f})",
-        ]
+        numbers = [f"contact {1e3 * contact.distance_m:.2f} ± {1e3 * contact.distance_std_m:.2f} mm from the clamp"]
+        parts = [f"{axis} {force[k]:.2f} ± {std[k]:.2f}" for k, axis in ((1, "y"), (2, "z")) if np.isfinite(force[k])]
+        whole = f"{np.linalg.norm(force):.2f} mN" if len(parts) == 2 else "partly known, mN"
+        numbers += [f"force {whole} ({', '.join(parts)})"] if parts else []
     if np.isfinite(contact.moment_residual_Nm):
         numbers.append(f"moment residual {1e6 * contact.moment_residual_Nm:.1f} µN·m")
     points = 0 if item.measured is None else len(item.measured.points_px)
@@ -161,9 +161,9 @@ def marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
     width = width_px(rig.camera, T_camera_antenna, points, rig.antenna.diameter_m) if len(points) else 0.0
     if contact.status not in LOCATED:
         return _Marks(shape, width, np.full(2, np.nan), np.empty((0, 2)), np.full(2, np.nan))
-    head = contact.point_antenna_m + _FORCE_SHARE * rig.antenna.length_m * contact.force_N / max(
-        float(np.linalg.norm(contact.force_N)), 1e-300
-    )
+    force_N = np.nan_to_num(contact.force_N)
+    size_N = max(float(np.linalg.norm(force_N)), 1e-300)
+    head = contact.point_antenna_m + _FORCE_SHARE * rig.antenna.length_m * force_N / size_N
     ends, _ = rig.camera.project(T_camera_antenna @ np.stack([contact.point_antenna_m, head]))
     rotation = rig.kinematics.T_world_antenna(item.frame.pan_rad, item.frame.tilt_rad).rotation
     return _Marks(shape, width, ends[0], ellipse(rig, contact, rotation), ends[1])
@@ -172,7 +172,7 @@ def marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
 def _bent(estimator: ContactEstimator, item: FrameContact) -> np.ndarray | None:
     """(M, 3) nodes of the antenna as a located contact bends it, antenna frame; else as it is fitted, if it is."""
     contact, antenna = item.contact, estimator.rig.antenna
-    if contact.status not in LOCATED:
+    if contact.status not in LOCATED or not np.isfinite(contact.force_N).all():
         return estimator.shape(item.measured)
     angle, across = float(np.nan_to_num(contact.friction_angle_rad)), contact.force_N[1:]
     # the part along the antenna's normal, which turns with the antenna
@@ -273,7 +273,8 @@ def overlaid(
             words = contact.reason
             if contact.status in LOCATED:
                 where = f"{1e3 * contact.distance_m:.2f} ± {1e3 * contact.distance_std_m:.2f} mm from the clamp"
-                words = f"{where}, {1e3 * np.linalg.norm(contact.force_N):.1f} mN"
+                size_mN = 1e3 * np.linalg.norm(contact.force_N)
+                words = f"{where}, {size_mN:.1f} mN" if np.isfinite(size_mN) else where
             about = {"frame": frame.frame, "time_s": frame.time_s, "status": contact.status}
             entries.append(about | {"name": name, "words": words})
             yield item

@@ -170,9 +170,9 @@ def contact_messages(contact: LiveContact) -> list[Logged]:
             covariance[6 * i + j] = float(row.covariance_world_m2[i, j])
     pose = {"pose": {"position": point, "orientation": {"w": 1.0}}, "covariance": covariance}
     force = {"force": dict(zip("xyz", row.force_world_N.tolist(), strict=True))}
-    return [
-        *said,
+    said += [
         Logged(f"{prefix}/point", placed, {"point": point}, time_ns),
         Logged(f"{prefix}/force", pressed, {"wrench": force}, time_ns),
         Logged(f"{prefix}/pose", known, {"pose": pose}, time_ns),
     ]
+    return [one for one in said if one.kind != pressed or math.isfinite(row.force_world_N[0])]

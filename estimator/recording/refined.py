@@ -208,13 +208,17 @@ def _check(contacts: ContactTable, rig: Rig) -> None:
 
 
 def _usable(contacts: ContactTable, recording: Sequence[Measured], views: Sequence[View]) -> np.ndarray:
-    """(P,) rows of located frames with enough points in one camera's picture."""
+    """(P,) rows of located frames with a force and enough points in one camera's picture."""
     points = [
         [np.isfinite(each.points_px).all(axis=1).sum() for each in seen]
         for seen in (recording, *(view.recording for view in views))
     ]
     enough = np.max(points, axis=0) >= FEWEST_POINTS
-    rows = np.flatnonzero(contacts.located & np.isfinite(contacts.distance_std_m) & enough)
+    whole = np.isfinite(contacts.distance_std_m + contacts.force_y_N + contacts.force_z_N)
+    rows = np.flatnonzero(contacts.located & whole & enough)
+    if not len(rows) and (contacts.located & ~whole & enough).any():
+        what = "of no located frame is the force known in all directions"
+        raise InputError(what, remedy="lean the camera along the antenna, or read the moment")
     if not len(rows):
         raise InputError("no located frame has points in the recording", remedy="give the session of these contacts")
     return rows

@@ -48,7 +48,7 @@ STATUSES = {
 """What became of a frame, and what that means."""
 LOCATED = ("ok", "tip_contact")
 """The statuses whose contact point may be used."""
-NEEDED = ("distance_m", "force_y_N", "force_z_N", "point_antenna_m", "point_world_m")
+NEEDED = ("distance_m", "point_antenna_m", "point_world_m")
 """What a located contact must have."""
 
 # int, float, bool and str of one frame; arrays of many

@@ -317,7 +317,7 @@ def _say_silent(frames: Sequence[Frame], rig: Rig) -> None:
     """A word about readings that are missing, or left aside."""
     import numpy as np
 
-    silent = sum(np.isnan(frame.moment_Nm) for frame in frames)
+    silent = sum(bool(np.isnan(frame.moment_Nm)) for frame in frames)
     if not rig.moment_sensor.exists:
         say("vision alone: the rig has no moment sensor" + ", moment_Nm is left aside" * (silent < len(frames)))
     elif silent:

@@ -317,7 +317,8 @@ class _Monitor:
         where = ""
         if math.isfinite(row.distance_m):
             force = 1e3 * math.hypot(row.force_y_N, row.force_z_N)
-            where = f" at {1e3 * row.distance_m:.1f} ± {1e3 * row.distance_std_m:.1f} mm, {force:.1f} mN"
+            where = f" at {1e3 * row.distance_m:.1f} ± {1e3 * row.distance_std_m:.1f} mm"
+            where += f", {force:.1f} mN" if math.isfinite(force) else ""
         rate = self.overview.frames / max(now_s - self.begin_s, 1e-3)
         dropped = self.source.dropped()
         late = f"{1e3 * contact.latency_s:.0f} ms"

@@ -96,8 +96,10 @@ def _contact_map(
 @style
 def forces_across(contacts: ContactTable) -> Axes:
     """f_z over f_y, each contact an arrow's head from the origin (paper, Fig. 5)."""
-    force = 1e3 * np.stack([contacts.force_y_N, contacts.force_z_N], axis=1)
-    std = 1e3 * np.stack([contacts.force_y_std_N, contacts.force_z_std_N], axis=1)
+    whole = np.isfinite(contacts.force_y_N + contacts.force_z_N)
+    force = 1e3 * np.stack([contacts.force_y_N, contacts.force_z_N], axis=1)[whole]
+    std = 1e3 * np.stack([contacts.force_y_std_N, contacts.force_z_std_N], axis=1)[whole]
+    time_s = contacts.time_s[whole]
     reach = 1.12 * max(float(np.abs(force).max(initial=0.0)), 1e-6)
     ends = (-reach, reach)
     axes = new_axes("force across the antenna", _SIZE, (90, 68, 70, 48), ends, ends, ("f_y, mN", "f_z, mN"))
@@ -108,8 +110,8 @@ def forces_across(contacts: ContactTable) -> Axes:
         tips = force[shown]
         paths(axes, np.stack([0 * tips, tips], axis=1), ec=SOFT, lw=0.4, label="arrows")
     known = thinned(shown[np.isfinite(std[shown]).all(axis=1)], _MOST_ELLIPSES)
-    ellipses(axes, force[known], std[known, :, None] ** 2 * np.eye(2), time_colours(contacts.time_s)[known])
-    dots_by_time(axes, force[shown], contacts.time_s[shown])
+    ellipses(axes, force[known], std[known, :, None] ** 2 * np.eye(2), time_colours(time_s)[known])
+    dots_by_time(axes, force[shown], time_s[shown])
     dots(axes, np.zeros(1), np.zeros(1), INK)
     return axes
 

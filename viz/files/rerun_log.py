@@ -113,7 +113,7 @@ class RerunLog:
             return
         point = row.point_world_m[None]
         self._log(f"world/{name}/point", self._rerun.Points3D(point, radii=5e-4))
-        arrow = _ARROW_M_N * row.force_world_N[None]
+        arrow = _ARROW_M_N * np.nan_to_num(row.force_world_N[None])
         self._log(f"world/{name}/force", self._rerun.Arrows3D(vectors=arrow, origins=point))
         sizes, axes = np.linalg.eigh(row.covariance_world_m2)
         half = _RADIUS_95 * np.sqrt(np.clip(sizes, 0.0, None))

@@ -175,13 +175,18 @@ def compare_rigs(a: Rig, b: Rig) -> _ComparedRigs:
     std = [parameter_std(rig)[: len(step)] for rig in (a, b)]
     names = (*RIG_PARAMETERS, *a.camera.parameter_names)[: len(step)]
     one, other = a.to_dict(), b.to_dict()
+    same_lens = len(step) > len(RIG_PARAMETERS)
+    sensors = a.moment_sensor.exists and b.moment_sensor.exists
+    known = [index for index, name in enumerate(names) if sensors or not name.startswith("moment_")]
+    names, step, std = tuple(names[index] for index in known), step[known], [one[known] for one in std]
     settings = [name for name in ("kinematics", "gravity_world", "drift") if one[name] != other[name]]
+    settings += ["moment_sensor"] * (a.moment_sensor.exists != b.moment_sensor.exists)
     settings += [
         f"antenna.{name}" for name in ("length_m", "diameter_m") if one["antenna"][name] != other["antenna"][name]
     ]
     if a.camera.image_size != b.camera.image_size:
         settings.append("camera.image_size")
-    elif len(step) == len(RIG_PARAMETERS):
+    elif not same_lens:
         difference, *stds = _apart_px(a.camera, b.camera)
         names, step = (*names, "projection_px"), np.append(step, difference)
         std = [np.append(own, each) for own, each in zip(std, stds, strict=True)]

@@ -166,7 +166,7 @@ def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground |
     from estimator.contact.recording import FrameContact, detected
 
     whole = np.linalg.norm(table.force_world_N, axis=1)
-    force = np.where(np.isfinite(whole), whole, np.hypot(table.force_y_N, table.force_z_N))
+    force = np.where(np.isfinite(whole), whole, np.nan_to_num(np.hypot(table.force_y_N, table.force_z_N)))
     row = int(np.argmax(np.where(table.located, force, -1.0)))
     try:
         frames = {frame.frame: frame for frame in read_recording(load_session(session))}

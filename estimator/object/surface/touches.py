@@ -51,7 +51,9 @@ def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touch
         elif table.located.any() and not np.isfinite(table.force_world_N).all(axis=1).any():
             what, remedy = "the contacts have no force in the world frame (FX_N, FY_N, FZ_N)", "estimate them again"
         raise InputError(what, remedy=remedy)
-    notes = [f"{left_out} contact{'s' * (left_out != 1)} not used: the model is {off}"] if left_out else []
+    partly, why = int((table.located & ~usable).sum()), "the force is not known in all directions"
+    unused = ((partly, why), (left_out, f"the model is {off}"))
+    notes = [f"{count} contact{'s' * (count != 1)} not used: {words}" for count, words in unused if count]
     if len(row) > _MAX_TOUCHES:
         notes.append(f"{len(row)} contacts were thinned evenly to {_MAX_TOUCHES}")
         row = row[np.round(np.linspace(0, len(row) - 1, _MAX_TOUCHES)).astype(int)]
