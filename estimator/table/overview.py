@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from array import array
 from collections import Counter
@@ -27,6 +28,7 @@ class Overview:
     outside : centreline points outside the picture, which are left out; frames with such, and the points used in these.
     ends : frames in which the antenna's visible end was seen, and those in which it contradicts the rest and is not
         used.
+    partly : contacts whose force is not known in all directions.
     """
 
     second: bool = False
@@ -37,6 +39,7 @@ class Overview:
     reasons: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
     outside: Counter[str] = field(default_factory=Counter)
     ends: Counter[str] = field(default_factory=Counter)
+    partly: int = 0
 
     def __post_init__(self) -> None:
         # of every frame its number and the kind of its result, all that is kept of the rows
@@ -48,6 +51,8 @@ class Overview:
         self.frames += 1
         if contact is not None and contact.end_used is not None:
             self.ends.update({"seen": 1, "unused": int(not contact.end_used)})
+        if contact is not None and contact.status in LOCATED and math.isnan(contact.force_N[1:].sum()):
+            self.partly += 1
         if measured is not None and measured.outside_points:
             used = len(measured.points_px)
             self.outside.update({"frames": 1, "points": measured.outside_points, "used": used})
@@ -98,17 +103,20 @@ class Overview:
         self.outside["frames"] += unused.get("outside_frames", 0)
         self.outside["points"] += unused.get("outside_points", 0)
         self.ends.update({"seen": unused.get("ends_seen", 0), "unused": unused.get("ends_unused", 0)})
+        self.partly += numbers.get("forces_partly_known", 0)
         self.status.update(numbers["status"])
         for one in numbers["reasons"]:
             self._add_reason(one | where)
 
     def numbers(self) -> dict[str, Any]:
-        """For `--json`: `status`, `readings`, `set_aside`, and `reasons` with the commonest kind first."""
+        """For `--json`: `status`, `readings`, `set_aside`, `forces_partly_known`, and `reasons` with the commonest kind
+        first."""
         read = {name: self.read[name] for name in CHANNELS if self.second or name != "moment_z_Nm"}
         return {
             "status": dict(self.status.most_common()),
             "readings": {"frames": self.frames, **read, "assumed_rad": dict(self.assumed_rad)},
             "set_aside": self.unused,
+            "forces_partly_known": self.partly,
             "reasons": sorted(self.reasons.values(), key=lambda one: (-one["frames"], one["frame"])),
         }
 
@@ -166,6 +174,11 @@ def overview_in_words(numbers: Mapping[str, Any], most: int = 3) -> list[str]:
     ]
     if unused := _unused_in_words(numbers.get("set_aside", {}), total):
         lines.append(f"set aside: {unused}")
+    if partly := numbers.get("forces_partly_known", 0):
+        lines.append(
+            f"the force along the line of sight is not determined in {partly} located frames, and empty there: only "
+            "perspective shows it (lean the camera along the antenna, or read the moment)"
+        )
     if not reasons:
         return lines
     lines.append(

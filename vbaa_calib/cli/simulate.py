@@ -40,6 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="drawn",
         help="mitsuba: path-traced pictures with materials, lights, shadows and clutter as the scene's `traced` says",
     )
+    parser.add_argument("--no-moment", action="store_true", help="a rig without a moment sensor")
     parser.add_argument("--samples", type=int, help="light paths for each path-traced pixel in place of the scene's")
     parser.add_argument(
         "--labels", action="store_true", help="labels/: masks, centrelines and contacts in the pictures"
@@ -75,6 +76,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if args.seed < 0:
             raise InputError(f"--seed is {args.seed}", where="vbaa simulate", remedy="give a whole number from 0")
         scene = replace(scene, seed=args.seed)
+    if args.no_moment:
+        scene = replace(scene, moment=None)
     if args.samples is not None:
         if not 1 <= args.samples <= 65536:
             what = f"--samples is {args.samples}"

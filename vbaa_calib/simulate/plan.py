@@ -88,7 +88,7 @@ def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
             "clamp_angle_rad": scene.true.clamp_angle_rad.tolist(),
             "natural_curvature_per_m": rod.natural_curvature_per_m.tolist(),
         },
-        "moment_sensor": _plain(scene.moment),
+        "moment_sensor": scene.moment and _plain(scene.moment),
         "object": _plain(scene.object) | {"bumps": [_plain(bump) for bump in scene.object.bumps]},
     }
 
@@ -163,16 +163,19 @@ def plan(scene: Scene, readout: float = 0.0) -> Plan:
     return Plan([*boards, *noload, *loads, *frames], tables, truth)
 
 
-def _measured(scene: Scene, shape: RodShape, noise: np.random.Generator) -> tuple[list[float], list[float]]:
-    """The true moments, x·f_z − z·f_x (the paper's τ_y), and the sensor's readings."""
+def _measured(scene: Scene, shape: RodShape, noise: np.random.Generator) -> tuple[list[float], list[Any]]:
+    """The true moments, x·f_z − z·f_x (the paper's τ_y), and the sensor's readings, None without one."""
     # minus the right-handed y moment
     true_Nm, sensor = -shape.clamp_moment_Nm[:, 1], scene.moment
+    if sensor is None:
+        return true_Nm.tolist(), [None] * len(true_Nm)
     readings = sensor.gain * true_Nm + sensor.offset_Nm + sensor.std_Nm * noise.standard_normal(len(true_Nm))
     return true_Nm.tolist(), readings.tolist()
 
 
-def _row(image: str, joints: Joints, reading_Nm: float) -> dict[str, Any]:
-    return {"image": image, "pan_rad": joints.pan_rad, "tilt_rad": joints.tilt_rad, "moment_Nm": reading_Nm}
+def _row(image: str, joints: Joints, reading_Nm: float | None) -> dict[str, Any]:
+    row = {"image": image, "pan_rad": joints.pan_rad, "tilt_rad": joints.tilt_rad}
+    return row if reading_Nm is None else row | {"moment_Nm": reading_Nm}
 
 
 def _held(

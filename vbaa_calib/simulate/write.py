@@ -222,7 +222,7 @@ def session_yaml(scene: Scene) -> str:
         },
         **({} if over is None else {"over": {"height_m": over.height_m, **vars(over.joints)}}),
         "gravity_world": scene.gravity_world_m_s2.tolist() if scene.gravity_world_m_s2.any() else None,
-        "moment_sensor": {"std_Nm": scene.moment.std_Nm},
+        "moment_sensor": scene.moment and {"std_Nm": scene.moment.std_Nm},
         # nobody reads a ruler here
         "load_readings": {"distance_std_m": 0.0, "force_std_relative": 0.0},
     }

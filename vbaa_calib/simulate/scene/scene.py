@@ -272,7 +272,7 @@ class Scene:
     jig_pictures: int
     antenna: NominalAntenna
     true: TrueAntenna
-    moment: MomentSensor
+    moment: MomentSensor | None
     kinematics: Kinematics
     gravity_world_m_s2: np.ndarray
     object: TouchObject

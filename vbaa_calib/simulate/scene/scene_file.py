@@ -185,7 +185,7 @@ class _SceneFile(FileModel):
     board: BoardSpec
     jig: _Jig
     antenna: Annotated[tuple[NominalAntenna, TrueAntenna], ReadAs(_Antenna, _nominal_and_true)]
-    moment_sensor: MomentSensor
+    moment_sensor: MomentSensor | None = None
     kinematics: Annotated[Kinematics, ReadAs(_Kinematics, lambda read: Kinematics(**vars(read)))] = Field(
         default_factory=Kinematics
     )
