@@ -87,7 +87,7 @@ def _ambiguous(numbers: FitNumbers) -> np.ndarray:
 
 def _mirrored(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether vision is alone, and only perspective separates the contact from its mirror image."""
-    return numbers.ambiguous & ~numbers.sensor_available.any(axis=1)
+    return numbers.ambiguous & (numbers.marginal | ~numbers.sensor_available.any(axis=1))
 
 
 def _at_clamp(numbers: FitNumbers) -> np.ndarray:

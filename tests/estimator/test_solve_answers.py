@@ -39,7 +39,7 @@ def answer(row: int) -> Contacts:
     )
 
 
-@pytest.mark.parametrize("row", range(len(KNOWN["rig"])))
+@pytest.mark.parametrize("row", np.flatnonzero(np.isfinite(KNOWN["moment_Nm"])))
 def test_the_answers_of_the_plain_code(row: int) -> None:
     found, said = answer(row), {name: values[row] for name, values in KNOWN.items()}
     assert found.status[0] == said["status"]

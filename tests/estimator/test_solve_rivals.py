@@ -14,7 +14,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import MomentSensor
 
 from ..rod_scenes import World, camera_pose
-from .contact_scenes import RIG, RIG_STD, answered, rubbed, scene_deviations, withheld
+from .contact_scenes import RIG, RIG_STD, answered, rubbed, scene_deviations
 
 UPRIGHT = World(camera_pose(0.0)).rig(np.zeros(17))
 TOWARDS_CLAMP = World(camera_pose(0.785, np.pi)).rig(np.zeros(17))
@@ -41,21 +41,23 @@ def test_an_upright_camera_alone_does_not_know_the_side_at_small_slopes(slope: f
     given = touched(UPRIGHT, slope)
     found = answered(given, blind=True)
     assert not wrong_side(found, given).any()
-    off = scene_deviations(found, given)[found.status == "ok"]
-    assert np.abs(off).max(initial=0.0) < 4.5
-    # what is given out says little of f_z, or nothing at all
+    off = scene_deviations(found, given)
+    assert np.nanmax(np.abs(off), initial=0.0) < 4.5
+    # the place is given, and what is given of f_z says little of it
+    assert np.isfinite(off[:, 0]).mean() > 0.8
     sure = (found.status == "ok") & (np.abs(found.force_N[:, 2]) > 5.0 * found.force_std_N[:, 2])
     assert sure.mean() < 0.2
 
 
-def test_mirror_images_that_fit_alike_are_told_of() -> None:
-    """Both are in the reason: distances that are near, rolls of opposite sign."""
-    found = answered(touched(UPRIGHT, 9.0, 80), blind=True)
-    twins = [one for one in found if "two contacts explain it about equally well" in one.reason]
-    assert twins
-    for one in twins:
-        assert one.status == "unobservable"
-        assert withheld(one)
+def test_mirror_images_that_fit_alike_leave_the_distance() -> None:
+    """Only the force along the line of sight is empty, and the reason says so; distance and seen force are right."""
+    given = touched(UPRIGHT, 9.0, 80)
+    found = answered(given, blind=True)
+    twins = np.flatnonzero([np.isfinite(one.distance_m) and "f_z not determined" in one.reason for one in found])
+    assert len(twins) > 10
+    assert np.isnan(found.force_N[twins][:, [0, 2]]).all()
+    off = scene_deviations(found, given)[twins, :2]
+    assert np.abs(off).max() < 4.5
 
 
 @pytest.mark.parametrize(
@@ -69,7 +71,7 @@ def test_vision_alone_knows_the_side_at_large_slopes_or_inclined_along_the_anten
     off = scene_deviations(found, given)[good]
     assert np.abs(off).max() < 4.5
     assert not wrong_side(found, given).any()
-    assert (np.abs(found.force_N[good, 2]) > 3.0 * found.force_std_N[good, 2]).mean() >= 0.9
+    assert (np.abs(found.force_N[good, 2]) > 2.5 * found.force_std_N[good, 2]).mean() >= 0.8
 
 
 @pytest.mark.parametrize("rig", [UPRIGHT, TOWARDS_CLAMP, ACROSS], ids=["upright", "clamp", "across"])
@@ -81,9 +83,9 @@ def test_vision_alone_is_never_confident_and_wrong(rig: Rig, slope: float) -> No
     given = rubbed(rig, contact, [slope] * count, friction, roll).noisy(rng)
     found = answered(given, blind=True)
     off = np.abs(scene_deviations(found, given))[np.isfinite(found.distance_m)]
-    # little bent and seen from across, an antenna pushed towards the camera looks as if it were not
-    assert len(off) > (0.2 if rig is not TOWARDS_CLAMP and slope < 5.0 else 0.6) * count
-    assert off.max() < 6.0
+    # little bent, an antenna pushed towards the camera looks as if it were not
+    assert len(off) > 0.6 * count
+    assert np.nanmax(off) < 6.0
     assert (found.status == "failed").mean() <= 0.05
     assert np.isnan(found.moment_residual_Nm).all()
 

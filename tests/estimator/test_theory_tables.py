@@ -151,8 +151,16 @@ def test_a_wrong_stiffness_hides(blind: bool, factor: float, tilt_deg: float) ->
     found = wrong.estimate_batch(given.points_px, moment, given.pan_rad, given.tilt_rad, sigma_px=0.1)
     assert blind or (found.status == "ok").all()
     force = (found.force_N / given.force_N)[:, 1:]
-    np.testing.assert_allclose(force, np.full((3, 2), [factor, factor if blind else 1.0]), rtol=0.03 if blind else 0.08)
-    np.testing.assert_allclose(found.distance_m, given.distance_m, rtol=2e-3 if blind else 0.01)
+    expected = np.full((3, 2), [factor, factor if blind else 1.0])
+    known = np.isfinite(force)
+    assert known[:, 0].all()
+    assert known.sum() >= 5
+    # over all forces along the line of sight the mean is not the likeliest
+    std = (found.force_std_N / np.abs(given.force_N))[:, 1:]
+    assert (
+        np.abs(force - expected)[known] < (0.03 if blind else 0.08) * expected[known] + (0.5 * blind * std)[known]
+    ).all()
+    np.testing.assert_allclose(found.distance_m, given.distance_m, rtol=0.01)
 
 
 @pytest.mark.slow

@@ -42,6 +42,12 @@ class TestSessionFile:
                 write(root, changed(*keys, drop=True))
                 said[".".join(map(str, keys))] = attempt(lambda: load_session(root))[1]
         assert all(f" {key} is missing" in words for key, words in said.items() if words and key != "schema")
-        optional = {"jig", "kinematics", "kinematics.T_actuator_antenna", "kinematics.position_world_m"}
+        optional = {
+            "moment_sensor",
+            "jig",
+            "kinematics",
+            "kinematics.T_actuator_antenna",
+            "kinematics.position_world_m",
+        }
         optional |= {f"board.{key}" for key in ("type", "dictionary", "legacy_pattern", "thickness_m")}
         assert {key for key, words in said.items() if not words} == optional

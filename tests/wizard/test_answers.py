@@ -48,7 +48,7 @@ def test_answers_can_be_kept() -> None:
     """Whatever is read goes into JSON and comes back the same, and reads the same again."""
     for question in QUESTIONS:
         value = question.read(
-            {"number": question.low, "choice": (question.choices or ("",))[0]}.get(
+            {"number": question.low, "choice": (question.choices or ("",))[0], "yesno": "yes"}.get(
                 question.kind,
                 [max(question.low, 1.0)] * (question.length or 2) if question.kind == "numbers" else "text",
             )
@@ -61,12 +61,14 @@ TYPED = {
     "number": ["240 miles", "24 24", "0,8", "nan", "-inf", "", " ", "ten", "1e400", "٢٤", "1_0", "0x10", "1e7", "-1e7"],
     "numbers": ["a,b,c", "1,2,x", "", ",", "1e400,1,1", "nan,1,1", "1,2,3 miles", "about 1 2 3"],
     "choice": ["purple", "", "-"],
+    "yesno": ["perhaps", "", "1"],
     "text": ["", "  "],
 }
 WRITTEN: dict[str, list[object]] = {
     "number": [None, True, [], [1.0], {"value": 1}, float("nan"), 10**400, datetime.date(2026, 1, 1)],
     "numbers": [None, True, [], {"x": 1}, [[1], 2, 3], [1, 2, None], [float("inf"), 1, 1]],
     "choice": [None, True, 3, ["x"], {"x": 1}],
+    "yesno": [None, 3, ["yes"], {"x": 1}],
     "text": [None, 3, {"path": "x"}, "x" * 5000],
 }
 

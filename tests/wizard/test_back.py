@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vbaa_calib.session import load_session, read_noload
 from vbaa_calib.sources import Picture
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.asking import keep_answer, take_back
@@ -147,11 +148,24 @@ def test_a_line_typed_for_a_picture_that_is_left_serves_the_next(
 
     monkeypatch.setitem(flow.STEP_BY_NAME, "noload", replace(unseen, check=check))
     script: list[tuple[str | int, Any]] = [(3, "!enough"), (1, "!enough")]
-    script += [("readings", "0 20 0.15"), ("readings", ENTER), (1, QUIT)]
+    script += [("moment_sensor", ENTER), ("readings", "0 20 0.15"), ("readings", ENTER), (1, QUIT)]
     store, _ = walked(tmp_path / "session", until(source, "antenna_diameter_mm"), script)
     [taken] = store.journal.of("noload").taken
     assert (taken.source, taken.readings["moment_Nm"]) == ("good.png", pytest.approx(1.5e-4))
     assert [one.source for one in store.journal.of("noload").left] == ["bad.png", "dark.png"]
+
+
+def test_without_a_moment_sensor_no_moment_is_asked_for(source: Path, tmp_path: Path) -> None:
+    """A line has the angles alone, session.yaml says null, and the table has no such column."""
+    (source / "noload" / "noload.csv").unlink()
+    script: list[tuple[str | int, Any]] = [(3, "!enough"), (1, "!enough"), ("moment_sensor", "no")]
+    script += [("readings", "0 0"), ("readings", "0 20"), (2, QUIT)]
+    store, _ = walked(tmp_path / "session", until(source, "antenna_diameter_mm"), script)
+    assert all("moment_Nm" not in one.readings for one in store.journal.of("noload").taken)
+    session = load_session(tmp_path / "session")
+    assert not session.with_sensor
+    assert [np.isnan(still.moment_Nm) for still in read_noload(session)] == [True, True]
+    assert SessionState.answers_of(tmp_path / "session" / "session.yaml")["moment_sensor"] is False
 
 
 def test_a_mended_answer_offers_the_antennas_pictures_again(tmp_path: Path) -> None:

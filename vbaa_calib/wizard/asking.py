@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -203,7 +204,7 @@ def change(state: SessionState, ui: Ui, key: str, value: str) -> bool:
 def _retype(state: SessionState, ui: Ui, step: str, number: int, line: str) -> bool:
     """Replace the readings of a step's picture, counted from 1, by a line like the one that is typed for a new one."""
     taken, folder = state.taken(step), state.store.folder(step)
-    questions = asked(folder, [one.readings for one in taken[: number - 1]])
+    questions = asked(folder, [one.readings for one in taken[: number - 1]], state.session.with_sensor)
     if not questions or not 0 < number <= len(taken):
         return False
     numbers = Question("readings", "", "", kind="numbers")
@@ -316,7 +317,8 @@ def _accepted(folder: Path, image: Path, row: Any) -> AcceptedPicture:
             f"lies outside {folder}", where=image, remedy="move it there, and correct its row in the table"
         )
     file = f"{folder.name}/{image.name}"
-    readings = {name: getattr(row, name) for name in _COLUMNS if getattr(row, name, None) is not None}
+    read = {name: getattr(row, name, None) for name in _COLUMNS}
+    readings = {name: value for name, value in read.items() if value is not None and not math.isnan(value)}
     return AcceptedPicture(file=file, source=image.name, sha256=sha256(image), readings=readings)
 
 

@@ -227,7 +227,8 @@ class Capture:
         Raises InputError for a wrong row, and for missing readings where nobody answers; Interrupted for a command.
         """
         step, ui, taken = self.step.name, self.ui, self.state.taken(self.step.name)
-        questions = asked(self.store.folder(step), [one.readings for one in taken])
+        sensor = self.state.session.with_sensor
+        questions = asked(self.store.folder(step), [one.readings for one in taken], sensor)
         if not questions:
             return {}
         where = f"{self.table.where or step} {picture.name}"

@@ -184,7 +184,7 @@ def keeps_jig(answers: Answers) -> bool:
     return bool(answers.get("jig_given")) and "jig_translation_mm" not in answers
 
 
-def _needed(key: str, only_if: Mapping[str, str], unless: str, answers: Answers) -> bool:
+def _needed(key: str, only_if: Mapping[str, Any], unless: str, answers: Answers) -> bool:
     known = keeps_jig(answers) if unless == "jig_kept" else key not in answers and answers.get(unless)
     return not known and all(answers.get(other) == value for other, value in only_if.items())
 
@@ -262,12 +262,12 @@ def free_pose_deg(taken: int) -> tuple[float, float]:
     return _FREE_POSES_DEG[min(taken, len(_FREE_POSES_DEG) - 1)]
 
 
-def asked(folder: str, taken: Sequence[Mapping[str, float]] = ()) -> list[Question]:
-    """The readings of each picture of a folder. taken : those of the pictures before.
+def asked(folder: str, taken: Sequence[Mapping[str, float]] = (), sensor: bool = True) -> list[Question]:
+    """The readings of each picture of a folder. taken : those of the pictures before. sensor : whether there is one.
 
     Angles that are not typed are those that the step asks for, where it asks for some; else those of the last picture.
     """
-    questions = _ASKED.get(folder, ())
+    questions = [one for one in _ASKED.get(folder, ()) if sensor or one is not _MOMENT]
     angles = {}
     if folder == "noload":
         angles = dict(zip(("pan_deg", "tilt_deg"), free_pose_deg(len(taken)), strict=True))
@@ -364,14 +364,21 @@ def in_si(typed: Mapping[str, Any], where: object) -> dict[str, float]:
 
 
 def complete(
-    folder: str, typed: Mapping[str, Any], gravity_antenna_m_s2: np.ndarray, length_m: float, where: object
+    folder: str,
+    typed: Mapping[str, Any],
+    gravity_antenna_m_s2: np.ndarray,
+    length_m: float,
+    where: object,
+    sensor: bool = True,
 ) -> dict[str, float]:
     """Readings of a picture as the session's tables hold them. Raises InputError naming what is missing or wrong.
 
-    gravity_antenna_m_s2 : (3,) at these joint angles. length_m : of the antenna.
+    gravity_antenna_m_s2 : (3,) at these joint angles. length_m : of the antenna. sensor : whether moments are read.
     """
     readings = in_si(typed, where)
-    for question in _ASKED.get(folder, ()):
+    if not sensor:
+        readings.pop("moment_Nm", None)
+    for question in asked(folder, sensor=sensor):
         names = next(tuple(each) for each in UNITS.values() if question.key in each)
         if names[0] not in readings and names[0] != "mass_kg":
             raise InputError(f"{names[0]} is missing", where=where, remedy=f"give {' or '.join(names)}")

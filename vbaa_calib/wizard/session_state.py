@@ -108,7 +108,8 @@ def _jig(value: Mapping[str, Any]) -> dict[str, Any]:
 def _write_table(path: Path, taken: Sequence[AcceptedPicture]) -> None:
     """Write the table of a folder of pictures, numbers in full precision, unless it is the same already."""
     timed = ["time_s"] if all("time_s" in one.readings for one in taken) else []
-    columns, text = ["image", *READINGS[path.stem], *timed], io.StringIO()
+    read = [name for name in READINGS[path.stem] if name != "moment_Nm" or all(name in one.readings for one in taken)]
+    columns, text = ["image", *read, *timed], io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     for one in taken:
@@ -142,7 +143,9 @@ class SessionState:
             name: (1 / size) * getattr(sections[section], key)
             for section, keys in _UNITS.items()
             for key, (name, size) in keys.items()
+            if section != "moment_sensor" or session.with_sensor
         }
+        found["moment_sensor"] = session.with_sensor
         for axis, squares in (("x", session.board.squares_x), ("y", session.board.squares_y)):
             length_mm = 1e3 * session.board.square_m * squares
             found |= {f"measure_{axis}_mm": length_mm, f"board_along_{axis}_mm": length_mm}
@@ -214,7 +217,8 @@ class SessionState:
         if "material" in answers:
             antenna["material"] = answers["material"] if answers["material"] in MATERIALS else None
         data = dict(before) | {"schema": SCHEMA, "board": board.to_dict(), "antenna": antenna}
-        data["moment_sensor"] = dict(before.get("moment_sensor") or {}) | read["moment_sensor"]
+        sensor = dict(before.get("moment_sensor") or {}) | read["moment_sensor"]
+        data["moment_sensor"] = sensor if value["moment_sensor"] else None
         if {"distance_std_mm", "mass_std_percent"} & set(answers) or "load_readings" not in before:
             data["load_readings"] = read["load_readings"]
         # a board that came with the session is as that says
@@ -258,7 +262,8 @@ class SessionState:
         session, si = self.session, in_si(typed, where)
         still = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
         pull = session.gravity_antenna([still])[0]
-        return complete(self.store.folder(step), typed, pull, session.antenna.length_m, where)
+        length_m, sensor = session.antenna.length_m, session.with_sensor
+        return complete(self.store.folder(step), typed, pull, length_m, where, sensor)
 
     def _view(self, taken: AcceptedPicture) -> BoardView:
         path, spec = self.store.path(taken), self.board
@@ -392,5 +397,5 @@ class SessionState:
 
 def still_of(step: str, path: Path | None, readings: Mapping[str, float]) -> Still:
     """A still with its readings; a `Load` in the step of loads."""
-    values = {name: readings[name] for name in READINGS[step]}
+    values = {"moment_Nm": np.nan, **{name: readings[name] for name in READINGS[step] if name in readings}}
     return (Load if step == "loads" else Still)(path, **values, time_s=readings.get("time_s"))

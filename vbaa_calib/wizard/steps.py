@@ -322,7 +322,8 @@ def _free_progress(state: SessionState) -> Progress:
     if len(taken) < _FREE_ENOUGH:
         missing.append(_counted(_FREE_ENOUGH - len(taken), "more picture"))
     if taken and np.ptp([np.degrees(one.readings["tilt_rad"]) for one in taken]) < 20.0:
-        missing.append("another tilt: how the antenna sags under its weight shows gravity and the moment sensor's gain")
+        gain = " and the moment sensor's gain" * state.session.with_sensor
+        missing.append(f"another tilt: how the antenna sags under its weight shows gravity{gain}")
     try:
         diagnoses = antenna_diagnoses(state, together=False)
         if len(taken) >= _FREE_LEAST:
@@ -364,6 +365,8 @@ def _loads_progress(state: SessionState) -> Progress:
 
 
 def _sensor_progress(state: SessionState) -> Progress:
+    if not state.session.with_sensor:
+        return Progress(("there is none: vision alone",), (), "", enough=True, usable=True)
     joint = state.joint()
     gain, offset = joint.sensor_gain_offset
     std = np.sqrt(np.diag(joint.covariance))[[GAIN, OFFSET]]

@@ -165,9 +165,9 @@ def _greeting(store: Store, session: Path, url: str) -> list[str]:
 
     titles = {name: step.title for name, step in STEP_BY_NAME.items()}
     lines = [
-        "This calibrates a rig. You need: the camera, fixed and focused, its autofocus off; the antenna with its "
-        "moment sensor; a printer, a caliper or ruler, and something flat to glue the board on; three small known "
-        "weights; about half an hour.",
+        "This calibrates a rig. You need: the camera, fixed and focused, its autofocus off; the antenna, with its "
+        "moment sensor if it has one; a printer, a caliper or ruler, and something flat to glue the board on; three "
+        "small known weights; about half an hour.",
         f"There are seven steps; each says what to do next. Everything that is taken is saved in {session}: you can "
         "stop at any time, and the same command continues.",
     ]

@@ -28,8 +28,8 @@ constexpr int MOST_SLICES = 32, MOST_ROUNDS = 4, MOST_HALVINGS = 6;
 constexpr double COST_CHANGE = 0.02, OFF_PLACE = 0.02;
 // Weight that fixes the force along the line of sight, over the information on forces.
 constexpr double FIXED = 1e4;
-// Weight of each tail that is left out when the farthest values are looked for, and how far from the mean these may be, in
-// σ: farther than a normal distribution's.
+// Weight of each tail that is left out when the farthest values are looked for, and how far from the mean these may be,
+// in σ: farther than a normal distribution's.
 constexpr double TAIL = 1e-4, TAIL_STD = 4.0;
 // Change of the tip's deflection, in antenna lengths, after which the rig's derivatives are renewed.
 constexpr double FAR = 0.02;
@@ -196,15 +196,16 @@ std::pair<int, int> inner_slices(const std::vector<double>& weights, double tota
     return {first, end};
 }
 
-// Widens a covariance so that no slice's values are farther than `TAIL_STD` from the mean.
-template <class Values>
-void widen(ConstVector mean, Matrix covariance, Values&& values_of, int first, int end) {
+// Widens a covariance towards a slice's values until none of these is farther than `TAIL_STD` from the mean.
+void widen(ConstVector mean, ConstVector values, Matrix covariance) {
     const int size = mean.size();
+    double part = 0.0;
     for (int a = 0; a < size; ++a) {
-        double far = 0.0;
-        for (int k = first; k < end; ++k) far = std::max(far, std::abs(values_of(k)[a] - mean[a]));
-        const double wider = std::max(far / (TAIL_STD * std::sqrt(covariance(a, a)) + 1e-300), 1.0);
-        for (int b = 0; b < size; ++b) covariance(a, b) *= wider, covariance(b, a) *= wider;
+        const double square = (values[a] - mean[a]) * (values[a] - mean[a]);
+        if (square > 0.0) part = std::max(part, 1.0 / (TAIL_STD * TAIL_STD) - covariance(a, a) / square);
+    }
+    for (int a = 0; a < size; ++a) {
+        for (int b = 0; b < size; ++b) covariance(a, b) += part * (values[a] - mean[a]) * (values[b] - mean[b]);
     }
 }
 
@@ -256,19 +257,19 @@ void marginalise(const Rig& rig, const Frame& frame, int rung, Fit& best, const 
         add_moments(weight, view(slice.touch), view(slice.touch_covariance), view(marginal.touch),
                     view(marginal.touch_covariance));
     }
-    if (best.at_tip) {
-        // as far as the tip is no more likely than other places
-        const double back = TIP - marginal.mean[0];
-        best.at_tip = back * back < covariance[0][0] - mean[0] * mean[0];
-        if (best.at_tip) covariance[0][0] += TIP * TIP - mean[0] * mean[0] + back * back, mean[0] = TIP;
-    }
+    // at the tip as far as that is no less likely than other places
+    const double back = TIP - mean[0];
+    best.at_tip = !(back > 0.0) || (best.at_tip && back * back < covariance[0][0] - mean[0] * mean[0]);
+    if (best.at_tip) covariance[0][0] += TIP * TIP - mean[0] * mean[0] + back * back, mean[0] = TIP;
     const double inflation = huber_variance_inflation(best);
     centre(mean, inflation, view(covariance));
     centre(view(marginal.touch), inflation, view(marginal.touch_covariance));
     // where the tails are heavier than a normal distribution's
     const auto [first, end] = inner_slices(weights, total);
-    widen(mean, view(covariance), [&](int k) { return slices[k].unknowns.data(); }, first, end);
-    widen(view(marginal.touch), view(marginal.touch_covariance), [&](int k) { return slices[k].touch; }, first, end);
+    for (int k = first; k < end; ++k) {
+        widen(mean, {slices[k].unknowns.data(), {UNKNOWNS}}, view(covariance));
+        widen(view(marginal.touch), view(slices[k].touch), view(marginal.touch_covariance));
+    }
     marginal.known = true;
     work.other = best;
     fix(rig, along_sight(rig, best.unknowns), work.other);
