@@ -16,7 +16,7 @@ from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .inputs import Batch
 from .motion import Beam, Inertia, Motion, Shapes
-from .status import FAILED, NO_ANTENNA, NO_CONTACT, ODD_END, OK, TIP, force_determined, reason, statuses
+from .status import FAILED, NO_ANTENNA, NO_CONTACT, ODD_END, OK, TIP, reason, statuses
 
 _LARGEST_SHIFT = 1 / 3  # inertia that would move the distance by more than this part of its deviation is too much
 
@@ -100,7 +100,7 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
         turned = np.einsum(
             "bij,bnj->bni", rotation, np.stack([numbers.point_m, numbers.force_N, numbers.tangent], axis=1)
         )
-        known = force_determined(numbers)
+        known = numbers.force_determined
         # of a force that is not known in all directions nothing mixes its components
         whole = located & known.all(axis=1)
         components = np.column_stack([whole, located[:, None] & known])

@@ -112,12 +112,6 @@ def _force_undetermined(numbers: FitNumbers) -> np.ndarray:
     return ~(0.01 * numbers.unknowns[:, 0] ** 3 * std < LOW_SIGNAL) & ~numbers.marginal
 
 
-def force_determined(numbers: FitNumbers) -> np.ndarray:
-    """(B, 2) whether the force's components along y and z are known to half of its size."""
-    force = np.hypot(numbers.unknowns[:, 1], numbers.unknowns[:, 2])
-    return (numbers.std[:, 1:3] < 0.5 * force[:, None]) | ~numbers.marginal[:, None]
-
-
 def _model_too_low(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether the requested model's bias exceeds what its deviations can include."""
     bias = numbers.bias[np.arange(len(numbers)), numbers.rung]
@@ -223,10 +217,10 @@ def _model(numbers: FitNumbers, requested: str) -> str:
 
 def _undetermined(numbers: FitNumbers) -> list[str]:
     """Which components of the force are not determined, and what is of it."""
-    known = force_determined(numbers)[0]
+    known = numbers.force_determined[0]
     if known.all():
         return []
-    missing = " and ".join(name for name, given in zip(("f_y", "f_z"), known, strict=True) if not given)
+    missing = " and ".join(name for name, there in zip(("f_y", "f_z"), known, strict=True) if not there)
     variances, axes = np.linalg.eigh(numbers.covariance[0, 4:, 4:])
     seen, std = float(axes[:, 0] @ numbers.force_N[0, 1:]), float(np.sqrt(max(variances[0], 0.0)))
     angle = np.degrees(np.arctan2(*(np.sign(seen) * axes[::-1, 0])))

@@ -106,6 +106,12 @@ class FitNumbers:
     def __len__(self) -> int:
         return len(self.rung)
 
+    @property
+    def force_determined(self) -> np.ndarray:
+        """(B, 2) whether the force's components along y and z are known to half of its size."""
+        force = np.hypot(self.unknowns[:, 1], self.unknowns[:, 2])
+        return np.asarray((self.std[:, 1:3] < 0.5 * force[:, None]) | ~self.marginal[:, None])
+
     @staticmethod
     def empty(count: int) -> FitNumbers:
         """Of frames without a fit: NaN, 0 and False."""

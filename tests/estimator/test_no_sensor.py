@@ -14,7 +14,7 @@ from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from estimator.table.contacts import ContactRow
 from estimator.table.files import read_contacts, write_contacts
-from vbaa_calib.session import NO_SENSOR, Frame
+from vbaa_calib.session import Frame, MomentSensor
 
 
 def planar(sigma_px: float, count: int = 120) -> Scenes:
@@ -51,7 +51,7 @@ def test_planar_contacts_are_located_by_the_picture_alone(sigma_px: float, least
 def test_a_rig_without_a_sensor_is_one_whose_sensor_is_not_read() -> None:
     """Whatever is given as its readings."""
     given = planar(0.1, 24)
-    bare = replace(given.rig, moment_sensor=NO_SENSOR, covariance=given.rig.covariance.copy())
+    bare = replace(given.rig, moment_sensor=MomentSensor.none(), covariance=given.rig.covariance.copy())
     bare.covariance[15:17] = bare.covariance[:, 15:17] = 0.0
     silent = given.estimated("auto", 0.2, moment_Nm=None)
     estimator = ContactEstimator(bare, friction=0.2)

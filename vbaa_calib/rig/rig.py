@@ -15,7 +15,7 @@ from vbaa_calib.core.errors import InputError, Verdict
 from vbaa_calib.core.files import read_json
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
 from vbaa_calib.geometry.independent_axes import is_covariance
-from vbaa_calib.session import DRIFTS, NO_SENSOR, Drift, MomentSensor
+from vbaa_calib.session import DRIFTS, Drift, MomentSensor
 
 from .parts import (
     ANTENNA_PARAMETERS,
@@ -74,7 +74,7 @@ class Rig:
     T_antenna_camera : pose of the camera in the antenna frame.
     covariance : (17 + P, 17 + P) joint covariance of `RIG_PARAMETERS` and the P parameters of the lens, in
         `parameter_names` order; (17, 17) where the lens counts as exact.
-    moment_sensor : about y; `session.NO_SENSOR` for a rig without, whose covariance is 0 at gain and offset.
+    moment_sensor : about y; `MomentSensor.none()` for a rig without, with zero covariance at gain and offset.
     second_moment_sensor : about z, of x·f_y − y·f_x of force and weight (antenna frame); None where a rig has none. Its
         gain and offset count as exact.
     drift : what may have changed since; it is not in the covariance.
@@ -267,7 +267,7 @@ class Rig:
             camera=camera,
             T_antenna_camera=read.T_antenna_camera,
             antenna=read.antenna.antenna(),
-            moment_sensor=NO_SENSOR if sensor is None else MomentSensor(sensor.gain, sensor.offset_Nm, sensor.std_Nm),
+            moment_sensor=MomentSensor(sensor.gain, sensor.offset_Nm, sensor.std_Nm) if sensor else MomentSensor.none(),
             kinematics=replace(read.kinematics.kinematics(), axes_std=axes.std, axes_by_pose=axes.by_pose),
             gravity_world_m_s2=read.gravity_world,
             image=read.image,

@@ -31,11 +31,12 @@ class MomentSensor:
     offset_Nm: Annotated[float, Within(ge=-1e9, le=1e9)]
     std_Nm: Annotated[float, Within(ge=1e-12, le=1e6)]
 
+    @staticmethod
+    def none() -> MomentSensor:
+        """Of a rig without: no reading tells anything."""
+        return MomentSensor(1.0, 0.0, math.inf)
+
     @property
     def exists(self) -> bool:
         """Whether there is a sensor."""
         return math.isfinite(self.std_Nm)
-
-
-NO_SENSOR = MomentSensor(1.0, 0.0, math.inf)
-"""Of a rig without a moment sensor: no reading of it would tell anything."""

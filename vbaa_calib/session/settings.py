@@ -22,7 +22,7 @@ from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
 from vbaa_calib.geometry import Kinematics, Pose
 
 from .drift import DRIFTS, LAB, Drift
-from .moment_sensor import NO_SENSOR, MomentSensor
+from .moment_sensor import MomentSensor
 
 if TYPE_CHECKING:
     from .tables import Still
@@ -392,7 +392,7 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
         T_antenna_board=jig.T_antenna_board @ face if jig else None,
         kinematics=kinematics.kinematics(),
         gravity_world_m_s2=np.zeros(3) if read.gravity_world is None else read.gravity_world,
-        moment_std_Nm=NO_SENSOR.std_Nm if read.moment_sensor is None else read.moment_sensor.std_Nm,
+        moment_std_Nm=(read.moment_sensor or MomentSensor.none()).std_Nm,
         jig_translation_std_m=jig.translation_std_m if jig else 0.0,
         jig_rotation_std_rad=jig.rotation_std_rad if jig else 0.0,
         tilt_zero_std_rad=kinematics.tilt_zero_std_rad,

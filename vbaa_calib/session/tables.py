@@ -187,7 +187,7 @@ def read_loads(session: Session) -> list[Load]:
 def _pictures(
     session: Session, name: str, why: str, kind: type[_Row], *values: str
 ) -> Iterator[tuple[Mapping[str, str], _Row]]:
-    """The rows of a table: picture (no two alike), joint angles, the moment of a still, and the columns `values`."""
+    """The rows of a table: picture (no two alike), joint angles, moment, and the columns `values`."""
     path, lines = session.root / name / f"{name}.csv", dict[Path, str]()
     _require(path, why)
     of_antenna = issubclass(kind, Still)

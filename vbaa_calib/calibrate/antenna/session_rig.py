@@ -24,7 +24,6 @@ from vbaa_calib.detect.whisker.stretches import stretches, why_lost
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.session import (
-    NO_SENSOR,
     Load,
     LoadReadings,
     NominalAntenna,
@@ -307,11 +306,10 @@ def make_rig(
     session: Session, kinematics: Kinematics, joint: BundleAdjustment, observations: Sequence[Observation]
 ) -> Rig:
     """The rig out of a bundle adjustment."""
-    gain, offset = joint.sensor_gain_offset
-    covariance = joint.covariance
+    sensor, covariance = MomentSensor(*joint.sensor_gain_offset, joint.problem.moment_std_Nm), joint.covariance
     if not session.with_sensor:
         # its parameters, which nothing shows, are none of the rig's
-        covariance = covariance.copy()
+        sensor, covariance = MomentSensor.none(), covariance.copy()
         covariance[GAIN : OFFSET + 1] = covariance[:, GAIN : OFFSET + 1] = 0.0
     paint = observations[0].paint
     heights = [one.height for one in observations if not isinstance(one.still, Load) and one.height > 0]
@@ -322,7 +320,7 @@ def make_rig(
         camera=joint.camera,
         T_antenna_camera=joint.T_antenna_camera,
         antenna=Antenna(session.antenna.length_m, session.antenna.diameter_m, joint.parameters[ANTENNA]),
-        moment_sensor=MomentSensor(gain, offset, joint.problem.moment_std_Nm) if session.with_sensor else NO_SENSOR,
+        moment_sensor=sensor,
         kinematics=kinematics,
         gravity_world_m_s2=session.gravity_world_m_s2,
         image=AntennaImage(

@@ -21,8 +21,6 @@ constexpr double LOST_SCATTER = 2.0, LOST_FRICTION = 2.5;
 // Below this gain over the free antenna neither distance nor other minima are searched: contact takes three times as
 // much.
 constexpr double FAINT = 5.0;
-// A reading with this part of the weight that its noise would give it tells nothing.
-constexpr double WORTHLESS = 1e-3;
 // Without a force of so many σ in any direction there is no contact whose mirror image would matter.
 constexpr double SIGNIFICANT_FORCE = 3.0;
 // Minima whose distances differ by less, in antenna lengths, are taken for the same.
@@ -163,7 +161,8 @@ bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative
         // what turned out better has a mirror image of its own
         if (different(before, best.unknowns)) try_mirrors(rig, frame, rung, best.unknowns, best, other, work);
         uncertainty(best, found, work);
-        const bool read = frame.available[0] > WORTHLESS || frame.available[1] > WORTHLESS;
+        const double least = MarginalSettings().worthless;
+        const bool read = frame.available[0] > least || frame.available[1] > least;
         if (!read && best.converged) marginalise(rig, frame, rung, best, other, found, marginal, work);
         if (!marginal.known) widen_by_profile(rig, frame, rung, best, found, work);
     }

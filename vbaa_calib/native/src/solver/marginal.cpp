@@ -15,24 +15,7 @@
 namespace vbaa::solver {
 namespace {
 
-// Largest load F·l²/EI along the line of sight: a slope of some 60°.
-constexpr double LARGEST_LOAD = 3.0;
-// First step of the force, in its σ and in antenna lengths of the tip's deflection, whichever is less.
-constexpr double FIRST_STEP_STD = 0.7, FIRST_STEP_DEFLECTION = 0.02;
-// A step that changes the log density by more is halved, after one that changes it by less the next one is longer.
-constexpr double COARSE = 2.5, FINE = 0.2, LONGER = 1.5;
-// Below the highest density by this factor's logarithm nothing is left.
-constexpr double NOTHING = 10.0;
-constexpr int MOST_SLICES = 32, MOST_ROUNDS = 4, MOST_HALVINGS = 6;
-// A slice is reached if the last step changed the cost by less, and the force is off by this part of the step.
-constexpr double COST_CHANGE = 0.02, OFF_PLACE = 0.02;
-// Weight that fixes the force along the line of sight, over the information on forces.
-constexpr double FIXED = 1e4;
-// Weight of each tail that is left out when the farthest values are looked for, and how far from the mean these may be,
-// in σ: farther than a normal distribution's.
-constexpr double TAIL = 1e-4, TAIL_STD = 4.0;
-// Change of the tip's deflection, in antenna lengths, after which the rig's derivatives are renewed.
-constexpr double FAR = 0.02;
+constexpr MarginalSettings settings;
 
 // What is known where the force along the line of sight has one value.
 struct Slice {
@@ -47,7 +30,7 @@ double along_sight(const Rig& rig, const Unknowns& unknowns) {
 
 // Adds what fixes the force along the line of sight, and pulls it to a value; gives its weight.
 double fix(const Rig& rig, double along, Fit& fit) {
-    const double weight = FIXED * (fit.information(1, 1) + fit.information(2, 2));
+    const double weight = settings.fixed_weight * (fit.information(1, 1) + fit.information(2, 2));
     const double pull = weight * (along - along_sight(rig, fit.unknowns));
     for (int a = 0; a < 2; ++a) {
         fit.side[1 + a] += pull * rig.to_camera[a];
@@ -70,7 +53,7 @@ void fixed_step(const Fit& fit, Work& work) {
 
 // The best fit with a force along the line of sight, from one near it; whether there is one.
 bool reach(const Rig& rig, const Frame& frame, int rung, double along, double tolerance, Fit& fit, Work& work) {
-    for (int round = 0; round < MOST_ROUNDS; ++round) {
+    for (int round = 0; round < settings.most_rounds; ++round) {
         const double before = fit.cost;
         fix(rig, along, fit);
         fixed_step(fit, work);
@@ -79,7 +62,7 @@ bool reach(const Rig& rig, const Frame& frame, int rung, double along, double to
         evaluate(rig, frame, rung, fit, work);
         if (!std::isfinite(fit.cost) || !(std::abs(fit.unknowns[3]) < LARGEST_FRICTION)) return false;
         const bool there = std::abs(along - along_sight(rig, fit.unknowns)) < tolerance;
-        if (there && std::abs(fit.cost - before) < COST_CHANGE) break;
+        if (there && std::abs(fit.cost - before) < settings.cost_change) break;
     }
     return true;
 }
@@ -133,16 +116,16 @@ void sweep(const Rig& rig, const Frame& frame, int rung, const Fit& start, const
     fit = start;
     double most = middle.log_density, last = most, along = middle.along, deflected = along;
     int halvings = 0;
-    for (int count = 0; count < MOST_SLICES && work.evaluations < work.most; ++count) {
-        const double distance = fit.unknowns[0], bound = LARGEST_LOAD / (rig.unit_load * distance * distance);
+    for (int count = 0; count < settings.most_slices && work.evaluations < work.most; ++count) {
+        const double distance = fit.unknowns[0], bound = settings.largest_load / (rig.unit_load * distance * distance);
         const double target = std::min(std::max(along + step, -bound), bound);
         if (!((target - along) * step > 0.0)) return;
         kept = fit;
-        if (!reach(rig, frame, rung, target, OFF_PLACE * std::abs(step), fit, work)) return;
+        if (!reach(rig, frame, rung, target, settings.off_place * std::abs(step), fit, work)) return;
         const Slice slice = slice_of(rig, fit, work);
         if (!std::isfinite(slice.log_density)) return;
         const double change = std::abs(slice.log_density - last);
-        if (change > COARSE && halvings < MOST_HALVINGS) {
+        if (change > settings.coarse && halvings < settings.most_halvings) {
             fit = kept;
             step *= 0.5;
             ++halvings;
@@ -152,9 +135,9 @@ void sweep(const Rig& rig, const Frame& frame, int rung, const Fit& start, const
         along = target;
         last = slice.log_density;
         most = std::max(most, last);
-        if (last < most - NOTHING) return;
-        if (change < FINE) step *= LONGER;
-        if (std::abs(along - deflected) * tip_deflection(rig, distance) > FAR && fit.steps.size()) {
+        if (last < most - settings.nothing) return;
+        if (change < settings.fine) step *= settings.longer;
+        if (std::abs(along - deflected) * tip_deflection(rig, distance) > settings.far && fit.steps.size()) {
             rig_jacobian(rig, frame, rung, work.bent, fit);
             deflected = along;
         }
@@ -191,18 +174,19 @@ void centre(ConstVector mean, double inflation, Matrix square) {
 // Slices, from the first to the one before the end, outside of which hardly any weight is.
 std::pair<int, int> inner_slices(const std::vector<double>& weights, double total) {
     int first = 0, end = static_cast<int>(weights.size());
-    for (double left = weights[first]; left < TAIL * total; left += weights[first]) ++first;
-    for (double left = weights[end - 1]; left < TAIL * total; left += weights[end - 1]) --end;
+    for (double left = weights[first]; left < settings.tail * total; left += weights[first]) ++first;
+    for (double left = weights[end - 1]; left < settings.tail * total; left += weights[end - 1]) --end;
     return {first, end};
 }
 
-// Widens a covariance towards a slice's values until none of these is farther than `TAIL_STD` from the mean.
+// Widens a covariance towards a slice's values until none of these is farther than `tail_std` from the mean.
 void widen(ConstVector mean, ConstVector values, Matrix covariance) {
     const int size = mean.size();
     double part = 0.0;
     for (int a = 0; a < size; ++a) {
         const double square = (values[a] - mean[a]) * (values[a] - mean[a]);
-        if (square > 0.0) part = std::max(part, 1.0 / (TAIL_STD * TAIL_STD) - covariance(a, a) / square);
+        if (square > 0.0)
+            part = std::max(part, 1.0 / (settings.tail_std * settings.tail_std) - covariance(a, a) / square);
     }
     for (int a = 0; a < size; ++a) {
         for (int b = 0; b < size; ++b) covariance(a, b) += part * (values[a] - mean[a]) * (values[b] - mean[b]);
@@ -216,8 +200,8 @@ void marginalise(const Rig& rig, const Frame& frame, int rung, Fit& best, const 
     const double e_y = rig.to_camera[0], e_z = rig.to_camera[1], sway = tip_deflection(rig, best.unknowns[0]);
     const double variance = e_y * e_y * found.covariance[1][1] + 2.0 * e_y * e_z * found.covariance[1][2] +
                             e_z * e_z * found.covariance[2][2];
-    double step = FIRST_STEP_DEFLECTION / sway;
-    if (std::isfinite(variance)) step = std::min(step, FIRST_STEP_STD * std::sqrt(std::max(variance, 0.0)));
+    double step = settings.first_step_deflection / sway;
+    if (std::isfinite(variance)) step = std::min(step, settings.first_step_std * std::sqrt(std::max(variance, 0.0)));
     std::vector<Slice> slices;
     work.most = MOST_EVALUATIONS + work.evaluations;
     Fit start = best;
@@ -232,7 +216,7 @@ void marginalise(const Rig& rig, const Frame& frame, int rung, Fit& best, const 
         evaluate(rig, frame, rung, start, work);
         if (start.steps.size()) rig_jacobian(rig, frame, rung, work.bent, start);
         evaluate(rig, frame, rung, start, work);
-        if (reach(rig, frame, rung, there, OFF_PLACE * step, start, work)) {
+        if (reach(rig, frame, rung, there, settings.off_place * step, start, work)) {
             sweep_about(rig, frame, rung, start, step, slices, work);
         }
     }
