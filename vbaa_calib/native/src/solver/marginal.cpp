@@ -173,9 +173,11 @@ void centre(ConstVector mean, double inflation, Matrix square) {
 
 // Slices, from the first to the one before the end, outside of which hardly any weight is.
 std::pair<int, int> inner_slices(const std::vector<double>& weights, double total) {
+    const double least = settings.tail * total;
     int first = 0, end = static_cast<int>(weights.size());
-    for (double left = weights[first]; left < settings.tail * total; left += weights[first]) ++first;
-    for (double left = weights[end - 1]; left < settings.tail * total; left += weights[end - 1]) --end;
+    double before = weights[first], behind = weights[end - 1];
+    while (before < least) before += weights[++first];
+    while (behind < least) behind += weights[--end - 1];
     return {first, end};
 }
 
