@@ -243,10 +243,6 @@ void marginalise(const Rig& rig, const Frame& frame, int rung, Fit& best, const 
         add_moments(weight, view(slice.touch), view(slice.touch_covariance), view(marginal.touch),
                     view(marginal.touch_covariance));
     }
-    // at the tip as far as that is no less likely than other places
-    const double back = TIP - mean[0];
-    best.at_tip = !(back > 0.0) || (best.at_tip && back * back < covariance[0][0] - mean[0] * mean[0]);
-    if (best.at_tip) covariance[0][0] += TIP * TIP - mean[0] * mean[0] + back * back, mean[0] = TIP;
     const double inflation = huber_variance_inflation(best);
     centre(mean, inflation, view(covariance));
     centre(view(marginal.touch), inflation, view(marginal.touch_covariance));
@@ -256,6 +252,10 @@ void marginalise(const Rig& rig, const Frame& frame, int rung, Fit& best, const 
         widen(mean, {slices[k].unknowns.data(), {UNKNOWNS}}, view(covariance));
         widen(view(marginal.touch), view(slices[k].touch), view(marginal.touch_covariance));
     }
+    // at the tip as far as that is no less likely than other places
+    const double back = TIP - mean[0];
+    best.at_tip = !(back > 0.0) || (best.at_tip && back * back < covariance[0][0]);
+    if (best.at_tip) covariance[0][0] += back * back, mean[0] = TIP;
     marginal.known = true;
     work.other = best;
     fix(rig, along_sight(rig, best.unknowns), work.other);
