@@ -285,9 +285,22 @@ def test_a_chessboard_that_shows_which_way_it_is_turned_will_do(tmp_path: Path, 
     out = json.loads((tmp_path / "out.json").read_text())
     assert [view["name"] for view in out["views"] if view["reason"]] == []
     assert np.abs(np.array(out["T_tool_camera"]["translation_m"]) - X.translation_m).max() < 1e-3
+    whole = replace(camera, image_size=(2 * GRID_SIZE[0], 2 * GRID_SIZE[1]), matrix=binned_from(MATRIX))
+    (tmp_path / "camera.json").write_text(json.dumps(whole.to_dict()))
+    assert main([*line.split(), "--force", "--camera", f"{tmp_path}/camera.json"]) == 2
+    assert main([*line.split(), "--force", "--camera", f"{tmp_path}/camera.json", "--binning", "2"]) == 0
+    binned = json.loads((tmp_path / "out.json").read_text())
+    np.testing.assert_allclose(binned["T_tool_camera"]["translation_m"], out["T_tool_camera"]["translation_m"])
+    assert main([*line.split(), "--force", "--binning", "2"]) == 2
+    assert "there is none" in capsys.readouterr().err
     (tmp_path / "board.yaml").write_text(json.dumps(replace(CHESSBOARD, squares_y=5).to_dict()))
     assert main([*line.split(), "--force"]) == 2
     assert "looks the same when turned" in capsys.readouterr().err
+
+
+def binned_from(matrix: np.ndarray) -> np.ndarray:
+    """The camera matrix (3, 3) of pictures of which two by two pixels are one; (0, 0) is the first one's centre."""
+    return np.array([[2.0, 0.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]]) @ matrix
 
 
 class TestTables:

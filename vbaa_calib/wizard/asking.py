@@ -23,6 +23,7 @@ from .against_answers import draw_axes
 from .questions import (
     BOARD_ANSWERS,
     BY_KEY,
+    OF_LENS_FILE,
     OF_MATERIAL,
     PICTURES,
     QUESTIONS,
@@ -262,6 +263,10 @@ def check_together(answers: Mapping[str, Any]) -> None:
         except InputError as error:
             raise InputError(f"{error.where}: {error.what}", where="board", remedy=error.remedy) from None
     scale_of(answers)
+    lone = [one.key for one in OF_LENS_FILE if one.key in answers]
+    if lone and "camera" not in answers:
+        remedy = "give camera, too"
+        raise InputError("is about a lens file, of which there is none", where=", ".join(lone), remedy=remedy)
     ignored = [key for key in answers if key in _JIG and keeps_jig(answers)]
     if ignored:
         remedy = "give jig_translation_mm and the other answers about the jig too, or correct jig: in session.yaml"

@@ -271,8 +271,8 @@ class SessionState:
     @property
     def given_lens(self) -> GivenLens | None:
         """The known lens, if any. Raises InputError for a file without one."""
-        path, name = (self._answers.get(key) for key in ("camera", "camera_name"))
-        return path and self.cached("given lens", (path, name), lambda: read_lens(Path(path), Wanted(name)))
+        path, wanted = self._answers.get("camera"), Wanted.of(self._answers)
+        return path and self.cached("given lens", (path, wanted), lambda: read_lens(Path(path), wanted))
 
     @property
     def image_size(self) -> tuple[int, int] | None:
