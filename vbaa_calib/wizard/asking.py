@@ -224,10 +224,7 @@ def _make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
     if answers["board"] != "new":
         spec = load_board(Path(str(answers["board"])))
         store.write(BOARD, spec_document(spec, f"from {answers['board']}").encode())
-        return {
-            "measure_x_mm": 1e3 * spec.square_m * spec.squares_x,
-            "measure_y_mm": 1e3 * spec.square_m * spec.squares_y,
-        }
+        return {f"measure_{axis}_mm": 1e3 * length_m for axis, length_m in zip("xy", spec.size_m, strict=True)}
     paper = paper_named(str(answers["paper"]))
     spec = fill_in(paper=paper)
     layout = lay_out(spec, paper)

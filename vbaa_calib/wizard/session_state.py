@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from targets.board import BoardSpec
+from targets.board import BoardWithIds
 from targets.print_scale import READING_STD_MM, PrintScale, print_scale, rescaled
 from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
@@ -143,9 +143,8 @@ class SessionState:
             for section, keys in _UNITS.items()
             for key, (name, size) in keys.items()
         }
-        for axis, squares in (("x", session.board.squares_x), ("y", session.board.squares_y)):
-            length_mm = 1e3 * session.board.square_m * squares
-            found |= {f"measure_{axis}_mm": length_mm, f"board_along_{axis}_mm": length_mm}
+        for axis, length_m in zip("xy", session.board.size_m, strict=True):
+            found |= {f"measure_{axis}_mm": 1e3 * length_m, f"board_along_{axis}_mm": 1e3 * length_m}
         ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
         found |= {"board": str(session_yaml), "board_reading_std_mm": READING_STD_MM}
         found |= {"material": session.antenna.material} if session.antenna.material in MATERIALS else {}
@@ -177,7 +176,7 @@ class SessionState:
         return self.store.journal.answers
 
     @property
-    def nominal_board(self) -> BoardSpec:
+    def nominal_board(self) -> BoardWithIds:
         """The board as designed."""
         path = self.store.root / BOARD
         stamp = path.stat().st_mtime_ns if path.exists() else 0
@@ -189,7 +188,7 @@ class SessionState:
         return scale_of(self._answers)
 
     @property
-    def board(self) -> BoardSpec:
+    def board(self) -> BoardWithIds:
         """The board as printed."""
         scale = scale_of(self._answers)
         return self.nominal_board if scale is None else rescaled(self.nominal_board, scale)

@@ -125,14 +125,18 @@ def _detect_april_grid(image: np.ndarray, spec: AprilGrid, name: str) -> BoardVi
             kept = np.append(kept, group)
     place = 2 * cells[kept, None] + (OUTLINE @ about + 0.5).astype(int)
     ids = (place[..., 1] * spec.corner_columns + place[..., 0]).ravel()
-    places, corners = spec.lattice[ids].reshape(-1, 4, 2), tags.outlines[kept].reshape(-1, 2)
+    places, corners = spec.lattice[ids].reshape(-1, 4, 2), tags.at_pitch(1.0 + spec.spacing)[kept].reshape(-1, 2)
     side_px = np.linalg.svd(tags.px_per_marker[kept], compute_uv=False)[:, 1].repeat(4)
     gap_px, windows = min(spec.border / spec.modules, spec.spacing) * side_px, 0 * ids
+    # large tags stray farther from the homography of their neighbours: by the lens's distortion
+    furthest_px = max(RULES.furthest_px, RULES.of_a_gap * float(np.median(gap_px))) if len(ids) else 0.0
     for _ in range(RULES.rounds):
         start = _by_neighbours(places, corners.reshape(-1, 4, 2), cells[kept])
         within = ((start > 0) & (start < np.array(image.shape[::-1]) - 1)).all(axis=1)
         corners, windows = start.copy(), np.zeros(len(ids), int)
-        corners[within], windows[within] = _sharpened(image, start[within], gap_px[within], 0 * ids[within])
+        corners[within], windows[within] = _sharpened(
+            image, start[within], gap_px[within], 0 * ids[within], furthest_px
+        )
     found = np.flatnonzero(windows)
     found = found[np.argsort(ids[found])]
     ids, corners, windows = ids[found], corners[found], windows[found]
@@ -218,11 +222,16 @@ def _between_markers(
 
 
 def _sharpened(
-    image: np.ndarray, corners: np.ndarray, gap_px: np.ndarray, unrefined: np.ndarray
+    image: np.ndarray,
+    corners: np.ndarray,
+    gap_px: np.ndarray,
+    unrefined: np.ndarray,
+    furthest_px: float = RULES.furthest_px,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Corners (N, 2) refined in windows smaller than `gap_px` (N,), and the half windows (N,).
 
-    unrefined : (N,) half windows of corners that are kept, since the gap is too small or the step too large.
+    unrefined : (N,) half windows of corners that are kept, since the gap is too small or the step longer than
+    `furthest_px`.
     """
     windows = np.minimum(RULES.window_per_gap * gap_px, RULES.largest_window_px).astype(int)
     refined, used = corners.copy(), unrefined.copy()
@@ -230,7 +239,7 @@ def _sharpened(
         chosen = np.flatnonzero(windows == window)
         start = corners[chosen].astype(np.float32).reshape(-1, 1, 2)
         better = cv2.cornerSubPix(image, start, (window, window), (-1, -1), _STOP).reshape(-1, 2)
-        near = np.linalg.norm(better - corners[chosen], axis=1) < RULES.furthest_px
+        near = np.linalg.norm(better - corners[chosen], axis=1) < furthest_px
         refined[chosen[near]] = better[near]
         used[chosen[near]] = window
     return refined, used

@@ -30,6 +30,7 @@ class _DetectionSettings:
     largest_window_px: int = 10
     furthest_px: float = 1.5  # step of a corner that is refined, longest
     rounds: int = 3  # of an AprilGrid's corners, each from where their neighbours predict them
+    of_a_gap: float = 0.1  # step of an AprilGrid's corner, longest, over the room around it, where that is more
     of_a_square: float = 0.6  # room around a chessboard's corner over the distance to the next
     odd_sizes: float = 0.15  # share of the pictures that may be of another size, and are left out
     fewest: int = 6  # pictures of which one may be
@@ -119,6 +120,17 @@ class Markers:
         near &= (np.abs(scaled - step).max(axis=-1) < RULES.miss) & (step == -step.swapaxes(0, 1)).all(axis=-1)
         pairs = np.argwhere(np.triu(near))
         return pairs, step[pairs[:, 0], pairs[:, 1]]
+
+    def at_pitch(self, unit: float) -> np.ndarray:
+        """(M, 4, 2) px outlines so wide and so high that steps along x and y are `unit` sides, as on the board: blur
+        draws the outlines inwards, but leaves their centres."""
+        (first, second), steps = self.neighbours(False, unit)[0].T, self.neighbours(False, unit)[1]
+        sizes = 0.5 * np.abs(self.offsets[first, second] - self.offsets[second, first])
+        along = [sizes[steps[:, axis] != 0, axis] for axis in (0, 1)]
+        wider = np.array([np.median(one) / unit if len(one) else 1.0 for one in along])
+        centres = self.outlines.mean(axis=1, keepdims=True)
+        inside = np.einsum("mbp,mcp->mcb", np.linalg.pinv(self.px_per_marker), self.outlines - centres)
+        return np.asarray(centres + np.einsum("mpb,mcb->mcp", self.px_per_marker, wider * inside))
 
     def groups(self, pairs: np.ndarray) -> list[np.ndarray]:
         """Indices of the markers that pairs (L, 2) connect, the largest group first."""
