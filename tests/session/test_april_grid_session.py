@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import shutil
 from pathlib import Path
 
@@ -14,10 +15,12 @@ from targets.board import AprilGrid
 from tests.made_once import made_once
 from tests.small_scene import small_scene
 from tests.wizard.small_session import answers_file, call
+from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import rig_document
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.board.corners import detect_folder
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
 from vbaa_calib.simulate.scene.scene_file import load_scene
@@ -118,3 +121,15 @@ def test_the_wizard_takes_it(tmp_path: Path) -> None:
     assert code == 0, said
     assert_true(Rig.load(session / "rig.json"))
     assert load_session(session).board == BOARD
+
+
+@pytest.mark.parametrize("off", [0.0, 0.003, -0.01])
+def test_a_gap_that_is_another_is_named_with_its_size(off: float) -> None:
+    """Of a tag; a hundredth is not seen by the search for the board, but by what the corners leave."""
+    described = dataclasses.replace(BOARD, spacing=BOARD.spacing + off)
+    views = detect_folder(made_once("april_grid", _simulated) / "session" / "intrinsics", described)
+    found = [one for one in solve_lens(views, described).verdict.diagnoses if one.name == "tag_spacing"]
+    assert [one.severity for one in found] == ([] if not off else ["doubt" if abs(off) < 0.005 else "wrong"])
+    for one in found:
+        measured, std = (float(number) for number in re.findall(r"0\.\d+", one.words)[:2])
+        assert abs(measured - BOARD.spacing) < max(4.0 * std, 2e-4)
