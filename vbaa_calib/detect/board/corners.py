@@ -22,6 +22,7 @@ from .covariance import corner_covariances
 from .diagnosis import refuse_wrong_spec
 from .grids import find_grid
 from .markers import OUTLINE, RULES, TURNS, Markers, find_markers
+from .parts import place_part
 from .view_quality import ViewQuality, measure_quality
 
 _STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-3)
@@ -174,7 +175,12 @@ def _detect_chessboard(image: np.ndarray, spec: Chessboard, name: str) -> BoardV
     found = find_grid(image, spec)
     if found is None:
         return BoardView(name, np.zeros(0, int), np.zeros((0, 2)), size)
-    grid = found.reshape(-1, spec.corner_columns, 2)
+    return _chessboard_view(image, spec, name, np.arange(spec.corner_count), found)
+
+
+def _chessboard_view(image: np.ndarray, spec: Chessboard, name: str, ids: np.ndarray, found: np.ndarray) -> BoardView:
+    """From corners ids (N,) in rows and columns and their pixels (N, 2), which are refined."""
+    grid = found.reshape(len(np.unique(ids // spec.corner_columns)), -1, 2)
     across, down = (np.linalg.norm(np.diff(grid, axis=axis), axis=-1) for axis in (1, 0))
     # a square's shorter side or the half of its shorter diagonal: to the next edge that is not the corner's own
     gap_px = np.full(grid.shape[:2], np.inf)
@@ -183,11 +189,11 @@ def _detect_chessboard(image: np.ndarray, spec: Chessboard, name: str) -> BoardV
         (down, np.s_[1:], np.s_[:-1]),
     ):
         gap_px[before], gap_px[after] = np.minimum(gap_px[before], lengths), np.minimum(gap_px[after], lengths)
-    ids = np.arange(spec.corner_count)
     corners, windows = _sharpened(
         image, found, RULES.of_a_square * gap_px.ravel(), np.full(len(ids), RULES.smallest_window_px)
     )
     covariances, quality = corner_covariances(image, corners, windows), measure_quality(image, ids, corners, spec)
+    size = (image.shape[1], image.shape[0])
     return BoardView(name, ids, corners, size, covariance_px2=covariances, quality=quality)
 
 
@@ -270,8 +276,25 @@ def detect_files(paths: Sequence[Path], spec: Board) -> list[BoardView]:
 
     with ThreadPoolExecutor(RULES.workers) as pool:
         views = list(progress(pool.map(view, paths, sizes), "detecting the board", len(paths)))
+    if isinstance(spec, Chessboard):
+        views = _with_parts(views, paths, spec)
     refuse_wrong_spec(searched, [one for one in views if not one.left_out], spec, _found_corners)
     return views
+
+
+def _with_parts(views: list[BoardView], paths: Sequence[Path], spec: Chessboard) -> list[BoardView]:
+    """The views, those of a part of a chessboard too, where the nearest pictures of the whole one tell which it is."""
+    whole, found = [index for index, one in enumerate(views) if len(one.ids)], list(views)
+    for index, one in enumerate(views):
+        if len(one.ids) or one.left_out or not whole:
+            continue
+        image = read_gray(paths[index])
+        for other in sorted(whole, key=lambda each: abs(each - index))[: RULES.references]:
+            part = place_part(image, spec, read_gray(paths[other]), views[other].corners_px)
+            if part is not None:
+                found[index] = _chessboard_view(image, spec, one.name, *part)
+                break
+    return found
 
 
 def _one_size(paths: Sequence[Path], sizes: Sequence[tuple[int, int]]) -> tuple[int, int]:

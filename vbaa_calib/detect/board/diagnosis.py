@@ -95,7 +95,8 @@ def refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView] | None, 
     if not isinstance(spec, BoardSpec | AprilGrid):
         if visible < len(views):
             of = f"{len(views) - visible} of {len(views)} pictures"
-            say(f"{place}: {of} do not show the whole board, and are of no use: without ids a part could be any part")
+            why = "without ids a part counts only where a picture of the whole board tells which it is"
+            say(f"{place}: {of} do not show the whole board, and are of no use: {why}")
     elif isinstance(spec, BoardSpec) and (missing := _rows_too_many(markers, spec, views[0].image_size)):
         say(
             f"{place}: the pictures show room for the board's last {missing} rows and no marker there: is squares_y "
@@ -474,7 +475,8 @@ def _other_than_chessboard(read: Read, count: int, spec: Chessboard, detect: Det
     own, seen, pictures = sorted((spec.squares_x, spec.squares_y)), list[tuple[int, ...]](), list[np.ndarray]()
     for index in np.unique(np.linspace(0, count - 1, RULES.tried).astype(int)).tolist():
         inner = find_whole_chessboard(picture := read(index), thorough=False)
-        columns, rows = sorted((1 + each for each in inner or (0, 0)), reverse=spec.squares_x >= spec.squares_y)
+        counts = (0, 0) if inner is None else inner.shape[:2]
+        columns, rows = sorted((1 + each for each in counts), reverse=spec.squares_x >= spec.squares_y)
         if sorted((columns, rows)) == own:
             return None
         other = dataclasses.replace(spec, squares_x=max(columns, 4), squares_y=max(rows, 4))
@@ -572,7 +574,8 @@ def _as_circles(pictures: Sequence[np.ndarray], spec: Board) -> tuple[str, str] 
 def _as_chessboard(pictures: Sequence[np.ndarray], spec: Board, found: bool = False) -> tuple[str, str] | None:
     """A plain chessboard of another size: the largest that two pictures agree on, or that of a single picture; a larger
     one where the spec's was found in other pictures."""
-    sizes = [sorted(size)[::-1] for picture in pictures if (size := find_whole_chessboard(picture))]
+    grids = [find_whole_chessboard(picture) for picture in pictures]
+    sizes = [sorted(grid.shape[:2])[::-1] for grid in grids if grid is not None]
     own = sorted((spec.squares_x - 1, spec.squares_y - 1))[::-1] if isinstance(spec, Chessboard) else [0, 0]
     least = 2 if len(pictures) > 1 or any(np.greater_equal(own, max(sizes, default=own))) else 1
     agreed = [size for size in sizes if np.prod(size) >= RULES.least_corners and sizes.count(size) >= least]

@@ -46,6 +46,16 @@ class _DetectionSettings:
     widest: int = 60  # columns that are tried
     tried: int = 4  # pictures in which other boards are looked for
     corners: float = 0.5  # corners over markers of a picture in which a proposed board counts as found
+    part_texels: int = 8  # to a square, of what is compared about a part of a chessboard
+    part_beyond: float = 3.5  # squares beyond the board's outer corners that may be compared
+    part_reach: float = 3.0  # squares around the part that are
+    part_squares: float = 6.0  # of those, seen in both pictures, least
+    part_alike: float = 0.85  # least correlation of them
+    part_lead: float = 2.5  # by how much more any other part must lack of 1
+    part_lead_least: float = 0.05  # and this besides
+    part_corners: int = 12  # of a part, least
+    part_into: float = 0.3  # of a square, how far from a corner black and white are told
+    references: int = 2  # pictures of a whole chessboard by which a part of it is placed, most
     least_corners: int = 20  # of a chessboard that is named
     markers_amid: int = 3  # markers within a plain chessboard, least that make it a ChArUco board
 
