@@ -44,6 +44,8 @@ class _DetectionSettings:
     ratio_px: float = 2.0  # the same, in pixels of a marker's side
     gap: float = 0.006  # error of an AprilGrid's gap, in sides of a tag, that is mended; of a spec twice as much
     widest: int = 60  # columns that are tried
+    glance_px: float = 1.5e6  # of a picture in which it is looked which markers there are
+    glances: int = 2  # pictures that are mirrored or inverted for that, most
     tried: int = 4  # pictures in which other boards are looked for
     corners: float = 0.5  # corners over markers of a picture in which a proposed board counts as found
     part_texels: int = 8  # to a square, of what is compared about a part of a chessboard
