@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import cv2
 import numpy as np
 import yaml
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic.dataclasses import dataclass
 
 DICTIONARY_SIZES = (50, 100, 250, 1000)
@@ -47,6 +47,11 @@ class _OfSquares:
     def size_m(self) -> tuple[float, float]:
         """(along x, along y) of the print."""
         return self.square_m * self.squares_x, self.square_m * self.squares_y
+
+    @property
+    def outline_m(self) -> np.ndarray:
+        """(4, 2) corners of the print in the board frame, clockwise from the upper left."""
+        return _outline(self.size_m)
 
     @property
     def corner_columns(self) -> int:
@@ -93,20 +98,16 @@ class BoardSpec(_OfSquares):
     @classmethod
     def _has_ids(cls, data: Any) -> Any:
         kind = data.get("type") if isinstance(data, Mapping) else None
-        if kind == "aprilgrid":
-            what, remedy = f"is {kind!r}: a session's board is a ChArUco board", "`vbaa intrinsics` takes an AprilGrid"
-            raise ValueError(what, f"{remedy}, `vbaa calibrate --camera` its lens, and `vbaa handeye` both", "type")
-        if isinstance(kind, str) and kind in BOARDS and kind != "charuco":
-            what = f"is {kind!r}: its marks have no ids, so the board's pose is ambiguous"
-            remedy = "take a ChArUco board here; for the lens alone `vbaa intrinsics` takes that one, too"
+        if isinstance(kind, str) and kind != "charuco":
+            what, remedy = f"is {kind!r}", "charuco or aprilgrid is needed here"
+            if kind in BOARDS:
+                what += ": its marks have no ids, so the board's pose is ambiguous"
+                remedy = "take a ChArUco board or an AprilGrid; `vbaa intrinsics` takes that one for the lens alone"
             raise ValueError(what, remedy, "type")
         return data
 
     def __post_init__(self) -> None:
-        if self.stretch and self.stretch_std is None:
-            raise ValueError(
-                f"stretch is {self.stretch!r} without stretch_std: how well both rulers were read is needed"
-            )
+        _require_std(self.stretch, self.stretch_std)
         if not self.marker_m < self.square_m:
             exchanged = f" (exchanged? square_m: {self.marker_m!r}, marker_m: {self.square_m!r} would do)"
             raise ValueError(
@@ -147,11 +148,7 @@ class BoardSpec(_OfSquares):
 
     def to_dict(self) -> dict[str, Any]:
         """The mapping `board` of session.yaml, or a board.yaml."""
-        described = {"type": self.type, **asdict(self)}
-        if self.stretch_std is None:
-            del described["stretch"], described["stretch_std"]
-        if not self.first_id:
-            del described["first_id"]
+        described = _described({"type": self.type, **asdict(self)})
         listed = described.pop("ids")
         return described if listed is None else described | {"ids": list(listed)}
 
@@ -236,6 +233,7 @@ class AprilGrid:
 
     columns, rows : tags. tag_m : side of a tag, m. spacing : width of the gap between tags, in sides of a tag.
     border : modules of black around a tag's bits. first_id : of the lower left tag.
+    thickness_m, stretch, stretch_std : as of a `BoardSpec`, `tag_m` in place of `square_m`.
     """
 
     type: Literal["aprilgrid"]
@@ -246,8 +244,12 @@ class AprilGrid:
     dictionary: str = "DICT_APRILTAG_36h11"
     border: Annotated[int, Field(strict=True, ge=1, le=2)] = 2
     first_id: _Id = 0
+    thickness_m: Annotated[float, Field(strict=True, ge=0, lt=10)] = 0.0
+    stretch: Annotated[float, Field(strict=True, gt=-0.3, lt=0.3)] = 0.0
+    stretch_std: Annotated[float, Field(strict=True, gt=0, lt=0.1)] | None = None
 
     def __post_init__(self) -> None:
+        _require_std(self.stretch, self.stretch_std)
         _require_markers(self.dictionary, self.marker_ids, f"{self.columns}x{self.rows} tags")
 
     @property
@@ -273,6 +275,16 @@ class AprilGrid:
         return across, down
 
     @property
+    def outline_m(self) -> np.ndarray:
+        """(4, 2) corners of the print, its rim's squares included, in the board frame, clockwise from upper left."""
+        return _outline(self.size_m) - self.pitch_m
+
+    @property
+    def starts_with_marker(self) -> bool:
+        """Whether the first square of the print holds a marker: the rim begins with a black one."""
+        return False
+
+    @property
     def pitch_m(self) -> float:
         """Least distance of neighbouring corners."""
         return self.tag_m * self.spacing
@@ -294,11 +306,41 @@ class AprilGrid:
 
     def to_dict(self) -> dict[str, Any]:
         """A board.yaml."""
-        described = asdict(self)
-        return described if self.first_id else {name: value for name, value in described.items() if name != "first_id"}
+        described = _described(asdict(self))
+        if not self.thickness_m:
+            del described["thickness_m"]
+        return described
+
+    def drawing(self, tag_px: int) -> np.ndarray:
+        """The print, (H, W) uint8, 0 black and 255 white, its gaps rounded to whole pixels.
+
+        tag_px : side of a tag, a multiple of `modules`. Kalibr's tags are turned by half against OpenCV's.
+        """
+        gap_px = round(self.spacing * tag_px)
+        across, down = (count * (tag_px + gap_px) + gap_px for count in (self.columns, self.rows))
+        drawn = np.full((down, across), 255, np.uint8)
+        corners = (np.arange(count + 1) * (tag_px + gap_px) for count in (self.rows, self.columns))
+        rows, columns = ((starts[:, None] + np.arange(gap_px)).ravel() for starts in corners)
+        drawn[np.ix_(rows, columns)] = 0
+        for index, number in enumerate(self.marker_ids.tolist()):
+            y, x = (gap_px + place * (tag_px + gap_px) for place in divmod(index, self.columns))
+            tag = cv2.aruco.generateImageMarker(_dictionary(self.dictionary), number, tag_px, borderBits=self.border)
+            drawn[y : y + tag_px, x : x + tag_px] = np.rot90(tag, 2)
+        return drawn
 
 
-Board = BoardSpec | AprilGrid | Chessboard | CircleGrid
+def _tag(board: Any) -> str:
+    kind = board.get("type") if isinstance(board, Mapping) else getattr(board, "type", None)
+    return "<AprilGrid>" if kind == "aprilgrid" else "<BoardSpec>"
+
+
+BoardWithIds = BoardSpec | AprilGrid
+"""What shows which corner is which wherever a part of it is seen: the boards of sessions."""
+FileBoard = Annotated[
+    Annotated[BoardSpec, Tag("<BoardSpec>")] | Annotated[AprilGrid, Tag("<AprilGrid>")], Discriminator(_tag)
+]
+"""The same as a file describes it, by its type; a ChArUco board where none is named."""
+Board = BoardWithIds | Chessboard | CircleGrid
 """What the lens can be calibrated with."""
 BOARDS: dict[str, type[Board]] = {
     "charuco": BoardSpec,
@@ -322,6 +364,10 @@ class BoardPoints:
         return float(np.sort(np.linalg.norm(self.points_m - self.points_m[0], axis=1))[1])
 
 
+def _outline(size_m: tuple[float, float]) -> np.ndarray:
+    return np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * size_m
+
+
 def _lattice(columns: int, rows: int) -> np.ndarray:
     row, column = np.mgrid[:rows, :columns]
     return np.stack([column.ravel(), row.ravel()], axis=1)
@@ -329,6 +375,18 @@ def _lattice(columns: int, rows: int) -> np.ndarray:
 
 def _dictionary(name: str) -> cv2.aruco.Dictionary:
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
+def _require_std(stretch: float, stretch_std: float | None) -> None:
+    if stretch and stretch_std is None:
+        raise ValueError(f"stretch is {stretch!r} without stretch_std: how well both rulers were read is needed")
+
+
+def _described(fields: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a board without those that most have at their defaults."""
+    usual = {name for name in ("stretch", "stretch_std") if fields["stretch_std"] is None}
+    usual |= set() if fields["first_id"] else {"first_id"}
+    return {name: value for name, value in fields.items() if name not in usual}
 
 
 def _require_markers(dictionary: str, ids: np.ndarray, what: str) -> None:

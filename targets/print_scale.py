@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
-from .board import BoardSpec
+from .board import BoardSpec, BoardWithIds
 
 READING_STD_MM = 0.25
 _SIGNIFICANT = 3.0
@@ -132,12 +133,13 @@ def _percent(scale: float, std: float) -> str:
     return f"{100 * scale:.2f} ± {100 * std:.2f} %"
 
 
-def rescaled(spec: BoardSpec, scale: PrintScale) -> BoardSpec:
-    """The board as printed: squares and markers at the measured scale, the thickness unchanged."""
-    if not (isinstance(spec, BoardSpec) and isinstance(scale, PrintScale)):
-        raise ValueError(f"{spec!r:.60} and {scale!r:.60}: a BoardSpec and what print_scale returns are needed")
-    square_m, marker_m = (round(length * scale.scale, 9) for length in (spec.square_m, spec.marker_m))
-    printed = replace(spec, square_m=square_m, marker_m=marker_m)
+def rescaled(spec: BoardWithIds, scale: PrintScale) -> BoardWithIds:
+    """The board as printed: squares, markers and tags at the measured scale, the thickness unchanged."""
+    if not (isinstance(spec, BoardWithIds) and isinstance(scale, PrintScale)):
+        raise ValueError(f"{spec!r:.60} and {scale!r:.60}: a board with ids and what print_scale returns are needed")
+    lengths = ("square_m", "marker_m") if isinstance(spec, BoardSpec) else ("tag_m",)
+    fields: dict[str, Any] = {name: round(getattr(spec, name) * scale.scale, 9) for name in lengths}
+    printed: BoardWithIds = replace(spec, **fields)
     if not scale.differs:
         return printed
     # of the mean, not of y

@@ -12,10 +12,8 @@ from typing import Any
 import yaml
 from reportlab.lib.utils import simpleSplit
 
-from .board import DICTIONARY_SIZES, AprilGrid, BoardSpec, spec_line
+from .board import DICTIONARY_SIZES, AprilGrid, BoardSpec, BoardWithIds, spec_line
 
-Printed = BoardSpec | AprilGrid
-"""What is printed."""
 Loop = tuple[tuple[float, float], ...]
 """A closed polygon's corners (x, y), the last joined to the first."""
 PAPERS_MM = {
@@ -101,13 +99,13 @@ class Drawing:
     subject: str
 
 
-def board_id(spec: Printed) -> str:
+def board_id(spec: BoardWithIds) -> str:
     """Eight hexadecimal digits that identify the print.
 
     Lengths count to the nanometre; the mount's thickness does not count, nor the legacy flag where both patterns agree.
     """
     if isinstance(spec, AprilGrid):
-        text = str(spec.to_dict())
+        text = str(replace(spec, thickness_m=0.0, stretch=0.0, stretch_std=None).to_dict())
     else:
         lengths = [round(1e9 * length) for length in (spec.square_m, spec.marker_m)]
         text = f"charuco {spec.squares_x} {spec.squares_y} {lengths} {spec.dictionary} {spec.starts_with_marker}"
@@ -115,18 +113,18 @@ def board_id(spec: Printed) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
-def _title(spec: Printed) -> str:
+def _title(spec: BoardWithIds) -> str:
     """Kind and id of the board."""
     return f"{'AprilGrid' if isinstance(spec, AprilGrid) else 'ChArUco board'} {board_id(spec)}"
 
 
-def spec_document(spec: Printed, note: str = "") -> str:
+def spec_document(spec: BoardWithIds, note: str = "") -> str:
     """board.yaml, with a comment on top."""
     head = f"# {_title(spec)}" + (f", {note}" if note else "")
     return f"{head}\n{yaml.safe_dump(spec.to_dict(), sort_keys=False)}"
 
 
-def size_words(spec: Printed) -> str:
+def size_words(spec: BoardWithIds) -> str:
     """Squares or tags, markers and dictionary in words."""
     if isinstance(spec, AprilGrid):
         tags = f"{spec.columns} × {spec.rows} tags of {1e3 * spec.tag_m:.6g} mm, {1e3 * spec.pitch_m:.6g} mm apart"
@@ -203,7 +201,7 @@ def font_name(bold: bool) -> str:
     return "Helvetica-Bold" if bold else "Helvetica"
 
 
-def lay_out(spec: Printed, paper: _Paper, margin_mm: float = MARGIN_MM) -> Layout:
+def lay_out(spec: BoardWithIds, paper: _Paper, margin_mm: float = MARGIN_MM) -> Layout:
     """The sheet for a board on a paper, in the orientation that leaves more room.
 
     Raises ValueError if it does not fit, with the largest fitting square and the smallest sufficient paper.
@@ -224,7 +222,7 @@ def lay_out(spec: Printed, paper: _Paper, margin_mm: float = MARGIN_MM) -> Layou
     )
 
 
-def _largest_square_mm(spec: Printed, paper: _Paper, margin_mm: float) -> float | None:
+def _largest_square_mm(spec: BoardWithIds, paper: _Paper, margin_mm: float) -> float | None:
     """The largest square or tag, in steps of 0.1 mm, with which a board of this layout fits; None if none does."""
 
     def is_too_large(tenths: int) -> bool:
@@ -238,7 +236,7 @@ def _largest_square_mm(spec: Printed, paper: _Paper, margin_mm: float) -> float 
     return round(tenths * 0.1, 6) if tenths else None
 
 
-def _fitting(spec: Printed, paper: _Paper, margin: float) -> Layout | None:
+def _fitting(spec: BoardWithIds, paper: _Paper, margin: float) -> Layout | None:
     if not 0 <= margin <= _MOST_MARGIN_MM:
         raise ValueError(f"the margin is {margin:g} mm: 0 to {_MOST_MARGIN_MM:g} mm are needed")
     pages = [(paper.width_mm, paper.height_mm), (paper.height_mm, paper.width_mm)]
@@ -255,7 +253,7 @@ def _fitting(spec: Printed, paper: _Paper, margin: float) -> Layout | None:
     return None
 
 
-def _on_page(spec: Printed, page: tuple[float, float], margin: float, size: float) -> Layout | None:
+def _on_page(spec: BoardWithIds, page: tuple[float, float], margin: float, size: float) -> Layout | None:
     width, height = page
     ruler, end = _RULER_MM * size, _RULER_END_MM * size
     text_width = width - 2 * margin - _QR_MM * size - _GAP_MM
@@ -281,7 +279,7 @@ def _on_page(spec: Printed, page: tuple[float, float], margin: float, size: floa
     return Layout(width, height, margin, quiet, *board, ruler_x, ruler_y, header, header_height, size)
 
 
-def _header(spec: Printed, margin: float, width_mm: float, size: float) -> tuple[Label, ...]:
+def _header(spec: BoardWithIds, margin: float, width_mm: float, size: float) -> tuple[Label, ...]:
     texts = (
         (_title(spec), 4.2, True),
         (size_words(spec), 3.0, False),

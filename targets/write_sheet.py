@@ -13,8 +13,8 @@ import numpy as np
 from reportlab.graphics.barcode import qrencoder
 from reportlab.pdfgen.canvas import FILL_EVEN_ODD, Canvas
 
-from .board import AprilGrid, BoardSpec, opencv_board, spec_line
-from .sheet import PT_PER_MM, Drawing, Label, Layout, Loop, Printed, Shape, Stroke, font_name
+from .board import AprilGrid, BoardWithIds, opencv_board, spec_line
+from .sheet import PT_PER_MM, Drawing, Label, Layout, Loop, Shape, Stroke, font_name
 
 _TICK_WIDTH_MM, _END_WIDTH_MM = 0.12, 0.2
 _TICKS_MM = {1: 1.8, 5: 2.6, 10: 3.6}
@@ -53,7 +53,7 @@ def outlines(black: np.ndarray) -> tuple[Loop, ...]:
     return tuple(loops)
 
 
-def board_shapes(spec: Printed) -> list[tuple[Loop, ...]]:
+def board_shapes(spec: BoardWithIds) -> list[tuple[Loop, ...]]:
     """Outlines of all black squares, then of each marker, for the even-odd rule, mm from the print's first corner.
 
     The squares are one shape, since viewers snap single rectangles to whole pixels.
@@ -91,7 +91,7 @@ def placed(loops: tuple[Loop, ...], scale: float, x: float, y: float) -> tuple[L
     return tuple(tuple((x + scale * u, y + scale * v) for u, v in loop) for loop in loops)
 
 
-def draw(spec: Printed, layout: Layout) -> Drawing:
+def draw(spec: BoardWithIds, layout: Layout) -> Drawing:
     marks: list[Shape | Stroke | Label] = [
         Shape(placed(shape, 1.0, layout.board_x, layout.board_y)) for shape in board_shapes(spec)
     ]
@@ -227,21 +227,32 @@ _PX_PER_MM = 0.5, 500.0
 class _ScreenBoard:
     """A board in pixels: sides of its squares and markers, and the white around it, all whole numbers.
 
-    `spec` has the sizes that it really has on that screen.
+    `spec` has the sizes that it really has on that screen. Of an AprilGrid a square is a tag with its gap.
     """
 
-    spec: BoardSpec
+    spec: BoardWithIds
     square_px: int
     marker_px: int
     margin_px: int
 
     @property
     def size_px(self) -> tuple[int, int]:
-        columns, rows = self.spec.squares_x, self.spec.squares_y
-        return columns * self.square_px + 2 * self.margin_px, rows * self.square_px + 2 * self.margin_px
+        spec, rest = self.spec, 2 * self.margin_px
+        if isinstance(spec, AprilGrid):
+            counts, rest = (spec.columns, spec.rows), rest + self.square_px - self.marker_px
+        else:
+            counts = spec.squares_x, spec.squares_y
+        return counts[0] * self.square_px + rest, counts[1] * self.square_px + rest
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """(rows, columns) uint8 picture, black on white."""
+        if isinstance(self.spec, AprilGrid):
+            return np.pad(self.spec.drawing(self.marker_px), self.margin_px, constant_values=255)
+        return np.asarray(opencv_board(self.spec).generateImage(self.size_px, marginSize=self.margin_px))
 
 
-def on_screen(wanted: BoardSpec, px_per_mm: float) -> _ScreenBoard:
+def on_screen(wanted: BoardWithIds, px_per_mm: float) -> _ScreenBoard:
     """The board nearest to the wanted one whose squares, markers, modules and gaps are whole pixels.
 
     Raises ValueError where a module would be smaller than two pixels, or the picture too large.
@@ -249,24 +260,29 @@ def on_screen(wanted: BoardSpec, px_per_mm: float) -> _ScreenBoard:
     low, high = _PX_PER_MM
     if not low <= px_per_mm <= high:
         raise ValueError(f"the screen has {px_per_mm:g} pixels per mm: {low:g} to {high:g} are needed")
-    square, marker = (1e3 * length * px_per_mm for length in (wanted.square_m, wanted.marker_m))
+    if isinstance(wanted, AprilGrid):
+        name, lengths_m = "tag", (wanted.tag_m, wanted.tag_m)
+    else:
+        name, lengths_m = "square", (wanted.square_m, wanted.marker_m)
+    square, marker = (1e3 * length * px_per_mm for length in lengths_m)
     module = round(marker / wanted.modules)
     if module < _LEAST_MODULE_PX:
-        least = _LEAST_MODULE_PX * wanted.modules / px_per_mm * wanted.square_m / wanted.marker_m
+        least = _LEAST_MODULE_PX * wanted.modules / px_per_mm * square / marker
         raise ValueError(
-            f"squares of {1e3 * wanted.square_m:g} mm are {square:.1f} pixels there, too few to draw the markers; "
-            f"take squares of {least:.3g} mm or more"
+            f"{name}s of {1e3 * lengths_m[0]:g} mm are {square:.1f} pixels there, too few to draw the markers; "
+            f"take {name}s of {least:.3g} mm or more"
         )
     marker_px = module * wanted.modules
-    side = marker_px + 2 * max(1, round((square - marker_px) / 2))
-    square_m, marker_m = (round(1e-3 * pixels / px_per_mm, 12) for pixels in (side, marker_px))
-    board = _ScreenBoard(replace(wanted, square_m=square_m, marker_m=marker_m), side, marker_px, (side + 1) // 2)
+    if isinstance(wanted, AprilGrid):
+        side = marker_px + max(1, round(wanted.spacing * marker_px))
+        spacing = side / marker_px - 1.0
+        spec: BoardWithIds = replace(wanted, tag_m=round(1e-3 * marker_px / px_per_mm, 12), spacing=round(spacing, 12))
+    else:
+        side = marker_px + 2 * max(1, round((square - marker_px) / 2))
+        square_m, marker_m = (round(1e-3 * pixels / px_per_mm, 12) for pixels in (side, marker_px))
+        spec = replace(wanted, square_m=square_m, marker_m=marker_m)
+    board = _ScreenBoard(spec, side, marker_px, (side + 1) // 2)
     width, height = board.size_px
     if width * height > _MOST_PIXELS:
         raise ValueError(f"the picture would have {width} x {height} pixels, more than any screen")
     return board
-
-
-def as_pixels(board: _ScreenBoard) -> np.ndarray:
-    """(rows, columns) uint8 picture, black on white."""
-    return np.asarray(opencv_board(board.spec).generateImage(board.size_px, marginSize=board.margin_px))

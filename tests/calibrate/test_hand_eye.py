@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,6 +22,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import chi_square
+from vbaa_calib.detect.board.parts import place_part
 from vbaa_calib.geometry import Pose
 
 from .hand_eye_views import POINTS, Arm, X, Z, lens, views_and_poses
@@ -265,13 +267,31 @@ class TestPosesAlone:
         assert main([*call, "--force", "--board", "board.yaml"]) == 2
 
 
-def test_a_chessboard_that_shows_which_way_it_is_turned_will_do(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    """Even by odd squares, 9 x 6, the camera known."""
+def moved_by_a_square(image: np.ndarray, *about: Any) -> tuple[np.ndarray, np.ndarray] | None:
+    """A part of a chessboard with the number of its neighbour."""
+    part = place_part(image, *about)
+    if part is None:
+        return None
+    ids, corners_px = part
+    lines, columns = np.divmod(ids, CHESSBOARD.corner_columns)
+    for step, ends, last in ((1, columns, CHESSBOARD.squares_x - 2), (CHESSBOARD.corner_columns, lines, 4)):
+        if np.ptp(ends) < last:
+            return ids + (step if ends.max() < last else -step), corners_px
+    raise AssertionError("it is the whole board")
+
+
+def test_a_chessboard_that_shows_which_way_it_is_turned_will_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Even by odd squares, 9 x 6, the camera known; also a part of it, where a picture of the whole tells which."""
     camera, rows = Camera("opencv", GRID_SIZE, MATRIX, DISTORTION[:4]), []
     (tmp_path / "camera.json").write_text(json.dumps(camera.to_dict()))
-    for seed in range(6):
-        rvec, shift = drawn_pose(seed, CHESSBOARD, 0.5)
-        turn = Pose.from_rotvec(np.array([0.0, 0.0, np.pi * (seed % 2)]), np.zeros(3))  # also upside down
+    for seed in (0, 1, 2, 3, 4, 5, 11, 14):
+        rvec, shift = drawn_pose(seed, CHESSBOARD, 0.5 if seed < 10 else 0.4)
+        if seed > 10:  # in part, its number told by a picture of the whole
+            way = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi)
+            shift = shift + np.array([0.09 * np.cos(way), 0.07 * np.sin(way), 0.0])
+        turn = Pose.from_rotvec(np.array([0.0, 0.0, np.pi * (seed % 2 * (seed < 10))]), np.zeros(3))  # also upside down
         T_camera_board = turn @ Pose.from_rotvec(rvec, shift)
         grey, _ = drawn(CHESSBOARD, T_camera_board.vector[:3], T_camera_board.translation_m)
         cv2.imwrite(str(tmp_path / f"{seed}.png"), picture(grey, seed=seed))
@@ -284,10 +304,30 @@ def test_a_chessboard_that_shows_which_way_it_is_turned_will_do(tmp_path: Path, 
     assert main([*line.split(), "--camera", f"{tmp_path}/camera.json"]) == 0
     out = json.loads((tmp_path / "out.json").read_text())
     assert [view["name"] for view in out["views"] if view["reason"]] == []
+    assert len(out["views"]) == 8
     assert np.abs(np.array(out["T_tool_camera"]["translation_m"]) - X.translation_m).max() < 1e-3
+    with monkeypatch.context() as patched:  # numbered by one square wrong: the robot tells
+        patched.setattr("vbaa_calib.detect.board.corners.place_part", moved_by_a_square)
+        assert main([*line.split(), "--camera", f"{tmp_path}/camera.json", "--force"]) == 0
+    wrong = json.loads((tmp_path / "out.json").read_text())
+    assert [view["name"] for view in wrong["views"] if view["reason"]] == ["11", "14"]
+    assert np.abs(np.array(wrong["T_tool_camera"]["translation_m"]) - X.translation_m).max() < 1e-3
+    whole = replace(camera, image_size=(2 * GRID_SIZE[0], 2 * GRID_SIZE[1]), matrix=binned_from(MATRIX))
+    (tmp_path / "camera.json").write_text(json.dumps(whole.to_dict()))
+    assert main([*line.split(), "--force", "--camera", f"{tmp_path}/camera.json"]) == 2
+    assert main([*line.split(), "--force", "--camera", f"{tmp_path}/camera.json", "--binning", "2"]) == 0
+    binned = json.loads((tmp_path / "out.json").read_text())
+    np.testing.assert_allclose(binned["T_tool_camera"]["translation_m"], out["T_tool_camera"]["translation_m"])
+    assert main([*line.split(), "--force", "--binning", "2"]) == 2
+    assert "there is none" in capsys.readouterr().err
     (tmp_path / "board.yaml").write_text(json.dumps(replace(CHESSBOARD, squares_y=5).to_dict()))
     assert main([*line.split(), "--force"]) == 2
     assert "looks the same when turned" in capsys.readouterr().err
+
+
+def binned_from(matrix: np.ndarray) -> np.ndarray:
+    """The camera matrix (3, 3) of pictures of which two by two pixels are one; (0, 0) is the first one's centre."""
+    return np.array([[2.0, 0.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]]) @ matrix
 
 
 class TestTables:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from targets.board import BoardSpec, corner_points
+from targets.board import AprilGrid, BoardSpec, BoardWithIds, corner_points
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.board import Sheet, board_patch, print_sheet
 from vbaa_calib.simulate.render.picture import Studio, digitise, expose
@@ -29,7 +29,7 @@ FAR = 1e12
 class Conditions:
     """How a picture is taken.
 
-    square_px : side of a square at the board's middle, seen face on.
+    square_px : side of a square, or a tag, at the board's middle, seen face on.
     blur_px : standard deviation of the lens's Gaussian blur; the pixel's own area comes on top.
     noise : standard deviation of the grey levels (of 255).
     exposure : 1 puts the paper at about 210 of 255; from 1.2 on the paper saturates.
@@ -59,7 +59,7 @@ def draw_board(
 ) -> DrawnBoard:
     """The whole board through an ideal lens: random tilt up to `tilt_rad`, roll and place on the pixel grid."""
     spec = sheet.spec
-    diagonal = float(np.hypot(spec.squares_x + 1, spec.squares_y + 1))
+    diagonal = float(np.hypot(*(np.array(spec.size_m) / side_m(spec) + 1.0)))
     side = int(np.ceil(ROOM * diagonal * conditions.square_px))
     focal, middle = FOCAL_PER_SIDE * side, (side - 1) / 2
     lens = Lens("opencv", (side, side), np.array([[focal, 0, middle], [0, focal, middle], [0, 0, 1.0]]), np.zeros(0))
@@ -72,14 +72,18 @@ def draw_board(
     return DrawnBoard(grey, project(lens, pose @ corner_points(spec)), conditions)
 
 
-def _pose(spec: BoardSpec, focal: float, square_px: float, rng: np.random.Generator, tilt_rad: float) -> Pose:
+def side_m(spec: BoardWithIds) -> float:
+    """Of a square, or of a tag."""
+    return spec.tag_m if isinstance(spec, AprilGrid) else spec.square_m
+
+
+def _pose(spec: BoardWithIds, focal: float, square_px: float, rng: np.random.Generator, tilt_rad: float) -> Pose:
     around, roll = rng.uniform(0.0, 2 * np.pi, 2)
     tilt = Rotation.from_rotvec(rng.uniform(0.0, tilt_rad) * np.array([np.cos(around), np.sin(around), 0.0]))
     rotation = (tilt * Rotation.from_rotvec([0.0, 0.0, roll])).as_matrix()
-    middle = spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0]) / 2
-    distance = focal * spec.square_m / square_px
-    shift = np.append(rng.uniform(-1.0, 1.0, 2) * spec.square_m / square_px, distance)
-    return Pose(rotation, shift - rotation @ middle)
+    distance = focal * side_m(spec) / square_px
+    shift = np.append(rng.uniform(-1.0, 1.0, 2) * side_m(spec) / square_px, distance)
+    return Pose(rotation, shift - rotation[:, :2] @ spec.outline_m.mean(axis=0))
 
 
 def _picture_spec(conditions: Conditions) -> PictureSpec:
@@ -92,7 +96,7 @@ _sheet = functools.cache(print_sheet)
 
 
 @functools.cache
-def drawn(seed: int, conditions: Conditions = GOOD, spec: BoardSpec = SPEC) -> DrawnBoard:
+def drawn(seed: int, conditions: Conditions = GOOD, spec: BoardWithIds = SPEC) -> DrawnBoard:
     return draw_board(_sheet(spec), conditions, np.random.default_rng(seed), tilt_rad=0.6)
 
 

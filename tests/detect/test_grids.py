@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 
 from targets.board import BoardSpec, Chessboard, CircleGrid, corner_points
-from tests.detect.drawn_grids import ASYMMETRIC, CHESSBOARD, CIRCLES, drawn, picture, pose
+from tests.detect.drawn_grids import ASYMMETRIC, CHESSBOARD, CIRCLES, MATRIX, drawn, picture, pose
 from tests.detect.test_corners import write_pictures
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
+from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.circles import circle_centres
 from vbaa_calib.detect.board.corners import BoardView, detect_corners, detect_files, detect_folder
 from vbaa_calib.detect.board.grids import _grid_readings, find_grid
+from vbaa_calib.detect.board.parts import place_part
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 ENDOSCOPE, LAPAROSCOPE = DATA / "ucl_axis_tests_charuco" / "ExtractedFrames_L", DATA / "ucl_laparoscope_chess_points"
@@ -86,17 +88,60 @@ def test_a_turned_picture_is_read_as_the_marks_tell_or_else_upright(spec: _Plain
     np.testing.assert_allclose(back if told else back[::-1], upright, atol=0.5)
 
 
+@functools.cache
+def seen_in_part(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    rvec, shift = pose(seed, CHESSBOARD, 0.4)
+    way = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi)
+    grey, truth = drawn(CHESSBOARD, rvec, shift + np.array([0.09 * np.cos(way), 0.07 * np.sin(way), 0.0]))
+    return picture(grey, seed=seed), truth
+
+
+def test_a_part_is_placed_by_a_picture_of_the_whole_board_or_not_at_all() -> None:
+    """On plain ground, where but the board's own rim tells; whole square for whole square, or nothing."""
+    whole, _ = seen(CHESSBOARD, 0)
+    corners_px, placed = detect_corners(whole, CHESSBOARD).corners_px, 0
+    for seed in (10, 11, 14, 16, 17, 20, 28):
+        image, truth = seen_in_part(seed)
+        part = place_part(image, CHESSBOARD, whole, corners_px)
+        if part is not None:
+            placed += 1
+            assert np.abs(part[1] - truth[part[0]]).max() < 0.15 * np.linalg.norm(truth[1] - truth[0])
+    assert placed >= 4
+
+
+def test_parts_go_into_the_lens_and_wrong_ones_do_not(tmp_path: Path) -> None:
+    for seed in (0, 2, 3, 4, 5, 6):
+        cv2.imwrite(str(tmp_path / f"{seed:02d}.png"), seen(CHESSBOARD, seed, 0.5)[0])
+    whole = detect_folder(tmp_path, CHESSBOARD)
+    for seed in (11, 14):
+        cv2.imwrite(str(tmp_path / f"{seed:02d}.png"), seen_in_part(seed)[0])
+    views = detect_folder(tmp_path, CHESSBOARD)
+    parts = [view for view in views[len(whole) :] if len(view.ids)]
+    assert len(parts) >= 2
+    assert all(len(view.ids) < CHESSBOARD.corner_count for view in parts)
+    lens = solve_lens(views, CHESSBOARD)
+    assert not lens.dropped
+    assert lens.rms_px < 1.3 * solve_lens(whole, CHESSBOARD).rms_px
+    assert abs(lens.camera.matrix[0, 0] - MATRIX[0, 0]) < 4.0 * np.sqrt(lens.camera.covariance[0, 0])
+    # another part is the board elsewhere, which is nothing to the lens; what is no part of it is named
+    columns = parts[0].ids % CHESSBOARD.corner_columns
+    elsewhere = replace(parts[0], ids=parts[0].ids + (1 if columns.max() < columns.size else -1))
+    assert elsewhere.ids.max() < CHESSBOARD.corner_count
+
+
 @pytest.mark.slow
-def test_a_picture_of_a_part_is_no_view(tmp_path: Path) -> None:
+def test_a_picture_of_a_part_is_a_view_only_beside_one_of_the_whole(tmp_path: Path) -> None:
     image, truth = seen(CHESSBOARD, 0)
     middle = round(float(truth[:, 0].mean()))
-    part = np.where(np.arange(image.shape[1]) < middle, image, np.uint8(200))
+    part = np.where(np.arange(image.shape[1]) < middle, image, np.uint8(120))  # something covers it
     assert not len(detect_corners(part, CHESSBOARD).ids)
     cv2.imwrite(str(tmp_path / "part.png"), part)
     with pytest.raises(InputError, match="without ids"):
         detect_folder(tmp_path, CHESSBOARD)
     cv2.imwrite(str(tmp_path / "whole.png"), image)
-    assert [len(view.ids) for view in detect_folder(tmp_path, CHESSBOARD)] == [0, CHESSBOARD.corner_count]
+    view, other = detect_folder(tmp_path, CHESSBOARD)
+    assert len(other.ids) == CHESSBOARD.corner_count
+    assert not len(view.ids) or np.abs(view.corners_px - truth[view.ids]).max() < 0.3
 
 
 def test_a_part_of_a_larger_grid_is_no_view() -> None:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from targets.board import BoardSpec, opencv_board
+from targets.board import AprilGrid, BoardSpec, BoardWithIds, opencv_board
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.detect.board.corners import detect_corners
 from vbaa_calib.detect.quality.hints import blur_ellipse, edge_blur, picture_hints, wrong_board
@@ -17,9 +17,10 @@ from .drawn_boards import GOOD, SPEC, Conditions, DrawnBoard, drawn, picture, sm
 
 LEGACY = BoardSpec(6, 4, 0.02, 0.014, legacy_pattern=True)
 COARSE = BoardSpec(7, 5, 0.02, 0.016)
+GRID = AprilGrid("aprilgrid", 4, 3, 0.02, 0.3)
 
 
-def hints(image: np.ndarray, spec: BoardSpec = SPEC) -> list[Diagnosis]:
+def hints(image: np.ndarray, spec: BoardWithIds = SPEC) -> list[Diagnosis]:
     return picture_hints(image, detect_corners(image, spec, "picture"), spec)
 
 
@@ -39,21 +40,22 @@ def lit_up(board: DrawnBoard, where_px: np.ndarray, radius_px: float) -> DrawnBo
     return dataclasses.replace(board, grey=board.grey + 300.0 * np.exp(-(apart**4)))
 
 
-@pytest.mark.parametrize("spec", [SPEC, LEGACY])
+@pytest.mark.parametrize("spec", [SPEC, LEGACY, GRID])
 @pytest.mark.parametrize(
     "conditions", [GOOD, Conditions(30, 0.5, 3.0), Conditions(70, 1.4), Conditions(55, 0.6, 2, 1.3)]
 )
-def test_good_pictures_are_not_found_fault_with(conditions: Conditions, spec: BoardSpec) -> None:
+def test_good_pictures_are_not_found_fault_with(conditions: Conditions, spec: BoardWithIds) -> None:
     assert hints(picture(drawn(1, conditions, spec)), spec) == []
 
 
-@pytest.mark.parametrize("spec", [SPEC, LEGACY])
+@pytest.mark.parametrize("spec", [SPEC, LEGACY, GRID])
 @pytest.mark.parametrize("angle_deg", [0.0, 30.0, 45.0, 90.0, 135.0])
-def test_motion_is_told_from_focus_with_direction_and_length(angle_deg: float, spec: BoardSpec) -> None:
+def test_motion_is_told_from_focus_with_direction_and_length(angle_deg: float, spec: BoardWithIds) -> None:
     """In any direction: along the squares' diagonals too, where their edges are blurred alike."""
     angle, length = np.radians(angle_deg), 8.0
     words = ("sideways", "along the diagonal \\", "up or down", "along the diagonal /")
-    image = picture(smeared(drawn(1, GOOD, spec), length * np.array([np.cos(angle), np.sin(angle)])))
+    taken = Conditions(110, 0.8) if spec is GRID else GOOD
+    image = picture(smeared(drawn(1, taken, spec), length * np.array([np.cos(angle), np.sin(angle)])))
     view = detect_corners(image, spec)
     ellipse = blur_ellipse(image, view, spec)
     off = (ellipse.direction_rad - angle + np.pi / 2) % np.pi - np.pi / 2

@@ -13,7 +13,7 @@ import pypdfium2
 import pytest
 import yaml
 
-from targets.board import BoardSpec
+from targets.board import AprilGrid, BoardSpec, corner_points
 from targets.sheet import lay_out, paper_named
 from vbaa_calib.cli import board as board_cli
 from vbaa_calib.core.errors import InputError
@@ -66,9 +66,23 @@ def test_an_april_grid_is_drawn_as_it_is_found(tmp_path: Path) -> None:
     target = tmp_path / "target.yaml"
     target.write_text("{target_type: aprilgrid, tagCols: 4, tagRows: 3, tagSize: 0.03, tagSpacing: 0.3}")
     assert board("--spec", target, "-o", tmp_path / "k.svg")["board"]["tag_m"] == 0.03
-    for wrong in (("--tags", "5x4"), ("--type", "aprilgrid", "--squares", "5x4"), ("--type", "aprilgrid")):
+    for wrong in (("--tags", "5x4"), ("--type", "aprilgrid", "--squares", "5x4")):
         with pytest.raises(InputError):
             board(*wrong, "-o", tmp_path / "x.png", "--screen-ppi", 96)
+
+
+def test_an_april_grid_is_drawn_for_a_screen(tmp_path: Path) -> None:
+    """In whole pixels, and described as it is there."""
+    call = ("--type", "aprilgrid", "--tags", "4x3", "--thickness-mm", 2, "-o", tmp_path / "x.png", "--screen-ppi", 96)
+    result = board(*call)
+    spec = load_board(tmp_path / "x.yaml")
+    assert isinstance(spec, AprilGrid)
+    assert result["board"] == spec.to_dict()
+    found = detect_corners(cv2.imread(str(tmp_path / "x.png"), cv2.IMREAD_GRAYSCALE), spec)
+    assert len(found.ids) == spec.corner_count
+    shift = found.corners_px - corner_points(spec)[found.ids, :2] * 1e3 * result["px_per_mm"]
+    np.testing.assert_allclose(shift, np.broadcast_to(shift.mean(axis=0), shift.shape), atol=0.1)
+    assert spec.thickness_m == 0.002
 
 
 def test_a_described_board_is_printed_as_it_is(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from targets.sheet import (
     lay_out,
     paper_named,
 )
-from targets.write_sheet import as_pdf, as_pixels, board_shapes, draw, on_screen, ruler_origin
+from targets.write_sheet import as_pdf, board_shapes, draw, on_screen, ruler_origin
 from vbaa_calib.detect.board.board_file import load_board
 
 A4_BOARD = BoardSpec(11, 7, 0.020, 0.015)
@@ -175,7 +175,7 @@ def test_every_module_is_whole_pixels(seed: int) -> None:
     module, gap = board.marker_px // (bits + 2), (board.square_px - board.marker_px) // 2
     side = board.square_px
     assert (board.marker_px, side) == (module * (bits + 2), board.marker_px + 2 * gap)
-    picture = as_pixels(board)[board.margin_px : -board.margin_px, board.margin_px : -board.margin_px]
+    picture = board.pixels[board.margin_px : -board.margin_px, board.margin_px : -board.margin_px]
     for square_px in picture.reshape(counts[1], side, counts[0], side).swapaxes(1, 2).reshape(-1, side, side):
         inner = square_px[gap:-gap, gap:-gap]
         assert (np.kron(inner[::module, ::module], np.ones((module, module))) == inner).all()
@@ -187,7 +187,7 @@ def test_corners_are_found_where_the_spec_says() -> None:
     """A detector's corners, in mm by the pixel density, against the spec that is written."""
     density = 110 / 25.4
     board = on_screen(BoardSpec(9, 6, 0.0213, 0.0157, legacy_pattern=True), density)
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(opencv_board(board.spec)).detectBoard(as_pixels(board))
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(opencv_board(board.spec)).detectBoard(board.pixels)
     found = (np.reshape(corners, (-1, 2)) + 0.5 - board.margin_px) / density
     assert len(found) == board.spec.corner_count
     assert np.abs(found - 1e3 * corner_points(board.spec)[np.ravel(ids), :2]).max() < 0.02

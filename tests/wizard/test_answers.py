@@ -61,13 +61,15 @@ TYPED = {
     "number": ["240 miles", "24 24", "0,8", "nan", "-inf", "", " ", "ten", "1e400", "٢٤", "1_0", "0x10", "1e7", "-1e7"],
     "numbers": ["a,b,c", "1,2,x", "", ",", "1e400,1,1", "nan,1,1", "1,2,3 miles", "about 1 2 3"],
     "choice": ["purple", "", "-"],
-    "yesno": ["perhaps", "", "1"],
+    "sides": ["", "half", "2 x", "-2", "1.5", "1x2x3"],
+    "yesno": ["", "maybe", "2"],
     "text": ["", "  "],
 }
 WRITTEN: dict[str, list[object]] = {
     "number": [None, True, [], [1.0], {"value": 1}, float("nan"), 10**400, datetime.date(2026, 1, 1)],
     "numbers": [None, True, [], {"x": 1}, [[1], 2, 3], [1, 2, None], [float("inf"), 1, 1]],
     "choice": [None, True, 3, ["x"], {"x": 1}],
+    "sides": [None, True, 1.5, -2, [2, 1]],
     "yesno": [None, 3, ["yes"], {"x": 1}],
     "text": [None, 3, {"path": "x"}, "x" * 5000],
 }

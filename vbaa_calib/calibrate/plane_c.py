@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from targets.board import BoardSpec
+from targets.board import BoardWithIds
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
@@ -195,12 +195,12 @@ def because(error: VbaaError, found: Sequence[Diagnosis], session: Session) -> V
     return InputError(found[0].words, where=session.root / "session.yaml", remedy=found[0].remedy)
 
 
-def _clamp_doubt(found: PoseEstimate, over: OverBoard, board: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
+def _clamp_doubt(found: PoseEstimate, over: OverBoard, board: BoardWithIds) -> tuple[np.ndarray, np.ndarray]:
     """Directions (K, 6), deviations (K,) of the antenna's own frame from jig's and joints': clamp and height."""
     camera_m = found.T_antenna_camera.translation_m
     turns = np.hstack([np.eye(3), np.cross(np.eye(3), camera_m)])
     across = np.hstack([np.zeros((2, 4)), np.eye(2)])
-    half_m = 0.5 * board.square_m * min(board.squares_x, board.squares_y)
+    half_m = 0.5 * min(board.size_m)
     tilt = over.height_std_m / half_m
     return np.vstack([turns, across]), np.array([tilt, tilt, CLAMP_ANGLE_STD_RAD, *[CLAMP_OFFSET_STD_M] * 2])
 

@@ -14,7 +14,7 @@ from targets.board import Board
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty
 from vbaa_calib.core.console import say
-from vbaa_calib.core.files import sha256
+from vbaa_calib.core.files import read_yaml, sha256
 from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.session import Load
 
@@ -91,6 +91,8 @@ def rig_document(calibration: Calibration, command: Sequence[str]) -> dict[str, 
     """rig.json: the rig, the evidence for it, and what it was made of by which command line."""
     session = calibration.session
     files = [session.root / "session.yaml"]
+    if isinstance(board := read_yaml(files[0]).get("board"), str):
+        files.append(session.root / board)
     for name in ("intrinsics", *picture_folders(session), "noload", "loads"):
         files += sorted(path for path in (session.root / name).glob("*") if path.is_file())
     paths = {str(path.relative_to(session.root)): path for path in files}

@@ -15,16 +15,15 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite, replacing
 
 if TYPE_CHECKING:
-    from targets.board import AprilGrid, BoardSpec
-    from targets.sheet import Printed
+    from targets.board import AprilGrid, BoardWithIds
 
 _SUFFIXES = (".pdf", ".svg", ".png")
 _FINE_MODULE_MM = 0.5
 _MM_PER_INCH = 25.4
 _LARGEST_MM = 10_000.0
-_OF_CHARUCO = ("squares", "square_mm", "marker_mm", "legacy", "thickness_mm")
+_OF_CHARUCO = ("squares", "square_mm", "marker_mm", "legacy")
 _OF_GRID = ("tags", "tag_mm", "tag_spacing")
-_OF_THE_BOARD = (*_OF_CHARUCO, *_OF_GRID, "dictionary", "first_id", "type")
+_OF_THE_BOARD = (*_OF_CHARUCO, *_OF_GRID, "dictionary", "first_id", "thickness_mm", "type")
 _TAGS, _SPACING, _TAG_MM = (6, 6), 0.3, range(5, 200)
 _OF_PAPER, _OF_SCREENS = ("paper", "margin_mm"), ("px_per_mm", "screen_ppi")
 
@@ -109,7 +108,7 @@ def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
 
     paper = paper_named("A4" if args.paper is None else args.paper)
     margin = MARGIN_MM if args.margin_mm is None else args.margin_mm
-    spec: Printed = _wanted_grid(args, lambda grid: lay_out(grid, paper, margin)) or _wanted(
+    spec: BoardWithIds = _wanted_grid(args, lambda grid: lay_out(grid, paper, margin)) or _wanted(
         args, paper=paper, margin_mm=margin
     )
     layout = lay_out(spec, paper, margin)
@@ -140,34 +139,34 @@ def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
 def _for_screens(args: argparse.Namespace) -> dict[str, Any]:
     import cv2
 
-    from targets.write_sheet import as_pixels, on_screen
+    from targets.board import AprilGrid
+    from targets.sheet import size_words
+    from targets.write_sheet import on_screen
 
     if args.px_per_mm is None and args.screen_ppi is None:
         remedy = "give --screen-ppi (pixels along the diagonal by its inches) or --px-per-mm"
         raise InputError("a .png needs the screen's pixel size", where="vbaa board", remedy=remedy)
-    if _wanted_grid(args, lambda grid: grid) is not None:
-        raise InputError("an AprilGrid is drawn to print", where="vbaa board", remedy="name a .pdf or .svg")
     px_per_mm = args.px_per_mm if args.screen_ppi is None else args.screen_ppi / _MM_PER_INCH
-    wanted = _wanted(args)
+    wanted: BoardWithIds = _wanted_grid(args) or _wanted(args)
     board = on_screen(wanted, px_per_mm)
     description = _description(args, board.spec, changed=board.spec != wanted)
-    columns, rows = wanted.squares_x, wanted.squares_y
-    result = _write(args, cv2.imencode(".png", as_pixels(board))[1].tobytes(), board.spec, description) | {
+    result = _write(args, cv2.imencode(".png", board.pixels)[1].tobytes(), board.spec, description) | {
         "px_per_mm": px_per_mm,
         "image_size": list(board.size_px),
         "square_px": board.square_px,
         "marker_px": board.marker_px,
         "margin_px": board.margin_px,
-        "size_mm": [round(1e3 * board.spec.square_m * count, 6) for count in (columns, rows)],
+        "size_mm": [round(1e3 * side, 6) for side in board.spec.size_m],
     }
-    say(f"picture  {board.size_px[0]} x {board.size_px[1]} pixels, a square is {board.square_px} of them")
+    name, side_px = ("tag", board.marker_px) if isinstance(wanted, AprilGrid) else ("square", board.square_px)
+    say(f"picture  {board.size_px[0]} x {board.size_px[1]} pixels, a {name} is {side_px} of them")
     if board.spec != wanted:
-        say(f"look at  a square is {1e3 * board.spec.square_m:.6g} mm there, not {1e3 * wanted.square_m:.6g}")
+        say(f"look at  that is not {size_words(wanted)}")
     say("next     show it at 100 %, one pixel on one pixel, and measure the board: the pixel density is what you gave")
     return result
 
 
-def _wanted_grid(args: argparse.Namespace, lay_out: Callable[[AprilGrid], Any]) -> AprilGrid | None:
+def _wanted_grid(args: argparse.Namespace, lay_out: Callable[[AprilGrid], Any] | None = None) -> AprilGrid | None:
     """The AprilGrid of --spec, or of the flags, its tags as large as `lay_out` takes; None where another is wanted."""
     from targets.board import AprilGrid
     from vbaa_calib.detect.board.board_file import counts, load_lens_board
@@ -186,7 +185,12 @@ def _wanted_grid(args: argparse.Namespace, lay_out: Callable[[AprilGrid], Any]) 
 
     def grid(tag_mm: float) -> AprilGrid:
         tag_m = round(1e-3 * tag_mm, 12)
-        return AprilGrid("aprilgrid", columns, rows, tag_m, spacing, family, first_id=args.first_id or 0)
+        thickness_m = round(1e-3 * (args.thickness_mm or 0.0), 12)
+        first = args.first_id or 0
+        return AprilGrid("aprilgrid", columns, rows, tag_m, spacing, family, first_id=first, thickness_m=thickness_m)
+
+    if args.tag_mm is not None or lay_out is None:
+        return grid(20.0 if args.tag_mm is None else args.tag_mm)
 
     def is_too_large(tag_mm: int) -> bool:
         try:
@@ -195,12 +199,10 @@ def _wanted_grid(args: argparse.Namespace, lay_out: Callable[[AprilGrid], Any]) 
             return True
         return False
 
-    if args.tag_mm is not None:
-        return grid(args.tag_mm)
     return grid(_TAG_MM[max(bisect_left(_TAG_MM, True, key=is_too_large) - 1, 0)])
 
 
-def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
+def _wanted(args: argparse.Namespace, **room: Any) -> BoardWithIds:
     """The board of --spec, or of the flags, completed."""
     from targets.sheet import fill_in
     from vbaa_calib.detect.board.board_file import counts, load_board
@@ -220,7 +222,7 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
     return fill_in(counts(args.squares, "--squares", "vbaa board"), **given)
 
 
-def _description(args: argparse.Namespace, spec: Printed, changed: bool) -> tuple[Path | None, bool]:
+def _description(args: argparse.Namespace, spec: BoardWithIds, changed: bool) -> tuple[Path | None, bool]:
     """The description's path, None if it is --spec, and whether to write it."""
     from vbaa_calib.detect.board.board_file import load_lens_board
 
@@ -244,7 +246,7 @@ def _description(args: argparse.Namespace, spec: Printed, changed: bool) -> tupl
 
 
 def _write(
-    args: argparse.Namespace, data: bytes, spec: Printed, description: tuple[Path | None, bool]
+    args: argparse.Namespace, data: bytes, spec: BoardWithIds, description: tuple[Path | None, bool]
 ) -> dict[str, Any]:
     """Write the sheet and its description, both or neither. Returns the numbers."""
     from targets.sheet import board_id, size_words, spec_document

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     inputs = [args.file] if args.file.is_file() else []
     refuse_overwrite(args.output, args.force, inputs)
-    wanted = wanted_of(args)
+    wanted = wanted_of(args, args.file)
     source = guessed(args.file) if args.source is None else FORMATS[args.source]
     target = FORMATS[args.target]
     exchanged = source.read(args.file, wanted)

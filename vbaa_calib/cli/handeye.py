@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.cli.lens_file import add_lens_file, wanted_of
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_overwrite, sha256, write_json
@@ -49,11 +50,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera", type=Path, help="a known lens, of any format of `vbaa convert` (default: from VIEWS)"
     )
-    parser.add_argument("--image-size", type=int, nargs=2, metavar=("W", "H"), help="px, for a CSV without --camera")
+    parser.add_argument(
+        "--image-size", type=int, nargs=2, metavar=("W", "H"), help="px, for a CSV without --camera; as --size WxH"
+    )
     parser.add_argument(
         "--rig", type=Path, help="rig.json of this camera: gives T_actuator_antenna for a session's arm"
     )
     parser.add_argument("-o", "--output", type=Path, required=True, help="handeye.json to write")
+    add_lens_file(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -101,6 +105,7 @@ def _from_poses(
         if getattr(args, name) is not None:
             flag = f"--{name.replace('_', '-')}"
             raise InputError(f"{flag} beside poses of the board", where=args.views, remedy=f"leave {flag} out")
+    wanted_of(args)
     seen, _ = read_robot_poses(args.views, args.euler)
     pairs = _paired(list(seen), poses, args.poses)
     readings = {words: [other[row] for _, row in pairs] for words, other in others.items()}
@@ -118,13 +123,18 @@ def _from_corners(
 
     from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.calibrate.pose.hand_eye import solve_hand_eye
+    from vbaa_calib.convert.values import Wanted
     from vbaa_calib.detect.board.board_file import load_lens_board
 
     if args.board is None:
         remedy = "give --board FILE, or poses of the board in the camera as a CSV"
         raise InputError("no board is given", where="vbaa handeye", remedy=remedy)
     spec = load_lens_board(args.board)
-    known = read_lens(args.camera or args.rig) if args.camera or args.rig else None
+    file = args.camera or args.rig
+    if file is None and args.size is not None:  # that of a table of corners
+        args.image_size, args.size = Wanted.of(vars(args)).size, None
+    wanted = wanted_of(args, file)
+    known = read_lens(file, wanted) if file else None
     found = _views(args, spec, known)
     by_name = {view.name: view for view in found}
     pairs = _paired(list(by_name), poses, args.poses)

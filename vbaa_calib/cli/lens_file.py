@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vbaa_calib.core.errors import InputError
@@ -35,21 +35,15 @@ def add_lens_file(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def wanted_of(args: argparse.Namespace) -> Wanted:
-    """What of a lens file is wanted. Raises InputError for what is no size, binning or part."""
+def wanted_of(args: argparse.Namespace, *files: Path | None) -> Wanted:
+    """What of a lens file is wanted. files : those that may be one.
+
+    Raises InputError for what is no size, binning or part, and where there is no file.
+    """
     from vbaa_calib.convert.values import Wanted
 
-    size, binning = _pair(args.size, "--size", "1280x960"), _pair(args.binning, "--binning", "2, or 2x1")
-    if args.roi is not None and min(*args.roi[:2], args.roi[2] - 1, args.roi[3] - 1) < 0:
-        raise InputError("--roi is {} {} {} {}".format(*args.roi), remedy="give left, top, width and height in pixels")
-    roi = None if args.roi is None else tuple(args.roi)
-    return Wanted(args.camera_name, size, binning, roi, args.rectified, args.fisheye)
-
-
-def _pair(text: str | None, flag: str, like: str) -> tuple[int, int] | None:
-    if text is None:
-        return None
-    found = re.fullmatch(r"([1-9]\d{0,5})(?:[xX,]([1-9]\d{0,5}))?", text.strip())
-    if found is None or (flag == "--size" and found[2] is None):
-        raise InputError(f"{flag} is {text!r}", remedy=f"give it like {like}")
-    return int(found[1]), int(found[2] or found[1])
+    wanted = Wanted.of(vars(args))
+    if wanted != Wanted() and not any(files):
+        name = "--camera-name" if args.camera_name else "--size, --binning, --roi, --rectified, --fisheye"
+        raise InputError("is about a lens file, of which there is none", where=name, remedy="give --camera FILE, too")
+    return wanted

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,6 +33,18 @@ class Wanted:
     rectified: bool = False
     fisheye: bool | None = None
 
+    @staticmethod
+    def of(flags: Mapping[str, Any]) -> Wanted:
+        """What the flags of a lens file ask for, by their names. Raises InputError for no size, binning or part."""
+        size = _pair(flags.get("size"), "--size", "1280x960")
+        binning, roi = _pair(flags.get("binning"), "--binning", "2, or 2x1"), flags.get("roi")
+        whole = roi is None or (len(roi) == 4 and all(float(side).is_integer() for side in roi))
+        if roi is not None and (not whole or min(*roi[:2], roi[2] - 1, roi[3] - 1) < 0):
+            words = " ".join(f"{side:g}" for side in roi)
+            raise InputError(f"--roi is {words}", remedy="give left, top, width and height in pixels")
+        part = None if roi is None else (int(roi[0]), int(roi[1]), int(roi[2]), int(roi[3]))
+        return Wanted(flags.get("camera_name"), size, binning, part, bool(flags.get("rectified")), flags.get("fisheye"))
+
     def one_of(self, names: Sequence[str], path: Path) -> str:
         """The name of the chosen camera. Raises InputError where there is none, or several and no choice."""
         which = self.which
@@ -54,6 +67,15 @@ class Wanted:
             what = "states a picture of {}x{} px, not {}x{}".format(*size, *(self.size or size))
             raise InputError(what, where=path, remedy="leave --size out")
         return size
+
+
+def _pair(text: str | None, flag: str, like: str) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    found = re.fullmatch(r"([1-9]\d{0,5})(?:[xX,]([1-9]\d{0,5}))?", text.strip())
+    if found is None or (flag == "--size" and found[2] is None):
+        raise InputError(f"{flag} is {text!r}", remedy=f"give it like {like}")
+    return int(found[1]), int(found[2] or found[1])
 
 
 @dataclass(frozen=True, eq=False)

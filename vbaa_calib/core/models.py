@@ -161,7 +161,12 @@ def _first(error: ValidationError) -> ErrorDetails:
 
 
 def _dotted(key: str, loc: Sequence[int | str]) -> str:
-    return ".".join(map(str, [*([key] if key else ()), *loc]))
+    return ".".join(map(str, [*([key] if key else ()), *_keys_of(loc)]))
+
+
+def _keys_of(loc: Sequence[int | str]) -> list[int | str]:
+    """The place in a file: without the tags, such as <AprilGrid>, of the kinds of a thing that it was read as."""
+    return [part for part in loc if not str(part).startswith("<")]
 
 
 def _with_line(where: object, data: Any, loc: Sequence[int | str]) -> object:
@@ -173,7 +178,7 @@ def _with_line(where: object, data: Any, loc: Sequence[int | str]) -> object:
     except (InputError, YAMLError, ValueError, RecursionError):
         return where
     above = () if held == data else ("board",) if isinstance(held, dict) and held.get("board") == data else None
-    line = None if above is None else line_of([*above, *loc])
+    line = None if above is None else line_of([*above, *_keys_of(loc)])
     return where if line is None else f"{where} line {line}"
 
 
@@ -195,6 +200,9 @@ def _at(whole: Mapping[str, Any], part: Mapping[str, Any], loc: tuple[int | str,
         return _at(whole, whole["$defs"][part["$ref"].rpartition("/")[2]], loc)
     if "anyOf" in part and "properties" not in part:  # of ours always something or null
         return _at(whole, part["anyOf"][0], loc)
+    if "oneOf" in part and loc:
+        kind = str(loc[0]).strip("<>")
+        return next((_at(whole, one, loc[1:]) for one in part["oneOf"] if one["$ref"].endswith(f"/{kind}")), {})
     if not loc:
         return part
     if isinstance(loc[0], str):

@@ -12,7 +12,7 @@ import numpy as np
 
 from targets.board import AprilGrid, Board, BoardPoints, BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_shape import STRETCH, BoardShape
-from vbaa_calib.calibrate.lens.bundle import Bundle, free_directions, rows
+from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, free_directions, rows
 from vbaa_calib.calibrate.lens.information import kept_observations
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
@@ -44,6 +44,9 @@ class _BoardSettings:
     grave: float = 3e-3  # change of the focal length from which the pictures must not be used together
     stretch_std: float = 5.0  # standard deviations of the print's stretch from which it is reported
     stretch: float = 2e-3  # stretch that matters
+    gap_std: float = 0.02  # prior standard deviation of an AprilGrid's spacing, in tags
+    gap: float = 1e-3  # error of the spacing that matters
+    grave_gap: float = 5e-3  # from which the board's size is not known
 
 
 _LIMITS = _BoardSettings()
@@ -206,6 +209,8 @@ class ViewSet:
     names: tuple[str, ...]  # of the views used, in order
     residuals: np.ndarray  # (2N,) px, observed less projected
     own: np.ndarray  # (2N, 3) by parameters of a single view: log focal length, cx px, cy px
+    by_gap: np.ndarray  # (2N,) by an AprilGrid's spacing; 0 of other boards
+    spacing: float  # as described; NaN of other boards
     basis: np.ndarray  # (2N, p) orthonormal, of what the views share: lens and board shape
     bounds: np.ndarray  # (V + 1,) first row of each view
     units: tuple[float, float, float]  # what a relative change of each parameter is counted in: 1, fx, fy
@@ -230,7 +235,9 @@ class ViewSet:
         bundle = Bundle(model, intrinsics, poses, directions, shape=solution.board_shape.parameters)
         residuals, by_shared, by_pose, bounds = rows(bundle, seen)
         focal = by_shared[..., :1] * intrinsics[0] + by_shared[..., 1:2] * intrinsics[1]
-        every = np.concatenate([by_shared @ directions, focal, by_shared[..., 2:4], residuals[..., None]], axis=-1)
+        by_gap = _by_gap(bundle, seen, spec)[..., None]
+        columns = [by_shared @ directions, focal, by_shared[..., 2:4], by_gap, residuals[..., None]]
+        every = np.concatenate(columns, axis=-1)
         left = without_own(every, by_pose, bounds)
         flat = np.vstack([one[: 2 * count] for one, count in zip(left, np.diff(bounds).tolist(), strict=True)])
         shared = flat[:, : directions.shape[1]]
@@ -242,8 +249,10 @@ class ViewSet:
             return None
         rest = flat[:, -1] - basis @ (basis.T @ flat[:, -1])
         names, units = tuple(view.name for view in chosen), (1.0, float(intrinsics[0]), float(intrinsics[1]))
-        own = flat[:, directions.shape[1] : -1]
-        return ViewSet(names, flat[:, -1], own, basis, 2 * bounds, units, float(rest @ rest) / freedom)
+        own, by_gap = flat[:, directions.shape[1] : -2], flat[:, -2]
+        spacing = spec.spacing if isinstance(spec, AprilGrid) else np.nan
+        variance_px2 = float(rest @ rest) / freedom
+        return ViewSet(names, flat[:, -1], own, by_gap, spacing, basis, 2 * bounds, units, variance_px2)
 
     def own_scores(self, parameter: int) -> tuple[np.ndarray, np.ndarray]:
         """Score (V,) of a parameter that each view has to itself, px², and its information (V, V), px²; what the views
@@ -322,8 +331,48 @@ def _sides(step: _ViewChange, names: tuple[str, ...]) -> str:
     return f"{names[step.first - 1]} and {names[step.first]}"
 
 
-_CHANGES = (_focus_changed, _centre_moved)
-"""What may have changed between the views."""
+def _by_gap(bundle: Bundle, seen: Sequence[BoardCorners], spec: Board | BoardPoints) -> np.ndarray:
+    """(N, 2) negative derivatives of the corners' residuals by an AprilGrid's spacing; zero of other boards."""
+    if not isinstance(spec, AprilGrid):
+        return np.zeros((sum(len(view.pixels) for view in seen), 2))
+    # in the place of the first of the shape's parameters: how corners move with a tag's gap
+    views = []
+    for view in seen:
+        steps = np.floor(view.points_m[:, :2] / (spec.tag_m * (1.0 + spec.spacing)) + 1e-6)
+        moved = np.zeros((len(steps), 3, len(bundle.shape)))
+        moved[:, :2, 0] = spec.tag_m * steps
+        views.append(replace(view, deformation=moved))
+    flat = replace(bundle, shape=np.zeros_like(bundle.shape))
+    return rows(flat, views)[1][..., len(bundle.intrinsics)]
+
+
+def _other_gap(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
+    """The gap between the tags of an AprilGrid, in sides of a tag, is not as described."""
+    left = data.by_gap - data.basis @ (data.basis.T @ data.by_gap)
+    information, freedom = float(left @ left), len(left) - data.basis.shape[1] - 6 * len(data.names) - 1
+    if not np.isfinite(data.spacing) or information <= 0.0 or freedom <= 0:
+        return
+    value = float(left @ data.residuals) / information
+    rest = data.variance_px2 * (freedom + 1) - value**2 * information
+    std = float(np.sqrt(max(rest, 1e-9 * data.variance_px2) / freedom / information))
+    if abs(value) < _LIMITS.gap:
+        return
+    gained = 0.5 * (freedom + 1) * np.log1p((value / std) ** 2 / freedom)
+    measured = f"the gaps between tags measure {data.spacing + value:.4f} ± {std:.4f} of a tag"
+    words, remedy = (
+        f"{measured}, spacing says {data.spacing:g}",
+        "measure a tag and a gap, and correct spacing or tag_m",
+    )
+    found = Diagnosis("tag_spacing", words, remedy, "wrong" if abs(value) > _LIMITS.grave_gap else "doubt")
+    yield Explanation(
+        found,
+        gained - np.log(max(_LIMITS.gap_std / std, 1.0)),
+        lambda: replace(data, residuals=data.residuals - value * data.by_gap, spacing=data.spacing + value),
+    )
+
+
+_CHANGES = (_focus_changed, _centre_moved, _other_gap)
+"""What may have changed between the views, or is not as described."""
 
 
 def view_set_diagnoses(

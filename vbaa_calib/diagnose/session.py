@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from targets.board import AprilGrid
 from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
@@ -122,10 +123,11 @@ def _lengths(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
 
     def board(fit: RigFit) -> Diagnosis:
         side = "smaller" if fit.values[0] > 0 else "larger"
+        what = "tag" if isinstance(witness.session.board, AprilGrid) else "square"
         return Diagnosis(
             "board_scale",
-            f"the board's squares are {_percent(fit.values[0], fit.std[0])} {side} than board.square_m",
-            "measure the printed board over many squares and correct square_m",
+            f"the board's {what}s are {_percent(fit.values[0], fit.std[0])} {side} than board.{what}_m",
+            f"measure the printed board over many {what}s and correct {what}_m",
             "wrong" if abs(fit.values[0]) > 0.015 else "doubt",
         )
 

@@ -9,15 +9,16 @@ from vbaa_calib.geometry import Pose
 
 
 def jig_alternatives(
-    jig: Pose, size_m: tuple[float, float] | None = None, thickness_m: float = 0.0
+    jig: Pose, opposite_m: np.ndarray | None = None, thickness_m: float = 0.0
 ) -> list[tuple[str, Pose]]:
     """What T_antenna_board may be where it was entered as `jig`: (which entry would be wrong, in words; pose).
 
     One mistake at a time, the commonest first, and no pose twice: of two that end in the same the commoner remains.
     Pure geometry, which decides nothing: an alternative is likely if it puts the free antenna where it is seen.
 
-    jig : of the printed face, as `Session` has it. size_m : width and height of the board's outline; with it, a board
-    that was measured to the opposite corner is among them. thickness_m : between the jig's back and the printed face.
+    jig : of the printed face, as `Session` has it. opposite_m : (2,) x and y of what is the board's origin when it is
+    turned round; with it, a board that was measured to that corner is among them. thickness_m : between the jig's back
+    and the printed face.
     """
     behind = Pose(np.eye(3), np.array([0.0, 0.0, thickness_m]))
     back, face = jig @ behind, behind.inverse()
@@ -47,8 +48,8 @@ def jig_alternatives(
         order = [b if axis == a else a if axis == b else axis for axis in range(3)]
         add(f"{'xyz'[a]} and {'xyz'[b]} exchanged", Pose(rotation, t[order]))
     half_turn = np.diag([-1.0, -1.0, 1.0])
-    if size_m is not None:
-        opposite = Pose(half_turn, np.array([*size_m, 0.0]))
+    if opposite_m is not None:
+        opposite = Pose(half_turn, np.array([*opposite_m, 0.0]))
         add("the corner: the board turned by 180°, measured to its other corner", back @ opposite)
     turned("the board's axes: both turned round, by 180°", half_turn)
     turned("the board's axes: its y turned round", np.diag([1.0, -1.0, -1.0]))

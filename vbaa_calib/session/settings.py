@@ -13,12 +13,13 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, GetJson
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from targets.board import BoardSpec
+from targets.board import BoardWithIds, FileBoard
 from vbaa_calib.antenna.materials import MATERIALS, Material
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
+from vbaa_calib.detect.board.board_file import with_ids
 from vbaa_calib.geometry import Kinematics, Pose
 
 from .drift import DRIFTS, LAB, Drift
@@ -251,12 +252,17 @@ def _drift(value: Any) -> Any:
     return {**asdict(DRIFTS[LAB]), **value} if isinstance(value, Mapping) else value
 
 
-class _OrName:
+class _Or:
+    """Annotation of what a file may also name: the JSON Schema of its names."""
+
+    def __init__(self, names: JsonSchemaValue) -> None:
+        self.names = names
+
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        return {"anyOf": [handler(schema), {"enum": list(DRIFTS)}]}
+        return {"anyOf": [handler(schema), self.names]}
 
 
-FileDrift = Annotated[Drift, BeforeValidator(_drift), _OrName()]
+FileDrift = Annotated[Drift, BeforeValidator(_drift), _Or({"enum": list(DRIFTS)})]
 """A drift as our files give it: a name, or a mapping, of which `lab` says what it leaves out."""
 
 
@@ -285,7 +291,7 @@ class SessionFile(FileModel):
 
     VERSION = SCHEMA
     version: Literal["vbaa.session/1"] = Field(alias="schema")
-    board: BoardSpec
+    board: Annotated[FileBoard, _Or({"type": "string", "description": "a file beside this one that describes it"})]
     antenna: Annotated[NominalAntenna, BeforeValidator(_with_material)]
     jig: _Jig | None = None
     kinematics: _SessionKinematics | None = None
@@ -328,7 +334,7 @@ class Session:
     """
 
     root: Path
-    board: BoardSpec
+    board: BoardWithIds
     antenna: NominalAntenna
     T_antenna_board: Pose | None
     kinematics: Kinematics
@@ -380,6 +386,9 @@ def load_session(root: Path) -> Session:
 
 def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
     """A session from the content of session.yaml. Raises InputError naming `path` and the wrong key."""
+    board = data.get("board")
+    if isinstance(board, str) or (isinstance(board, Mapping) and "target_type" in board):
+        data = {**data, "board": with_ids(board, path, "board").to_dict()}
     read = checked(SessionFile, data, path, "`vbaa schema session` prints what is expected")
     kinematics, jig = read.kinematics or _SessionKinematics(), read.jig
     # The jig holds the board's back; the printed face lies one thickness nearer to the viewer, along −z.

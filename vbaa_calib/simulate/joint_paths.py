@@ -125,11 +125,11 @@ def _pattern(reach: float) -> list[Joints]:
 
 def _board_in_front(scene: Scene, share: float) -> Pose:
     """T_world_board of a leaning board in the middle of the picture with the joints at zero, filling a share of it."""
-    size = scene.board.square_m * np.array([scene.board.squares_x, scene.board.squares_y])
+    size = np.array(scene.board.size_m)
     focal = np.diag(scene.lens.matrix)[:2]
     distance = float((focal * size / (share * np.array(scene.lens.image_size))).max())
     turn = Pose.from_rotvec(np.array([*_LEAN_RAD, 0.0]), np.zeros(3)).rotation
-    T_camera_board = Pose(turn, np.array([0.0, 0.0, distance]) - turn @ np.append(size / 2, 0.0))
+    T_camera_board = Pose(turn, np.array([0.0, 0.0, distance]) - turn[:, :2] @ scene.board.outline_m.mean(axis=0))
     return scene.T_world_camera(Joints(0.0, 0.0)) @ T_camera_board
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from targets.board import BoardSpec
+from targets.board import BoardWithIds
 from vbaa_calib.antenna.rod import Rod, RodShape, solve_rod
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
@@ -25,9 +25,9 @@ _PLACES = ((0, 0), (-1, -1), (1, 1), (1, -1), (-1, 1), (-1, 0), (1, 0), (0, -1),
 _SPILL = 0.9
 
 
-def board_poses(lens: Lens, board: BoardSpec, spec: IntrinsicsSpec, rng: np.random.Generator) -> list[Pose]:
+def board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.random.Generator) -> list[Pose]:
     """T_camera_board of every picture: about inside the picture, and reaching its borders and corners."""
-    size = board.square_m * np.array([board.squares_x, board.squares_y])
+    size, middle_m = np.array(board.size_m), board.outline_m.mean(axis=0)
     focal = np.diag(lens.matrix)[:2]
     middle = (np.array(lens.image_size) - 1) / 2
     poses = []
@@ -39,7 +39,7 @@ def board_poses(lens: Lens, board: BoardSpec, spec: IntrinsicsSpec, rng: np.rand
         room = np.maximum(middle - _SPILL * focal * size / (2 * distance), 0.0)
         pixel = middle + room * _PLACES[index % len(_PLACES)] * rng.uniform(0.85, 1.0)
         centre = distance * np.append(normalise(lens, pixel[None])[0], 1.0)
-        poses.append(Pose(rotation, centre - rotation @ np.append(size / 2, 0.0)))
+        poses.append(Pose(rotation, centre - rotation[:, :2] @ middle_m))
     return poses
 
 

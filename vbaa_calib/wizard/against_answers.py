@@ -122,9 +122,10 @@ def _others(state: SessionState, T_camera_board: Pose) -> Iterator[tuple[str, st
     jig, board = session.T_antenna_board, session.board
     if jig is None:
         return
-    size_m = (board.square_m * board.squares_x, board.square_m * board.squares_y)
+    # from the board's first corner to where that is with the board turned round
+    opposite_m = board.outline_m[0] + board.outline_m[2]
     turn = Pose.from_rotvec(np.radians(answers.get("jig_turn_deg") or [0.0] * 3), np.zeros(3)).rotation
-    for words, other in jig_alternatives(jig, size_m, board.thickness_m):
+    for words, other in jig_alternatives(jig, opposite_m, board.thickness_m):
         if words.endswith("taken for m") and not keeps_jig(answers):
             continue  # answers are in mm
         pose, normal = other @ T_camera_board.inverse(), other.rotation[:, 2]
@@ -316,7 +317,7 @@ def draw_axes(state: SessionState, image: np.ndarray, in_jig: bool) -> tuple[Pat
     lens, spec, length_m = state.lens(), state.board, state.session.antenna.length_m
     view = state.views("plane" if in_jig else "lens")[-1]
     T_camera_board = solve_board_pose([view], lens.board_shape, lens.camera).T_camera_board
-    canvas, size = Canvas.over(image), 0.6 * spec.square_m * spec.squares_y
+    canvas, size = Canvas.over(image), 0.6 * spec.size_m[1]
     frames = [(T_camera_board, "board", {"x": [size, 0, 0], "y": [0, size, 0]})]
     if in_jig and state.session.T_antenna_board is not None:
         axes = {"x: the antenna": [length_m, 0, 0], "y": [0, size, 0], "z": [0, 0, size]}

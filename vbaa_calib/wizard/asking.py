@@ -24,6 +24,7 @@ from .against_answers import draw_axes
 from .questions import (
     BOARD_ANSWERS,
     BY_KEY,
+    OF_LENS_FILE,
     OF_MATERIAL,
     PICTURES,
     QUESTIONS,
@@ -224,10 +225,7 @@ def _make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
     if answers["board"] != "new":
         spec = load_board(Path(str(answers["board"])))
         store.write(BOARD, spec_document(spec, f"from {answers['board']}").encode())
-        return {
-            "measure_x_mm": 1e3 * spec.square_m * spec.squares_x,
-            "measure_y_mm": 1e3 * spec.square_m * spec.squares_y,
-        }
+        return {f"measure_{axis}_mm": 1e3 * length_m for axis, length_m in zip("xy", spec.size_m, strict=True)}
     paper = paper_named(str(answers["paper"]))
     spec = fill_in(paper=paper)
     layout = lay_out(spec, paper)
@@ -263,6 +261,10 @@ def check_together(answers: Mapping[str, Any]) -> None:
         except InputError as error:
             raise InputError(f"{error.where}: {error.what}", where="board", remedy=error.remedy) from None
     scale_of(answers)
+    lone = [one.key for one in OF_LENS_FILE if one.key in answers]
+    if lone and "camera" not in answers:
+        remedy = "give camera, too"
+        raise InputError("is about a lens file, of which there is none", where=", ".join(lone), remedy=remedy)
     ignored = [key for key in answers if key in _JIG and keeps_jig(answers)]
     if ignored:
         remedy = "give jig_translation_mm and the other answers about the jig too, or correct jig: in session.yaml"

@@ -16,7 +16,7 @@ from vbaa_calib.sources import Source, SourceLost, VideoSource, open_source
 from ..streams.pictures import BagPictures
 from .asking import answer_all, change, set_unlisted_aside, take_back
 from .capture import GO_ON, Capture
-from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, SOURCES, STEPS, Question, ReadingsTable
+from .questions import BOARD_ANSWERS, BY_KEY, OF_LENS_FILE, PICTURES, SOURCES, STEPS, Question, ReadingsTable
 from .session_state import SessionState
 from .steps import REPORT, RIG, STEP_BY_NAME, Report, Step, conclude
 from .store import Store
@@ -27,7 +27,7 @@ _BACK = "Press Enter to go back to the step before"
 _GO_BACK = Question("go_back", "", _BACK, "other pictures there may help", kind="text", default="back")
 _ASKED_AGAIN = {
     "board": BOARD_ANSWERS,
-    "lens": ("camera", "camera_name"),
+    "lens": ("camera", *(one.key for one in OF_LENS_FILE)),
     "plane": ("plane_way", "jig_given", "over_given"),
 }
 """Answers that `redo` of a step forgets."""

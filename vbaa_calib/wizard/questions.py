@@ -36,7 +36,7 @@ _YES_NO = dict.fromkeys(("y", "yes", "true"), True) | dict.fromkeys(("n", "no", 
 class Question:
     """One question. Its key `antenna_length_mm` is the flag `--antenna-length-mm` and `antenna_length_mm:` in a file.
 
-    kind : number, numbers, choice, yesno or text. default : None if there is none. usual : taken without asking.
+    kind : number, numbers, choice, yesno, sides or text. default : None if there is none. usual : taken without asking.
     low, high : of numbers. length : how many numbers, 0 for any. needed : whether it is asked, by the answers so far.
     """
 
@@ -72,7 +72,7 @@ class Question:
         """The answer, converted and checked. Raises InputError saying what is expected."""
         readers = {"number": self._number, "numbers": self._numbers, "choice": self._choice}
         try:
-            return readers.get(self.kind, _yesno if self.kind == "yesno" else _text)(given)
+            return (readers | {"yesno": _yesno, "sides": _sides}).get(self.kind, _text)(given)
         except (TypeError, ValueError, OverflowError) as error:
             unit = f" in {self.unit}" if self.unit else ""
             if math.isfinite(self.low) and math.isfinite(self.high):
@@ -82,6 +82,7 @@ class Question:
                 "numbers": f"{self.length or 'some'} numbers{unit}, commas between them",
                 "choice": f"one of {', '.join(self.choices)}",
                 "yesno": "yes or no",
+                "sides": "a whole number, or two such as 2x1",
                 "text": f"a text: {self.words}",
             }[self.kind]
             what = f"{self.key} is {'empty' if given is None else shown(given)}: {error}"
@@ -160,6 +161,12 @@ def _yesno(given: object) -> bool:
     return _YES_NO[text]
 
 
+def _sides(given: object) -> str:
+    if type(given) not in (int, str) or not re.fullmatch(r"\d{1,6}([xX,]\d{1,6})?", str(given).strip(), re.ASCII):
+        raise ValueError("that is neither one nor two")
+    return str(given).strip()
+
+
 def _text(given: object) -> str:
     if not isinstance(given, str) or not given.strip():
         raise ValueError("that is no text")
@@ -204,12 +211,20 @@ BY_KEY: Mapping[str, Question] = {question.key: question for question in QUESTIO
 DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
 OF_MATERIAL = ("youngs_modulus_GPa", "density_kg_m3")
 """What another material makes void."""
-_ELSEWHERE = "Where do the pictures of the step {} come from, if not from source?"
 _KNOWN_LENS = "Which file holds the lens, if it is known? camera.json, or one of ROS, OpenCV, Kalibr, mrcal or COLMAP"
-SOURCES = (
-    *(Question(f"{step}_source", step, _ELSEWHERE.format(step), kind="text") for step in PICTURES),
-    Question("camera", "lens", _KNOWN_LENS, kind="text"),
+OF_LENS_FILE = (
     Question("camera_name", "lens", "Which camera of that file, if it holds several?", kind="text"),
+    Question("size", "lens", "How large are its pictures, WxH in pixels, if it does not state that?", kind="sides"),
+    Question("binning", "lens", "How many pixels of its pictures are one of yours, N or NxM?", kind="sides"),
+    Question("roi", "lens", "Which part of its pictures: left, top, width, height?", kind="numbers", length=4),
+    Question("rectified", "lens", "Were your pictures rectified with its projection matrix?", kind="yesno"),
+    Question("fisheye", "lens", "Are its four coefficients a fisheye's k1 to k4?", kind="yesno"),
+)
+"""What `vbaa_calib.cli.lens_file` has flags for."""
+SOURCES = (
+    *(Question(f"{step}_source", step, "Where are its pictures, if not in source?", kind="text") for step in PICTURES),
+    Question("camera", "lens", _KNOWN_LENS, kind="text"),
+    *OF_LENS_FILE,
 )
 """Never asked; flags and answers only."""
 KEEP = Question("keep", "", "Keep this as it is?", kind="yesno", default="no")

@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from targets.board import BoardSpec
+from targets.board import BoardWithIds
 from targets.print_scale import READING_STD_MM, PrintScale, print_scale, rescaled
 from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
@@ -146,9 +146,8 @@ class SessionState:
             if section != "moment_sensor" or session.with_sensor
         }
         found["moment_sensor"] = session.with_sensor
-        for axis, squares in (("x", session.board.squares_x), ("y", session.board.squares_y)):
-            length_mm = 1e3 * session.board.square_m * squares
-            found |= {f"measure_{axis}_mm": length_mm, f"board_along_{axis}_mm": length_mm}
+        for axis, length_m in zip("xy", session.board.size_m, strict=True):
+            found |= {f"measure_{axis}_mm": 1e3 * length_m, f"board_along_{axis}_mm": 1e3 * length_m}
         ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
         found |= {"board": str(session_yaml), "board_reading_std_mm": READING_STD_MM}
         found |= {"material": session.antenna.material} if session.antenna.material in MATERIALS else {}
@@ -180,7 +179,7 @@ class SessionState:
         return self.store.journal.answers
 
     @property
-    def nominal_board(self) -> BoardSpec:
+    def nominal_board(self) -> BoardWithIds:
         """The board as designed."""
         path = self.store.root / BOARD
         stamp = path.stat().st_mtime_ns if path.exists() else 0
@@ -192,7 +191,7 @@ class SessionState:
         return scale_of(self._answers)
 
     @property
-    def board(self) -> BoardSpec:
+    def board(self) -> BoardWithIds:
         """The board as printed."""
         scale = scale_of(self._answers)
         return self.nominal_board if scale is None else rescaled(self.nominal_board, scale)
@@ -276,8 +275,8 @@ class SessionState:
     @property
     def given_lens(self) -> GivenLens | None:
         """The known lens, if any. Raises InputError for a file without one."""
-        path, name = (self._answers.get(key) for key in ("camera", "camera_name"))
-        return path and self.cached("given lens", (path, name), lambda: read_lens(Path(path), Wanted(name)))
+        path, wanted = self._answers.get("camera"), Wanted.of(self._answers)
+        return path and self.cached("given lens", (path, wanted), lambda: read_lens(Path(path), wanted))
 
     @property
     def image_size(self) -> tuple[int, int] | None:

@@ -67,10 +67,7 @@ def _one(args: argparse.Namespace) -> dict[str, Any]:
 
     inputs = [] if args.camera is None else [args.camera]
     refuse_overwrite(args.output, args.force, inputs)
-    wanted = wanted_of(args)
-    if wanted != type(wanted)() and not inputs:
-        name = "--camera-name" if args.camera_name else "--size, --binning, --roi, --rectified, --fisheye"
-        raise InputError("is about a lens file, of which there is none", where=name, remedy="give --camera FILE, too")
+    wanted = wanted_of(args, args.camera)
     if inputs and args.model != "auto":
         raise InputError("--camera brings its lens model", where="--lens-model", remedy="leave one of the two out")
     refuse_measured(args.output, args.session)

@@ -10,16 +10,26 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.cli.lens_file import add_lens_file
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.files import read_yaml
-from vbaa_calib.wizard.questions import BOARD_ANSWERS, PICTURES, QUESTIONS, SOURCES, STEPS, TABLES, Question
+from vbaa_calib.wizard.questions import (
+    BOARD_ANSWERS,
+    OF_LENS_FILE,
+    PICTURES,
+    QUESTIONS,
+    SOURCES,
+    STEPS,
+    TABLES,
+    Question,
+)
 
 if TYPE_CHECKING:
     from vbaa_calib.wizard.store import Store
 
 _OPTIONS = (*QUESTIONS, *SOURCES, *TABLES)
-_PATHS = {"board", "source"} | {question.key for question in (*SOURCES, *TABLES)}
+_PATHS = {"board", "source"} | {question.key for question in (*SOURCES, *TABLES) if question not in OF_LENS_FILE}
 _LAST_PORT = 65535
 _READ = Question("read", "", "Press Enter when you have read the report", kind="text", default="done")
 
@@ -39,7 +49,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "each is asked for in a terminal where it is not given; a value that begins with a minus needs an equals sign, "
         "like --jig-board-y=-y",
     )
-    for question in _OPTIONS:
+    add_lens_file(parser)
+    for question in (one for one in _OPTIONS if one not in OF_LENS_FILE):
         unit = f" ({question.unit})" if question.unit else ""
         choices = f": {', '.join(question.choices)}" if question.choices else ""
         words = question.words
@@ -64,7 +75,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"there is no port {args.port}", where="--port", remedy=f"0 for any, or up to {_LAST_PORT}")
     given = _answers_given(args)
     if "camera" in given:  # before anything is touched
-        read_lens(Path(given["camera"]), Wanted(given.get("camera_name")))
+        read_lens(Path(given["camera"]), Wanted.of(given))
     try:
         with Store(args.session) as store:
             return _run(args, store, given)
@@ -99,8 +110,8 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
         if key in _PATHS and isinstance(found[key], str):
             found[key] = absolute(args.answers.parent, found[key])
     for key, question in questions.items():
-        value = getattr(args, f"answer_{key}")
-        if value is not None:
+        value = getattr(args, key if question in OF_LENS_FILE else f"answer_{key}")
+        if value is not None and (value or key != "rectified"):
             found[key] = question.read(value, question.flag)
             if key in _PATHS:
                 found[key] = absolute(Path(), found[key])
@@ -108,6 +119,8 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[str, Any]:
+    from vbaa_calib.calibrate.given_lens import read_lens
+    from vbaa_calib.convert.values import Wanted
     from vbaa_calib.wizard.asking import adopt, check_together, set_unlisted_aside
     from vbaa_calib.wizard.flow import redo, walk
     from vbaa_calib.wizard.session_state import SessionState
@@ -137,7 +150,10 @@ def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[
         changed = {key for key, value in given.items() if before.get(key) != value}
         other_board = "measure_x_mm" in before and not changed.isdisjoint(keys)
         stale = BOARD_ANSWERS if other_board else ()
-        check_together({key: value for key, value in before.items() if key not in stale} | given)
+        known = {key: value for key, value in before.items() if key not in stale} | given
+        check_together(known)
+        if changed & {one.key for one in OF_LENS_FILE}:
+            read_lens(Path(known["camera"]), Wanted.of(known))
         # before the answers: they are meant for the step as it starts again
         again = ["plane"] if "plane_way" in changed and store.journal.of("plane").taken else []
         for step in [*again, *(["board"] if other_board else []), *([args.redo] if args.redo else [])]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from targets.board import BoardSpec, corner_points
+from targets.board import corner_points
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, observe
 from vbaa_calib.calibrate.lens.board_shape import SHAPE_NAMES, BoardShape
 from vbaa_calib.core.arrays import check_angle
@@ -18,7 +18,7 @@ from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, sha256
 from vbaa_calib.core.images import list_images
-from vbaa_calib.core.models import checked
+from vbaa_calib.detect.board.board_file import with_ids
 from vbaa_calib.detect.board.corners import detect_files
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import (
@@ -201,7 +201,7 @@ def _recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Sess
         raise InputError("quality.lens.board is not recorded", where=path, remedy=remedy)
     return Session(
         root=path,
-        board=checked(BoardSpec, board, path, remedy, "quality.lens.board"),
+        board=with_ids(board, path, "quality.lens.board", remedy),
         antenna=NominalAntenna(rig.antenna.length_m, rig.antenna.diameter_m, math.nan, math.nan),
         T_antenna_board=jig and read_pose(at(jig, "T_antenna_board"), path, "quality.jig.T_antenna_board"),
         kinematics=rig.kinematics,

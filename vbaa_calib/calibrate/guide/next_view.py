@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from targets.board import BoardSpec
+from targets.board import BoardWithIds
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import pose_slopes, projected
@@ -37,7 +37,7 @@ class ViewProgress:
 
 def lens_progress(
     views: Sequence[BoardView],
-    spec: BoardSpec,
+    spec: BoardWithIds,
     plane: WorkPlane,
     goal_m: float = GOAL_M,
     image_size: tuple[int, int] = (1280, 720),

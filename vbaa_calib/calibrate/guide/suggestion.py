@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from targets.board import BoardSpec, corner_points
+from targets.board import AprilGrid, BoardWithIds, corner_points
 from vbaa_calib.calibrate.lens.board_shape import deformations
 from vbaa_calib.calibrate.lens.bundle import BoardCorners
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
@@ -28,7 +28,7 @@ _GRID = (0.1, 0.3, 0.5, 0.7, 0.9)
 _TILT_RAD, _TILTS = np.radians(38.0), 8
 _LEAST_SHARE, _WHOLE_SHARE, _WHOLE_PICTURES = 0.35, 0.95, 3
 """Part of the board's corners that a picture must show, the first few of them nearly all."""
-_LEAST_CORNERS, _LEAST_MARKER_PX, _EDGE_PX = 8, 18.0, 3.0
+_LEAST_CORNERS, _LEAST_MODULE_PX, _EDGE_PX = 8, 3.0, 3.0
 _ROUNDS = 2
 _SIDES = ("right", "lower right", "lower", "lower left", "left", "upper left", "upper", "upper right")
 _FACING_RAD, _UPRIGHT_RAD = np.radians(8.0), np.radians(60.0)
@@ -59,7 +59,7 @@ class Suggestion:
 
 
 def best_next(
-    known: LensInformation, plane: WorkPlane, spec: BoardSpec, sensitivity: np.ndarray | None
+    known: LensInformation, plane: WorkPlane, spec: BoardWithIds, sensitivity: np.ndarray | None
 ) -> Suggestion | None:
     """The best of a designed set of poses, then of those near it; None where none shows enough of the board. Without a
     sensitivity (`plane_sensitivity`) the lens as a whole counts."""
@@ -84,20 +84,18 @@ def best_next(
     points, camera = corner_points(spec)[ids], known.design.camera
     # corners outside the picture, where the lens may fold, by the homography of those inside
     homography, _ = cv2.findHomography(points[:, :2], camera.project(pose @ points)[0])
-    outline = spec.square_m * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (spec.squares_x, spec.squares_y)
     solved = known.solved and sensitivity is not None
     return Suggestion(
         pose,
-        cv2.perspectiveTransform(outline[None], homography)[0],
+        cv2.perspectiveTransform(spec.outline_m[None], homography)[0],
         _pose_words(camera, pose, spec, len(ids), known.solved),
         known.inflation * float(np.sqrt(square)) if solved else np.nan,
     )
 
 
-def _coarse_poses(design: LensDesign, spec: BoardSpec, near_m: float, far_m: float) -> list[_BoardPlace]:
+def _coarse_poses(design: LensDesign, spec: BoardWithIds, near_m: float, far_m: float) -> list[_BoardPlace]:
     """A grid of distances within limits, of places, and of tilts in every direction."""
-    size = spec.square_m * np.array([spec.squares_x, spec.squares_y])
-    filled_m = np.max(size * design.intrinsics[:2] / np.array(design.image_size))
+    filled_m = np.max(spec.size_m * design.intrinsics[:2] / np.array(design.image_size))
     distances = sorted({float(np.clip(filled_m / fill, near_m, far_m)) for fill in _FILLS})
     tilts = [(0.0, 0.0)] + [(_TILT_RAD, 2 * np.pi * index / _TILTS) for index in range(_TILTS)]
     places = [(x, y) for x in _GRID for y in _GRID]
@@ -116,7 +114,7 @@ def _finer_poses(best: _BoardPlace, near_m: float, far_m: float) -> list[_BoardP
 
 
 def _view_candidates(
-    design: LensDesign, spec: BoardSpec, placed: Sequence[_BoardPlace], share: float = _LEAST_SHARE
+    design: LensDesign, spec: BoardWithIds, placed: Sequence[_BoardPlace], share: float = _LEAST_SHARE
 ) -> list[tuple[_BoardPlace, Pose, np.ndarray]]:
     """Those that show at least a share of the board's corners, none too small or too steep to be read, T_camera_board
     of each, and the ids (N,) of the corners that are visible with all their markers."""
@@ -129,11 +127,11 @@ def _view_candidates(
     return [one for one in zip(kept, poses, visible, strict=True) if len(one[2]) >= least]
 
 
-def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardSpec) -> list[np.ndarray]:
-    """Ids (N,) of the corners whose four squares are in each picture; none where markers cannot be read."""
+def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardWithIds) -> list[np.ndarray]:
+    """Ids (N,) of the corners whose four squares, or tag, are in each picture; none where markers cannot be read."""
     if not poses:
         return []
-    lattice, around = _lattice(spec)
+    lattice, around, marker = _lattice(spec)
     pixels, valid = camera.project(np.concatenate([pose @ lattice for pose in poses]))
     pixels, valid = pixels.reshape(len(poses), -1, 2), valid.reshape(len(poses), -1)
     with np.errstate(invalid="ignore"):
@@ -141,17 +139,17 @@ def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardSpec) -> l
     found = []
     for mask, own in zip((inside & valid)[:, around].all(axis=-1), pixels, strict=True):
         ids = np.flatnonzero(mask)
-        # the smallest height of a square, from the diagonals of the four squares around each corner
+        # the smallest height of what is around a corner, from the diagonals of that
         four = own[around[ids]]
         first, second = four[:, 2] - four[:, 0], four[:, 3] - four[:, 1]
         area = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
         sides = np.linalg.norm(four - np.roll(four, 1, axis=1), axis=-1)
-        smallest_px = float((area / sides.max(axis=1)).min() / 2) if len(ids) else 0.0
-        found.append(ids if smallest_px * spec.marker_m / spec.square_m > _LEAST_MARKER_PX else ids[:0])
+        smallest_px = float((area / sides.max(axis=1)).min()) if len(ids) else 0.0
+        found.append(ids if smallest_px * marker > _LEAST_MODULE_PX * spec.modules else ids[:0])
     return found
 
 
-def _poses(placed: Sequence[_BoardPlace], rays: np.ndarray, spec: BoardSpec) -> list[Pose]:
+def _poses(placed: Sequence[_BoardPlace], rays: np.ndarray, spec: BoardWithIds) -> list[Pose]:
     """The board's middle on each ray (N, 3), turned to the camera, then tilted and rolled."""
     if not placed:
         return []
@@ -164,26 +162,33 @@ def _poses(placed: Sequence[_BoardPlace], rays: np.ndarray, spec: BoardSpec) -> 
     roll = np.array([[0.0, 0.0, one.roll_rad] for one in placed])
     turned = Rotation.from_rotvec(facing) * Rotation.from_rotvec(tilt) * Rotation.from_rotvec(roll)
     rotations = turned.as_matrix()
-    shifts = np.array([one.distance_m for one in placed])[:, None] * rays - rotations @ _half(spec)
+    shifts = np.array([one.distance_m for one in placed])[:, None] * rays - rotations @ _middle(spec)
     return [Pose(rotation, shift) for rotation, shift in zip(rotations, shifts, strict=True)]
 
 
-def _half(spec: BoardSpec) -> np.ndarray:
-    return spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0]) / 2
+def _middle(spec: BoardWithIds) -> np.ndarray:
+    """(3,) the middle of the print in the board frame, m."""
+    return np.append(spec.outline_m.mean(axis=0), 0.0)
 
 
 @lru_cache(maxsize=8)
-def _lattice(spec: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 3) m all corners of squares, and (corner_count, 4) which lie diagonal to each inner corner."""
+def _lattice(spec: BoardWithIds) -> tuple[np.ndarray, np.ndarray, float]:
+    """(m, 3) m all corners of squares; (corner_count, 4) which lie diagonal to each inner corner, of an AprilGrid those
+    of its tag; and a marker's side over the side of what these are around."""
+    if isinstance(spec, AprilGrid):
+        line, column = np.divmod(np.arange(spec.corner_count), spec.corner_columns)
+        first = (line - line % 2) * spec.corner_columns + column - column % 2
+        across = np.array([0, 1, spec.corner_columns + 1, spec.corner_columns])
+        return corner_points(spec), first[:, None] + across, 1.0
     nx, ny = spec.squares_x + 1, spec.squares_y + 1
     x, y = np.meshgrid(np.arange(nx), np.arange(ny))
     lattice = spec.square_m * np.stack([x.ravel(), y.ravel(), np.zeros(nx * ny)], axis=1)
     column, line = np.rint(corner_points(spec)[:, :2] / spec.square_m).astype(int).T
     around = [(line + dy) * nx + column + dx for dy, dx in ((-1, -1), (-1, 1), (1, 1), (1, -1))]
-    return lattice, np.stack(around, axis=1)
+    return lattice, np.stack(around, axis=1), spec.marker_m / spec.square_m / 2.0
 
 
-def observation(ids: np.ndarray, spec: BoardSpec) -> BoardCorners:
+def observation(ids: np.ndarray, spec: BoardWithIds) -> BoardCorners:
     """Corners (N,), for derivatives alone: their pixels are 0."""
     return BoardCorners(
         corner_points(spec)[ids],
@@ -192,9 +197,9 @@ def observation(ids: np.ndarray, spec: BoardSpec) -> BoardCorners:
     )
 
 
-def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> _BoardPlace:
+def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardPlace:
     """A pose as seen by the camera."""
-    middle = T_camera_board @ _half(spec)
+    middle = T_camera_board @ _middle(spec)
     distance = float(np.linalg.norm(middle))
     ray = middle / distance
     pixel, valid = camera.project(middle[None])
@@ -203,13 +208,13 @@ def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> _BoardPlac
     normal = T_camera_board.rotation[:, 2]
     cosine = float(normal @ ray)
     across, down, _ = -(normal - cosine * ray)
-    long_side = T_camera_board.rotation[:, 0 if spec.squares_x >= spec.squares_y else 1]
+    long_side = T_camera_board.rotation[:, 0 if spec.size_m[0] >= spec.size_m[1] else 1]
     angle = float(np.arctan2(long_side[1], long_side[0]))
     tilt, away = float(np.arccos(np.clip(abs(cosine), 0.0, 1.0))), float(np.arctan2(down, across))
     return _BoardPlace((float(x), float(y)), distance, tilt, away, float((angle + np.pi / 2) % np.pi - np.pi / 2))
 
 
-def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: int, metric: bool) -> str:
+def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardWithIds, corners: int, metric: bool) -> str:
     """A pose for the terminal; corners : how many are to be seen, metric : whether the distance is known."""
     seen = seen_as(camera, T_camera_board, spec)
     across = "left" if seen.place[0] < 0.4 else "right" if seen.place[0] > 0.6 else "middle"
@@ -220,8 +225,8 @@ def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: 
     if metric:
         parts.append(f"{seen.distance_m:.2f} m away")
     else:
-        size = 2.0 * _half(spec)[:2]
-        share = np.max(size * np.diag(camera.matrix)[:2] / seen.distance_m / np.array(camera.image_size))
+        filled = np.diag(camera.matrix)[:2] / np.array(camera.image_size)
+        share = np.max(spec.size_m * filled) / seen.distance_m
         parts.append(f"so near that it fills {100 * min(share, 1.0):.0f} % of the picture's width or height")
     upright = ["its long side upright"] if abs(seen.roll_rad) > _UPRIGHT_RAD else []
     return ", ".join([*parts, _tilt_words(seen), *upright])
@@ -236,7 +241,7 @@ def _tilt_words(placed: _BoardPlace) -> str:
 
 
 def pose_match(
-    suggestion: Suggestion, view: BoardView, spec: BoardSpec, camera: Camera | None, image_size: tuple[int, int]
+    suggestion: Suggestion, view: BoardView, spec: BoardWithIds, camera: Camera | None, image_size: tuple[int, int]
 ) -> tuple[float, str]:
     """0 to 1, and what to change in words ("further left, nearer"). Above about 0.6 is as good as the pose itself.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from targets.board import BoardPoints, BoardSpec, corner_points
+from targets.board import BoardPoints, BoardWithIds, corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, ShapePrior, deformations
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, rows
 from vbaa_calib.calibrate.lens.information import kept_observations
@@ -58,14 +58,13 @@ class WorkPlane:
         """From the camera to the middle of the work area."""
         return float(np.linalg.norm(self.T_camera_plane @ np.array([self.length_m / 2, 0.0, 0.0])))
 
-    def board_pose(self, spec: BoardSpec) -> Pose:
+    def board_pose(self, spec: BoardWithIds) -> Pose:
         """T_camera_board of a board on the plane in the middle of the work area, print up."""
-        half = spec.square_m * np.array([spec.squares_x, spec.squares_y]) / 2
         away = self.T_camera_plane.rotation[:, 2] @ self.T_camera_plane.translation_m >= 0.0
         # the board's z points away from the camera, whatever the plane's does
         turn = np.eye(3) if away else np.diag([1.0, -1.0, -1.0])
         middle = np.array([self.length_m / 2, 0.0, 0.0])
-        return self.T_camera_plane @ Pose(turn, middle - turn @ np.append(half, 0.0))
+        return self.T_camera_plane @ Pose(turn, middle - turn[:, :2] @ spec.outline_m.mean(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +168,7 @@ def view_blocks(
     return blocks[:, :count, :count], blocks[:, :count, count]
 
 
-def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardSpec) -> np.ndarray | None:
+def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardWithIds) -> np.ndarray | None:
     """(n, 2, p) error of points on the plane, m, for a unit of each z, the camera's pose solved again from a board in
     the jig that is seen exactly. None where plane or board are hardly in the picture."""
     space = np.pad(plane.points, ((0, 0), (0, 1)))
@@ -222,7 +221,7 @@ class LensInformation:
     doubt: str  # why it cannot be enough, in words; empty where nothing is in the way
 
     @staticmethod
-    def of(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) -> LensInformation:
+    def of(solution: LensSolution, views: Sequence[BoardView], spec: BoardWithIds) -> LensInformation:
         """Of the views that a lens was solved from, without their outliers."""
         camera, by_name = solution.camera, {view.name: view for view in views}
         own = [by_name[used.name] for used in solution.views]
@@ -241,7 +240,7 @@ class LensInformation:
         return LensInformation(design, blocks.sum(axis=0), gradients.sum(axis=0), len(poses), True, inflation, doubt)
 
     @staticmethod
-    def nominal(views: Sequence[BoardView], spec: BoardSpec, image_size: tuple[int, int]) -> LensInformation:
+    def nominal(views: Sequence[BoardView], spec: BoardWithIds, image_size: tuple[int, int]) -> LensInformation:
         """Of views that are too few for a lens, under a nominal one."""
         intrinsics = nominal_intrinsics(image_size)
         design = _design_about(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from targets.board import Board, BoardPoints, BoardSpec, corner_points
+from targets.board import Board, BoardPoints, BoardWithIds, corner_points
 
 SHAPE = 5  # numbers that describe a board's shape (`BoardShape`)
 SHAPE_NAMES = ("bow_x_m", "bow_y_m", "twist_m", "stretch", "shear")
@@ -135,7 +135,7 @@ class ShapePrior:
         """Of a print and a mount as they usually are; with what was measured on the board, if any."""
         bow_m = _BOW_PER_EXTENT * _extent_m(corner_points(board))
         mean, std = np.zeros(SHAPE), np.array([bow_m, bow_m, bow_m, _STRETCH, _SHEAR])
-        if isinstance(board, BoardSpec) and board.stretch_std is not None:
+        if isinstance(board, BoardWithIds) and board.stretch_std is not None:
             mean[STRETCH], std[STRETCH] = board.stretch, board.stretch_std
         return ShapePrior(mean, std)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from targets.board import BoardSpec
+from targets.board import BoardWithIds
 from vbaa_calib.antenna.shape import PARAMETERS, Curves, bend
 from vbaa_calib.calibrate.antenna.bundle_adjustment import noise_scale
 from vbaa_calib.calibrate.antenna.session_rig import BOW_STD_PER_M, CLAMP_GIVE_STD_M, LOG_MASS_STD, nominal_parameters
@@ -74,7 +74,7 @@ def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> F
 class OverSetup:
     """The antenna over the board, as described."""
 
-    spec: BoardSpec  # the board, flat on plane C
+    spec: BoardWithIds  # the board, flat on plane C
     camera: Camera
     antenna: FreeAntenna  # the free antenna above it
     height_m: float  # of the antenna's axis at the clamp above the print

@@ -34,9 +34,8 @@ def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> 
     """Raises InputError when a picture (width, height) is not of the size that the lens was calibrated for."""
     if tuple(image_size) != tuple(camera.image_size):
         is_, was = (f"{width}x{height} px" for width, height in (image_size, camera.image_size))
-        raise InputError(
-            f"is {is_}, the lens was calibrated at {was}", where=where, remedy="take all pictures at one resolution"
-        )
+        remedy = "take all pictures at one resolution; of a known lens --binning and --roi tell the difference"
+        raise InputError(f"is {is_}, the lens was calibrated at {was}", where=where, remedy=remedy)
 
 
 def start_poses(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:

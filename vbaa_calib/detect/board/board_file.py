@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from targets.board import BOARDS, Board, BoardSpec
+from targets.board import BOARDS, Board, BoardWithIds, FileBoard
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import checked
@@ -15,26 +15,51 @@ from vbaa_calib.core.models import checked
 _REMEDY = "mend that key (docs/formats.md)"
 
 
-def load_board(path: Path) -> BoardSpec:
-    """The ChArUco board of a file, at the top level or, as in session.yaml, under `board:`.
+def load_board(path: Path) -> BoardWithIds:
+    """The board with ids of a file, at the top level or, as in session.yaml, under `board:`; also of Kalibr's.
 
     Raises InputError naming the file, the key and the remedy; also for a board without ids.
     """
-    board, key = _keys(path)
-    described = _of_kalibr(board, path, key).to_dict() if "target_type" in board else board
-    return checked(BoardSpec, described, path, _REMEDY, key)
+    board, key, where = _keys(path)
+    return with_ids(board, where, key)
+
+
+def with_ids(board: object, where: object, key: str = "", remedy: str = _REMEDY) -> BoardWithIds:
+    """The board with ids that a mapping describes, ours or Kalibr's, or the file that session.yaml at `where` names.
+
+    Raises InputError naming `where` and the key.
+    """
+    if isinstance(board, str) and isinstance(where, Path):
+        return load_board(_named(board, where))
+    if isinstance(board, Mapping) and "target_type" in board:
+        board = _of_kalibr(board, where, key).to_dict()
+    kind: Any = FileBoard
+    found: BoardWithIds = checked(kind, board, where, remedy, key)
+    return found
 
 
 def load_lens_board(path: Path) -> Board:
-    """As `load_board`, a board of any kind, for the lens; also Kalibr's target.yaml."""
-    board, key = _keys(path)
-    return board_from(board, path, key)
+    """As `load_board`, a board of any kind, for the lens."""
+    board, key, where = _keys(path)
+    return board_from(board, where, key)
 
 
-def _keys(path: Path) -> tuple[Mapping[str, Any], str]:
+def _keys(path: Path) -> tuple[Mapping[str, Any], str, Path]:
+    """The mapping that describes a board, its key and its file: another one, where a session.yaml names that."""
     data = read_yaml(path)
-    nested = isinstance(data.get("board"), Mapping)
-    return (data["board"], "board") if nested else (data, "")
+    board = data.get("board")
+    if isinstance(board, str):
+        return _keys(_named(board, path))
+    return (board, "board", path) if isinstance(board, Mapping) else (data, "", path)
+
+
+def _named(name: str, path: Path) -> Path:
+    """The file that `board:` of a session.yaml at `path` names. Raises InputError where there is none."""
+    found = path.parent / name
+    if not found.is_file() or found.resolve() == path.resolve():
+        remedy = "describe the board there, or name a file beside session.yaml (board.yaml, Kalibr's target.yaml)"
+        raise InputError(f"board is {name!r:.60}: no such file", where=path, remedy=remedy)
+    return found
 
 
 def board_from(board: Mapping[str, Any], where: object, key: str = "") -> Board:

@@ -22,6 +22,7 @@ from .covariance import corner_covariances
 from .diagnosis import refuse_wrong_spec
 from .grids import find_grid
 from .markers import OUTLINE, RULES, TURNS, Markers, find_markers
+from .parts import place_part
 from .view_quality import ViewQuality, measure_quality
 
 _STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-3)
@@ -125,14 +126,18 @@ def _detect_april_grid(image: np.ndarray, spec: AprilGrid, name: str) -> BoardVi
             kept = np.append(kept, group)
     place = 2 * cells[kept, None] + (OUTLINE @ about + 0.5).astype(int)
     ids = (place[..., 1] * spec.corner_columns + place[..., 0]).ravel()
-    places, corners = spec.lattice[ids].reshape(-1, 4, 2), tags.outlines[kept].reshape(-1, 2)
+    places, corners = spec.lattice[ids].reshape(-1, 4, 2), tags.at_pitch(1.0 + spec.spacing)[kept].reshape(-1, 2)
     side_px = np.linalg.svd(tags.px_per_marker[kept], compute_uv=False)[:, 1].repeat(4)
     gap_px, windows = min(spec.border / spec.modules, spec.spacing) * side_px, 0 * ids
+    # large tags stray farther from the homography of their neighbours: by the lens's distortion
+    furthest_px = max(RULES.furthest_px, RULES.of_a_gap * float(np.median(gap_px))) if len(ids) else 0.0
     for _ in range(RULES.rounds):
         start = _by_neighbours(places, corners.reshape(-1, 4, 2), cells[kept])
         within = ((start > 0) & (start < np.array(image.shape[::-1]) - 1)).all(axis=1)
         corners, windows = start.copy(), np.zeros(len(ids), int)
-        corners[within], windows[within] = _sharpened(image, start[within], gap_px[within], 0 * ids[within])
+        corners[within], windows[within] = _sharpened(
+            image, start[within], gap_px[within], 0 * ids[within], furthest_px
+        )
     found = np.flatnonzero(windows)
     found = found[np.argsort(ids[found])]
     ids, corners, windows = ids[found], corners[found], windows[found]
@@ -170,7 +175,12 @@ def _detect_chessboard(image: np.ndarray, spec: Chessboard, name: str) -> BoardV
     found = find_grid(image, spec)
     if found is None:
         return BoardView(name, np.zeros(0, int), np.zeros((0, 2)), size)
-    grid = found.reshape(-1, spec.corner_columns, 2)
+    return _chessboard_view(image, spec, name, np.arange(spec.corner_count), found)
+
+
+def _chessboard_view(image: np.ndarray, spec: Chessboard, name: str, ids: np.ndarray, found: np.ndarray) -> BoardView:
+    """From corners ids (N,) in rows and columns and their pixels (N, 2), which are refined."""
+    grid = found.reshape(len(np.unique(ids // spec.corner_columns)), -1, 2)
     across, down = (np.linalg.norm(np.diff(grid, axis=axis), axis=-1) for axis in (1, 0))
     # a square's shorter side or the half of its shorter diagonal: to the next edge that is not the corner's own
     gap_px = np.full(grid.shape[:2], np.inf)
@@ -179,11 +189,11 @@ def _detect_chessboard(image: np.ndarray, spec: Chessboard, name: str) -> BoardV
         (down, np.s_[1:], np.s_[:-1]),
     ):
         gap_px[before], gap_px[after] = np.minimum(gap_px[before], lengths), np.minimum(gap_px[after], lengths)
-    ids = np.arange(spec.corner_count)
     corners, windows = _sharpened(
         image, found, RULES.of_a_square * gap_px.ravel(), np.full(len(ids), RULES.smallest_window_px)
     )
     covariances, quality = corner_covariances(image, corners, windows), measure_quality(image, ids, corners, spec)
+    size = (image.shape[1], image.shape[0])
     return BoardView(name, ids, corners, size, covariance_px2=covariances, quality=quality)
 
 
@@ -218,11 +228,16 @@ def _between_markers(
 
 
 def _sharpened(
-    image: np.ndarray, corners: np.ndarray, gap_px: np.ndarray, unrefined: np.ndarray
+    image: np.ndarray,
+    corners: np.ndarray,
+    gap_px: np.ndarray,
+    unrefined: np.ndarray,
+    furthest_px: float = RULES.furthest_px,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Corners (N, 2) refined in windows smaller than `gap_px` (N,), and the half windows (N,).
 
-    unrefined : (N,) half windows of corners that are kept, since the gap is too small or the step too large.
+    unrefined : (N,) half windows of corners that are kept, since the gap is too small or the step longer than
+    `furthest_px`.
     """
     windows = np.minimum(RULES.window_per_gap * gap_px, RULES.largest_window_px).astype(int)
     refined, used = corners.copy(), unrefined.copy()
@@ -230,7 +245,7 @@ def _sharpened(
         chosen = np.flatnonzero(windows == window)
         start = corners[chosen].astype(np.float32).reshape(-1, 1, 2)
         better = cv2.cornerSubPix(image, start, (window, window), (-1, -1), _STOP).reshape(-1, 2)
-        near = np.linalg.norm(better - corners[chosen], axis=1) < RULES.furthest_px
+        near = np.linalg.norm(better - corners[chosen], axis=1) < furthest_px
         refined[chosen[near]] = better[near]
         used[chosen[near]] = window
     return refined, used
@@ -261,8 +276,25 @@ def detect_files(paths: Sequence[Path], spec: Board) -> list[BoardView]:
 
     with ThreadPoolExecutor(RULES.workers) as pool:
         views = list(progress(pool.map(view, paths, sizes), "detecting the board", len(paths)))
+    if isinstance(spec, Chessboard):
+        views = _with_parts(views, paths, spec)
     refuse_wrong_spec(searched, [one for one in views if not one.left_out], spec, _found_corners)
     return views
+
+
+def _with_parts(views: list[BoardView], paths: Sequence[Path], spec: Chessboard) -> list[BoardView]:
+    """The views, those of a part of a chessboard too, where the nearest pictures of the whole one tell which it is."""
+    whole, found = [index for index, one in enumerate(views) if len(one.ids)], list(views)
+    for index, one in enumerate(views):
+        if len(one.ids) or one.left_out or not whole:
+            continue
+        image = read_gray(paths[index])
+        for other in sorted(whole, key=lambda each: abs(each - index))[: RULES.references]:
+            part = place_part(image, spec, read_gray(paths[other]), views[other].corners_px)
+            if part is not None:
+                found[index] = _chessboard_view(image, spec, one.name, *part)
+                break
+    return found
 
 
 def _one_size(paths: Sequence[Path], sizes: Sequence[tuple[int, int]]) -> tuple[int, int]:

@@ -95,7 +95,8 @@ def refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView] | None, 
     if not isinstance(spec, BoardSpec | AprilGrid):
         if visible < len(views):
             of = f"{len(views) - visible} of {len(views)} pictures"
-            say(f"{place}: {of} do not show the whole board, and are of no use: without ids a part could be any part")
+            why = "without ids a part counts only where a picture of the whole board tells which it is"
+            say(f"{place}: {of} do not show the whole board, and are of no use: {why}")
     elif isinstance(spec, BoardSpec) and (missing := _rows_too_many(markers, spec, views[0].image_size)):
         say(
             f"{place}: the pictures show room for the board's last {missing} rows and no marker there: is squares_y "
@@ -177,19 +178,36 @@ def _ranges(ids: np.ndarray) -> str:
 
 def _sightings(pictures: Sequence[np.ndarray], turns: Sequence[str]) -> Iterator[_Sighting]:
     """The markers of each dictionary that lie in grids, most pairs first; of pictures as they are, else as `turns`."""
+    families = [(dictionary, border) for dictionary, borders in _families().items() for border in borders]
     for turned in turns:
         seen = [cv2.flip(picture, 1) for picture in pictures] if turned in (MIRRORED, _BOTH) else pictures
         seen = [255 - picture for picture in seen] if turned in (_NEGATIVE, _BOTH) else seen
-        every = []
-        for dictionary, borders in _families().items():
-            for border in borders:
+        likely, most = _likely(seen[: RULES.glances] if turned else seen, families), 0
+        # the others only where the likely ones are not it, or markers may be too small for a glance
+        small = not turned and max((picture.size for picture in seen), default=0) > RULES.glance_px
+        for some in (likely, [one for one in families if one not in likely] if likely or small else []):
+            every = []
+            for dictionary, border in some:
                 markers = [find_markers(picture, dictionary, border) for picture in seen]
                 every.append(_Sighting(dictionary, border, turned, markers, marker_grids(markers)))
-        # a wide border holds a narrower one
-        every = sorted((one for one in every if one.votes), key=lambda one: -one.votes * one.border)
-        yield from every
-        if every and every[0].votes >= RULES.votes:
+            # a wide border holds a narrower one
+            every = sorted((one for one in every if one.votes), key=lambda one: -one.votes * one.border)
+            yield from every
+            most = max([most, *(one.votes for one in every)])
+        if most >= RULES.votes:
             return
+
+
+def _likely(pictures: Sequence[np.ndarray], families: Sequence[tuple[str, int]]) -> list[tuple[str, int]]:
+    """The families of which the first picture that shows any, reduced, shows neighbours."""
+    for picture in pictures:
+        scale = min(1.0, float(np.sqrt(RULES.glance_px / max(picture.size, 1))))
+        shape = [max(round(scale * side), 1) for side in picture.shape[::-1]]
+        small = picture if scale == 1.0 else cv2.resize(picture, shape, interpolation=cv2.INTER_AREA)
+        found = [one for one in families if marker_grids([find_markers(small, *one)])]
+        if found:
+            return found
+    return []
 
 
 def _searched(pictures: Sequence[np.ndarray], spec: BoardSpec | AprilGrid, detect: Detect) -> Diagnosis | None:
@@ -474,7 +492,8 @@ def _other_than_chessboard(read: Read, count: int, spec: Chessboard, detect: Det
     own, seen, pictures = sorted((spec.squares_x, spec.squares_y)), list[tuple[int, ...]](), list[np.ndarray]()
     for index in np.unique(np.linspace(0, count - 1, RULES.tried).astype(int)).tolist():
         inner = find_whole_chessboard(picture := read(index), thorough=False)
-        columns, rows = sorted((1 + each for each in inner or (0, 0)), reverse=spec.squares_x >= spec.squares_y)
+        counts = (0, 0) if inner is None else inner.shape[:2]
+        columns, rows = sorted((1 + each for each in counts), reverse=spec.squares_x >= spec.squares_y)
         if sorted((columns, rows)) == own:
             return None
         other = dataclasses.replace(spec, squares_x=max(columns, 4), squares_y=max(rows, 4))
@@ -572,7 +591,12 @@ def _as_circles(pictures: Sequence[np.ndarray], spec: Board) -> tuple[str, str] 
 def _as_chessboard(pictures: Sequence[np.ndarray], spec: Board, found: bool = False) -> tuple[str, str] | None:
     """A plain chessboard of another size: the largest that two pictures agree on, or that of a single picture; a larger
     one where the spec's was found in other pictures."""
-    sizes = [sorted(size)[::-1] for picture in pictures if (size := find_whole_chessboard(picture))]
+    sizes = list[list[int]]()
+    for thorough in (False, True):
+        grids = [find_whole_chessboard(picture, thorough) for picture in pictures]
+        sizes = [sorted(grid.shape[:2])[::-1] for grid in grids if grid is not None]
+        if sizes and sizes.count(max(sizes, key=np.prod)) == len(pictures) > 1:
+            break
     own = sorted((spec.squares_x - 1, spec.squares_y - 1))[::-1] if isinstance(spec, Chessboard) else [0, 0]
     least = 2 if len(pictures) > 1 or any(np.greater_equal(own, max(sizes, default=own))) else 1
     agreed = [size for size in sizes if np.prod(size) >= RULES.least_corners and sizes.count(size) >= least]

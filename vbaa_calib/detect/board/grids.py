@@ -1,4 +1,4 @@
-"""Boards without ids, chessboards and grids of circles: they are found whole or not at all."""
+"""Boards without ids, chessboards and grids of circles, found whole; parts of a chessboard: `parts`."""
 
 from __future__ import annotations
 
@@ -67,20 +67,22 @@ def _chessboard(image: np.ndarray, spec: Chessboard, thorough: bool) -> np.ndarr
     return np.asarray(corners, float).reshape(-1, 2) if found else None
 
 
-def find_whole_chessboard(image: np.ndarray, thorough: bool = True) -> tuple[int, int] | None:
-    """Columns and rows of the inner corners of the largest chessboard in a picture (H, W) uint8; None without one.
+def find_whole_chessboard(image: np.ndarray, thorough: bool = True) -> np.ndarray | None:
+    """(rows, columns, 2) px, unrefined, of the inner corners of the largest chessboard in a picture (H, W) uint8; None
+    without one.
 
     thorough : looks twice, and longer.
     """
-    small = _searchable(image)[0]
+    small, scale = _searchable(image)
     if min(small.shape) < _LEAST_SIDE_PX:
         return None
-    sizes = []
+    grids = list[np.ndarray]()
     for flags in _SEARCHES if thorough else (0,):
         # it sometimes finds only a part of the board
-        found, _, meta = cv2.findChessboardCornersSBWithMeta(small, (3, 3), flags | cv2.CALIB_CB_LARGER)
-        sizes += [(meta.shape[1], meta.shape[0])] if found else []
-    return max(sizes, key=np.prod, default=None)
+        found, corners, meta = cv2.findChessboardCornersSBWithMeta(small, (3, 3), flags | cv2.CALIB_CB_LARGER)
+        grids += [np.asarray(corners, float).reshape(*meta.shape[:2], 2)] if found else []
+    largest = max(grids, key=np.size, default=None)
+    return None if largest is None else (largest + 0.5) / scale - 0.5
 
 
 def _searchable(image: np.ndarray) -> tuple[np.ndarray, float]:

@@ -30,6 +30,7 @@ class _DetectionSettings:
     largest_window_px: int = 10
     furthest_px: float = 1.5  # step of a corner that is refined, longest
     rounds: int = 3  # of an AprilGrid's corners, each from where their neighbours predict them
+    of_a_gap: float = 0.1  # step of an AprilGrid's corner, longest, over the room around it, where that is more
     of_a_square: float = 0.6  # room around a chessboard's corner over the distance to the next
     odd_sizes: float = 0.15  # share of the pictures that may be of another size, and are left out
     fewest: int = 6  # pictures of which one may be
@@ -43,8 +44,20 @@ class _DetectionSettings:
     ratio_px: float = 2.0  # the same, in pixels of a marker's side
     gap: float = 0.006  # error of an AprilGrid's gap, in sides of a tag, that is mended; of a spec twice as much
     widest: int = 60  # columns that are tried
+    glance_px: float = 1.5e6  # of a picture in which it is looked which markers there are
+    glances: int = 2  # pictures that are mirrored or inverted for that, most
     tried: int = 4  # pictures in which other boards are looked for
     corners: float = 0.5  # corners over markers of a picture in which a proposed board counts as found
+    part_texels: int = 8  # to a square, of what is compared about a part of a chessboard
+    part_beyond: float = 3.5  # squares beyond the board's outer corners that may be compared
+    part_reach: float = 3.0  # squares around the part that are
+    part_squares: float = 6.0  # of those, seen in both pictures, least
+    part_alike: float = 0.85  # least correlation of them
+    part_lead: float = 2.5  # by how much more any other part must lack of 1
+    part_lead_least: float = 0.05  # and this besides
+    part_corners: int = 12  # of a part, least
+    part_into: float = 0.3  # of a square, how far from a corner black and white are told
+    references: int = 2  # pictures of a whole chessboard by which a part of it is placed, most
     least_corners: int = 20  # of a chessboard that is named
     markers_amid: int = 3  # markers within a plain chessboard, least that make it a ChArUco board
 
@@ -119,6 +132,17 @@ class Markers:
         near &= (np.abs(scaled - step).max(axis=-1) < RULES.miss) & (step == -step.swapaxes(0, 1)).all(axis=-1)
         pairs = np.argwhere(np.triu(near))
         return pairs, step[pairs[:, 0], pairs[:, 1]]
+
+    def at_pitch(self, unit: float) -> np.ndarray:
+        """(M, 4, 2) px outlines so wide and so high that steps along x and y are `unit` sides, as on the board: blur
+        draws the outlines inwards, but leaves their centres."""
+        (first, second), steps = self.neighbours(False, unit)[0].T, self.neighbours(False, unit)[1]
+        sizes = 0.5 * np.abs(self.offsets[first, second] - self.offsets[second, first])
+        along = [sizes[steps[:, axis] != 0, axis] for axis in (0, 1)]
+        wider = np.array([np.median(one) / unit if len(one) else 1.0 for one in along])
+        centres = self.outlines.mean(axis=1, keepdims=True)
+        inside = np.einsum("mbp,mcp->mcb", np.linalg.pinv(self.px_per_marker), self.outlines - centres)
+        return np.asarray(centres + np.einsum("mpb,mcb->mcp", self.px_per_marker, wider * inside))
 
     def groups(self, pairs: np.ndarray) -> list[np.ndarray]:
         """Indices of the markers that pairs (L, 2) connect, the largest group first."""

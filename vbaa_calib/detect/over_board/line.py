@@ -13,7 +13,7 @@ from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyval
 from scipy.special import ndtr
 
-from targets.board import BoardSpec
+from targets.board import BoardWithIds
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 
@@ -233,7 +233,7 @@ class BoardLine:
 
 
 def find_over_board(
-    image: np.ndarray, plane: PlaneAbove, spec: BoardSpec, diameter_m: float, bright: bool | None = None
+    image: np.ndarray, plane: PlaneAbove, spec: BoardWithIds, diameter_m: float, bright: bool | None = None
 ) -> BoardLine | None:
     """The thin line on a plane above a board, in an (H, W) picture; None without one.
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from targets.board import BoardSpec, opencv_board
+from targets.board import AprilGrid, BoardWithIds, opencv_board
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.robust import mad_std
 from vbaa_calib.geometry import Pose
@@ -41,14 +41,15 @@ class BoardPicture:
     blur_px: float
 
 
-def board_picture(image: np.ndarray, camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> BoardPicture | None:
+def board_picture(image: np.ndarray, camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> BoardPicture | None:
     """Compare an (H, W) picture with the board that it shows at a known pose; None where no contrast is left of it."""
     grey = np.asarray(image, np.float32)
     sharp, inside = _warped(camera, T_camera_board, spec)
     if not inside.any():
         return None
-    # a square's side by the outline's area in the picture
-    window = int(_WINDOW_SQUARES * np.sqrt(inside.sum() / (spec.squares_x * spec.squares_y))) | 1
+    # a square's side, or a tag's with its gap, by the outline's area in the picture
+    squares = (spec.columns, spec.rows) if isinstance(spec, AprilGrid) else (spec.squares_x, spec.squares_y)
+    window = int(_WINDOW_SQUARES * np.sqrt(inside.sum() / np.prod(squares))) | 1
     on_board = inside.astype(np.float32)
 
     def misfit(sigma_px: float) -> float:
@@ -73,8 +74,10 @@ def board_picture(image: np.ndarray, camera: Camera, T_camera_board: Pose, spec:
     return BoardPicture(seen, np.where(inside, pattern, np.nan).astype(np.float32), slope, noise, blur_px)
 
 
-def _pattern_texture(spec: BoardSpec, texels: int = _TEXELS) -> np.ndarray:
-    """(squares_y·texels, squares_x·texels) float32: 1 white, 0 black."""
+def _pattern_texture(spec: BoardWithIds, texels: int = _TEXELS) -> np.ndarray:
+    """The print, (H, W) float32, 1 white and 0 black, with about so many texels to a square or a tag."""
+    if isinstance(spec, AprilGrid):
+        return (spec.drawing(texels - texels % spec.modules) > 0).astype(np.float32)
     board = opencv_board(spec)
     modules = spec.modules
     tile = (np.arange(texels) + 0.5) / texels * spec.square_m
@@ -90,7 +93,7 @@ def _pattern_texture(spec: BoardSpec, texels: int = _TEXELS) -> np.ndarray:
     return texture
 
 
-def _warped(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
+def _warped(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> tuple[np.ndarray, np.ndarray]:
     """The sharp pattern averaged over each pixel, (H, W) float32, and which pixels lie on the board."""
     width, height = camera.image_size
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(float)
@@ -99,12 +102,14 @@ def _warped(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> tuple[np.n
     back = np.linalg.inv(np.stack([rotation[:, 0], rotation[:, 1], T_camera_board.translation_m], axis=1))
     x, y, w = np.moveaxis(points @ back[:, :2].T + back[:, 2], -1, 0)
     valid &= w > 0
-    square = np.stack([x, y], axis=-1) / np.where(valid, w, 1.0)[..., None] / spec.square_m
-    square = np.where(valid[..., None], square, -1.0)
-    inside = valid & (square > 0).all(axis=-1) & (square < [spec.squares_x, spec.squares_y]).all(axis=-1)
+    place = (np.stack([x, y], axis=-1) / np.where(valid, w, 1.0)[..., None] - spec.outline_m[0]) / spec.size_m
+    place = np.where(valid[..., None], place, -1.0)
+    inside = valid & (place > 0).all(axis=-1) & (place < 1).all(axis=-1)
     texture = _pattern_texture(spec)
     fine_size = (width * _SUBPIXELS, height * _SUBPIXELS)
-    texels = cv2.resize((square * _TEXELS - 0.5).astype(np.float32), fine_size, interpolation=cv2.INTER_LINEAR)
+    texels = cv2.resize(
+        (place * texture.shape[::-1] - 0.5).astype(np.float32), fine_size, interpolation=cv2.INTER_LINEAR
+    )
     limit = 30000.0
     fine = cv2.remap(texture, np.clip(texels, -limit, limit), np.empty(0), cv2.INTER_LINEAR, borderValue=1.0)
     return cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA), inside

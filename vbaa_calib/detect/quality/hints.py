@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from targets.board import Board, BoardSpec
+from targets.board import Board, BoardWithIds, corner_points
 from vbaa_calib.core.errors import Diagnosis, Severity
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.detect.board.diagnosis import explain_mismatch
@@ -31,7 +31,7 @@ _BINS = 4
 _FEWEST_CORNERS = 4
 
 
-def picture_hints(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[Diagnosis]:
+def picture_hints(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> list[Diagnosis]:
     """Faults of a picture (H, W) uint8 and its view, grave ones (corners missing or wrong) first."""
     where = board_map(view, spec)
     seen = None if where is None else levels(image, where)
@@ -45,7 +45,7 @@ def picture_hints(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[D
     return sorted(found, key=lambda one: not one.grave)
 
 
-def wrong_board(image: np.ndarray, view: BoardView, spec: BoardSpec) -> Diagnosis | None:
+def wrong_board(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> Diagnosis | None:
     """Whether the picture (H, W) shows another board, or is mirrored; None if undetermined. Takes up to seconds."""
     markers = [Markers(view.marker_ids, view.marker_corners_px)]
 
@@ -89,7 +89,7 @@ def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
     return [missing, Diagnosis("out_of_focus", words, "focus on the board, and hold it still", "wrong")]
 
 
-def _blur(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[Diagnosis]:
+def _blur(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> list[Diagnosis]:
     quality = view.quality
     if quality is None or not np.isfinite(quality.mean_blur_px):
         return []
@@ -165,7 +165,7 @@ def _place(where: BoardMap, centre: np.ndarray) -> str:
 
 def _size(view: BoardView, where: BoardMap) -> list[Diagnosis]:
     width, height = view.image_size
-    share = where.square_px**2 * where.spec.squares_x * where.spec.squares_y / (width * height)
+    share = where.square_px**2 * np.prod(where.squares) / (width * height)
     if share >= _SMALL_SHARE and where.square_px >= _SMALL_SQUARE_PX:
         return []
     words = f"the board is small: {100 * share:.0f} % of the picture, squares of {where.square_px:.0f} px"
@@ -225,7 +225,7 @@ def edge_blur(image: np.ndarray) -> _Blur | None:
     return _Blur(known[most], min(known.values()), most * np.pi / _BINS)
 
 
-def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardSpec) -> _Blur | None:
+def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> _Blur | None:
     """Blur from a view with its quality and the picture (H, W) uint8; None unless both directions are seen.
 
     Edges determine the blur along the squares' sides, b₁ and b₂, not along diagonals. With correlation ρ the grey level
@@ -234,9 +234,9 @@ def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardSpec) -> _Blur |
     quality = view.quality
     if quality is None or not np.isfinite([*quality.blur_px, quality.contrast]).all() or quality.contrast <= 0.0:
         return None
-    if not view.marker_count or len(view.ids) < _FEWEST_CORNERS:
+    if not view.marker_count or len(view.ids) < _FEWEST_CORNERS or quality.collinear:
         return None
-    axes = _axes(view, spec)
+    axes = _axes(view, corner_points(spec)[view.ids, :2])
     # blur_px[0] is seen at edges that run along the board's y: it goes along x, across them
     wide, high = quality.blur_px
     both = _correlation(image, view, spec, quality.contrast) * wide * high
@@ -245,17 +245,16 @@ def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardSpec) -> _Blur |
     return _Blur(float(np.sqrt(values[1])), float(np.sqrt(max(values[0], 1.0 / 12.0))), direction)
 
 
-def _axes(view: BoardView, spec: BoardSpec) -> np.ndarray:
-    """(2, 2) columns of unit length: the mean directions across the board's edges."""
-    typical = np.median(
-        Markers(view.marker_ids, view.marker_corners_px).px_per_square(spec.marker_m / spec.square_m), axis=0
-    )
+def _axes(view: BoardView, corners_m: np.ndarray) -> np.ndarray:
+    """(2, 2) columns of unit length: the mean directions across the board's edges; corners_m : (N, 2) on the board."""
+    about_m, about_px = corners_m - corners_m.mean(axis=0), view.corners_px - view.corners_px.mean(axis=0)
+    typical = np.linalg.lstsq(about_m, about_px, rcond=None)[0].T
     across = np.linalg.inv(typical).T
     # the blur across edges is that along the edges' normals; back from normals to axes
     return np.linalg.inv((across / np.linalg.norm(across, axis=0)).T)
 
 
-def _correlation(image: np.ndarray, view: BoardView, spec: BoardSpec, contrast: float) -> float:
+def _correlation(image: np.ndarray, view: BoardView, spec: BoardWithIds, contrast: float) -> float:
     """Of the blur along the board's x with that along its y."""
     columns = spec.corner_columns
     # whether the square before the corner, left and above, is black

@@ -1,4 +1,4 @@
-"""The ChArUco board as the camera sees it: every sub-pixel's ray is met with the printed sheet."""
+"""The board as the camera sees it: every sub-pixel's ray is met with the printed sheet."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from targets.board import BoardSpec, opencv_board
+from targets.board import AprilGrid, BoardWithIds, opencv_board
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.lens import project
 
@@ -28,17 +28,24 @@ class Sheet:
     ----------
     texture : (rows, columns, 2) uint16, brightness and presence; zero outside the sheet.
     texels_per_m : resolution.
-    margin_m : width of the white margin.
+    margin_m : from the sheet's edges to the board frame's origin, and as far on the other side: the white margin, of an
+        AprilGrid with the squares at its rim.
     """
 
-    spec: BoardSpec
+    spec: BoardWithIds
     texture: np.ndarray
     texels_per_m: float
     margin_m: float
 
 
-def print_sheet(spec: BoardSpec) -> Sheet:
+def print_sheet(spec: BoardWithIds) -> Sheet:
     """Draw the board so finely, and at such a scale, that squares, markers and their bits begin at whole texels."""
+    if isinstance(spec, AprilGrid):
+        sides = range(10 * spec.modules, 21 * spec.modules, spec.modules)
+        tag = min(sides, key=lambda texels: round(abs(spec.spacing * texels - round(spec.spacing * texels)), 6))
+        margin = round(_MARGIN_SQUARES * tag)
+        drawing = np.pad(spec.drawing(tag), margin, constant_values=255)
+        return _printed(spec, drawing, tag / spec.tag_m, margin / tag * spec.tag_m + spec.pitch_m)
     ratio = spec.marker_m / spec.square_m
 
     def misfit(texels: int) -> float:
@@ -49,9 +56,14 @@ def print_sheet(spec: BoardSpec) -> Sheet:
     margin = round(_MARGIN_SQUARES * square)
     size = (spec.squares_x * square + 2 * margin, spec.squares_y * square + 2 * margin)
     drawing = opencv_board(spec).generateImage(size, marginSize=margin, borderBits=1)
+    return _printed(spec, drawing, square / spec.square_m, margin / square * spec.square_m)
+
+
+def _printed(spec: BoardWithIds, drawing: np.ndarray, texels_per_m: float, margin_m: float) -> Sheet:
+    """The sheet of a drawing (rows, columns) uint8."""
     brightness = np.where(drawing > 127, np.uint16(PAPER * _FULL), np.uint16(_INK * _FULL))
     texture = np.stack([brightness, np.full_like(brightness, _FULL)], axis=-1)
-    return Sheet(spec, texture, square / spec.square_m, margin / square * spec.square_m)
+    return Sheet(spec, texture, texels_per_m, margin_m)
 
 
 def outline(sheet: Sheet) -> np.ndarray:

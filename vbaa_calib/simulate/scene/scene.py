@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, Strict
 from scipy.spatial.transform import Rotation
 
-from targets.board import BoardSpec
+from targets.board import BoardWithIds
 from vbaa_calib.antenna.rod import Rod
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.models import ArrayOf, Number, ReadAs, WholeNumber
@@ -244,12 +244,13 @@ class OverSpec:
         """Its joint angles."""
         return Joints(self.pan_rad, self.tilt_rad)
 
-    def T_antenna_board(self, spec: BoardSpec) -> Pose:
+    def T_antenna_board(self, spec: BoardWithIds) -> Pose:
         """Pose of the printed face: its z is the antenna frame's, turned round."""
-        half = 0.5 * spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0])
         cos, sin = np.cos(self.turn_rad), np.sin(self.turn_rad)
         rotation = np.array([[cos, -sin, 0.0], [-sin, -cos, 0.0], [0.0, 0.0, -1.0]])
-        return Pose(rotation, np.array([*self.center_m, -self.height_m]) - rotation @ half)
+        return Pose(
+            rotation, np.array([*self.center_m, -self.height_m]) - rotation[:, :2] @ spec.outline_m.mean(axis=0)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +268,7 @@ class Scene:
     seed: int
     lens: Lens
     T_antenna_camera: Pose
-    board: BoardSpec
+    board: BoardWithIds
     T_antenna_board: Pose
     jig_pictures: int
     antenna: NominalAntenna

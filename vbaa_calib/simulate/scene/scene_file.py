@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, Strict
 
-from targets.board import BoardSpec
+from targets.board import FileBoard
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, WholeNumber, checked
@@ -182,7 +182,7 @@ class _SceneFile(FileModel):
     name: Annotated[str, BeforeValidator(str)]
     seed: Annotated[WholeNumber, Field(ge=0, le=2**63)]
     camera: Annotated[tuple[Lens, Pose], ReadAs(_Camera, _lens_and_pose)]
-    board: BoardSpec
+    board: FileBoard
     jig: _Jig
     antenna: Annotated[tuple[NominalAntenna, TrueAntenna], ReadAs(_Antenna, _nominal_and_true)]
     moment_sensor: MomentSensor | None = None
