@@ -455,6 +455,6 @@ def name_of(observations: Sequence[Observation], index: int) -> str:
     return f"{table} row {row}" + (f" ({still.image.name})" if still.image else "")
 
 
-def names_of(observations: Sequence[Observation], which: Iterable[int]) -> str:
+def _names_of(observations: Sequence[Observation], which: Iterable[int]) -> str:
     """Names of several."""
     return ", ".join(name_of(observations, index) for index in which)

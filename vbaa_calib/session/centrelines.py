@@ -349,7 +349,8 @@ def _numbered_tables(path: Path) -> tuple[np.ndarray, str]:
             found = [_floats(cells[:2], each, line) for line, cells in rows]
             lines.append(("", int(each.stem), np.reshape(found, (-1, 2))))
     if not lines:
-        raise InputError("holds no lines", where=path, remedy="a folder of 000001.csv and so on is needed, with x,y")
+        remedy = "a folder of 000001.csv and so on is needed, with x,y"
+        raise InputError("is a folder that holds no lines", where=path, remedy=remedy)
     return _picked(path, None, lines)
 
 
