@@ -64,9 +64,11 @@ def check_lens(
     boards: Sequence[tuple[str, BoardView]],
     board: BoardShape,
     recorded_rms_px: float | None,
+    in_jig_px: float | None = None,
 ) -> Checked:
     """Whether pictures of the board, each with its folder's name, fit the lens, and whether its focus has changed;
-    board : its shape by the calibration, recorded_rms_px : the calibration's."""
+    board : its shape by the calibration, recorded_rms_px : the calibration's, in_jig_px : the same of the board in its
+    jig, which is small in the picture where it lies far away: its corners scatter more then."""
     points_m = board.points_m
     views, dropped = _posed(camera, boards, board) if boards else ([], [])
     if not views:
@@ -92,7 +94,10 @@ def check_lens(
     expected_px = None
     if recorded_rms_px is not None:
         from_lens = 2.0 * float(np.einsum("np,pq,nq->", jacobian, covariance, jacobian)) / freedom
-        expected_px = float(np.sqrt(recorded_rms_px**2 + from_lens))
+        corners = np.array([int(view.good.sum()) for view in views])
+        alike_px = [in_jig_px or recorded_rms_px if view.folder == "plane" else recorded_rms_px for view in views]
+        before_px = np.maximum(alike_px, recorded_rms_px)
+        expected_px = float(np.sqrt(corners @ before_px**2 / corners.sum() + from_lens))
     # the noise of a coordinate that no change of the lens explains
     axes, values, _ = np.linalg.svd(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12), full_matrices=False)
     axes = axes[:, values > 1e-6 * values.max()]
