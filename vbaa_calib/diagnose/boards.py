@@ -190,7 +190,7 @@ def _rectified_already(data: LensReadings) -> Iterator[Explanation[LensReadings]
         return
     words = (
         f"the pictures are rectified already: the board's corners lie on straight lines to {without_px:.2g} px, and to "
-        f"{with_px:.2g} px by the file's distortion, which is of raw pictures (fx {camera.matrix[0, 0]:.1f} px)"
+        f"{with_px:.2g} px by the lens's distortion, which is of raw pictures (fx {camera.matrix[0, 0]:.1f} px)"
     )
     remedy = "take the raw pictures, or write the matrix that they were rectified with, without distortion, into a file"
     if other is not None:

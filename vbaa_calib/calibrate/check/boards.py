@@ -19,6 +19,7 @@ from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.least_squares import ScoreTest, change_test, products
 from vbaa_calib.core.robust import chi_square
 from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.diagnose.boards import lens_reading_diagnoses
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import Session
@@ -109,6 +110,9 @@ def check_lens(
     scale = np.concatenate([focal, [_NOTICEABLE_CENTRE_PX] * 2, np.full(len(camera.distortion), 0.01)])
     change = change_test(data, covariance, np.arange(FOCUS), scale)
     fit = _fit_finding(rms_px, expected_px, freedom, len(views))
+    if fit.is_bad and (misread := lens_reading_diagnoses((camera, None, [view for _, view in boards], points_m))):
+        remedy = "take the pictures raw, as those of the calibration are"
+        fit = replace(fit, words=f"{fit.words}; {misread[0].words}", remedy=remedy)
     return Checked(
         (fit, _focus_finding(camera, change, len(views))),
         {
