@@ -132,7 +132,7 @@ def recorded_clock_offset(
             raise
         together_s = min(pictures_s) - min(moments_s)
         begun = min(moments_s) < max(pictures_s) - ahead_s and min(pictures_s) - ahead_s < max(moments_s)
-        if begun and abs(ahead_s) > _APART_S:  # they were logged so
+        if begun and abs(ahead_s) > FARTHEST_S:  # they were logged so
             raise
         source = _joined(opened(), read, together_s)
         measured = _measured(estimator, source, replace(timing, offset_s=together_s), ground)
