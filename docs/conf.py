@@ -51,10 +51,10 @@ nitpick_ignore_regex = [
     # bounds of checked fields
     (
         r"py:.*",
-        r"FieldInfo|NoneType|Ge|Le|Gt|Lt|MinLen|MaxLen|Len|Field|FitNumbers|.*TouchObject|.*LearntRig|_Side|_Squares|BeforeValidator|AfterValidator|[-+.\de]+",
+        r"FieldInfo|NoneType|Ge|Le|Gt|Lt|MinLen|MaxLen|Len|Field|FitNumbers|.*TouchObject|.*LearntRig|_Side|_Squares|_Id|BeforeValidator|AfterValidator|[-+.\de]+",
     ),
     # what is imported for its type alone
-    (r"py:class", r"Paint"),
+    (r"py:class", r"Paint|vbaa_calib\.convert\.values\.Wanted"),
     # a column's kind, as the table declares it
     (r"py:.*", r"(estimator\.table\.contacts\.)?(Number|Flag|Text|Whole)"),
 ]

@@ -52,6 +52,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Solve the recording as one, write refined.csv and, where asked for, the rig."""
     from estimator.recording import View, refine
     from estimator.table.files import check_format, read_contacts, write_contacts
+    from vbaa_calib.rig import Rig
     from vbaa_calib.session import refuse_measured
 
     outputs = [args.output] if args.update_rig is None else [args.output, args.update_rig]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from heapq import merge
 from itertools import islice
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from estimator.table.contacts import Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.streams import Reading, Source, Synchronizer, Taken, Timing, taken_frames
+from vbaa_calib.streams.messages import Messages
 
 from .estimate import ContactEstimator
 from .recording import Ground, detections, first_looks
@@ -24,21 +26,26 @@ FARTHEST_S = 1.0
 """The offset is looked for so far to either side."""
 MOST_PICTURES = 3000
 """Of a recording, so many pictures are used, its first ones."""
+_APART_S = 10.0
+"""Recorders with clocks of their own are started by hand within so long."""
 _MOST_STD_S = 0.02
 """An offset that is not better known is not told."""
 _WINDOW_S, _WINDOW_FRAMES = 1.0, 12
 """For so long, and for so many pictures at least, the moment follows the bend by one factor that changes evenly."""
 _FREE = 0.05
 """Less of the usual bend is none."""
-_COARSE_S, _FINER, _ROUNDS = 0.005, 8.0, 3
+_STEPS_S = (5e-3, 6e-4, 1e-4)
+"""Of the search, and of its refinements."""
 _REWEIGHTINGS, _HUBER = 4, 2.0
 _LARGEST_GAP = 5.0  # between readings, in their usual intervals
-_LEAST_EXPLAINED = 0.15
-"""At the right offset the bend leaves less than this part unexplained of what it does at others."""
+_LEAST_EXPLAINED = 0.05
+"""At the right offset the bend leaves less than this part unexplained of what it does at others: readings of another
+motion leave 0.08 or more, those of the same one 0.03 or less."""
 _LEAST_SIGNAL = 5.0
 """The moment must leave its mean, and what the bend explains of it its noise, by so many deviations."""
-_OTHER = 2.0
-"""Another offset that leaves less than so many times as much unexplained may be the right one."""
+_RIVALS, _OTHER = (3, 6.0), 2.0
+"""So many other offsets that leave less than so many times as much unexplained are refined, too; one that then leaves
+less than `_OTHER` times as much may be the right one."""
 
 
 @dataclass(frozen=True)
@@ -100,34 +107,82 @@ class _Readings:
 def recorded_clock_offset(
     estimator: ContactEstimator, opened: Callable[[], Source], timing: Timing, ground: Ground | None
 ) -> ClockOffset:
-    """`clock_offset` of a recorded source, which `opened` opens, about what the times of logging show.
+    """`clock_offset` of a recorded source, which `opened` opens: about what the times of logging show, or about the
+    same clock where these show nothing; and where that fails, about where both begin together, within `_APART_S`.
 
     Raises InputError as that does.
     """
     ahead_s, source = opened().readings_ahead_s(), opened()
-    read: list[tuple[float, float]] = []
+    read, pictures_s = list[Reading](), list[float]()
 
-    def heard() -> Iterator[Taken | Reading | None]:
+    def heard() -> Messages:
         for message in source.messages():
-            if isinstance(message, Reading) and message.channel == "moment_Nm" and message.possible:
-                read.append((message.time_s + ahead_s, message.value))
+            if isinstance(message, Reading) and message.possible:
+                read.append(message)
+            elif isinstance(message, Taken):
+                pictures_s.append(message.time_s)
             yield message
 
+    try:
+        measured = _measured(estimator, replace(source, messages=heard), replace(timing, offset_s=ahead_s), ground)
+        return _from_readings(estimator, measured, read, ahead_s, FARTHEST_S)
+    except InputError:
+        moments_s = [each.time_s for each in read if each.channel == "moment_Nm"]
+        if not (moments_s and pictures_s):
+            raise
+        together_s = min(pictures_s) - min(moments_s)
+        begun = min(moments_s) < max(pictures_s) - ahead_s and min(pictures_s) - ahead_s < max(moments_s)
+        if begun and abs(ahead_s) > FARTHEST_S:  # they were logged so
+            raise
+        source = _joined(opened(), read, together_s)
+        measured = _measured(estimator, source, replace(timing, offset_s=together_s), ground)
+        return _from_readings(estimator, measured, read, together_s, _APART_S)
+
+
+def _joined(source: Source, read: Sequence[Reading], offset_s: float) -> Source:
+    """A source with its readings in turn with the pictures, as they come once their clock is put on by an offset."""
+
+    def messages() -> Messages:
+        taken = (each for each in source.messages() if isinstance(each, Taken))
+        pictures: Iterator[Taken | Reading] = (replace(each, arrived_s=each.time_s) for each in taken)
+        readings: Iterator[Taken | Reading] = (replace(each, arrived_s=each.time_s + offset_s) for each in read)
+        yield from merge(pictures, readings, key=lambda each: each.arrived_s)
+
+    return replace(source, messages=messages)
+
+
+def _measured(estimator: ContactEstimator, source: Source, timing: Timing, ground: Ground | None) -> list[Measured]:
+    """What the first pictures of a source show."""
     # the joints' angles hardly change by what the clocks are apart
-    patient = replace(timing, offset_s=ahead_s, wait_s=2.0 * FARTHEST_S)
+    patient = replace(timing, wait_s=2.0 * FARTHEST_S)
     synchronizer = Synchronizer(patient, source.channels, estimator.rig.camera.image_size, live=False)
-    taken = islice(taken_frames(heard(), synchronizer), MOST_PICTURES)
+    taken = islice(taken_frames(source.messages(), synchronizer), MOST_PICTURES)
     seen = list(detections(estimator, first_looks(estimator, taken, ground)))
-    times_s, first = np.unique([time_s for time_s, _ in read], return_index=True)
-    moments_Nm = np.array([moment_Nm for _, moment_Nm in read])[first]
-    found = clock_offset(estimator, [each.measured for each in seen if each.line.found], times_s, moments_Nm)
-    return replace(found, offset_s=ahead_s + found.offset_s)
+    return [each.measured for each in seen if each.line.found]
+
+
+def _from_readings(
+    estimator: ContactEstimator,
+    measured: Sequence[Measured],
+    read: Sequence[Reading],
+    about_s: float,
+    farthest_s: float,
+) -> ClockOffset:
+    moments = [(each.time_s, each.value) for each in read if each.channel == "moment_Nm"]
+    times_s, first = np.unique([time_s for time_s, _ in moments], return_index=True)
+    values = np.array([moment_Nm for _, moment_Nm in moments])[first]
+    found = clock_offset(estimator, measured, times_s + about_s, values, farthest_s)
+    return replace(found, offset_s=about_s + found.offset_s)
 
 
 def clock_offset(
-    estimator: ContactEstimator, several: Sequence[Measured], times_s: np.ndarray, readings_Nm: np.ndarray
+    estimator: ContactEstimator,
+    several: Sequence[Measured],
+    times_s: np.ndarray,
+    readings_Nm: np.ndarray,
+    farthest_s: float = FARTHEST_S,
 ) -> ClockOffset:
-    """The offset of the readings' clock, within `FARTHEST_S`, from pictures and readings with motion in both.
+    """The offset of the readings' clock, within `farthest_s`, from pictures and readings with motion in both.
 
     Its deviation comes from how the readings scatter about what the bend explains, with what neighbours share.
 
@@ -143,41 +198,64 @@ def clock_offset(
     sensor = estimator.rig.moment_sensor
     if not sensor.exists:
         raise _refused("the rig has no moment sensor")
+    noise_Nm = sensor.std_Nm
     if sensor.gain == 0.0 or len(times_s) < _WINDOW_FRAMES:
         raise _refused(f"there are {len(times_s)} readings of the moment")
     windows = _windows(estimator, several, np.full(len(several), np.nan))
     readings = _Readings(times_s, readings_Nm, float(np.median(np.diff(windows.times_s))))
-    if np.std(readings_Nm) < _LEAST_SIGNAL * sensor.std_Nm:
+    if np.std(readings_Nm) < _LEAST_SIGNAL * noise_Nm:
         raise _refused("the moment that is read hardly changes")
-    step_s = max(_COARSE_S, FARTHEST_S / 500.0)
-    coarse = np.arange(-FARTHEST_S, FARTHEST_S + 0.5 * step_s, step_s)
-    whole, _ = _cost(windows, readings, coarse, sensor.std_Nm)
+    coarse = np.arange(-farthest_s, farthest_s + 0.5 * _STEPS_S[0], _STEPS_S[0])
+    lots = np.array_split(coarse, len(coarse) // 400 + 1)
+    whole = np.concatenate([_cost(windows, readings, lot, noise_Nm)[0] for lot in lots])
     if not np.isfinite(whole).any():
         raise _refused("pictures and readings hardly overlap")
     best = int(np.argmin(whole))
     if best in (0, len(whole) - 1) or not np.isfinite(whole[best - 1 : best + 2]).all():
         raise _refused(f"moment and pictures agree best at {coarse[best]:+.2f} s, where the search ends")
-    offset_s = float(coarse[best])
-    for _ in range(_ROUNDS):
+    least = [best]
+    for i in np.argsort(whole)[: np.isfinite(whole).sum()].tolist():
+        near = np.abs(coarse[least] - coarse[i]).min() < 10.0 * _STEPS_S[0]
+        valley = 0 < i < len(whole) - 1 and whole[i] <= min(whole[i - 1], whole[i + 1])
+        if valley and not near and whole[i] < _RIVALS[1] * whole[best] and len(least) <= _RIVALS[0]:
+            least.append(i)
+    refined = [_refined(estimator, several, readings, float(coarse[i]), noise_Nm) for i in least]
+    (cost, offset_s, windows), *rivals = sorted(refined, key=lambda one: one[0])
+    if cost > _LEAST_EXPLAINED * min(float(np.median(whole[np.isfinite(whole)])), 1.0):
+        what = f"at no offset within {farthest_s:g} s does the moment follow the bend that the pictures show"
+        raise _refused(f"{what}; is it the moment about the antenna's y?")
+    found = _judged(windows, readings, offset_s, noise_Nm)
+    for other in rivals:
+        if other[0] < _OTHER * cost and abs(other[1] - offset_s) > max(5.0 * found.std_s, 10.0 * _STEPS_S[0]):
+            what = f"{other[1]:+.2f} s fits about as well as {offset_s:+.2f} s, as when a motion repeats itself"
+            raise _refused(what)
+    return found
+
+
+def _refined(
+    estimator: ContactEstimator,
+    several: Sequence[Measured],
+    readings: _Readings,
+    offset_s: float,
+    noise_Nm: float,
+) -> tuple[float, float, _Windows]:
+    """The part of the moment's change that is left unexplained, the offset and the windows, from an offset near by."""
+    windows, cost = None, np.inf
+    for step_s in _STEPS_S:
         # where the line of sight lies at a bent antenna depends on the force along it, which the moment shows
         at, there = readings.at(np.array([each.time_s for each in several]) - offset_s)
         windows = _windows(estimator, several, np.where(there, at, np.nan))
         offsets = offset_s + step_s * np.arange(-3.0, 4.0)
+        costs = _cost(windows, readings, offsets, noise_Nm)[0]
+        if not np.isfinite(costs).all():
+            break
         # the least of a parabola through them: the readings' corners are not followed
-        curve, slope, _ = np.polyfit(offsets - offset_s, _cost(windows, readings, offsets, sensor.std_Nm)[0], 2)
+        curve, slope, _ = np.polyfit(offsets - offset_s, costs, 2)
         if curve > 0.0:
             offset_s += float(np.clip(-0.5 * slope / curve, -3.0 * step_s, 3.0 * step_s))
-        step_s = max(step_s / _FINER, 1e-4)
-    found = _judged(windows, readings, offset_s, sensor.std_Nm)
-    if whole[best] > _LEAST_EXPLAINED * min(float(np.median(whole[np.isfinite(whole)])), 1.0):
-        what = f"at no offset within {FARTHEST_S:g} s does the moment follow the bend that the pictures show"
-        raise _refused(f"{what}; is it the moment about the antenna's y?")
-    for i in range(1, len(whole) - 1):
-        apart = abs(coarse[i] - coarse[best]) > max(5.0 * found.std_s, 10.0 * _COARSE_S)
-        if apart and whole[i] <= min(whole[i - 1], whole[i + 1]) and whole[i] < _OTHER * whole[best]:
-            what = f"{coarse[i]:+.2f} s fits about as well as {offset_s:+.2f} s, as when a motion repeats itself"
-            raise _refused(what)
-    return found
+        cost = float(costs.min())
+    assert windows is not None
+    return cost, offset_s, windows
 
 
 def _refused(what: str) -> InputError:

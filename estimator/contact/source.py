@@ -87,7 +87,9 @@ class _Stream:
         timing = replace(self.options.timing, moment_std_Nm=self.rig.moment_noise_Nm)
         synchronizer = Synchronizer(timing, source.channels, self.rig.camera.image_size, source.notes, live=False)
         yield from taken_frames(source.messages(), synchronizer)
-        self.notes[:] = [*source.notes, *synchronizer.left_out()]
+        std_s = timing.offset_std_s
+        clock = f"the readings' clock: {timing.offset_s:+.4f} s (± {1e3 * std_s:.1f} ms) are added to their times"
+        self.notes[:] = [*source.notes, *synchronizer.left_out(), *[clock][: int(std_s > 0.0)]]
 
     def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> _Stream:
         """With the clocks' offset, if it is to be estimated. Raises InputError where the data do not support it."""

@@ -204,7 +204,7 @@ def _eliminated(
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class _Weighed:
     """What explains frames together, with one rig.
 
     Attributes
@@ -244,7 +244,7 @@ def weighed(
     more: np.ndarray | None = None,
     as_free: np.ndarray | None = None,
     log_density: float | np.ndarray = 0.0,
-) -> Weighed:
+) -> _Weighed:
     """The frames together, robustly. best, scale : (F,) least cost of each frame, and what its noise multiplies it by.
 
     more : (18 + P, Q) further axes about which information is wanted. as_free : as `Fitted.shared`. log_density : of a
@@ -280,7 +280,7 @@ def weighed(
     if not clipped(steps).sum() + 0.5 * steps @ steps < clipped(0.0 * steps).sum():
         steps = 0.0 * steps
     each = weights[:, None, None] * information, weights[:, None] * score
-    return Weighed(clipped(steps), steps, each)
+    return _Weighed(clipped(steps), steps, each)
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,12 +319,12 @@ class Case:
         return Case(self.recorded.picked(rows), self.best[rows], self.scale[rows], self.axes, self.settings)
 
     @cached_property
-    def reported(self) -> Weighed:
+    def reported(self) -> _Weighed:
         """All as reported."""
         return weighed(self.recorded.fit, self.best, self.scale, self.axes)
 
     @cached_property
-    def as_free(self) -> Weighed:
+    def as_free(self) -> _Weighed:
         """All frames as the free antenna: what most of them share, however far from the rig, stands out."""
         return weighed(self.recorded.fit, self.best, self.scale, self.axes, np.ones(len(self.recorded), bool))
 

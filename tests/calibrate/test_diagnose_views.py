@@ -30,6 +30,7 @@ def pictures(
     unflat_m: float = 0.0,
     sigma_px: float = 0.05,
     poses: Sequence[Pose] | None = None,
+    intrinsics: np.ndarray = INTRINSICS,
 ) -> list[BoardView]:
     """One view for each factor of the focal length; the centre moves to the right by a shift for each.
 
@@ -41,7 +42,7 @@ def pictures(
     points = points + unflat_m * rng.normal(size=points.shape)
     views = []
     for index, (pose, factor) in enumerate(zip(placed, focal, strict=True)):
-        lens = INTRINSICS * np.array([factor, factor, 1, 1, 1, 1, 1, 1])
+        lens = intrinsics * np.array([factor, factor, 1, 1, 1, 1, 1, 1])
         lens[2] += 0.0 if shift_px is None else shift_px[index]
         pixels = projection("opencv", points, np.array([*pose.rotvec_rad, *pose.translation_m]), lens)[0]
         views.append(board_view(f"{index:02d}.png", pixels, SIZE, rng, sigma_px))

@@ -12,7 +12,9 @@ import pytest
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import adjust_bundle
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills
+from vbaa_calib.calibrate.check.boards import check_lens
 from vbaa_calib.calibrate.given_lens import GivenLens, given_solution, read_lens
+from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.pipeline import stills_prior
 from vbaa_calib.calibrate.plane_c import find_plane, read_views
@@ -115,7 +117,8 @@ def known(intrinsics: np.ndarray, std: float | None = None) -> GivenLens:
     name = {4: "none", 8: "opencv4"}[len(intrinsics)]
     camera = camera_of(LENS_MODELS[name], intrinsics, SIZE)
     if std is not None:
-        camera = replace(camera, covariance=np.diag((std * np.array([1, 1, 1, 1, 1e-3, 3e-3, 1e-4, 1e-4])) ** 2))
+        deviations = std * np.array([1, 1, 1, 1, 1e-3, 3e-3, 1e-4, 1e-4])[: len(intrinsics)]
+        camera = replace(camera, covariance=np.diag(deviations**2))
     return GivenLens(camera, Path("camera.json"), "camera.json", (), "")
 
 
@@ -133,6 +136,38 @@ def test_pictures_that_contradict_a_known_lens_are_heard() -> None:
         found = given_solution(known(intrinsics, 0.5), pictures(41 + seed, np.ones(10)), SPEC).verdict
         assert "given_lens_contradicted" in {one.name for one in found.diagnoses}
         assert found.grade == grade
+
+
+@pytest.mark.parametrize("both", [True, False])
+@pytest.mark.parametrize("rectified", [True, False])
+def test_rectified_pictures_are_told_by_straight_lines(rectified: bool, both: bool) -> None:
+    """A lens of raw pictures for rectified ones, and the other way round; neither where the pictures are as it says,
+    or bend by half of its distortion. both : the file has the other lens, too."""
+    raw, onto = INTRINSICS, INTRINSICS[:4] * [0.95, 0.96, 1.0, 1.0]
+    lenses = {True: known(onto, 0.5), False: known(raw, 0.5)}
+    given = replace(lenses[rectified], other=lenses[not rectified].camera if both else None)
+    names = {True: "pictures_not_rectified", False: "pictures_rectified"}
+    half = raw * [1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 1.0, 1.0]
+    for seed, (truth, straight) in enumerate(((raw, False), (np.append(onto, np.zeros(4)), True), (half, None))):
+        views = pictures(60 + seed, np.ones(8), intrinsics=truth)
+        for several, placed in ((views, []), ([], [("plane", view) for view in views])):
+            found = {one.name: one for one in given_solution(given, several, SPEC, placed).verdict.diagnoses}
+            wrong = straight is not None and straight != rectified and (both or not rectified)
+            assert (names[rectified] in found) == wrong
+            assert wrong <= ("given_lens_contradicted" not in found)
+            assert not wrong or ("--rectified" in found[names[rectified]].remedy) == both
+
+
+def test_a_check_names_rectified_pictures_and_knows_how_corners_in_the_jig_scatter() -> None:
+    """Pictures of a calibration with another lens than a check's; a small board whose corners scatter as before."""
+    camera, shape = known(INTRINSICS, 0.5).camera, BoardShape.unseen(SPEC)
+    straight = pictures(70, np.ones(6), intrinsics=np.append(INTRINSICS[:4], np.zeros(4)))
+    fit = check_lens(camera, [("intrinsics", view) for view in straight], shape, 0.07).findings[0]
+    assert fit.is_bad
+    assert "rectified" in fit.words
+    small = [("plane", view) for view in pictures(71, np.ones(1), sigma_px=0.2)]
+    for in_jig_px, bad in ((None, True), (0.3, False)):
+        assert check_lens(camera, small, shape, 0.07, in_jig_px).findings[0].is_bad == bad
 
 
 def test_the_board_in_the_jig_contradicts_the_lens_of_another_camera(bare: Path) -> None:

@@ -104,8 +104,10 @@ def npz(path: Path) -> None:
     np.savez(path, mtx=K, dist=D[None], rvecs=np.zeros((4, 3, 1)), names=np.array([{}, {}], object))
 
 
-def bag(path: Path) -> None:
+def bag(path: Path, *pictures: str) -> None:
     writer = BagWriter(path)
+    for topic in pictures:
+        writer.write(Logged(topic, "sensor_msgs/msg/Image", {"encoding": "mono8"}, 10**9))
     about = {"width": 1280, "height": 960, "distortion_model": "plumb_bob", "d": D, "k": K.ravel()}
     for topic, factor in (("/left/camera_info", 1.0), ("/right/camera_info", 2.0)):
         writer.write(Logged(topic, "sensor_msgs/msg/CameraInfo", about | {"k": factor * K.ravel()}, 10**9))
@@ -215,6 +217,14 @@ def test_rectified_pictures_have_the_projections_lens(tmp_path: Path) -> None:
     text(OST)(path)
     camera = read(path, Wanted(rectified=True)).camera
     assert (camera.matrix[0, 0], camera.matrix[1, 1], camera.distortion.size) == (850.0, 860.0, 0)
+    for rectified in (False, True):
+        (note,) = read(path, Wanted(rectified=rectified)).notes
+        for part in ("image_raw", "fx 900 px", "image_rect", "fx 850 px"):
+            assert part in note
+    bag(tmp_path / "a.mcap", "/left/image_rect")
+    assert "/left/image_rect" in read(tmp_path / "a.mcap", Wanted("/left/camera_info")).notes[-1]
+    bag(tmp_path / "b.mcap", "/right/image_rect")
+    assert not read(tmp_path / "b.mcap", Wanted("/left/camera_info")).notes
     text(ORB)(tmp_path / "a.yaml")
     with pytest.raises(InputError, match="rectified"):
         read(tmp_path / "a.yaml", Wanted(size=SIZE, rectified=True))
@@ -321,6 +331,18 @@ def test_a_skew_is_refitted_and_its_error_stated(tmp_path: Path) -> None:
     skewed[:, 0] += 0.5 * (skewed[:, 1] - K[1, 2]) / K[1, 1]
     assert np.linalg.norm(found.camera.project(points)[0] - skewed, axis=1).max() < 0.3
     assert "px rms" in found.notes[0]
+    assert found.camera.valid_region().image_fraction == 1.0
+
+
+def test_a_refits_error_goes_with_the_lens(tmp_path: Path) -> None:
+    """Of any file with a skew; from the file that convert writes, too, and into what a calibration says."""
+    skewed = K + np.array([[0.0, 1.5, 0.0], [0.0] * 3, [0.0] * 3])
+    text({"mtx": skewed.tolist(), "dist": D.tolist(), "image_size": SIZE})(tmp_path / "a.json")
+    assert main(["convert", str(tmp_path / "a.json"), "-o", str(tmp_path / "camera.json")]) == 0
+    for name in ("a.json", "camera.json"):
+        (note,) = read_lens(tmp_path / name).doubts
+        assert "skew of 1.5 px" in note.words
+        assert "px rms" in note.words
 
 
 def test_convert_says_what_folds_inside_the_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -341,6 +341,31 @@ def test_rectified_pictures_are_named(tmp_path: Path) -> None:
         assert len(read(path, camera=straight)[0]) == len(read(path, Topics(camera="none"), bent)[0]) == 1
 
 
+def test_which_lens_is_of_raw_and_which_of_rectified_pictures(tmp_path: Path) -> None:
+    """K of image_raw, P of image_rect: each is compared with the rig's lens, and named; a topic that does not say which
+    it is of is asked about."""
+    matrix = rig().camera.matrix
+    onto = matrix * np.array([[0.9, 1.0, 1.0], [1.0, 0.9, 1.0], [1.0, 1.0, 1.0]])
+    raw = Camera("opencv", (480, 360), matrix, np.array([-0.3, 0.1, 0.0, 0.0]))
+    rectified = Camera("opencv", (480, 360), onto, np.zeros(0))
+    about = CAMERA | {"k": matrix.ravel(), "d": [-0.3, 0.1, 0, 0, 0], "p": np.hstack([onto, np.zeros((3, 1))]).ravel()}
+    about["distortion_model"] = "plumb_bob"
+    taken = {"/c/image_raw": raw, "/c/image_rect": rectified, "/c/image": raw}
+    for topic in taken:
+        of_camera = ("/c/camera_info", "sensor_msgs/msg/CameraInfo", about)
+        path = small_bag(tmp_path / f"{topic[3:]}.mcap", of_camera, (topic, "sensor_msgs/msg/Image", IMAGE))
+        for camera in (raw, rectified):
+            if camera is taken[topic]:
+                assert len(read(path, camera=camera)[0]) == 1
+                continue
+            with pytest.raises(InputError, match="image_rect") as refused:
+                read(path, camera=camera)
+            assert "camera=none" in str(refused.value)
+            if camera is rectified:
+                for part in ("K, fx", "image_raw", "P, fx"):
+                    assert part in str(refused.value)
+
+
 JPEG = bytes(cv2.imencode(".png", np.arange(12, dtype=np.uint8).reshape(3, 4))[1])
 
 

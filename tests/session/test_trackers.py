@@ -59,6 +59,62 @@ def whisk(path: Path, with_labels: bool = True) -> None:
         path.with_suffix(".measurements").write_bytes(b"measv3\0\0" + struct.pack("<2i", 4, 8) + rows)
 
 
+def whisk_text(path: Path) -> None:
+    """whisk1: a head, and frame, id, frame, n and x, y, thickness, score of each point."""
+    lines = ["whisker1 (frame,id,time,n,x1,y1,thick1,score1...,xn,yn,thickn,scoren)"]
+    for frame, points in POINTS.items():
+        lines.append(f"{frame},0,{frame},{len(points)}" + "".join(f",{x:g},{y:g},1.5,9" for x, y in points))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def whisk_old(path: Path) -> None:
+    """whiskold: frame, id, first and last column, and a row for each column; the points' own in three of them."""
+    rows = [
+        "{},0,{:.0f},{:.0f},{}".format(f, 10 + f, 12 + f, ",".join(f"{y:g}" for y in p[:, 1]))
+        for f, p in POINTS.items()
+    ]
+    path.write_text("\n".join(rows) + "\n")
+
+
+def whisk_polynomials(path: Path) -> None:
+    """whiskpoly1: id, frame, n, score, and x and y as polynomials over the part of the length, 0 to 1."""
+    data = b"bwhiskpoly1\0\0"
+    for frame in FRAMES:
+        data += struct.pack("<3if6d", 0, frame, 3, 9.0, 10.0 + frame, 40.0, 0.0, 20.0, 4.0, 8.0)
+    path.write_bytes(data + struct.pack("<i", len(FRAMES)))
+
+
+def whiskiwrap(path: Path, labels: tuple[int, ...] = (0xFFFF, 0)) -> None:
+    """WhiskiWrap's HDF5: a row and two lists of pixels for each whisker, of two in a frame."""
+    h5py = pytest.importorskip("h5py")
+    kinds = [("fid", "<u4"), ("wid", "<u2"), ("label", "<u2")]
+    rows = [(frame, number, label) for frame in FRAMES for number, label in enumerate(labels)]
+    with h5py.File(path, "w") as file:
+        file["summary"] = np.array(rows, kinds)
+        for axis, name in enumerate(("pixels_x", "pixels_y")):
+            pixels = file.create_dataset(name, (len(rows),), h5py.vlen_dtype(np.float32))
+            for row, (frame, number, _) in enumerate(rows):
+                pixels[row] = POINTS[frame][:, axis] + 100.0 * (number != len(labels) - 1)
+
+
+def ndx_whisk(path: Path, traced: bool = True) -> None:
+    """A WhiskerMeasurementTable, whose columns are data sets, and the .whiskers file that it was made of next to it."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        table = file.create_group("processing/behavior/whisker_measurements")
+        table.attrs["neurodata_type"] = "WhiskerMeasurementTable"
+        for name, column in (
+            ("frame_id", np.repeat(FRAMES, 2)),
+            ("whisker_id", [0, 1, 0, 1]),
+            ("label", [0xFFFF, 0] * 2),
+        ):
+            table[name] = np.array(column, np.uint64)
+        for name in ("tip_x", "tip_y", "follicle_x", "follicle_y"):
+            table[name] = np.ones(4)
+    if traced:
+        whisk(path, with_labels=False)
+
+
 def deeplabcut_hdf5(path: Path) -> None:
     h5py = pytest.importorskip("h5py")
     columns = [("net", part, axis) for part in PARTS for axis in ("x", "y", "likelihood")]
@@ -78,6 +134,9 @@ FILES: list[tuple[str, str, Callable[[Path], None]]] = [
     ("WhiskerToolbox, a file a frame", "lines", whisker_toolbox_folder),
     ("whisk's measurements", "a.measurements", whisk),
     ("whisk's traces", "a.whiskers", whisk),
+    ("whisk's text", "a.whiskers", whisk_text),
+    ("WhiskiWrap's HDF5", "a.hdf5", whiskiwrap),
+    ("ndx-whisk's table and traces", "a.nwb", ndx_whisk),
 ]
 
 
@@ -106,10 +165,34 @@ def test_nwb_with_poses(tmp_path: Path) -> None:
             series.attrs["neurodata_type"] = "PoseEstimationSeries"
             series["data"], series["confidence"] = np.array([POINTS[frame][at] for frame in FRAMES]), np.ones(2)
     np.testing.assert_allclose(centrelines_of(tmp_path / "a.nwb")[1][:, :2], POINTS[3])
-    with h5py.File(tmp_path / "ends.nwb", "w") as file:
-        file.create_group("processing/whisker/table").attrs["neurodata_type"] = "WhiskerMeasurementTable"
-    with pytest.raises(InputError, match="follicle and tip, not lines"):
+    ndx_whisk(tmp_path / "ends.nwb", traced=False)
+    with pytest.raises(InputError, match=r"follicle and tip, not lines; put ends\.whiskers"):
         centrelines_of(tmp_path / "ends.nwb")
+
+
+def test_whisks_other_formats(tmp_path: Path) -> None:
+    """Parabolas, of which it is said what they lose; and a row for each column."""
+    path = tmp_path / "a.whiskers"
+    whisk_polynomials(path)
+    lines = centrelines_of(path)
+    assert list(lines) == list(FRAMES)
+    assert "parabolas" in lines.note
+    np.testing.assert_allclose(lines[3][:, :2], [[13.0, 20.0], [33.0, 24.0], [53.0, 32.0]])
+    whisk_old(path)
+    lines = centrelines_of(path)
+    for frame, points in POINTS.items():
+        np.testing.assert_allclose(lines[frame][:, :2], np.column_stack([10 + frame + np.arange(3), points[:, 1]]))
+
+
+def test_labels_that_tell_no_lines_apart_are_not_taken(tmp_path: Path) -> None:
+    """All alike, as WhiskiWrap writes them, or none, before whisk has classified: two whiskers are no antenna."""
+    for labels in ((0, 0), (0xFFFF, 0xFFFF)):
+        whiskiwrap(tmp_path / "a.h5", labels)
+        with pytest.raises(InputError, match="has 2 lines: 0, 1"):
+            centrelines_of(tmp_path / "a.h5")
+        lines = centrelines_of(tmp_path / "a.h5", "1")
+        assert "tell no lines apart" in lines.note
+        np.testing.assert_allclose(lines[3][:, :2], POINTS[3])
 
 
 def test_several_lines_are_asked_about(tmp_path: Path) -> None:
@@ -133,7 +216,9 @@ def test_several_lines_are_asked_about(tmp_path: Path) -> None:
         ("a.csv", b"scorer,net\nbodyparts,tip\ncoords,x\n0,1.5\n", "without x and y"),
         ("a.csv", b'Frame,X,Y\n0,"1,2","3"\n', "line 2"),
         ("a.whiskers", b"bwhiskbin1\0\0" + struct.pack("<3i", 0, 0, 10**9), "torn"),
-        ("a.whiskers", b"whisker1", "no binary file of whisk"),
+        ("a.whiskers", b"hello\n1,2\n", "no trace of whisk"),
+        ("a.whiskers", b"0,1,4,7,1.5,2.5\n", "line 1: is no trace of whisk, or torn"),
+        ("a.whiskers", b"bwhiskbin1\0\0" + bytes(28) + struct.pack("<i", 2), "torn"),
         ("a.measurements", b"measv3\0\0", "put a.whiskers"),
     ],
 )

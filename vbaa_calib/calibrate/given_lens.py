@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from targets.board import Board
+from targets.board import Board, corner_points
 from vbaa_calib.camera import Camera
 from vbaa_calib.convert import guessed
 from vbaa_calib.convert.values import Wanted
@@ -17,6 +18,7 @@ from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import Diagnosis, InputError, Severity, VbaaError
 from vbaa_calib.core.files import read_json, sha256
 from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.diagnose.boards import lens_reading_diagnoses
 from vbaa_calib.geometry.independent_axes import independent_axes
 
 from .check.boards import FOCUS, check_lens
@@ -50,6 +52,7 @@ class GivenLens:
 
     camera : with its covariance. path : of the file. what : its format, in words. doubts : what the file itself says
     against its lens. assumed : the deviations that were assumed, in words; empty where the file states a covariance.
+    other : of a file with two lenses, of raw and of rectified pictures, the one that was not asked for.
     """
 
     camera: Camera
@@ -57,6 +60,7 @@ class GivenLens:
     what: str
     doubts: tuple[Diagnosis, ...]
     assumed: str
+    other: Camera | None = None
 
     @property
     def whose(self) -> str:
@@ -79,9 +83,12 @@ def read_lens(path: Path, wanted: Wanted | None = None) -> GivenLens:
     if path.is_dir():
         remedy = "convert it first: vbaa convert FOLDER -o camera.json"
         raise InputError("is a folder", where=path, remedy=remedy)
-    form = guessed(path)
-    read = form.read(path, wanted or Wanted())
+    form, wanted, other = guessed(path), wanted or Wanted(), None
+    read = form.read(path, wanted)
     camera = read.camera
+    if "rectified" in form.takes:
+        with suppress(InputError):  # most state no projection
+            other = form.read(path, replace(wanted, rectified=not wanted.rectified)).camera
     if not is_monotonic(_model_of(camera), camera.parameters, camera.image_size):
         what = f"its {_model_of(camera).name} lens folds inside the picture"
         raise InputError(what, where=path, remedy="calibrate the lens again, with a simpler --lens-model")
@@ -92,12 +99,13 @@ def read_lens(path: Path, wanted: Wanted | None = None) -> GivenLens:
     if std > _VAGUE:
         what = f"its focal length is known to {100 * std:.2g} % only"
         raise InputError(what, where=path, remedy="calibrate the lens again")
-    if camera.covariance is not None and std > 0.0:
-        return GivenLens(camera, path, form.what, _own_doubts(path) if form.name == "vbaa" else (), "")
-    camera, assumed = _with_assumed_covariance(camera)
     remedy = "calibrate the lens with vbaa intrinsics where this is not meant"
     notes = tuple(Diagnosis("given_lens_note", f"{path.name}: {note}", remedy, "note") for note in read.notes)
-    return GivenLens(camera, path, form.what, notes, assumed)
+    if camera.covariance is not None and std > 0.0:
+        doubts = _own_doubts(path) if form.name == "vbaa" else ()
+        return GivenLens(camera, path, form.what, (*doubts, *notes), "", other)
+    camera, assumed = _with_assumed_covariance(camera, measured=wanted.rectified)
+    return GivenLens(camera, path, form.what, notes, assumed, other)
 
 
 def _model_of(camera: Camera) -> LensModel:
@@ -119,10 +127,12 @@ def _own_doubts(path: Path) -> tuple[Diagnosis, ...]:
     return (Diagnosis("given_lens_doubted", words.rstrip("."), remedy, severity),)
 
 
-def _with_assumed_covariance(camera: Camera) -> tuple[Camera, str]:
+def _with_assumed_covariance(camera: Camera, *, measured: bool = False) -> tuple[Camera, str]:
     """The camera with the covariance of an ordinary calibration, in words, too. The focal lengths err together, the
-    coefficients each by itself; a camera without any may have some."""
-    corner_px = camera.image_size[0] * (_CORNER_PER_WIDTH if camera.distortion.any() else _UNCORRECTED_PER_WIDTH)
+    coefficients each by itself; a camera without any may have some, unless the pictures were rectified with `measured`
+    ones."""
+    measured |= bool(camera.distortion.any())
+    corner_px = camera.image_size[0] * (_CORNER_PER_WIDTH if measured else _UNCORRECTED_PER_WIDTH)
     if len(camera.distortion) < 4:
         camera = replace(camera, distortion=np.zeros(4), parameter_names=())
     width, focal = camera.image_size[0], camera.parameters[:2]
@@ -158,16 +168,19 @@ def given_solution(
         )
         found.append(Diagnosis("lens_uncertainty_assumed", words, remedy))
     shape = BoardShape.unseen(spec)
+    seen = [*views, *(view for _, view in placed)]
+    misread = lens_reading_diagnoses((given.camera, given.other, seen, corner_points(spec)))
+    found += [replace(one, words=f"{given.path.name}: {one.words}") for one in misread]
     if views:
         try:
             own = solve_lens(views, spec)
             contradiction, words = _contradiction(given, own, views)
-            found += [] if contradiction is None else [contradiction]
+            found += [contradiction] if contradiction and not misread else []
             shape = replace(own.board_shape, by_lens=None)
         except VbaaError as error:
             words = f"The pictures of the board cannot test it: {error}."
         reasons.append(words)
-    if not any(one.name == _CONTRADICTED for one in found):
+    if not misread and not any(one.name == _CONTRADICTED for one in found):
         words, remedy = f"{given.path.name} is contradicted by", "take the file of this lens as it is focused now"
         found += focus_changed(given.camera, placed, shape, Diagnosis(_CONTRADICTED, words, remedy))
     verdict = LensVerdict((), tuple(reasons)).with_diagnoses(found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.camera import SCHEMA as CAMERA_SCHEMA
@@ -24,8 +25,8 @@ _POSE_KEY = "T_reference_camera"
 def _read(path: Path, _: Wanted) -> Exchanged:
     """rig.json or camera.json. Of rig.json the camera and its pose in the antenna frame are taken.
 
-    camera.json has no place of its own for a pose; one that another program's file brought along stands under
-    `T_reference_camera`, which `Camera.load` passes over.
+    camera.json has no place of its own for a pose, nor for notes on how another program's file was read: they stand
+    under `T_reference_camera` and `notes`, which `Camera.load` passes over.
     """
     data = read_json(path)
     if data.get("schema") == RIG_SCHEMA:
@@ -40,12 +41,18 @@ def _read(path: Path, _: Wanted) -> Exchanged:
             remedy=f"{RIG_SCHEMA} or {CAMERA_SCHEMA} is needed; another program's file needs --from",
         )
     pose = None if data.get(_POSE_KEY) is None else read_pose(data[_POSE_KEY], path, _POSE_KEY)
-    return Exchanged(Camera.load(path), pose)
+    notes = data.get("notes")
+    notes = [note for note in notes if isinstance(note, str)] if isinstance(notes, list) else ()
+    return Exchanged(Camera.load(path), pose, notes=tuple(notes))
 
 
 def _write(exchanged: Exchanged) -> str:
-    pose = {} if exchanged.T_reference_camera is None else {_POSE_KEY: exchanged.T_reference_camera.to_dict()}
-    return json.dumps(exchanged.camera.to_dict() | pose, indent=2, allow_nan=False) + "\n"
+    more: dict[str, Any] = {}
+    if exchanged.T_reference_camera is not None:
+        more[_POSE_KEY] = exchanged.T_reference_camera.to_dict()
+    if exchanged.notes:
+        more["notes"] = list(exchanged.notes)
+    return json.dumps(exchanged.camera.to_dict() | more, indent=2, allow_nan=False) + "\n"
 
 
 _OURS = Format(

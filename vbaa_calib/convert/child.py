@@ -48,6 +48,11 @@ def is_bag(path: Path) -> bool:
     return bool(bags) and alone and (parts or len(bags) == 1)
 
 
+def says_rectified(topic: str) -> bool:
+    """Whether a topic is of rectified pictures by its name, as image_rect and image_rect_color are."""
+    return re.search(r"(?:^|[/_])rect(?:ified)?(?:[/_]|$)", topic) is not None
+
+
 def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.ndarray]:
     """The arrays that `reader(path)` returns, read in another process, which imports the reader's module.
 
@@ -191,7 +196,8 @@ def read_bag_head(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_camera_infos(path: Path) -> dict[str, np.ndarray]:
-    """Of a bag's topics of CameraInfo the first message each: TOPIC.field → its value, roi as x, y, width, height.
+    """Of a bag's topics of CameraInfo the first message each: TOPIC.field → its value, roi as x, y, width, height; and
+    as TOPIC.rectified the topics of rectified pictures next to it.
 
     Raises
     ------
@@ -210,6 +216,8 @@ def read_camera_infos(path: Path) -> dict[str, np.ndarray]:
                 roi = fields.pop("roi")
                 fields["roi"] = [roi.x_offset, roi.y_offset, roi.width, roi.height]
                 del fields["header"]
+                near = one.topic.rpartition("/")[0] + "/"
+                fields["rectified"] = [name for name in reader.topics if name.startswith(near) and says_rectified(name)]
                 found |= {f"{one.topic}.{name}": np.array(value) for name, value in fields.items()}
                 break
     return found

@@ -33,16 +33,18 @@ def refitted(
     if len(rays) < 100:
         what = f"its {name} lens has directions for next to none of the picture"
         raise InputError(what, where=path, remedy="are its numbers in its model's order?")
-    camera, rms = None, np.inf
-    for kind, count in (("opencv", 8), ("fisheye", 4), ("opencv", 12)):
+    fits: list[tuple[bool, float, Camera]] = []
+    for kind, count in (("opencv", 5), ("opencv", 8), ("fisheye", 4), ("opencv", 12)):
         for small_px in (1e-2, 1.0):
             fit = _fitted(kind, count, project, (rays, pixels), size, small_px)
-            error = np.inf if fit is None else _rms(fit, rays, pixels)
-            # the shorter lens, unless the longer one is clearly nearer
-            if (1.3 if count == 12 else 1.0) * error < rms:
-                camera, rms = fit, error
-            if error < np.inf:
+            if fit is not None and (error := _rms(fit, rays, pixels)) < np.inf:
+                fits.append((fit.valid_region().image_fraction < 1.0, error, fit))
                 break
+    folds, rms, camera = min(fits, key=lambda each: each[:2], default=(True, np.inf, None))
+    for each in fits:  # the shortest lens, unless a longer one is clearly nearer
+        if each[0] == folds and each[1] <= 1.3 * rms + 1e-4:
+            _, rms, camera = each
+            break
     if camera is None or rms > _MOST_RMS_PX:
         what = f"no lens of ours comes near its {name} lens: {rms:.2g} px rms over the picture"
         raise InputError(what, where=path, remedy="calibrate the lens again, with vbaa intrinsics")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import FARTHEST_M
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.files import read_text, read_yaml
@@ -89,7 +89,11 @@ def _read_bag(path: Path, wanted: Wanted) -> Exchanged:
         messages.setdefault(topic, {})[name] = value.tolist()
     topic = wanted.one_of(sorted(messages), path)
     roi = dict(zip(("x_offset", "y_offset", "width", "height"), messages[topic].pop("roi"), strict=True))
-    return _camera_of_message(messages[topic] | {"roi": roi}, path, wanted)
+    rectified = messages[topic].pop("rectified")
+    read = _camera_of_message(messages[topic] | {"roi": roi}, path, wanted)
+    if wanted.rectified or not rectified:
+        return read
+    return replace(read, notes=(*read.notes, f"for pictures of {', '.join(rectified)} give --rectified"))
 
 
 def _camera_of_message(message: Mapping[str, Any], path: Path, wanted: Wanted) -> Exchanged:
@@ -121,26 +125,33 @@ def _camera_of_message(message: Mapping[str, Any], path: Path, wanted: Wanted) -
     area = message["roi"] if isinstance(message.get("roi"), dict) else {}
     roi = [_whole(area.get(key), f"roi.{key}", path) for key in ("x_offset", "y_offset", "width", "height")]
     part: dict[str, Any] = {"binning": binning, "roi": tuple(roi) if roi[2] and roi[3] else None}
-    if wanted.rectified:
-        onto = block("p", 12).reshape(3, 4)[:, :3]
-        return Exchanged(checked("opencv", size, onto, [], path), notes=(*notes, "of rectified pictures"), **part)
-    if not matrix.any():
-        raise InputError("is of a camera that is not calibrated: k is zero", where=path, remedy="calibrate it")
-    camera, skew_note = _without_skew(
-        "fisheye" if _ROS_COUNTS[model] == (4,) else "opencv", size, matrix, coefficients, path
-    )
-    notes += skew_note
     # drivers that rectify nothing write zeros
     turn, onto = (
         block(key, count) if message.get(key) is not None else np.zeros(count) for key, count in (("r", 9), ("p", 12))
     )
-    if turn.any() and not np.allclose(turn.reshape(3, 3), np.eye(3), atol=1e-9):
+    turn, onto = turn.reshape(3, 3), onto.reshape(3, 4)
+    turned = turn.any() and not np.allclose(turn, np.eye(3), atol=1e-9)
+    words = (
+        f"of raw pictures (image_raw) is camera_matrix, fx {matrix[0, 0]:.6g} px, with its distortion, of rectified "
+    )
+    words += f"ones (image_rect) projection_matrix, fx {onto[0, 0]:.6g} px, without"
+    if wanted.rectified:
+        onto = block("p", 12).reshape(3, 4)[:, :3]
+        notes.append(f"{words}: the latter is taken")
+        if turned:
+            notes.append("rectification_matrix turns the camera's axes: a pose is that of the turned ones")
+        found = Exchanged.of("opencv", size, onto, np.zeros(0), path)
+        return replace(found, notes=(*notes, *found.notes), **part)
+    if not matrix.any():
+        raise InputError("is of a camera that is not calibrated: k is zero", where=path, remedy="calibrate it")
+    found = Exchanged.of("fisheye" if _ROS_COUNTS[model] == (4,) else "opencv", size, matrix, coefficients, path)
+    notes += found.notes
+    if turned:
         notes.append("rectification_matrix turns the picture for a stereo pair: it is left out")
-    onto = onto.reshape(3, 4)
-    other = not np.allclose(onto[:, :3], matrix, atol=1e-6 * max(matrix.max(), 1.0)) or onto[:, 3].any()
-    if onto.any() and other:
-        notes.append("projection_matrix is that of the rectified picture, for --rectified: it is left out")
-    return Exchanged(camera, notes=tuple(notes), **part)
+    same = np.allclose(onto[:, :3], matrix, atol=1e-6 * max(matrix.max(), 1.0)) and not onto[:, 3].any()
+    if onto.any() and not same:
+        notes.append(f"{words}: the former is taken, --rectified takes the latter")
+    return replace(found, notes=tuple(notes), **part)
 
 
 def _whole(value: Any, key: str, path: Path) -> int:
@@ -149,18 +160,6 @@ def _whole(value: Any, key: str, path: Path) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 100_000:
         raise InputError(f"{key} is {shown(value)}", where=path, remedy="a whole number of pixels is needed")
     return value
-
-
-def _without_skew(
-    model: str, size: tuple[int, int], matrix: np.ndarray, coefficients: np.ndarray, path: Path
-) -> tuple[Camera, list[str]]:
-    """A camera; one with a skew is refitted, with a note."""
-    skew, straight = matrix[0, 1], matrix * [[1, 0, 1], [1, 1, 1], [1, 1, 1]]
-    camera = checked(model, size, straight, coefficients, path)
-    if not skew:
-        return camera, []
-    camera, words = refitted(PROJECTIONS["skewed"](camera, skew), size, f"a {model} lens with skew ({skew:g} px)", path)
-    return camera, [words]
 
 
 def _ini(text: str, path: Path) -> dict[str, Any]:

@@ -15,6 +15,8 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, about, shown
 from vbaa_calib.geometry import Pose
 
+from .refit import PROJECTIONS, refitted
+
 
 @dataclass(frozen=True)
 class Wanted:
@@ -92,6 +94,20 @@ class Exchanged:
     notes: tuple[str, ...] = ()
     binning: tuple[int, int] = (1, 1)
     roi: tuple[int, int, int, int] | None = None
+
+    @staticmethod
+    def of(model: str, size: tuple[int, int], matrix: np.ndarray, coefficients: ArrayLike, path: Path) -> Exchanged:
+        """A camera from its matrix (3, 3) and coefficients; one with a skew is refitted, with a note on its error.
+
+        Raises InputError naming the file.
+        """
+        skew = float(matrix[0, 1])
+        camera = checked(model, size, matrix * [[1, 0, 1], [1, 1, 1], [1, 1, 1]], coefficients, path)
+        if not skew:
+            return Exchanged(camera)
+        name = f"{model} with a skew of {skew:g} px"
+        camera, words = refitted(PROJECTIONS["skewed"](camera, skew), size, name, path)
+        return Exchanged(camera, notes=(words,))
 
 
 @dataclass(frozen=True)

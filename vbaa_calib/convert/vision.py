@@ -59,8 +59,11 @@ def _cameras(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     return several or {"": common}
 
 
-def _camera_of(values: Mapping[str, Any], wanted: Wanted, path: Path, needs: str) -> tuple[Camera, list[str]]:
-    """The camera of a mapping of numbers and matrices, and notes."""
+def _camera_of(
+    values: Mapping[str, Any], wanted: Wanted, path: Path, needs: str, *, pinhole: bool = False
+) -> tuple[Camera, list[str]]:
+    """The camera of a mapping of numbers and matrices, and notes; pinhole : of four coefficients without a model, that
+    they are k1 k2 p1 p2: else they are asked about."""
     cameras = _cameras(values)
     one = cameras[wanted.one_of(list(cameras), path) if wanted.which or len(cameras) > 1 else min(cameras)]
     matrix, coefficients = (np.asarray(one.get(key, ()), object) for key in ("matrix", "coefficients"))
@@ -76,8 +79,12 @@ def _camera_of(values: Mapping[str, Any], wanted: Wanted, path: Path, needs: str
     if fisheye and len(listed) != 4:
         raise InputError(f"fisheye_model has {len(listed)} coefficients", where=path, remedy="it takes 4")
     if len(listed) == 4 and fisheye is None:
+        if not pinhole:
+            what = "has four coefficients: k1 k2 p1 p2 of a pinhole, or k1 to k4 of a fisheye"
+            raise InputError(what, where=path, remedy="say --no-fisheye or --fisheye")
         notes.append("four coefficients without fisheye_model are taken as k1 k2 p1 p2, not as a fisheye's (--fisheye)")
-    return checked("fisheye" if fisheye else "opencv", size, matrix, listed, path), notes
+    found = Exchanged.of("fisheye" if fisheye else "opencv", size, matrix, listed, path)
+    return found.camera, [*notes, *found.notes]
 
 
 def _size(one: Mapping[str, Any], matrix: np.ndarray, wanted: Wanted, path: Path) -> tuple[int, int]:
@@ -118,7 +125,7 @@ def _read_opencv(path: Path, wanted: Wanted) -> Exchanged:
     except ValueError as error:
         raise InputError(f"OpenCV cannot read it ({error!s:.100})", where=path, remedy=needs) from None
     values = {key: float(value) if value.ndim == 0 else value for key, value in found.items()}
-    camera, notes = _camera_of(values, wanted, path, needs)
+    camera, notes = _camera_of(values, wanted, path, needs, pinhole=True)
     return Exchanged(camera, notes=tuple(notes))
 
 
@@ -145,9 +152,6 @@ def _read_numbers(path: Path, wanted: Wanted) -> Exchanged:
     else:
         values = read_json(path) if read_text(path, _LARGEST).lstrip().startswith("{") else read_yaml(path)
     camera, notes = _camera_of({name: _unpacked(value) for name, value in values.items()}, wanted, path, needs)
-    if camera.distortion.size == 4 and wanted.fisheye is None:
-        what = "has four coefficients: k1 k2 p1 p2 of a pinhole, or k1 to k4 of a fisheye"
-        raise InputError(what, where=path, remedy="say --no-fisheye or --fisheye")
     return Exchanged(camera, notes=tuple(notes))
 
 

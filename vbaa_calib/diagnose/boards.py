@@ -13,9 +13,11 @@ import numpy as np
 from targets.board import AprilGrid, Board, BoardPoints, BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_shape import STRETCH, BoardShape
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, free_directions, rows
+from vbaa_calib.calibrate.lens.homography import homography
 from vbaa_calib.calibrate.lens.information import kept_observations
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
+from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.least_squares import without_own
 from vbaa_calib.detect.board.corners import BoardView
@@ -47,6 +49,10 @@ class _BoardSettings:
     gap_std: float = 0.02  # prior standard deviation of an AprilGrid's spacing, in tags
     gap: float = 1e-3  # error of the spacing that matters
     grave_gap: float = 5e-3  # from which the board's size is not known
+    rectified: float = 0.1  # share of a file's distortion that pictures may have and be rectified, or lack and be raw
+    gross: float = 5.0  # scatters beyond which a corner is wrong under both
+    corner_px: float = 0.02  # scatter per axis that is no smaller in any picture
+    alike: float = 4.0  # corners that share one error, as far as bending goes
 
 
 _LIMITS = _BoardSettings()
@@ -165,6 +171,89 @@ def _print_stretched(shape: BoardShape) -> Diagnosis | None:
         f"the lens was solved with that, but distances are uncertain by {50 * abs(excess):.2f} %",
         "measure both rulers of the print and say so in the board file, or print it anew without scaling",
     )
+
+
+LensReadings = tuple[Camera, Camera | None, Sequence[BoardView], np.ndarray]
+"""A lens from a file; the other one that the file holds, of rectified pictures or of raw ones; views of a flat board;
+its corners (K, 3) m by id."""
+
+
+def lens_reading_diagnoses(data: LensReadings) -> list[Diagnosis]:
+    """Whether pictures of a board are rectified and a file's lens is that of raw ones, or the other way round."""
+    return diagnose(data, (_rectified_already, _not_rectified))
+
+
+def _rectified_already(data: LensReadings) -> Iterator[Explanation[LensReadings]]:
+    """Straight lines are straight in the pictures: the file's distortion would bend them."""
+    camera, other, *_ = data
+    if not camera.distortion.any():
+        return
+    share, without_px, with_px, odds = _bend(data, camera)
+    if not abs(share) < _LIMITS.rectified:
+        return
+    words = (
+        f"the pictures are rectified already: the board's corners lie on straight lines to {without_px:.2g} px, and to "
+        f"{with_px:.2g} px by the lens's distortion, which is of raw pictures (fx {camera.matrix[0, 0]:.1f} px)"
+    )
+    remedy = "take the raw pictures, or write the matrix that they were rectified with, without distortion, into a file"
+    if other is not None:
+        words += f"; its projection matrix is of rectified ones (fx {other.matrix[0, 0]:.1f} px)"
+        remedy = "give --rectified (vbaa convert FILE --rectified -o camera.json), or take the raw pictures"
+    found = Diagnosis("pictures_rectified", words, remedy, "wrong")
+    yield Explanation(found, odds, lambda: (other or camera, None, *data[2:]))
+
+
+def _not_rectified(data: LensReadings) -> Iterator[Explanation[LensReadings]]:
+    """Straight lines bend in the pictures by the file's distortion, which --rectified sets aside."""
+    camera, other, *_ = data
+    if other is None or camera.distortion.any():
+        return
+    share, without_px, with_px, odds = _bend(data, other)
+    if not abs(share - 1.0) < _LIMITS.rectified:
+        return
+    words = (
+        f"the pictures are not rectified: the board's corners lie on straight lines to {without_px:.2g} px, and to "
+        f"{with_px:.2g} px by the file's distortion, which is of raw pictures (fx {other.matrix[0, 0]:.1f} px, "
+        f"{camera.matrix[0, 0]:.1f} px of rectified ones)"
+    )
+    remedy = "leave --rectified out, or take the rectified pictures"
+    found = Diagnosis("pictures_not_rectified", words, remedy, "wrong")
+    yield Explanation(found, -odds, lambda: (other, None, *data[2:]))
+
+
+def _bend(data: LensReadings, camera: Camera) -> tuple[float, float, float, float]:
+    """The share of a lens's distortion that straight lines of a board show, by least squares; how far its corners
+    scatter about homographies without any of it and with all, px per axis; the log odds of none against all."""
+    freedom, sums = 0, np.zeros((2, 2))
+    for view in data[2]:
+        plane = data[3][view.ids, :2]
+        if len(plane) < LEAST_CORNERS or not fixes_homography(plane):
+            continue
+        ideal, valid = camera.unproject_normalized(view.corners_px)
+        straight = np.where(valid[:, None], ideal * np.diag(camera.matrix)[:2] + camera.matrix[:2, 2], np.nan)
+        fits = [(pixels, homography(plane, pixels)) for pixels in (view.corners_px, straight)]
+        left = np.array([pixels - _mapped(fit[0], plane) for pixels, fit in fits if fit is not None])
+        noise = [fit[1] for _, fit in fits if fit is not None]
+        if len(noise) < 2:
+            continue
+        size = np.linalg.norm(left, axis=2)
+        good = np.nanmin(size, axis=0, initial=np.inf) < _LIMITS.gross * max(*noise, _LIMITS.corner_px)
+        good &= np.isfinite(size).all(axis=0)
+        sums += np.einsum("kni,lni->kl", left[:, good], left[:, good])
+        freedom += max(2 * int(good.sum()) - 8, 0)
+    if not freedom:
+        return np.nan, 0.0, 0.0, 0.0
+    # with a share s of the distortion taken out, (1 − s) of the first and s of the second are left
+    curve = sums[0, 0] + sums[1, 1] - 2.0 * sums[0, 1]
+    share = (sums[0, 0] - sums[0, 1]) / curve if curve > 0.0 else np.nan
+    without, whole = np.diag(sums) / freedom + _LIMITS.corner_px**2
+    odds = 0.5 * freedom / _LIMITS.alike * float(np.log(whole / without))
+    return float(share), float(np.sqrt(without)), float(np.sqrt(whole)), odds
+
+
+def _mapped(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    there = points @ matrix[:, :2].T + matrix[:, 2]
+    return np.asarray(there[:, :2] / there[:, 2:])
 
 
 @dataclass(frozen=True)

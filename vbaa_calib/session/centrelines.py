@@ -349,43 +349,108 @@ def _numbered_tables(path: Path) -> tuple[np.ndarray, str]:
             found = [_floats(cells[:2], each, line) for line, cells in rows]
             lines.append(("", int(each.stem), np.reshape(found, (-1, 2))))
     if not lines:
-        raise InputError("holds no lines", where=path, remedy="a folder of 000001.csv and so on is needed, with x,y")
+        remedy = "a folder of 000001.csv and so on is needed, with x,y"
+        raise InputError("is a folder that holds no lines", where=path, remedy=remedy)
     return _picked(path, None, lines)
 
 
 def _whisk(path: Path, which: str | None) -> tuple[np.ndarray, str]:
-    """The lines of Janelia's whisk (whisker_io_whiskbin1.c), by the labels of the measurements beside them."""
+    """The lines of Janelia's whisk, by the labels of the measurements next to them."""
     traces, measured = path.with_suffix(".whiskers"), path.with_suffix(".measurements")
     if not traces.is_file():
         what = "holds where whiskers begin and end, not their lines"
-        raise InputError(what, where=path, remedy=f"put {traces.name} beside it, or export lines")
-    labels = _labels(measured) if measured.is_file() else {}
-    data, lines, at = read_bytes(traces), [], 12
-    if not data.startswith(b"bwhiskbin1\0"):
-        raise InputError("is no binary file of whisk", where=traces, remedy="convert it: whisker_convert … whiskbin1")
-    while at + 12 <= len(data):
-        whisker, frame, count = struct.unpack_from("<3i", data, at)
-        if count < 0 or frame < 0 or at + 12 + 16 * count > len(data):
-            raise InputError("is torn", where=traces, remedy="trace again, or copy it again")
-        points = np.frombuffer(data, "<f4", 2 * count, at + 12).reshape(2, count).T.astype(float)
-        at += 12 + 16 * count
-        label = labels.get((frame, whisker), -1) if labels else whisker
-        if label >= 0:
-            lines.append((str(label), frame, points))
-    return _picked(traces, which, lines)
+        raise InputError(what, where=path, remedy=f"put {traces.name} next to it, or export lines")
+    return _labelled(traces, which, _traces(traces), _labels(measured) if measured.is_file() else {})
+
+
+def _labelled(
+    path: Path, which: str | None, lines: Sequence[tuple[int, int, np.ndarray]], labels: Mapping[tuple[int, int], int]
+) -> tuple[np.ndarray, str]:
+    """Points (N, 3) of the lines (whisker, frame, (n, 2) px) of one label (frame, whisker) → label; of one of whisk's
+    own numbers where labels tell no lines apart."""
+    found = [(labels.get((frame, whisker), -1), frame, points) for whisker, frame, points in lines]
+    named = [(str(label), frame, points) for label, frame, points in found if label >= 0]
+    if named and len({each[:2] for each in named}) == len(named):
+        points, note = _picked(path, which, named)
+        note += f" by label; {len(found) - len(named)} without one are left out"
+    else:
+        points, note = _picked(path, which, [(str(whisker), frame, points) for whisker, frame, points in lines])
+        note += f" by whisk's own number in each frame{': its labels tell no lines apart' if labels else ''}"
+    if path.suffix == ".whiskers" and read_bytes(path)[:10] == b"bwhiskpoly":
+        note += "; whiskpoly1 stores parabolas: bends are lost that whiskbin1 has"
+    return points, note
+
+
+def _traces(path: Path) -> list[tuple[int, int, np.ndarray]]:
+    """(whisker, frame, (n, 2) px) of a .whiskers file in any of whisk's four formats (whisker_io_*.c)."""
+    data = read_bytes(path)
+    for head, record in ((b"bwhiskbin1\0\0", _binary_trace), (b"bwhiskpoly1\0\0", _polynomial_trace)):
+        if data.startswith(head):
+            lines, at = [], len(head)
+            while at + 12 <= len(data):
+                whisker, frame, count = struct.unpack_from("<3i", data, at)
+                if min(whisker, frame, count) < 0 or count > len(data):
+                    raise _torn(path)
+                try:
+                    points, at = record(data, at + 12, count)
+                except (struct.error, ValueError):
+                    raise _torn(path) from None
+                lines.append((whisker, frame, points))
+            if data[at:] != struct.pack("<i", len(lines)):  # their number stands at the end
+                raise _torn(path)
+            return lines
+    return _written_traces(path)
+
+
+def _written_traces(path: Path) -> list[tuple[int, int, np.ndarray]]:
+    """The same of a text: frame, whisker, frame, number of points and four values of each, below a head that says so
+    (whisk1); or frame, whisker, first and last column, and the row in each (whiskold)."""
+    lines: list[tuple[int, int, np.ndarray]] = []
+    headed = False
+    for line, cells in _rows(path):
+        if line == 1 and cells[:1] and cells[0].startswith("whisker1"):
+            headed = True
+        elif cells:
+            values = _floats(cells, path, line) if headed or lines or len(cells) > 4 else [math.nan] * 4
+            frame, whisker, first, last = (*values, *[math.nan] * 4)[:4]
+            rest, count = np.array(values[4:]), 4 * last if headed else last - first + 1
+            if not (min(frame, whisker) >= 0 and len(rest) == count):
+                remedy = "convert it again: whisker_convert … whiskbin1"
+                raise InputError("is no trace of whisk, or torn", where=f"{path} line {line}", remedy=remedy)
+            points = rest.reshape(-1, 4)[:, :2] if headed else np.column_stack([first + np.arange(len(rest)), rest])
+            lines.append((int(whisker), int(frame), points))
+    return lines
+
+
+def _torn(path: Path) -> InputError:
+    return InputError("is torn", where=path, remedy="trace again, or copy it again")
+
+
+def _binary_trace(data: bytes, at: int, count: int) -> tuple[np.ndarray, int]:
+    """Points (n, 2) of x, y, thickness and score, each of all points, and where the next trace begins."""
+    end = at + 16 * count
+    if end > len(data):
+        raise ValueError
+    return np.frombuffer(data, "<f4", 2 * count, at).reshape(2, count).T.astype(float), end
+
+
+def _polynomial_trace(data: bytes, at: int, count: int) -> tuple[np.ndarray, int]:
+    """The same of a score and polynomials of second degree for x and y over the part of the length."""
+    values = np.array(struct.unpack_from("<f6d", data, at)[1:]).reshape(2, 3)
+    return np.linspace(0.0, 1.0, count)[:, None] ** np.arange(3) @ values.T, at + struct.calcsize("<f6d")
 
 
 def _labels(path: Path) -> dict[tuple[int, int], int]:
-    """(frame, whisker) → its label in a .measurements file (measurements_io_v1.c, _v3.c)."""
+    """(frame, whisker) → its label in a .measurements file (measurements_io_v1.c, _v2.c, _v3.c)."""
     data = read_bytes(path)
-    size = {b"measV1\0\0": 40, b"measv3\0\0": 41}.get(data[:8])
     try:
+        # what the second version wrote depends on the machine
+        sizes = {b"measV1\0\0": (40,), b"measv2\0\0": (48, 44), b"measv3\0\0": (41,)}[data[:8]]
         rows, columns = struct.unpack_from("<2i", data, 8)
-        step = (size or 0) + 16 * columns
-        if size is None or min(rows, columns) < 0 or 16 + rows * step > len(data):
-            raise ValueError
+        size = next(size for size in sizes if 16 + rows * (size + 16 * columns) == len(data))
+        step = size + 16 * columns
         heads = [struct.unpack_from("<4i", data, 16 + row * step) for row in range(rows)]
-    except (struct.error, ValueError):
+    except (struct.error, KeyError, StopIteration):
         raise InputError("is no table of whisk that is known here", where=path, remedy="measure again") from None
     return {(frame, whisker): label for _, frame, whisker, label in heads}
 
@@ -400,12 +465,31 @@ def _hdf5(path: Path, which: str | None) -> tuple[np.ndarray, str]:
         found = read_in_child(_read_hdf5, path)
     except ValueError as error:
         raise InputError(f"cannot be read ({error!s:.200})", where=path, remedy="export it as CSV") from None
+    if "whiskers" in found:
+        return _whisk_tables(path, which, found)
     columns = [tuple(each) for each in json.loads(str(found["columns"]))]
     return _of_parts(path, which, columns, found["frames"], found["values"])
 
 
+def _whisk_tables(path: Path, which: str | None, found: Mapping[str, np.ndarray]) -> tuple[np.ndarray, str]:
+    """The lines of whiskers (W, 3) of frame, number and label in an HDF5 file, or of the .whiskers file next to it."""
+    labels = {(frame, number): label for frame, number, label in found["whiskers"].tolist()}
+    if "points" in found:
+        parts = np.split(found["points"], np.cumsum(found["counts"])[:-1])
+        lines = [
+            (number, frame, part) for (frame, number, _), part in zip(found["whiskers"].tolist(), parts, strict=True)
+        ]
+        return _labelled(path, which, lines, labels)
+    traces = path.with_suffix(".whiskers")
+    if not traces.is_file():
+        what = "its WhiskerMeasurementTable (ndx-whisk) has follicle and tip, not lines"
+        raise InputError(what, where=path, remedy=f"put {traces.name}, which it was made of, next to it")
+    return _labelled(traces, which, _traces(traces), labels)
+
+
 def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
-    """`columns` (JSON of [individual, part, coordinate]), `frames` (F,), `values` (F, C) of a tracker's HDF5 or NWB.
+    """`columns` (JSON of [individual, part, coordinate]), `frames` (F,), `values` (F, C) of a tracker's HDF5 or NWB;
+    of whisk `whiskers` (W, 3) of frame, number and label, and, where it has lines, `points` (N, 2) px, `counts` (W,).
 
     Raises
     ------
@@ -414,6 +498,11 @@ def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
     import h5py
 
     with h5py.File(path, "r") as file:
+        if all(name in file for name in ("summary", "pixels_x", "pixels_y")):  # WhiskiWrap
+            lines = [np.concatenate([np.empty(0), *file[name]]) for name in ("pixels_x", "pixels_y")]
+            counts = np.array([len(line) for line in file["pixels_x"]], int)
+            whiskers = _numbered(file["summary"], "fid" if "fid" in file["summary"].dtype.names else "time")
+            return {"whiskers": whiskers, "points": np.stack(lines, axis=1), "counts": counts}
         groups = (each for each in file.values() if isinstance(each, h5py.Group))
         table = next((each["table"] for each in groups if "table" in each), None)
         if table is not None and table.dtype.names and "values_block_0" in table.dtype.names:
@@ -421,18 +510,20 @@ def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
             named = [[each[1] if len(each) == 4 else "", *each[-2:]] for each in columns]
             frames, values = np.asarray(table["index"], float), np.asarray(table["values_block_0"], float)
             return {"columns": np.array(json.dumps(named)), "frames": frames, "values": values}
-        series, kinds = list[tuple[str, Any]](), set[str]()
+        series, measured = list[tuple[str, Any]](), list[Any]()
 
         def visit(name: str, node: Any) -> None:
             kind = node.attrs.get("neurodata_type", "")
-            kinds.add(kind if isinstance(kind, str) else kind.decode())
+            if "WhiskerMeasurementTable" in str(kind):
+                measured.append(node)
             if "data" in node and "PoseEstimationSeries" in str(kind):
                 series.append((name.rpartition("/")[2], node))
 
         file.visititems(lambda name, node: visit(name, node) if isinstance(node, h5py.Group) else None)
+        if measured and not series:
+            return {"whiskers": np.concatenate([_numbered(node, "frame_id") for node in measured])}
         if not series:
-            ends = "WhiskerMeasurementTable" in kinds
-            raise ValueError("its table has follicle and tip, not lines" if ends else "it holds no poses")
+            raise ValueError("it holds no poses")
         named, values_of = [], []
         for name, node in series:
             xy = np.asarray(node["data"], float)
@@ -441,6 +532,15 @@ def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
             values_of += [xy[:, 0], xy[:, 1], sure]
         values = np.stack(values_of, axis=1)
         return {"columns": np.array(json.dumps(named)), "frames": np.arange(len(values), dtype=float), "values": values}
+
+
+def _numbered(table: Any, frame: str) -> np.ndarray:
+    """(W, 3) frame, number and label, −1 without, of a table of whisk's in HDF5, whose labels have no sign."""
+    names = table.dtype.names if hasattr(table, "dtype") else table.keys()
+    number = next(name for name in ("whisker_id", "wid", "id") if name in names)
+    columns = [np.asarray(table[name], np.int64) for name in (frame, number)]
+    labels = np.asarray(table["label"]).astype(np.int16) if "label" in names else np.full(len(columns[0]), -1)
+    return np.stack([*columns, labels.astype(np.int64)], axis=1)
 
 
 def _pickled(data: bytes) -> Any:

@@ -6,7 +6,6 @@ import base64
 import json
 import math
 import os
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -20,7 +19,7 @@ import cv2
 import numpy as np
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.convert.child import is_bag
+from vbaa_calib.convert.child import is_bag, says_rectified
 from vbaa_calib.core.errors import InputError, clipped, require_extra, shown
 from vbaa_calib.core.files import read_yaml, require_file
 from vbaa_calib.core.images import as_levels, read_picture
@@ -162,7 +161,7 @@ def open_bag(path: Path, topics: Topics, camera: Camera | None, offset_s: float 
         if role == "image":
             yield Taken(stamp_s(message, arrived_s), picture_of(message), arrived_s, perf_counter())
         elif role == "camera" and camera is not None:
-            _check_camera(message, camera, path)
+            _check_camera(message, taken["image"], camera, path)
         elif role != "camera":
             yield from readings_of(message, topics, arrived_s)
 
@@ -238,7 +237,7 @@ def _refuse_two_clocks(lags: Mapping[str, Sequence[float]], offset_s: float, pat
 def _refuse_rectified(topic: str, camera: Camera, path: Path) -> None:
     """Raises InputError for a topic of rectified pictures where the rig's lens bends straight lines."""
     bends_px = _bend_px(camera)
-    if re.search(r"(?:^|[/_])rect(?:ified)?(?:[/_]|$)", topic) and bends_px > _STRAIGHT_PX:
+    if says_rectified(topic) and bends_px > _STRAIGHT_PX:
         what = f"{topic} is of rectified pictures, the rig's lens that of raw ones: it bends by up to {bends_px:.0f} px"
         raise InputError(what, where=path, remedy=_raw_remedy("the name misleads"))
 
@@ -448,20 +447,39 @@ def readings_of(message: Any, topics: Topics, arrived_s: float) -> Iterator[Read
             yield Reading(time_s, channel, math.radians(angle) if topics.degrees else angle, arrived_s)
 
 
-def _check_camera(message: Any, camera: Camera, path: Path) -> None:
-    """Raises InputError for a CameraInfo of another camera than the rig's, or of rectified pictures."""
-    size, matrix = camera.image_size, camera.matrix
+def _check_camera(message: Any, topic: str, camera: Camera, path: Path) -> None:
+    """Raises InputError for a CameraInfo of another camera than the rig's, or of another kind of pictures.
+
+    topic : of the pictures. Of raw ones k and d are the lens, of rectified ones p, without distortion.
+    """
+    size, own = camera.image_size, float(camera.matrix[0, 0])
     if (message.width, message.height) != tuple(size):
         what = f"CameraInfo says {message.width}x{message.height} px, the rig {size[0]}x{size[1]}"
         raise InputError(what, where=path, remedy="use the camera and resolution of the calibration")
-    focal = float(getattr(message, "k", getattr(message, "K", np.zeros(9)))[0])
-    if focal > 0.0 and abs(focal / matrix[0, 0] - 1.0) > _FOCAL_SHARE:
-        what = f"CameraInfo says a focal length of {focal:.1f} px, the rig {matrix[0, 0]:.1f}"
-        raise InputError(what, where=path, remedy="is it the rig's camera, and its focus? if so, --topic camera=none")
-    distortion, bends_px = np.asarray(getattr(message, "d", getattr(message, "D", ()))), _bend_px(camera)
-    if focal > 0.0 and distortion.size and not distortion.any() and bends_px > _STRAIGHT_PX:
+    k, p, d = (np.asarray(getattr(message, name, getattr(message, name.upper(), ()))) for name in "kpd")
+    if k.size != 9 or not k[0] > 0.0:
+        return
+    raw, bends_px = float(k[0]), _bend_px(camera)
+    rectified = float(p[0]) if p.size == 12 and p[0] > 0.0 else raw
+    fisheye = str(getattr(message, "distortion_model", "")) in ("equidistant", "fisheye")
+    k_bends_px = 0.0
+    with suppress(InputError):  # numbers that are no lens
+        k_bends_px = _bend_px(Camera("fisheye" if fisheye else "opencv", size, k.reshape(3, 3), d)) if d.any() else 0.0
+    both = f"CameraInfo's K, fx {raw:.1f} px and bent by up to {k_bends_px:.0f} px, is of raw pictures (image_raw), "
+    both += f"its P, fx {rectified:.1f} px, of rectified ones (image_rect)"
+    unlike = abs(own / (rectified if says_rectified(topic) else raw) - 1.0) > _FOCAL_SHARE
+    if d.size and not d.any() and bends_px > _STRAIGHT_PX:
         what = f"CameraInfo says no distortion, as of rectified pictures; the rig's lens bends by {bends_px:.0f} px"
         raise InputError(what, where=path, remedy=_raw_remedy("CameraInfo is wrong"))
+    if not says_rectified(topic) and k_bends_px > bends_px + _STRAIGHT_PX and bends_px < _STRAIGHT_PX:
+        what = f"{both}; the rig's lens, fx {own:.1f} px, is straight, and {topic} does not say that it is rectified"
+        raise InputError(what, where=path, remedy="give --topic camera=none if it is, else calibrate from raw ones")
+    if unlike:
+        what = f"CameraInfo says a focal length of {raw:.1f} px, the rig {own:.1f}"
+        if abs(rectified / raw - 1.0) > 1e-6:
+            kind = "rectified" if says_rectified(topic) else "raw"
+            what = f"{both}: {topic} counts as {kind}, and the rig has a focal length of {own:.1f} px"
+        raise InputError(what, where=path, remedy="is it the rig's camera, and its focus? if so, --topic camera=none")
 
 
 @dataclass(frozen=True, eq=False)

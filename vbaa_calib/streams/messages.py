@@ -104,7 +104,7 @@ class Source:
     notes: list[str] = field(default_factory=list)
 
     def readings_ahead_s(self) -> float:
-        """By how much readings are stamped before pictures, s, by when they came: 0 where they are on one clock.
+        """By how much readings are stamped before pictures, s, by when they came; 0 where that does not show it.
 
         Of the first messages, which are gone then.
         """
@@ -118,8 +118,7 @@ class Source:
         messages.close()
         if not all(lags_s.values()):
             return 0.0
-        ahead_s = float(np.median(lags_s[True]) - np.median(lags_s[False]))
-        return ahead_s if abs(ahead_s) > ONE_CLOCK_S else 0.0
+        return float(np.median(lags_s[True]) - np.median(lags_s[False]))
 
     def begun(self) -> Source:
         """The same, read up to its first picture. Raises InputError where a recording has none that can be read."""

@@ -136,7 +136,7 @@ def clocked(
         raise InputError("--clock-offset estimate needs the moment", where="--no-moment", remedy=remedy)
     found = recorded_clock_offset(estimator, lambda: recorded(args, path, estimator.rig, timing), timing, ground)
     say(
-        f"the readings' clock: {1e3 * found.offset_s:+.1f} ± {1e3 * found.std_s:.1f} ms are added to their times, by "
+        f"the readings' clock: {found.offset_s:+.4f} s (± {1e3 * found.std_s:.1f} ms) are added to their times, by "
         f"{found.frames} pictures"
     )
     return replace(timing, offset_s=found.offset_s, offset_std_s=found.std_s)

@@ -227,7 +227,7 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Ch
     shape = replace(BoardShape.flat(corner_points(session.board)), parameters=np.array(recorded_shape))
     boards = [(part, view) for part, paths in inputs.boards.items() for view in detect_files(paths, session.board)]
     recorded = number_at(quality, "lens", "rms_inliers_px") or number_at(quality, "lens_rms_px")
-    lens = check_lens(rig.camera, boards, shape, recorded)
+    lens = check_lens(rig.camera, boards, shape, recorded, number_at(quality, "plane_rms_px"))
     lens_holds = not any(finding.is_bad for finding in lens.findings)
     in_jig = [view for part, view in boards if part == "plane"]
     pose, current = check_pose(rig, in_jig, session, inputs.no_jig, shape, lens_holds)

@@ -19,6 +19,7 @@ from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.least_squares import ScoreTest, change_test, products
 from vbaa_calib.core.robust import chi_square
 from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.diagnose.boards import lens_reading_diagnoses
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import Session
@@ -64,9 +65,11 @@ def check_lens(
     boards: Sequence[tuple[str, BoardView]],
     board: BoardShape,
     recorded_rms_px: float | None,
+    in_jig_px: float | None = None,
 ) -> Checked:
     """Whether pictures of the board, each with its folder's name, fit the lens, and whether its focus has changed;
-    board : its shape by the calibration, recorded_rms_px : the calibration's."""
+    board : its shape by the calibration, recorded_rms_px : the calibration's, in_jig_px : the same of the board in its
+    jig, which is small in the picture where it lies far away: its corners scatter more then."""
     points_m = board.points_m
     views, dropped = _posed(camera, boards, board) if boards else ([], [])
     if not views:
@@ -92,7 +95,10 @@ def check_lens(
     expected_px = None
     if recorded_rms_px is not None:
         from_lens = 2.0 * float(np.einsum("np,pq,nq->", jacobian, covariance, jacobian)) / freedom
-        expected_px = float(np.sqrt(recorded_rms_px**2 + from_lens))
+        corners = np.array([int(view.good.sum()) for view in views])
+        alike_px = [in_jig_px or recorded_rms_px if view.folder == "plane" else recorded_rms_px for view in views]
+        before_px = np.maximum(alike_px, recorded_rms_px)
+        expected_px = float(np.sqrt(corners @ before_px**2 / corners.sum() + from_lens))
     # the noise of a coordinate that no change of the lens explains
     axes, values, _ = np.linalg.svd(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12), full_matrices=False)
     axes = axes[:, values > 1e-6 * values.max()]
@@ -104,6 +110,9 @@ def check_lens(
     scale = np.concatenate([focal, [_NOTICEABLE_CENTRE_PX] * 2, np.full(len(camera.distortion), 0.01)])
     change = change_test(data, covariance, np.arange(FOCUS), scale)
     fit = _fit_finding(rms_px, expected_px, freedom, len(views))
+    if fit.is_bad and (misread := lens_reading_diagnoses((camera, None, [view for _, view in boards], points_m))):
+        remedy = "take the pictures raw, as those of the calibration are"
+        fit = replace(fit, words=f"{fit.words}; {misread[0].words}", remedy=remedy)
     return Checked(
         (fit, _focus_finding(camera, change, len(views))),
         {

@@ -176,7 +176,7 @@ def solve_hand_eye(
     """Solve for the camera's pose on the arm, or beside it, and the board's.
 
     views : the board in each picture; grossly wrong corners are left out. Or name and pose T_camera_board of each, by
-        whatever means they were measured (A·X = X·B, A·X = Z·B): then neither points nor camera are needed.
+    whatever means they were measured (A·X = X·B, A·X = Z·B): then neither points nor camera are needed.
     robot_poses : T_base_tool of each, in the same order.
     board_points : (K, 3) m, by corner id, as the lens solve has found them.
     mount : "hand" or "fixed", as in `HandEye`.
