@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 
-from vbaa_calib.simulate.render.meshes import object_mesh
 from viz.scene.layout import INK, LOOK, view_direction
 from viz.scene.readable import contact_scale, hexes, object_scale, round_down, thinned
 from viz.scene.rig_items import RigItems
@@ -177,6 +176,8 @@ def _truth(scene: Scene, project: Project) -> Pieces:
     """The side of the true object that faces the viewer, as one shape behind all others."""
     if scene.truth is None:
         return []
+    from vbaa_calib.simulate.render.meshes import object_mesh
+
     mesh = object_mesh(scene.truth, rings=24)
     at, _ = project(mesh.vertices[mesh.faces])
     a, b = at[:, 1] - at[:, 0], at[:, 2] - at[:, 0]

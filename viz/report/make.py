@@ -24,7 +24,6 @@ from viz.files.outputs import PAGES, refuse_output
 from viz.pages.page import render
 from viz.scene.rig_items import session_pictures
 from viz.scene.scene import Fact, build_scene, framewise, sentence
-from viz.scene.truth import true_contacts, true_object
 
 from .recording import Report, SummaryRow, page
 from .words import object_found, origin
@@ -87,7 +86,11 @@ def make_report(
     if rig is not None:
         joint_angles(rig.kinematics, table)  # refuses another rig's contacts
     contents = None if sources.truth is None else read_json(sources.truth)
-    truth = None if contents is None else true_contacts(table, contents, sources.truth)
+    truth = None
+    if contents is not None:
+        from viz.scene.truth import true_contacts
+
+        truth = true_contacts(table, contents, sources.truth)
     estimate, track, facts = object_found(table, rig)
     if sources.readings is not None:
         facts = (Fact("Readings", sentence(readings_in_words(sources.readings))), *facts)
@@ -126,7 +129,12 @@ def scene_picture(
     if not table.located.any():
         return _picture("No picture of the scene: no frame has a located contact.")
     try:
-        scene = build_scene(table, rig, estimate, None if truth is None else true_object(truth))
+        true = None
+        if truth is not None:
+            from viz.scene.truth import true_object
+
+            true = true_object(truth)
+        scene = build_scene(table, rig, estimate, true)
         if rig is not None and session is not None:
             main, frames = scene.instants.main, scene.instants.frame
             seen = session_pictures(session, frames[main : main + 1], rig.camera.image_size)[0]

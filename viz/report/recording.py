@@ -18,13 +18,13 @@ from viz.figures.time import MOST_DOTS, TimeAxis, curve, lanes, signals, with_fr
 from viz.pages.page import Table, fixed, render, with_std
 from viz.scene.readable import thinned
 from viz.scene.scene import Fact
-from viz.scene.truth import TrueContacts
 
 from .words import first_facts, frame_facts, headline
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
     from estimator.object.track import Track
+    from viz.scene.truth import TrueContacts
 
 _COLOURS = _ALONG, _ACROSS, _RESIDUAL, _RINGING = "#0072b2", "#c2410c", "#334155", "#7c3aed"
 MOST_ROWS = 500

@@ -12,7 +12,6 @@ from estimator.table.contacts import ContactTable
 from estimator.table.files import read_contacts
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
-from vbaa_calib.simulate.scene.objects import TouchObject
 
 from .layout import along
 from .readable import enlargement, thinned
@@ -21,6 +20,7 @@ from .rig_items import RigItems, rig_items
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
     from estimator.object.surface import Surface
+    from vbaa_calib.simulate.scene.objects import TouchObject
 
 _MOST_INSTANTS = 240
 """Longer recordings are shown at this many instants spread over them, and at the one of the greatest force."""
