@@ -134,7 +134,7 @@ def scene_picture(
             from viz.scene.truth import true_object
 
             true = true_object(truth)
-        scene = build_scene(table, rig, estimate, true)
+        scene = build_scene(table, rig, estimate, true, with_words=False)
         if rig is not None and session is not None:
             main, frames = scene.instants.main, scene.instants.frame
             seen = session_pictures(session, frames[main : main + 1], rig.camera.image_size)[0]

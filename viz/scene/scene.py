@@ -197,8 +197,11 @@ def build_scene(
     estimate: ObjectEstimate | None = None,
     truth: TouchObject | None = None,
     mesh: ObjectMesh | None = None,
+    with_words: bool = True,
 ) -> Scene:
     """The scene without the camera's pictures; the object is that of the estimate, or else `mesh`.
+
+    with_words : also each contact's numbers in words.
 
     Raises InputError when nothing is located, a contact is out of reach, or the contacts are not of this rig.
     """
@@ -207,7 +210,7 @@ def build_scene(
     row, time_s = np.flatnonzero(table.located), table.time_s - table.time_s[0]
     points, forces, covariances = table.point_world_m, table.force_world_N, table.covariance_world_m2
     phase = [""] * len(table) if estimate is None else list(map(str, estimate.track.phase))
-    words = tuple(_numbers(table, int(index), phase[index]) for index in row)
+    words = tuple(_numbers(table, int(index), phase[index]) for index in row) if with_words else ()
     contacts = Contacts(points[row], forces[row], covariances[row], time_s[row], row, words)
     if estimate is None:
         return Scene(contacts, instants, items, mesh, truth)
