@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from viz.scene.layout import INK, LOOK, view_direction
-from viz.scene.readable import contact_scale, hexes, object_scale, round_down, thinned
+from viz.scene.readable import contact_scale, hexes, object_scale, on_ramp, round_down, thinned
 from viz.scene.rig_items import RigItems
 from viz.scene.scene import ObjectMesh, Scene
 
@@ -173,16 +173,24 @@ def _translucent(scene: Scene, project: Project) -> Pieces:
 
 
 def _truth(scene: Scene, project: Project) -> Pieces:
-    """The side of the true object that faces the viewer, as one shape behind all others."""
+    """The side of the true object that faces the viewer, pale and shaded, behind all others."""
     if scene.truth is None:
         return []
     from vbaa_calib.simulate.render.meshes import object_mesh
 
-    mesh = object_mesh(scene.truth, rings=24)
-    at, _ = project(mesh.vertices[mesh.faces])
+    mesh = object_mesh(scene.truth, rings=16)
+    at, depth = project(mesh.vertices[mesh.faces])
     a, b = at[:, 1] - at[:, 0], at[:, 2] - at[:, 0]
-    facing = at[a[:, 0] * b[:, 1] < a[:, 1] * b[:, 0]]
-    return [(-np.inf, Marks("truth", facing, fill=pale(LOOK["truth"][0], 0.25)))]
+    facing = a[:, 0] * b[:, 1] < a[:, 1] * b[:, 0]
+    normal = mesh.normals[mesh.faces[facing]].mean(axis=1)
+    shade = np.abs(normal @ view_direction(scene, height=0.9, liking=0.0))
+    # opaque, as if it shone through to white paper: where triangles meet, both would count
+    rgb = 255 - 0.5 * (255 - np.outer(0.6 + 0.4 * shade, on_ramp([LOOK["truth"][0]] * 2, np.zeros(1))[0]))
+    colours = hexes((rgb / 3).round().astype(int) * 3)
+    nearest = zip(colours, at[facing], (depth[facing].mean(axis=1) - 1e6).tolist(), strict=True)
+    return [
+        (near, Marks("truth", place[None], fill=colour, stroke=colour, width=0.6)) for colour, place, near in nearest
+    ]
 
 
 def _antennas(scene: Scene, rig: RigItems, project: Project, scale: float) -> Pieces:
