@@ -15,7 +15,6 @@ from pathlib import Path
 import pytest
 
 from vbaa_calib.cli.main import VERBS, _verb_parser, main
-from viz.report import make as report_make
 
 from .page_folder import page_folder, photos
 from .test_docs import FENCE, PAGES, name_of
@@ -92,10 +91,8 @@ def _ask_for_nothing(parser: argparse.ArgumentParser) -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of what the pages suppose, in which they are run; the scene in reports has its own tests."""
+    """A copy of what the pages suppose, in which they are run."""
     work = Path(shutil.copytree(page_folder(), tmp_path / "work", symlinks=True, copy_function=os.link))
-    nothing = report_make.Picture(b"", "not drawn here")
-    monkeypatch.setattr(report_make, "scene_picture", lambda *_, **__: nothing)
     monkeypatch.chdir(work)
     return work
 

@@ -181,25 +181,26 @@ def _threshold() -> float:
 
 @cache
 def _wave_numbers() -> np.ndarray:
-    """(T,) βL of the first mode, the contact at equal steps from clamp to tip."""
-    return np.array([_wave_number(contact) for contact in np.linspace(0.0, 1.0, _TABLE)])
+    """(T,) βL of the first mode of a beam clamped at 0, on a knife edge at the contact and free beyond it; the contact
+    at equal steps from clamp to tip.
 
-
-def _wave_number(contact: float) -> float:
-    """βL of the first mode of a beam clamped at 0, on a knife edge at the contact (of 1) and free beyond it.
-
-    The moments that the two parts need for a turn at the knife edge cancel.
+    The moments that the two parts need for a turn at the knife edge cancel: halved intervals find where.
     """
 
-    from scipy.optimize import brentq  # a single frame is not tested for motion
+    def hinged(x: np.ndarray) -> np.ndarray:
+        return np.cosh(x) * np.sin(x) - np.sinh(x) * np.cos(x)
 
-    def hinged(x: float) -> float:
-        return math.cosh(x) * math.sin(x) - math.sinh(x) * math.cos(x)
-
-    def moment(wave: float) -> float:
+    def moment(wave: np.ndarray) -> np.ndarray:
         inner, outer = wave * contact, wave * (1.0 - contact)
-        clamped = 1.0 - math.cosh(inner) * math.cos(inner)
-        free = 1.0 + math.cosh(outer) * math.cos(outer)
+        clamped = 1.0 - np.cosh(inner) * np.cos(inner)
+        free = 1.0 + np.cosh(outer) * np.cos(outer)
         return hinged(inner) * free - hinged(outer) * clamped
 
-    return brentq(moment, _CLAMPED_FREE, _FASTEST) if contact > 0.0 else _CLAMPED_FREE
+    contact = np.linspace(0.0, 1.0, _TABLE)
+    low, high = np.full(_TABLE, _CLAMPED_FREE), np.full(_TABLE, _FASTEST)
+    sign = np.sign(moment(low))
+    for _ in range(52):
+        middle = 0.5 * (low + high)
+        same = np.sign(moment(middle)) == sign
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return np.where(contact > 0.0, 0.5 * (low + high), _CLAMPED_FREE)

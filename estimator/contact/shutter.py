@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from estimator.table.contacts import LOCATED, Contact
 from vbaa_calib.core.polyline import arc_lengths, resample
@@ -66,6 +65,8 @@ def _movement(item: FrameContact, other: FrameContact, shutter: Shutter, rows: i
         return _Movement()
     # points that are listed in no order make a path of any length
     spacing_px = max(0.1, float(arc_lengths(there)[-1]) / (100 * rows))
+    from scipy.spatial import cKDTree  # slow to load
+
     gap, at = cKDTree(resample(there, spacing_px)[0]).query(here)
     gap[(at == 0) | (at == at.max())] = 0.0  # beyond its ends, the distance is along the line
     speed = gap / after_s

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import numpy as np
 
 from vbaa_calib.core.arrays import FARTHEST_M, gate
-from vbaa_calib.core.csv_rows import csv_rows, number, whole_number
+from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, number, whole_number
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.files import most_memory, replacing, require_file
 
@@ -117,6 +117,8 @@ def read_contacts(path: Path, several: bool = False) -> ContactTable:
         times that run backwards, a matrix that is no covariance; with file, line and remedy.
     """
     path = Path(path)
+    if path.suffix != _PARQUET and (quick := _plain_table(path)) is not None:
+        return quick
     read = _parquet_rows if path.suffix == _PARQUET else csv_rows
     rows: list[ContactRow] = []
     parts: list[ContactTable] = []
@@ -146,6 +148,86 @@ def read_contacts(path: Path, several: bool = False) -> ContactTable:
     if not parts:
         raise InputError("has no rows", where=path, remedy="one for every frame is needed")
     return ContactTable.joined(parts)
+
+
+def _plain_table(path: Path) -> ContactTable | None:
+    """The table of a CSV as `write_contacts` writes it, a column at a time; None for any that is not, or not in order,
+    which `read_contacts` reads or refuses row by row."""
+    try:
+        # small ones are read before Arrow is loaded, large ones would take much memory
+        data = path.read_bytes() if 1 << 18 < path.stat().st_size < 1 << 26 else b""
+    except OSError:
+        return None
+    header = data.partition(b"\n")[0].decode("utf-8", "replace").rstrip("\r").split(",")
+    needed, known = column_names(REQUIRED), set(column_names(REQUIRED)) | set(column_names(OPTIONAL))
+    if len(set(header)) < len(header) or not set(needed) <= set(header) or b"\n#" in data or b"\0" in data:
+        return None
+    import pyarrow
+    from pyarrow import csv as arrow_csv
+
+    texts = ("status", "in_contact", "model", "reason")
+    kinds = {name: pyarrow.string() if name in texts else pyarrow.float64() for name in header if name in known}
+    convert = arrow_csv.ConvertOptions(column_types=kinds, include_columns=list(kinds), null_values=[""])
+    try:
+        options = arrow_csv.ReadOptions(use_threads=False)
+        table = arrow_csv.read_csv(pyarrow.BufferReader(data), options, convert_options=convert)
+    except pyarrow.ArrowInvalid:
+        return None
+    words = {name: np.array([text.strip() for text in table.column(name).to_pylist()]) for name in texts}
+    numbers = {name: table.column(name).to_numpy() for name in kinds if name not in texts}
+    if any(np.isfinite(each).sum() != len(each) - table.column(name).null_count for name, each in numbers.items()):
+        return None  # infinite, or NaN in letters
+    values = {
+        field: numbers.get(names[0], np.full(len(table), np.nan))
+        if len(names) == 1
+        else np.column_stack([numbers.get(name, np.full(len(table), np.nan)) for name in names])
+        for field, names in _NAMES.items()
+        if field not in texts
+    }
+    values["contact"] = np.nan_to_num(values["contact"])
+    lower = np.char.lower(words["in_contact"])
+    upper = values.pop("covariance_world_m2")
+    matrices = np.empty((len(table), 3, 3))
+    matrices[:, *_UPPER] = matrices[:, _UPPER[1], _UPPER[0]] = upper
+    if not len(table) or not np.isin(lower, list(_BOOLEANS)).all():
+        return None
+    whole = {name: values.pop(name) for name in ("frame", "contact")}
+    if any(not ((each >= 0) & (each < MOST_WHOLE) & (each == np.floor(each))).all() for each in whole.values()):
+        return None
+    found = ContactTable(
+        **values,
+        **{name: each.astype(int) for name, each in whole.items()},
+        **{name: words[name] for name in ("status", "model", "reason")},
+        in_contact=np.isin(lower, [name for name, is_true in _BOOLEANS.items() if is_true]),
+        covariance_world_m2=matrices,
+    )
+    return found if _in_order(found) else None
+
+
+def _in_order(table: ContactTable) -> bool:
+    """Whether every row of a table is as `_row_of` and `read_contacts` ask of it: one contact a frame."""
+    columns = {name: np.asarray(getattr(table, name)).reshape(len(table), -1) for name in COLUMNS if name not in _TEXTS}
+    missing = [np.isnan(each).sum(axis=1) for each in columns.values()]
+    widths = [each.shape[1] for each in columns.values()]
+    partly = any(((count > 0) & (count < wide)).any() for count, wide in zip(missing, widths, strict=True))
+    negative = any((each < 0.0).any() for name, each in columns.items() if "_std_" in name and each.shape[1] == 1)
+    length = np.linalg.norm(table.tangent_world, axis=1)
+    located = table.picked(table.located)
+    needed = all(np.isfinite(getattr(located, name)).all() for name in NEEDED)
+    reached = (located.distance_m > 0.0) & (located.distance_m < FARTHEST_M)
+    known = np.isfinite(table.covariance_world_m2).all(axis=(1, 2))
+    variances = np.linalg.eigvalsh(table.covariance_world_m2[known])
+    return bool(
+        np.isin(table.status, list(STATUSES)).all()
+        and not (table.contact.any() or partly or negative)
+        and (np.isnan(length) | (np.abs(length - 1.0) <= 1e-3)).all()
+        and located.in_contact.all()
+        and needed
+        and reached.all()
+        and (variances[:, 0] >= -1e-6 * np.maximum(variances[:, 2], 1e-30)).all()
+        and len(np.unique(table.frame)) == len(table)
+        and (np.diff(table.time_s) >= 0.0).all()
+    )
 
 
 def rewrite_contacts(

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from vbaa_calib.cli.main import main
-from viz.report import make as report_make
 
 from ..small_scene import small_rig
 
@@ -102,11 +101,3 @@ def session(made: Path, tmp_path: Path) -> Path:
 def rig(made: Path, tmp_path: Path) -> Path:
     """A rig.json of the test's own."""
     return Path(shutil.copy(made / "rig.json", tmp_path / "rig.json"))
-
-
-@pytest.fixture(autouse=True)
-def undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The scene in reports has its own tests; drawing it takes seconds."""
-    if "demo" not in request.node.nodeid:
-        nothing = report_make.Picture(b"", "not drawn here")
-        monkeypatch.setattr(report_make, "scene_picture", lambda *_, **__: nothing)

@@ -25,7 +25,6 @@ import pyarrow.parquet as parquet
 
 from estimator.table.files import write_contacts
 from vbaa_calib.cli.main import VERBS, main
-from viz.report import make as report_make
 
 from ..estimator.test_next_touch import given
 from ..hostile.conftest import good_files
@@ -202,8 +201,6 @@ def killed(names: list[str], kills: int) -> Iterator[tuple[str, int, list[str]]]
     """Each verb, how often it was killed, and what broke."""
     with tempfile.TemporaryDirectory(prefix="killed-") as made:
         folder = Path(made)
-        # a process that forks must have no threads, and those of OpenGL's driver stay
-        report_make.scene_picture = lambda *_, **__: report_make.Picture(b"", "not drawn here")
         prepare(folder, names)
         # syncing is for power cuts, which nothing here can show
         os.fsync = lambda _: None  # type: ignore[assignment]

@@ -37,6 +37,18 @@ def test_help_needs_no_heavy_library() -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.parametrize("report", [True, False])
+def test_an_estimate_loads_what_it_needs(made: Path, tmp_path: Path, report: bool) -> None:
+    """Neither torch nor VTK, matplotlib or what minimises in SciPy; a report needs the last."""
+    argv = ["estimate", f"{made / 'session'}", "--rig", f"{made / 'rig.json'}", "-o", f"{tmp_path / 'contacts.csv'}"]
+    heavy = {"torch", "kornia", "pyvista", "vtkmodules", "matplotlib", "dask", "pandas"}
+    heavy |= set() if report else {"scipy.optimize", "jinja2"}
+    lines = ["import sys", "from vbaa_calib.cli.main import main"]
+    lines += [f"assert main({argv + ['--no-report'] * (not report)}) == 0", f"print({heavy} & set(sys.modules))"]
+    done = in_fresh_python("\n".join(lines))
+    assert (done.returncode, done.stdout) == (0, "set()\n"), done.stderr
+
+
 def test_json_is_one_object_and_prose_goes_elsewhere(vbaa: Call, made: Path) -> None:
     call = ("look", made / "session" / "noload" / "noload_001.png", "--rig", made / "rig.json")
     quiet, loud = vbaa(*call), vbaa(*call, "--json")

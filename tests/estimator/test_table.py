@@ -175,3 +175,54 @@ def test_rewriting_changes_statuses_alone(
         np.testing.assert_array_equal(one[name], other[name])
     about = read_metadata(path)
     assert (about.metadata[b"by"], about.metadata[b"done"], about.num_row_groups) == (b"us", b"yes", 4)
+
+
+@pytest.mark.parametrize(
+    ("column", "cell"),
+    [
+        ("", ""),
+        ("status", "fine"),
+        ("status", " ok "),
+        ("in_contact", "TRUE"),
+        ("in_contact", "maybe"),
+        ("in_contact", "0"),
+        ("frame", "0"),
+        ("frame", "1.5"),
+        ("time_s", "-1"),
+        ("time_s", ""),
+        ("distance_m", "-0.1"),
+        ("distance_m", ""),
+        ("distance_std_m", "-1e-4"),
+        ("X_m", ""),
+        ("TX", "0.5"),
+        ("cov_XX", "-1.0"),
+        ("force_y_N", "inf"),
+        ("force_y_N", "nan"),
+        ("force_y_N", " +0.5 "),
+        ("force_y_N", "1_0"),
+        ("contact", ""),
+        ("contact", "1"),
+        ("reason", "#1, é"),
+    ],
+)
+def test_columns_and_rows_read_the_same(written: Path, tmp_path: Path, column: str, cell: str) -> None:
+    """A large file is read a column at a time, unless something about it is to be refused or read with more care."""
+    header, *body = cells(written)
+    if column:
+        body[3][header.index(column)] = cell
+    outcomes = []
+    for name, padding in (("small", 1), ("large", 60_000)):
+        path = rewritten(tmp_path / f"{name}.csv", [[*header, "note"], *([*line, padding * "x"] for line in body)])
+        try:
+            table = read_contacts(path)
+        except InputError as error:
+            outcomes.append(str(error).replace(str(path), ""))
+        else:
+            outcomes.append({field: getattr(table, field) for field in COLUMNS})
+    small, large = outcomes
+    if isinstance(small, str):
+        assert large == small
+        return
+    for field in COLUMNS:
+        assert large[field].dtype == small[field].dtype
+        np.testing.assert_array_equal(large[field], small[field])

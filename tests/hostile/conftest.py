@@ -18,7 +18,6 @@ from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import read_json, read_yaml
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.geometry import Pose
-from viz.report import make as report_make
 
 from ..formats.files import READ_ONLY, SAMPLES
 from ..made_once import made_once
@@ -103,10 +102,3 @@ def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         copy = Path(shutil.copytree(good_files(), Path(name, "work"), copy_function=os.link))
         monkeypatch.chdir(copy)
         yield copy
-
-
-@pytest.fixture(autouse=True)
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The scene in reports has its own tests; drawing it takes seconds."""
-    nothing = report_make.Picture(b"", "not drawn here")
-    monkeypatch.setattr(report_make, "scene_picture", lambda *_, **__: nothing)

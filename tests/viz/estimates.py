@@ -52,6 +52,7 @@ def object_estimate(table: ContactTable, *, determined: bool = True) -> Any:
         lateral_rad=-sign * np.arctan(MU),
         lateral_std_rad=np.full(len(row), 0.01),
         used_as=np.full(len(row), "sliding"),
+        row=row,
     )
     events = (
         SimpleNamespace(
@@ -68,4 +69,5 @@ def object_estimate(table: ContactTable, *, determined: bool = True) -> Any:
         events=events,
         notes=("the frames come too seldom to tell a frequency",),
     )
-    return SimpleNamespace(track=track, surface=surface, friction=friction)
+    normals = SimpleNamespace(normal=normal, std_rad=np.full(len(row), 0.05))
+    return SimpleNamespace(track=track, surface=surface, friction=friction, normals=normals)

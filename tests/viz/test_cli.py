@@ -14,8 +14,6 @@ import pyvista as pv
 
 from vbaa_calib.cli import main
 from viz.render import probe
-from viz.report import make as report_make
-from viz.report.recording import Picture
 
 
 def outcome(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, Any, str]:
@@ -74,19 +72,12 @@ def test_view_without_opengl_writes_the_page_and_says_what_to_install(
     assert not picture.exists()
 
 
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The scene has its own tests; drawing it takes seconds."""
-    monkeypatch.setattr(report_make, "scene_picture", lambda *_: Picture(b"", "No picture: not drawn here."))
-
-
-@pytest.mark.usefixtures("undrawn")
 def test_a_report_of_files(files: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
     argv = ["report", files.contacts, "--rig", files.rig, "--truth", files.truth, "--title", "<mine>", "--json"]
     code, said, _ = outcome(capsys, *argv)
     assert (code, said) == (0, {"report": str(files.folder / "report.html")})
     html = (files.folder / "report.html").read_text()
-    for words in ("&lt;mine&gt;", "Contact located in 90 of 92 frames", "not drawn here.", "sha256", ">truth<"):
+    for words in ("&lt;mine&gt;", "Contact located in 90 of 92 frames", "sha256", ">truth<"):
         assert words in html
     assert outcome(capsys, *argv)[0] == 2
     outcome(capsys, "report", files.free, "-o", files.folder / "free.html")

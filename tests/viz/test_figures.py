@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
 
 from estimator.table.contacts import ContactTable
 from viz.figures.contacts import SLIDING, contact_maps, friction_cone, indentation
-from viz.figures.drawing import TEAL, svg
+from viz.figures.drawing import SLATE, TEAL, Plot, ticks_in
 from viz.figures.time import TimeAxis, curve, lanes, signals
 
 from .estimates import STIFFNESS_N_M, object_estimate
@@ -23,21 +21,20 @@ from .estimates import STIFFNESS_N_M, object_estimate
 STATUS = {"ok": "#00ff00", "failed": "#ff0000"}
 
 
-def marks(axes: Axes, label: str, colour: str | None = None) -> list[np.ndarray]:
-    """Corners (K, 2) of what was drawn under a label, in a colour if one is given."""
-    found = [patch for patch in axes.patches if patch.get_label() == label]
-    paths = [p for p in found if colour is None or colour in (to_hex(p.get_edgecolor()), to_hex(p.get_facecolor()))]
-    return [patch.get_path().vertices for patch in paths]
+def marks(axes: Plot, name: str, colour: str = "") -> list[np.ndarray]:
+    """(N, K, 2) of the marks of a name, in a colour if one is named."""
+    found = [mark for mark in axes.marks if mark.name == name]
+    return [mark.points for mark in found if not colour or colour in (mark.stroke[:7], mark.fill[:7])]
 
 
-def points(axes: Axes, colour: str) -> np.ndarray:
+def points(axes: Plot, colour: str = "") -> np.ndarray:
     """(N, 2) the dots of a colour."""
-    return np.concatenate([found[::2] for found in marks(axes, "dots", colour)] or [np.zeros((0, 2))])
+    return np.concatenate([found[:, 0] for found in marks(axes, "dots", colour)] or [np.zeros((0, 2))])
 
 
-def sound(axes: Axes) -> str:
+def sound(axes: Plot) -> str:
     """The figure as SVG, well-formed, without a NaN, nothing loaded from elsewhere."""
-    text = str(svg(axes))
+    text = str(axes.svg())
     ElementTree.fromstring(text.replace("xlink:href", "href"))
     assert not re.search(r"""nan|(src|href)="(?!#|data:)|url\((?!#)""", text)
     return text
@@ -59,9 +56,9 @@ def test_one_bad_frame_of_very_many_is_still_seen() -> None:
     label = ["ok"] * 50_000
     label[31_234] = "failed"
     axes = lanes(clock(50_000, 1 / 30), "status", label, STATUS)
-    (bad,) = marks(axes, "failed")[0].reshape(-1, 5, 2)
+    (bad,) = marks(axes, "failed")[0]
     assert np.ptp(bad[:, 1]) * 17 > 1.0, "higher than a pixel"
-    assert len(marks(axes, "ok")[0]) < 50 * 5
+    assert len(marks(axes, "ok")[0]) < 50
 
 
 def test_the_cone_has_the_slope_that_it_says() -> None:
@@ -80,9 +77,9 @@ def test_the_cone_has_the_slope_that_it_says() -> None:
     slides = points(axes, SLIDING)
     np.testing.assert_allclose(slides[:, 1] / slides[:, 0], [0.3, -0.3])
     np.testing.assert_allclose(np.linalg.norm(slides, axis=1), [10, 20])
-    slopes = [line.get_ydata()[1] / line.get_xdata()[1] for line in axes.lines if line.get_color() == TEAL]
+    slopes = [ends[0, 1, 1] / ends[0, 1, 0] for ends in marks(axes, "cone", TEAL)]
     np.testing.assert_allclose(sorted(slopes), [-0.3, 0.3])
-    rim = np.concatenate(marks(axes, "band"))
+    rim = np.concatenate(marks(axes, "band")).reshape(-1, 2)
     rim = rim[rim[:, 0] > 0]
     np.testing.assert_allclose(np.unique(np.round(rim[:, 1] / rim[:, 0], 9)), [-0.35, -0.25, 0.25, 0.35])
 
@@ -94,10 +91,10 @@ def test_indentations_have_the_slope_of_the_compliance(table: ContactTable, dete
     x, y = points(axes, SLIDING).T
     np.testing.assert_allclose(x, 1e3 * np.linalg.norm(table.force_world_N[surface.touched_row], axis=1))
     np.testing.assert_allclose(y, x / STIFFNESS_N_M)
-    fit = [line for line in axes.lines if line.get_label() == "fit"]
+    fit = marks(axes, "fit")
     assert len(fit) == determined
     if fit:
-        np.testing.assert_allclose(np.interp(x, fit[0].get_xdata(), fit[0].get_ydata()), y)
+        np.testing.assert_allclose(np.interp(x, *fit[0][0].T), y)
 
 
 def contacts_at(points_m: np.ndarray, variance: float, table: ContactTable) -> ContactTable:
@@ -113,19 +110,35 @@ def test_a_map_of_equal_scales(table: ContactTable, variance: float) -> None:
     )
     (above, *_), factor = contact_maps(contacts_at(points_m, variance, table), surface, points_m[:1])
     sound(above)
-    assert np.ptp(above.get_xlim()) == pytest.approx(np.ptp(above.get_ylim()))
-    box = above.get_window_extent()
-    assert box.width == pytest.approx(box.height)
-    dots = np.concatenate([found[::2] for found in marks(above, "dots")])
-    np.testing.assert_allclose(dots, 1e3 * points_m[:, :2])
+    assert np.ptp(above.x) == pytest.approx(np.ptp(above.y))
+    assert above.inner[0] == pytest.approx(above.inner[1])
+    np.testing.assert_allclose(points(above), 1e3 * points_m[:, :2])
     if np.isnan(variance):
         assert not marks(above, "ellipses")
     else:
         # small ones are enlarged by what the key says
         assert (factor > 1) == (variance < 1e-6)
         size = 1e3 * factor * np.sqrt(variance) * np.array([8.0, 4.0])
-        np.testing.assert_allclose(np.ptp(marks(above, "ellipses")[0][:25], axis=0), size, rtol=0.01)
+        middle, *ends = marks(above, "ellipses")[0][0]
+        halves = ends - middle
+        np.testing.assert_allclose(2 * np.linalg.norm(halves, axis=0), size, rtol=0.01)
     # opposite triangles turn the same way: none cuts a hole into the other
-    for face in marks(above, "object")[0].reshape(-1, 3, 2):
+    for face in marks(above, "object", SLATE)[0]:
         a, b = face[1] - face[0], face[2] - face[0]
         assert a[0] * b[1] - a[1] * b[0] >= 0
+
+
+def test_pixels_and_ticks_lie_at_their_values() -> None:
+    axes = Plot("t", (200.0, 100.0), (20.0, 30.0, 10.0, 40.0), x=(2.0, 4.0), y=(0.0, -1.0))
+    np.testing.assert_allclose(
+        axes.pixels(np.array([[2.0, -1.0], [4.0, 0.0], [3.0, -0.5]])), [[0, 0], [150, 50], [75, 25]]
+    )
+
+
+@pytest.mark.parametrize("span", [1e-9, 0.3, 7.0, 5e6])
+@pytest.mark.parametrize("low", [-1.0, 0.0, 3.0])
+def test_ticks_are_round_and_few(low: float, span: float) -> None:
+    places, names = ticks_in(low * span, (low + 1) * span)
+    assert 2 <= len(places) <= 8
+    np.testing.assert_allclose([float(name.replace("−", "-")) for name in names], places, rtol=1e-5)
+    assert "−0" not in names

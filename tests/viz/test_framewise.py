@@ -11,7 +11,7 @@ import pytest
 from estimator.table.files import write_contacts
 from tests.estimator.test_next_touch import given
 from vbaa_calib.cli.main import main
-from viz.parts.part import LOOK
+from viz.scene.layout import LOOK
 
 
 @pytest.mark.slow

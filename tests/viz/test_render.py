@@ -16,13 +16,13 @@ import pyvista as pv
 
 from estimator.table.contacts import ContactTable
 from viz.parts.assemble import all_parts
-from viz.parts.part import LOOK
 from viz.render import probe
 from viz.render import screenshot as sheet
 from viz.render.gltf import write_gltf
-from viz.render.stage import Stage, view_direction
+from viz.render.stage import Stage
 from viz.render.turntable import turntable
 from viz.render.window import Controls, fitting
+from viz.scene.layout import LOOK, view_direction
 from viz.scene.scene import Scene, build_scene
 
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from scipy.spatial.transform import Rotation
 
 from vbaa_calib.core.arrays import FARTHEST_M
 from vbaa_calib.core.errors import InputError, shown
@@ -255,6 +254,8 @@ def _pose_of(matrix: Any, key: str, path: Path) -> Pose:
     off = np.abs(turn @ turn.T - np.eye(3)).max() if np.abs(turn).max() < 2 else math.inf
     if off > 1e-3 or np.linalg.det(turn) < 0 or np.abs(rows[3] - [0, 0, 0, 1]).max() > 1e-9:
         raise InputError(f"{key} is no rigid motion", where=path, remedy="a rotation, a shift, and 0 0 0 1 are needed")
+    from scipy.spatial.transform import Rotation  # slow to load
+
     return Pose(Rotation.from_matrix(turn).as_matrix(), rows[:3, 3])
 
 

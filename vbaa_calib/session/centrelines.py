@@ -105,7 +105,7 @@ class Centrelines(Mapping[int, np.ndarray]):
         self._path, self._copy, self._state, self._layout, self.note = path, copy, state, layout, note
         self._runs = runs[np.argsort(runs[:, 0], kind="stable")]
         self.frames = np.unique(self._runs[:, 0])
-        self._lot, self._points = -1, [np.empty((0, 3))]
+        self._first, self._last, self._points = 0, -1, list[np.ndarray]()
 
     def checked(self, frames: Sequence[Frame], table: str) -> Self:
         """These, unless one is of no frame of a table: raises InputError."""
@@ -128,11 +128,15 @@ class Centrelines(Mapping[int, np.ndarray]):
         place = self._place(frame)
         if place is None:
             raise KeyError(frame)
-        lot, at = divmod(place, LOT)
-        if lot != self._lot:
-            self._points, self._lot = self._read(self.frames[lot * LOT : (lot + 1) * LOT]), lot
-        points = self._points[at]
+        at, follows = place - self._first, place == self._last + 1
+        if not 0 <= at < len(self._points):
+            # those that will be asked for next come with it
+            self._points, self._first = self._read(self.frames[place : place + (LOT if follows else 1)]), place
+            at = 0
+        points, self._last = self._points[at], place
         # a repeated point was measured once
+        if (np.diff(np.sort(points[:, 0])) > 0.0).all():
+            return points
         _, first = np.unique(points[:, 0] + 1j * points[:, 1], return_index=True)
         return points if len(first) == len(points) else points[np.sort(first)]
 
@@ -150,7 +154,7 @@ class Centrelines(Mapping[int, np.ndarray]):
                 stream.seek(begin)
                 rows.append(stream.read(end - begin).rstrip(b"\n") + b"\n")
             if _state(stream) == self._state:
-                table = loaded(b"".join(rows).decode(), self._layout.places)
+                table = loaded(b"".join(rows), self._layout.count, self._layout.places)
         if len(table) == 0:
             remedy = "start again once nothing writes to it"
             raise InputError("has changed since it was checked", where=self._path, remedy=remedy)

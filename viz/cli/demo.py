@@ -105,9 +105,8 @@ def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
         say(f"{name:<20}{value:>10.3f} {unit:<3} {'' if goal is None else f'≤ {goal:g}'}")
     say(f"{'error² over predicted variance':<31}{errors['nees']:.1f} (1 is honest)")
     say(f"{'frames right':<20}{errors['frames_ok']:>6} of {errors['frames']}")
-    session, picture = out / "session", out / "scene.png"
-    shown = picture if picture.exists() else None
-    sources = Sources(out / "contacts.csv", out / "rig.json", session, session / "truth.json", shown)
+    session = out / "session"
+    sources = Sources(out / "contacts.csv", out / "rig.json", session, session / "truth.json")
     title = f"vbaa demo: {truth.get('scene', 'scene')}"
     make_report(out / "report.html", sources, title=title, argv=argv, summary=rows, force=True)
     result = {"session": str(session), "seconds": round(seconds, 2), **errors}

@@ -72,7 +72,7 @@ def _in_rerun(args: argparse.Namespace) -> dict[str, Any]:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Draw the scene. Returns what was drawn and written.
 
-    Raises InputError for wrong input, a file in the way, or no display for a window; OpenGLError where none works.
+    Raises InputError for wrong input, a file in the way, or no display for a window; VbaaError where none works.
     """
     if args.rerun is not None:
         return _in_rerun(args)

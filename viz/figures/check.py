@@ -6,82 +6,122 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
+import cv2
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.ticker import LogLocator, MaxNLocator
+from contourpy import contour_generator
 
-from viz.scene.readable import round_down
+from viz.scene.readable import hexes, on_ramp, round_down
 
-from .drawing import AMBER, INK, RED, TEAL, band, bars, dots, legend, limits, new_axes, paths, style
+from .drawing import (
+    AMBER,
+    INK,
+    RED,
+    TEAL,
+    Plot,
+    limits,
+    picture,
+    ticks_in,
+)
 
-_MAP = LinearSegmentedColormap.from_list("std", ("#f3faf7", "#bfe3d8", "#6cbfb4", "#23878f", "#15506f", "#1b2a4e"))
+_MAP = ("#f3faf7", "#bfe3d8", "#6cbfb4", "#23878f", "#15506f", "#1b2a4e")
 _INNER_PX = 420.0
 _MOST_ARROWS, _MOST_VIEWS, _MOST_LEVELS = 4000, 30, 6
 _CELLS = (8, 6)
 _STILLS = ("#0f766e", "#1d4ed8", "#b45309", "#7c3aed", "#be185d", "#475569")
 _PALE = "#6cbfb4"
-_HALO = {"facecolor": "white", "alpha": 0.75, "pad": 1.0, "edgecolor": "none"}
 
 
-def _picture_axes(title: str, image_size: Sequence[float], right: float = 18.0) -> Axes:
+def _picture_axes(title: str, image_size: Sequence[float], right: float = 18.0, grid: str = "xy") -> Plot:
     """Axes over a picture (width, height), rows downward, its aspect kept."""
     width, height = (float(size) for size in image_size)
     size = (76 + _INNER_PX + right, 104 + _INNER_PX * height / width)
     ends = ((-0.5, width - 0.5), (height - 0.5, -0.5))
-    return new_axes(title, size, (76, right, 54, 50), *ends, ("u, px", "v, px"))
+    return Plot(title, size, (76, right, 54, 50), *ends, ("u, px", "v, px"), grid=grid)
 
 
-@style
-def heat_map(title: str, data: Mapping[str, Any], image_size: Sequence[float], extra: Sequence[Mapping] = ()) -> Axes:
+def heat_map(title: str, data: Mapping[str, Any], image_size: Sequence[float], extra: Sequence[Mapping] = ()) -> Plot:
     """A map of standard deviations as a picture with contours, a scale, and what lies over it.
 
     data : a map of check.json, and `has_ray`, where the lens has a ray.
     extra : rows of `along_antenna`: the antenna's axis is drawn through them.
     """
-    axes = _picture_axes(title, image_size, right=96.0)
-    axes.set_facecolor("#eceff3")
-    axes.grid(visible=False)
+    axes = _picture_axes(title, image_size, right=96.0, grid="")
+    wide, tall = axes.inner
     x, y = np.array(data["columns_px"]), np.array(data["rows_px"])
-    values = np.ma.masked_invalid(np.array(data["std"], float))
-    known = values.compressed()
+    values = np.array(data["std"], float)
+    known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(np.quantile(known, 0.98))) if known.size else (0.0, 1.0)
     high = high if high > low else low + max(abs(low), 1.0)
     side = [0.5 * (ends[-1] - ends[0]) / (len(ends) - 1) for ends in (x, y)]
-    extent = (x[0] - side[0], x[-1] + side[0], y[-1] + side[1], y[0] - side[1])
-    ends = axes.get_xlim(), axes.get_ylim()
-    drawn = axes.imshow(values, _MAP, vmin=low, vmax=high, extent=extent, aspect="auto", interpolation="bilinear")
-    axes.set(xlim=ends[0], ylim=ends[1])
-    levels: list[float] = []
-    if 0 < low < high:  # round values, evenly spaced, or by factors where high is many times low
-        even = MaxNLocator(_MOST_LEVELS - 1, steps=[1, 2, 5, 10])
-        ticks = even if high < 5 * low else LogLocator(subs=(1.0, 2.0, 5.0), numticks=99)
-        levels = [float(f"{value:.6g}") for value in ticks.tick_values(low, high) if low < value < high]
-    if levels:
-        levels = levels[:: -(-len(levels) // _MOST_LEVELS)]
-        lines = axes.contour(x, y, values, levels, colors="#111827", linewidths=1.0)
-        for label in axes.clabel(lines, fontsize=12, fmt="%g", inline=False):
-            label.set(bbox=_HALO, rotation=0)
+    left, right, top, bottom = x[0] - side[0], x[-1] + side[0], y[0] - side[1], y[-1] + side[1]
+    corners = axes.pixels(np.array([[left, top], [right, top], [left, bottom]]))
+    axes.under.append(f'<rect width="{wide:g}" height="{tall:g}" style="fill:var(--ceceff3,#eceff3)"/>')
+    axes.under.append(picture(_heat((values - low) / (high - low)), corners))
+    for at in _levels(low, high):
+        lines = _contours(x, y, values, at)
+        for one in lines:
+            axes.paths(one[None], "level", stroke="#0b1220")
+        for one in sorted(lines, key=len)[-1:]:
+            share = axes.pixels(one) / axes.inner
+            free = one[((share > 0.06) & (share < 0.94)).all(axis=1)]  # the label's whole width is to be seen
+            if len(free):
+                axes.write(free[len(free) // 2].tolist(), f"{at:g}", "middle", "halo", (0, 4))
     rays = np.array(data["has_ray"], float)
     if (rays < 0.5).any() and (rays > 0.5).any():
-        axes.contour(x, y, rays, [0.5], colors=RED, linewidths=2.0, linestyles="dashed")
+        for one in _contours(x, y, rays, 0.5):
+            axes.paths(one[None], "rays", stroke=RED, width=2.0, dashes=(7, 3))
     seen = [row for row in extra if row["u_px"] is not None]
     if len(seen) > 1:
         points = np.array([[row["u_px"], row["v_px"]] for row in seen])
-        axes.plot(*points.T, color="#ea580c", lw=2.4, marker="o", ms=8)
-        for row, point in list(zip(seen, points, strict=True))[::2]:
-            words = f"{1e3 * row['arclength_m']:.0f} mm"
-            axes.annotate(words, point, (0, 9), textcoords="offset points", ha="center", size=12, bbox=_HALO)
-    width, height = axes.figure.bbox.size
-    scale = axes.figure.add_axes(((width - 80) / width, 50 / height, 14 / width, (height - 104) / height))
-    axes.figure.colorbar(drawn, cax=scale, ticks=np.linspace(low, high, 5), format="%.2g")
-    scale.set_title(f"± {data['unit']}", size=12.5, weight="normal", pad=6)
-    scale.grid(visible=False)
+        axes.line(points[:, 0], points[:, 1], "#ea580c", 2.4)
+        axes.dots(points[:, 0], points[:, 1], "#ea580c", 8.0)
+        for row, at in list(zip(seen, points, strict=True))[::2]:
+            axes.write(at.tolist(), f"{1e3 * row['arclength_m']:.0f} mm", "middle", "halo", (0, -9))
+    _write_scale(axes, low, high, f"± {data['unit']}")
     return axes
 
 
-@style
-def coverage(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -> Axes:
+def _heat(share: np.ndarray) -> bytes:
+    """A PNG of shares (rows, columns) from 0 to 1 in the map's colours, smooth; transparent where they are NaN."""
+    colours = on_ramp(_MAP, share.ravel()).reshape(*share.shape, 3)[..., ::-1]
+    opaque = np.where(np.isfinite(share), 255, 0).astype(np.uint8)
+    size = (8 * share.shape[1], 8 * share.shape[0])
+    smooth = cv2.resize(np.ascontiguousarray(colours), size, interpolation=cv2.INTER_LINEAR)
+    hard = cv2.resize(opaque, size, interpolation=cv2.INTER_NEAREST)
+    return cv2.imencode(".png", np.dstack([smooth, hard]))[1].tobytes()
+
+
+def _levels(low: float, high: float) -> list[float]:
+    """Round values between two, evenly spaced, or by factors where high is many times low."""
+    if not 0 < low < high:
+        return []
+    found = ticks_in(low, high, _MOST_LEVELS - 1)[0]
+    if high >= 5 * low:
+        powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+        found = [step * 10.0**power for power in powers for step in (1, 2, 5)]
+    found = [float(f"{value:.6g}") for value in found if low < value < high]
+    return found[:: -(-len(found) // _MOST_LEVELS)] if found else []
+
+
+def _contours(x: np.ndarray, y: np.ndarray, values: np.ndarray, at: float) -> list[np.ndarray]:
+    """Lines (K, 2) along which values (rows, columns) over x and y are `at`."""
+    return [np.asarray(one) for one in contour_generator(x, y, np.ma.masked_invalid(values)).lines(at)]
+
+
+def _write_scale(axes: Plot, low: float, high: float, title: str) -> None:
+    """A bar of the map's colours to the right of it, with five values, and what they are."""
+    (wide, tall), (left, _, top, _), (bottom, end) = axes.inner, axes.margins, axes.y
+    colours = hexes(on_ramp(_MAP, 1.0 - (np.arange(42) + 0.5) / 42))
+    for row, colour in enumerate(colours):
+        box = f'x="{left + wide + 16:g}" y="{top + row * tall / 42:.1f}" width="14" height="{tall / 42 + 0.5:.1f}"'
+        axes.over.append(f'<rect {box} fill="{colour}"/>')
+    for share in np.linspace(0.0, 1.0, 5):
+        words = f"{low + share * (high - low):.2g}".replace("-", "−")
+        axes.write((axes.x[1], bottom + share * (end - bottom)), words, "start", shift=(35, 4.5))
+    axes.write((axes.x[1], end), title, "middle", shift=(23, -8))
+
+
+def coverage(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -> Plot:
     """Where the corners lie, and how many in each of 8 × 6 fields."""
     axes, size = _picture_axes("where the corners lie", image_size), np.array(image_size, float)
     corners_px = _joined(boards)[0]
@@ -89,17 +129,15 @@ def coverage(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -
     counts = np.zeros(_CELLS, int)
     np.add.at(counts, tuple(cells.T), 1)
     middle, step = max(float(np.median(counts)), 1.0), size / _CELLS
-    for cell in np.ndindex(*_CELLS):
-        (left, top), count = np.array(cell) * step - 0.5, int(counts[cell])
-        fill = _MAP(0.08 + 0.25 * min(count / middle, 2.0)) if count else "#fde8e8"
-        corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * step + [left, top]
-        paths(axes, corners[None], closed=True, fc=fill, ec="none", zorder=0, gid=f"tip:{count} corners")
-    dots(axes, corners_px[:, 0], corners_px[:, 1], "#12355b", 2.4)
+    fills = hexes(on_ramp(_MAP, 0.08 + 0.25 * np.minimum(counts.ravel() / middle, 2.0)))
+    for cell, count, fill in zip(np.ndindex(*_CELLS), counts.ravel().tolist(), fills, strict=True):
+        corners = (np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) + cell) * step - 0.5
+        axes.paths(corners[None], "field", fill=fill if count else "#fde8e8", tip=f"{count} corners")
+    axes.dots(corners_px[:, 0], corners_px[:, 1], "#12355b", 2.4)
     return axes
 
 
-@style
-def residual_arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -> Axes:
+def residual_arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -> Plot:
     """Residuals as arrows from predicted to seen, enlarged alike."""
     lengths = np.linalg.norm(_joined(boards)[1], axis=1)
     long_px = max(float(np.quantile(lengths, 0.95)), 1e-6)
@@ -111,12 +149,12 @@ def residual_arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[fl
         for chosen, colour in ((good, AMBER if view["folder"] == "plane" else TEAL), (~good, RED)):
             start = corners[chosen]
             arrows = np.stack([start, start + factor * residuals[chosen]], axis=1)
-            paths(axes, arrows, ec=colour, lw=1.3, label="arrows")
-        dots(axes, corners[:, 0], corners[:, 1], INK, 1.8)
-    shown = round_down(long_px)
-    length = factor * shown / float(image_size[0])
-    axes.plot([1 - length, 1], [1.025, 1.025], transform=axes.transAxes, color=INK, lw=2, clip_on=False)
-    axes.text(1 - length, 1.012, f"{shown:g} px ", transform=axes.transAxes, ha="right", color=INK)
+            axes.paths(arrows, "arrows", stroke=colour, width=1.3)
+        axes.dots(corners[:, 0], corners[:, 1], INK, 1.8)
+    length_px = round_down(long_px)
+    long, right = axes.inner[0] * factor * length_px / float(image_size[0]), axes.size[0] - axes.margins[1]
+    axes.over.append(f'<path class="sample" d="M{right - long:.1f} 42h{long:.1f}"/>')
+    axes.write((axes.x[1], axes.y[1]), f"{length_px:g} px", "end", shift=(-long - 6, -8))
     return axes
 
 
@@ -127,77 +165,74 @@ def _joined(boards: Sequence[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray
     return np.array(corners, float).reshape(-1, 2), np.array(residuals, float).reshape(-1, 2), np.array(good, bool)
 
 
-@style
-def residuals_by_radius(boards: Sequence[Mapping[str, Any]], centre_px: Sequence[float]) -> Axes:
+def residuals_by_radius(boards: Sequence[Mapping[str, Any]], centre_px: Sequence[float]) -> Plot:
     """Residuals along the radius over the distance from the lens' centre, with their mean over rings."""
     corners, residuals, good = _joined(boards)
     away = corners - centre_px
     radius = np.linalg.norm(away, axis=1)
     outward = (residuals * away).sum(axis=1) / np.maximum(radius, 1e-9)
     reach = 1.1 * float(np.abs(outward[good]).max()) if good.any() else 1.0
-    axes = new_axes(
+    axes = Plot(
         "residuals by distance from the centre",
         x=(0.0, 1.05 * float(radius.max())),
         y=(-reach, reach),
         labels=("distance from the lens' centre, px", "outward residual, px"),
     )
-    dots(axes, radius[good], outward[good], _PALE, 2.6)
+    axes.dots(radius[good], outward[good], _PALE, 2.6)
     edges = np.quantile(radius[good], np.linspace(0, 1, 11)) if good.any() else np.zeros(0)
     rings = [good & (radius >= low) & (radius <= high) for low, high in pairwise(edges)]
     rings = [ring for ring in rings if ring.sum() >= 3]
     middle, mean = (np.array([values[ring].mean() for ring in rings]) for values in (radius, outward))
     error = np.array([2 * outward[ring].std() / np.sqrt(ring.sum()) for ring in rings])
-    bars(axes, middle, mean - error, mean + error, INK, 1.6)
-    axes.plot(middle, mean, color=INK, lw=2)
-    legend(axes, [(_PALE, "corner", "dot"), (INK, "mean ± 2 std", "line")])
+    axes.bars(middle, mean - error, mean + error, INK, 1.6)
+    axes.line(middle, mean, INK, 2.0)
+    axes.legend([(_PALE, "corner", "dot"), (INK, "mean ± 2 std", "line")])
     return axes
 
 
-@style
-def views_rms(boards: Sequence[Mapping[str, Any]], expected_px: float | None) -> Axes:
+def views_rms(boards: Sequence[Mapping[str, Any]], expected_px: float | None) -> Plot:
     """Each picture's rms; the worst where there are many."""
     worst = sorted(boards, key=lambda view: -float(view["rms_px"]))[:_MOST_VIEWS]
     shown = sorted(worst, key=lambda view: (view["folder"], view["name"]))
     names, rms = [str(view["name"])[-24:] for view in shown], [float(view["rms_px"]) for view in shown]
     left, most = 14.0 + 8.2 * max(map(len, names)), max(rms + ([expected_px] if expected_px else []))
-    axes = new_axes(
+    axes = Plot(
         "rms of every picture",
         (520.0, 110.0 + 17.0 * len(shown)),
         (left, 18, 54, 50),
         x=(0.0, 1.12 * most),
         y=(len(shown) - 0.5, -0.5),
         labels=("rms, px", ""),
+        y_ticks=(range(len(names)), names),
+        grid="x",
     )
-    colours = [AMBER if view["folder"] == "plane" else TEAL for view in shown]
-    axes.barh(range(len(names)), rms, 0.6, color=colours)
-    axes.set_yticks(range(len(names)), names, size=11.5)
-    axes.grid(axis="y", visible=False)
+    for row, (view, long) in enumerate(zip(shown, rms, strict=True)):
+        corners = np.array([[0.0, row - 0.3], [long, row - 0.3], [long, row + 0.3], [0.0, row + 0.3]])
+        axes.paths(corners[None], "bar", fill=AMBER if view["folder"] == "plane" else TEAL)
     folders = {view["folder"] for view in shown}
     kinds = (("intrinsics", TEAL, "intrinsics"), ("plane", AMBER, "jig")) if len(folders) > 1 else ()
     entries = [(colour, words, "dot") for _, colour, words in kinds]
     if expected_px:
-        axes.axvline(expected_px, color=INK, lw=1, ls=(0, (5, 3)))
+        axes.upright(expected_px, INK, dashes=(5, 3))
         entries.append((INK, "expected", "dashes"))
-    legend(axes, entries)
+    axes.legend(entries)
     return axes
 
 
-@style
-def free_residuals(rows: Sequence[Mapping[str, Any]], length_mm: float) -> Axes:
+def free_residuals(rows: Sequence[Mapping[str, Any]], length_mm: float) -> Plot:
     """The free antenna's residuals along it, one line a picture."""
     every = np.concatenate([np.array(row["residual_mm"], float) for row in rows])
     reach = max(1.15 * float(np.abs(every).max(initial=0.0)), 0.02)
     labels = ("distance from the clamp, mm", "residual across it, mm")
-    axes = new_axes("free antenna: measured minus predicted", x=(0.0, length_mm), y=(-reach, reach), labels=labels)
+    axes = Plot("free antenna: measured minus predicted", x=(0.0, length_mm), y=(-reach, reach), labels=labels)
     for index, row in enumerate(rows):
-        axes.plot(row["arclength_mm"], row["residual_mm"], color=_STILLS[index % len(_STILLS)], lw=1.6)
+        axes.line(row["arclength_mm"], row["residual_mm"], _STILLS[index % len(_STILLS)], 1.6)
     named = [(_STILLS[index], str(row["image"])[-16:], "line") for index, row in enumerate(rows[:3])]
-    legend(axes, named if len(rows) <= 3 else [(_STILLS[0], f"{len(rows)} pictures, a colour each", "line")])
+    axes.legend(named if len(rows) <= 3 else [(_STILLS[0], f"{len(rows)} pictures, a colour each", "line")])
     return axes
 
 
-@style
-def stiffness_by_load(loads: Sequence[Mapping[str, Any]]) -> Axes:
+def stiffness_by_load(loads: Sequence[Mapping[str, Any]]) -> Plot:
     """EI by each load alone, against the rig's."""
     step = np.array([row["stiffness_percent"] for row in loads], float)
     std = np.array([row["stiffness_std_percent"] for row in loads], float)
@@ -206,30 +241,29 @@ def stiffness_by_load(loads: Sequence[Mapping[str, Any]]) -> Axes:
     axes = _counted_axes("EI by each load, against the rig's", len(loads), ends, ("load", "difference of EI, %"))
     number = np.arange(1, len(loads) + 1)
     for chosen, colour in ((~odd, TEAL), (odd, RED)):
-        bars(axes, number[chosen], (step - 2 * std)[chosen], (step + 2 * std)[chosen], colour, 1.6)
-        dots(axes, number[chosen], step[chosen], colour, 8.0)
-    legend(axes, [(TEAL, "± 2 std", "dot"), (RED, "look at", "dot")])
+        axes.bars(number[chosen], (step - 2 * std)[chosen], (step + 2 * std)[chosen], colour, 1.6)
+        axes.dots(number[chosen], step[chosen], colour, 8.0)
+    axes.legend([(TEAL, "± 2 std", "dot"), (RED, "look at", "dot")])
     return axes
 
 
-@style
-def moment_residuals(rows: Sequence[Mapping[str, Any]], std_Nm: float) -> Axes:
+def moment_residuals(rows: Sequence[Mapping[str, Any]], std_Nm: float) -> Plot:
     """The sensor's readings less what the rig predicts, free frames and loads."""
     residual = 1e3 * np.array([row["moment_residual_mNm"] for row in rows], float)
     loaded = np.array(["distance_mm" in row for row in rows], bool)
     number, std = np.arange(1, len(rows) + 1), 1e6 * std_Nm
     ends = limits(residual, [3 * std, -3 * std])
     axes = _counted_axes("moment: measured minus predicted", len(rows), ends, ("picture", "residual, µN·m"))
-    band(axes, np.array(axes.get_xlim()), np.full(2, -2 * std), np.full(2, 2 * std), "#7fccc0", 0.35)
+    axes.band(np.array(axes.x), np.full(2, -2 * std), np.full(2, 2 * std), "#7fccc0", 0.35)
     for chosen, colour in ((~loaded, TEAL), (loaded, AMBER)):
-        dots(axes, number[chosen], residual[chosen], colour, 8.0)
-    legend(axes, [(TEAL, "free", "dot"), (AMBER, "loaded", "dot"), ("#7fccc0", "noise ± 2 std", "band")])
+        axes.dots(number[chosen], residual[chosen], colour, 8.0)
+    axes.legend([(TEAL, "free", "dot"), (AMBER, "loaded", "dot"), ("#7fccc0", "noise ± 2 std", "band")])
     return axes
 
 
-def _counted_axes(title: str, count: int, y: tuple[float, float], labels: tuple[str, str]) -> Axes:
+def _counted_axes(title: str, count: int, y: tuple[float, float], labels: tuple[str, str]) -> Plot:
     """Axes over the numbers 1 to `count`, with a line at 0."""
-    axes = new_axes(title, x=(0.4, count + 0.6), y=y, labels=labels)
-    axes.xaxis.set_major_locator(MaxNLocator(12, integer=True))
-    axes.axhline(0, color=INK, lw=1)
+    x = (0.4, count + 0.6)
+    axes = Plot(title, x=x, y=y, labels=labels, x_ticks=ticks_in(*x, most=12, least_step=1.0))
+    axes.level(0.0, INK)
     return axes

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from estimator.table.contacts import ContactTable
 from viz.scene.readable import enlargement, thinned
@@ -16,16 +16,8 @@ from .drawing import (
     SLATE,
     SOFT,
     TEAL,
-    band,
-    bars,
-    dots,
-    dots_by_time,
-    ellipses,
-    legend,
+    Plot,
     limits,
-    new_axes,
-    paths,
-    style,
     time_colours,
 )
 
@@ -44,7 +36,7 @@ _STEEP = 1.5  # a bound on μ beyond this is not worth the room to draw it
 _SIZE = (480.0, 440.0)
 
 
-def contact_maps(contacts: ContactTable, surface: Surface | None, truth_m: np.ndarray) -> tuple[list[Axes], int]:
+def contact_maps(contacts: ContactTable, surface: Surface | None, truth_m: np.ndarray) -> tuple[list[Plot], int]:
     """Three views of located contacts with their ellipses, the object and true points (Q, 3), equal scales in mm.
 
     Also returns how many times larger ellipses are drawn, so that the usual one can be seen; 1 where it can.
@@ -58,7 +50,6 @@ def contact_maps(contacts: ContactTable, surface: Surface | None, truth_m: np.nd
     return [_contact_map(contacts, surface, truth_m, ends, view, factor) for view in _VIEWS], factor
 
 
-@style
 def _contact_map(
     contacts: ContactTable,
     surface: Surface | None,
@@ -66,35 +57,34 @@ def _contact_map(
     ends_mm: np.ndarray,
     view: tuple[str, int, int],
     factor: int,
-) -> Axes:
+) -> Plot:
     name, *pair = view
     x, y = ends_mm[pair]
     labels = (f"{'XYZ'[pair[0]]}, mm", f"{'XYZ'[pair[1]]}, mm")
-    axes = new_axes(name, (_SIDE_PX + 74, _SIDE_PX + 80), (62, 12, 34, 46), tuple(x), tuple(y), labels)
+    axes = Plot(name, (_SIDE_PX + 74, _SIDE_PX + 80), (62, 12, 34, 46), tuple(x), tuple(y), labels)
     if surface is not None:
         object_mm = 1e3 * surface.points_m[:, pair]
         triangles = object_mm[thinned(surface.triangles, _MOST_TRIANGLES)]
         a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
         # all turn one way: together they fill their union
         triangles = np.where((a[:, 0] * b[:, 1] < a[:, 1] * b[:, 0])[:, None, None], triangles[:, ::-1], triangles)
-        paths(axes, triangles, closed=True, fc=OBJECT, ec="none", alpha=0.25, label="object")
-        paths(axes, object_mm[surface.lines[:_MOST_TRIANGLES]], ec=OBJECT, lw=1.6, label="object")
+        axes.paths(triangles, "object", fill=f"{OBJECT}40")
+        axes.paths(object_mm[surface.lines[:_MOST_TRIANGLES]], "object", stroke=OBJECT, width=1.6)
     truth = 1e3 * thinned(truth_m, _MOST_POINTS)[:, pair]
     arm = 2 * float(np.ptp(x)) / _SIDE_PX
     for diagonal in ([1, 1], [1, -1]):
         crosses = truth[:, None] + arm * np.array([[-1], [1]]) * diagonal
-        paths(axes, crosses, ec="#111827", lw=0.8, label="truth")
+        axes.paths(crosses, "truth", stroke="#111827", width=0.8)
     points, covariance = 1e3 * contacts.point_world_m[:, pair], contacts.covariance_world_m2
     known = thinned(np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2))), _MOST_ELLIPSES)
     blocks = 1e6 * factor**2 * covariance[known][:, pair][:, :, pair]
-    ellipses(axes, points[known], blocks, time_colours(contacts.time_s)[known])
+    axes.ellipses(points[known], blocks, _picked(time_colours(contacts.time_s), known))
     shown = thinned(np.arange(len(points)), _MOST_POINTS)
-    dots_by_time(axes, points[shown], contacts.time_s[shown])
+    axes.dots_by_time(points[shown], contacts.time_s[shown])
     return axes
 
 
-@style
-def forces_across(contacts: ContactTable) -> Axes:
+def forces_across(contacts: ContactTable) -> Plot:
     """f_z over f_y, each contact an arrow's head from the origin (paper, Fig. 5)."""
     whole = np.isfinite(contacts.force_y_N + contacts.force_z_N)
     force = 1e3 * np.stack([contacts.force_y_N, contacts.force_z_N], axis=1)[whole]
@@ -102,22 +92,21 @@ def forces_across(contacts: ContactTable) -> Axes:
     time_s = contacts.time_s[whole]
     reach = 1.12 * max(float(np.abs(force).max(initial=0.0)), 1e-6)
     ends = (-reach, reach)
-    axes = new_axes("force across the antenna", _SIZE, (90, 68, 70, 48), ends, ends, ("f_y, mN", "f_z, mN"))
-    axes.axhline(0, color=SOFT, lw=1)
-    axes.axvline(0, color=SOFT, lw=1)
+    axes = Plot("force across the antenna", _SIZE, (90, 68, 70, 48), ends, ends, ("f_y, mN", "f_z, mN"))
+    axes.level()
+    axes.upright(0.0)
     shown = thinned(np.arange(len(force)), _MOST_POINTS)
     if len(shown) <= _MOST_ELLIPSES:
         tips = force[shown]
-        paths(axes, np.stack([0 * tips, tips], axis=1), ec=SOFT, lw=0.4, label="arrows")
+        axes.paths(np.stack([0 * tips, tips], axis=1), "arrows", stroke=SOFT, width=0.4)
     known = thinned(shown[np.isfinite(std[shown]).all(axis=1)], _MOST_ELLIPSES)
-    ellipses(axes, force[known], std[known, :, None] ** 2 * np.eye(2), time_colours(time_s)[known])
-    dots_by_time(axes, force[shown], time_s[shown])
-    dots(axes, np.zeros(1), np.zeros(1), INK)
+    axes.ellipses(force[known], std[known, :, None] ** 2 * np.eye(2), _picked(time_colours(time_s), known))
+    axes.dots_by_time(force[shown], time_s[shown])
+    axes.dots(np.zeros(1), np.zeros(1), INK)
     return axes
 
 
-@style
-def friction_cone(friction: Friction, force_N: np.ndarray, true_mu: float = np.nan) -> Axes:
+def friction_cone(friction: Friction, force_N: np.ndarray, true_mu: float = np.nan) -> Plot:
     """Force across antenna and normal over that along the object's normal, within the cone tan α = μ.
 
     force_N : (P, 3) of the contacts that friction was estimated from. true_mu : NaN where it is not known.
@@ -130,9 +119,9 @@ def friction_cone(friction: Friction, force_N: np.ndarray, true_mu: float = np.n
     slope = max((m for m in (mu, *friction.interval, true_mu) if m < _STEEP), default=0.0)
     reach = 1.15 * max(float(np.abs(tangential[known]).max(initial=0.0)), 1.02 * slope * furthest, 0.05 * furthest)
     labels = ("force along the object's normal, mN", "force across it and the antenna, mN")
-    axes = new_axes("friction cone", _SIZE, (70, 14, 52, 48), (0.0, furthest), (-reach, reach), labels)
+    axes = Plot("friction cone", _SIZE, (70, 14, 52, 48), (0.0, furthest), (-reach, reach), labels)
     entries = _cone_lines(axes, mu, friction.interval, true_mu)
-    axes.axhline(0, color=SOFT, lw=1)
+    axes.level()
     shown = thinned(np.flatnonzero(known), _MOST_POINTS)
     used_as = np.asarray(friction.used_as)[shown]
     marks = []
@@ -144,39 +133,37 @@ def friction_cone(friction: Friction, force_N: np.ndarray, true_mu: float = np.n
         index = shown[here]
         if len(index):
             _std_bars(axes, normal[index], tangential[index], (size * friction.lateral_std_rad)[index], colour)
-            dots(axes, normal[index], tangential[index], colour)
+            axes.dots(normal[index], tangential[index], colour)
             if mark == "ring":
-                dots(axes, normal[index], tangential[index], "white", 2.6)
+                axes.dots(normal[index], tangential[index], "#ffffff", 2.6)
             marks.append((colour, words, mark))
-    legend(axes, [*marks, *entries])
+    axes.legend([*marks, *entries])
     return axes
 
 
-def _cone_lines(axes: Axes, mu: float, interval: np.ndarray, true_mu: float) -> list[tuple[str, str, str]]:
+def _cone_lines(axes: Plot, mu: float, interval: np.ndarray, true_mu: float) -> list[tuple[str, str, str]]:
     """The cone or its bounds, and the true one; the legend's entries."""
-    x = np.array([0.0, axes.get_xlim()[1]])
+    x = np.array([0.0, axes.x[1]])
     bounds = [bound for bound in interval if 0 < bound < _STEEP]
     for sign in (-1.0, 1.0):
         if np.isfinite(mu):
             low, high = np.sort(sign * np.outer(interval, x), axis=0)
-            band(axes, x, low, high, TEAL, 0.25)
-            axes.plot(x, sign * mu * x, color=TEAL, lw=1.8)
+            axes.band(x, low, high, TEAL, 0.25)
+            axes.line(x, sign * mu * x, TEAL, 1.8, name="cone")
         else:
             for bound in bounds:
-                axes.plot(x, sign * bound * x, color=TEAL, lw=1.4, ls=(0, (1.5, 3)))
+                axes.line(x, sign * bound * x, TEAL, 1.4, dashes=(1.5, 3))
         if np.isfinite(true_mu):
-            axes.plot(x, sign * true_mu * x, color=AMBER, lw=1.4, ls=(0, (4, 3)))
+            axes.line(x, sign * true_mu * x, AMBER, 1.4, "truth", dashes=(4, 3))
     entries = [(AMBER, "truth", "dashes")] if np.isfinite(true_mu) else []
     if np.isfinite(mu):
         alpha, at = np.degrees(np.arctan(mu)), 0.42 * x[1]
-        words = f"α = {alpha:.1f}°, μ = {mu:.3g}"
-        axes.text(at, mu * at + 0.05 * axes.get_ylim()[1], words, ha="right", weight="bold")
+        axes.write((at, mu * at + 0.05 * axes.y[1]), f"α = {alpha:.1f}°, μ = {mu:.3g}", "end", "strong")
         return [(TEAL, "cone, 95 %", "band"), *entries]
     return [(TEAL, "bound, 95 %", "dashes"), *entries] if bounds else entries
 
 
-@style
-def indentation(surface: Surface, contacts: ContactTable, radius_m: float, true_compliance_m_N: float = np.nan) -> Axes:
+def indentation(surface: Surface, contacts: ContactTable, radius_m: float, true_compliance_m_N: float = np.nan) -> Plot:
     """Indentation over the normal force of the surface's touches, with the fitted line.
 
     contacts : the table's rows of the touches. radius_m : of the antenna. true_compliance_m_N : NaN if not known.
@@ -193,25 +180,29 @@ def indentation(surface: Surface, contacts: ContactTable, radius_m: float, true_
     x = np.array([0.0, 1.08 * max(float(force.max(initial=0.0)), 1e-6)])
     ends = limits(inside - spread, inside + spread, [0.0])
     labels = ("force along the object's normal, mN", "indentation, mm")
-    axes = new_axes("indentation of the object", _SIZE, (70, 14, 52, 48), (0.0, x[1]), ends, labels)
-    axes.axhline(0, color=SOFT, lw=1)
+    axes = Plot("indentation of the object", _SIZE, (70, 14, 52, 48), (0.0, x[1]), ends, labels)
+    axes.level()
     entries = [(SLIDING, "contact ± 2 std", "dot")]
     # m/N are mm/mN
     if soft.determined and np.isfinite(soft.compliance_m_N):
         if np.isfinite(soft.std_m_N):
             low, high = (soft.compliance_m_N + sign * 2 * soft.std_m_N for sign in (-1, 1))
-            band(axes, x, low * x, high * x, TEAL, 0.25)
-        axes.plot(x, soft.compliance_m_N * x, color=TEAL, lw=1.8, label="fit")
+            axes.band(x, low * x, high * x, TEAL, 0.25)
+        axes.line(x, soft.compliance_m_N * x, TEAL, 1.8, name="fit")
         entries.append((TEAL, "fit ± 2 std", "band"))
     if np.isfinite(true_compliance_m_N):
-        axes.plot(x, true_compliance_m_N * x, color=AMBER, lw=1.4, ls=(0, (4, 3)))
+        axes.line(x, true_compliance_m_N * x, AMBER, 1.4, "truth", dashes=(4, 3))
         entries.append((AMBER, "truth", "dashes"))
     _std_bars(axes, force, inside, std, SLIDING)
-    dots(axes, force, inside, SLIDING)
-    legend(axes, entries)
+    axes.dots(force, inside, SLIDING)
+    axes.legend(entries)
     return axes
 
 
-def _std_bars(axes: Axes, x: np.ndarray, y: np.ndarray, std: np.ndarray, colour: str) -> None:
+def _std_bars(axes: Plot, x: np.ndarray, y: np.ndarray, std: np.ndarray, colour: str) -> None:
     known = np.isfinite(std)
-    bars(axes, x[known], (y - 2 * std)[known], (y + 2 * std)[known], colour, 0.7)
+    axes.bars(x[known], (y - 2 * std)[known], (y + 2 * std)[known], colour, 0.7)
+
+
+def _picked(values: Sequence[str], index: np.ndarray) -> list[str]:
+    return [values[one] for one in index.tolist()]

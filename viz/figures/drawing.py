@@ -1,196 +1,302 @@
-"""What all figures share: style, axes of a fixed size, marks, and the way into a page as SVG with text as text."""
+"""What all figures share: axes of a fixed size with ticks, marks in the data's units, and how they become SVG."""
 
 from __future__ import annotations
 
-import io
+import base64
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from html import escape
+from itertools import groupby
 from typing import Any
 
-import matplotlib
 import numpy as np
 from markupsafe import Markup
-from matplotlib import colormaps
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.colors import LinearSegmentedColormap, to_hex
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, PathPatch
-from matplotlib.path import Path
+from numpy.typing import ArrayLike
+
+from viz.scene.readable import hexes, on_ramp, round_down
 
 INK, SOFT = "#1f2937", "#5b6676"
 TEAL, AMBER, RED, SLATE = "#0f766e", "#b45309", "#dc2626", "#64748b"
 ESTIMATE, TRUTH = TEAL, AMBER
-RAMP = tuple(to_hex(colour) for colour in colormaps["viridis"](np.linspace(0.28, 0.88, 7)))
+RAMP = ("#375a8c", "#2c738e", "#228b8d", "#20a386", "#3bbb75", "#6ece58", "#b0dd2f")
 """From early to late, dark to light: distinguishable without colour vision, and on a page of either brightness."""
 _THEMED = re.compile(
     r"#(ffffff|1f2937|111827|334155|5b6676|64748b|dde3ea|eceff3|0f766e|b45309|dc2626|0072b2|c2410c|7c3aed|12355b)\b"
 )
 """Colours for which a page in the dark has others, by the variables of `viz/pages/templates/style.css`."""
-_ELLIPSE_STD = 2.0
-_TIME = LinearSegmentedColormap.from_list("time", RAMP)
-_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
-style = matplotlib.rc_context(
-    {
-        "svg.fonttype": "none",
-        "svg.hashsalt": "vbaa",
-        "path.simplify": False,
-        "font.family": "DejaVu Sans",
-        "font.size": 12.5,
-        "text.color": INK,
-        "axes.titlesize": 14,
-        "axes.titleweight": "bold",
-        "axes.titlecolor": INK,
-        "axes.titlelocation": "left",
-        "axes.labelcolor": SOFT,
-        "axes.grid": True,
-        "axes.axisbelow": True,
-        "axes.formatter.useoffset": False,
-        "axes.formatter.limits": (-5, 7),
-        "axes.spines.left": False,
-        "axes.spines.right": False,
-        "axes.spines.top": False,
-        "axes.spines.bottom": False,
-        "grid.color": "#dde3ea",
-        "grid.linewidth": 1.0,
-        "xtick.color": SOFT,
-        "ytick.color": SOFT,
-        "xtick.major.size": 0.0,
-        "ytick.major.size": 0.0,
-        "legend.frameon": False,
-        "legend.borderaxespad": 0.0,
-        "legend.columnspacing": 1.2,
-        "legend.handlelength": 1.1,
-        "legend.handletextpad": 0.5,
-        "legend.labelcolor": SOFT,
-    }
-)
-"""Decorates every function that draws or writes."""
+_LETTER_PX = 7.2
+"""Width of a tick's letter, on average, from which the room for titles, keys and tick labels is estimated."""
+_SIGNS = {"dot": "●", "ring": "○", "line": "━", "dashes": "╍", "band": "■"}
+Places = Sequence[float] | np.ndarray
+Ticks = tuple[Sequence[float], Sequence[str]]
+"""Places on an axis, and what is written at each."""
 
 
-@style
-def new_axes(
-    title: str,
-    size: tuple[float, float] = (520.0, 344.0),
-    margins: tuple[float, float, float, float] = (76.0, 18.0, 54.0, 50.0),
-    x: tuple[float, float] = (0.0, 1.0),
-    y: tuple[float, float] = (0.0, 1.0),
-    labels: tuple[str, str] = ("", ""),
-) -> Axes:
-    """Axes in a figure of (width, height) pixels with margins left, right, top, bottom; limits `x`, `y`."""
-    (width, height), (left, right, top, bottom) = size, margins
-    figure = Figure(figsize=(width / 72, height / 72), dpi=72)
-    FigureCanvasSVG(figure)
-    inside = (left / width, bottom / height, (width - left - right) / width, (height - top - bottom) / height)
-    axes = figure.add_axes(inside)
-    axes.set(xlim=x, ylim=y, xlabel=labels[0], ylabel=labels[1])
-    axes.set_title(title, y=1.0, pad=top - 24 if top > 40 else 10)
-    return axes
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """Marks that look alike, in the units of their axes.
 
-
-@style
-def svg(axes: Axes, name: str = "", attributes: str = "") -> Markup:
-    """The figure for a page. What an artist's gid says after "tip:" shows while the mouse is over it.
-
-    name : for readers who do not see it; the title without one. attributes : further ones of the tag, as HTML.
+    Attributes
+    ----------
+    name : of the kind, for readers of the code. points : (N, K, 2) N lines or outlines; K = 1 for dots.
+    fill, stroke : colours "#rrggbb" or "#rrggbbaa"; "" for none. width : of the stroke, px.
+    dashes : px on and off. round_ends : dots and joints are round.
+    ellipse : `points` (N, 3, 2) are centres and an end of each of two conjugate half axes.
+    tip : shows while the mouse is over it.
     """
-    name, text = name or axes.get_title(loc="left"), io.StringIO()
-    matplotlib.rcParams["svg.hashsalt"] = name
-    figure = axes.figure
-    assert isinstance(figure, Figure)
-    figure.savefig(text, format="svg", metadata=_METADATA)
-    body = text.getvalue()
-    body = body[body.index('<g id="figure_1">') :]
-    body = re.sub(r'<g id="tip:([^"]*)">', r"<g><title>\1</title>", body)
-    body = body.replace('<g id="legend_1">', '<g class="legend">')
-    body = re.sub(r' id="[A-Za-z0-9.]+_\d+"', "", body)
-    body = re.sub(r' style="[^"]*"', lambda look: _THEMED.sub(r"var(--c\1, #\1)", look.group()), body)
-    body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+|\s*\n", r"\1", path.group()), body)
-    width, height = 72 * figure.get_size_inches()
-    return Markup(
-        f'<svg {attributes} viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="{escape(name)}">{body}'
-    )
+
+    name: str
+    points: np.ndarray
+    fill: str = ""
+    stroke: str = ""
+    width: float = 1.0
+    dashes: tuple[float, ...] = ()
+    round_ends: bool = False
+    ellipse: bool = False
+    tip: str = ""
 
 
-def paths(axes: Axes, points: np.ndarray, *, closed: bool = False, **look: object) -> None:
-    """N lines or filled polygons of K corners, (N, K, 2), as one artist; nothing for none."""
-    points = np.asarray(points, float)
-    if not len(points):
-        return
-    codes = np.full(points.shape[:2], Path.LINETO, Path.code_type)
-    codes[:, 0] = Path.MOVETO
-    axes.add_artist(PathPatch(Path(points.reshape(-1, 2), codes.ravel()), fill=closed, **look))
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """Axes in a figure of `size` (width, height) px with `margins` left, right, top, bottom; limits `x`, `y`, rising or
+    falling. What is drawn is appended to `marks`, in the order of drawing, and as SVG to `under` and `over` them."""
+
+    title: str
+    size: tuple[float, float] = (520.0, 344.0)
+    margins: tuple[float, float, float, float] = (76.0, 18.0, 54.0, 50.0)
+    x: tuple[float, float] = (0.0, 1.0)
+    y: tuple[float, float] = (0.0, 1.0)
+    labels: tuple[str, str] = ("", "")
+    x_ticks: Ticks | None = None
+    y_ticks: Ticks | None = None
+    grid: str = "xy"
+    marks: list[Marks] = field(default_factory=list)
+    under: list[str] = field(default_factory=list)
+    over: list[str] = field(default_factory=list)
+    key: list[tuple[str, str, str]] = field(default_factory=list)
+
+    @property
+    def inner(self) -> tuple[float, float]:
+        """Width and height of the plot itself, px."""
+        (width, height), (left, right, top, bottom) = self.size, self.margins
+        return width - left - right, height - top - bottom
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """(…, 2) px from the plot's upper left corner, of points (…, 2) in the axes' units."""
+        low, high = np.array([self.x, self.y[::-1]]).T
+        return (np.asarray(points, float) - low) / (high - low) * self.inner
+
+    def svg(self, name: str = "", attributes: str = "") -> Markup:
+        """The figure for a page.
+
+        name : for readers who do not see it; the title without one. attributes : further ones of the tag, as HTML.
+        """
+        (width, height), (left, right, top, _), (wide, tall) = self.size, self.margins, self.inner
+        x_ticks, y_ticks = self.x_ticks or ticks_in(*self.x), self.y_ticks or ticks_in(*self.y)
+        x, x_names = _on_axis(self, 0, *x_ticks)
+        y, y_names = _on_axis(self, 1, *y_ticks)
+        lines = "".join(f"M{at:.1f} 0v{tall:g}" for at in x if "x" in self.grid)
+        lines += "".join(f"M0 {at:.1f}h{wide:g}" for at in y if "y" in self.grid)
+        parts = [
+            f'<svg x="{left:g}" y="{top:g}" width="{wide:g}" height="{tall:g}">',
+            *self.under,
+            f'<path class="grid" d="{lines}"/>' if lines else "",
+            *_drawn(self),
+            "</svg>",
+            *(_text(left + at, top + tall + 17, words, "middle") for at, words in zip(x, x_names, strict=True)),
+            *(_text(left - 7, top + at + 4.5, words, "end") for at, words in zip(y, y_names, strict=True)),
+            *self.over,
+        ]
+        if self.labels[0]:
+            parts.append(_text(left + wide / 2, top + tall + 36, self.labels[0], "middle"))
+        if self.labels[1]:
+            away = max(left - 16 - _LETTER_PX * max(map(len, y_names), default=0), 13.0)
+            parts.append(_text(away, top + tall / 2, self.labels[1], "middle", turned=True))
+        # the title moves up where the key would run into it
+        long = 1.14 * _LETTER_PX * len(self.title)
+        long += sum(_LETTER_PX * (len(words) + 3.5) for _, words, _ in self.key) if self.key and top <= 40 else 0
+        more = 20 if long > wide else 0
+        if self.title:
+            parts.append(_text(left, (24 if top > 40 else top - 10) - more, self.title, "start", "title"))
+        if self.key:
+            side = f'x="{width - right:g}" y="{top - 8:g}" text-anchor="end"'
+            entries = "".join(map(_entry, self.key)).replace(' dx="13"', "", 1)
+            parts.append(f'<text class="legend" {side}>{entries}</text>')
+        box = f"0 {-more} {width:g} {height + more:g}"
+        name = escape(name or self.title)
+        return Markup(f'<svg {attributes} viewBox="{box}" role="img" aria-label="{name}">{"".join(parts)}</svg>')
+
+    def paths(self, points: ArrayLike, name: str, **look: Any) -> None:
+        """N lines or, with `fill`, polygons of K corners, (N, K, 2), as one mark; nothing for none."""
+        points = np.asarray(points, float)
+        if len(points):
+            self.marks.append(Marks(name, points, **look))
+
+    def line(self, x: Places, y: Places, colour: str, width: float = 1.0, name: str = "line", **look: Any) -> None:
+        """One line through x, y (K,)."""
+        self.paths(np.column_stack([x, y])[None], name, stroke=colour, width=width, **look)
+
+    def level(self, y: float = 0.0, colour: str = SOFT) -> None:
+        """A line at y over the whole plot."""
+        self.line(self.x, (y, y), colour, name="level")
+
+    def upright(self, x: float, colour: str = SOFT, **look: Any) -> None:
+        """A line at x over the whole plot."""
+        self.line((x, x), self.y, colour, name="upright", **look)
+
+    def write(self, at: Places, words: str, anchor: str, kind: str = "", shift: Places = (0.0, 0.0)) -> None:
+        """Words over the marks at a place (2,), moved to the right and down by px. `anchor` is start, middle or end,
+        `kind` a class of style.css."""
+        x, y = (self.pixels(np.asarray(at)) + np.array(self.margins)[[0, 2]] + shift).tolist()
+        self.over.append(_text(x, y, words, anchor, kind))
+
+    def dots(self, x: np.ndarray, y: np.ndarray, colour: str, size: float = 5.0) -> None:
+        """Filled points at x, y (N,); any number of them is one short path."""
+        if len(x):
+            at = np.column_stack([x, y]).astype(float)[:, None]
+            self.marks.append(Marks("dots", at, stroke=colour, width=size, round_ends=True))
+
+    def bars(self, x: np.ndarray, low: np.ndarray, high: np.ndarray, colour: str, width: float = 1.3) -> None:
+        """Upright bars from low to high (N,), cut at the plot's edge."""
+        ends = [np.column_stack([x, np.clip(end, min(self.y), max(self.y))]) for end in (low, high)]
+        self.paths(np.stack(ends, axis=1), "bars", stroke=colour, width=width)
+
+    def band(self, x: np.ndarray, low: np.ndarray, high: np.ndarray, colour: str, alpha: float = 0.22) -> None:
+        """What lies between low and high (N,) over x, cut at the plot's edge."""
+        low, high = (np.clip(end, min(self.y), max(self.y)) for end in (low, high))
+        outline = np.column_stack([np.concatenate([x, x[::-1]]), np.concatenate([high, low[::-1]])])
+        self.paths(outline[None], "band", fill=pale(colour, alpha))
+
+    def ellipses(self, centre: np.ndarray, covariance: np.ndarray, colours: Sequence[str]) -> None:
+        """Ellipses of two standard deviations around centre (N, 2) by covariance (N, 2, 2); N colours."""
+        variance, turn = np.linalg.eigh(covariance)
+        half_axes = turn * 2.0 * np.sqrt(np.clip(variance, 0.0, None))[:, None, :]
+        shapes = centre[:, None] + np.concatenate([np.zeros((len(centre), 1, 2)), np.swapaxes(half_axes, 1, 2)], axis=1)
+        for group in _groups(len(centre)):
+            colour = colours[group[len(group) // 2]]
+            fill, stroke = pale(colour, 0.22), pale(colour, 0.7)
+            self.marks.append(Marks("ellipses", shapes[group], fill, stroke, 0.7, ellipse=True))
+
+    def dots_by_time(self, at: np.ndarray, time_s: np.ndarray) -> None:
+        """Points (P, 2) in the order of time, coloured by it: a few groups of equal colour."""
+        colours = time_colours(time_s)
+        for group in _groups(len(at)):
+            self.dots(at[group, 0], at[group, 1], colours[group[len(group) // 2]], 3.6)
+
+    def legend(self, entries: Sequence[tuple[str, str, str]]) -> None:
+        """Marks and words in one row above the plot, to the right: (colour, words, mark).
+
+        A mark is "dot", "ring", "line", "dashes" or "band".
+        """
+        self.key.extend(entries)
 
 
-def dots(axes: Axes, x: np.ndarray, y: np.ndarray, colour: object, size: float = 5.0) -> None:
-    """Filled points at x, y (N,); any number of them is one short path."""
-    at = np.column_stack([x, y])
-    paths(axes, np.stack([at, at], axis=1), ec=colour, lw=size, capstyle="round", label="dots")
+def _entry(entry: tuple[str, str, str]) -> str:
+    colour, words, sign = entry
+    look = _colour("fill", pale(colour, 0.35) if sign == "band" else colour)
+    return f'<tspan style="{look}" dx="13">{_SIGNS[sign]}</tspan><tspan dx="4">{escape(words, quote=False)}</tspan>'
 
 
-def bars(axes: Axes, x: np.ndarray, low: np.ndarray, high: np.ndarray, colour: object, width: float = 1.3) -> None:
-    """Upright bars from low to high (N,), cut at the plot's edge."""
-    ends = [np.column_stack([x, np.clip(end, *axes.get_ylim())]) for end in (low, high)]
-    paths(axes, np.stack(ends, axis=1), ec=colour, lw=width, label="bars")
+def _text(x: float, y: float, words: str, anchor: str, kind: str = "", turned: bool = False) -> str:
+    """Words at (x, y) px; `turned` reads upwards."""
+    turn = f' transform="rotate(-90 {x:.1f} {y:.1f})"' if turned else ""
+    look = f' class="{kind}"' if kind else ""
+    side = f' text-anchor="{anchor}"' if anchor != "start" else ""
+    return f'<text{look} x="{x:.1f}" y="{y:.1f}"{side}{turn}>{escape(words, quote=False)}</text>'
 
 
-def band(axes: Axes, x: np.ndarray, low: np.ndarray, high: np.ndarray, colour: str, alpha: float = 0.22) -> None:
-    """What lies between low and high (N,) over x, cut at the plot's edge."""
-    low, high = (np.clip(end, *axes.get_ylim()) for end in (low, high))
-    outline = np.column_stack([np.concatenate([x, x[::-1]]), np.concatenate([high, low[::-1]])])
-    paths(axes, outline[None], closed=True, fc=colour, ec="none", alpha=alpha, label="band")
+def picture(image: bytes, corners_px: np.ndarray) -> str:
+    """A PNG or JPEG whose upper left, upper right and lower left corners are at (3, 2) px, as SVG."""
+    kind = "png" if image.startswith(b"\x89PNG") else "jpeg"
+    data = base64.b64encode(image).decode()
+    start, right, down = corners_px
+    turn = " ".join(f"{value:.2f}" for value in (*(right - start), *(down - start), *start))
+    size = f'width="1" height="1" preserveAspectRatio="none" transform="matrix({turn})"'
+    return f'<image {size} href="data:image/{kind};base64,{data}"/>'
 
 
-def ellipses(axes: Axes, centre: np.ndarray, covariance: np.ndarray, colours: np.ndarray) -> None:
-    """Ellipses of two standard deviations around centre (N, 2) by covariance (N, 2, 2); colours (N, 4)."""
-    variance, turn = np.linalg.eigh(covariance)
-    half_axes = turn * _ELLIPSE_STD * np.sqrt(np.clip(variance, 0.0, None))[:, None, :]
-    angle = np.linspace(0, 2 * np.pi, 25)
-    outline = centre[:, None] + np.einsum("nij,kj->nki", half_axes, np.column_stack([np.cos(angle), np.sin(angle)]))
-    for group in _groups(len(centre)):
-        rgb = tuple(colours[group[len(group) // 2]][:3])
-        paths(axes, outline[group], closed=True, fc=(*rgb, 0.22), ec=(*rgb, 0.7), lw=0.7, label="ellipses")
+def ticks_in(low: float, high: float, most: int = 8, least_step: float = 0.0) -> Ticks:
+    """Round places between two ends, at most so many, and their names."""
+    low, high = min(low, high), max(low, high)
+    step = max(round_down(2.5 * (high - low) / most), least_step)
+    number = np.arange(int(np.ceil(low / step - 1e-6)), int(np.floor(high / step + 1e-6)) + 1)
+    decimals = max(0, -int(np.floor(np.log10(step) + 1e-9)))
+    largest = max(abs(low), abs(high))
+    plain = largest < 1e7 and decimals <= 6
+    names = [f"{step * one:.{decimals}f}" if plain else f"{step * one:.6g}" for one in number]
+    return (step * number).tolist(), [name.replace("-", "−") for name in names]
 
 
-def time_colours(time_s: np.ndarray) -> np.ndarray:
-    """(P, 4) a colour for each time (P,), from the first to the last."""
+def _on_axis(axes: Plot, axis: int, places: Sequence[float], names: Sequence[str]) -> tuple[np.ndarray, list[str]]:
+    """Ticks that lie on an axis: pixels along it, and names."""
+    points = np.zeros((len(places), 2))
+    points[:, axis] = places
+    at = axes.pixels(points)[:, axis]
+    here = (at > -0.5) & (at < axes.inner[axis] + 0.5)
+    return at[here], [name for name, is_here in zip(names, here, strict=True) if is_here]
+
+
+def _drawn(axes: Plot) -> Iterator[str]:
+    """The marks in SVG; neighbours that look alike are one path."""
+    described = ((_look(mark), mark.tip, mark) for mark in axes.marks)
+    for (look, tip), marks in groupby(described, key=lambda one: one[:2]):
+        path = "".join(_mark_path(axes, mark) for _, _, mark in marks)
+        drawn = f'<path style="{look}" d="{path}"/>'
+        yield f"<g><title>{escape(tip)}</title>{drawn}</g>" if tip else drawn
+
+
+def _mark_path(axes: Plot, mark: Marks) -> str:
+    at = axes.pixels(mark.points)
+    return _arcs(at[:, 0], at[:, 1:] - at[:, :1]) if mark.ellipse else _path(at, closed=bool(mark.fill))
+
+
+def _path(points_px: np.ndarray, closed: bool = False) -> str:
+    """(N, K, 2) px as N lines, outlines if `closed`, or dots if K = 1, of an SVG path, without those that hold NaN."""
+    points_px = points_px[np.isfinite(points_px).all(axis=(1, 2))]
+    count, corners = points_px.shape[:2]
+    one = "M%.1f %.1f" + ("h0" if corners == 1 else "L" + " ".join(["%.1f %.1f"] * (corners - 1))) + "z" * closed
+    return (one * count % tuple(np.clip(points_px, -1e5, 1e5).ravel().tolist())).replace(".0", "")
+
+
+def _arcs(centre_px: np.ndarray, half_axes_px: np.ndarray) -> str:
+    """Ellipses of centres (N, 2) and two conjugate half axes (N, 2, 2), a row each, px, as an SVG path."""
+    known = np.isfinite(half_axes_px).all(axis=(1, 2)) & np.isfinite(centre_px).all(axis=1)
+    centre, (turned, radii, _) = centre_px[known], np.linalg.svd(np.swapaxes(half_axes_px[known], 1, 2))
+    angle = np.degrees(np.arctan2(turned[:, 1, 0], turned[:, 0, 0]))
+    radii, ends = np.maximum(radii, 0.05), turned[:, :, 0] * np.maximum(radii, 0.05)[:, :1]
+    numbers = np.column_stack([centre - ends, radii, angle, 2 * ends, radii, angle, -2 * ends])
+    one = "M%.1f %.1fa%.2f %.2f %.0f 1 0 %.1f %.1fa%.2f %.2f %.0f 1 0 %.1f %.1fz"
+    return one * len(numbers) % tuple(np.clip(numbers, -1e5, 1e5).ravel().tolist())
+
+
+def _look(mark: Marks) -> str:
+    """CSS of a mark. Colours that a page in the dark has another for are its variables."""
+    parts = [_colour("fill", mark.fill)]
+    if mark.stroke:
+        parts += [_colour("stroke", mark.stroke), f"stroke-width:{mark.width:.3g}"]
+        parts += [f"stroke-dasharray:{' '.join(f'{one:g}' for one in mark.dashes)}"] if mark.dashes else []
+        parts += ["stroke-linecap:round"] if mark.round_ends else []
+    return ";".join(parts)
+
+
+def _colour(what: str, colour: str) -> str:
+    """A colour "#rrggbb" or "#rrggbbaa" in CSS, as the page's variable where it has one; "" is none."""
+    if not colour:
+        return f"{what}:none"
+    opacity = f";{what}-opacity:{int(colour[7:], 16) / 255:.2g}" if len(colour) > 7 else ""
+    return f"{what}:" + _THEMED.sub(r"var(--c\1,#\1)", colour[:7]) + opacity
+
+
+def time_colours(time_s: np.ndarray) -> list[str]:
+    """A colour for each time (P,), from the first to the last."""
     first, last = (float(time_s.min()), float(time_s.max())) if len(time_s) else (0.0, 0.0)
-    return _TIME((time_s - first) / (last - first) if last > first else np.zeros(len(time_s)))
-
-
-def dots_by_time(axes: Axes, at: np.ndarray, time_s: np.ndarray) -> None:
-    """Points (P, 2) in the order of time, coloured by it: a few groups of equal colour."""
-    colours = time_colours(time_s)
-    for group in _groups(len(at)):
-        dots(axes, at[group, 0], at[group, 1], tuple(colours[group[len(group) // 2]]), 3.6)
+    return hexes(on_ramp(RAMP, (time_s - first) / (last - first) if last > first else np.zeros(len(time_s))))
 
 
 def _groups(count: int) -> list[np.ndarray]:
     """Neighbours in time that share a colour."""
     return [group for group in np.array_split(np.arange(count), 16) if len(group)]
-
-
-@style
-def legend(axes: Axes, entries: Sequence[tuple[str, str, str]]) -> None:
-    """Marks and words in one row above the plot, to the right: (colour, words, mark).
-
-    A mark is "dot", "ring", "line", "dashes" or "band".
-    """
-    point: dict[str, Any] = {"ls": "", "marker": "o", "ms": 6.5}
-    looks: dict[str, dict[str, Any]] = {
-        "line": {"lw": 2, "ls": "-"},
-        "dashes": {"lw": 2, "ls": (0, (2, 1.5))},
-        "ring": {**point, "mfc": "white", "mew": 1.5},
-        "dot": {**point, "mew": 0},
-    }
-    handles = [
-        Patch(fc=colour, alpha=0.35) if mark == "band" else Line2D([], [], color=colour, **looks[mark])
-        for colour, _, mark in entries
-    ]
-    words = [words for _, words, _ in entries]
-    axes.legend(handles, words, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(words))
 
 
 def limits(*values: np.ndarray | Sequence[float]) -> tuple[float, float]:
@@ -200,3 +306,8 @@ def limits(*values: np.ndarray | Sequence[float]) -> tuple[float, float]:
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     wider = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
     return low - wider, high + wider
+
+
+def pale(colour: str, alpha: float) -> str:
+    """A colour "#rrggbb" of an opacity."""
+    return f"{colour}{round(255 * alpha):02x}"

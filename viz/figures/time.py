@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.axes import Axes
 
 from vbaa_calib.core.robust import finite_median
 
-from .drawing import ESTIMATE, INK, SOFT, TRUTH, band, bars, dots, legend, limits, new_axes, paths, style, svg
+from .drawing import (
+    ESTIMATE,
+    INK,
+    SOFT,
+    TRUTH,
+    Plot,
+    limits,
+)
 
 _LEFT, _RIGHT, _TOP, _WIDTH = 148.0, 14.0, 34.0, 960.0
 MOST_DOTS = 1500
@@ -36,9 +43,9 @@ class TimeAxis:
         shown = [(at - self.start_s, words) for at, words in events_s if np.isfinite(at)]
         self.events_s = shown if len(shown) <= _MOST_EVENTS else []
 
-    def axes(self, title: str, y: tuple[float, float], height: float = 190.0, bottom: float = 24.0) -> Axes:
+    def axes(self, title: str, y: tuple[float, float], height: float = 190.0, bottom: float = 24.0) -> Plot:
         """Axes over the whole recording."""
-        return new_axes(title, (_WIDTH, height), (_LEFT, _RIGHT, _TOP, bottom), self.ends_s, y)
+        return Plot(title, (_WIDTH, height), (_LEFT, _RIGHT, _TOP, bottom), self.ends_s, y)
 
     def columns(self, time_s: np.ndarray) -> np.ndarray:
         """The column of pixels, from 0, of each time."""
@@ -57,18 +64,17 @@ class TimeAxis:
         middle = 0.5 * (low + high)[order][first + count // 2]
         return centre, np.minimum.reduceat(low[order], first), middle, np.maximum.reduceat(high[order], first)
 
-    def svg(self, axes: Axes) -> Markup:
+    def svg(self, axes: Plot) -> Markup:
         """The figure with its events, and with the scale that the page's time cursor needs."""
         for at, words in self.events_s:
-            axes.axvline(at, color=SOFT, lw=1, ls=(0, (3, 3)), gid=f"tip:{words}")
+            axes.upright(at, dashes=(3, 3), tip=words)
         first, last = (end + self.start_s for end in self.ends_s)
         scale = (
             f'data-left="{_LEFT:g}" data-right="{_WIDTH - _RIGHT:g}" data-first="{first:.15g}" data-last="{last:.15g}"'
         )
-        return svg(axes, attributes=f'class="time" {scale}')
+        return axes.svg(attributes=f'class="time" {scale}')
 
 
-@style
 def curve(
     clock: TimeAxis,
     title: str,
@@ -76,7 +82,7 @@ def curve(
     std: np.ndarray,
     truth: np.ndarray | None = None,
     shared: np.ndarray | None = None,
-) -> Axes:
+) -> Plot:
     """One quantity over time: points, band of two standard deviations, truth as a line.
 
     With the part of the deviations that all frames share, the band shows that part, and bars each frame's own.
@@ -96,7 +102,7 @@ def curve(
         x, low, high = clock.time_s[known], (value - own)[known], (value + own)[known]
         if len(x) > MOST_DOTS:
             x, low, _, high = clock.gathered(x, low, high)
-        bars(axes, x, low, high, f"{ESTIMATE}99")
+        axes.bars(x, low, high, f"{ESTIMATE}99")
         meaning = "estimate ± 2 std, its own"
     if truth is not None:
         _lines(axes, clock, truth, TRUTH, 1.6)
@@ -106,21 +112,19 @@ def curve(
     _lines(axes, clock, value, f"{ESTIMATE}77", 0.8)
     _points(axes, clock, value, ESTIMATE)
     both = [(ESTIMATE, "shared", "band")] if apart else []
-    legend(axes, [(ESTIMATE, meaning, "dot"), *both, *([] if truth is None else [(TRUTH, "truth", "line")])])
+    axes.legend([(ESTIMATE, meaning, "dot"), *both, *([] if truth is None else [(TRUTH, "truth", "line")])])
     return axes
 
 
-@style
-def beside(axes: Axes, clock: TimeAxis, title: str, value: np.ndarray) -> None:
-    """What a quantity (B,) was frame by frame, in grey under a `curve` of the refined one."""
+def with_framewise(axes: Plot, clock: TimeAxis, value: np.ndarray) -> Plot:
+    """A `curve` of a refined quantity with what it was frame by frame (B,), in grey."""
     _points(axes, clock, value, SOFT, 1.6)
-    axes.set_title(f"{title}; grey: frame by frame", loc="left")
+    return replace(axes, title=f"{axes.title}; grey: frame by frame")
 
 
-@style
 def signals(
     clock: TimeAxis, title: str, values: Sequence[tuple[str, str, np.ndarray]], noise_std: np.ndarray, noise: str
-) -> Axes:
+) -> Plot:
     """Quantities that are 0 unless there is something to see, with the band of ± 2 std that noise alone would fill.
 
     values : name, colour and (B,) of each in one unit. noise_std : (B,) of any of them.
@@ -131,35 +135,36 @@ def signals(
     known = np.isfinite(noise_std) & np.any([np.isfinite(value) for _, _, value in values], axis=0)
     spread = np.where(known, 2 * noise_std, np.nan)
     _bands(axes, clock, -spread, spread, SOFT)
-    axes.axhline(0.0, color=SOFT, lw=1)
+    axes.level()
     for _, colour, value in values:
         _points(axes, clock, value, colour, 4.4)
-    legend(axes, [*((colour, name, "dot") for name, colour, _ in values), (SOFT, f"± 2 std of {noise}", "band")])
+    axes.legend([*((colour, name, "dot") for name, colour, _ in values), (SOFT, f"± 2 std of {noise}", "band")])
     return axes
 
 
-@style
-def lanes(clock: TimeAxis, title: str, label: Sequence[str], colour: Mapping[str, str], last: bool = False) -> Axes:
+def lanes(clock: TimeAxis, title: str, label: Sequence[str], colour: Mapping[str, str], last: bool = False) -> Plot:
     """The state of every frame: a lane for each label that occurs, in the order of `colour`, with its count.
 
     label : (B,) of each frame, one of `colour`'s keys, or "" for none. Where there are more frames than pixels, a lane
         is as high as its share of them.
     last : write the time axis' label under it.
     """
-    given, names = np.asarray(label), [name for name in colour if name in set(label)]
+    labels, names = np.asarray(label), [name for name in colour if name in set(label)]
+    written = [f"{name} ({int((labels == name).sum())})" for name in names]
     count, bottom = max(len(names), 1), 46.0 if last else 24.0
-    axes = clock.axes(title, (count, 0.0), _TOP + 17.0 * count + bottom, bottom)
-    axes.grid(axis="y", visible=False)
-    axes.set_yticks(np.arange(len(names)) + 0.5, [f"{name} ({int((given == name).sum())})" for name in names])
-    if last:
-        axes.set_xlabel("time, s" if clock.start_s == 0 else f"time after {clock.start_s:.15g} s, s")
+    axes = replace(
+        clock.axes(title, (count, 0.0), _TOP + 17.0 * count + bottom, bottom),
+        grid="x",
+        y_ticks=([row + 0.5 for row in range(len(names))], written),
+        labels=(("time, s" if clock.start_s == 0 else f"time after {clock.start_s:.15g} s, s") * last, ""),
+    )
     for row, name in enumerate(names):
-        start, end, share = _stretches(clock, given == name)
+        start, end, share = _stretches(clock, labels == name)
         base, lane = row + 0.88, 0.76
         top = base - lane * share
         corners = [(start, top), (end, top), (end, np.full_like(end, base)), (start, np.full_like(end, base))]
         boxes = np.stack([np.column_stack(corner) for corner in (*corners, corners[0])], axis=1)
-        paths(axes, boxes, closed=True, fc=colour[name], ec=f"{INK}40", lw=0.5, label=name)
+        axes.paths(boxes[:, :-1], name, fill=colour[name], stroke=f"{INK}40", width=0.5)
     return axes
 
 
@@ -182,7 +187,7 @@ def _stretches(clock: TimeAxis, here: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return start, np.maximum(end, start + pixel), np.ones(len(start))
 
 
-def _bands(axes: Axes, clock: TimeAxis, low: np.ndarray, high: np.ndarray, colour: str) -> None:
+def _bands(axes: Plot, clock: TimeAxis, low: np.ndarray, high: np.ndarray, colour: str) -> None:
     """Between low and high (B,), unbroken stretches, each a little wider than its frames: a lone one is seen, too."""
     known = np.isfinite(low) & np.isfinite(high)
     x, low, high, step = clock.time_s[known], low[known], high[known], clock.step_s
@@ -193,21 +198,21 @@ def _bands(axes: Axes, clock: TimeAxis, low: np.ndarray, high: np.ndarray, colou
         if len(run):
             wide = np.concatenate([[x[run[0]] - 0.4 * step], x[run], [x[run[-1]] + 0.4 * step]])
             inner = np.concatenate([run[:1], run, run[-1:]])
-            band(axes, wide, low[inner], high[inner], colour)
+            axes.band(wide, low[inner], high[inner], colour)
 
 
-def _points(axes: Axes, clock: TimeAxis, value: np.ndarray, colour: str, size: float = 5.0) -> None:
+def _points(axes: Plot, clock: TimeAxis, value: np.ndarray, colour: str, size: float = 5.0) -> None:
     """Each frame; where they are more than pixels, pale the range of each column, dark its middle."""
     known = np.isfinite(value)
     x, value = clock.time_s[known], value[known]
     if len(x) > MOST_DOTS:
         x, low, value, high = clock.gathered(x, value, value)
-        bars(axes, x, low, high, f"{colour}55")
+        axes.bars(x, low, high, f"{colour}55")
         size = 2.0
-    dots(axes, x, value, colour, size)
+    axes.dots(x, value, colour, size)
 
 
-def _lines(axes: Axes, clock: TimeAxis, value: np.ndarray, colour: str, width: float) -> None:
+def _lines(axes: Plot, clock: TimeAxis, value: np.ndarray, colour: str, width: float) -> None:
     """Joins known neighbours (B,) that no gap parts, unless there are too many."""
     index = np.flatnonzero(np.isfinite(value))
     if len(index) > MOST_DOTS:
@@ -215,5 +220,4 @@ def _lines(axes: Axes, clock: TimeAxis, value: np.ndarray, colour: str, width: f
     apart = (np.diff(index) > 1) | (np.diff(clock.time_s[index]) > _GAP * clock.step_s)
     for run in np.split(index, np.flatnonzero(apart) + 1):
         if len(run) > 1:
-            line = np.column_stack([clock.time_s[run], value[run]])
-            paths(axes, line[None], ec=colour, lw=width, joinstyle="round", label="line")
+            axes.line(clock.time_s[run], value[run], colour, width)

@@ -8,16 +8,15 @@ import numpy as np
 import pyvista as pv
 
 from vbaa_calib.simulate.render.meshes import object_mesh
-from viz.scene.readable import enlargement, surface_scale, thinned
+from viz.scene.layout import LOOK, along
+from viz.scene.readable import surface_scale, thinned
 from viz.scene.rig_items import RigItems
 from viz.scene.scene import ObjectMesh, Scene
 
-from .part import LOOK, Part, along, arrow, ball, cone, joined, stamp, triangles, wire, wires
+from .part import Part, arrow, ball, cone, joined, stamp, triangles, wire, wires
 
-_MOST_BALLS, _MOST_ARROWS, _MOST_SPREADS, _MOST_CONES = 2500, 100, 60, 16
-_THICKER = 1.8  # wires are drawn thicker than life: 0.8 mm would be less than a pixel
+_MOST_BALLS = 2500
 _NODES = 29  # of the drawn antenna
-_GRID_STEPS_M = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 
 def all_parts(scene: Scene) -> list[Part]:
@@ -37,7 +36,7 @@ def all_parts(scene: Scene) -> list[Part]:
 
 def _contact_parts(scene: Scene) -> list[Part]:
     """Balls, force arrows, ellipsoids and friction cones in order of time: an instant shows those up to then."""
-    contacts, (_, reach) = scene.contacts, scene.bounding_ball_m
+    contacts = scene.contacts
     count = len(contacts.points_m)
     chosen = thinned(np.arange(count), _MOST_BALLS)
     note = f"{len(chosen)} of {count}" if len(chosen) < count else ""
@@ -49,36 +48,14 @@ def _contact_parts(scene: Scene) -> list[Part]:
     shown = np.flatnonzero(np.isin(contacts.row, scene.instants.row))
     if len(shown):
         parts.append(_stamped(scene, "now", shown, sphere, 1.9 * size, opacity=0.35))
-    pushed = thinned(np.flatnonzero(contacts.size_mN > 0), _MOST_ARROWS)
-    if len(pushed):
-        lengths = 0.45 * reach * contacts.size_mN[pushed] / contacts.size_mN[pushed].max()
-        turns = along(contacts.force_N[pushed])
-        parts.append(_stamped(scene, "forces", pushed, arrow(), lengths[:, None, None] * turns))
-    axes, std = contacts.principal
-    half = 2 * std
-    known = np.flatnonzero(half[:, 2] > 0)
-    if len(known):
-        factor, chosen = enlargement(half[known, 2], 0.04 * reach), thinned(known, _MOST_SPREADS)
-        # flat ones are given some thickness: a mesh without any has no normals
-        half = np.maximum(half[chosen], 0.02 * half[chosen, 2:])
-        note = f"{factor}x enlarged" if factor > 1 else ""
-        linear = factor * axes[chosen] * half[:, None, :]
-        parts.append(_stamped(scene, "spread", chosen, ball(2), linear, opacity=0.22, note=note))
-    return [*parts, *_cones(scene, reach)]
-
-
-def _cones(scene: Scene, reach: float) -> list[Part]:
-    if scene.normals is None or scene.cone_rad is None:
-        return []
-    chosen = thinned(np.flatnonzero(np.isfinite(scene.normals).all(axis=1)), _MOST_CONES)
-    if not len(chosen):
-        return []
-    # steep cones are drawn shorter, for the rim to stay as near
-    half = min(scene.cone_rad, 1.5)
-    height = 0.42 * reach * np.cos(half)
-    stretch = np.diag([height, height * np.tan(half), height * np.tan(half)])
-    note = f"half angle {np.degrees(scene.cone_rad):.1f}°"
-    return [_stamped(scene, "cones", chosen, cone(), along(scene.normals[chosen]) @ stretch, opacity=0.28, note=note)]
+    for name, mesh, (chosen, linear, note), opacity in (
+        ("forces", arrow(), scene.arrows(), 1.0),
+        ("spread", ball(2), scene.spreads(), 0.22),
+        ("cones", cone(), scene.cones(), 0.28),
+    ):
+        if len(chosen):
+            parts.append(_stamped(scene, name, chosen, mesh, linear, opacity=opacity, note=note))
+    return parts
 
 
 def _stamped(scene: Scene, name: str, chosen: np.ndarray, mesh: pv.PolyData, linear: np.ndarray, **look: Any) -> Part:
@@ -132,7 +109,7 @@ def _object_parts(mesh: ObjectMesh, reach_m: float, name: str = "object") -> lis
 
 def _rig_parts(scene: Scene, rig: RigItems) -> list[Part]:
     """At each instant: antenna, free antenna, ghosts, plane C, camera and its picture."""
-    width = _THICKER * rig.antenna_radius_m
+    width = rig.drawn_radius_m
     edge = float(np.linalg.norm(rig.plane_m[1] - rig.plane_m[0]))
     known = np.isfinite(rig.poses[:, 0, 0])
     keep = np.linspace(0, rig.bent_m.shape[1] - 1, _NODES).round().astype(int)
@@ -179,19 +156,9 @@ def _sheet(grid: np.ndarray) -> pv.PolyData:
 
 
 def _grid(scene: Scene, rig: RigItems) -> list[Part]:
-    """A level grid under everything, in round squares, to read sizes from."""
-    centre, reach = scene.bounding_ball_m
-    known = np.isfinite(rig.poses[:, 0, 0])
-    points = np.vstack([rig.bent_m[known].reshape(-1, 3), centre + reach, centre - reach])
-    low, high = points.min(axis=0), points.max(axis=0)
-    side = float(np.hypot(*(high - low)[:2]))
-    step = next((size for size in _GRID_STEPS_M if side / size <= 12), None)
-    if step is None:
+    """A level grid under everything."""
+    lines, step = scene.level_grid(rig)
+    if not len(lines):
         return []
-    first, last = np.floor(low[:2] / step - 0.25) * step, np.ceil(high[:2] / step + 0.25) * step
-    level = low[2] - 0.02 * side
-    x, y = (np.arange(a, b + step / 2, step) for a, b in zip(first, last, strict=True))
-    rows = [np.array([[first[0], at, level], [last[0], at, level]]) for at in y]
-    columns = [np.array([[at, first[1], level], [at, last[1], level]]) for at in x]
-    squares = wires([*rows, *columns], 0.0011 * side, 4)
-    return [Part("grid", squares, opacity=0.5, lit=False, note=f"{1e3 * step:g} mm")]
+    thickness = 0.0011 * float(np.hypot(*np.ptp(lines.reshape(-1, 3), axis=0)[:2]))
+    return [Part("grid", wires(list(lines), thickness, 4), opacity=0.5, lit=False, note=f"{1e3 * step:g} mm")]

@@ -7,25 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyvista as pv
 
-OBJECT, INK = "#0d9488", "#1f2937"
-LOOK = {
-    "contacts": (OBJECT, "contact, on the antenna's centreline"),
-    "framewise": ("#64748b", "the same contact, frame by frame"),
-    "forces": (OBJECT, "force on the antenna"),
-    "now": ("#111827", "contact at this time"),
-    "spread": ("#0ea5e9", "ellipsoid of 2 std"),
-    "cones": ("#7c3aed", "friction cone"),
-    "object": (OBJECT, "reconstructed surface"),
-    "other": ("#d55e00", "surface to compare with"),
-    "truth": ("#c9b791", "true object"),
-    "antenna": ("#1b2430", "antenna at this time"),
-    "free": ("#8a94a3", "antenna without the object"),
-    "ghosts": ("#9aa7b8", "antenna at other times"),
-    "plane": ("#3b82f6", "plane C"),
-    "camera": ("#b45309", "camera and its picture"),
-    "grid": ("#aab4c2", "level grid"),
-}
-"""Name of a part → its colour and what it is called in legends."""
+from viz.scene.layout import LOOK
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,16 +104,6 @@ def stamp(mesh: pv.PolyData, linear: np.ndarray, places: np.ndarray) -> pv.PolyD
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-30)
     faces = mesh.regular_faces[None] + each * np.arange(count)[:, None, None]
     return triangles(points.reshape(-1, 3), faces.reshape(-1, 3), normals.reshape(-1, 3))
-
-
-def along(axis: np.ndarray) -> np.ndarray:
-    """(K, 3, 3) rotations whose first column is along axis (K, 3), which is not zero."""
-    first = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-    # what is farthest from parallel to the axis
-    helper = np.eye(3)[np.abs(first).argmin(axis=1)]
-    second = np.cross(first, helper)
-    second /= np.linalg.norm(second, axis=1, keepdims=True)
-    return np.stack([first, second, np.cross(first, second)], axis=2)
 
 
 def ball(fine: int) -> pv.PolyData:

@@ -30,10 +30,6 @@ PROBE = (sys.executable, "-c", _BALL)
 _PROBE_SECONDS = 60
 
 
-class OpenGLError(VbaaError):
-    """This machine cannot draw in three dimensions."""
-
-
 @functools.cache
 def can_render() -> bool:
     """Whether OpenGL works here. Tried in a process of its own: without a driver VTK ends the one that asks."""
@@ -45,9 +41,9 @@ def can_render() -> bool:
 
 
 def require_opengl() -> None:
-    """Raises OpenGLError, with what to install, where pictures cannot be drawn."""
+    """Raises VbaaError, with what to install, where pictures cannot be drawn."""
     if not can_render():
-        raise OpenGLError(
+        raise VbaaError(
             "3-D pictures need OpenGL, which does not work here; install libegl1 and libgl1-mesa-dri "
             "(apt-get install libegl1 libgl1-mesa-dri), or libosmesa6; --html and --gltf work without"
         )

@@ -13,7 +13,8 @@ from matplotlib.patches import Rectangle
 
 from vbaa_calib.core.files import replacing
 from viz.parts.assemble import all_parts
-from viz.parts.part import INK, Part, layers_of
+from viz.parts.part import Part, layers_of
+from viz.scene.layout import INK
 from viz.scene.readable import contact_scale, object_scale, round_down
 from viz.scene.scene import Scene
 
@@ -33,7 +34,7 @@ def screenshot(scene: Scene, path: Path, *, mode: str = "force", force: bool = F
     """Write a PNG: the whole rig on the left, what was touched on the right, and what the colours mean.
 
     `mode` is what contacts are coloured by, one of `colours.MODES`. Raises InputError when the file exists and `force`
-    is off, OpenGLError where pictures cannot be drawn.
+    is off, VbaaError where pictures cannot be drawn.
     """
     with replacing(path, force) as temporary:
         require_opengl()

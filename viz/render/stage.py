@@ -10,6 +10,7 @@ import pyvista as pv
 from vtkmodules.vtkCommonCore import vtkLogger
 
 from viz.parts.part import Part
+from viz.scene.layout import view_direction
 from viz.scene.readable import contact_scale
 from viz.scene.scene import Scene
 
@@ -112,30 +113,6 @@ def _texture(picture: np.ndarray) -> pv.Texture:
     made.interpolate = True
     made.repeat = False
     return made
-
-
-def view_direction(scene: Scene, height: float, liking: float) -> np.ndarray:
-    """(3,) towards the viewer: the side that shows the touched surface and the forces best, from above.
-
-    liking : weight of looking at the antenna from its side.
-    """
-    angle = np.radians(np.arange(0, 360, 10))
-    views = np.column_stack([np.cos(angle), np.sin(angle), np.full(len(angle), height)])
-    views /= np.linalg.norm(views, axis=1, keepdims=True)
-    score = np.zeros(len(views))
-    size = np.linalg.norm(scene.contacts.force_N, axis=1, keepdims=True)
-    known = np.nan_to_num(size[:, 0]) > 0
-    if known.any():
-        facing = (scene.contacts.force_N[known] / size[known]) @ views.T
-        # seen from outside, yet not along the arrows
-        score += (np.clip(facing, -0.2, 0.6) + 0.5 * np.sqrt(1 - np.minimum(facing**2, 1.0))).mean(axis=0)
-    if scene.rig is not None:
-        forward = scene.rig.poses[np.isfinite(scene.rig.poses[:, 0, 0])][:, :2, 0].mean(axis=0)
-        forward /= max(float(np.linalg.norm(forward)), 1e-12)
-        beside = views[:, :2] @ np.array([forward[1], -forward[0]])
-        # the clamp on the left is how the paper draws it
-        score += liking * np.abs(beside) + 0.15 * beside
-    return views[int(np.argmax(score))]
 
 
 @contextmanager

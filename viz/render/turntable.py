@@ -25,7 +25,7 @@ _SIZE = (640, 480)
 def turntable(scene: Scene, path: Path, *, mode: str = "force", force: bool = False) -> None:
     """Write the contacts close up, from all sides at one height, as a .gif that repeats or an .mp4.
 
-    Raises InputError when the file exists and `force` is off, or this OpenCV writes no .mp4; OpenGLError where pictures
+    Raises InputError when the file exists and `force` is off, or this OpenCV writes no .mp4; VbaaError where pictures
     cannot be drawn.
     """
     with replacing(path, force) as temporary:

@@ -11,7 +11,7 @@ import numpy as np
 import pyvista as pv
 
 from viz.parts.assemble import all_parts
-from viz.parts.part import INK
+from viz.scene.layout import INK
 from viz.scene.readable import MODES, contact_scale
 from viz.scene.scene import Scene
 
@@ -31,7 +31,7 @@ _SIZE, _SHARE = (1400, 1000), 0.85
 
 
 def show(scene: Scene, *, mode: str = "force") -> bool:
-    """Open a window and wait until it is closed; False where none opens. Raises OpenGLError."""
+    """Open a window and wait until it is closed; False where none opens. Raises VbaaError."""
     require_opengl()
     with quiet():
         stage = Stage(scene, all_parts(scene), mode, _SIZE, off_screen=False)

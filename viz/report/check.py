@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from viz.figures import check as figures
-from viz.figures.drawing import AMBER, RED, SLATE, TEAL, svg
+from viz.figures.drawing import AMBER, RED, SLATE, TEAL
 from viz.pages.page import Table, at, fixed, listing, number, records, render, with_std
 
 _LEVEL_COLOURS = {"holds": TEAL, "look at": AMBER, "does not hold": RED, "not given": SLATE}
@@ -65,7 +65,7 @@ def page(document: Mapping[str, Any]) -> str:
         session_findings=document["session_findings"],
         own_findings=document["findings"],
         session=session,
-        maps=[svg(axes) for axes in drawn],
+        maps=[axes.svg() for axes in drawn],
         lens_map_recorded=maps["projection"] is not None,
         along_antenna=Table(("along the antenna, mm", "± on plane C, mm"), along, ("along the antenna, mm",)),
         numbers=numbers,
@@ -103,10 +103,10 @@ def _session(session: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str
         head = ("motion since the calibration", "seen", "± predicted", "in std", "unit")
         motion = Table(head, rows, head[:1])
     return {
-        "boards": [svg(drawn) for drawn in over_boards],
+        "boards": [drawn.svg() for drawn in over_boards],
         "dropped_boards": records(session["boards_dropped"], DROPPED, 2),
         "motion": motion,
-        "antenna": [svg(drawn) for drawn in antenna],
+        "antenna": [drawn.svg() for drawn in antenna],
         "loads": records([row | {"number": index + 1} for index, row in enumerate(loads)], _LOADS),
     }
 

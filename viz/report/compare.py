@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from estimator.table.contacts import ContactTable
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 from vbaa_calib.rig.over_time import parameter_std
-from viz.figures.drawing import AMBER, RED, SLATE, TEAL, dots, limits, new_axes, paths, svg
+from viz.figures.drawing import AMBER, RED, SLATE, TEAL, Plot, limits
 from viz.pages.page import Table, number, render
 from viz.scene.readable import thinned
 
@@ -234,7 +233,7 @@ def contacts_page(
     figures = []
     if len(compared) == 1:
         (one,) = compared.values()
-        figures = [svg(_over_frames(name, one, values, tolerance)) for name, values in one.deviations.items()]
+        figures = [_over_frames(name, one, values, tolerance).svg() for name, values in one.deviations.items()]
     return _page(
         title,
         result,
@@ -252,17 +251,17 @@ def _cells(deviations: Mapping[str, Any]) -> list[str]:
     return [*(number(one["rms"] if one else None, 3) for one in deviations.values()), number(largest, 3)]
 
 
-def _over_frames(name: str, one: ComparedContacts, values: np.ndarray, tolerance: float) -> Axes:
+def _over_frames(name: str, one: ComparedContacts, values: np.ndarray, tolerance: float) -> Plot:
     pick = thinned(np.arange(len(values)), _MOST_DOTS)
     top = max(_SHOWN, 1.2 * tolerance)
     x, y = one.located[pick], np.clip(np.nan_to_num(values[pick], nan=top), -top, top)
     labels = ("frame", "deviations")
-    axes = new_axes(f"{name}: B minus A", x=limits(x), y=limits([-top, top]), labels=labels)
-    ends = np.array(axes.get_xlim())
-    paths(axes, np.stack([np.column_stack([ends, [side, side]]) for side in (-tolerance, tolerance)]), ec=AMBER, lw=1)
+    axes = Plot(f"{name}: B minus A", x=limits(x), y=limits([-top, top]), labels=labels)
+    axes.level(-tolerance, AMBER)
+    axes.level(tolerance, AMBER)
     far = np.abs(y) > tolerance
-    dots(axes, x[~far], y[~far], SLATE, 3.0)
-    dots(axes, x[far], y[far], RED, 4.0)
+    axes.dots(x[~far], y[~far], SLATE, 3.0)
+    axes.dots(x[far], y[far], RED, 4.0)
     return axes
 
 

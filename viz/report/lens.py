@@ -19,7 +19,7 @@ from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.diagnose.boards import same_pose
 from viz.figures import check as figures
-from viz.figures.drawing import AMBER, RED, TEAL, svg
+from viz.figures.drawing import AMBER, RED, TEAL
 from viz.pages.page import Table, fixed, number, records, render, with_std
 
 from .check import DROPPED, LENSES, lens_rows
@@ -61,8 +61,8 @@ def page(
         colours={True: RED, False: AMBER},
         solution=solution,
         distance_m=distance_m,
-        maps=[svg(axes) for axes in drawn],
-        over=[svg(axes) for axes in over],
+        maps=[axes.svg() for axes in drawn],
+        over=[axes.svg() for axes in over],
         sample=sample,
         pictures=[packed(one) for one in _straightened(camera, read_picture(folder / sample))],
         parameters=Table(("what", "value", "unit"), parameters, ("what",)),

@@ -3,7 +3,6 @@ the scene in three dimensions, and one of the recording with what was seen in it
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,20 +10,22 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
+from markupsafe import Markup
 
 from estimator.table.contacts import ContactTable, joint_angles
 from estimator.table.files import read_contacts
 from estimator.table.overview import readings_in_words
-from vbaa_calib.core.errors import InputError, VbaaError, Verdict, require_extra
+from vbaa_calib.core.errors import VbaaError, Verdict
 from vbaa_calib.core.files import read_json, write_text
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
+from viz.figures.scene import scene_key, scene_views
 from viz.files.outputs import PAGES, refuse_output
+from viz.pages.page import render
 from viz.scene.rig_items import session_pictures
 from viz.scene.scene import Fact, build_scene, framewise, sentence
-from viz.scene.truth import true_contacts, true_object
 
-from .recording import Picture, Report, SummaryRow, page
+from .recording import Report, SummaryRow, page
 from .words import object_found, origin
 
 if TYPE_CHECKING:
@@ -34,8 +35,8 @@ if TYPE_CHECKING:
 _WIDEST_PX = 1600
 _QUALITY = 88
 _CAPTION = (
-    "The scene, what was touched close up. Arrows are the object's forces on the antenna; `vbaa view` shows the scene "
-    "to turn, zoom and follow in time."
+    "The scene, and what was touched close up. Points are contacts, arrows the object's forces on the antenna; "
+    "`vbaa view` shows the scene to turn, zoom and follow in time."
 )
 
 
@@ -48,7 +49,6 @@ class Sources:
     session : adds a picture of the recording; needs the rig.
     ground : what `vbaa estimate` took off the pictures.
     truth : truth.json, drawn beside the estimates.
-    picture : of the scene, drawn already; without it one is drawn.
     drift : what has changed since the calibration (`estimator.contact.drift.summary`).
     framewise : contacts.csv that the contacts were refined from, drawn beside them.
     readings : what was read with the frames (`estimator.table.overview.Overview.numbers`).
@@ -59,7 +59,6 @@ class Sources:
     rig: Path | None = None
     session: Path | None = None
     truth: Path | None = None
-    picture: Path | None = None
     ground: Ground | None = None
     drift: Mapping[str, Any] | None = None
     framewise: Path | None = None
@@ -87,7 +86,11 @@ def make_report(
     if rig is not None:
         joint_angles(rig.kinematics, table)  # refuses another rig's contacts
     contents = None if sources.truth is None else read_json(sources.truth)
-    truth = None if contents is None else true_contacts(table, contents, sources.truth)
+    truth = None
+    if contents is not None:
+        from viz.scene.truth import true_contacts
+
+        truth = true_contacts(table, contents, sources.truth)
     estimate, track, facts = object_found(table, rig)
     if sources.readings is not None:
         facts = (Fact("Readings", sentence(readings_in_words(sources.readings))), *facts)
@@ -96,10 +99,7 @@ def make_report(
         facts = (Fact("Calibration", words, "look"), *facts)
     if sources.verdict is not None:
         facts = (*(Fact("Verdict", sentence(line), "look") for line in sources.verdict.lines), *facts)
-    if sources.picture is None:
-        pictures = [scene_picture(table, rig, estimate, contents, sources.session)]
-    else:
-        pictures = [_scene_from_file(sources.picture)]
+    pictures = [scene_picture(table, rig, estimate, contents, sources.session)]
     if sources.session is not None and rig is not None:
         pictures.append(_seen_picture(table, rig, sources.session, sources.ground))
     files = {name: getattr(sources, name) for name in ("contacts", "framewise", "rig", "session", "truth")}
@@ -107,14 +107,6 @@ def make_report(
     before = None if sources.framewise is None else framewise(sources.framewise, table)
     made = Report(title, table, rig, estimate, track, facts, truth, summary, pictures, rows, sources.drift, before)
     write_text(path, page(made), force)
-
-
-def _scene_from_file(path: Path) -> Picture:
-    """The scene as `vbaa view --screenshot` has drawn it. Raises InputError when the file is no picture."""
-    image = cv2.imread(str(path))
-    if image is None:
-        raise InputError("is not a picture", where=path, remedy="give the PNG that vbaa view --screenshot wrote")
-    return Picture(packed(image), _CAPTION)
 
 
 def packed(image: np.ndarray) -> bytes:
@@ -132,33 +124,27 @@ def scene_picture(
     estimate: ObjectEstimate | None,
     truth: Mapping[str, Any] | None,
     session: Path | None,
-) -> Picture:
-    """The scene as `vbaa view --screenshot` draws it, or why there is none. `truth` is truth.json's contents."""
-    from viz.render.probe import can_render
-
+) -> Markup:
+    """The scene, or why there is none. `truth` is truth.json's contents."""
     if not table.located.any():
-        return Picture(b"", "No picture of the scene: no frame has a located contact.")
+        return _picture("No picture of the scene: no frame has a located contact.")
     try:
-        require_extra("pyvista", "view")
-        if not can_render():
-            what = "OpenGL does not work here (libegl1 and libgl1-mesa-dri give it)"
-            return Picture(b"", f"No picture of the scene: {what}.")
-        from viz.render.screenshot import screenshot
+        true = None
+        if truth is not None:
+            from viz.scene.truth import true_object
 
-        scene = build_scene(table, rig, estimate, None if truth is None else true_object(truth))
+            true = true_object(truth)
+        scene = build_scene(table, rig, estimate, true, with_words=False)
         if rig is not None and session is not None:
             main, frames = scene.instants.main, scene.instants.frame
             seen = session_pictures(session, frames[main : main + 1], rig.camera.image_size)[0]
             scene = replace(scene, pictures=tuple(seen if index == main else None for index in range(len(frames))))
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "scene.png"
-            screenshot(scene, path)
-            return _scene_from_file(path)
+        return _picture(_CAPTION, b"", views=scene_views(scene), **scene_key(scene))
     except VbaaError as error:
-        return Picture(b"", f"No picture of the scene: {error}")
+        return _picture(f"No picture of the scene: {error}")
 
 
-def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground | None = None) -> Picture:
+def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground | None = None) -> Markup:
     """The recording's picture of the greatest force with what is seen in it and the contact in the table, or why there
     is none."""
     from estimator.contact.estimate import ContactEstimator
@@ -172,16 +158,22 @@ def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground |
         frames = {frame.frame: frame for frame in read_recording(load_session(session))}
         frame = frames.get(int(table.frame[row])) if table.located[row] else None
         if frame is None or frame.image is None:
-            return Picture(b"", "No picture of the recording: it has none, or none with a located contact.")
+            return _picture("No picture of the recording: it has none, or none with a located contact.")
         # what is seen is found anew, the numbers are the table's
         estimator = ContactEstimator(rig, str(table.model[row]), friction=table.assumed_friction_rad)
         seen, own = next(detected(estimator, [frame], ground)), next(table.picked(np.array([row])).rows())
         contact = replace(own, pan_rad=frame.pan_rad, tilt_rad=frame.tilt_rad).estimate(rig.kinematics)
         image = frame_picture(estimator, FrameContact(frame, contact, seen.measured, seen.line))
     except VbaaError as error:
-        return Picture(b"", f"No picture of the recording: {error}")
-    return Picture(
-        packed(image),
+        return _picture(f"No picture of the recording: {error}")
+    return _picture(
         f"Frame {frame.frame}, the one of the greatest force, with what was seen of the antenna, the fitted shape, the "
         "contact and the force; `vbaa estimate --overlay` draws every frame so.",
+        packed(image),
     )
+
+
+def _picture(words: str, jpeg: bytes = b"", **drawn: Sequence[object]) -> Markup:
+    """A picture of the report: a JPEG, or drawn `views` with their `colours` and `ramps`; without, `words` say why."""
+    drawn = {"views": (), "colours": (), "ramps": ()} | drawn
+    return Markup(render("picture.html.j2", words=words, jpeg=jpeg, **drawn))

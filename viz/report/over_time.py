@@ -7,10 +7,9 @@ import io
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from vbaa_calib.rig.over_time import FEWEST_FOR_TREND, OverTime
-from viz.figures.drawing import AMBER, RED, SLATE, TEAL, band, bars, dots, limits, new_axes, paths, svg
+from viz.figures.drawing import AMBER, RED, SLATE, TEAL, Plot, limits
 from viz.pages.page import Table, labelled, number, render
 
 
@@ -64,23 +63,22 @@ def page(title: str, found: OverTime, dates: Sequence[str], lines: Sequence[str]
         headline=f"{len(dates)} calibrations, {' to '.join(dates[end].removesuffix(' 00:00') for end in (0, -1))}",
         words=lines,
         numbers=Table(head, rows, ("parameter", "unit", "")),
-        figures=[svg(_figure(found, int(index))) for index in order],
+        figures=[_figure(found, int(index)).svg() for index in order],
     )
 
 
-def _figure(found: OverTime, index: int) -> Axes:
+def _figure(found: OverTime, index: int) -> Plot:
     """One parameter over days, with two deviations, its mean, and its trend where there is one."""
     label, unit, scale = labelled(found.names[index])
     at, value, std = found.days, scale * found.values[:, index], scale * found.std[:, index]
     low, high = value - 2.0 * std, value + 2.0 * std
     title = f"{label}, {unit}" if unit else label
-    axes = new_axes(title, x=limits(at), y=limits(low, high), labels=("days", "change since the first"))
-    ends, mean, between = np.array(axes.get_xlim()), scale * found.mean[index], scale * found.between_std[index]
-    band(axes, ends, np.full(2, mean - between), np.full(2, mean + between), SLATE)
+    axes = Plot(title, x=limits(at), y=limits(low, high), labels=("days", "change since the first"))
+    ends, mean, between = np.array(axes.x), scale * found.mean[index], scale * found.between_std[index]
+    axes.band(ends, np.full(2, mean - between), np.full(2, mean + between), SLATE)
     if found.drifts[index]:
-        line = value.mean() + scale * found.slope_per_day[index] * (ends - at.mean())
-        paths(axes, np.column_stack([ends, line])[None], ec=RED, lw=1.5)
+        axes.line(ends, value.mean() + scale * found.slope_per_day[index] * (ends - at.mean()), RED, 1.5)
     colour = RED if found.drifts[index] else AMBER if found.scatters[index] else TEAL
-    bars(axes, at, low, high, colour)
-    dots(axes, at, value, colour)
+    axes.bars(at, low, high, colour)
+    axes.dots(at, value, colour)
     return axes

@@ -13,18 +13,18 @@ from estimator.contact.overlay import STATUS_COLOURS
 from estimator.table.contacts import COLUMNS, LOCATED, STATUSES, ContactTable
 from vbaa_calib.rig import Rig
 from viz.figures.contacts import OBJECT, contact_maps, forces_across, friction_cone, indentation
-from viz.figures.drawing import RAMP, svg
-from viz.figures.time import MOST_DOTS, TimeAxis, beside, curve, lanes, signals
+from viz.figures.drawing import RAMP
+from viz.figures.time import MOST_DOTS, TimeAxis, curve, lanes, signals, with_framewise
 from viz.pages.page import Table, fixed, render, with_std
 from viz.scene.readable import thinned
 from viz.scene.scene import Fact
-from viz.scene.truth import TrueContacts
 
 from .words import first_facts, frame_facts, headline
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
     from estimator.object.track import Track
+    from viz.scene.truth import TrueContacts
 
 _COLOURS = _ALONG, _ACROSS, _RESIDUAL, _RINGING = "#0072b2", "#c2410c", "#334155", "#7c3aed"
 MOST_ROWS = 500
@@ -62,14 +62,6 @@ _OTHER_QUANTITIES = (
 )
 
 
-@dataclass(frozen=True)
-class Picture:
-    """One picture of the report. `jpeg` is empty where there is none, and `words` say why."""
-
-    jpeg: bytes
-    words: str
-
-
 @dataclass(frozen=True, eq=False)
 class Report:
     """The content of a report.
@@ -77,7 +69,7 @@ class Report:
     table : the contacts, at least one row. rig : adds the moment residual in the sensor's deviations.
     estimate, track, facts : what the contacts say together; None where it is undetermined.
     truth : drawn beside the estimates. summary : errors against truth, or other numbers with a goal each.
-    pictures : the scene, the recording.
+    pictures : the scene, the recording, or why there is none, as HTML (`picture.html.j2`).
     origin : names and text or HTML of what the page was made from.
     drift : what has changed of the rig since its calibration, as far as it is known.
     framewise : the same frames before they were refined, drawn beside.
@@ -91,7 +83,7 @@ class Report:
     facts: Sequence[Fact] = ()
     truth: TrueContacts | None = None
     summary: Sequence[SummaryRow] = ()
-    pictures: Sequence[Picture] = ()
+    pictures: Sequence[Markup] = ()
     origin: Sequence[tuple[str, str]] = ()
     drift: Mapping[str, Any] | None = None
     framewise: ContactTable | None = None
@@ -176,10 +168,8 @@ def _over_time(report: Report) -> list[Markup]:
             drawn.append(lanes(clock, "ringing of the antenna", ringing, {"ringing": _RINGING}))
     figures = [curve(clock, *quantity) for quantity in _quantities(report)]
     if report.framewise is not None:
-        for axes, (title, before, *_) in zip(
-            figures, _quantities(replace(report, table=report.framewise)), strict=True
-        ):
-            beside(axes, clock, title, before)
+        before = _quantities(replace(report, table=report.framewise))
+        figures = [with_framewise(axes, clock, was[1]) for axes, was in zip(figures, before, strict=True)]
     drawn += figures
     if track is not None and np.isfinite(track.slip_std_m_s).any():
         along, across = 1e3 * track.longitudinal_m_s, 1e3 * track.lateral_m_s
@@ -253,16 +243,16 @@ def _contacts(report: Report) -> dict[str, Any]:
         touched = table.picked(estimate.surface.touched_row)
         radius_m = 0.0 if report.rig is None else report.rig.antenna.diameter_m / 2
         mu, stiffness = (np.nan, np.nan) if truth is None else (truth.friction, truth.stiffness_N_m)
-        cone = svg(friction_cone(estimate.friction, touched.force_world_N, mu))
-        pressed = svg(indentation(estimate.surface, touched, radius_m, 1.0 / stiffness))
+        cone = friction_cone(estimate.friction, touched.force_world_N, mu).svg()
+        pressed = indentation(estimate.surface, touched, radius_m, 1.0 / stiffness).svg()
     return {
-        "maps": [svg(axes, f"contacts {axes.get_title(loc='left')}") for axes in maps],
+        "maps": [axes.svg(f"contacts {axes.title}") for axes in maps],
         "ramp": RAMP,
         "lasted_s": float(np.ptp(contacts.time_s)),
         "enlargement": factor,
         "object_colour": OBJECT if surface is not None and (len(surface.lines) or len(surface.triangles)) else None,
         "true_points": len(true_m),
-        "across": svg(forces_across(contacts)),
+        "across": forces_across(contacts).svg(),
         "cone": cone,
         "indentation": pressed,
     }

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.colors import LinearSegmentedColormap
 
 if TYPE_CHECKING:
+    from matplotlib.colors import LinearSegmentedColormap
+
     from .scene import Scene
 
 MODES = ("force", "time", "uncertainty")
@@ -17,6 +18,15 @@ MODES = ("force", "time", "uncertainty")
 UNKNOWN = (150, 158, 170)
 """Grey of what has no number."""
 _ENLARGEMENTS = (1, 2, 5, 10, 20, 50, 100)
+_RAMPS = {
+    "time": "440154 481769 472a7a 433e85 3c4f8a 355f8d 2e6f8e 287d8e 228b8d 1f9a8a 22a884 32b67a 4ec36b 6ece58 95d840 "
+    "bddf26 e5e419",
+    "force": "0d0887 2f0596 4903a0 6300a7 7a02a8 8f0da4 a51f99 b6308b c6417d d5536f e16462 eb7655 f58b47 fb9f3a feb72d "
+    "fcce25 f6e826",
+    "uncertainty": "feca66 feae4a fd953f fc6c33 f74327 e61f1d cb0a22 aa0026 800026",
+    "surface": "08599c 1475b2 2d8fbf 47abcf 65c0cb 86d0c0 a6dcb6 c0e6c0 d4eece",
+}
+"""Colours from low to high, evenly spaced: viridis and plasma up to 0.96, parts of YlOrRd and of GnBu turned round."""
 
 
 def thinned(indices: np.ndarray, most: int) -> np.ndarray:
@@ -39,6 +49,18 @@ def round_down(value: float) -> float:
     return float(f"{power * max(step for step in (1, 2, 5) if step * power <= value * (1 + 1e-9)):.1g}")
 
 
+def on_ramp(stops: Sequence[str], share: np.ndarray) -> np.ndarray:
+    """(N, 3) uint8 between colours "#rrggbb" that are evenly spaced, at shares (N,) from 0 to 1; NaN counts as 0."""
+    rgb = np.array([[int(stop[at : at + 2], 16) for at in (1, 3, 5)] for stop in stops], float)
+    at = np.clip(np.nan_to_num(share), 0.0, 1.0) * (len(stops) - 1)
+    return np.column_stack([np.interp(at, np.arange(len(stops)), part) for part in rgb.T]).round().astype(np.uint8)
+
+
+def hexes(rgb: np.ndarray) -> list[str]:
+    """Colours (N, 3) uint8 as "#rrggbb"."""
+    return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in rgb.tolist()]
+
+
 @dataclass(frozen=True, eq=False)
 class Scale:
     """A colour scale and what it gives N values.
@@ -57,6 +79,8 @@ class Scale:
     @property
     def colormap(self) -> LinearSegmentedColormap:
         """The scale for matplotlib and pyvista."""
+        from matplotlib.colors import LinearSegmentedColormap
+
         return LinearSegmentedColormap.from_list("scale", self.stops)
 
     @property
@@ -74,15 +98,15 @@ def contact_scale(scene: Scene, mode: str) -> Scale:
     """The scale of the contacts by one of `MODES`."""
     contacts = scene.contacts
     if mode == "time":
-        return scale(contacts.time_s, "time", "s", "viridis")
+        return scale(contacts.time_s, "time", "s", "time")
     if mode == "uncertainty":
-        return scale(1e3 * contacts.principal[1][:, -1], "contact's std, worst axis", "mm", "YlOrRd", (0.3, 1.0))
-    return scale(contacts.size_mN, "force on the antenna", "mN", "plasma")
+        return scale(1e3 * contacts.principal[1][:, -1], "contact's std, worst axis", "mm", "uncertainty")
+    return scale(contacts.size_mN, "force on the antenna", "mN", "force")
 
 
 def surface_scale(std_m: np.ndarray) -> Scale:
     """The scale of a reconstructed surface by its standard deviation (N,): the paler, the less is known."""
-    return scale(1e3 * std_m, "std of the surface", "mm", "GnBu_r", (0.08, 0.8))
+    return scale(1e3 * std_m, "std of the surface", "mm", "surface")
 
 
 def object_scale(scene: Scene) -> Scale | None:
@@ -92,8 +116,8 @@ def object_scale(scene: Scene) -> Scale | None:
     return surface_scale(scene.object.std_m)
 
 
-def scale(values: np.ndarray, title: str, unit: str, name: str, part: tuple[float, float] = (0.0, 0.96)) -> Scale:
-    """`part` of matplotlib's colour map `name` over the values (N,).
+def scale(values: np.ndarray, title: str, unit: str, name: str) -> Scale:
+    """The ramp `name` over the values (N,).
 
     Its ticks are a handful of evenly spaced round numbers, the first and last of which hold all values; 0, 1 for none.
     """
@@ -106,8 +130,7 @@ def scale(values: np.ndarray, title: str, unit: str, name: str, part: tuple[floa
         count = max(last - first, 1)
         every = next((step for step in range(1, 6) if count <= 6 * step and count % step == 0), 1)
         ticks = tuple(float(size * index) for index in range(first, first + count + 1, every))
-    rgb8 = colormaps[name](np.linspace(*part, 256), bytes=True)[:, :3]
-    step = np.interp(np.where(known, values, ticks[0]), (ticks[0], ticks[-1]), (0, 255)).round().astype(int)
-    rgb = np.where(known[:, None], rgb8[step], np.array(UNKNOWN, np.uint8))
-    stops = tuple("#{:02x}{:02x}{:02x}".format(*row) for row in rgb8[np.linspace(0, 255, 9).round().astype(int)])
+    stops = tuple(f"#{stop}" for stop in _RAMPS[name].split())
+    share = (np.where(known, values, ticks[0]) - ticks[0]) / (ticks[-1] - ticks[0])
+    rgb = np.where(known[:, None], on_ramp(stops, share), np.array(UNKNOWN, np.uint8))
     return Scale(title, unit, ticks, rgb, stops)

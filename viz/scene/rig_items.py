@@ -48,6 +48,11 @@ class RigItems:
     camera_m: np.ndarray
     picture_m: np.ndarray
 
+    @property
+    def drawn_radius_m(self) -> float:
+        """Thicker than life: a wire of 0.8 mm would be less than a pixel."""
+        return 1.8 * self.antenna_radius_m
+
 
 def rig_items(rig: Rig, table: ContactTable, rows: np.ndarray, main: int) -> RigItems:
     """The rig at the instants of these rows (M,), and which of them become ghosts: some spread over the located

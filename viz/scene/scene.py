@@ -12,17 +12,22 @@ from estimator.table.contacts import ContactTable
 from estimator.table.files import read_contacts
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
-from vbaa_calib.simulate.scene.objects import TouchObject
 
-from .readable import thinned
+from .layout import along
+from .readable import enlargement, thinned
 from .rig_items import RigItems, rig_items
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
     from estimator.object.surface import Surface
+    from vbaa_calib.simulate.scene.objects import TouchObject
 
 _MOST_INSTANTS = 240
 """Longer recordings are shown at this many instants spread over them, and at the one of the greatest force."""
+_MOST_ARROWS, _MOST_SPREADS, _MOST_CONES = 100, 60, 16
+_GRID_STEPS_M = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+Stamps = tuple[np.ndarray, np.ndarray, str]
+"""Contacts (K,), what a shape of size 1 becomes at each (K, 3, 3), m, and a note for the key."""
 _VAGUE_RAD = np.radians(20)
 """A normal less well known than this is not drawn: it would show the force's direction, not the object's."""
 
@@ -139,6 +144,52 @@ class Scene:
         """Radius of the ball that is drawn at each contact."""
         return 0.02 * self.bounding_ball_m[1]
 
+    def arrows(self) -> Stamps:
+        """Contacts with a force, and what an arrow's length becomes there, its first column along the force."""
+        contacts, reach = self.contacts, self.bounding_ball_m[1]
+        pushed = thinned(np.flatnonzero(contacts.size_mN > 0), _MOST_ARROWS)
+        lengths = 0.45 * reach * contacts.size_mN[pushed] / contacts.size_mN[pushed].max(initial=1e-12)
+        return pushed, lengths[:, None, None] * along(contacts.force_N[pushed]), ""
+
+    def spreads(self) -> Stamps:
+        """Ellipsoids of two standard deviations by their half axes, enlarged until the usual one can be seen."""
+        (axes, std), reach = self.contacts.principal, self.bounding_ball_m[1]
+        half = 2 * std
+        known = np.flatnonzero(half[:, 2] > 0)
+        factor, chosen = enlargement(half[known, 2], 0.04 * reach), thinned(known, _MOST_SPREADS)
+        # flat ones get some thickness: a mesh without any has no normals
+        half = np.maximum(half[chosen], 0.02 * half[chosen, 2:])
+        return chosen, factor * axes[chosen] * half[:, None, :], f"{factor}x enlarged" if factor > 1 else ""
+
+    def cones(self) -> Stamps:
+        """Friction cones: the first column leads from the tip to the rim's centre, the others are radii of the rim."""
+        if self.normals is None or self.cone_rad is None:
+            return np.zeros(0, int), np.zeros((0, 3, 3)), ""
+        chosen = thinned(np.flatnonzero(np.isfinite(self.normals).all(axis=1)), _MOST_CONES)
+        # steep cones are drawn shorter, for the rim to stay as near
+        half = min(self.cone_rad, 1.5)
+        height = 0.42 * self.bounding_ball_m[1] * np.cos(half)
+        stretch = np.diag([height, height * np.tan(half), height * np.tan(half)])
+        return chosen, along(self.normals[chosen]) @ stretch, f"half angle {np.degrees(self.cone_rad):.1f}°"
+
+    def level_grid(self, rig: RigItems) -> tuple[np.ndarray, float]:
+        """Lines (N, 2, 3) of a level grid under everything, in round squares, and a square's side, m; none where the
+        squares would be too many."""
+        centre, reach = self.bounding_ball_m
+        known = np.isfinite(rig.poses[:, 0, 0])
+        points = np.vstack([rig.bent_m[known].reshape(-1, 3), centre + reach, centre - reach])
+        low, high = points.min(axis=0), points.max(axis=0)
+        side = float(np.hypot(*(high - low)[:2]))
+        step = next((size for size in _GRID_STEPS_M if side / size <= 12), None)
+        if step is None:
+            return np.zeros((0, 2, 3)), 0.0
+        first, last = np.floor(low[:2] / step - 0.25) * step, np.ceil(high[:2] / step + 0.25) * step
+        level = low[2] - 0.02 * side
+        x, y = (np.arange(a, b + step / 2, step) for a, b in zip(first, last, strict=True))
+        rows = [np.array([[first[0], at, level], [last[0], at, level]]) for at in y]
+        columns = [np.array([[at, first[1], level], [at, last[1], level]]) for at in x]
+        return np.array([*rows, *columns]), step
+
 
 def build_scene(
     table: ContactTable,
@@ -146,8 +197,11 @@ def build_scene(
     estimate: ObjectEstimate | None = None,
     truth: TouchObject | None = None,
     mesh: ObjectMesh | None = None,
+    with_words: bool = True,
 ) -> Scene:
     """The scene without the camera's pictures; the object is that of the estimate, or else `mesh`.
+
+    with_words : also each contact's numbers in words.
 
     Raises InputError when nothing is located, a contact is out of reach, or the contacts are not of this rig.
     """
@@ -156,7 +210,7 @@ def build_scene(
     row, time_s = np.flatnonzero(table.located), table.time_s - table.time_s[0]
     points, forces, covariances = table.point_world_m, table.force_world_N, table.covariance_world_m2
     phase = [""] * len(table) if estimate is None else list(map(str, estimate.track.phase))
-    words = tuple(_numbers(table, int(index), phase[index]) for index in row)
+    words = tuple(_numbers(table, int(index), phase[index]) for index in row) if with_words else ()
     contacts = Contacts(points[row], forces[row], covariances[row], time_s[row], row, words)
     if estimate is None:
         return Scene(contacts, instants, items, mesh, truth)

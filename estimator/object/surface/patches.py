@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.cluster.vq import kmeans2
 from scipy.linalg import block_diag
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
@@ -79,6 +78,8 @@ def _facing_alike(members: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
         return [members]
     first = normals[members[np.argmin(lean)]]
     second = normals[members[np.argmin(normals[members] @ first)]]
+    from scipy.cluster.vq import kmeans2  # slow to load
+
     _, half = kmeans2(normals[members], np.stack([first, second]), minit="matrix")
     if half.min() == half.max():
         return [members]

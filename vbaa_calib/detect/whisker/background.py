@@ -12,8 +12,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.special import ndtr
 
 from vbaa_calib.core.polyline import resample
 from vbaa_calib.native import core
@@ -170,6 +168,9 @@ def evened(image: np.ndarray, behind: np.ndarray, line: Centreline, width_px: fl
     if not len(u):
         return difference
     path, _ = resample(line.guide_px, 0.25)
+    from scipy.spatial import cKDTree  # slow to load
+    from scipy.special import ndtr
+
     distance, _ = cKDTree(path).query(np.stack([u, v], axis=1))
     half, blur = 0.5 * width_px * line.breadth, ORDINARY_BLUR_PX
     share = ndtr((half - distance) / blur) - ndtr((-half - distance) / blur)
