@@ -274,11 +274,12 @@ def judged_at_random(seed: int, chunk: int, frames: int) -> HostileRow:
     claimed = np.isin(found.status, ("ok", "tip_contact"))
     judged = claimed & drawn.touched
     off = np.where(judged[:, None], np.abs(np.column_stack(deviations(found, drawn.scenes))), 0.0)
-    ranked = np.where(np.isnan(off), np.inf, off)
+    unclaimed = np.isnan(found.force_N) & np.array([False, True, True])
+    ranked = np.where(unclaimed, 0.0, np.where(np.isnan(off), np.inf, off))
     index, quantity = np.unravel_index(np.argmax(ranked), off.shape)
     return HostileRow(
         *(seed, chunk, drawn.rig, frames),
-        nan=int((claimed & ~complete(found)).sum()),
+        nan=int((claimed & ~complete(found, drawn.readings_Nm)).sum()),
         claimed=int(claimed.sum()),
         beyond=int((off > _FAR_STD).any(axis=1).sum()),
         imagined=int((claimed & ~drawn.touched).sum()),
@@ -294,17 +295,21 @@ def estimated_at_random(drawn: Replayed) -> Contacts:
     return drawn.scenes.estimated("auto", FRICTION_STD_RAD, moment_Nm=readings)
 
 
-_NUMBERS = (
-    *("distance_m", "distance_std_m", "force_N", "force_std_N", "deflection_m", "point_antenna_m"),
-    *("point_world_m", "covariance_world_m2", "force_world_N"),
-)
+_PLACE = ("distance_m", "distance_std_m", "point_antenna_m", "point_world_m", "covariance_world_m2")
+_FORCE = ("force_N", "force_std_N", "deflection_m", "force_world_N")
 
 
-def complete(found: Contacts) -> np.ndarray:
-    """(B,) whether everything that a contact claims is a finite number, and no deviation negative."""
-    finite = [np.isfinite(getattr(found, name)).reshape(len(found), -1).all(axis=1) for name in _NUMBERS]
-    positive = (found.distance_std_m > 0.0) & (found.force_std_N[:, 1:] > 0.0).all(axis=1)
-    return np.all(finite, axis=0) & positive
+def complete(found: Contacts, readings: np.ndarray) -> np.ndarray:
+    """(B,) whether everything that a contact claims is a finite number, and no deviation negative. The force is claimed
+    by every frame with a reading (B,)."""
+
+    def known(name: str) -> np.ndarray:
+        return np.isfinite(getattr(found, name)).reshape(len(found), -1)
+
+    place = np.all([known(name).all(axis=1) for name in _PLACE], axis=0) & (found.distance_std_m > 0.0)
+    force = np.all([known(name).all(axis=1) for name in _FORCE], axis=0) | np.isnan(readings)
+    alike = (known("force_N") == known("force_std_N")).all(axis=1)
+    return place & force & alike & ~(found.force_std_N[:, 1:] <= 0.0).any(axis=1)
 
 
 def replay(seed: int, chunk: int, frames: int = _CHUNK) -> Replayed:
