@@ -94,20 +94,6 @@ def _frozen(recorded: Recorded) -> Recorded | None:
     return recorded.with_readings(tilt_rad=best)
 
 
-def _offset(recorded: Recorded) -> Recorded | None:
-    """The tilt's zero is off: by what the sampled frames together ask for, to second order."""
-    step = RecordingSettings.offset_rad
-    costs = [
-        float(np.minimum(recorded.with_readings(tilt_rad=recorded.batch.tilt_rad + by).fit.cost, 1e6).sum())
-        for by in (-step, 0.0, step)
-    ]
-    bend = costs[0] - 2.0 * costs[1] + costs[2]
-    if not bend > 0.0:
-        return None
-    off = float(np.clip(0.5 * step * (costs[0] - costs[2]) / bend, -2.0 * step, 2.0 * step))
-    return recorded.with_readings(tilt_rad=recorded.batch.tilt_rad + off)
-
-
 def _neighbour(row: int, which: tuple[str, ...], recorded: Recorded) -> Recorded | None:
     """Readings of the row before (0) or after (1)."""
     batch, around = recorded.batch, recorded.around[:, row]

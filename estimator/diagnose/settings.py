@@ -44,7 +44,6 @@ class RecordingSettings:
     )
     knows: float = 0.3  # standard deviation of what a picture says of its moment, of the readings' range, at most
     visible: float = 0.3  # of the points' or the moment's standard deviation, what other joint angles change at least
-    offset_rad: float = 0.02  # of a joint's zero, by which it is moved to see whether that fits better
     fewest_after: int = 5  # frames after a change during the recording
     hopeless: float = 0.5  # part of the frames that nothing explains from which the pictures may have another scale
     usual: float = 2.5  # cost per frame where all is as reported

@@ -14,7 +14,7 @@ import yaml
 from targets.board import AprilGrid
 from tests.made_once import made_once
 from tests.small_scene import small_scene
-from tests.wizard.small_session import answers_file, call
+from tests.wizard.small_session import answers_file, answers_with, call
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import rig_document
@@ -101,22 +101,7 @@ def test_the_wizard_takes_it(tmp_path: Path) -> None:
     (source / "target.yaml").write_text(KALIBR)
     (source / "session.yaml").unlink()
     shutil.rmtree(source / "sweep")
-    given = {
-        "board": str(source / "target.yaml"),
-        "board_along_x_mm": 1e3 * BOARD.size_m[0],
-        "board_along_y_mm": 1e3 * BOARD.size_m[1],
-        "source": str(source),
-        "antenna_length_mm": 240,
-        "camera_distance_mm": 370,
-        "camera_inclination_deg": 30,
-        "plane_way": "jig",
-        "jig_translation_mm": [28, 61, -9],
-        "jig_board_x": "x",
-        "jig_board_y": "-y",
-        "jig_turn_deg": [0, 0, 1],
-        "material": "stainless steel",
-        "antenna_diameter_mm": 0.8,
-    }
+    given = answers_with(source / "target.yaml", BOARD.size_m, source)
     code, said = call(session, "--answers", answers_file(tmp_path / "answers.yaml", given))
     assert code == 0, said
     assert_true(Rig.load(session / "rig.json"))

@@ -45,10 +45,16 @@ def _render(folder: Path) -> None:
 def answers(source: Path) -> dict[str, Any]:
     """All that the wizard asks about the small rig, its pictures in `source`."""
     board = read_yaml(source / "session.yaml")["board"]
+    size_m = board["square_m"] * board["squares_x"], board["square_m"] * board["squares_y"]
+    return answers_with(source / "session.yaml", size_m, source)
+
+
+def answers_with(board: Path, size_m: tuple[float, float], source: Path) -> dict[str, Any]:
+    """The same with a board of this file and size."""
     return {
-        "board": str(source / "session.yaml"),
-        "board_along_x_mm": 1e3 * board["square_m"] * board["squares_x"],
-        "board_along_y_mm": 1e3 * board["square_m"] * board["squares_y"],
+        "board": str(board),
+        "board_along_x_mm": 1e3 * size_m[0],
+        "board_along_y_mm": 1e3 * size_m[1],
         "source": str(source),
         "antenna_length_mm": 240,
         "camera_distance_mm": 370,

@@ -69,10 +69,6 @@ def _reloaded(problem: Problem, which: Sequence[int], change: Callable[[Load], L
     return _restilled(problem, of)
 
 
-def _with_loads(which: Sequence[int], change: Callable[[Load], Load], problem: Problem, v: np.ndarray) -> Problem:
-    return _reloaded(problem, which, change)
-
-
 def _moved_load(load: Load, by_m: float, length_m: float) -> Load:
     return replace(load, distance_m=float(np.clip(load.distance_m + by_m, 1e-3 * length_m, length_m)))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -453,8 +453,3 @@ def name_of(observations: Sequence[Observation], index: int) -> str:
     row = 1 + sum(isinstance(one.still, Load) == loaded for one in observations[:index])
     table = "loads.csv" if loaded else "noload.csv"
     return f"{table} row {row}" + (f" ({still.image.name})" if still.image else "")
-
-
-def _names_of(observations: Sequence[Observation], which: Iterable[int]) -> str:
-    """Names of several."""
-    return ", ".join(name_of(observations, index) for index in which)

@@ -33,8 +33,7 @@ class Checks:
     anisotropy : log of the stiffness against bending to y over that to z; assumption 4 says 0. None without loads.
     mass_per_length_kg_m : from the sag alone, without prior knowledge; None if the sag does not determine it.
     drift_Nm : of the moment sensor, per s, or per row where the stills have no times: drift_per.
-    noise_Nm : of the moment sensor as the stills show it, by so many degrees of freedom, and its 95 % interval; NaN
-        without a sensor.
+    noise_Nm : of the moment sensor as the stills show it, and its 95 % interval; NaN without a sensor.
     """
 
     anisotropy: Estimate | None
@@ -43,7 +42,6 @@ class Checks:
     drift_per: Literal["s", "row"]
     noise_Nm: float
     noise_interval_95_Nm: tuple[float, float]
-    noise_freedom: float
 
     def to_dict(self) -> dict[str, Any]:
         """For rig.json."""
@@ -103,11 +101,11 @@ def _drift(joint: BundleAdjustment, when: np.ndarray) -> Estimate | None:
     return _one_more(joint, np.zeros(_point_rows(joint)), centred)
 
 
-def _moment_noise(joint: BundleAdjustment) -> tuple[float, tuple[float, float], float]:
-    """Noise of one reading, its interval, and its degrees of freedom, those that the fit took left out."""
+def _moment_noise(joint: BundleAdjustment) -> tuple[float, tuple[float, float]]:
+    """Noise of one reading and its interval, without the degrees of freedom that the fit took."""
     problem, solution = joint.problem, joint.solution
     if np.isinf(problem.moment_std_Nm):
-        return np.nan, (np.nan, np.nan), 0.0
+        return np.nan, (np.nan, np.nan)
     residuals = joint.moment_residuals_Nm[joint.kept]
     # a reading that is wrong is not noise: it is named instead
     usual = max(mad_std(residuals), problem.moment_std_Nm)
@@ -119,4 +117,4 @@ def _moment_noise(joint: BundleAdjustment) -> tuple[float, tuple[float, float], 
     freedom = max(float(good.sum()) - taken, 1.0)
     squares = float((residuals[good] ** 2).sum())
     low, high = (float(np.sqrt(squares / chdtri(freedom, chance))) for chance in (0.025, 0.975))
-    return float(np.sqrt(squares / freedom)), (low, high), freedom
+    return float(np.sqrt(squares / freedom)), (low, high)
