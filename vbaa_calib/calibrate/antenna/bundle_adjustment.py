@@ -13,12 +13,14 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import legendre
 from scipy.linalg import block_diag
+from scipy.ndimage import binary_propagation, maximum_filter1d, uniform_filter1d
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.least_squares import Linearised, Rules, disagreement, disagreement_p, minimise
-from vbaa_calib.core.robust import MAD_SCALE, mad_std
+from vbaa_calib.core.robust import MAD_SCALE, huber_weights, mad_std
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Tip
 from vbaa_calib.rig.reprojection import see
@@ -108,6 +110,47 @@ def _agreement(problem: Problem, solution: Linearised, distances: Sequence[np.nd
     return p
 
 
+@dataclass(frozen=True)
+class _Disturbed:
+    """What counts as a stretch of a line that something else disturbs: a thread over it, a knot, a reflection."""
+
+    degree: int = 3  # of the polynomial that residuals of the antenna follow, whatever is wrong with the rig
+    clear_std: float = 5.0  # of the mean of a run of neighbours off that, where a stretch is found
+    around_std: float = 2.0  # and up to where it reaches
+    most: float = 0.4  # of a line; where more is off, nothing local is
+
+
+def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Per line (N,) bool, which points do not belong to a disturbed stretch, by their residuals (N,)."""
+    rules, means = _Disturbed(), list[np.ndarray]()
+    for off in residuals:
+        basis, weights = legendre.legvander(np.linspace(-1.0, 1.0, len(off)), rules.degree), np.ones(len(off))
+        left = off
+        for _ in range(20):
+            left = off - basis @ np.linalg.lstsq(basis * weights[:, None], off * weights, rcond=None)[0]
+            weights = np.sqrt(huber_weights(left))
+        means.append(uniform_filter1d(left, _RUN) * np.sqrt(_RUN))
+    usual = max(float(np.median([mad_std(one) for one in means])), 1.0)
+    good = []
+    for one in means:
+        sizes = np.abs(one) / usual
+        found = binary_propagation(sizes > rules.clear_std, mask=sizes > rules.around_std)
+        found = maximum_filter1d(found.astype(np.uint8), _RUN) > 0
+        good.append(~found if found.mean() <= rules.most and len(found) >= 4 * _RUN else np.ones(len(found), bool))
+    return good
+
+
+def _without_disturbed(problem: Problem, parameters: np.ndarray, evaluated: Evaluation) -> Problem:
+    """The same without the stretches of the kept lines that something disturbs."""
+    kept, observations = np.flatnonzero(problem.kept).tolist(), list(problem.observations)
+    undisturbed = _undisturbed([evaluated.points[index][:, 0] / problem.noise_scale for index in kept])
+    for index, good in zip(kept, undisturbed, strict=True):
+        one = observations[index]
+        if len(good) == len(one.points_px) and not good.all():
+            observations[index] = replace(one, points_px=one.points_px[good], sigma_px=one.sigma_px[good])
+    return replace(problem, observations=observations, seen_at_lens=()).relinearised(parameters)
+
+
 _RUN = 10  # points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape
 _PASSES = 12
 _HOLDS = (1.0, 0.3, 0.1, 0.01)  # parts of the lens' prior deviations, in turn, where more make it fold
@@ -122,7 +165,8 @@ class BundleAdjustment:
     Attributes
     ----------
     problem, solution : what was solved, and the linearised end of it; its loads are as the solve found them.
-    noted : the observations as they came, with the loads as they were noted.
+    noted : the observations as they came, with the loads as they were noted, without the points that were left out.
+    disturbed : (F,) how many these are: of stretches where something else than the antenna moves its line.
     parameters : (17,) `RIG_PARAMETERS`; the pose's six are steps from the prior's start.
     camera : the lens as all pictures together have it, with its covariance.
     covariance : (17 + P, 17 + P) of `RIG_PARAMETERS`, the pose's part about the solved pose, and of the lens.
@@ -135,6 +179,7 @@ class BundleAdjustment:
 
     problem: Problem
     noted: Sequence[Observation]
+    disturbed: Sequence[int]
     solution: Linearised
     parameters: np.ndarray
     T_antenna_camera: Pose
@@ -214,7 +259,7 @@ def _in_passes(problem: Problem, judged: bool = True) -> _Solved | None:
     least = 1.0 if np.mean([one.shared for one in problem.observations]) > 0.5 else 0.0
     loaded = np.array([one.loaded for one in problem.observations])
     strange = np.zeros(len(loaded), bool)
-    evaluated = problem.evaluate(parameters)
+    evaluated, disturbed = problem.evaluate(parameters), True
     for turn in range(_PASSES + 1):
         kept = problem.kept
         left = [problem.without_line(i, evaluated.points[i][:, 0]) for i in np.flatnonzero(kept).tolist()]
@@ -226,6 +271,11 @@ def _in_passes(problem: Problem, judged: bool = True) -> _Solved | None:
         parameters = solution.parameters
         problem = problem.relinearised(parameters)
         evaluated = problem.evaluate(parameters)
+        if disturbed and change < _NEAR:
+            # once, where the rig is all but known
+            disturbed, problem = False, _without_disturbed(problem, parameters, evaluated)
+            evaluated = problem.evaluate(parameters)
+            continue
         fits, rms = _fitting(problem, solution, evaluated.points, kept)
         # stills on the border must not come and go for ever; the last pass leaves none out
         fits = kept if turn == _PASSES else fits & kept if turn > _PASSES // 2 else fits
@@ -278,7 +328,14 @@ def _solved(
         solution=solution,
         parameters=parameters[:RIG],
         T_antenna_camera=problem.pose(parameters),
-        noted=tuple(observations),
+        noted=tuple(
+            replace(one, points_px=used.points_px, sigma_px=used.sigma_px)
+            for one, used in zip(observations, problem.observations, strict=True)
+        ),
+        disturbed=tuple(
+            len(one.points_px) - len(used.points_px)
+            for one, used in zip(observations, problem.observations, strict=True)
+        ),
         camera=camera if len(covariance) == RIG else replace(camera, covariance=covariance[RIG:, RIG:]),
         covariance=covariance,
         point_rms=rms,
