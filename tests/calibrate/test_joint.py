@@ -23,7 +23,7 @@ from vbaa_calib.diagnose.session import still_diagnoses
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import RIG_PARAMETERS
-from vbaa_calib.session import Drift, Load, LoadReadings, Still
+from vbaa_calib.session import DRIFTS, Drift, Load, LoadReadings, Still
 
 from ..rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose
 from . import still_faults
@@ -412,3 +412,23 @@ def test_an_ordinary_lens_moves_by_all_its_standard_deviations() -> None:
     )
     assert (known.lens_shares == 1.0).all()
     assert (known.lens_axes == independent_axes(known.camera.covariance)).all()
+
+
+def test_a_thread_over_the_antenna_is_left_out_and_its_load_stays() -> None:
+    """The load's row is right, its picture disturbed where the thread crosses the line."""
+    rng = np.random.default_rng(21)
+    observations = observed(TRUE, rng)
+    before = jig_prior(start_pose(rng), drift=DRIFTS["lab"])
+    clean = adjusted(observations, before)
+    assert not any(clean.disturbed)
+    for index in (5, 9):
+        points = observations[index].points_px.copy()
+        points += 0.6 * np.exp(-(((np.arange(len(points)) - 120) / 10.0) ** 2))[:, None] * [0.3, 1.0]
+        observations[index] = replace(observations[index], points_px=points)
+    joint = adjusted(observations, before)
+    assert joint.kept.all()
+    assert [index for index, count in enumerate(joint.disturbed) if count] == [5, 9]
+    named = [one for one in row_doubts(joint) if one.name == "line_disturbed"]
+    assert [one.severity for one in named] == ["note", "note"]
+    moved = (joint.parameters - clean.parameters) / np.sqrt(np.diag(clean.covariance)[:17])
+    assert np.abs(moved).max() < 1.0

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -136,16 +135,16 @@ def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
         sizes = np.abs(one) / usual
         found = binary_propagation(sizes > rules.clear_std, mask=sizes > rules.around_std)
         found = maximum_filter1d(found.astype(np.uint8), _RUN) > 0
-        good.append(~found if found.mean() <= rules.most and len(found) >= 4 * _RUN else np.ones(len(found), bool))
+        local = len(found) >= 4 * _RUN and found.mean() <= rules.most and mad_std(sizes[~found]) <= rules.around_std
+        good.append(~found if local else np.ones(len(found), bool))
     return good
 
 
 def _without_disturbed(problem: Problem, parameters: np.ndarray, evaluated: Evaluation) -> Problem:
-    """The same without the stretches of the kept lines that something disturbs."""
-    kept, observations = np.flatnonzero(problem.kept).tolist(), list(problem.observations)
-    undisturbed = _undisturbed([evaluated.points[index][:, 0] / problem.noise_scale for index in kept])
-    for index, good in zip(kept, undisturbed, strict=True):
-        one = observations[index]
+    """The same without the stretches of lines that something disturbs."""
+    observations = list(problem.observations)
+    undisturbed = _undisturbed([block[:, 0] / problem.noise_scale for block in evaluated.points])
+    for index, (one, good) in enumerate(zip(problem.observations, undisturbed, strict=True)):
         if len(good) == len(one.points_px) and not good.all():
             observations[index] = replace(one, points_px=one.points_px[good], sigma_px=one.sigma_px[good])
     return replace(problem, observations=observations, seen_at_lens=()).relinearised(parameters)
@@ -241,17 +240,9 @@ def _too_few(fits: np.ndarray, loaded: np.ndarray) -> bool:
     )
 
 
-class _Solved(NamedTuple):
-    """A problem, its solution and what that predicts; and how far each still's points lie off, in deviations (F,)."""
-
-    problem: Problem
-    solution: Linearised
-    evaluated: Evaluation
-    rms: np.ndarray
-
-
-def _in_passes(problem: Problem, judged: bool = True) -> _Solved | None:
-    """Solved in passes, each with the points' scatter about the one before and without the stills that do not fit it.
+def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearised, Evaluation, np.ndarray] | None:
+    """Solved in passes, each with the points' scatter about the one before and without the stills that do not fit it:
+    the problem, its solution, what that predicts, and how far each picture's points lie off, in deviations (F,).
 
     judged : leave out stills that contradict the others, too; None where these are too many.
     """
@@ -290,7 +281,7 @@ def _in_passes(problem: Problem, judged: bool = True) -> _Solved | None:
         problem = replace(problem, kept=fits)
         if change < _SETTLED and (fits == kept).all():
             break
-    return _Solved(problem, solution, evaluated, rms)
+    return problem, solution, evaluated, rms
 
 
 def _solved(
