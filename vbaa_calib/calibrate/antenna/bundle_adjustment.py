@@ -18,7 +18,7 @@ from scipy.ndimage import binary_propagation, maximum_filter1d, uniform_filter1d
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
-from vbaa_calib.core.least_squares import Linearised, Rules, disagreement, disagreement_p, minimise
+from vbaa_calib.core.least_squares import CHANCE_SCATTER, Linearised, Rules, disagreement, disagreement_p, minimise
 from vbaa_calib.core.robust import MAD_SCALE, huber_weights, mad_std
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Tip
@@ -90,8 +90,10 @@ _FEWEST_OF_A_KIND, _MOST_STRANGE = 2, 0.2
 and only so large a part may contradict the others before it is the model that does not hold."""
 
 
-def _agreement(problem: Problem, solution: Linearised, distances: Sequence[np.ndarray]) -> np.ndarray:
-    """(F,) probability that a still that belongs disagrees as much with the rest, by line and moment; 1 for those left
+def _disagreements(
+    problem: Problem, solution: Linearised, distances: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """χ² and degrees of freedom (F,) of how each still disagrees with the rest, by line and moment; none of those left
     out. distances : see `Problem.evaluate`.
     """
     kept = np.flatnonzero(problem.kept)
@@ -104,9 +106,9 @@ def _agreement(problem: Problem, solution: Linearised, distances: Sequence[np.nd
     own = [(jacobian[each] * unit, residuals[each]) for each in rows]
     information = np.array([slopes.T @ slopes for slopes, _ in own])
     pull = np.array([-slopes.T @ off for slopes, off in own])
-    p = np.ones(len(problem.kept))
-    p[kept] = disagreement_p(*disagreement(information, pull, total * np.outer(unit, unit)))
-    return p
+    square, freedom = np.zeros((2, len(problem.kept)))
+    square[kept], freedom[kept] = disagreement(information, pull, total * np.outer(unit, unit))
+    return square, freedom
 
 
 @dataclass(frozen=True)
@@ -169,6 +171,7 @@ class BundleAdjustment:
     parameters : (17,) `RIG_PARAMETERS`; the pose's six are steps from the prior's start.
     camera : the lens as all pictures together have it, with its covariance.
     covariance : (17 + P, 17 + P) of `RIG_PARAMETERS`, the pose's part about the solved pose, and of the lens.
+    scatter : ratio, at least 1, of the pictures' contradictions to what their noise explains; in the covariance.
     point_rms : (F,) per observation, in units of the scaled deviations.
     moment_residuals_Nm : (F,) reading less prediction.
     tip : where the antenna's visible end lies, from the pictures; None where it was not seen, or not used.
@@ -184,6 +187,7 @@ class BundleAdjustment:
     T_antenna_camera: Pose
     camera: Camera
     covariance: np.ndarray
+    scatter: float
     point_rms: np.ndarray
     moment_residuals_Nm: np.ndarray
     tip: Tip | None = None
@@ -271,7 +275,7 @@ def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearis
         # stills on the border must not come and go for ever; the last pass leaves none out
         fits = kept if turn == _PASSES else fits & kept if turn > _PASSES // 2 else fits
         if judged and change < _NEAR and (fits == kept).all():
-            p = _agreement(problem, solution, evaluated.points)
+            p = disagreement_p(*_disagreements(problem, solution, evaluated.points))
             worst = int(np.argmin(p))
             if p[worst] < _CONTRADICTS:
                 strange[worst] = True
@@ -305,6 +309,11 @@ def _solved(
     settled = solution
     if alike > 1.0:
         settled = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike))).linearised(parameters)
+    square, freedom = _disagreements(problem, solution, evaluated.points)
+    scatter = float(np.sqrt(max(square.sum() / max(freedom.sum(), 1.0) / CHANCE_SCATTER, 1.0)))
+    # of what was measured; priors stay
+    trust = np.where(np.arange(len(settled.residuals)) < len(settled.residuals) - settled.certain, 1.0 / scatter, 1.0)
+    settled = replace(settled, residuals=trust * settled.residuals, jacobian=trust[:, None] * settled.jacobian)
     root, lens = settled.covariance_root(), problem.lens
     # the lens may be off by all its standard deviation, whatever share the solve had: the solution follows its prior
     rest = root @ root[lens].T * np.sqrt(prior.lens_shares**-2 - 1.0)
@@ -329,6 +338,7 @@ def _solved(
         ),
         camera=camera if len(covariance) == RIG else replace(camera, covariance=covariance[RIG:, RIG:]),
         covariance=covariance,
+        scatter=scatter,
         point_rms=rms,
         moment_residuals_Nm=problem.moment_residuals_Nm(parameters, evaluated.moments),
         tip=_tip(problem, evaluated, whole, axes),
