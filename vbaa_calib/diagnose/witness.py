@@ -92,8 +92,8 @@ def _condensed(problem: Problem, parameters: np.ndarray, settings: SessionSettin
     scatter *= max(float(np.sqrt(alike)), 1.0)
     common = settings.common**2
     seen = [one.at(nodes, scatter * np.sqrt(2.0 / (len(one.t) * weights) + common)) for one in distances]
-    found = replace(problem, seen_at_lens=seen, noise_scale=1.0, known_axes=None)
-    return replace(found, known_axes=found.line_axes(nodes)) if problem.prior.line_px else found
+    found = replace(problem, seen_at_lens=seen, noise_scale=1.0, known_axes=None, places=nodes)
+    return replace(found, known_axes=found.line_axes()) if problem.prior.drift.line_px else found
 
 
 def _without_load(still: Still) -> Still:
