@@ -49,17 +49,21 @@ class Judged:
 
 
 def called(*words: str | Path) -> tuple[int, str]:
-    """Exit code of a command of `vbaa`, and the last line that it printed."""
+    """Exit code of a command of `vbaa`, and all that it printed."""
     heard = StringIO()
     with redirect_stderr(heard), redirect_stdout(heard):
         code = main([str(word) for word in words])
-    return code, (heard.getvalue().strip().splitlines() or [""])[-1].removeprefix("vbaa: ")
+    return code, heard.getvalue()
+
+
+def _last(text: str) -> str:
+    return (text.strip().splitlines() or [""])[-1].removeprefix("vbaa: ")
 
 
 def contacts_of(folder: Path, rig: Path, output: Path) -> tuple[int, str, ContactTable | None]:
     """Exit code, last words and table of `vbaa estimate`; None where it refuses."""
-    code, words = called("estimate", folder, "--rig", rig, "-o", output, "--no-report", "--accept-rig", "--force")
-    return code, words, read_contacts(output) if code < 2 and output.exists() else None
+    code, text = called("estimate", folder, "--rig", rig, "-o", output, "--no-report", "--accept-rig", "--force")
+    return code, _last(text), read_contacts(output) if code < 2 and output.exists() else None
 
 
 def judge(table: ContactTable, truth: Truth) -> Judged:
@@ -130,8 +134,9 @@ class Outcome:
 
 def outcome(world: World, truth: Truth, folder: Path) -> Outcome:
     """Calibrate, estimate, refine; and estimate with the true rig."""
-    rig_json, csv, refined_csv = (folder.parent / name for name in ("rig.json", "contacts.csv", "refined.csv"))
-    code, words = called("calibrate", folder, "-o", rig_json, "--force")
+    rig_json, csv = folder.parent / "rig.json", folder.parent / "contacts.csv"
+    code, text = called("calibrate", folder, "-o", rig_json, "--force")
+    words = _last(text)
     rig = None
     found: dict[str, object] = {}
     try:
@@ -155,13 +160,16 @@ def outcome(world: World, truth: Truth, folder: Path) -> Outcome:
     found["estimate_words"] = estimated[1] if estimated[0] else ""
     if estimated[2] is not None:
         found["ours"] = judge(estimated[2], truth)
-        refine = called(
-            "refine", csv, "--rig", rig_json, "--session", folder, "-o", refined_csv, "--accept-rig", "--force"
-        )
-        found["refine_words"] = refine[1]
-        if refine[0] < 2 and (table := read_contacts(refined_csv)) is not None:
-            found["refined"] = judge(table, truth)
+        found["refined"], found["refine_words"] = _refined(folder, rig_json, csv, truth)
     return Outcome(**{"calibrated": code, "words": words, **found})  # type: ignore[arg-type]
+
+
+def _refined(folder: Path, rig: Path, csv: Path, truth: Truth) -> tuple[Judged | None, str]:
+    """The contacts after `vbaa refine`; None and why, where it leaves them as they are."""
+    output = csv.with_name("refined.csv")
+    code, text = called("refine", csv, "--rig", rig, "--session", folder, "-o", output, "--accept-rig", "--force")
+    why = next((line for line in text.splitlines() if line.startswith("not refined")), _last(text) * (code > 1))
+    return (None, why) if why else (judge(read_contacts(output), truth), "")
 
 
 def pulls(world: World, rig: Rig) -> dict[str, float]:

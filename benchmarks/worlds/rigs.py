@@ -194,7 +194,7 @@ def draw_world(seed: int, number: int) -> World:
         inclination_deg=inclination,
         sensor=_sensor(rng, optics.size),
         board=board,
-        boards=[_before(rng, optics, board, rng.uniform(0.4, 0.95), (12.0, 45.0)) for _ in range(count)],
+        boards=[_before(rng, optics, board, rng.uniform(0.5, 1.0), (12.0, 45.0)) for _ in range(count)],
         jig=jig,
         jig_typed=None if jig is None else Place(error.turn * jig.turn, jig.shift_m + error.shift_m),
         jig_std=jig_std,
@@ -343,7 +343,7 @@ def _before(
         tilt = np.radians(rng.uniform(*tilts_deg))
         turn = Rotation.from_rotvec(tilt * np.array([np.cos(about), np.sin(about), 0.0]))
         turn = turn * Rotation.from_rotvec([0.0, 0.0, roll])
-        middle = size * (0.5 + (0.1 if within else 0.3) * rng.uniform(-1.0, 1.0, 2))
+        middle = size * (0.5 + (0.1 if within else 0.37) * rng.uniform(-1.0, 1.0, 2))
         ray = optics.ray(middle)
         place = Place(turn, away_m * np.append(ray, 1.0) - turn.apply(board.middle_m))
         corners = place.of(board.outline_m)

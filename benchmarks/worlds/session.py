@@ -142,9 +142,10 @@ def write_session(world: World, folder: Path) -> Truth:
         for index, (shot, bent) in enumerate(zip(shots, bent_of(world, shots, True), strict=True)):
             row: dict[str, Any] = {"image": f"{name}_{index:02d}{suffix}", **_readings(world, shot, bent, rng)}
             if name == "loads":
-                row["distance_m"] = shot.distance_m + world.load_std[0] * typed.normal()
-                scale = 1.0 + world.load_std[1] * typed.normal()
-                row |= {"force_y_N": scale * shot.push_N[0], "force_z_N": scale * shot.push_N[1]}
+                # nobody misreads a ruler by four of its deviations
+                off = np.array(world.load_std) * typed.normal(size=2).clip(-2.5, 2.5)
+                scale, row["distance_m"] = 1.0 + off[1], float(shot.distance_m + off[0])
+                row |= {"force_y_N": float(scale * shot.push_N[0]), "force_z_N": float(scale * shot.push_N[1])}
             rows.append(row)
             load = "thread" if name == "loads" and world.thread else ""
             _write(folder / name / row["image"], take.antenna(bent, rng, load))

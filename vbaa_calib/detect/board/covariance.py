@@ -78,8 +78,8 @@ def corner_covariances(image: np.ndarray, corners_px: np.ndarray, windows: np.nd
     """(N, 2, 2) px² covariance of corners (N, 2) px that `cv2.cornerSubPix` refined with half windows (N,).
 
     image : (H, W) uint8. A window without a corner gives its own size. Noise is assumed independent between pixels: the
-    covariance is too small where JPEG or the camera smooths. The detector's bias is not included: up to 0.03 px in
-    sharp pictures, where it outweighs noise below about 3 grey levels.
+    covariance is too small where JPEG or the camera smooths. The detector's bias is not included: up to 0.015 px in
+    sharp pictures, where it outweighs noise below about 1.5 grey levels.
     """
     found = np.zeros((len(corners_px), 2, 2))
     if not len(corners_px):
