@@ -100,7 +100,7 @@ def _detect_charuco(image: np.ndarray, spec: BoardSpec, name: str) -> BoardView:
         (image.shape[1], image.shape[0]),
         markers.ids,
         markers.outlines,
-        corner_covariances(image, sharpened, windows),
+        corner_covariances(image, sharpened, windows, RULES.smoothing_px),
         measure_quality(image, ids, sharpened, spec),
     )
 
@@ -141,7 +141,8 @@ def _detect_april_grid(image: np.ndarray, spec: AprilGrid, name: str) -> BoardVi
     found = np.flatnonzero(windows)
     found = found[np.argsort(ids[found])]
     ids, corners, windows = ids[found], corners[found], windows[found]
-    covariances, quality = corner_covariances(image, corners, windows), measure_quality(image, ids, corners, spec)
+    covariances = corner_covariances(image, corners, windows, RULES.smoothing_px)
+    quality = measure_quality(image, ids, corners, spec)
     size = (image.shape[1], image.shape[0])
     return BoardView(name, ids, corners, size, markers.ids, markers.outlines, covariances, quality)
 
@@ -192,7 +193,8 @@ def _chessboard_view(image: np.ndarray, spec: Chessboard, name: str, ids: np.nda
     corners, windows = _sharpened(
         image, found, RULES.of_a_square * gap_px.ravel(), np.full(len(ids), RULES.smallest_window_px)
     )
-    covariances, quality = corner_covariances(image, corners, windows), measure_quality(image, ids, corners, spec)
+    covariances = corner_covariances(image, corners, windows, RULES.smoothing_px)
+    quality = measure_quality(image, ids, corners, spec)
     size = (image.shape[1], image.shape[0])
     return BoardView(name, ids, corners, size, covariance_px2=covariances, quality=quality)
 
