@@ -103,21 +103,22 @@ def _held(judged: Judged | None) -> float:
     return float((np.abs(judged.error_m) < CERTAIN * judged.std_m).mean())
 
 
-def run(options: Options, first: int = 0) -> list[tuple[Row, Outcome]]:
+def run(options: Options) -> list[tuple[Row, Outcome]]:
     """World after world; each is shown when it is done."""
     found = []
-    for number in progress(range(first, first + options.draws), "worlds"):
+    for number in progress(range(options.draws), "worlds"):
         world = draw_world(options.seed, number)
         with TemporaryDirectory(prefix="vbaa-world-") as root:
             truth = write_session(world, Path(root) / "session")
             result = outcome(world, truth, Path(root) / "session")
         found.append((row_of_world(world, result), result))
-        say(f"{found[-1][0]}")
+        row = found[-1][0]
+        say(f"{row.world}: {row.calibrated}, {row.error_mm:.2f} mm off, {row.stated_mm:.2f} stated; {row.rig}")
     return found
 
 
 def summary(results: Sequence[tuple[Row, Outcome]]) -> dict[str, float]:
-    """Against what must hold: docs of the numbers stand in `lines`."""
+    """What `lines` says, as numbers."""
     rows, outcomes = zip(*results, strict=True)
     ours = [one.ours for one in outcomes if one.ours]
     errors, stds = together(ours)
@@ -169,7 +170,8 @@ def figure(rows: Sequence[Row]) -> Figure:
             [row.stated_mm for row in rows], [getattr(row, name) for row in rows], "o", color=colour, label=what
         )
     ends = [value for row in rows for value in (row.stated_mm, row.error_mm) if np.isfinite(value) and value > 0]
-    panel.plot([min(ends), max(ends)], [0.67 * min(ends), 0.67 * max(ends)], color=GREEN, lw=0.8, label="as stated")
+    usual = np.array([min(ends, default=1.0), max(ends, default=1.0)])
+    panel.plot(usual, 0.67 * usual, color=GREEN, lw=0.8, label="as stated")
     label(panel, "", "stated standard deviation, mm", "median error of distance, mm")
     panel.legend(fontsize=8)
     return drawn
