@@ -168,7 +168,7 @@ def _refined(folder: Path, rig: Path, csv: Path, truth: Truth) -> tuple[Judged |
     """The contacts after `vbaa refine`; None and why, where it leaves them as they are."""
     output = csv.with_name("refined.csv")
     code, text = called("refine", csv, "--rig", rig, "--session", folder, "-o", output, "--accept-rig", "--force")
-    why = next((line for line in text.splitlines() if line.startswith("not refined")), _last(text) * (code > 1))
+    why = next((line for line in text.splitlines() if line.startswith("not refined")), _last(text) * (code > 0))
     return (None, why) if why else (judge(read_contacts(output), truth), "")
 
 
