@@ -121,7 +121,8 @@ class _Distances:
         t = np.linspace(-1.0, 1.0, len(off))
         if len(t) < 2 * (degree + 1) or not np.isfinite(off).all():
             return _Distances(seen, normal, t, None, off, np.inf)
-        basis, weights = legendre.legvander(t, degree), np.ones(len(t))
+        # where points are known less well, as where a thread crosses, the same distance is fewer deviations
+        basis, weights = legendre.legvander(t, degree) * (np.median(std) / std)[:, None], np.ones(len(t))
         for _ in range(4):
             root = np.sqrt(weights)
             found = np.linalg.lstsq(basis * root[:, None], off * root, rcond=None)[0]

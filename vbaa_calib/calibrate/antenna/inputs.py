@@ -22,9 +22,9 @@ EXACT = LoadReadings()
 
 
 def reading_keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:
-    """Keys of a load's place and weight: equal numbers share one error."""
+    """Keys of a load's place and weight: equal numbers share one error; a weight's parts to y and z are rounded."""
     force = float(np.hypot(load.force_y_N, load.force_z_N))
-    return ("distance", f"{load.distance_m:.4f}"), ("mass", f"{force:.3g}")
+    return ("distance", f"{load.distance_m:.6f}"), ("mass", f"{force:.3g}")
 
 
 def _read(load: Load, further_m: float, heavier: float) -> Load:
