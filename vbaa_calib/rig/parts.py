@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
-from vbaa_calib.core.arrays import Within
+from vbaa_calib.core.arrays import Within, as_float, fixed
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics, Pose
 
@@ -41,6 +41,10 @@ class Tip:
     std_m: float
     covariance: np.ndarray
 
+    def __post_init__(self) -> None:
+        size = np.shape(self.covariance)
+        object.__setattr__(self, "covariance", fixed(self.covariance, size, "covariance of the tip", finite=False))
+
     def beside(self, covariance: np.ndarray) -> np.ndarray:
         """(18 + P, 18 + P) the rig's joint covariance (17 + P, 17 + P) with the offset as its last parameter."""
         across = self.covariance[:, None]
@@ -58,6 +62,14 @@ class Antenna:
     length_m: float
     diameter_m: float
     parameters: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Raises InputError for lengths that are not positive, and parameters that are no numbers."""
+        for name in ("length_m", "diameter_m"):
+            if not 0.0 < as_float(getattr(self, name), name, "give metres") < np.inf:
+                raise InputError(f"{name} of the antenna is {getattr(self, name)}", remedy="give metres, more than 0")
+        names = (len(ANTENNA_PARAMETERS),)
+        object.__setattr__(self, "parameters", fixed(self.parameters, names, "parameters of the antenna", finite=False))
 
     @property
     def stiffness_Nm2(self) -> float:
@@ -131,6 +143,12 @@ class AntennaImage:
         bool,
         Within(description="light from one side pulls its line, which is measured by both of its edges"),
     ] = False
+
+    def __post_init__(self) -> None:
+        """Raises InputError for a noise that is none."""
+        for name in ("noise_px", "noise_scale"):
+            if not 0.0 < as_float(getattr(self, name), name, "give a number, more than 0") < np.inf:
+                raise InputError(f"{name} is {getattr(self, name)}", remedy="give a number, more than 0")
 
     @property
     def paint(self) -> Paint:

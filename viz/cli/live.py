@@ -16,7 +16,7 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from . import streams
 from .estimate import add_estimator_options
@@ -25,8 +25,12 @@ if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import Ground
     from estimator.live import LiveContact, LiveEstimator
+    from estimator.live.outputs import ContactBag, Datagrams, GrowingTable
     from vbaa_calib.rig import Rig
     from vbaa_calib.streams import Source, Timing
+    from viz.files.rerun_log import RerunLog
+
+    _Sink: TypeAlias = "ContactBag | Datagrams | GrowingTable | RerunLog | _Lines"
 
 _LATENCIES = 100_000
 """Of so many of the last frames the latency's quantiles are told."""
@@ -67,13 +71,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--idle", type=float, default=10.0, metavar="S", help="a folder or standard input silent for so long has ended"
     )
     streams.configure(parser)
-
-
-class _Sink(Protocol):
-    """Takes contacts as they come."""
-
-    def write(self, contact: LiveContact) -> None: ...
-    def close(self) -> None: ...
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
