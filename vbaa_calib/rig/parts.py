@@ -11,7 +11,7 @@ import numpy as np
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
 from vbaa_calib.core.arrays import Within, as_float, fixed
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.geometry import Kinematics
 
 if TYPE_CHECKING:
     from vbaa_calib.detect.whisker.paint import Paint
@@ -26,7 +26,6 @@ RIG_STEPS = np.array([1e-5] * 6 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4 + [1e-4])
 
 JOINT_AXES = ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
 """What a sweep finds of the joints, in the order of `Kinematics`."""
-_NEAREST_M = 1e-3  # what comes nearer to the camera's plane counts as not in front of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,15 +171,3 @@ def kinematics_to_dict(kinematics: Kinematics) -> dict[str, Any]:
             "by_pose": kinematics.axes_by_pose.tolist(),
         },
     }
-
-
-def check_view(T_antenna_camera: Pose, length_m: float, where: object) -> None:
-    """Raises InputError when the undeformed antenna is nowhere in front of the camera, where no picture shows it."""
-    along = np.linspace(0.0, length_m, 9)[:, None] * [1.0, 0.0, 0.0]
-    depth_m = (T_antenna_camera.inverse() @ along)[:, 2]
-    if depth_m.max() < _NEAREST_M:
-        raise InputError(
-            f"T_antenna_camera: the antenna is nowhere {1e3 * _NEAREST_M:g} mm or more in front of the camera",
-            where=where,
-            remedy="it is the pose of the camera in the antenna frame, the camera's z forward",
-        )

@@ -26,7 +26,6 @@ from .parts import (
     Antenna,
     AntennaImage,
     Tip,
-    check_view,
     kinematics_to_dict,
 )
 
@@ -47,6 +46,21 @@ def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.
             remedy="run vbaa calibrate again",
         )
     return np.array(rows, float)
+
+
+_NEAREST_M = 1e-3  # what comes nearer to the camera's plane counts as not in front of it
+
+
+def _check_view(T_antenna_camera: Pose, length_m: float, where: object) -> None:
+    """Raises InputError when the undeformed antenna is nowhere in front of the camera, where no picture shows it."""
+    along = np.linspace(0.0, length_m, 9)[:, None] * [1.0, 0.0, 0.0]
+    depth_m = (T_antenna_camera.inverse() @ along)[:, 2]
+    if depth_m.max() < _NEAREST_M:
+        raise InputError(
+            f"T_antenna_camera: the antenna is nowhere {1e3 * _NEAREST_M:g} mm or more in front of the camera",
+            where=where,
+            remedy="it is the pose of the camera in the antenna frame, the camera's z forward",
+        )
 
 
 @lru_cache(maxsize=64)
@@ -306,7 +320,7 @@ class Rig:
         if len(covariance) > len(RIG_PARAMETERS):
             lens = slice(len(RIG_PARAMETERS), None)
             camera = replace(camera, covariance=covariance[lens, lens])
-        check_view(read.T_antenna_camera, read.antenna.length_m, where)
+        _check_view(read.T_antenna_camera, read.antenna.length_m, where)
         sensor, axes, tip = read.moment_sensor, read.kinematics.axes_uncertainty, read.antenna.tip
         try:
             return Rig(

@@ -61,6 +61,7 @@ class NewPictures:
             raise InputError(f"moment_Nm is {self.moment_Nm:g}", remedy="give the sensor's reading in N·m, or leave it")
 
 
+_NEW_ONES = "New pictures show whether it is still valid."
 _VERDICTS = {
     HOLDS: "This rig holds.",
     LOOK: "Look at this rig before you rely on it.",
@@ -92,18 +93,24 @@ class Assessment:
         return worst(self.answers)
 
     @property
+    def headline(self) -> str:
+        """The verdict in a sentence."""
+        fits = self.own_pictures and self.verdict == HOLDS
+        return "This rig fits the pictures that it was calibrated from." if fits else _VERDICTS[self.verdict]
+
+    @property
     def words(self) -> str:
         """The verdict, and the questions that were not answered with "holds"."""
-        sentences = [_VERDICTS[self.verdict]]
+        sentences = [self.headline]
         for level, start in ((FAILS, "Does not hold"), (LOOK, "Look at")):
             found = [
                 f"{one.question} {one.words[:1].upper()}{one.words[1:]}." for one in self.answers if one.level == level
             ]
             sentences += [f"{start}: {' '.join(found)}"] if found else []
         if self.session is None:
-            sentences.append("Judged by rig.json alone; new pictures show whether the rig is still valid.")
+            sentences.append(f"Judged by rig.json alone. {_NEW_ONES}")
         if self.own_pictures:
-            sentences.append("These are the calibration's own pictures; new ones show whether the rig is still valid.")
+            sentences.append(_NEW_ONES)
         return " ".join(sentences)
 
     def to_dict(self) -> dict[str, Any]:
@@ -113,7 +120,7 @@ class Assessment:
             "schema": _SCHEMA,
             "rig": str(self.path),
             "verdict": self.verdict,
-            "headline": _VERDICTS[self.verdict],
+            "headline": self.headline,
             "words": self.words,
             "findings": [finding.to_dict() for finding in self.findings],
             "numbers": rig_numbers(self.rig, self.nominal_Nm2),
