@@ -108,8 +108,8 @@ class TouchObject:
     def signed_distance(self, points_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance from the undeformed surface, negative inside, and its outward normal at the nearest point.
 
-        Cylinder and edges count as endless here, and so do the box's faces (`within`); the blade is a plate as thick as
-        the edge's rounding. On the core, or on the blade's middle plane, where no direction is nearest, the normal is NaN.
+        Cylinder, edges and the box's faces count as endless here (see `within`); the blade is a plate as thick as the
+        edge's rounding. On the core, or on the blade's middle plane, where no direction is nearest, the normal is NaN.
 
         Parameters
         ----------
