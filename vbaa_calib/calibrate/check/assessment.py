@@ -61,7 +61,6 @@ class NewPictures:
             raise InputError(f"moment_Nm is {self.moment_Nm:g}", remedy="give the sensor's reading in N·m, or leave it")
 
 
-_NEW_ONES = "New pictures show whether it is still valid."
 _VERDICTS = {
     HOLDS: "This rig holds.",
     LOOK: "Look at this rig before you rely on it.",
@@ -96,7 +95,7 @@ class Assessment:
     def headline(self) -> str:
         """The verdict in a sentence."""
         fits = self.own_pictures and self.verdict == HOLDS
-        return "This rig fits the pictures that it was calibrated from." if fits else _VERDICTS[self.verdict]
+        return "This rig fits its calibration's pictures." if fits else _VERDICTS[self.verdict]
 
     @property
     def words(self) -> str:
@@ -108,9 +107,9 @@ class Assessment:
             ]
             sentences += [f"{start}: {' '.join(found)}"] if found else []
         if self.session is None:
-            sentences.append(f"Judged by rig.json alone. {_NEW_ONES}")
+            sentences.append("Judged by rig.json alone; new pictures show whether the rig is still valid.")
         if self.own_pictures:
-            sentences.append(_NEW_ONES)
+            sentences.append("These are the calibration's own pictures; new ones show whether the rig is still valid.")
         return " ".join(sentences)
 
     def to_dict(self) -> dict[str, Any]:
