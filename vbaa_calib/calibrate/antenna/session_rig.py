@@ -263,8 +263,8 @@ _DEFINED = 1e-3  # part of the clamp's priors in plane C that is left where the 
 
 
 def bow_std_per_m(length_m: float) -> float:
-    """Prior standard deviation of the free antenna's curvature, 1/m: a wire is straightened to a hundredth of its length,
-    or, if it is long, to what the eye still sees."""
+    """Prior standard deviation of the free antenna's curvature, 1/m: a wire is straight to a hundredth of its length,
+    or better, if it is longer than 250 mm."""
     return 0.3 * max(1.0, 0.25 / length_m)
 
 
