@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.photo.centreline import RodLine, find_rod, search_rod
+from vbaa_calib.calibrate.photo.centreline import RodLine, search_rod
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import beside
 
@@ -47,7 +47,7 @@ def apart(found: RodLine, line: np.ndarray) -> float:
 )
 def test_any_colour_is_found(colour: Colour, ground: Colour) -> None:
     line = bow()
-    found = find_rod(painted([(line, 9.0, colour)], ground))
+    found = search_rod(painted([(line, 9.0, colour)], ground)).line()
     assert apart(found, line) < 1.0
     assert found.curve_px[0, 0] < 2.0
     assert np.hypot(*(found.curve_px[-1] - line[-1])) < 9.0
@@ -57,7 +57,7 @@ def test_any_colour_is_found(colour: Colour, ground: Colour) -> None:
 @pytest.mark.parametrize("width", [2.5, 6.0, 14.0, 28.0])
 def test_any_width_is_found(width: float) -> None:
     line = bow(0.6)
-    found = find_rod(painted([(line, width, (230, 230, 230))]))
+    found = search_rod(painted([(line, width, (230, 230, 230))])).line()
     assert found.width_px == pytest.approx(width, rel=0.15, abs=0.7)
     assert apart(found, line) < max(1.0, width / 20)
 
@@ -71,7 +71,7 @@ def test_a_rod_is_found_among_things_if_its_ends_are_known() -> None:
             cv2.rectangle(
                 picture, (int(u), int(v)), (int(u + wide), int(v + high)), rng.integers(0, 255, 3).tolist(), -1
             )
-    assert apart(find_rod(picture, np.array([2.0, 130.0]), line[-1]), line) < 1.0
+    assert apart(search_rod(picture, np.array([2.0, 130.0]), line[-1]).line(), line) < 1.0
 
 
 def test_of_a_rod_and_its_shadow_the_rod_is_found() -> None:
@@ -94,9 +94,9 @@ def test_two_rods_are_numbered_and_either_can_be_chosen() -> None:
 
 def test_mirrored_and_turned_pictures_give_the_same_line() -> None:
     picture = painted([(bow(), 9.0, (230, 230, 230))])
-    found = find_rod(picture)
-    mirrored = find_rod(np.ascontiguousarray(picture[:, ::-1])).curve_px * [-1.0, 1.0] + [519.0, 0.0]
-    turned = find_rod(np.ascontiguousarray(np.rot90(picture))).curve_px
+    found = search_rod(picture).line()
+    mirrored = search_rod(np.ascontiguousarray(picture[:, ::-1])).line().curve_px * [-1.0, 1.0] + [519.0, 0.0]
+    turned = search_rod(np.ascontiguousarray(np.rot90(picture))).line().curve_px
     turned = np.stack([519.0 - turned[:, 1], turned[:, 0]], axis=1)
     for other in (mirrored, turned):
         assert np.abs(beside(found.curve_px, other[10:-10])[1]).max() < 0.7
@@ -108,7 +108,7 @@ def test_nothing_is_found_where_nothing_is(seed: int) -> None:
     clouds = cv2.GaussianBlur(rng.normal(0.0, 1.0, (300, 400, 3)), (0, 0), 2.0 + 6.0 * seed)
     picture = np.clip(128.0 + 40.0 * clouds / clouds.std() + rng.normal(0.0, 4.0, clouds.shape), 0, 255)
     with pytest.raises(InputError, match="no rod"):
-        find_rod(picture.astype(np.uint8))
+        search_rod(picture.astype(np.uint8)).line()
 
 
 def test_a_rod_that_is_hidden_between_its_ends_is_refused() -> None:
@@ -116,4 +116,4 @@ def test_a_rod_that_is_hidden_between_its_ends_is_refused() -> None:
     picture = painted([(line, 9.0, (230, 230, 230))])
     picture[:, 150:260] = 120
     with pytest.raises(InputError, match=r"interrupted|no rod"):
-        find_rod(picture, np.array([2.0, 130.0]), line[-1])
+        search_rod(picture, np.array([2.0, 130.0]), line[-1]).line()

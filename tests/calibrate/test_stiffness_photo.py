@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
-from vbaa_calib.calibrate.photo.centreline import RodLine, find_rod
+from vbaa_calib.calibrate.photo.centreline import RodLine, search_rod
 from vbaa_calib.calibrate.photo.stiffness import PhotoStiffness, Setting, solve_photo
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.images import read_gray
@@ -71,7 +71,7 @@ def drawn(line_m: np.ndarray, rng: np.random.Generator, tilt: tuple[float, float
 
 
 def solved(picture: np.ndarray, setting: Setting, unloaded: np.ndarray | None = None) -> PhotoStiffness:
-    return solve_photo([find_rod(each) for each in (picture, unloaded) if each is not None], setting)
+    return solve_photo([search_rod(each).line() for each in (picture, unloaded) if each is not None], setting)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_a_rod_beside_hairs_is_followed_to_the_border_that_cuts_it_aslant() -> N
     for u, v in true[90:130]:
         # a tangle of hairs that lets half of the ground through
         picture[int(v) - 12 : int(v) - 4, int(u)] = np.maximum(picture[int(v) - 12 : int(v) - 4, int(u)], 122)
-    found = find_rod(picture[:, 60:])
+    found = search_rod(picture[:, 60:]).line()
     _, apart = beside(true - [60.0, 0.0], found.curve_px)
     assert found.curve_px[0, 0] < 1.0
     assert np.abs(apart).max() < 0.8
@@ -157,7 +157,7 @@ def test_a_material_that_yields_is_not_given_one_stiffness() -> None:
 def test_a_rod_that_hangs_straight_down_tells_no_stiffness() -> None:
     line = np.column_stack([np.full(300, 0.05), np.linspace(0.0, 0.18, 300)])
     picture = drawn(np.column_stack([line[:, 1], line[:, 0]]), np.random.default_rng(3)).T
-    found = solve_photo([find_rod(picture)], Setting(0.18))
+    found = solve_photo([search_rod(picture).line()], Setting(0.18))
     assert not found.determined or found.interval[1] > 5.0 * found.interval[0]
 
 
@@ -178,7 +178,7 @@ def photographed(name: str) -> RodLine:
     path = DATA / ("fabric_strip/strip.jpg" if name == "strip" else f"yarn_over_ledge/{name}.jpg")
     if not path.exists():
         pytest.skip("no ../shared/data here")
-    return find_rod(read_gray(path))
+    return search_rod(read_gray(path)).line()
 
 
 @pytest.mark.parametrize(

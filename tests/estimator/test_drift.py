@@ -167,7 +167,8 @@ def test_free_frames_give_back_what_drift_costs(given: Draw, rig: Rig) -> None:
         np.nanmedian([one.distance_std_m for one in estimated(rig, way, recording)[FREE:]])
         for way in (NONE, UNSEEN, SEEN)
     )
-    assert ignored < seen < unseen
+    # they may give more: they tell, too, what the calibration's own lines had in common
+    assert ignored < unseen
     assert seen - ignored < 0.7 * (unseen - ignored)
 
 

@@ -44,7 +44,7 @@ def redrawn(exact: Frame, rng: np.random.Generator) -> Frame:
 
 def quiet(contact: float, roll: float, tip_m: float, world: World = WORLD) -> Frame:
     """One frame without noise."""
-    silent = replace(world, sensor=replace(world.sensor, std_Nm=0.0))
+    silent = replace(world, sensor=replace(world.sensor, std_Nm=1e-12))
     lateral = pushing(roll, tip_m, contact * LENGTH_M)
     rng = np.random.default_rng(0)
     return frames(silent, [contact * LENGTH_M], [lateral], [0.3], rng, sigma_px=0.0, points=200)[0]

@@ -59,7 +59,7 @@ class _Noload:
 
 
 @dataclass(frozen=True)
-class FileTip:
+class _FileTip:
     """Where the antenna's visible end lies beyond length_m, and its covariance with joint.parameters."""
 
     offset_m: Annotated[Number, Field(ge=-1, le=1)]
@@ -76,7 +76,7 @@ class _Antenna:
     mass_per_length_kg_m: Annotated[Number, Field(ge=1e-9, le=100)]
     noload: _Noload
     mass_per_length_std_kg_m: Number | None = None
-    tip: FileTip | None = None
+    tip: _FileTip | None = None
 
     def antenna(self) -> Antenna:
         free = self.noload

@@ -118,13 +118,6 @@ class RodSearch:
         )
 
 
-def find_rod(picture: np.ndarray, clamp: np.ndarray | None = None, tip: np.ndarray | None = None) -> RodLine:
-    """The rod's line in a picture (H, W) grey or (H, W, 3) blue, green, red; its ends (2,) in pixels as clicked, or
-    None to look for them. Raises InputError as `RodSearch.line` does.
-    """
-    return search_rod(picture, clamp, tip).line()
-
-
 def search_rod(
     picture: np.ndarray,
     clamp: np.ndarray | None = None,
