@@ -188,6 +188,12 @@ def _calls() -> dict[str, tuple[object, ...]]:
             (1.5, 8.0),
             4,
         ),
+        "surface.covariance": (
+            _fields(x=(3, 2), value=(3, 1), slope=(3, 1, 2)),
+            _fields(x=(9, 2), value=(9, 1), slope=(9, 1, 2)),
+            SimpleNamespace(length_m=0.1, amplitude_m=0.01, offset_m=1.0, incline=2.0),
+            True,
+        ),
         "search.quantile": (_a(9), 0.4),
         "search.median": (_a(9),),
         "search.normals": (path,),
