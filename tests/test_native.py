@@ -178,6 +178,8 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "search.fit_smooth": (_a(5), _a(5), _a(5), [1.0, 0.5], 4, 0.1),
         "search.solve_definite": (np.eye(3), _a(3, 2)),
         "search.running_mean": (_a(9), 3, core.search.Beyond.mirrored),
+        "search.running_medians": (_a(9), 4),
+        "search.running_maxima": (_a(9), 4),
         "search.triangle_sums": (_a(9, 2), 3),
         "search.ribbon_evidence": (planes, 3.5, _a(3), _a(3), 50.0, (0.7, 0.2, 0.05), -2.5),
         "search.best_paths": (
