@@ -296,6 +296,8 @@ def without_outliers(
     many that lie off to the same side.
     """
     usable, settings, rig = frames.usable, OutlierSettings(), frames.rig_arrays.rig
+    if not (fitted.farthest > settings.stretch_std).any():
+        return frames
     every, nothing = usable.sum(axis=1), dict[int, object]()  # was found in a row, by what
     # many together only relative to a fit that no single one has turned, nor the worst of them
     for least_std, which in ((settings.std, _alone), *[(settings.stretch_std, _stretch)] * 2):

@@ -69,15 +69,27 @@ void coarse_minima(Search& search) {
     }
 }
 
-// Room for frames of so many points, which most have in common with the one before.
+// Room for frames of so many points and a rig, which most have in common with the one before.
 class Room {
   public:
     Work& of(const Rig& rig, int points) {
-        if (!work || work->best.points != points) work = std::make_unique<Work>(rig, points);
+        if (!work || !fits(rig, points)) work = std::make_unique<Work>(rig, points);
         return *work;
     }
 
   private:
+    bool fits(const Rig& rig, int points) const {
+        const Fit& fit = work->best;
+        const Array<double, 2>& axes = work->bent.axes;
+        if (fit.points != points || fit.size != UNKNOWNS + rig.steps()) return false;
+        if (axes.shape[0] != rig.axes.shape[0] || axes.shape[1] != whole_lanes(UNKNOWNS + rig.shared)) return false;
+        for (int q = 0; q < axes.shape[0]; ++q) {
+            const double* own = rig.axes.row(q).begin();
+            if (!std::equal(own, own + rig.shared, &axes(q, UNKNOWNS))) return false;
+        }
+        return true;
+    }
+
     std::unique_ptr<Work> work;
 };
 
@@ -267,7 +279,7 @@ void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model
 
 void solve_frames(const Rig& rig, const Rig& exact, const Frames& frames, int begin, int end, int rung,
                   ConstMatrix warm, ConstVector pieces_m, const Numbers& numbers) {
-    Room room, few;
+    thread_local Room room, few;  // a call with one frame would take longer to make them than for all else
     Uncertainty found(rig.steps());
     for (int index = begin; index < end; ++index) {
         const Frame frame = frame_of(frames, index);
