@@ -174,8 +174,65 @@ def jig() -> Sheet:
     sheet.measure((170, 130), (290, 130), "x", (222, 122))
     sheet.measure((272, 60), (272, 200), "y", (254, 170))
     sheet.text(24, 366, "jig: two dowel pins or a milled step, so that the board always goes back to the same place")
-    sheet.text(24, 386, "z: how far the board's printed face is above (+) or below (−) the antenna's axis", GREY)
+    sheet.text(
+        24, 386, "z: how far the board's back is above (+) or below (−) the antenna's axis; then its thickness", GREY
+    )
     sheet.text(664, 190, "antenna", BLUE)
+    return sheet
+
+
+def bench() -> Sheet:
+    """Which way the axes of antenna and board point, from the camera and from the side, and what is positive."""
+    sheet = Sheet(820, 560, "Axes and signs on your bench")
+
+    def tripod(x: float, y: float, names: str, colour: str, down: bool = False) -> None:
+        """x to the right, the second axis up or down, the third towards who looks (a dot) or away (a cross)."""
+        sheet.line((x, y), (x + 58, y), colour=colour, width=3, arrow=True)
+        sheet.line((x, y), (x, y + (58 if down else -58)), colour=colour, width=3, arrow=True)
+        sheet.text(x + 62, y + 5, names[0], colour)
+        sheet.text(x + 8, y + (58 if down else -48), names[1], colour)
+        sheet.shapes.append(f'<circle cx="{x:g}" cy="{y:g}" r="8" fill="#ffffff" stroke="{colour}" stroke-width="2"/>')
+        if names[3:]:
+            sheet.dot(x, y, colour, 3)
+        else:
+            sheet.line((x - 5, y - 5), (x + 5, y + 5), colour=colour)
+            sheet.line((x - 5, y + 5), (x + 5, y - 5), colour=colour)
+        sheet.text(x - 14, y + (-10 if down else 22), names[2], colour, "end")
+
+    sheet.text(20, 26, "From the camera, the clamp to the left", INK, size=16)
+    sheet.box(20, 150, 110, 80)
+    sheet.box(90, 176, 50, 28, "#cbd5e1")
+    sheet.line((140, 190), (700, 190), colour=BLUE, width=4)
+    sheet.board(300, 70, 8, 6, 36)
+    tripod(140, 190, "xyz.", ORANGE)
+    tripod(300, 70, "xyz", GREEN, down=True)
+    sheet.text(210, 58, "board", GREEN, "end")
+    sheet.text(20, 262, "antenna: z towards the camera (dot)", ORANGE, size=14)
+    sheet.text(600, 64, "origin: top left corner,", GREEN, size=14)
+    sheet.text(600, 82, "the print upright; z away", GREEN, size=14)
+    sheet.text(600, 100, "from the camera (cross)", GREEN, size=14)
+    sheet.text(690, 156, "pan +: tip to +y", INK, "end")
+    sheet.line((700, 182), (700, 130), colour=INK, arrow=True)
+    sheet.text(20, 324, "From the side", INK, size=16)
+    base(sheet, 190, 440)
+    sheet.line((190, 440), (700, 440), colour=BLUE, width=4)
+    tripod(190, 440, "xzy", ORANGE)
+    camera(sheet, 420, 340, 0)
+    sheet.box(300, 490, 288, 14, "#ffffff")
+    sheet.line((300, 490), (588, 490), colour=INK, width=4)
+    sheet.text(596, 494, "printed face", INK, size=14)
+    sheet.text(596, 512, "back: z is measured to it", GREY, size=14)
+    sheet.measure((282, 440), (282, 504), "z < 0", (236, 486))
+    sheet.line((700, 432), (700, 380), colour=INK, arrow=True)
+    sheet.text(690, 404, "tilt +: tip to +z", INK, "end")
+    sheet.text(620, 462, "f_z > 0: pushed to +z", ORANGE)
+    sheet.text(
+        20,
+        546,
+        "The camera may stand anywhere that sees the antenna; the jig's answers say where z points.",
+        GREY,
+        size=14,
+    )
     return sheet
 
 
@@ -264,6 +321,7 @@ DRAWINGS: dict[str, Callable[[], Sheet]] = {
     "idea": idea,
     "rig": rig,
     "jig": jig,
+    "bench": bench,
     "light": light,
     "load": load,
     "sign": sign,

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from drawing import BLUE, ORANGE, canvas, figures_folder, save
 
-from vbaa_calib import Camera
+from vbaa import Camera
 from vbaa_calib.camera import CameraOnPlane
 from vbaa_calib.geometry import Pose
 

@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 from drawing import BLUE, DARK, ORANGE, canvas, figures_folder, save
 
-from estimator import ContactEstimator
-from vbaa_calib import Camera, Rig
+from vbaa import Camera, ContactEstimator, Rig
 from vbaa_calib.antenna.rungs import curves
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor

@@ -5,7 +5,7 @@ from drawing import BLUE, DARK, GREY, ORANGE, canvas, figures_folder, save
 
 from benchmarks.estimator.setup import Setup
 from benchmarks.object.scenes import contacts, record
-from estimator.object.estimate import estimate_object
+from vbaa import estimate_object
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Sweep
 

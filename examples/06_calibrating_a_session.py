@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from drawing import BLUE, DARK, GREEN, ORANGE, canvas, figures_folder, save
 
-from vbaa_calib.calibrate.pipeline import calibrate
-from vbaa_calib.session import load_session
+from vbaa import calibrate, load_session
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.write import write_session

@@ -3,7 +3,7 @@
 import numpy as np
 from drawing import BLUE, DARK, GREEN, GREY, ORANGE, RED, canvas, figures_folder, save
 
-from vbaa_calib import Camera
+from vbaa import Camera
 from vbaa_calib.antenna.linear import deflection
 from vbaa_calib.geometry import Kinematics, Pose
 

@@ -5,7 +5,7 @@ from drawing import BLUE, DARK, GREEN, ORANGE, RED, canvas, figures_folder, save
 
 from benchmarks.estimator.scenes import rod_shapes, scenes
 from benchmarks.estimator.setup import STIFFNESS_NM2, Setup
-from estimator import ContactEstimator
+from vbaa import ContactEstimator
 from vbaa_calib.antenna.elastica import normal_load
 
 # A real antenna, with weight, bow and a clamp that is off, touched at 140 mm at a roll of 30°, frictionless. The

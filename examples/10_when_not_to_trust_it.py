@@ -5,7 +5,7 @@ from drawing import BLUE, DARK, RED, canvas, figures_folder, save
 
 from benchmarks.estimator.scenes import scenes
 from benchmarks.estimator.setup import ACROSS, STIFFNESS_NM2, Setup
-from estimator import ContactEstimator
+from vbaa import ContactEstimator
 
 # The antenna is touched at 140 mm by one force, turned about the antenna from ξ = 0 (in plane C) to 90° (square on
 # it). An upright camera then has the deformation plane along its line of sight; one that leans across has it elsewhere.

@@ -12,11 +12,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from time import perf_counter
 from typing import Any
 
-from estimator import ContactEstimator
 from estimator.live import LiveContact, LiveEstimator
 from estimator.live.outputs import contact_messages
-from vbaa_calib import Rig
-from vbaa_calib.core.errors import InputError
+from vbaa import ContactEstimator, InputError, Rig
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams.bags import Topics, picture_of, readings_of, stamp_s
 

@@ -154,6 +154,7 @@ def at_work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert main(["simulate", str(folder / "scene.yaml"), "-o", session, "--pictures", "none"]) == 0
     shutil.copy(small_rig() / "rig.json", rig)
     assert main(["estimate", session, "--rig", rig, "-o", str(folder / "contacts.csv"), "--no-report"]) == 0
+    shutil.copy(next((small_rig() / "session" / "loads").glob("*.png")), folder / "picture.png")
     (folder / "demo").symlink_to(folder, target_is_directory=True)
     return folder
 

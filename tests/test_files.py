@@ -24,6 +24,7 @@ from hypothesis import strategies as st
 from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError, one_line, sentence_of
 from vbaa_calib.core.files import (
+    json_text,
     read_yaml,
     refuse_overwrite,
     replacing,
@@ -313,3 +314,9 @@ def test_of_two_that_write_a_file_one_stands_whole(tmp_path: Path) -> None:
         second.write_text("second")
     assert target.read_text() == "first"  # it ended last
     assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
+
+
+def test_names_that_are_no_text_are_json_all_the_same() -> None:
+    """Bytes that are UTF-8 though the locale does not say so, and bytes that are not."""
+    escaped = {"yes": b"\xc3\xa4 \xff".decode("ascii", "surrogateescape"), "pair": "\U0001f600"}
+    assert json.loads(json_text(escaped)) == {"yes": "ä �", "pair": "\U0001f600"}

@@ -10,24 +10,32 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from estimator import RecordingVerdict, RecordingWatch, next_touch, recording_verdict, refine
-    from estimator.contact.estimate import ContactEstimator
+    from estimator import RecordingVerdict, RecordingWatch, View, next_touch, recording_verdict, refine
     from estimator.object.estimate import estimate_object
     from estimator.table.contacts import Contact, Measured
     from estimator.table.files import read_contacts
     from vbaa_calib import Camera, Rig, __version__, calibrate_lens
+    from vbaa_calib.calibrate.pipeline import calibrate
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.session import load_session
+
+    from .contact_estimator import ContactEstimator
 
 __all__ = [
     "Camera",
     "Contact",
     "ContactEstimator",
+    "InputError",
     "Measured",
     "RecordingVerdict",
     "RecordingWatch",
     "Rig",
+    "View",
     "__version__",
+    "calibrate",
     "calibrate_lens",
     "estimate_object",
+    "load_session",
     "next_touch",
     "read_contacts",
     "recording_verdict",
@@ -36,8 +44,12 @@ __all__ = [
 
 _HOMES = {
     **dict.fromkeys(("Camera", "Rig", "calibrate_lens", "__version__"), "vbaa_calib"),
-    **dict.fromkeys(("Contact", "ContactEstimator", "Measured", "next_touch", "refine"), "estimator"),
+    **dict.fromkeys(("Contact", "Measured", "View", "next_touch", "refine"), "estimator"),
     **dict.fromkeys(("RecordingVerdict", "RecordingWatch", "recording_verdict"), "estimator"),
+    "ContactEstimator": "vbaa.contact_estimator",
+    "InputError": "vbaa_calib.core.errors",
+    "calibrate": "vbaa_calib.calibrate.pipeline",
+    "load_session": "vbaa_calib.session",
     "estimate_object": "estimator.object.estimate",
     "read_contacts": "estimator.table.files",
 }
@@ -47,7 +59,8 @@ def __getattr__(name: str) -> Any:
     """Load on first use. Raises ImportError naming the folder that stands in the place of a package of ours."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    package = importlib.import_module(_HOMES[name].partition(".")[0])
+    top = _HOMES[name].partition(".")[0]
+    package = importlib.import_module("estimator" if top == "vbaa" else top)
     home, place = Path(__file__).parents[1], Path(package.__file__ or "").parent
     if place.parent != home:
         raise ImportError(

@@ -118,7 +118,7 @@ class Recording:
 
 def calibrated(given: rigs.Draw) -> Rig:
     """The rig that a draw's pictures and readings lead to."""
-    before = replace(solve.prior_of(given), line_px=DRIFTS["lab"].line_px)
+    before = replace(solve.prior_of(given), drift=DRIFTS["lab"])
     joint = adjust_bundle(solve.observations(given), before, rigs.NOMINAL.length_m, rigs.MOMENT_NM)
     gain, offset = joint.sensor_gain_offset
     antenna = joint.parameters[len(POSE_PARAMETERS) : -2]

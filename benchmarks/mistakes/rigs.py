@@ -382,7 +382,7 @@ def calibrated_rig(kind: Kind, seed: int) -> Calibrated:
     lens = solve_intrinsics(views, kind.board, model="opencv5")
     board_pose = solve_board_pose(in_jig, lens.board_shape, lens.camera)
     session, jig = session_of(kind), jig_estimate(board_pose, T_antenna_jig)
-    before = prior(kind.antenna, lens.camera, [jig], readings=READINGS, line_px=LINE_PX)
+    before = prior(kind.antenna, lens.camera, [jig], readings=READINGS, drift=DRIFTS["lab"])
     stills = stills_of(kind)
     observations = observed([world] * len(stills), stills, rng)
     joint = solve_antenna(session, observations, before)

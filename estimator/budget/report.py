@@ -161,22 +161,34 @@ def _unit(name: str) -> str:
     return "mm" if name.endswith("_m") else "mN"
 
 
+_LOOK: Any = {
+    **dict.fromkeys(("text.color", "axes.labelcolor", "axes.titlecolor"), "#1f2937"),
+    **dict.fromkeys(("xtick.color", "ytick.color"), "#5b6676"),
+    **dict.fromkeys((f"axes.spines.{side}" for side in ("top", "right", "left")), False),
+    **{"axes.edgecolor": "#cbd5e1", "grid.color": "#e2e8f0", "ytick.major.size": 0.0, "ytick.minor.size": 0.0},
+    **{"axes.titlelocation": "left", "axes.titleweight": "bold", "axes.titlesize": 10.5, "axes.titlepad": 12.0},
+    **{"font.size": 9.0, "legend.fontsize": 8.0},
+}
+"""As the reports look."""
+
+
 def write_figure(path: Path, budget: Budget, force: bool) -> None:
     """Stacked shares of each result, those of the calibration's part, and the deviation of l along the antenna."""
+    import matplotlib as mpl
     from matplotlib.figure import Figure
 
     calibrated = any(cause not in OWN for cause in budget.variances)
     along = len(np.unique(budget.touches.distance_m)) > 1
     panels = 1 + calibrated + along
-    figure = Figure(figsize=(1.0 + 4.6 * panels, 5.2), layout="constrained")
-    axes = list(figure.subplots(1, panels, squeeze=False)[0])
-    _bars(axes[0], budget, _grouped(budget), "what makes up each deviation", whole=True)
-    if calibrated:
-        of_rig = {cause: rows for cause, rows in budget.variances.items() if cause not in OWN}
-        _bars(axes[1], budget, of_rig, "the calibration's part, common to all frames", whole=False)
-    if along:
-        _along(axes[-1], budget)
-    with replacing(path, force) as temporary:
+    with mpl.rc_context(_LOOK), replacing(path, force) as temporary:
+        figure = Figure(figsize=(1.0 + 4.6 * panels, 5.2), layout="constrained")
+        axes = list(figure.subplots(1, panels, squeeze=False)[0])
+        _bars(axes[0], budget, _grouped(budget), "what makes up each standard deviation", whole=True)
+        if calibrated:
+            of_rig = {cause: rows for cause, rows in budget.variances.items() if cause not in OWN}
+            _bars(axes[1], budget, of_rig, "the calibration's part, common to all frames", whole=False)
+        if along:
+            _along(axes[-1], budget)
         figure.savefig(temporary, dpi=110, format=path.suffix[1:].lower())
 
 
@@ -198,12 +210,12 @@ def _bars(axes: Axes, budget: Budget, variances: Mapping[str, np.ndarray], title
             bottom = bottom + height
     for place, name in enumerate(_TABLES):
         std = 1e3 * (budget.results[name].std if whole else budget.results[name].common_std)
-        axes.text(place, 101.5, f"{std:.3g} {_unit(name)}", ha="center", fontsize=8)
+        axes.text(place, 101.5, f"± {std:.3g} {_unit(name)}", ha="center", weight="bold")
     axes.set_xticks(range(len(_TABLES)), [_SHORT[name] for name in _TABLES])
     axes.set_ylim(0, 108)
     axes.set_ylabel("share of the variance, %")
-    axes.set_title(title, fontsize=10)
-    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)
+    axes.set_title(title)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)
 
 
 def _along(axes: Axes, budget: Budget) -> None:
@@ -214,13 +226,13 @@ def _along(axes: Axes, budget: Budget) -> None:
     def rms_mm(rows: np.ndarray) -> np.ndarray:
         return np.asarray(1e3 * np.sqrt(np.bincount(which, per_result(rows)["distance_m"]) / count))
 
-    axes.plot(1e3 * distances, rms_mm(_sum_of(budget)), color="black", lw=2, marker="o", ms=4, label="all")
+    axes.plot(1e3 * distances, rms_mm(_sum_of(budget)), color="#1f2937", lw=2, marker="o", ms=4, label="all")
     for cause, rows in _grouped(budget).items():
         if cause != FORCE_PRIOR:
             axes.plot(1e3 * distances, rms_mm(rows), marker="o", ms=3, **_STYLES[cause])
     axes.set_yscale("log")
     axes.set_xlabel("contact's distance l, mm")
-    axes.set_ylabel("deviation of l, mm (rms over forces)")
-    axes.set_title("along the antenna", fontsize=10)
-    axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)
+    axes.set_ylabel("standard deviation of l, mm (rms over forces)")
+    axes.set_title("along the antenna")
+    axes.grid(which="both")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)

@@ -82,6 +82,7 @@ def _words(one: NextTouch) -> list[str]:
     unit = {"surface": (1e3, "mm"), "friction": (1.0, ""), "stiffness": (1.0, "m/N")}[one.goal]
     of = {"surface": "the surface", "friction": "μ", "stiffness": "the compliance"}[one.goal]
     now, then = (f"{unit[0] * each:.3g}{' ' if unit[1] else ''}{unit[1]}" for each in (one.std, one.std_after))
+    better = ", and no touch here would improve that" if now == then else f" and should then be known to {then}"
     place = ", ".join(f"{1e3 * each:.1f}" for each in one.point_m)
     lines = [
         f"begin clear of the object at {joints(one.begin_rad)}",
@@ -94,5 +95,5 @@ def _words(one: NextTouch) -> list[str]:
         *lines,
         f"the contact should come {1e3 * one.distance_m:.1f} mm along the antenna, at ({place}) mm, "
         f"with {1e3 * one.force_N:.3g} mN",
-        f"{of}, known to {now}, should then be known to {then}; best of {one.compared} touches",
+        f"{of} is known to {now}{better}; best of {one.compared} touches",
     ]

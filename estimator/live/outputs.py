@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import pickle
@@ -13,7 +14,7 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from estimator.diagnose import RecordingVerdict
 from estimator.diagnose.consequences import changed_row
@@ -57,8 +58,9 @@ class GrowingTable:
     def write(self, contact: LiveContact) -> None:
         with disk_errors_named(self._path):
             if not contact.final:
-                write_row(self._stream, cells_of(contact.row))
-                self._stream.flush()
+                line = io.StringIO()
+                write_row(line, cells_of(contact.row))
+                _append_whole(self._stream, line.getvalue().encode())
             if contact.final == self._final:
                 pickle.dump(ContactRow.of(contact.item.frame, contact.item.contact), self._kept)
         self._rows[contact.final] += 1
@@ -81,19 +83,31 @@ class GrowingTable:
                 yield replace(row, status=status, reason=reason)
 
 
-def _opened(path: Path) -> TextIO:
+def _opened(path: Path) -> io.FileIO:
     try:
-        stream = path.open("w", encoding="utf-8", newline="")
+        stream = path.open("wb", buffering=0)
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", where=path, remedy="write somewhere else") from None
+    line = io.StringIO()
+    write_header(line)
     try:
         with disk_errors_named(path):
-            write_header(stream)
-            stream.flush()
+            _append_whole(stream, line.getvalue().encode())
     except BaseException:
         path.unlink(missing_ok=True)
         raise
     return stream
+
+
+def _append_whole(stream: io.FileIO, data: bytes) -> None:
+    """Write all of it at the end, or none: on a disk that is full, what got there is taken off again."""
+    begin, left = stream.tell(), data
+    try:
+        while left:
+            left = left[stream.write(left) :]
+    except OSError:
+        stream.truncate(begin)
+        raise
 
 
 def json_line(contact: LiveContact) -> str:

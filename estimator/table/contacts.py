@@ -156,7 +156,7 @@ def declared(cls: type) -> dict[str, Column]:
 _SHARED = tuple(declared(_Common))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Contact(ContactEstimate[float, bool, str]):
     """One frame's result: a contact, or why there is none. Numbers that the data do not support are NaN.
 
@@ -170,6 +170,20 @@ class Contact(ContactEstimate[float, bool, str]):
     outside_points: int = 0
     end_used: bool | None = None
     bias: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """What it is in a line: where, how hard, ± one standard deviation, and why if it is not located."""
+        if self.status not in LOCATED:
+            return f"<Contact: {self.status}: {self.reason}>"
+        x, y, z = 1e3 * self.point_world_m
+        force = ", ".join(
+            f"{axis} {1e3 * value:.1f} ± {1e3 * std:.1f}"
+            for axis, value, std in zip("yz", self.force_N[1:], self.force_std_N[1:], strict=True)
+            if np.isfinite(value)
+        )
+        where = f"{1e3 * self.distance_m:.2f} ± {1e3 * self.distance_std_m:.2f} mm from the clamp"
+        point = f"world ({x:.2f}, {y:.2f}, {z:.2f}) mm"
+        return f"<Contact: {self.status}, {where}, force {force or 'not known'} mN, {point}>"
 
     @property
     def predicted_bias_std(self) -> float:

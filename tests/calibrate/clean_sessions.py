@@ -23,7 +23,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.diagnose.session import still_diagnoses
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import MomentSensor, Rig
-from vbaa_calib.session import DRIFTS, Load, LoadReadings, Session, Still
+from vbaa_calib.session import DRIFTS, Drift, Load, LoadReadings, Session, Still
 
 from ..rod_scenes import BROWN, LENGTH_M, MATRIX, STIFFNESS_NM2, TIP_PX, World, along, camera_pose, seen
 from .checked_rigs import LENS_STD
@@ -65,7 +65,7 @@ def clean_session(seed: int) -> CleanSession:
         drift=replace(DRIFTS["lab"], line_px=line_px),
     )
     stills = [*_free(rng, int(rng.integers(2, 7))), *_loads(rng, view.rotation[:, 2], int(rng.integers(2, 13)))]
-    before, sigma_px, light_px = _before(world, rng, line_px), rng.uniform(0.03, 0.15), 0.015 * rng.normal(size=3)
+    before, sigma_px, light_px = _before(world, rng, told.drift), rng.uniform(0.03, 0.15), 0.015 * rng.normal(size=3)
     drawn = CleanSession(
         told, (), before, world, sigma_px, line_px, light_px, (NOMINAL.tip_std_m or 0.0) * rng.normal()
     )
@@ -111,7 +111,7 @@ def _loads(rng: np.random.Generator, sight: np.ndarray, count: int) -> list[Load
     return found
 
 
-def _before(world: World, rng: np.random.Generator, line_px: float) -> Prior:
+def _before(world: World, rng: np.random.Generator, drift: Drift) -> Prior:
     """A lens and a pose of the camera as the board's pictures may have given them."""
     std = float(rng.choice([0.2, 1.0])) * np.array([3e-4] * 3 + [2e-4] * 3)
     start = world.T_antenna_camera.retract(std * rng.normal(size=6))
@@ -122,7 +122,7 @@ def _before(world: World, rng: np.random.Generator, line_px: float) -> Prior:
         distortion, covariance = BROWN + off[4:], np.diag(LENS_STD[:8] ** 2)
     camera = Camera("opencv", _SIZE, matrix, distortion, covariance)
     estimate = PoseEstimate("jig", start, np.diag(std**2), np.zeros((6, 8)))
-    return prior(NOMINAL, camera, [estimate], readings=_RULER, line_px=line_px)
+    return prior(NOMINAL, camera, [estimate], readings=_RULER, drift=drift)
 
 
 def _observed(drawn: CleanSession, stills: Sequence[Still], rng: np.random.Generator) -> list[Observation]:

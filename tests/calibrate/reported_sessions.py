@@ -16,7 +16,7 @@ from vbaa_calib.calibrate.antenna.session_rig import prior
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.session import Load, LoadReadings, NominalAntenna, Session, Still, gravity_antenna
+from vbaa_calib.session import Drift, Load, LoadReadings, NominalAntenna, Session, Still, gravity_antenna
 
 from . import still_faults
 
@@ -77,7 +77,7 @@ class Reported:
     def with_antenna(self, **changes: float) -> Reported:
         """With another nominal antenna."""
         antenna = replace(self.session.antenna, **changes)
-        before = prior(antenna, self.before.camera, self.before.poses, readings=READINGS, line_px=self.before.line_px)
+        before = prior(antenna, self.before.camera, self.before.poses, readings=READINGS, drift=self.before.drift)
         return replace(self, session=replace(self.session, antenna=antenna), before=before)
 
     @property
@@ -221,7 +221,10 @@ def reported(truth: Truth, rng: np.random.Generator) -> Reported:
     estimate = PoseEstimate("jig", start, np.diag(std**2), np.zeros((6, 4 + len(truth.camera.distortion))))
     told = replace(still_faults.session(), antenna=antenna, load_readings=READINGS, moment_std_Nm=noise_Nm)
     return Reported(
-        truth, told, found, prior(antenna, truth.camera, [estimate], readings=READINGS, line_px=truth.line_px)
+        truth,
+        told,
+        found,
+        prior(antenna, truth.camera, [estimate], readings=READINGS, drift=Drift(line_px=truth.line_px)),
     )
 
 
@@ -280,7 +283,7 @@ def _board(low: float, high: float) -> Callable[..., tuple[Reported, str | float
         away = pose.T_antenna_camera
         further = replace(pose, T_antenna_camera=Pose(away.rotation, (1 + off) * away.translation_m))
         antenna, camera = right.session.antenna, right.before.camera
-        before = prior(antenna, camera, [further], readings=READINGS, line_px=right.before.line_px)
+        before = prior(antenna, camera, [further], readings=READINGS, drift=right.before.drift)
         return replace(right, before=before), 100 * off
 
     return after

@@ -53,7 +53,7 @@ class Faults:
     ruler_std_m, balance_std : of every load's readings.
     kink : (3,) a sharp bend: its arc length in m, and its angles about y and about z in rad.
     points, sigma_px : of a line, and its noise; deviations are `claimed` times the true ones.
-    line_px : deviation of the smooth curves by which lines are off.
+    line_px, light_px : deviations of the smooth curves by which each line is off, and all lines alike.
     softer_to_z : loads to z act so many times as strongly on the shape as they do on the sensor.
     tip_m : how far beyond its length the antenna's end is seen; None: it is not seen.
     """
@@ -66,6 +66,7 @@ class Faults:
     sigma_px: float = 0.05
     claimed: float = 1.0
     line_px: float = 0.0
+    light_px: float = 0.0
     softer_to_z: float = 1.0
     tip_m: float | None = None
 
@@ -93,6 +94,7 @@ def observed(
 ) -> list[Observation]:
     """What the camera and the sensor see of the stills, under the rows that were noted."""
     s, found = np.linspace(0.01, 1.0, faults.points) * LENGTH_M, []
+    shared = faults.light_px * (rng.normal(size=3) if faults.light_px else np.zeros(3))
     for index, still in enumerate(stills):
         now = faults.world(index, world)
         true = gravity_antenna(Kinematics(), GRAVITY_WORLD, [still])
@@ -110,9 +112,10 @@ def observed(
         pixels = seen(now.T_antenna_camera, points) + rng.normal(0.0, faults.sigma_px, points[:, :2].shape)
         sensor, tip = now.sensor, {}
         read = -sensor.gain * felt.clamp_moment_Nm[0, 1] + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)
-        if faults.line_px:
+        if faults.line_px or faults.light_px:
             across = np.gradient(pixels, axis=0)[len(pixels) // 2][::-1] * [-1.0, 1.0]
-            off = np.polynomial.legendre.legval(np.linspace(-1.0, 1.0, len(s)), faults.line_px * rng.normal(size=3))
+            own = shared + faults.line_px * rng.normal(size=3)
+            off = np.polynomial.legendre.legval(np.linspace(-1.0, 1.0, len(s)), own)
             pixels = pixels + off[:, None] * across / np.linalg.norm(across)
         if faults.tip_m is not None:
             before, end = seen(now.T_antenna_camera, along(bent, np.array([LENGTH_M - 1e-3, LENGTH_M])))

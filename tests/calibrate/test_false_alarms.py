@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from .clean_sessions import again, checked, clean_session, said
@@ -18,6 +20,18 @@ def alarms(seed: int) -> list[str]:
 def test_a_clean_session_raises_no_alarm(seed: int) -> None:
     """Rows along the line of sight, a line that light moves, and a clamp whose turn does not show."""
     assert alarms(seed) == []
+
+
+def test_a_thread_over_the_antenna_raises_no_alarm() -> None:
+    """Sharp pictures, in which the points on a stretch of the loaded antenna are known twenty times less well."""
+    drawn = replace(clean_session(3), sigma_px=0.012, line_px=0.0, light_px=0.0)
+    crossed = []
+    for one in again(drawn, 3):
+        sigma_px = one.sigma_px.copy()
+        if one.loaded:
+            sigma_px[int(0.7 * len(sigma_px)) :][: len(sigma_px) // 12] *= 20.0
+        crossed.append(replace(one, sigma_px=sigma_px))
+    assert said(replace(drawn, observations=crossed))[0] == []
 
 
 @pytest.mark.slow

@@ -18,11 +18,12 @@ from vbaa_calib.calibrate.lens.uncertainty import compensate, linear_axes, pixel
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.robust import chi_square
+from vbaa_calib.detect.whisker.locking import LINE_MODES, locking_std
 from vbaa_calib.diagnose.session import still_diagnoses
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import RIG_PARAMETERS
-from vbaa_calib.session import Load, LoadReadings, Still
+from vbaa_calib.session import DRIFTS, Drift, Load, LoadReadings, Still
 
 from ..rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose
 from . import still_faults
@@ -136,17 +137,31 @@ def test_an_end_that_lies_off_the_others_is_left_out() -> None:
     assert joint.problem.tips.tolist() == [index for index in range(len(observations)) if index != 5]
 
 
-def test_errors_that_a_line_shares_are_in_the_covariance() -> None:
-    """Lines off by a hundredth of a pixel, all along: white noise alone would claim far too much."""
+@pytest.mark.parametrize("shared", ["line_px", "light_px"])
+def test_errors_that_lines_share_are_in_the_covariance(shared: str) -> None:
+    """Lines off by a hundredth of a pixel all along, each of them or all alike: white noise alone claims too much."""
     whole: dict[float, list[float]] = {0.0: [], 0.01: []}
-    for seed in range(2):
+    for seed in range(3):
         rng = np.random.default_rng((12, seed))
-        observations = observed(TRUE, rng, line_px=0.01)
-        for line_px, found in whole.items():
-            joint = adjusted(observations, jig_prior(start_pose(rng), line_px=line_px))
+        observations = observed(TRUE, rng, **{shared: 0.01})
+        for std_px, found in whole.items():
+            joint = adjusted(observations, jig_prior(start_pose(rng), drift=Drift(**{shared: std_px})))
             found.append(statistic(errors(joint), joint.covariance))
-    assert np.mean(whole[0.0]) > 1.5 * np.mean(whole[0.01])
+    assert np.mean(whole[0.0]) > 1.2 * np.mean(whole[0.01])
     assert 0.4 < np.mean(whole[0.01]) < 2.0
+
+
+def test_a_line_along_a_row_keeps_what_pixels_do_to_it() -> None:
+    """Elsewhere the errors average out: against those of a periodic error with every phase."""
+    x, phases = np.linspace(100.0, 900.0, 801), 2.0 * np.pi * np.arange(16) / 16
+    for rows in (0.0, 0.3, 1.5, 40.0):
+        points = np.column_stack([x, 200.0 + rows * np.linspace(0.0, 1.0, len(x)) ** 2])
+        errors = np.sqrt(2.0) * np.sin(2.0 * np.pi * points[:, 1] + phases[:, None])
+        modes = np.polynomial.legendre.legfit(np.linspace(-1.0, 1.0, len(x)), errors.T, LINE_MODES - 1)
+        expected = np.sqrt((modes**2).mean(axis=1))
+        for turned in (points, points[:, ::-1]):
+            np.testing.assert_allclose(locking_std(turned), expected, atol=0.01 + 0.05 * expected.max())
+    assert locking_std(points).max() < 0.3
 
 
 def errors(joint: BundleAdjustment) -> np.ndarray:
@@ -326,10 +341,11 @@ def test_a_load_that_contradicts_the_others_is_left_out_though_its_points_fit(se
 def test_stills_whose_points_share_errors_tell_no_more_than_one() -> None:
     """Taken three times over they are still what one light shows; points with errors of their own tell more."""
     drawn, which = clean_session(1), RIG_PARAMETERS.index("bow_about_z_per_m")
+    before = replace(drawn.before, drift=Drift())
 
     def deviation(shared: bool, times: int) -> float:
         seen = [replace(one, shared=shared, sigma_px=np.full_like(one.sigma_px, 0.3)) for one in drawn.observations]
-        return float(np.sqrt(solve_antenna(drawn.session, seen * times, drawn.before).covariance[which, which]))
+        return float(np.sqrt(solve_antenna(drawn.session, seen * times, before).covariance[which, which]))
 
     assert deviation(shared=True, times=3) > 0.85 * deviation(shared=True, times=1)
     assert deviation(shared=False, times=3) < 0.75 * deviation(shared=False, times=1)
@@ -396,3 +412,38 @@ def test_an_ordinary_lens_moves_by_all_its_standard_deviations() -> None:
     )
     assert (known.lens_shares == 1.0).all()
     assert (known.lens_axes == independent_axes(known.camera.covariance)).all()
+
+
+def test_a_thread_over_the_antenna_is_left_out_and_its_load_stays() -> None:
+    """The load's row is right, its picture disturbed where the thread crosses the line."""
+    rng = np.random.default_rng(21)
+    observations = observed(TRUE, rng)
+    before = jig_prior(start_pose(rng), drift=DRIFTS["lab"])
+    clean = adjusted(observations, before)
+    assert not any(clean.disturbed)
+    for index in (5, 9):
+        points = observations[index].points_px.copy()
+        points += 0.6 * np.exp(-(((np.arange(len(points)) - 120) / 10.0) ** 2))[:, None] * [0.3, 1.0]
+        observations[index] = replace(observations[index], points_px=points)
+    joint = adjusted(observations, before)
+    assert joint.kept.all()
+    assert [index for index, count in enumerate(joint.disturbed) if count] == [5, 9]
+    named = [one for one in row_doubts(joint) if one.name == "line_disturbed"]
+    assert [one.severity for one in named] == ["note", "note"]
+    moved = (joint.parameters - clean.parameters) / np.sqrt(np.diag(clean.covariance)[:17])
+    assert np.abs(moved).max() < 1.0
+
+
+def test_what_no_parameter_explains_widens_the_covariance() -> None:
+    """Lines that are off by ten times what is allowed for; a clean session's covariance stays."""
+    found = []
+    for seed in range(3):
+        rng = np.random.default_rng((22, seed))
+        observations = observed(TRUE, rng, line_px=0.03)
+        joint = adjusted(observations, jig_prior(start_pose(rng), drift=Drift(line_px=0.003)))
+        assert joint.scatter > 1.5
+        found.append(statistic(errors(joint), joint.covariance))
+        clean = adjusted(observed(TRUE, rng, line_px=0.003), jig_prior(start_pose(rng), drift=Drift(line_px=0.003)))
+        assert clean.scatter < 1.15
+        assert np.all(np.diag(joint.covariance)[:17] > np.diag(clean.covariance)[:17])
+    assert 0.3 < np.mean(found) < 2.5

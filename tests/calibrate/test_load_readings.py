@@ -86,6 +86,8 @@ def test_equal_numbers_are_one_reading_and_free_stills_have_none() -> None:
     assert moved[0] == stills[0]
     assert [one.distance_m for one in moved[1:] if isinstance(one, Load)] == pytest.approx([0.101, 0.101, 0.2])
     assert ReadingGroups.of(stills, LoadReadings(0.0, 0.01)).count == 1
+    # on a small rig a tenth of a millimetre is as much as a caliper's deviation
+    assert ReadingGroups.of([load, replace(load, distance_m=0.10002)], RULER).count == 3
 
 
 @pytest.mark.parametrize("seed", [101, 102])

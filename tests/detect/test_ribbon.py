@@ -18,22 +18,22 @@ def test_shades_are_what_convolution_gives() -> None:
     width, blur, fine = 4.3, 0.7, 7 * 32
     at = np.arange(-12 * fine, 12 * fine + 1) / fine
     inside, angle = np.abs(at) < 0.5 * width, np.arcsin(np.clip(2.0 * at / width, -1.0, 1.0))
-    sharp = [at < -0.5 * width, at > 0.5 * width, inside]
+    sharp = [at < -0.5 * width, at > 0.5 * width]
     for k in (1, 2, 3):
         sharp += [np.where(inside, wave(k * angle), 0.0) for wave in (np.sin, np.cos)]
     bell = np.exp(-0.5 * at**2 / (blur**2 + 0.29**2))
     tabled, wider, softer = (core.profile.shades(width * a, blur * b, 12) for a, b in ((1, 1), (1.001, 1), (1, 1.001)))
     for k, shape in enumerate(sharp):
         shade = np.asarray(shape, float)
-        if k > 2:
+        if k > 1:
             shade[inside] -= shade[inside].mean()
             shade[inside] /= np.sqrt((shade[inside] ** 2).mean())
         meant = np.convolve(shade, bell / bell.sum(), mode="same")[::7]
         middle = slice(7 * 32, -7 * 32)  # beyond, the convolution ends
         assert np.allclose(tabled[middle, k], meant[middle], atol=5e-3)
-        assert np.allclose(tabled[:, 9 + k], np.gradient(tabled[:, k], 1.0 / 32.0), atol=4e-3)
-        assert np.allclose(tabled[:, 18 + k], (wider - tabled)[:, k] / 0.001, atol=4e-3)
-        assert np.allclose(tabled[:, 27 + k], (softer - tabled)[:, k] / 0.001, atol=4e-3)
+        assert np.allclose(tabled[:, 8 + k], np.gradient(tabled[:, k], 1.0 / 32.0), atol=4e-3)
+        assert np.allclose(tabled[:, 16 + k], (wider - tabled)[:, k] / 0.001, atol=4e-3)
+        assert np.allclose(tabled[:, 24 + k], (softer - tabled)[:, k] / 0.001, atol=4e-3)
 
 
 def in_colour(cover: np.ndarray, ground: np.ndarray, rng: np.random.Generator, noise: float = 1.5) -> np.ndarray:

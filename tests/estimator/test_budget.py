@@ -31,6 +31,7 @@ from estimator.cli.budget import configure, run
 from estimator.contact.common_errors import MOST_POINTS, shared_errors
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import Rig
 
 from .budget_draws import FRICTION_RAD, RIG, correlated_rig, errors, linearised, rung_shapes, seen_of, three_touches
@@ -145,7 +146,8 @@ def known_better(cause: str, factor: float) -> Rig:
     covariance, rows = RIG.covariance, rows_of(cause)
     ahead = np.linalg.solve(covariance[np.ix_(rows, rows)], covariance[rows])
     less = covariance - (1.0 - factor**2) * covariance[:, rows] @ ahead
-    return replace(RIG, covariance=0.5 * (less + less.T))
+    axes = independent_axes(0.5 * (less + less.T))  # without what rounding leaves below zero
+    return replace(RIG, covariance=axes @ axes.T)
 
 
 def rows_of(cause: str) -> list[int]:
@@ -235,7 +237,9 @@ def sampled(draws: int, seed: int, cause: str, made_by: ShapesOf = rung_shapes) 
         rubs, friction = 0.0 * rubs, 0.0
     elif cause:
         rig, rows = known_better(cause, 0.0), rows_of(cause)
-        rig.covariance[rows], rig.covariance[:, rows] = 0.0, 0.0
+        covariance = rig.covariance.copy()
+        covariance[rows], covariance[:, rows] = 0.0, 0.0
+        rig = replace(rig, covariance=covariance)
     axes = RigArrays.from_rig(rig, FRICTION_RAD).axes
     steps = rng.normal(size=(draws, axes.shape[1])) @ axes.T
     off = errors(rig, steps, touches, rubs, rng, friction, made_by)

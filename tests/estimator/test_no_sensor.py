@@ -51,8 +51,9 @@ def test_planar_contacts_are_located_by_the_picture_alone(sigma_px: float, least
 def test_a_rig_without_a_sensor_is_one_whose_sensor_is_not_read() -> None:
     """Whatever is given as its readings."""
     given = planar(0.1, 24)
-    bare = replace(given.rig, moment_sensor=MomentSensor.none(), covariance=given.rig.covariance.copy())
-    bare.covariance[15:17] = bare.covariance[:, 15:17] = 0.0
+    covariance = given.rig.covariance.copy()
+    covariance[15:17] = covariance[:, 15:17] = 0.0
+    bare = replace(given.rig, moment_sensor=MomentSensor.none(), covariance=covariance)
     silent = given.estimated("auto", 0.2, moment_Nm=None)
     estimator = ContactEstimator(bare, friction=0.2)
     columns = (given.points_px, given.moment_Nm, given.pan_rad, given.tilt_rad)

@@ -19,6 +19,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -119,6 +120,11 @@ class _Datagrams:
         return self._several.pop(0)[:most], [], 0, None
 
 
+def _datagrams(path: Path) -> None:
+    received = datagrams(_Datagrams(path), [])  # type: ignore[arg-type]
+    _all_of(iter(partial(next, received), None))
+
+
 def _truth(path: Path) -> None:
     truth = read_json(path)
     true_contacts(read_contacts(path.with_name("contacts.csv")), truth, path)
@@ -184,7 +190,7 @@ READERS = (
     Reader("stream_readings", "stream.csv", lambda path: _all_of(csv_readings(path)[1])),
     Reader("stream_table", "stream_pictures.csv", lambda path: _every_message(open_table(path))),
     Reader("lines", "stream.jsonl", _lines),
-    Reader("datagrams", "datagrams.txt", lambda path: _all_of(datagrams(_Datagrams(path), []))),  # type: ignore[arg-type]
+    Reader("datagrams", "datagrams.txt", _datagrams),
     Reader("video", "stream.avi", lambda path: _every_message(open_video(path)), seldom=50),
     Reader("batch_list", "list.csv", lambda path: recordings_of([str(path)], path.with_name("rig.json"))),
     Reader("fleet", "fleet.csv", lambda path: _dated([path])),

@@ -140,6 +140,8 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("a gap of NaN", f"{LIVE} --gap nan", ("--gap is nan",)),
     ("a topic of no role", f"{LIVE} --topic eyes=/left", ("--topic is 'eyes=/left'",)),
     ("readings from a port of words", "live rig.json - --udp here", ("--udp",)),
+    ("a key of readings without any", "live rig.json - --udp-key camera.json", ("--udp-key without --udp",)),
+    ("a key that others may read", "live rig.json - --udp 5999 --udp-key camera.json", ("chmod 600 camera.json",)),
     ("no patience", "live rig.json - --idle 0", ("--idle",)),
     ("a background that is not there yet", "live rig.json - --background auto", ("--background",)),
     ("estimated from nothing", "estimate --rig rig.json -o out.csv", ("--centrelines",)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import resource
 import signal
 import socket
 import subprocess
@@ -134,6 +135,23 @@ def test_the_table_is_read_while_it_grows(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["contacts.csv"]
     with pytest.raises(InputError, match="exists already"):
         GrowingTable(path)
+
+
+def test_a_full_disk_leaves_whole_rows(tmp_path: Path) -> None:
+    """A file that may not grow any further, as on a full disk, ends with a whole row."""
+    path, rows = tmp_path / "contacts.csv", [each for each in found() if not each.final]
+    table, limits = GrowingTable(path), resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        table.write(rows[0])
+        resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 100, limits[1]))
+        with pytest.raises(InputError, match="cannot be written"):
+            table.write(rows[1])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, before)
+    table.close()
+    assert read_contacts(path).frame.tolist() == [rows[0].row.frame]
 
 
 def test_parquet_grows_as_a_csv_until_it_is_closed(tmp_path: Path) -> None:

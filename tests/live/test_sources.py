@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hmac
 import json
 import os
 import socket
@@ -12,6 +13,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +97,8 @@ def listening_at() -> tuple[socket.socket, int]:
             sender.sendto(b'{"pan_rad": 0}', ("127.0.0.1", port))
         sent_s = now_s()
         time.sleep(0.02)
-        if next(datagrams(listening, notes)).time_s < sent_s + 0.01:
+        first = next(datagrams(listening, notes))
+        if first is not None and first.time_s < sent_s + 0.01:
             break
     return listening, port
 
@@ -123,4 +126,33 @@ def test_readings_by_udp() -> None:
     assert several[0].time_s == 1.5
     # timed by when they came, not by when they were asked for
     assert all(begun_s - 1e-3 < each.time_s < sent_s + 1e-3 for each in several[1:]) or sys.platform != "linux"
-    assert "rubbish" in source.notes[0]
+    assert source.notes[0] == "readings come from 127.0.0.1"
+    assert "rubbish" in source.notes[1]
+
+
+def sent_and_taken(several: list[bytes], key: bytes | None) -> tuple[list[float], list[str]]:
+    """The values of datagrams that are taken, and what is reported."""
+    listening, port = listening_at()
+    notes = list[str]()
+    with listening, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for data in several:
+            sender.sendto(data, ("127.0.0.1", port))
+        time.sleep(0.05)
+        return [each.value for each in iter(partial(next, datagrams(listening, notes, key)), None)], notes
+
+
+def signed(key: bytes, number: int, line: bytes) -> bytes:
+    """A datagram, as docs/live.md has it."""
+    rest = b"%d %s" % (number, line)
+    return hmac.new(key, rest, "sha256").hexdigest().encode() + b" " + rest
+
+
+def test_readings_that_are_signed() -> None:
+    """Those without the key, with another one's, changed on their way or sent once more are left out, and said."""
+    key, lines = b"0123456789abcdef", [b'{"pan_rad": %d}' % number for number in range(6)]
+    wrong = [lines[1], signed(b"fedcba9876543210", 2, lines[2]), signed(key, 3, lines[3]).replace(b"3}", b"2}")]
+    valid = [signed(key, 7, lines[0]), *wrong, signed(key, 7, lines[4]), b"", b"  ", signed(key, 8, lines[5])]
+    values, notes = sent_and_taken(valid, key)
+    assert values == [0.0, 5.0]
+    assert [note.partition(":")[0] for note in notes] == ["readings come from 127.0.0.1", "warning"]
+    assert sent_and_taken(lines, None)[0] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]

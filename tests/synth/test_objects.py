@@ -104,6 +104,8 @@ def test_the_box_is_two_planes_that_meet_in_a_rounding() -> None:
     np.testing.assert_allclose(normal, -into[0])
     np.testing.assert_allclose(box().signed_distance(CENTRE - 0.01 * WEDGE)[0], 0.006)
     np.testing.assert_array_equal(box().within(CENTRE + np.array([[-0.049], [0.051]]) * AXIS), [True, False])
+    for into in box().into_faces:
+        np.testing.assert_array_equal(box().within(CENTRE + np.array([[0.029], [0.031]]) * into), [True, False])
 
 
 @pytest.mark.parametrize("shape", ["cylinder", "sphere", "box_edge", "freeform"])

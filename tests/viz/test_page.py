@@ -17,6 +17,8 @@ from viz.scene.scene import Scene
 
 from ..wizard.browser import BROWSER, Browser
 
+ROOT = Path(__file__).parents[2]
+
 SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 CAMERA = """(() => {
   const drawn = window.global.renderWindow.getRenderers().find((each) => each.getActors().length > 3);
@@ -113,3 +115,14 @@ def test_a_click_takes_the_contact_that_is_drawn_there(scene: Scene, written: Pa
     finally:
         page.close()
     assert clicked > 10
+
+
+def test_every_page_forbids_requests() -> None:
+    """Templates of whole pages have a policy, before anything that could ask for something."""
+    pages = [path for top in ("viz", "estimator") for path in (ROOT / top).rglob("*.html.j2")]
+    whole = [text for path in pages if "<html" in (text := path.read_text(encoding="utf-8"))]
+    assert len(whole) == 2
+    for text in whole:
+        head, _, rest = text.partition("Content-Security-Policy")
+        assert rest.startswith("\" content=\"default-src 'none';")
+        assert not any(tag in head for tag in ("<script", "<style", "<link", "<img"))

@@ -183,6 +183,23 @@ def test_redo_takes_new_pictures_alone(walked: tuple[SessionState, Person], tmp_
     assert {Path(one).name for one in past} == {path.name for path in walked[1].camera.iterdir()}
 
 
+def test_redo_by_flag_waits_for_nothing(walked: tuple[SessionState, Person], tmp_path: Path) -> None:
+    """A folder of one's own with nothing new is taken once more; one with a new picture gives that alone."""
+    root = Path(shutil.copytree(walked[0].store.root, tmp_path / "rig"))
+    with Store(root) as store:
+        own = Path(shutil.copytree(store.root / "noload", tmp_path / "own"))
+        store.answer({"noload_source": str(own)})
+        for new in (False, True):
+            record = store.journal.of("noload")
+            if new:
+                picture = next(own.glob(f"*{Path(record.taken[0].file).suffix}"))
+                (own / f"new{picture.suffix}").write_bytes(picture.read_bytes() + b" ")
+            flow.redo(store, walked[1], "noload", by_flag=True)
+            past = store.journal.of("noload").past
+            assert past is None if not new else past is not None and not any("new" in Path(one).stem for one in past)
+            store._record("noload", taken=record.taken, left=record.left)
+
+
 def test_a_wrong_thickness_is_named_by_the_first_free_picture(state: SessionState) -> None:
     """Not blamed on light: where the jig's answers put the antenna, it is not."""
     first = state.store.journal.of("noload").taken[0]

@@ -93,9 +93,15 @@ def test_only_what_can_be_done_is_offered(led: Dialogue) -> None:
     led.asked(GO_ON)
     assert "take" not in led.shown.state["can"]
     assert led.shown.state["question"]["default"] is True
-    led.ui.done({"verdict": "holds", "words": "The rig holds."}, "check.html")
+    doubt = {"question": "Is EI known?", "words": "to 3 %", "remedy": "hang another load"}
+    document = {"verdict": "look at", "headline": "Look at it.", "session_findings": [], "findings": [doubt]}
+    led.ui.done(document, "check.html")
     assert led.shown.state["can"] == ["quit"]
-    assert led.shown.state["verdict"] == {"level": "holds", "words": "The rig holds."}
+    assert led.shown.state["verdict"] == {
+        "level": "look at",
+        "words": "Look at it.",
+        "found": ["Is EI known? to 3 % → hang another load"],
+    }
     assert {step["status"] for step in led.shown.state["steps"]} == {"done"}
 
 

@@ -168,7 +168,7 @@ def test_the_end_has_a_verdict_and_a_report(browser: Browser, server: PageServer
         "<!doctype html><title>r</title><p id=p>no</p><script>document.getElementById('p').textContent = 'alive';"
         "fetch('/state?after=0').then(r => r.text()).catch(() => 'refused').then(t => { document.title = t; })</script>"
     )
-    verdict = {"level": "holds", "words": "This rig can be trusted"}
+    verdict = {"level": "holds", "words": "This rig can be trusted", "found": []}
     page = opened(browser, server, finished=True, verdict=verdict, report=str(report))
     assert page.text("#ended") == "This rig can be trusted"
     assert page.text("#level") == "✓ holds"

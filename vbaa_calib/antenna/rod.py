@@ -25,7 +25,7 @@ from vbaa_calib.native import core
 STEPS_PER_SEGMENT: int = core.antenna.STEPS_PER_SEGMENT
 
 
-class RodNumbers(NamedTuple):
+class _RodNumbers(NamedTuple):
     """A rod as the core reads it.
 
     length_m : from the clamp to the tip. bend, twist : 1/EI and 1/GJ. mass_per_length_kg_m : as the rod's.
@@ -73,11 +73,11 @@ class Rod:
             )
 
     @property
-    def numbers(self) -> RodNumbers:
+    def numbers(self) -> _RodNumbers:
         """As the core reads it."""
         curvature_y, curvature_z = self.natural_curvature_per_m
         pose = self.T_antenna_clamp
-        return RodNumbers(
+        return _RodNumbers(
             length_m=float(self.length_m),
             bend=1.0 / self.bending_stiffness_Nm2,
             twist=1.0 / self.torsional_stiffness_Nm2,

@@ -21,10 +21,17 @@ if TYPE_CHECKING:
 
 
 def row_doubts(joint: BundleAdjustment, explained: Sequence[Diagnosis] = ()) -> list[Diagnosis]:
-    """Rows that bundle adjustment left out, but for those whose pictures a diagnosis names."""
+    """Rows and stretches of lines that bundle adjustment left out, but for those whose pictures a diagnosis names."""
     found, named = [], "\n".join(one.words for one in explained)
-    for one, kept in zip(joint.noted, joint.kept, strict=True):
+    for one, kept, disturbed in zip(joint.noted, joint.kept, joint.disturbed, strict=True):
         name = one.still.image.name if one.still.image else "?"
+        if disturbed:
+            words = (
+                f"{name}: {disturbed} of {disturbed + len(one.points_px)} points of the line were left out: a stretch "
+            )
+            words += "lies off the rest, as where a load's thread or hook crosses the antenna"
+            remedy = "hang loads by a thin thread that leaves the antenna sideways in the picture"
+            found.append(Diagnosis("line_disturbed", words, remedy, "note"))
         if not kept and name not in named:
             kind = "load" if isinstance(one.still, Load) else "no-load frame"
             words = f"{kind} {name}: left out, for it contradicts the others"

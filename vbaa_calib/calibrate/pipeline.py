@@ -58,8 +58,8 @@ class Calibration:
 
 def stills_prior(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
     """What lens and plane C say before the stills are solved."""
-    line_px = session.possible_drift.line_px
-    return prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, session.load_readings, line_px)
+    readings, drift = session.load_readings, session.possible_drift
+    return prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, readings, drift)
 
 
 _Solved = TypeVar("_Solved")

@@ -54,6 +54,7 @@ def summary(calibration: Calibration) -> dict[str, Any]:
         "plane_rms_px": None if jig is None else float(jig.rms_px),
         "plane_second_solution_ratio": None if jig is None else jig.second_ratio,
         "noise_scale": joint.noise_scale,
+        "scatter": joint.scatter,
         "lens_grade": calibration.lens.verdict.grade,
         "worst_still_rms": float(joint.point_rms.max()),
         "moment_residual_rms_Nm": finite_or_none(np.sqrt((joint.moment_residuals_Nm**2).mean())),

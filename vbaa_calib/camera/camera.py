@@ -12,7 +12,7 @@ import numpy as np
 
 from vbaa_calib.core.arrays import ArrayT, gate, is_tensor, masked, of_shape, working
 from vbaa_calib.core.errors import InputError, shown
-from vbaa_calib.core.files import read_json
+from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.geometry.independent_axes import is_covariance
 
 from .lens import Intrinsics, from_core, lens_of
@@ -100,7 +100,7 @@ SCHEMA = "vbaa.camera/1"
 _MATRIX_NAMES = ("fx", "fy", "cx", "cy")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Camera:
     """A calibrated camera. Pixel (0, 0) is the centre of the first pixel; x right, y down, z forward.
 
@@ -125,7 +125,7 @@ class Camera:
     distortion: np.ndarray
     covariance: np.ndarray | None = None
     parameter_names: tuple[str, ...] = ()
-    intrinsics: Intrinsics = field(init=False, repr=False)
+    intrinsics: Intrinsics = field(init=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, str) or self.model not in MODELS:
@@ -148,6 +148,11 @@ class Camera:
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        values = zip(self.parameter_names, self.parameters.tolist(), strict=True)
+        numbers = ", ".join(f"{name} {value:.6g}" for name, value in values)
+        return f"<Camera: {self.model}, {'x'.join(map(str, self.image_size))} px, {numbers}>"
 
     @property
     def parameters(self) -> np.ndarray:
@@ -191,6 +196,11 @@ class Camera:
         if pixels.shape[-1:] != (2,):
             raise InputError(f"pixels have the shape {pixels.shape}", remedy="give them as (..., 2)")
         return np.all((pixels > -0.5) & (pixels < np.array(self.image_size) - 0.5), axis=-1)
+
+    @gate
+    def save(self, path: Path | str, *, force: bool = False) -> None:
+        """Write camera.json, whole or not at all. Raises InputError for a file that is there, unless `force`."""
+        write_json(Path(path), self.to_dict(), force, Camera.from_dict)
 
     @staticmethod
     @gate

@@ -17,7 +17,7 @@ _NEAREST_M = 1e-9  # a plane closer to the rays' origin than this passes through
 
 
 @dataclass(frozen=True, eq=False)
-class Crossing:
+class _Crossing:
     """Where rays meet a plane, (..., 3), how far along, and the cosine of direction and normal (...); all finite."""
 
     points: Array
@@ -26,7 +26,7 @@ class Crossing:
     valid: Array
 
 
-def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -> Crossing:
+def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -> _Crossing:
     """Rays origins + t·directions, t > 0 (unit directions), with planes normals·x = offsets_m; all broadcast. Not
     valid: grazing, behind the origin, a plane through the origin, not finite."""
     xp = namespace(directions)
@@ -35,7 +35,7 @@ def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -
     valid = (xp.abs(slant) > math.sin(_GRAZING_RAD)) & (xp.abs(height) > _NEAREST_M) & (height * slant > 0)
     slant = xp.where(valid, slant, 1.0)
     range_m = xp.where(valid, height, 0.0) / slant
-    return Crossing(origins + range_m[..., None] * directions, range_m, slant, valid)
+    return _Crossing(origins + range_m[..., None] * directions, range_m, slant, valid)
 
 
 @gate

@@ -9,7 +9,6 @@ import difflib
 import gc
 import hashlib
 import importlib
-import json
 import os
 import re
 import signal
@@ -172,7 +171,9 @@ def run_verb(argv: Sequence[str]) -> int:
     args.argv = ["vbaa", *argv]
     result = _module(name).run(args)
     if args.json:
-        print(json.dumps(result, allow_nan=False))
+        from vbaa_calib.core.files import json_text
+
+        print(json_text(result))
     return int(result.get("exit_code", 0))  # `doctor` has both findings and a failure
 
 

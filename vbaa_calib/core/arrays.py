@@ -196,6 +196,23 @@ def of_shape(values: Any, shape: tuple[int, ...], name: str, finite: bool = True
     return np.asarray(values)
 
 
+def fixed(values: Any, shape: tuple[int, ...], name: str, finite: bool = True) -> np.ndarray:
+    """A copy that cannot be changed, for a record that shall not change. Raises InputError as `of_shape` does."""
+    array = of_shape(values, shape, name, finite)
+    if array.flags.writeable or array.base is not None:
+        array = array.copy()
+        array.flags.writeable = False
+    return array
+
+
+def real_gravity(gravity: np.ndarray) -> np.ndarray:
+    """(3,) m/s², zero for weightless. Raises ValueError, with a remedy, for a size that is in other units."""
+    size = math.hypot(*gravity)
+    if size and not 1.5 <= size <= 30.0:  # the Moon's, and more than Jupiter's
+        raise ValueError(f"has the size {size:.3g}", "give m/s²: on Earth the three numbers have the size 9.8, not 1")
+    return gravity
+
+
 class Within:
     """Annotation of a field of a file: its bounds and description, as pydantic's `Field` takes them, and what else its
     numbers must be. Numbers are finite, and no number is a boolean or a text. pydantic loads with the first file."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+import time
+from collections.abc import Iterable, Iterator, Sized
 from typing import TypeVar
 
 _Item = TypeVar("_Item")
@@ -14,10 +15,20 @@ def say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
+def _in_lines(items: Iterable[_Item], what: str, total: int | None, every_s: float = 10.0) -> Iterator[_Item]:
+    total = len(items) if total is None and isinstance(items, Sized) else total
+    begun_s = said_s = time.monotonic()
+    for number, item in enumerate(items):
+        if (now_s := time.monotonic()) - said_s >= every_s:
+            say(f"{what}: {number}{f' of {total}' if total else ''}, {now_s - begun_s:.0f} s")
+            said_s = now_s
+        yield item
+
+
 def progress(items: Iterable[_Item], what: str, total: int | None = None) -> Iterable[_Item]:
-    """The same items, with a progress bar on stderr; quiet when stderr is not a terminal."""
+    """The same items, with a progress bar on stderr; where that is no terminal, with a line every ten seconds."""
     if sys.stderr is None or not sys.stderr.isatty():
-        return items
+        return _in_lines(items, what, total)
     from rich.console import Console
     from rich.progress import track
 

@@ -398,6 +398,16 @@ def write_text(path: Path, text: str, force: bool = True) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def json_text(data: Mapping[str, Any], indent: int | None = None) -> str:
+    """Data as JSON that every reader takes: names of files that are no UTF-8 as they would be, or with � for what is
+    none. Raises ValueError for NaN."""
+    text = json.dumps(data, indent=indent, allow_nan=False)
+    if "\\ud" in text:  # halves of pairs, which Python makes of such bytes, or whole pairs
+        plain = json.dumps(data, ensure_ascii=False).encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+        text = json.dumps(json.loads(plain), indent=indent)
+    return text
+
+
 def write_json(
     path: Path, data: Mapping[str, Any], force: bool = True, readable_as: Callable[[dict], object] | None = None
 ) -> None:
@@ -405,7 +415,7 @@ def write_json(
 
     readable_as : its reader, if it has one. Raises SolveError, and writes nothing, where that refuses it.
     """
-    text = json.dumps(data, indent=2, allow_nan=False)
+    text = json_text(data, indent=2)
     if readable_as is not None:
         try:
             readable_as(json.loads(text))

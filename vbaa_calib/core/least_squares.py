@@ -11,6 +11,7 @@ import numpy as np
 
 from .robust import chi_square, huber_losses, huber_weights, soft_l1_losses, soft_l1_weights
 
+CHANCE_SCATTER = 1.2  # ratio of variances that noise alone often reaches: what is beyond widens a covariance
 _LEAST_DAMPING, _MOST_DAMPING = 1e-15, 1e12
 
 

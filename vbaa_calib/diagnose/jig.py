@@ -172,7 +172,7 @@ class JigEvidence:
             self.lens(case),
             [self.estimate(case), *self.by_others(case)],
             readings=session.load_readings,
-            line_px=session.possible_drift.line_px,
+            drift=session.possible_drift,
         )
         if before.tip_std_m is not None:
             before = replace(before, tip_std_m=float(np.hypot(before.tip_std_m, case.length_m)))

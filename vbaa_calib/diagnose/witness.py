@@ -92,8 +92,8 @@ def _condensed(problem: Problem, parameters: np.ndarray, settings: SessionSettin
     scatter *= max(float(np.sqrt(alike)), 1.0)
     common = settings.common**2
     seen = [one.at(nodes, scatter * np.sqrt(2.0 / (len(one.t) * weights) + common)) for one in distances]
-    found = replace(problem, seen_at_lens=seen, noise_scale=1.0, known_axes=None)
-    return replace(found, known_axes=found.line_axes(nodes)) if problem.prior.line_px else found
+    found = replace(problem, seen_at_lens=seen, noise_scale=1.0, known_axes=None, places=nodes)
+    return replace(found, known_axes=found.line_axes()) if problem.prior.drift.line_px else found
 
 
 def _without_load(still: Still) -> Still:
@@ -121,7 +121,8 @@ class _Distances:
         t = np.linspace(-1.0, 1.0, len(off))
         if len(t) < 2 * (degree + 1) or not np.isfinite(off).all():
             return _Distances(seen, normal, t, None, off, np.inf)
-        basis, weights = legendre.legvander(t, degree), np.ones(len(t))
+        # where points are known less well, as where a thread crosses, the same distance is fewer deviations
+        basis, weights = legendre.legvander(t, degree) * (np.median(std) / std)[:, None], np.ones(len(t))
         for _ in range(4):
             root = np.sqrt(weights)
             found = np.linalg.lstsq(basis * root[:, None], off * root, rcond=None)[0]

@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vbaa_calib.core.arrays import LARGEST_RAD, check_angle, gate, of_shape
+from vbaa_calib.core.arrays import LARGEST_RAD, check_angle, fixed, gate
 from vbaa_calib.core.errors import InputError
 
 from .pose import Pose
@@ -93,7 +93,7 @@ class Kinematics:
 
     def __post_init__(self) -> None:
         for name, shape in (("position_world_m", (3,)), ("axes_std", (3,)), ("axes_by_pose", (3, 6))):
-            object.__setattr__(self, name, of_shape(getattr(self, name), shape, name, finite=False))
+            object.__setattr__(self, name, fixed(getattr(self, name), shape, name, finite=False))
 
     @gate
     def T_world_antenna(self, pan_rad: float, tilt_rad: float) -> Pose:

@@ -9,7 +9,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from vbaa_calib.core.arrays import as_floats, gate, of_shape
+from vbaa_calib.core.arrays import as_floats, fixed, gate, of_shape
 from vbaa_calib.core.errors import InputError, shown
 
 
@@ -25,9 +25,7 @@ class Pose:
 
     def __post_init__(self) -> None:
         for name, shape in (("rotation", (3, 3)), ("translation_m", (3,))):
-            values = getattr(self, name)
-            if type(values) is not np.ndarray or values.shape != shape or values.dtype.kind != "f":
-                object.__setattr__(self, name, of_shape(values, shape, name, finite=False))
+            object.__setattr__(self, name, fixed(getattr(self, name), shape, name, finite=False))
 
     @staticmethod
     def identity() -> Pose:

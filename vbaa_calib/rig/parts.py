@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
-from vbaa_calib.core.arrays import Within
+from vbaa_calib.core.arrays import Within, as_float, fixed
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.geometry import Kinematics
 
 if TYPE_CHECKING:
     from vbaa_calib.detect.whisker.paint import Paint
@@ -26,7 +26,6 @@ RIG_STEPS = np.array([1e-5] * 6 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4 + [1e-4])
 
 JOINT_AXES = ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
 """What a sweep finds of the joints, in the order of `Kinematics`."""
-_NEAREST_M = 1e-3  # what comes nearer to the camera's plane counts as not in front of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +39,10 @@ class Tip:
     offset_m: float
     std_m: float
     covariance: np.ndarray
+
+    def __post_init__(self) -> None:
+        size = np.shape(self.covariance)
+        object.__setattr__(self, "covariance", fixed(self.covariance, size, "covariance of the tip", finite=False))
 
     def beside(self, covariance: np.ndarray) -> np.ndarray:
         """(18 + P, 18 + P) the rig's joint covariance (17 + P, 17 + P) with the offset as its last parameter."""
@@ -58,6 +61,14 @@ class Antenna:
     length_m: float
     diameter_m: float
     parameters: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Raises InputError for lengths that are not positive, and parameters that are no numbers."""
+        for name in ("length_m", "diameter_m"):
+            if not 0.0 < as_float(getattr(self, name), name, "give metres") < np.inf:
+                raise InputError(f"{name} of the antenna is {getattr(self, name)}", remedy="give metres, more than 0")
+        names = (len(ANTENNA_PARAMETERS),)
+        object.__setattr__(self, "parameters", fixed(self.parameters, names, "parameters of the antenna", finite=False))
 
     @property
     def stiffness_Nm2(self) -> float:
@@ -132,6 +143,12 @@ class AntennaImage:
         Within(description="light from one side pulls its line, which is measured by both of its edges"),
     ] = False
 
+    def __post_init__(self) -> None:
+        """Raises InputError for a noise that is none."""
+        for name in ("noise_px", "noise_scale"):
+            if not 0.0 < as_float(getattr(self, name), name, "give a number, more than 0") < np.inf:
+                raise InputError(f"{name} is {getattr(self, name)}", remedy="give a number, more than 0")
+
     @property
     def paint(self) -> Paint:
         """What tells the antenna from its background."""
@@ -154,15 +171,3 @@ def kinematics_to_dict(kinematics: Kinematics) -> dict[str, Any]:
             "by_pose": kinematics.axes_by_pose.tolist(),
         },
     }
-
-
-def check_view(T_antenna_camera: Pose, length_m: float, where: object) -> None:
-    """Raises InputError when the undeformed antenna is nowhere in front of the camera, where no picture shows it."""
-    along = np.linspace(0.0, length_m, 9)[:, None] * [1.0, 0.0, 0.0]
-    depth_m = (T_antenna_camera.inverse() @ along)[:, 2]
-    if depth_m.max() < _NEAREST_M:
-        raise InputError(
-            f"T_antenna_camera: the antenna is nowhere {1e3 * _NEAREST_M:g} mm or more in front of the camera",
-            where=where,
-            remedy="it is the pose of the camera in the antenna frame, the camera's z forward",
-        )

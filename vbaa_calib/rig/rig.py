@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.arrays import gate
-from vbaa_calib.core.errors import InputError, Verdict
-from vbaa_calib.core.files import read_json
+from vbaa_calib.core.arrays import as_floats, fixed, gate, of_shape, real_gravity
+from vbaa_calib.core.errors import InputError, Verdict, shown
+from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
 from vbaa_calib.geometry.independent_axes import is_covariance
 from vbaa_calib.session import DRIFTS, Drift, MomentSensor
@@ -25,19 +26,18 @@ from .parts import (
     Antenna,
     AntennaImage,
     Tip,
-    check_view,
     kinematics_to_dict,
 )
 
 if TYPE_CHECKING:
     from vbaa_calib.camera import CameraOnPlane
 
-    from .rig_file import FileTip, Joint
+    from .rig_file import Joint
 
 
 def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.ndarray:
     """(17, 17), or (17 + P, 17 + P) with the P parameters of the lens. Raises InputError for other parameters, another
-    shape, or a matrix that is no covariance."""
+    shape."""
     rows, names = joint.covariance, tuple(joint.parameters)
     if names not in (RIG_PARAMETERS, RIG_PARAMETERS + lens) or {len(rows), *map(len, rows)} != {len(names)}:
         raise InputError(
@@ -45,29 +45,33 @@ def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.
             where=where,
             remedy="run vbaa calibrate again",
         )
-    covariance = np.array(rows, float)
-    if not is_covariance(covariance):
-        raise InputError("joint.covariance is not a covariance", where=where, remedy="run vbaa calibrate again")
-    return covariance
+    return np.array(rows, float)
 
 
-def _tip(read: FileTip | None, covariance: np.ndarray, where: object) -> Tip | None:
-    """The tip, whose covariance with the rig must be one. Raises InputError where it is none."""
-    if read is None:
-        return None
-    tip = Tip(read.offset_m, read.std_m, np.array(read.covariance, float))
-    if len(tip.covariance) == len(covariance) and is_covariance(tip.beside(covariance)):
-        return tip
-    raise InputError(
-        f"antenna.tip.covariance is none with the {len(covariance)} joint.parameters",
-        where=where,
-        remedy="run vbaa calibrate again",
-    )
+_NEAREST_M = 1e-3  # what comes nearer to the camera's plane counts as not in front of it
 
 
-@dataclass(frozen=True, eq=False)
+def _check_view(T_antenna_camera: Pose, length_m: float, where: object) -> None:
+    """Raises InputError when the undeformed antenna is nowhere in front of the camera, where no picture shows it."""
+    along = np.linspace(0.0, length_m, 9)[:, None] * [1.0, 0.0, 0.0]
+    depth_m = (T_antenna_camera.inverse() @ along)[:, 2]
+    if depth_m.max() < _NEAREST_M:
+        raise InputError(
+            f"T_antenna_camera: the antenna is nowhere {1e3 * _NEAREST_M:g} mm or more in front of the camera",
+            where=where,
+            remedy="it is the pose of the camera in the antenna frame, the camera's z forward",
+        )
+
+
+@lru_cache(maxsize=64)
+def _is_covariance(matrix: bytes, size: int) -> bool:
+    """Of a matrix (size, size) in float64; remembered, since a rig that is moved keeps its own."""
+    return is_covariance(np.frombuffer(matrix).reshape(size, size))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Rig:
-    """A calibrated rig.
+    """A calibrated rig. Its arrays cannot be changed: `dataclasses.replace` makes another one.
 
     Attributes
     ----------
@@ -80,6 +84,8 @@ class Rig:
     drift : what may have changed since; it is not in the covariance.
     tip : where the antenna's visible end lies; None where that is not known.
     verdict : what its calibration found, and whether it may be used.
+
+    Raises InputError for other shapes, for what is no number, and for a matrix that is no covariance.
     """
 
     camera: Camera
@@ -94,6 +100,59 @@ class Rig:
     drift: Drift = DRIFTS["none"]
     tip: Tip | None = None
     verdict: Verdict = field(default_factory=Verdict)
+
+    def __post_init__(self) -> None:
+        again, tip = "run vbaa calibrate again", self.tip
+        for name, kind in (("camera", Camera), ("T_antenna_camera", Pose), ("antenna", Antenna)):
+            if not isinstance(getattr(self, name), kind):
+                raise InputError(f"{name} is {shown(getattr(self, name))}", remedy=f"give a {kind.__name__}")
+        for name in ("rotation", "translation_m"):
+            of_shape(values := getattr(self.T_antenna_camera, name), values.shape, f"{name} of T_antenna_camera")
+        of_shape(self.antenna.parameters, self.antenna.parameters.shape, "parameters of the antenna")
+        covariance = as_floats(self.covariance, "joint.covariance", again)
+        first, every = len(RIG_PARAMETERS), len(RIG_PARAMETERS) + len(self.camera.parameter_names)
+        if covariance.shape not in ((first, first), (every, every)):
+            remedy = f"give ({first}, {first}), or ({every}, {every}) with the lens"
+            raise InputError(f"joint.covariance has shape {covariance.shape}", remedy=remedy)
+        if not (np.isfinite(covariance).all() and _is_covariance(covariance.tobytes(), len(covariance))):
+            raise InputError("joint.covariance is not a covariance", remedy=again)
+        if tip is not None and not (
+            len(tip.covariance) == len(covariance)
+            and _is_covariance(tip.beside(covariance).tobytes(), len(covariance) + 1)
+        ):
+            raise InputError(
+                f"antenna.tip.covariance is none with the {len(covariance)} joint.parameters", remedy=again
+            )
+        try:
+            gravity = real_gravity(fixed(self.gravity_world_m_s2, (3,), "gravity_world"))
+        except ValueError as error:
+            raise InputError(f"gravity_world {error.args[0]}", remedy=error.args[1]) from None
+        object.__setattr__(self, "covariance", fixed(covariance, covariance.shape, "joint.covariance"))
+        object.__setattr__(self, "gravity_world_m_s2", gravity)
+
+    def __repr__(self) -> str:
+        size, EI = "x".join(map(str, self.camera.image_size)), self.antenna.stiffness_Nm2
+        std = EI * self.std("log_stiffness_Nm2")
+        antenna = f"antenna of {1e3 * self.antenna.length_m:.0f} mm, EI = {EI:.5g} ± {std:.2g} N·m²"
+        return f"<Rig: {self.camera.model} camera {size} px, {antenna}, verdict: {self.verdict.severity}>"
+
+    def summary(self) -> str:
+        """Camera, plane C, antenna, sensor and findings, a line each, ± one standard deviation."""
+        camera, sensor, off = self.camera, self.moment_sensor, 1e3 * np.sqrt(np.diag(self.covariance)[:6])
+        fx, fy, cx, cy = camera.parameters[:4]
+        x, y, z = 1e3 * self.T_antenna_camera.translation_m
+        EI, size = self.antenna.stiffness_Nm2, "x".join(map(str, camera.image_size))
+        gain = f"gain {sensor.gain:.4f} ± {self.std('moment_gain'):.4f}, offset {1e3 * sensor.offset_Nm:.3f} mN·m"
+        lines = [
+            f"lens       {camera.model} of {len(camera.distortion)} coefficients, {size} px, focal lengths "
+            f"{fx:.1f} and {fy:.1f} px, centre ({cx:.1f}, {cy:.1f})",
+            f"plane C    camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame, ± {off[3:].max():.2g} mm, "
+            f"± {off[:3].max():.2g} mrad",
+            f"antenna    {1e3 * self.antenna.length_m:.1f} mm long, {1e3 * self.antenna.diameter_m:.2f} mm thick, "
+            f"EI = {EI:.5g} ± {EI * self.std('log_stiffness_Nm2'):.2g} N·m²",
+            f"sensor     {gain if sensor.exists else 'none: vision alone'}",
+        ]
+        return "\n".join([*lines, *(f"{one.label:10s} {one}" for one in self.verdict.findings)])
 
     @property
     def moment_noise_Nm(self) -> tuple[float, float]:
@@ -261,22 +320,32 @@ class Rig:
         if len(covariance) > len(RIG_PARAMETERS):
             lens = slice(len(RIG_PARAMETERS), None)
             camera = replace(camera, covariance=covariance[lens, lens])
-        check_view(read.T_antenna_camera, read.antenna.length_m, where)
-        sensor, axes = read.moment_sensor, read.kinematics.axes_uncertainty
-        return Rig(
-            camera=camera,
-            T_antenna_camera=read.T_antenna_camera,
-            antenna=read.antenna.antenna(),
-            moment_sensor=MomentSensor(sensor.gain, sensor.offset_Nm, sensor.std_Nm) if sensor else MomentSensor.none(),
-            kinematics=replace(read.kinematics.kinematics(), axes_std=axes.std, axes_by_pose=axes.by_pose),
-            gravity_world_m_s2=read.gravity_world,
-            image=read.image,
-            covariance=covariance,
-            second_moment_sensor=read.second_moment_sensor,
-            drift=read.drift,
-            tip=_tip(read.antenna.tip, covariance, where),
-            verdict=read.verdict,
-        )
+        _check_view(read.T_antenna_camera, read.antenna.length_m, where)
+        sensor, axes, tip = read.moment_sensor, read.kinematics.axes_uncertainty, read.antenna.tip
+        try:
+            return Rig(
+                camera=camera,
+                T_antenna_camera=read.T_antenna_camera,
+                antenna=read.antenna.antenna(),
+                moment_sensor=MomentSensor(sensor.gain, sensor.offset_Nm, sensor.std_Nm)
+                if sensor
+                else MomentSensor.none(),
+                kinematics=replace(read.kinematics.kinematics(), axes_std=axes.std, axes_by_pose=axes.by_pose),
+                gravity_world_m_s2=read.gravity_world,
+                image=read.image,
+                covariance=covariance,
+                second_moment_sensor=read.second_moment_sensor,
+                drift=read.drift,
+                tip=None if tip is None else Tip(tip.offset_m, tip.std_m, np.array(tip.covariance, float)),
+                verdict=read.verdict,
+            )
+        except InputError as error:
+            raise error if error.where else InputError(error.what, where=where, remedy=error.remedy) from None
+
+    @gate
+    def save(self, path: str | Path, *, force: bool = False) -> None:
+        """Write rig.json, whole or not at all. Raises InputError for a file that is there, unless `force`."""
+        write_json(Path(path), self.to_dict(), force, Rig.from_dict)
 
     def to_dict(self) -> dict[str, Any]:
         """The part of rig.json that describes the rig; the provenance is added by who writes it."""

@@ -10,7 +10,7 @@ from typing import Annotated
 from vbaa_calib.core.arrays import Within
 
 _Small = Annotated[float, Within(ge=0, le=0.1)]
-_OF_FRAMES = ("line_px", "light_px", "hourly", "zero_hourly")
+_OF_FRAMES = ("line_px", "light_px", "lock_px", "hourly", "zero_hourly")
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,8 @@ class Drift:
     line_px : what is common to all points of a frame's centreline, in each frame anew: its offset, slope and curvature
         (the Legendre polynomials along the antenna), by light, focus and edges.
     light_px : of the same in all frames alike, by a lamp that moved or another focus; until free frames show it.
+    lock_px : of what moves a line towards or away from the pixels' centres, as they sample, are filtered and sharpened,
+        rms: where a line follows a row or a column it is an offset, elsewhere it averages out along the line.
     hourly : part of all these, but for the line's, by which the rig goes on changing within an hour of recording.
     zero_hourly : of the moment's zero, in deviations of its noise, within an hour of recording, besides; it is then
         learnt from every free frame.
@@ -44,6 +46,7 @@ class Drift:
     moment_zero: Annotated[float, Within(ge=0, le=1e4)] = 0.0
     line_px: Annotated[float, Within(ge=0, le=10)] = 0.0
     light_px: Annotated[float, Within(ge=0, le=10)] = 0.0
+    lock_px: Annotated[float, Within(ge=0, le=10)] = 0.0
     hourly: Annotated[float, Within(ge=0, le=100)] = 0.0
     zero_hourly: Annotated[float, Within(ge=0, le=1e4)] = 0.0
 
@@ -77,6 +80,7 @@ DRIFTS: Mapping[str, Drift] = MappingProxyType(
             moment_zero=5.0,
             line_px=0.003,
             light_px=0.015,
+            lock_px=0.02,
             hourly=0.3,
         ),
         "rough": Drift(
@@ -91,6 +95,7 @@ DRIFTS: Mapping[str, Drift] = MappingProxyType(
             moment_zero=50.0,
             line_px=0.01,
             light_px=0.05,
+            lock_px=0.04,
             hourly=0.5,
         ),
     }

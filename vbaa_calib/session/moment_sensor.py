@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from vbaa_calib.core.arrays import Within
+from vbaa_calib.core.arrays import Within, as_float
+from vbaa_calib.core.errors import InputError
 
 
 def _not_zero(gain: float) -> float:
@@ -30,6 +31,15 @@ class MomentSensor:
     ]
     offset_Nm: Annotated[float, Within(ge=-1e9, le=1e9)]
     std_Nm: Annotated[float, Within(ge=1e-12, le=1e6)]
+
+    def __post_init__(self) -> None:
+        """Raises InputError for what reads nothing, and for what is no number."""
+        in_units = "give a gain other than 0, and offset and standard deviation in N·m"
+        for name in ("gain", "offset_Nm", "std_Nm"):
+            value = as_float(getattr(self, name), f"{name} of the moment sensor", in_units)
+            zero = (name == "gain" and abs(value) < 1e-9) or (name == "std_Nm" and value <= 0.0)
+            if zero or math.isnan(value) or (math.isinf(value) and name != "std_Nm"):
+                raise InputError(f"{name} of the moment sensor is {value:g}", remedy=in_units)
 
     @staticmethod
     def none() -> MomentSensor:

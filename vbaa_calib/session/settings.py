@@ -15,7 +15,7 @@ from pydantic_core import CoreSchema
 
 from targets.board import BoardWithIds, FileBoard
 from vbaa_calib.antenna.materials import MATERIALS, Material
-from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.arrays import gate, real_gravity
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
@@ -112,16 +112,7 @@ class NominalAntenna:
         return float(self.density_kg_m3 * np.pi * self.diameter_m**2 / 4)
 
 
-def _gravity(gravity: np.ndarray) -> np.ndarray:
-    size = math.hypot(*gravity)
-    if size and not _LEAST_GRAVITY <= size <= _MOST_GRAVITY:
-        raise ValueError(f"has the size {size:.3g}", "give m/s²: on Earth the three numbers have the size 9.8, not 1")
-    return gravity
-
-
-_LEAST_GRAVITY, _MOST_GRAVITY = 1.5, 30.0
-"""m/s², the Moon's and more than Jupiter's: 1 is in g."""
-Gravity = Annotated[np.ndarray, ArrayOf(3), AfterValidator(_gravity)]
+Gravity = Annotated[np.ndarray, ArrayOf(3), AfterValidator(real_gravity)]
 """m/s², world frame; zero: weightless."""
 _JointReading = Annotated[Number, Field(ge=-6.3, le=6.3)]
 _Pixel = Annotated[Number, Field(ge=-1e5, le=1e5)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hmac
 import socket
 import struct
 import sys
@@ -10,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from time import perf_counter
 
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.sources.files import SourceLost
 from vbaa_calib.sources.live import LiveSource
 
@@ -26,6 +27,7 @@ _TIMESTAMP = 35 if sys.platform == "linux" else None
 """SO_TIMESTAMPNS: the system notes when a datagram came, which is before it is asked for. Not named by `socket`."""
 _TIMESPEC = struct.Struct("@qq")
 _LONGEST_WAIT_S = 60.0
+_MOST_NOTES = 16
 
 
 def udp_address(address: str, flag: str) -> tuple[str, int]:
@@ -53,20 +55,51 @@ def udp_socket(address: str) -> socket.socket:
     return taken
 
 
-def datagrams(listening: socket.socket, notes: list[str]) -> Iterator[Reading]:
-    """The readings that have come since: a JSON line each, or several lines in one datagram."""
+def datagrams(listening: socket.socket, notes: list[str], key: bytes | None = None) -> Iterator[Reading | None]:
+    """The readings that have come, a JSON line each, or several lines in one datagram; None where there is none now.
+
+    key : datagrams without its HMAC, or with a number that is not larger than the one before, are left out.
+    notes : each of the first senders is reported, with what it sent that is left out.
+    """
+    number, noted = -1, set[tuple[str, bool]]()
+
+    def note(sender: str, taken: bool, words: str) -> None:
+        if len(noted) < _MOST_NOTES and (sender, taken) not in noted:
+            noted.add((sender, taken))
+            notes.append(words)
+
     while True:
-        try:
-            data, ancillary, *_ = listening.recvmsg(_LARGEST_DATAGRAM, socket.CMSG_SPACE(_TIMESPEC.size))
-        except (BlockingIOError, InterruptedError):
-            return
-        arrived_s = _arrived_s(ancillary)
-        for line in filter(None, data.splitlines()):
+        # a flood of them delays pictures, but does not stop them
+        for _ in range(1000):
             try:
-                yield from (each for each in line_messages(line, None, arrived_s) if isinstance(each, Reading))
+                data, ancillary, _, place = listening.recvmsg(_LARGEST_DATAGRAM, socket.CMSG_SPACE(_TIMESPEC.size))
+            except (BlockingIOError, InterruptedError):
+                break
+            arrived_s, sender = _arrived_s(ancillary), "?" if place is None else place[0]
+            try:
+                if key is not None:
+                    number, data = _signed(data, key, number)
+                lines = filter(None, data.splitlines())
+                several = [each for line in lines for each in line_messages(line, None, arrived_s)]
             except InputError as error:
-                if not any(note.startswith("a datagram") for note in notes):
-                    notes.append(f"a datagram is left out: {error}")
+                note(sender, False, f"warning: a datagram of {sender} is left out: {error}")
+                continue
+            note(sender, True, f"readings come from {sender}")
+            yield from (each for each in several if isinstance(each, Reading))
+        yield None
+
+
+def _signed(data: bytes, key: bytes, before: int) -> tuple[int, bytes]:
+    """Number and lines of a datagram `HMAC number lines`. Raises InputError for another key's, and for an old one."""
+    code, _, rest = data.partition(b" ")
+    number, _, lines = rest.partition(b" ")
+    remedy = "send `HMAC number lines`: SHA-256's HMAC in hexadecimal, of all that follows the first space"
+    if not hmac.compare_digest(hmac.new(key, rest, "sha256").hexdigest().encode(), code):
+        raise InputError("is not signed with the key of --udp-key", remedy=remedy)
+    if not (number.isdigit() and len(number) <= 20 and int(number) > before):
+        what = f"its number is {clipped(repr(number))} after {before}"
+        raise InputError(what, remedy="number datagrams upwards, as by time.time_ns()")
+    return int(number), lines
 
 
 def _arrived_s(ancillary: list[tuple[int, int, bytes]]) -> float:
@@ -81,16 +114,17 @@ def _arrived_s(ancillary: list[tuple[int, int, bytes]]) -> float:
     return latest_s
 
 
-def with_datagrams(source: Source, listening: socket.socket | None) -> Source:
-    """A source that runs, with the readings that come by UDP meanwhile."""
+def with_datagrams(source: Source, listening: socket.socket | None, key: bytes | None = None) -> Source:
+    """A source that runs, with the readings that come by UDP meanwhile; with a key, those that are signed with it."""
     if listening is None:
         return source
 
     def messages() -> Messages:
         with listening:
+            received = datagrams(listening, source.notes, key)
             for message in source.messages():
                 # those of the picture's own instant are here by now
-                yield from datagrams(listening, source.notes)
+                yield from iter(lambda: next(received), None)
                 yield message
 
     return replace(source, messages=messages)

@@ -10,6 +10,7 @@ from typing import Any
 
 from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.core.files import sha256
 from vbaa_calib.core.images import SUFFIXES
 from vbaa_calib.sources import Source, SourceLost, VideoSource, open_source
 
@@ -106,12 +107,22 @@ def _set_results_aside(store: Store, ui: Ui) -> None:
         ui.say(f"{' and '.join(path.name for path in there)} of an earlier state: now in {place}")
 
 
-def redo(store: Store, ui: Ui, step: str) -> None:
-    """Start a step again, and say where its old pictures are."""
-    # somebody who is there takes new pictures; a program gives what its folder holds now
-    past = [str(path) for path in _pictures_in(_source_text(store, step))] if ui.interactive else None
-    place = store.redo(step, _ASKED_AGAIN.get(step, ()), past)
+def redo(store: Store, ui: Ui, step: str, *, by_flag: bool = False) -> None:
+    """Start a step again, and say where its old pictures are and which come next.
+
+    Somebody who is there takes new pictures: those of a folder that were judged before do not count. A program gives
+    what its folder holds now, and so does `--redo` (by_flag) where that holds nothing new: nothing is waited for.
+    """
+    there, records = _pictures_in(_source_text(store, step)), [store.journal.of(name) for name in PICTURES]
+    judged = {one.sha256 for each in records for one in each.taken} | {
+        one.sha256 for each in records for one in each.left
+    }
+    past = [str(path) for path in there if path.is_file() and sha256(path) in judged] if ui.interactive else None
+    again = by_flag and past is not None and len(past) == len(there)
+    place = store.redo(step, _ASKED_AGAIN.get(step, ()), None if again else past)
     ui.say(f"{STEP_BY_NAME[step].title}: starts again" + (f", what it had is in {place}" if place else ""))
+    if again and there:
+        ui.say(f"{there[0].parent} holds nothing new: its {len(there)} pictures are taken once more")
 
 
 def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
@@ -135,7 +146,8 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
         source = _open(state.store, ui, step)
         try:
             past = len(state.store.journal.of(step.name).past or ()) if ui.interactive else 0
-            ui.say(f"pictures from {source.name}" + (f", without the {past} that are there already" if past else ""))
+            new = f": new ones are waited for, the {past} that are there already do not count" if past else ""
+            ui.say(f"pictures from {source.name}{new}")
             table = _readings_table(state.store, step.name)
             if (ended := Capture(state, ui, step, source, table, wants_more).run()) != "again":
                 return ended

@@ -80,7 +80,10 @@ class Page(View):
                 self._live = self._jpeg = None
         step, progress = ui.step, ui.progress
         texts = {name: getattr(step, name, "") for name in ("name", "title", "what", "why")}
-        verdict = {"level": ui.document["verdict"], "words": ui.document["words"]} if ui.document else None
+        verdict = None
+        if ui.document:
+            found = [f"{one['question']} {one['words']} → {one['remedy']}" for one in ui.to_be_done]
+            verdict = {"level": ui.document["verdict"], "words": ui.document["headline"], "found": found}
         lines = []
         for name, one in STEP_BY_NAME.items():
             record = self._state.store.journal.of(name)

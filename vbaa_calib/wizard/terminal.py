@@ -200,7 +200,9 @@ class Terminal(View):
                 self._write(ui.lines[-1], "doubt" if ui.problem == ui.lines[-1] else "", "  ", "    ")
             case "verdict":
                 self._write("")
-                self._write(ui.document["words"], "bold")
+                self._write(ui.document["headline"], "bold")
+                for one in ui.to_be_done:
+                    self._write(f"- {one['question']} {one['words']} → {one['remedy']}", "doubt", "  ", "    ")
                 rows = ("report", ui.report, ""), ("rig", ui.document["rig"], ""), ("next", _AFTER, "next")
                 for label, words, style in rows:
                     self._write(f"{label:9s} {words}", style, "  ", _LABEL)

@@ -191,6 +191,12 @@ class Ui:
         """Show the verdict. document : check.json's content. report : path of its page."""
         self._changed("verdict", document=document, report=report, question=None, picture=None)
 
+    @property
+    def to_be_done(self) -> list[Mapping[str, Any]]:
+        """The findings of the verdict that have a remedy."""
+        document = self.document or {"session_findings": [], "findings": []}
+        return [one for one in (*document["session_findings"], *document["findings"]) if one["remedy"]]
+
     def close(self) -> None:
         for view in self.views:
             view.close()

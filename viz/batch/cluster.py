@@ -204,7 +204,7 @@ def _workers(client: Client) -> list[str]:
         raise Lost(_LOST) from error
 
 
-class Pace:
+class BatchProgress:
     """How quickly it goes: recordings done of all, frames a second, time left."""
 
     def __init__(self, count: int) -> None:

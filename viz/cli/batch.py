@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import require_file
-    from viz.batch.cluster import Lost, Pace, client_of, run
+    from viz.batch.cluster import BatchProgress, Lost, client_of, run
     from viz.batch.recordings import recordings_of
     from viz.batch.results import Results
     from viz.batch.work import Settings
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         try:
             with client_of(where) as client:
                 say(f"{len(recordings)} recording{'s' * (len(recordings) != 1)} on {_described(client, where)}")
-                pace = Pace(len(recordings))
+                pace = BatchProgress(len(recordings))
                 for outcome in run(client, recordings, settings, results):
                     say(pace.line(outcome))
                     outcomes.append(outcome)

@@ -52,7 +52,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         say(f"{finding['level']:14s} {finding['question']} {finding['words']}")
         if finding["remedy"]:
             say(f"{'':14s} → {finding['remedy']}")
-    say(f"verdict        {document['verdict']}")
+    own = ", by the pictures that it was calibrated from: take new ones to see whether it still does"
+    say(f"verdict        {document['verdict']}{own if document['own_pictures'] else ''}")
     if args.output is not None:
         write_json(args.output, document, args.force)
         say(f"wrote {args.output}")

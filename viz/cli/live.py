@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import gc
 import math
+import os
 import signal
 import sys
 import threading
@@ -15,7 +16,7 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from . import streams
 from .estimate import add_estimator_options
@@ -24,8 +25,12 @@ if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import Ground
     from estimator.live import LiveContact, LiveEstimator
+    from estimator.live.outputs import ContactBag, Datagrams, GrowingTable
     from vbaa_calib.rig import Rig
     from vbaa_calib.streams import Source, Timing
+    from viz.files.rerun_log import RerunLog
+
+    _Sink: TypeAlias = "ContactBag | Datagrams | GrowingTable | RerunLog | _Lines"
 
 _LATENCIES = 100_000
 """Of so many of the last frames the latency's quantiles are told."""
@@ -57,19 +62,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="show it in Rerun: alone, in a viewer that is opened; a URL, in one that runs; or a file.rrd to write",
     )
     parser.add_argument("--udp", metavar="[HOST:]PORT", help="where readings come in as JSON lines, by UDP")
+    parser.add_argument(
+        "--udp-key", type=Path, metavar="FILE", help="a secret that signs them: all others are left out (HMAC-SHA256)"
+    )
     add_estimator_options(parser, learns_background=False)
     parser.add_argument("--no-final", action="store_true", help="only what is known at once, in half the solver's time")
     parser.add_argument(
         "--idle", type=float, default=10.0, metavar="S", help="a folder or standard input silent for so long has ended"
     )
     streams.configure(parser)
-
-
-class _Sink(Protocol):
-    """Takes contacts as they come."""
-
-    def write(self, contact: LiveContact) -> None: ...
-    def close(self) -> None: ...
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -141,18 +142,39 @@ def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> Source:
         if args.udp is not None:
             remedy = "what was recorded needs readings that were, too: --readings"
             raise InputError("--udp", where="vbaa live", remedy=remedy)
+        _key(args)
         return streams.recorded(args, path, rig, timing)
     if args.readings is not None:
         remedy = "readings that come meanwhile: --udp, or standard input"
         raise InputError("--readings is for what was recorded", where="vbaa live", remedy=remedy)
+    key = _key(args)
     listening = None if args.udp is None else udp_socket(args.udp)
     try:
-        source = with_datagrams(open_running(args.source, args.idle), listening)
+        source = with_datagrams(open_running(args.source, args.idle), listening, key)
     except BaseException:
         if listening is not None:
             listening.close()
         raise
     return source.without_moments() if args.no_moment else source
+
+
+def _key(args: argparse.Namespace) -> bytes | None:
+    """The secret of --udp-key. Raises InputError for a short one, and for one that others may read."""
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.core.files import read_bytes
+
+    path: Path | None = args.udp_key
+    if path is None:
+        return None
+    if args.udp is None:
+        raise InputError("--udp-key without --udp", where="vbaa live", remedy="give both, or leave it out")
+    key = read_bytes(path, "key", 1 << 20).strip()
+    if len(key) < 16:
+        remedy = f"write one like this: (umask 077; openssl rand -hex 32 > {path})"
+        raise InputError(f"has a key of {len(key)} bytes; 16 are needed", where=path, remedy=remedy)
+    if os.name == "posix" and path.stat().st_mode & 0o077:
+        raise InputError("other users may read this key", where=path, remedy=f"chmod 600 {path}, and take a new one")
+    return key
 
 
 def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
@@ -161,7 +183,7 @@ def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.bag_of_session import refuse_bag
 
-    inputs = (args.rig, args.readings, args.background, Path(args.source))
+    inputs = (args.rig, args.readings, args.background, args.udp_key, Path(args.source))
     for output in (args.output, args.bag):
         if output is not None and any(each and _same(output, each) for each in inputs):
             raise InputError("is an input of this command", where=output, remedy="take another name")

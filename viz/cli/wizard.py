@@ -157,7 +157,7 @@ def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[
         # before the answers: they are meant for the step as it starts again
         again = ["plane"] if "plane_way" in changed and store.journal.of("plane").taken else []
         for step in [*again, *(["board"] if other_board else []), *([args.redo] if args.redo else [])]:
-            redo(store, ui, step)
+            redo(store, ui, step, by_flag=step == args.redo)
         store.answer(given)
         if args.reopen:
             store.close(args.reopen, "")

@@ -273,7 +273,7 @@ def refuse_out_of_reach(table: ContactTable, where: object = None) -> None:
 
 
 def _words(table: ContactTable, row: int, phase: str, force: float) -> str:
-    """For example "sliding: 157.4 ± 0.2 mm from the clamp, 69.1 mN"."""
+    """For example "sliding: 157.4 ± 0.2 mm from the clamp, 69.1 ± 0.4 mN"."""
     status = str(table.status[row]).replace("_", " ")
     known = [phase] if phase not in ("", "unknown", "free") else []
     head = ", ".join(known if known and status == "ok" else [*known, "located" if status == "ok" else status])
@@ -285,8 +285,18 @@ def _words(table: ContactTable, row: int, phase: str, force: float) -> str:
         spread = f" ± {1e3 * std:.2g}" if np.isfinite(std) else ""
         parts.append(f"{1e3 * distance:.1f}{spread} mm from the clamp")
     if np.isfinite(force):
-        parts.append(f"{1e3 * force:.1f} mN")
+        std = _size_std_N(table, row)
+        parts.append(f"{1e3 * force:.1f}{f' ± {1e3 * std:.2g}' if np.isfinite(std) else ''} mN")
     return f"{head}: {', '.join(parts)}" if parts else head
+
+
+def _size_std_N(table: ContactTable, row: int) -> float:
+    """Standard deviation of the force's size across the antenna; without a covariance of y and z, as if it were 0."""
+    across = np.array([table.force_y_N[row], table.force_z_N[row]])
+    std = np.array([table.force_y_std_N[row], table.force_z_std_N[row]])
+    way = across / max(float(np.linalg.norm(across)), 1e-15)
+    both = 2.0 * way[0] * way[1] * float(np.nan_to_num(table.force_covariance_yz_N2[row]))
+    return float(np.sqrt(max(float(way**2 @ std**2) + both, 0.0)))
 
 
 def _numbers(table: ContactTable, row: int, phase: str) -> str:

@@ -242,7 +242,7 @@ def _piece_of(fit: Fit, index: int, touched_std_m: np.ndarray) -> _Piece:
     own = patch.frame[:2] @ fit.touches.own_m2[patch.members] @ patch.frame[:2].T
     std = np.sqrt(np.trace(own, axis1=1, axis2=2))
     sound = (std <= _VAGUE * np.median(std)) & (fit.state.widened[patch.members] < IGNORED)
-    sound = sound if sound.any() else np.ones(len(std), bool)
+    sound = sound if sound.sum() > 1 else np.ones(len(std), bool)  # one place has no footprint
     local = fit.local(patch)[sound]
     if patch.wide:
         places, grid = _footprint(local[:, :2])

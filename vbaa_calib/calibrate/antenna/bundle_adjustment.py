@@ -10,15 +10,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import legendre
 from scipy.linalg import block_diag
+from scipy.ndimage import binary_propagation, maximum_filter1d, uniform_filter1d
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
-from vbaa_calib.core.least_squares import Linearised, Rules, disagreement, disagreement_p, minimise
-from vbaa_calib.core.robust import MAD_SCALE, mad_std
+from vbaa_calib.core.least_squares import CHANCE_SCATTER, Linearised, Rules, disagreement, disagreement_p, minimise
+from vbaa_calib.core.robust import MAD_SCALE, huber_weights, mad_std
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Tip
 from vbaa_calib.rig.reprojection import see
@@ -89,8 +90,10 @@ _FEWEST_OF_A_KIND, _MOST_STRANGE = 2, 0.2
 and only so large a part may contradict the others before it is the model that does not hold."""
 
 
-def _agreement(problem: Problem, solution: Linearised, distances: Sequence[np.ndarray]) -> np.ndarray:
-    """(F,) probability that a still that belongs disagrees as much with the rest, by line and moment; 1 for those left
+def _disagreements(
+    problem: Problem, solution: Linearised, distances: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """χ² and degrees of freedom (F,) of how each still disagrees with the rest, by line and moment; none of those left
     out. distances : see `Problem.evaluate`.
     """
     kept = np.flatnonzero(problem.kept)
@@ -103,9 +106,50 @@ def _agreement(problem: Problem, solution: Linearised, distances: Sequence[np.nd
     own = [(jacobian[each] * unit, residuals[each]) for each in rows]
     information = np.array([slopes.T @ slopes for slopes, _ in own])
     pull = np.array([-slopes.T @ off for slopes, off in own])
-    p = np.ones(len(problem.kept))
-    p[kept] = disagreement_p(*disagreement(information, pull, total * np.outer(unit, unit)))
-    return p
+    square, freedom = np.zeros((2, len(problem.kept)))
+    square[kept], freedom[kept] = disagreement(information, pull, total * np.outer(unit, unit))
+    return square, freedom
+
+
+@dataclass(frozen=True)
+class _Disturbed:
+    """What counts as a stretch of a line that something else disturbs: a thread over it, a knot, a reflection."""
+
+    degree: int = 3  # of the polynomial that residuals of the antenna follow, whatever is wrong with the rig
+    clear_std: float = 5.0  # of the mean of a run of neighbours off that, where a stretch is found
+    around_std: float = 2.0  # and up to where it reaches
+    most: float = 0.4  # of a line; where more is off, nothing local is
+
+
+def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Per line (N,) bool, which points do not belong to a disturbed stretch, by their residuals (N,)."""
+    rules, means = _Disturbed(), list[np.ndarray]()
+    for off in residuals:
+        basis, weights = legendre.legvander(np.linspace(-1.0, 1.0, len(off)), rules.degree), np.ones(len(off))
+        left = off
+        for _ in range(20):
+            left = off - basis @ np.linalg.lstsq(basis * weights[:, None], off * weights, rcond=None)[0]
+            weights = np.sqrt(huber_weights(left))
+        means.append(uniform_filter1d(left, _RUN) * np.sqrt(_RUN))
+    usual = max(float(np.median([mad_std(one) for one in means])), 1.0)
+    good = []
+    for one in means:
+        sizes = np.abs(one) / usual
+        found = binary_propagation(sizes > rules.clear_std, mask=sizes > rules.around_std)
+        found = maximum_filter1d(found.astype(np.uint8), _RUN) > 0
+        local = len(found) >= 4 * _RUN and found.mean() <= rules.most and mad_std(sizes[~found]) <= rules.around_std
+        good.append(~found if local else np.ones(len(found), bool))
+    return good
+
+
+def _without_disturbed(problem: Problem, parameters: np.ndarray, evaluated: Evaluation) -> Problem:
+    """The same without the stretches of lines that something disturbs."""
+    observations = list(problem.observations)
+    undisturbed = _undisturbed([block[:, 0] / problem.noise_scale for block in evaluated.points])
+    for index, (one, good) in enumerate(zip(problem.observations, undisturbed, strict=True)):
+        if len(good) == len(one.points_px) and not good.all():
+            observations[index] = replace(one, points_px=one.points_px[good], sigma_px=one.sigma_px[good])
+    return replace(problem, observations=observations, seen_at_lens=()).relinearised(parameters)
 
 
 _RUN = 10  # points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape
@@ -122,10 +166,12 @@ class BundleAdjustment:
     Attributes
     ----------
     problem, solution : what was solved, and the linearised end of it; its loads are as the solve found them.
-    noted : the observations as they came, with the loads as they were noted.
+    noted : the observations as they came, with the loads as they were noted, without the points that were left out.
+    disturbed : (F,) how many these are: of stretches where something else than the antenna moves its line.
     parameters : (17,) `RIG_PARAMETERS`; the pose's six are steps from the prior's start.
     camera : the lens as all pictures together have it, with its covariance.
     covariance : (17 + P, 17 + P) of `RIG_PARAMETERS`, the pose's part about the solved pose, and of the lens.
+    scatter : ratio, at least 1, of the pictures' contradictions to what their noise explains; in the covariance.
     point_rms : (F,) per observation, in units of the scaled deviations.
     moment_residuals_Nm : (F,) reading less prediction.
     tip : where the antenna's visible end lies, from the pictures; None where it was not seen, or not used.
@@ -135,11 +181,13 @@ class BundleAdjustment:
 
     problem: Problem
     noted: Sequence[Observation]
+    disturbed: Sequence[int]
     solution: Linearised
     parameters: np.ndarray
     T_antenna_camera: Pose
     camera: Camera
     covariance: np.ndarray
+    scatter: float
     point_rms: np.ndarray
     moment_residuals_Nm: np.ndarray
     tip: Tip | None = None
@@ -196,17 +244,9 @@ def _too_few(fits: np.ndarray, loaded: np.ndarray) -> bool:
     )
 
 
-class _Solved(NamedTuple):
-    """A problem, its solution and what that predicts; and how far each still's points lie off, in deviations (F,)."""
-
-    problem: Problem
-    solution: Linearised
-    evaluated: Evaluation
-    rms: np.ndarray
-
-
-def _in_passes(problem: Problem, judged: bool = True) -> _Solved | None:
-    """Solved in passes, each with the points' scatter about the one before and without the stills that do not fit it.
+def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearised, Evaluation, np.ndarray] | None:
+    """Solved in passes, each with the points' scatter about the one before and without the stills that do not fit it:
+    the problem, its solution, what that predicts, and how far each picture's points lie off, in deviations (F,).
 
     judged : leave out stills that contradict the others, too; None where these are too many.
     """
@@ -214,7 +254,7 @@ def _in_passes(problem: Problem, judged: bool = True) -> _Solved | None:
     least = 1.0 if np.mean([one.shared for one in problem.observations]) > 0.5 else 0.0
     loaded = np.array([one.loaded for one in problem.observations])
     strange = np.zeros(len(loaded), bool)
-    evaluated = problem.evaluate(parameters)
+    evaluated, disturbed = problem.evaluate(parameters), True
     for turn in range(_PASSES + 1):
         kept = problem.kept
         left = [problem.without_line(i, evaluated.points[i][:, 0]) for i in np.flatnonzero(kept).tolist()]
@@ -226,11 +266,16 @@ def _in_passes(problem: Problem, judged: bool = True) -> _Solved | None:
         parameters = solution.parameters
         problem = problem.relinearised(parameters)
         evaluated = problem.evaluate(parameters)
+        if disturbed and change < _NEAR:
+            # once, where the rig is all but known
+            disturbed, problem = False, _without_disturbed(problem, parameters, evaluated)
+            evaluated = problem.evaluate(parameters)
+            continue
         fits, rms = _fitting(problem, solution, evaluated.points, kept)
         # stills on the border must not come and go for ever; the last pass leaves none out
         fits = kept if turn == _PASSES else fits & kept if turn > _PASSES // 2 else fits
         if judged and change < _NEAR and (fits == kept).all():
-            p = _agreement(problem, solution, evaluated.points)
+            p = disagreement_p(*_disagreements(problem, solution, evaluated.points))
             worst = int(np.argmin(p))
             if p[worst] < _CONTRADICTS:
                 strange[worst] = True
@@ -240,7 +285,7 @@ def _in_passes(problem: Problem, judged: bool = True) -> _Solved | None:
         problem = replace(problem, kept=fits)
         if change < _SETTLED and (fits == kept).all():
             break
-    return _Solved(problem, solution, evaluated, rms)
+    return problem, solution, evaluated, rms
 
 
 def _solved(
@@ -264,6 +309,11 @@ def _solved(
     settled = solution
     if alike > 1.0:
         settled = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike))).linearised(parameters)
+    square, freedom = _disagreements(problem, solution, evaluated.points)
+    scatter = float(np.sqrt(max(square.sum() / max(freedom.sum(), 1.0) / CHANCE_SCATTER, 1.0)))
+    # of what was measured; priors stay
+    trust = np.where(np.arange(len(settled.residuals)) < len(settled.residuals) - settled.certain, 1.0 / scatter, 1.0)
+    settled = replace(settled, residuals=trust * settled.residuals, jacobian=trust[:, None] * settled.jacobian)
     root, lens = settled.covariance_root(), problem.lens
     # the lens may be off by all its standard deviation, whatever share the solve had: the solution follows its prior
     rest = root @ root[lens].T * np.sqrt(prior.lens_shares**-2 - 1.0)
@@ -278,9 +328,17 @@ def _solved(
         solution=solution,
         parameters=parameters[:RIG],
         T_antenna_camera=problem.pose(parameters),
-        noted=tuple(observations),
+        noted=tuple(
+            replace(one, points_px=used.points_px, sigma_px=used.sigma_px)
+            for one, used in zip(observations, problem.observations, strict=True)
+        ),
+        disturbed=tuple(
+            len(one.points_px) - len(used.points_px)
+            for one, used in zip(observations, problem.observations, strict=True)
+        ),
         camera=camera if len(covariance) == RIG else replace(camera, covariance=covariance[RIG:, RIG:]),
         covariance=covariance,
+        scatter=scatter,
         point_rms=rms,
         moment_residuals_Nm=problem.moment_residuals_Nm(parameters, evaluated.moments),
         tip=_tip(problem, evaluated, whole, axes),

@@ -11,9 +11,10 @@ import numpy as np
 from vbaa_calib.calibrate.lens.uncertainty import linear_axes
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
+from vbaa_calib.detect.whisker.locking import locking_std
 from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.geometry import Pose
-from vbaa_calib.session import Load, LoadReadings, Still
+from vbaa_calib.session import Drift, Load, LoadReadings, Still
 
 DISTANCE_STEP_M, LOG_FORCE_STEP = 1e-4, 1e-3  # finite differences of a load's place, towards the clamp, and log force
 
@@ -21,9 +22,9 @@ EXACT = LoadReadings()
 
 
 def reading_keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:
-    """Keys of a load's place and weight: equal numbers share one error."""
+    """Keys of a load's place and weight: equal numbers share one error; a weight's parts to y and z are rounded."""
     force = float(np.hypot(load.force_y_N, load.force_z_N))
-    return ("distance", f"{load.distance_m:.4f}"), ("mass", f"{force:.3g}")
+    return ("distance", f"{load.distance_m:.6f}"), ("mass", f"{force:.3g}")
 
 
 def _read(load: Load, further_m: float, heavier: float) -> Load:
@@ -101,6 +102,11 @@ class Observation:
     shared: bool = False
     look: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))  # (PLACES, C) mean colour from clamp to tip
 
+    @cached_property
+    def locking(self) -> np.ndarray:
+        """(3,) as `locking_std` of its points."""
+        return locking_std(self.points_px)
+
     @property
     def load_N(self) -> np.ndarray:
         """(2,) force components y, z."""
@@ -130,7 +136,7 @@ class Prior:
     std: np.ndarray  # (11,)
     readings: LoadReadings = EXACT  # how well the loads' places and forces are known
     tip_std_m: float | None = None  # how well the visible end is known to lie at the antenna's length; None: not used
-    line_px: float = 0.0  # common error of all points of a centreline, see `session.Drift`
+    drift: Drift = field(default_factory=Drift)  # of which lines' errors count here: line_px, light_px and lock_px
     lens_share: float = 1.0  # part of its standard deviations by which the lens may be off in the solve
     fixed_axes: np.ndarray | None = None  # (P, P) for `lens_axes`, in place of those of the lens' covariance
 

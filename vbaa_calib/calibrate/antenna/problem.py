@@ -14,6 +14,7 @@ from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.least_squares import Linearised
+from vbaa_calib.detect.whisker.locking import LINE_MODES
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import RIG_PARAMETERS, RIG_STEPS
 from vbaa_calib.rig.reprojection import (
@@ -26,7 +27,7 @@ from vbaa_calib.rig.reprojection import (
     whitened_with_lens,
     with_slopes_on_curves,
 )
-from vbaa_calib.session import Load
+from vbaa_calib.session import Drift, Load
 
 from .inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, Prior, ReadingGroups
 
@@ -99,17 +100,17 @@ class LensLost(SolveError):
 class Evaluation(NamedTuple):
     """Predictions at a problem's parameters, and their slopes."""
 
-    # per observation (N, 16 + P + K) whitened distances, slopes by pose, antenna, lens, readings
+    # per observation (N, 16 + P + K + L) whitened distances, slopes by pose, antenna, lens, readings, light
     points: list[np.ndarray]
     moments: np.ndarray  # (F, 10 + K) of the antenna, with a step along each of its parameters; slopes by readings
-    tips: np.ndarray  # (T, 16 + P + K) as `points`, along the antenna
+    tips: np.ndarray  # (T, 16 + P + K + L) as `points`, along the antenna
     by_length: np.ndarray  # (T,) slopes of the tips by the visible length, per m
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """All residuals, for parameters (17 + P + K,): `RIG_PARAMETERS`, steps along `lens_axes`, errors of the loads'
-    readings in deviations.
+    """All residuals, for parameters (17 + P + K + L,): `RIG_PARAMETERS`, steps along `lens_axes`, errors of the loads'
+    readings in deviations, errors that the lines of all pictures share in deviations.
     """
 
     observations: Sequence[Observation]  # F, with the loads as the parameters had them at the last `relinearised`
@@ -127,6 +128,7 @@ class Problem:
     changes: np.ndarray | None = None  # (F, 9) by which the antenna differs in each observation
     # (3,) logarithm of the compliance to z over that to y, and how it changes along the antenna: see `_unevenly_bent`
     uneven: np.ndarray | None = None
+    places: np.ndarray | None = None  # (N,) of every picture's points along its line, −1 to 1; None: evenly
     # as `line_axes` gives them, where they are known
     known_axes: list[tuple[np.ndarray, np.ndarray]] | None = None
 
@@ -140,10 +142,11 @@ class Problem:
         return blank.relinearised(blank.begin)
 
     def over(self, observations: Sequence[Observation]) -> Problem:
-        """The same rig over other stills, their loads exact, none seen yet."""
+        """The same rig over other stills, their loads and lines exact, none seen yet."""
         kept, groups = np.ones(len(observations), bool), ReadingGroups.of([], EXACT)
         return replace(
             self.without_tips(),
+            prior=replace(self.prior, drift=Drift()),
             observations=observations,
             seen_at_lens=(),
             kept=kept,
@@ -158,22 +161,33 @@ class Problem:
 
     @property
     def upper(self) -> np.ndarray:
-        """(17 + P + K,) upper ends of the parameters: no load hangs beyond the tip."""
-        ends = np.full(self.lens.stop + self.groups.count, np.inf)
-        ends[self.lens.stop :] = self.groups.ends(
+        """(17 + P + K + L,) upper ends of the parameters: no load hangs beyond the tip."""
+        ends = np.full(self.light.stop, np.inf)
+        ends[self.readings] = self.groups.ends(
             [one.still for one in self.observations], self.readings_at, _INSIDE * self.length_m
         )
         return ends
 
     @property
     def begin(self) -> np.ndarray:
-        """(17 + P + K,) parameters before anything was seen."""
-        return np.concatenate([np.zeros(6), self.prior.mean, np.zeros(len(self.prior.lens_axes) + self.groups.count)])
+        """(17 + P + K + L,) parameters before anything was seen."""
+        return np.concatenate([np.zeros(6), self.prior.mean, np.zeros(self.light.stop - RIG)])
 
     @property
     def lens(self) -> slice:
         """Where the lens' steps are among the parameters; the readings come after them."""
         return slice(RIG, RIG + len(self.prior.lens_axes))
+
+    @property
+    def readings(self) -> slice:
+        """Where the errors of the loads' readings are among the parameters."""
+        return slice(self.lens.stop, self.lens.stop + self.groups.count)
+
+    @property
+    def light(self) -> slice:
+        """Where the errors that all lines share are among the parameters, the last ones."""
+        shared = self.prior.drift.light_px > 0.0 or self.prior.drift.lock_px > 0.0
+        return slice(self.readings.stop, self.readings.stop + LINE_MODES * shared)
 
     def relinearised(self, parameters: np.ndarray) -> Problem:
         """With points seen through the lens, and loads, of these parameters.
@@ -181,7 +195,7 @@ class Problem:
         Raises LensLost where that lens folds before points that the prior's lens sees.
         """
         camera = self.camera(parameters)
-        here = replace(self._loaded(parameters), readings_at=parameters[self.lens.stop :])
+        here = replace(self._loaded(parameters), readings_at=parameters[self.readings])
         images = image_curves(here.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse())
         seen = see_each(camera, [(one.points_px, one.sigma_px) for one in self.observations])
         seen = with_slopes_on_curves(seen, camera, images)
@@ -208,8 +222,7 @@ class Problem:
     @property
     def certain(self) -> int:
         """How many residuals, the last ones, are the priors': these are never weighed down."""
-        priors = 6 * len(self.prior.poses) + len(self.prior.mean) + len(self.prior.lens_axes) + self.groups.count
-        return len(self.tips) + priors
+        return len(self.tips) + 6 * len(self.prior.poses) + len(self.prior.mean) + self.light.stop - RIG
 
     def pose(self, parameters: np.ndarray) -> Pose:
         """Camera pose in the antenna frame."""
@@ -252,7 +265,12 @@ class Problem:
             moments = np.hstack([moments, [rows[-1] for rows in by_readings]])
             by_own = here.tips_by_load(parameters, ends) if ends else {}
             tips = {i: np.hstack([row, self.groups.columns(i, *by_own[i].T)]) for i, row in tips.items()}
-        width = 1 + len(RIG_STEPS) + len(self.prior.lens_axes) + self.groups.count
+        if len(light := parameters[self.light]):
+            by_light = map(self.light_modes, range(len(blocks)))
+            pairs = zip(blocks, by_light, strict=True)
+            blocks = [np.hstack([block[:, :1] + (by @ light)[:, None], block[:, 1:], by]) for block, by in pairs]
+            tips = {index: np.hstack([row, np.zeros((1, len(light)))]) for index, row in tips.items()}
+        width = len(RIG_STEPS) + self.light.stop - RIG + 1
         return Evaluation(blocks, moments, np.vstack([np.zeros((0, width)), *tips.values()]), np.array(by_length))
 
     def _with_slopes(self, residuals: np.ndarray, by_lens: np.ndarray) -> np.ndarray:
@@ -269,7 +287,7 @@ class Problem:
 
     def _loaded(self, parameters: np.ndarray) -> Problem:
         """With the loads as the parameters have them."""
-        errors = parameters[self.lens.stop :] - self.readings_at
+        errors = parameters[self.readings] - self.readings_at
         if not errors.any():
             return self
         stills = self.groups.corrected([one.still for one in self.observations], errors)
@@ -284,19 +302,29 @@ class Problem:
         every = [whitened_residuals(one, projected.picked(own)) for one, own in zip(seen, three, strict=True)]
         return [_by_step(np.vstack([one, curves.moment_Nm[own]])) for one, own in zip(every, three, strict=True)]
 
-    def line_modes(self, index: int, places: np.ndarray | None = None) -> np.ndarray:
-        """(N, 3) how an observation's residuals move with its line's common errors, each in its deviation.
-
-        places : (N,) of its points along the line, −1 to 1; None: evenly.
-        """
+    def _modes(self, index: int) -> np.ndarray:
+        """(N, 3) how an observation's whitened distances move with offset, slope and curvature of its line, per px."""
         seen, matrix = self.seen_at_lens[index], self.prior.camera.matrix
         std = np.sqrt(0.5 * matrix[0, 0] * matrix[1, 1] * np.trace(seen.covariance, axis1=1, axis2=2))
-        modes = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(seen)) if places is None else places, 2)
-        return modes * (self.prior.line_px / (self.noise_scale * std))[:, None]
+        places = self.places
+        if places is None or len(places) != len(seen):
+            places = np.linspace(-1.0, 1.0, len(seen))
+        return np.polynomial.legendre.legvander(places, LINE_MODES - 1) / std[:, None]
+
+    def line_modes(self, index: int) -> np.ndarray:
+        """(N, 3) how an observation's residuals move with its line's own errors, each in its deviation."""
+        std_px = np.hypot(self.prior.drift.line_px, self.observations[index].locking * self.prior.drift.lock_px)
+        return self._modes(index) * std_px / self.noise_scale
+
+    def light_modes(self, index: int) -> np.ndarray:
+        """(N, 3) how an observation's whitened distances move with the errors that all lines share, each in its
+        deviation."""
+        std_px = np.hypot(self.prior.drift.light_px, self.observations[index].locking * self.prior.drift.lock_px)
+        return self._modes(index) * std_px
 
     def without_line(self, index: int, rows: np.ndarray) -> np.ndarray:
         """Rows (N, ...) of an observation's points, whitened of their common errors."""
-        if self.prior.line_px == 0.0:
+        if self.prior.drift.line_px == 0.0:
             return rows
         axes, shrunk = self._line_axes[index]
         return rows - shrunk @ (axes.T @ rows)
@@ -305,10 +333,9 @@ class Problem:
     def _line_axes(self) -> list[tuple[np.ndarray, np.ndarray]]:
         return self.line_axes() if self.known_axes is None else self.known_axes
 
-    def line_axes(self, places: np.ndarray | None = None) -> list[tuple[np.ndarray, np.ndarray]]:
+    def line_axes(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Per observation (N, 3) axes of `line_modes`, and what whitening takes away along each."""
-        own = [None if places is None or len(places) != len(seen) else places for seen in self.seen_at_lens]
-        modes = [np.linalg.svd(self.line_modes(i, each), full_matrices=False) for i, each in enumerate(own)]
+        modes = [np.linalg.svd(self.line_modes(i), full_matrices=False) for i in range(len(self.seen_at_lens))]
         return [(axes, axes * (1.0 - 1.0 / np.hypot(1.0, std))) for axes, std, _ in modes]
 
     def tips_by_load(self, parameters: np.ndarray, ends: Mapping[int, SeenPoints]) -> dict[int, np.ndarray]:
@@ -335,7 +362,7 @@ class Problem:
         ]
 
     def by_still(self, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Per observation the residuals (N + 1,) of points and moment, and their slopes (N + 1, 17 + P + K)."""
+        """Per observation the residuals (N + 1,) of points and moment, and their slopes (N + 1, 17 + P + K + L)."""
         distances, moments, *_ = self.evaluate(parameters)
         read = -self.moment_residuals_Nm(parameters, moments) / self.moment_std_Nm
         rows = self.moment_slopes(parameters, moments) / self.moment_std_Nm
@@ -344,7 +371,7 @@ class Problem:
         return [(np.append(off, own), np.vstack([slopes, row])) for (off, slopes), own, row in together]
 
     def residuals(self, parameters: np.ndarray, evaluated: Evaluation | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """All residuals (R,) and their Jacobian (R, 17 + P + K): points, whitened of their lines' common errors,
+        """All residuals (R,) and their Jacobian (R, 17 + P + K + L): points, whitened of their lines' common errors,
         moments, poses, tips, antenna to readings. evaluated : `evaluate` there, if known."""
         evaluated = self.evaluate(parameters) if evaluated is None else evaluated
         moments = evaluated.moments
@@ -368,10 +395,11 @@ class Problem:
         images = image_curves(here.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse())
         seen, ends = self.seen(parameters), self._ends(parameters)
         own = [images.picked(slice(index, index + 1)) for index in range(len(seen))]
-        parts = [
-            self.without_line(index, whitened_residuals(seen[index], own[index])[:, 0]) / self.noise_scale
-            for index in np.flatnonzero(self.kept).tolist()
-        ]
+        light, parts = parameters[self.light], []
+        for index in np.flatnonzero(self.kept).tolist():
+            off = whitened_residuals(seen[index], own[index])[:, 0]
+            off = off + self.light_modes(index) @ light if len(light) else off
+            parts.append(self.without_line(index, off) / self.noise_scale)
         parts += [self._away(estimate, parameters)[1] for estimate in self.prior.poses]
         along = [whitened_along(end, own[index]) for index, end in ends.items()]
         parts.append(self._common_whitening(np.array([each[2] for each in along])) @ [each[0][0, 0] for each in along])
@@ -387,7 +415,7 @@ class Problem:
     def _tip_rows(self, evaluated: Evaluation) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (T,) and their Jacobian; how far all ends together are off the length is marginalised."""
         if not len(self.tips):
-            return np.zeros(0), np.zeros((0, self.lens.stop + self.groups.count))
+            return np.zeros(0), np.zeros((0, self.light.stop))
         whiten = self._common_whitening(evaluated.by_length)
         return whiten @ evaluated.tips[:, 0], whiten @ self.by_all(evaluated.tips)
 
@@ -402,10 +430,10 @@ class Problem:
         return np.hstack([rows[:, 1 : 1 + GAIN], np.zeros((len(rows), 2)), rows[:, 1 + GAIN :]])
 
     def moment_slopes(self, parameters: np.ndarray, moments: np.ndarray) -> np.ndarray:
-        """(F, 17 + P + K) of the predicted readings by the parameters, from an `Evaluation`'s moments."""
+        """(F, 17 + P + K + L) of the predicted readings by the parameters, from an `Evaluation`'s moments."""
         rows = np.zeros((len(moments), len(parameters)))
         rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:_BENT] - moments[:, :1]) / RIG_STEPS[6:]
-        rows[:, self.lens.stop :] = parameters[GAIN] * moments[:, _BENT:]
+        rows[:, self.readings] = parameters[GAIN] * moments[:, _BENT:]
         rows[:, GAIN], rows[:, OFFSET] = moments[:, 0], 1.0
         return rows
 

@@ -24,6 +24,7 @@ from vbaa_calib.detect.whisker.stretches import stretches, why_lost
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.session import (
+    Drift,
     Load,
     LoadReadings,
     NominalAntenna,
@@ -273,7 +274,7 @@ def prior(
     poses: Sequence[PoseEstimate],
     own_frame: bool = False,
     readings: LoadReadings = EXACT,
-    line_px: float = 0.0,
+    drift: Drift | None = None,
 ) -> Prior:
     """What is known before the stills; own_frame : plane C was found by the antenna alone, so that its clamp lies on
     and along the x axis by definition."""
@@ -288,7 +289,7 @@ def prior(
         std=np.array([*clamp, *rest]),
         readings=readings,
         tip_std_m=antenna.tip_std_m,
-        line_px=line_px,
+        drift=Drift() if drift is None else drift,
     )
 
 

@@ -18,7 +18,7 @@ from vbaa_calib.core.least_squares import ScoreTest, change_test, products
 from vbaa_calib.core.robust import finite_or_none, mad_std
 from vbaa_calib.rig import RIG_STEPS, Rig
 from vbaa_calib.rig.reprojection import feet, image_curves
-from vbaa_calib.session import Load, LoadReadings, Still
+from vbaa_calib.session import Drift, Load, LoadReadings, Still
 
 from .finding import HOLDS, Checked, Evidence, Finding, judged, not_given, plus_minus
 
@@ -73,9 +73,10 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     sensor, noise, view = rig.moment_sensor, rig.image.noise_scale, rig.T_antenna_camera.inverse()
     mean = np.concatenate([rig.antenna.parameters, [sensor.gain, sensor.offset_Nm]])
     # steps along its axes are steps of the lens' parameters, of one that counts as exact, too
-    unit, line_px = np.eye(len(rig.camera.parameter_names)), rig.drift.line_px
+    unit = np.eye(len(rig.camera.parameter_names))
     lens = replace(rig.camera, covariance=unit)
-    prior = Prior((), rig.T_antenna_camera, lens, mean, np.ones(len(mean)), line_px=line_px, fixed_axes=unit)
+    drift = Drift(line_px=rig.drift.line_px)
+    prior = Prior((), rig.T_antenna_camera, lens, mean, np.ones(len(mean)), drift=drift, fixed_axes=unit)
     problem = Problem.of(observations, prior, rig.antenna.length_m, sensor.std_Nm)
     problem, at = replace(problem, noise_scale=noise), problem.begin
     curves = problem.curves(at[None, ANTENNA])

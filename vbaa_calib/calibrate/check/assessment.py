@@ -92,9 +92,15 @@ class Assessment:
         return worst(self.answers)
 
     @property
+    def headline(self) -> str:
+        """The verdict in a sentence."""
+        fits = self.own_pictures and self.verdict == HOLDS
+        return "This rig fits its calibration's pictures." if fits else _VERDICTS[self.verdict]
+
+    @property
     def words(self) -> str:
         """The verdict, and the questions that were not answered with "holds"."""
-        sentences = [_VERDICTS[self.verdict]]
+        sentences = [self.headline]
         for level, start in ((FAILS, "Does not hold"), (LOOK, "Look at")):
             found = [
                 f"{one.question} {one.words[:1].upper()}{one.words[1:]}." for one in self.answers if one.level == level
@@ -113,7 +119,7 @@ class Assessment:
             "schema": _SCHEMA,
             "rig": str(self.path),
             "verdict": self.verdict,
-            "headline": _VERDICTS[self.verdict],
+            "headline": self.headline,
             "words": self.words,
             "findings": [finding.to_dict() for finding in self.findings],
             "numbers": rig_numbers(self.rig, self.nominal_Nm2),

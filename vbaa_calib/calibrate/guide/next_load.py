@@ -161,7 +161,11 @@ class _StiffnessForecast:
         # as noted: corrected numbers cannot be shared with another load
         loads = [one.still for one in joint.noted if isinstance(one.still, Load)] + [one.load for one in candidates]
         names = [key for key in dict.fromkeys(key for one in loads for key in reading_keys(one)) if known[key[0]] > 0]
-        jacobian, size = solution.jacobian * solution.weights[:, None], joint.problem.lens.stop
+        jacobian, light = solution.jacobian * solution.weights[:, None], joint.problem.light
+        # what all lines share is marginalised
+        basis = np.linalg.qr(jacobian[:, light])[0]
+        jacobian = (jacobian - basis @ (basis.T @ jacobian))[:, : light.start]
+        size = joint.problem.lens.stop
         scale = np.linalg.norm(jacobian[:, :size], axis=0)
         jacobian[:, :size] /= scale
 

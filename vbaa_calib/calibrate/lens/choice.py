@@ -55,8 +55,8 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     Models whose held-out error is larger by 0.5 % and significantly so (over views), or by 10 %, are wrong. Of the
     others the one of least expected error over the picture is taken, bias and noise together (`expected_errors_px`),
     but a simpler one, if its expected error is larger by no more than the standard error of the difference, from
-    leaving out each view in turn (jackknife), and by no more than 35 %. A lens without decentring must be 15 % better
-    than opencv4, which has it.
+    leaving out each view in turn (jackknife), and by no more than 35 %, or if views that it was not fitted to fit it as
+    well. A lens without decentring must be 15 % better than opencv4, which has it.
 
     Models beyond the bounds of rig.json are not taken; models that fold inside the picture only if every other is 10 %
     worse on held-out views, those whose halves disagree or that have a pole near the picture only if every other is
@@ -105,7 +105,8 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     def is_no_worse(name: str, richer: str) -> bool:
         ratios = np.log(off_px[name] / off_px[richer])
         standard_error = np.sqrt((len(ratios) - 2) * np.var(ratios[1:]))
-        return bool(ratios[0] <= min(rules.better_by * standard_error, np.log(rules.most_larger)))
+        as_small = ratios[0] <= min(rules.better_by * standard_error, np.log(rules.most_larger))
+        return bool(as_small or every[name].squares_px2.sum() <= every[richer].squares_px2.sum())
 
     least = min(names, key=expected_px.__getitem__)
     simpler = [name for name in names if free[name] < free[least] and is_no_worse(name, least)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
-from vbaa_calib.core.least_squares import padded, without_own
+from vbaa_calib.core.least_squares import CHANCE_SCATTER, padded, without_own
 from vbaa_calib.detect.board.corners import BoardView
 
 from .board_shape import SHAPE, deformations
@@ -17,7 +17,6 @@ from .models import LensModel, camera_of, is_monotonic
 from .uncertainty import compensate, pixel_grid, projection_jacobian
 
 _OPEN, _ROUNDING = 1e-10, 1e-7
-_CHANCE_SCATTER = 1.2  # ratio of variances that noise alone often reaches
 _FOLDS = 5
 _LITTLE_MORE = 1.1
 _NEAR = replace(CONVERGED, iterations=20, tolerance=1e-5)  # from a start that is all but the answer
@@ -74,7 +73,7 @@ class Information:
         """
         expected = np.trace(self.blocks, axis1=1, axis2=2) - np.einsum("vij,vji->v", self.blocks, self.blocks)
         ratio = float((self.gradients**2).sum()) / max(self._variance * float(expected.sum()), 1e-300)
-        return float(np.sqrt(max(ratio / _CHANCE_SCATTER, 1.0)))
+        return float(np.sqrt(max(ratio / CHANCE_SCATTER, 1.0)))
 
 
 def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Information | None:

@@ -8,7 +8,9 @@ covariance is J⁻¹ A var(I) Aᵀ J⁻ᵀ. J is near M = −Σ w g gᵀ where t
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
+from scipy.ndimage import gaussian_filter
 from scipy.special import ndtri
 
 QUANTISATION = 1.0 / 12.0
@@ -74,30 +76,42 @@ _LEAST_SHARE = 0.25
 """Least share of M that J is assumed to keep."""
 
 
-def corner_covariances(image: np.ndarray, corners_px: np.ndarray, windows: np.ndarray) -> np.ndarray:
+def corner_covariances(
+    image: np.ndarray, corners_px: np.ndarray, windows: np.ndarray, smoothing_px: float = 0.0
+) -> np.ndarray:
     """(N, 2, 2) px² covariance of corners (N, 2) px that `cv2.cornerSubPix` refined with half windows (N,).
 
-    image : (H, W) uint8. A window without a corner gives its own size. Noise is assumed independent between pixels: the
-    covariance is too small where JPEG or the camera smooths. The detector's bias is not included: up to 0.03 px in
-    sharp pictures, where it outweighs noise below about 3 grey levels.
+    image : (H, W) uint8. smoothing_px : σ by which it was smoothed for that. A window without a corner gives its own
+    size. Noise is assumed independent between pixels: the covariance is too small where JPEG or the camera smooths. The
+    detector's bias is not included: in sharp pictures up to 0.03 px, smoothed by a pixel up to 0.015 px, where it
+    outweighs noise below about 1.5 grey levels.
     """
     found = np.zeros((len(corners_px), 2, 2))
     if not len(corners_px):
         return found
+    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), smoothing_px) if smoothing_px else image
+    reach = int(np.ceil(4.0 * smoothing_px))  # SciPy's kernel ends there, and OpenCV's
     (black, white), (in_black, in_white) = (each.tolist() for each in measure_noise(image, corners_px, windows))
     for window in np.unique(windows).tolist():
         chosen = np.flatnonzero(windows == window)
         base = np.floor(corners_px[chosen]).astype(int)
         part = (corners_px[chosen] - base).astype(np.float32)[:, :, None, None]
-        pixels = _blocks(image, base, -window - 1, window + 2)
+        raw = _blocks(image, base, -window - 1 - reach, window + 2 + reach)
         # photons' noise: linear in the grey level
-        share = np.clip((pixels - black) / max(white - black, 1.0), 0.0, 1.0)
-        found[chosen] = _of_one_size(pixels, part, window, in_black + share * (in_white - in_black))
+        share = np.clip((raw - black) / max(white - black, 1.0), 0.0, 1.0)
+        variance = in_black + share * (in_white - in_black)
+        by_pixel, by_shift, curvature = _of_one_size(_blocks(smooth, base, -window - 1, window + 2), part, window)
+        if reach:
+            padded = np.pad(by_pixel, ((0, 0), (0, 0), (reach, reach), (reach, reach)))
+            by_pixel = gaussian_filter(padded, smoothing_px, mode="constant", axes=(2, 3))
+        scatter = _products(variance[:, None] * by_pixel, by_pixel)
+        found[chosen] = _sandwich(by_shift, curvature, scatter, window)
     return found
 
 
-def _of_one_size(pixels: np.ndarray, part: np.ndarray, window: int, variance: np.ndarray) -> np.ndarray:
-    """Covariances from pixels (N, K + 3, K + 3) and their noise; part (N, 2, 1, 1) is the corners' sub-pixel offset."""
+def _of_one_size(pixels: np.ndarray, part: np.ndarray, window: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A (N, 2, K + 3, K + 3), J and M (N, 2, 2) from pixels (N, K + 3, K + 3); part (N, 2, 1, 1) is the corners'
+    sub-pixel offset."""
     samples = _bilinear(pixels, part)
     gradient = 0.5 * np.stack(
         [samples[:, 1:-1, 2:] - samples[:, 1:-1, :-2], samples[:, 2:, 1:-1] - samples[:, :-2, 1:-1]], axis=1
@@ -111,10 +125,7 @@ def _of_one_size(pixels: np.ndarray, part: np.ndarray, window: int, variance: np
     by_gradient[:, 0, 0] += weight * along
     by_gradient[:, 1, 1] += weight * along
     by_sample = _differenced(by_gradient)
-    by_pixel = _gathered(by_sample, part)
-    by_shift = _products(by_sample, _slopes(pixels, part))
-    scatter = _products(variance[:, None] * by_pixel, by_pixel)
-    return _sandwich(by_shift, curvature, scatter, window)
+    return _gathered(by_sample, part), _products(by_sample, _slopes(pixels, part)), curvature
 
 
 def _products(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -28,6 +28,7 @@ class _DetectionSettings:
     window_per_gap: float = 0.9  # half window over the room around a corner
     smallest_window_px: int = 4
     largest_window_px: int = 10
+    smoothing_px: float = 1.0  # of a picture in which corners are refined, σ: sharp edges lock them to the pixels
     furthest_px: float = 1.5  # step of a corner that is refined, longest
     rounds: int = 3  # of an AprilGrid's corners, each from where their neighbours predict them
     of_a_gap: float = 0.1  # step of an AprilGrid's corner, longest, over the room around it, where that is more

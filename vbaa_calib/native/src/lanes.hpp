@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <cstring>
+#include <utility>
 
 namespace vbaa {
 
@@ -175,13 +176,54 @@ inline Lanes truncated(const Lanes& values, int* whole) {
     });
 }
 
+// Exchange the off-diagonal blocks of STEP × STEP numbers, of two rows STEP apart.
+template <int STEP, int... LANE>
+void exchange_blocks(Lanes& above, Lanes& below, std::integer_sequence<int, LANE...>) {
+    constexpr int width = Lanes::WIDTH, parts = STEP / width;
+    for (int k = 0; k < Lanes::PARTS; ++k) {
+        Lanes::Part &one = above.parts[k], &other = below.parts[k];
+        if constexpr (STEP < width) {
+#ifdef __clang__
+            const Lanes::Part was = one;
+            one = __builtin_shufflevector(was, other, (LANE & STEP ? width + LANE - STEP : LANE)...);
+            other = __builtin_shufflevector(was, other, (LANE & STEP ? width + LANE : LANE + STEP)...);
+#else
+            using Places = Lanes::Mask::Part;
+            const Lanes::Part was = one;
+            one = __builtin_shuffle(was, other, Places{(LANE & STEP ? width + LANE - STEP : LANE)...});
+            other = __builtin_shuffle(was, other, Places{(LANE & STEP ? width + LANE : LANE + STEP)...});
+#endif
+        } else if (!(k & parts)) {
+            std::swap(above.parts[k + parts], other);
+        }
+    }
+}
+
+template <int STEP>
+void exchange_blocks(Lanes& above, Lanes& below) {
+    exchange_blocks<STEP>(above, below, std::make_integer_sequence<int, Lanes::WIDTH>());
+}
+
 // Exchange rows and columns of eight times eight numbers.
 inline void transpose(Lanes (&rows)[LANES]) {
-    double table[LANES][LANES];
-    for (int row = 0; row < LANES; ++row) store(table[row], rows[row]);
-    for (int row = 0; row < LANES; ++row) {
-        for (int lane = 0; lane < LANES; ++lane) rows[row][lane] = table[lane][row];
+    for (int row = 0; row < LANES; row += 2) exchange_blocks<1>(rows[row], rows[row + 1]);
+    for (int row = 0; row < LANES; ++row)
+        if (!(row & 2)) exchange_blocks<2>(rows[row], rows[row + 2]);
+    for (int row = 0; row < LANES / 2; ++row) exchange_blocks<4>(rows[row], rows[row + 4]);
+}
+
+// Each of eight rows' sums; the rows are spoilt.
+inline Lanes sums_of(Lanes (&rows)[LANES]) {
+    for (int row = 0; row < LANES; row += 2) {
+        exchange_blocks<1>(rows[row], rows[row + 1]);
+        rows[row] += rows[row + 1];
     }
+    for (int row = 0; row < LANES; row += 4) {
+        exchange_blocks<2>(rows[row], rows[row + 2]);
+        rows[row] += rows[row + 2];
+    }
+    exchange_blocks<4>(rows[0], rows[4]);
+    return rows[0] + rows[4];
 }
 
 }  // namespace vbaa

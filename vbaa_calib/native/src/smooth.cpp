@@ -131,6 +131,11 @@ Array<double, 1> smooth_at(const SmoothCurve& curve, ConstVector share) {
 
 void solve_definite(Matrix matrix, Matrix sides) {
     const int count = sides.shape[0], several = sides.shape[1];
+    const auto subtract = [&](int i, double factor, int k) {
+        double* const to = sides.row(i).data;
+        const double* const from = sides.row(k).data;
+        for (int s = 0; s < several; ++s) to[s] -= factor * from[s];
+    };
     for (int i = 0; i < count; ++i) {
         for (int j = 0; j < i; ++j) {
             for (int k = 0; k < j; ++k) matrix(i, j) -= matrix(i, k) * matrix(j, k) * matrix(k, k);
@@ -138,14 +143,15 @@ void solve_definite(Matrix matrix, Matrix sides) {
         }
         for (int k = 0; k < i; ++k) {
             matrix(i, i) -= matrix(i, k) * matrix(i, k) * matrix(k, k);
-            for (int s = 0; s < several; ++s) sides(i, s) -= matrix(i, k) * sides(k, s);
+            subtract(i, matrix(i, k), k);
         }
     }
-    for (int i = count - 1; i >= 0; --i)
-        for (int s = 0; s < several; ++s) {
-            sides(i, s) /= matrix(i, i);
-            for (int k = i + 1; k < count; ++k) sides(i, s) -= matrix(k, i) * sides(k, s);
-        }
+    for (int i = count - 1; i >= 0; --i) {
+        double* const to = sides.row(i).data;
+        const double pivot = matrix(i, i);
+        for (int s = 0; s < several; ++s) to[s] /= pivot;
+        for (int k = i + 1; k < count; ++k) subtract(i, matrix(k, i), k);
+    }
 }
 
 void running_mean(ConstVector values, int size, Beyond beyond, Vector means) {

@@ -25,7 +25,7 @@ LINES = ("cylinder", "knife_edge", "box_edge")
 """Shapes with an axis, along which they end."""
 WEDGES = ("knife_edge", "box_edge")
 BOX_FACE_M = 0.03
-"""How deep a box's two faces are drawn."""
+"""How deep a box's two faces are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,17 +96,20 @@ class TouchObject:
         return np.stack([self.wedge_world - side, self.wedge_world + side]) / math.sqrt(2.0)
 
     def within(self, points_world: np.ndarray) -> np.ndarray:
-        """(...) whether points (..., 3) lie between the ends of cylinder or edge."""
+        """(...) whether points (..., 3) lie between the ends of cylinder or edge, and on the faces of the box."""
         if self.shape not in LINES:
             return np.ones(np.shape(points_world)[:-1], bool)
-        along = (np.asarray(points_world, float) - self.center_world_m) @ self.axis_world
-        return np.asarray(np.abs(along) <= self.half_length_m)
+        from_centre = np.asarray(points_world, float) - self.center_world_m
+        inside = np.abs(from_centre @ self.axis_world) <= self.half_length_m
+        if self.shape == "box_edge":
+            inside &= (from_centre @ self.into_faces.T <= BOX_FACE_M).all(axis=-1)
+        return np.asarray(inside)
 
     def signed_distance(self, points_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance from the undeformed surface, negative inside, and its outward normal at the nearest point.
 
-        Cylinder and edges count as endless here, and so do the box's faces; the blade is a plate as thick as the edge's
-        rounding. On the core, or on the blade's middle plane, where no direction is nearest, the normal is NaN.
+        Cylinder, edges and the box's faces count as endless here (see `within`); the blade is a plate as thick as the
+        edge's rounding. On the core, or on the blade's middle plane, where no direction is nearest, the normal is NaN.
 
         Parameters
         ----------

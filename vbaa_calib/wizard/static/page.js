@@ -58,6 +58,7 @@ function showVerdict({ finished, verdict, report, step }) {
   $("verdict").dataset.level = verdict?.level ?? "";
   text($("level"), verdict ? { holds: "✓ holds", "look at": "▲ look at", "does not hold": "✕ does not hold" }[verdict.level] ?? verdict.level : "");
   text($("ended"), verdict?.words ?? step?.title ?? "Finished");
+  list("findings", verdict?.found ?? []);
   text($("outcome"), verdict ? step?.what : "");
   $("report").hidden = !report;
   text($("path"), report);

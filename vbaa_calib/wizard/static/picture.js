@@ -112,7 +112,7 @@ export async function showPicture(number, live) {
       fetched = number;
     } catch { /* gone: a newer one is coming */ }
   }
-  $("picture").hidden = number === null;
+  $("picture").hidden = number === null || fetched === null;
   marks(live);
   beside(live);
 }

@@ -47,7 +47,7 @@
     if (Number.isInteger(moment) && moment >= 0 && moment < story.times.length) view.moment = moment;
     if (story.modes.some((mode) => mode.name === asked.get("colour"))) view.mode = asked.get("colour");
     view.everything = asked.get("all") !== "0";
-    look(story.views[Number(asked.get("view") ?? 0)] ?? story.views[0]);
+    look(story.views[Number(asked.get("view") ?? -1)] ?? story.views.at(-1));
   }
 
   function connect() {
@@ -97,7 +97,7 @@
     element("none").addEventListener("click", () => pick(null));
     const asked = Number(new URLSearchParams(location.hash.slice(1)).get("contact") ?? NaN);
     if (asked in story.contacts.points) pick(asked);
-    const follow = () => { mark(); requestAnimationFrame(follow); };
+    const follow = () => { mark(); measures(); requestAnimationFrame(follow); };
     follow();
   }
 
@@ -175,6 +175,28 @@
     const [to, start] = [place(here, chosen.contact), place(from, chosen.from)];
     line.toggleAttribute("hidden", !(to && start));
     if (to && start) ["x1", "y1", "x2", "y2"].forEach((name, index) => line.setAttribute(name, [...start, ...to][index]));
+  }
+
+  // The world's axes as they lie on the screen, and a length that is true where the view is centred.
+  function measures() {
+    const focus = renderer.getActiveCamera().getFocalPoint();
+    const seen = renderer.worldToView(...focus);
+    [...element("axes").children].forEach((axis, index) => {
+      const tip = renderer.worldToView(...focus.map((value, at) => value + (at === index ? 1e-3 : 0)));
+      const [x, y] = [25e3 * (tip[0] - seen[0]), -25e3 * (tip[1] - seen[1])];
+      const [line, letter] = axis.children;
+      line.setAttribute("x2", x);
+      line.setAttribute("y2", y);
+      letter.setAttribute("x", 1.45 * x);
+      letter.setAttribute("y", 1.45 * y);
+    });
+    const perMm = Math.abs(onScreen([seen[0] + 1e-3, seen[1], seen[2]])[0] - onScreen(seen)[0]);
+    const most = 160 / perMm;
+    const step = 10 ** Math.floor(Math.log10(most));
+    const length = [5, 2, 1].map((each) => each * step).find((each) => each <= most);
+    if (!Number.isFinite(length)) return;
+    element("length").style.width = `${length * perMm}px`;
+    element("length").textContent = `${Number(length.toPrecision(1))} mm`;
   }
 
   let timer = null;

@@ -35,6 +35,7 @@ constexpr int EDGES = 3;             // that are tried in its place
 constexpr int PATTERN = 32;          // distances from its centre at which residuals are compared along it
 constexpr double FAINTEST = 0.15;    // of the strongest channel's contrast
 constexpr double FINEST = 20.0;      // px over which a bend's deviation is given
+constexpr double SAME_PX = 3e-3;     // of width and blur, within which a table of shades serves
 
 using Unknowns = std::array<Lanes, COLUMNS*(COLUMNS + 1) / 2>;
 constexpr int at(int i, int j) { return i * (i + 1) / 2 + j; }  // j ≤ i
@@ -43,7 +44,7 @@ constexpr int at(int i, int j) { return i * (i + 1) / 2 + j; }  // j ≤ i
 struct Reduced {
     std::array<double, SHARED*(SHARED + 1) / 2> left;
     std::array<double, ALONE * SHARED> alone;  // own unknowns: by level, less so much of every other unknown
-    std::array<double, ALONE> variance;        // of the step between the sides, of the slope, of the own brightness
+    std::array<double, 3> variance;            // of the step between the sides, of the slope, of the own brightness
 };
 
 // One channel as it is known so far.
@@ -76,6 +77,8 @@ struct Line {
     std::vector<double> offset;  // (pieces + 3) of the course
     Table variance;              // of the border's unknowns
     Table course_information;    // of the course, were all else known
+    Table table;                 // of its shades, for this width and blur
+    std::array<double, 2> tabled_px;
 
     int count() const { return share.size(); }
     double length_px() const { return channels[0].found->along[count() - 1] - channels[0].found->along[0]; }
@@ -92,7 +95,7 @@ double prior_of_shade(const RibbonPriors& model, int k) {
 }
 
 Line begun(const std::vector<Crossings>& channels, double width_px, double blur_px, const RibbonPriors& model) {
-    Line line = {model, width_px, blur_px, {}, {}, {}, {}, {}, {}, 0, 0, {}, {}, {}, {}, {}, {}, {}};
+    Line line = {model, width_px, blur_px, {}, {}, {}, {}, {}, {}, 0, 0, {}, {}, {}, {}, {}, {}, {}, {}, {}};
     const Crossings& first = channels[0];
     const int count = first.along.size();
     double most = 0.0;
@@ -151,169 +154,228 @@ Line begun(const std::vector<Crossings>& channels, double width_px, double blur_
     return line;
 }
 
-// Unknowns of an edge alone: levels of both sides and slope; where it is between them, of two odd shades, and by how
-// much the ribbon's own level is off the middle: the edge may be, too, by this part of how much the sides differ.
-constexpr int OF_EDGE = 6;
-constexpr double OFF_MIDDLE = 0.25;
-
 // What of the right side (last row) a system of lanes (lower half) explains.
-Lanes explained(std::array<Lanes, (OF_EDGE + 1) * (OF_EDGE + 2) / 2> m) {
-    Lanes sum = 0.0;
-    for (int k = 0; k < OF_EDGE; ++k) {
+template <int COUNT>
+Lanes explained(std::array<Lanes, (COUNT + 1) * (COUNT + 2) / 2>& m) {
+    Lanes total = 0.0;
+#pragma GCC unroll 8
+    for (int k = 0; k < COUNT; ++k) {
         const Lanes pivot = Lanes(1.0) / m[at(k, k)];
-        for (int i = k + 1; i <= OF_EDGE; ++i) {
+#pragma GCC unroll 8
+        for (int i = k + 1; i <= COUNT; ++i) {
             const Lanes factor = m[at(i, k)] * pivot;
+#pragma GCC unroll 8
             for (int j = k + 1; j <= i; ++j) m[at(i, j)] -= factor * m[at(j, k)];
         }
-        sum += m[at(OF_EDGE, k)] * m[at(OF_EDGE, k)] * pivot;
+        total += m[at(COUNT, k)] * m[at(COUNT, k)] * pivot;
     }
-    return sum;
+    return total;
 }
 
-// The equations of up to eight profiles in one channel.
-void evaluate(const Line& line, Channel& channel, const Table& table, const int* which, int several, bool first) {
+// Up to eight profiles of a channel, and where they are; those that are missing weigh nothing.
+struct Eight {
+    int several;
+    std::array<int, LANES> which;
+    std::array<const double*, LANES> grey, distance;
+    Lanes shift, side, per_stretch, bow, per_scale, there, share, slope, mean;
+    std::array<Lanes, FUNCTIONS> coefficients;  // of each function, above its mean
+    std::array<Lanes, LANES> own;               // the same, of each profile
+    std::array<bool, LANES> clear;              // it is seen there, undisturbed
+};
+
+Eight gathered_profiles(const Line& line, const Channel& channel, const int* which, int several) {
     const Crossings& found = *channel.found;
-    const int length = found.profiles.shape[1], last = table.shape[0] - 1;
-    Unknowns sums;
-    sums.fill(0.0);
-    std::array<Lanes, COLUMNS> columns;
-    double kinds[SHADE_COLUMNS];
-    Lanes squares = 0.0, inner = 0.0, number = 0.0, left = 0.0;
-    const double half = 0.5 * line.width();
-    const double per_bin = static_cast<double>(PATTERN) / length;
-    double coefficients[LANES][FUNCTIONS];
-    for (int lane = 0; lane < several; ++lane) {
-        const int n = which[lane];
-        coefficients[lane][0] = channel.alone(n, 0), coefficients[lane][1] = channel.alone(n, 1);
-        for (int k = 0; k < SHADES; ++k) coefficients[lane][SIDES + k] = channel.shades(n, k);
-        coefficients[lane][SIDES] += channel.alone(n, OWN);
+    Eight eight = {};
+    eight.several = several;
+    for (int lane = 0; lane < LANES; ++lane) {
+        const int n = eight.which[lane] = which[std::min(lane, several - 1)];
+        eight.grey[lane] = found.profiles.row(n).data, eight.distance[lane] = found.across.row(n).data;
+        eight.shift[lane] = line.course[n] * found.side[n] * found.stretch[n];
+        eight.side[lane] = found.side[n], eight.bow[lane] = found.bow[n];
+        eight.per_stretch[lane] = 1.0 / found.stretch[n], eight.per_scale[lane] = 1.0 / line.scale(n);
+        eight.there[lane] = lane < several && found.inside[n] ? 1.0 : 0.0;
+        eight.share[lane] = line.share[n] - 0.5, eight.slope[lane] = channel.alone(n, 2);
+        const double mean = channel.shades(n, 0) + channel.alone(n, OWN);
+        double own[LANES] = {channel.alone(n, 0) - mean, channel.alone(n, 1) - mean};
+        for (int k = 1; k < SHADES; ++k) own[shade_column(k)] = channel.shades(n, k);
+        eight.mean[lane] = mean;
+        for (int f = 0; f < FUNCTIONS; ++f) eight.coefficients[f][lane] = own[f];
+        eight.own[lane] = load(own);
+        eight.clear[lane] = channel.rms[n] < 2.5 * channel.noise && line.seen[n] > 0.5;
     }
-    for (Lanes& column : columns) column = 0.0;
+    return eight;
+}
+
+// Sums over the pixels of eight profiles.
+struct Sums {
+    Unknowns products;
+    Lanes squares = 0.0, inner = 0.0, number = 0.0, left = 0.0;  // of residuals
+};
+
+Sums over_pixels(const Line& line, Channel& channel, const Table& table, const Eight& eight, bool first) {
+    const int length = channel.found->profiles.shape[1], last = table.shape[0] - 1;
+    const double half = 0.5 * line.width(), per_bin = static_cast<double>(PATTERN) / length;
+    const double noise = square(channel.noise), cut = 1.0 / (square(line.model.cut) * noise);
+    Sums sums;
+    sums.products.fill(0.0);
+    std::array<Lanes, COLUMNS> columns;
+    Lanes functions[LANES], derivatives[KINDS][LANES];
+    double numbers[LANES];
+    int rows[LANES];
     for (int t = 0; t < length; ++t) {
-        Lanes model = 0.0, variance = 1.0, there = 0.0, within = 0.0;
-        std::array<int, LANES> far = {}, bin = {};
-        for (int lane = 0; lane < several; ++lane) {
-            const int n = which[lane];
-            const double along = found.across(n, t) - line.course[n] * found.side[n] * found.stretch[n];
-            const double per_scale = 1.0 / line.scale(n);
-            const double across = found.side[n] * along * (1.0 / found.stretch[n] + found.bow[n] * along) * per_scale;
-            const Place place(across, last);
-            const double* const row = table.row(place.row).data;
-            for (int i = 0; i < SHADE_COLUMNS; i += LANES) {
-                const Lanes one = load(row + i);
-                store(kinds + i, one + Lanes(place.far) * (load(row + SHADE_COLUMNS + i) - one));
-            }
-            const double* const own = coefficients[lane];
-            std::array<double, KINDS> parts = {};
-            for (int kind = 0; kind < KINDS; ++kind)
-                for (int f = 0; f < FUNCTIONS; ++f) parts[kind] += own[f] * kinds[kind * FUNCTIONS + f];
-            columns[0][lane] = kinds[0], columns[1][lane] = kinds[1], columns[2][lane] = across;
-            columns[OWN][lane] = kinds[SIDES];
-            for (int k = 0; k < SHADES; ++k) columns[FIRST + k][lane] = kinds[SIDES + k];
-            columns[PLACE][lane] = -parts[BY_DISTANCE] * per_scale;
-            columns[WIDER][lane] = parts[BY_WIDTH];
-            columns[SOFTER][lane] = parts[BY_BLUR];
-            columns[TAPER][lane] = parts[BY_WIDTH] * (line.share[n] - 0.5);
-            columns[LEVEL][lane] = found.profiles(n, t);
-            model[lane] = parts[VALUE] + channel.alone(n, 2) * across;
-            far[lane] = static_cast<int>(bounded(std::abs(across) - half, 0.0, FAR_PX - 1));
-            variance[lane] = square(channel.noise) * channel.structure[far[lane]];
-            bin[lane] = static_cast<int>(bounded(across * per_bin + 0.5 * PATTERN, 0.0, PATTERN - 1.0));
-            there[lane] = found.inside[n] ? 1.0 : 0.0;
-            within[lane] = std::abs(across) < half + 1.0 ? 1.0 : 0.0;
+        for (int lane = 0; lane < LANES; ++lane) numbers[lane] = eight.distance[lane][t];
+        const Lanes along = load(numbers) - eight.shift;
+        const Lanes across = eight.side * along * (eight.per_stretch + eight.bow * along) * eight.per_scale;
+        const Lanes place = across * Lanes(PER_PX) + Lanes(0.5 * last), end = last - 1e-9;
+        const Lanes within_table = where_positive(place - end, end, where_positive(place, place, 0.0));
+        const Lanes far = within_table - truncated(within_table, rows);
+        for (int lane = 0; lane < LANES; ++lane) {
+            const double* const row = table.row(rows[lane]).data;
+            const Lanes part = far[lane];
+            const auto between = [&](int kind) {
+                const Lanes one = load(row + kind * LANES);
+                return one + part * (load(row + SHADE_COLUMNS + kind * LANES) - one);
+            };
+            functions[lane] = between(VALUE);
+            for (int kind = 1; kind < KINDS; ++kind) derivatives[kind][lane] = eight.own[lane] * between(kind);
         }
-        Lanes weight = there / variance;
+        transpose(functions);
+        Lanes model = eight.mean + eight.slope * across;
+        for (int f = 0; f < FUNCTIONS; ++f) model += eight.coefficients[f] * functions[f];
+        const Lanes by_width = sums_of(derivatives[BY_WIDTH]);
+        for (int lane = 0; lane < LANES; ++lane) numbers[lane] = eight.grey[lane][t];
+        columns[0] = functions[0], columns[1] = functions[1], columns[2] = across;
+        columns[OWN] = columns[FIRST] = Lanes(1.0) - functions[0] - functions[1];
+        for (int k = 1; k < SHADES; ++k) columns[FIRST + k] = functions[shade_column(k)];
+        columns[PLACE] = -sums_of(derivatives[BY_DISTANCE]) * eight.per_scale;
+        columns[WIDER] = by_width;
+        columns[SOFTER] = sums_of(derivatives[BY_BLUR]);
+        columns[TAPER] = by_width * eight.share;
+        columns[LEVEL] = load(numbers);
+        const Lanes off = absolute(across);
+        for (int lane = 0; lane < LANES; ++lane) {
+            rows[lane] = static_cast<int>(bounded(off[lane] - half, 0.0, FAR_PX - 1));
+            numbers[lane] = 1.0 / channel.structure[rows[lane]];
+        }
+        const Lanes sure = load(numbers);
+        Lanes weight = eight.there * sure * Lanes(1.0 / noise);
         if (!first) {
             const Lanes residual = columns[LEVEL] - model, power = residual * residual;
-            const Lanes counted = Lanes(1.0) / (Lanes(1.0) + power / (Lanes(square(line.model.cut)) * variance));
+            const Lanes counted = Lanes(1.0) / (Lanes(1.0) + power * sure * Lanes(cut));
+            const Lanes within = choose(off < Lanes(half + 1.0), Lanes(1.0), Lanes(0.0));
             weight *= counted;
-            squares += there * power;
-            inner += within * power;
-            number += within;
-            left += weight * power;
-            for (int lane = 0; lane < several; ++lane)
-                if (channel.rms[which[lane]] < 2.5 * channel.noise && line.seen[which[lane]] > 0.5) {
-                    channel.power[far[lane]] += MORE_SPREAD * counted[lane] * power[lane];
-                    channel.number[far[lane]] += counted[lane];
-                    channel.left[bin[lane]] += residual[lane], channel.many[bin[lane]] += 1.0;
-                }
+            sums.squares += eight.there * power;
+            sums.inner += within * power;
+            sums.number += within;
+            sums.left += weight * power;
+            for (int lane = 0; lane < eight.several; ++lane) {
+                if (!eight.clear[lane]) continue;
+                channel.power[rows[lane]] += MORE_SPREAD * counted[lane] * power[lane];
+                channel.number[rows[lane]] += counted[lane];
+                const int bin = static_cast<int>(bounded(across[lane] * per_bin + 0.5 * PATTERN, 0.0, PATTERN - 1.0));
+                channel.left[bin] += residual[lane], channel.many[bin] += 1.0;
+            }
         }
         for (int i = 0; i < COLUMNS; ++i) {
             const Lanes weighted = weight * columns[i];
-            for (int j = 0; j <= i; ++j) sums[at(i, j)] += weighted * columns[j];
+            for (int j = 0; j <= i; ++j) sums.products[at(i, j)] += weighted * columns[j];
         }
     }
+    return sums;
+}
+
+// What an edge alone explains of eight profiles: levels of both sides and slope; where it is between them, two odd
+// shades, and by how much the ribbon's own level is off the middle. `left` and `right` are the parts of both sides'
+// levels in its own one, `per_apart` one over the squares of how much the sides differ.
+template <int COUNT>
+Lanes explained_by_edge(const Unknowns& products, double left, double right, const Lanes& per_apart) {
+    constexpr double per_off_middle = 16.0;  // the edge may be off it by a quarter of how much the sides differ
+    constexpr int columns[] = {0, 1, 2, FIRST + 1, FIRST + 3, OWN, LEVEL};
+    const double part[] = {left, right};
+    std::array<Lanes, (COUNT + 1) * (COUNT + 2) / 2> system;
+#pragma GCC unroll 8
+    for (int i = 0; i <= COUNT; ++i) {
+        const int column = i == COUNT ? LEVEL : columns[i];
+#pragma GCC unroll 8
+        for (int j = 0; j <= i; ++j) {
+            const int other = j == COUNT ? LEVEL : columns[j];
+            const auto product = [&](int a, int b) { return products[a > b ? at(a, b) : at(b, a)]; };
+            Lanes value = product(column, other);
+            if (i < 2) value += Lanes(part[i]) * product(OWN, other);
+            if (j < 2) value += Lanes(part[j]) * product(column, OWN);
+            if (i < 2 && j < 2) value += Lanes(part[i] * part[j]) * product(OWN, OWN);
+            if (i == j && i > 2 && i < COUNT) value += i == 5 ? Lanes(per_off_middle) * per_apart : per_apart;
+            system[at(i, j)] = value;
+        }
+    }
+    return explained<COUNT>(system);
+}
+
+// Log odds of the ribbon against one edge alone: it is as bright as the left side, or as the right one, or between
+// them, on its one side so, on its other otherwise.
+void compare_with_edges(Channel& channel, const Eight& eight, const Sums& sums) {
+    const Lanes apart = eight.coefficients[1] - eight.coefficients[0];
+    const Lanes per_apart = Lanes(1.0) / (Lanes(square(channel.noise)) + apart * apart);
+    const std::array<Lanes, EDGES> explained = {explained_by_edge<3>(sums.products, 1.0, 0.0, per_apart),
+                                                explained_by_edge<3>(sums.products, 0.0, 1.0, per_apart),
+                                                explained_by_edge<6>(sums.products, 0.5, 0.5, per_apart)};
+    for (int edge = 0; edge < EDGES; ++edge) {
+        const Lanes instead = sums.products[at(LEVEL, LEVEL)] - sums.left - explained[edge];
+        for (int lane = 0; lane < eight.several; ++lane) channel.edges[edge][eight.which[lane]] = instead[lane];
+    }
+}
+
+// The equations of up to eight profiles in one channel, without their own unknowns.
+void evaluate(const Line& line, Channel& channel, const Table& table, const int* which, int several, bool first) {
+    const int length = channel.found->profiles.shape[1];
+    const Eight eight = gathered_profiles(line, channel, which, several);
+    Sums found = over_pixels(line, channel, table, eight, first);
+    Unknowns& sums = found.products;
     const double step = 1.0 / square(channel.step), loose = 1e-6 / square(channel.contrast);
     sums[at(0, 0)] += step + loose, sums[at(1, 1)] += step + loose, sums[at(1, 0)] -= step;
     sums[at(2, 2)] += 1.0 / square(channel.slope);
     if (!first) {
-        // one edge alone: the ribbon is as bright as the left side, or as the right one, or between them, on its one
-        // side so, on its other otherwise
-        const auto product = [&](int i, int j) { return sums[i > j ? at(i, j) : at(j, i)]; };
-        // squares of how much the sides differ
-        Lanes apart = square(channel.noise);
-        for (int lane = 0; lane < several; ++lane)
-            apart[lane] = apart[lane] + square(channel.alone(which[lane], 1) - channel.alone(which[lane], 0));
-        std::array<Lanes, EDGES> instead;
-        for (int edge = 0; edge < EDGES; ++edge) {
-            const double own[2] = {edge == 0 ? 1.0 : edge == 1 ? 0.0 : 0.5, edge == 0 ? 0.0 : edge == 1 ? 1.0 : 0.5};
-            constexpr int others[OF_EDGE + 1] = {0, 1, 2, FIRST + 1, FIRST + 3, OWN, LEVEL};
-            std::array<Lanes, (OF_EDGE + 1) * (OF_EDGE + 2) / 2> system;
-            for (int i = 0; i <= OF_EDGE; ++i)
-                for (int j = 0; j <= i; ++j) {
-                    Lanes value = product(others[i], others[j]);
-                    if (i < 2) value += Lanes(own[i]) * product(OWN, others[j]);
-                    if (j < 2) value += Lanes(own[j]) * product(others[i], OWN);
-                    if (i < 2 && j < 2) value += Lanes(own[i] * own[j]) * product(OWN, OWN);
-                    const bool between = (i > 2 && i < OF_EDGE) || (j > 2 && j < OF_EDGE);
-                    if (between && edge < 2) value = i == j ? 1.0 : 0.0;
-                    if (between && i == j && edge == 2)
-                        value += i == 5 ? Lanes(1.0 / square(OFF_MIDDLE)) / apart : Lanes(1.0) / apart;
-                    system[at(i, j)] = value;
-                }
-            instead[edge] = sums[at(LEVEL, LEVEL)] - left - explained(system);
-        }
+        compare_with_edges(channel, eight, found);
         for (int lane = 0; lane < several; ++lane) {
-            for (int edge = 0; edge < EDGES; ++edge) channel.edges[edge][which[lane]] = instead[edge][lane];
-            channel.rms[which[lane]] = std::sqrt(squares[lane] / std::max(length - FREED, 3.0));
-            channel.inner[which[lane]] = std::sqrt(inner[lane] / std::max<double>(number[lane], 1.0));
+            channel.rms[which[lane]] = std::sqrt(found.squares[lane] / std::max(length - FREED, 3.0));
+            channel.inner[which[lane]] = std::sqrt(found.inner[lane] / std::max<double>(found.number[lane], 1.0));
         }
     }
     sums[at(OWN, OWN)] += 1.0 / square(channel.own);
     // eliminate a profile's own unknowns, the last one first of all that are solved for
+    std::array<Lanes, ALONE> per_pivot;
+    std::array<std::array<Lanes, COLUMNS>, ALONE> factor;
     for (int k = 0; k < ALONE; ++k) {
-        const Lanes pivot = Lanes(1.0) / sums[at(k, k)];
+        per_pivot[k] = Lanes(1.0) / sums[at(k, k)];
         for (int i = k + 1; i < COLUMNS; ++i) {
-            const Lanes factor = sums[at(i, k)] * pivot;
-            for (int j = k + 1; j <= i; ++j) sums[at(i, j)] -= factor * sums[at(j, k)];
+            factor[k][i] = sums[at(i, k)] * per_pivot[k];
+            for (int j = k + 1; j <= i; ++j) sums[at(i, j)] -= factor[k][i] * sums[at(j, k)];
         }
     }
+    // own unknowns by the others: back substitution of L D Lᵀ
+    std::array<Lanes, ALONE * SHARED> alone;
+    for (int s = 0; s < SHARED; ++s)
+        for (int k = ALONE - 1; k >= 0; --k) {
+            Lanes value = factor[k][ALONE + s];
+            for (int i = k + 1; i < ALONE; ++i) value -= factor[k][i] * alone[i * SHARED + s];
+            alone[k * SHARED + s] = value;
+        }
+    const auto variance_of = [&](std::array<Lanes, ALONE> row) {
+        Lanes value = 0.0;
+        for (int k = 0; k < ALONE; ++k) {
+            for (int i = k + 1; i < ALONE; ++i) row[i] -= factor[k][i] * row[k];
+            value += row[k] * row[k] * per_pivot[k];
+        }
+        return value;
+    };
+    const std::array<Lanes, 3> variance = {variance_of({-1.0, 1.0, 0.0, 0.0}), variance_of({0.0, 0.0, 1.0, 0.0}),
+                                           variance_of({0.0, 0.0, 0.0, 1.0})};
     for (int lane = 0; lane < several; ++lane) {
         Reduced& to = channel.equations[which[lane]];
         for (int i = ALONE, m = 0; i < COLUMNS; ++i)
             for (int j = ALONE; j <= i; ++j, ++m) to.left[m] = sums[at(i, j)][lane];
-        // own unknowns by the others: back substitution of L D Lᵀ
-        double factor[ALONE][ALONE], pivot[ALONE];
-        for (int k = 0; k < ALONE; ++k) {
-            pivot[k] = sums[at(k, k)][lane];
-            for (int i = k + 1; i < ALONE; ++i) factor[i][k] = sums[at(i, k)][lane] / pivot[k];
-        }
-        for (int s = 0; s < SHARED; ++s)
-            for (int k = ALONE - 1; k >= 0; --k) {
-                double value = sums[at(ALONE + s, k)][lane] / pivot[k];
-                for (int i = k + 1; i < ALONE; ++i) value -= factor[i][k] * to.alone[i * SHARED + s];
-                to.alone[k * SHARED + s] = value;
-            }
-        const auto variance_of = [&](std::array<double, ALONE> row) {
-            double value = 0.0;
-            for (int k = 0; k < ALONE; ++k) {
-                for (int i = k + 1; i < ALONE; ++i) row[i] -= factor[i][k] * row[k];
-                value += row[k] * row[k] / pivot[k];
-            }
-            return value;
-        };
-        to.variance = {variance_of({-1.0, 1.0, 0.0, 0.0}), variance_of({0.0, 0.0, 1.0, 0.0}),
-                       variance_of({0.0, 0.0, 0.0, 1.0}), 0.0};
+        for (int i = 0; i < ALONE * SHARED; ++i) to.alone[i] = alone[i][lane];
+        for (int i = 0; i < 3; ++i) to.variance[i] = variance[i][lane];
     }
 }
 
@@ -389,144 +451,174 @@ void weigh(Line& line, const std::vector<int>& active, int step) {
     }
 }
 
-// A channel's equations along its knots: neighbours' blocks, how they hang on the border, and the right side.
-struct Knots {
-    std::vector<Table> own, next, border;  // (SHADES, SHADES) twice, and (SHADES, border + 1)
-    std::vector<Table> towards_next, towards_border, inverse;
+// Unknowns of the border, and the right side, in whole lanes.
+constexpr int MOST_ROWS = whole_lanes(MOST_PIECES + 3 + CHANGES + 1), ROW_LANES = MOST_ROWS / LANES;
+using Block = std::array<double, SHADES * LANES>;        // of one knot's shades by another's
+using Hanging = std::array<double, SHADES * MOST_ROWS>;  // of one knot's shades by the border's unknowns
+using Border = std::array<double, MOST_ROWS * MOST_ROWS>;
+
+// A channel's equations at one of its knots: by its own shades, by those of the next knot, and by the border; and what
+// its shades are by those of the next knot and by the border, once it is eliminated.
+struct Knot {
+    Block own, next;
+    Hanging border;
+    Block towards_next, inverse;
+    Hanging towards_border;
 };
 
-// Adds the profiles of a channel; and what they say of the border, (border, border + 1).
-Knots gathered(const Line& line, const Channel& channel, const std::vector<int>& active, double per_profile,
-               Table& border) {
+// Adds a multiple of a row of so many lanes.
+template <int COUNT>
+void add(double* to, double factor, const double* row) {
+    for (int i = 0; i < COUNT * LANES; i += LANES) store(to + i, load(to + i) + Lanes(factor) * load(row + i));
+}
+
+// Adds the profiles of a channel; and what they say of the border.
+std::vector<Knot> gathered(const Line& line, const Channel& channel, const std::vector<int>& active, double per_profile,
+                           Border& border) {
     const int rows = line.border(), splines = line.pieces + 3;
-    Knots knots;
-    for (int k = 0; k < line.knots; ++k) {
-        knots.own.emplace_back(SHADES, SHADES);
-        knots.next.emplace_back(SHADES, SHADES);
-        knots.border.emplace_back(SHADES, rows + 1);
-    }
+    std::vector<Knot> knots(line.knots, Knot{});
     for (int n : active) {
         const double weight = line.weight[n] * per_profile, after = line.after[n], parts[2] = {1.0 - after, after};
         if (!(weight > 1e-4)) continue;
-        const auto& own = channel.equations[n].left;
-        const int knot = line.knot[n], piece = line.piece[n];
+        const auto& left = channel.equations[n].left;
+        const int piece = line.piece[n];
         const ConstVector basis = line.basis.row(n);
-        for (int i = 0; i < SHADES; ++i)
+        Knot* const pair = &knots[line.knot[n]];
+        // the border's unknowns by which this profile hangs on it
+        std::array<double, MOST_ROWS> by = {};
+        for (int i = 0; i < SHADES; ++i) {
             for (int j = 0; j <= i; ++j) {
-                const double value = weight * own[at(i, j)];
-                for (int p = 0; p < 2; ++p) {
-                    knots.own[knot + p](i, j) += parts[p] * parts[p] * value;
-                    if (i != j) knots.own[knot + p](j, i) += parts[p] * parts[p] * value;
-                }
-                knots.next[knot](i, j) += parts[0] * parts[1] * value;
-                if (i != j) knots.next[knot](j, i) += parts[0] * parts[1] * value;
+                const double value = weight * left[at(i, j)];
+                pair[0].own[i * LANES + j] += parts[0] * parts[0] * value;
+                pair[1].own[i * LANES + j] += parts[1] * parts[1] * value;
+                pair[0].next[i * LANES + j] += parts[0] * parts[1] * value;
             }
-        for (int p = 0; p < 2; ++p)
-            for (int i = 0; i < SHADES; ++i) {
-                double* const row = knots.border[knot + p].row(i).data;
-                const double part = parts[p] * weight;
-                for (int b = 0; b < 4; ++b) row[piece + b] += part * basis[b] * own[at(AT_PLACE, i)];
-                for (int s = 0; s < CHANGES; ++s) row[splines + s] += part * own[at(AT_PLACE + 1 + s, i)];
-                row[rows] += part * own[at(AT_LEVEL, i)];
-            }
-        for (int b = 0; b < 4; ++b) {
-            for (int c = 0; c < 4; ++c)
-                border(piece + b, piece + c) += weight * basis[b] * basis[c] * own[at(AT_PLACE, AT_PLACE)];
-            for (int s = 0; s < CHANGES; ++s) {
-                const double value = weight * basis[b] * own[at(AT_PLACE + 1 + s, AT_PLACE)];
-                border(piece + b, splines + s) += value;
-                border(splines + s, piece + b) += value;
-            }
-            border(piece + b, rows) += weight * basis[b] * own[at(AT_LEVEL, AT_PLACE)];
+            for (int b = 0; b < 4; ++b) by[piece + b] = basis[b] * left[at(AT_PLACE, i)];
+            for (int s = 0; s < CHANGES; ++s) by[splines + s] = left[at(AT_PLACE + 1 + s, i)];
+            by[rows] = left[at(AT_LEVEL, i)];
+            for (int p = 0; p < 2; ++p) add<ROW_LANES>(&pair[p].border[i * MOST_ROWS], parts[p] * weight, by.data());
         }
+        for (int b = 0; b < 4; ++b) by[piece + b] = basis[b] * left[at(AT_PLACE, AT_PLACE)];
+        for (int s = 0; s < CHANGES; ++s) by[splines + s] = left[at(AT_PLACE + 1 + s, AT_PLACE)];
+        by[rows] = left[at(AT_LEVEL, AT_PLACE)];
+        for (int b = 0; b < 4; ++b) add<ROW_LANES>(&border[(piece + b) * MOST_ROWS], weight * basis[b], by.data());
         for (int s = 0; s < CHANGES; ++s) {
+            const int own = AT_PLACE + 1 + s;
+            for (int b = 0; b < 4; ++b) by[piece + b] = basis[b] * left[at(own, AT_PLACE)];
             for (int r = 0; r < CHANGES; ++r)
-                border(splines + s, splines + r) +=
-                    weight * own[at(AT_PLACE + 1 + std::max(s, r), AT_PLACE + 1 + std::min(s, r))];
-            border(splines + s, rows) += weight * own[at(AT_LEVEL, AT_PLACE + 1 + s)];
+                by[splines + r] = left[at(std::max(own, AT_PLACE + 1 + r), std::min(own, AT_PLACE + 1 + r))];
+            by[rows] = left[at(AT_LEVEL, own)];
+            add<ROW_LANES>(&border[(splines + s) * MOST_ROWS], weight, by.data());
         }
     }
+    for (Knot& knot : knots)
+        for (int i = 0; i < SHADES; ++i)
+            for (int j = 0; j < i; ++j) {
+                knot.own[j * LANES + i] = knot.own[i * LANES + j];
+                knot.next[j * LANES + i] = knot.next[i * LANES + j];
+            }
     return knots;
 }
 
 // Priors of a channel's shades: how large they are, and how much they change from knot to knot.
-void add_priors(const Line& line, const std::array<double, SHADES>& spread, double contrast, Knots& knots) {
+void add_priors(const std::array<double, SHADES>& spread, double contrast, std::vector<Knot>& knots) {
     for (int k = 0; k < SHADES; ++k) {
         const double change = 1.0 / square(k ? 0.5 * spread[k] : 0.7 * contrast);
-        for (int i = 0; i < line.knots; ++i) {
-            knots.own[i](k, k) += (i && i + 1 < line.knots ? 2.0 : 1.0) * change +
-                                  (k ? 1.0 / square(spread[k]) : 1e-6 / square(contrast));
-            if (i + 1 < line.knots) knots.next[i](k, k) -= change;
+        const double size = k ? 1.0 / square(spread[k]) : 1e-6 / square(contrast);
+        for (Knot& knot : knots) knot.own[k * LANES + k] += size + 2.0 * change, knot.next[k * LANES + k] -= change;
+        knots.front().own[k * LANES + k] -= change, knots.back().own[k * LANES + k] -= change;
+    }
+}
+
+// What a knot's shades are by the next knot's and by the border's unknowns, and the inverse of its own equations.
+void solve(Knot& knot, bool with_next) {
+    constexpr int next = 0, border = LANES, unit = LANES + MOST_ROWS, count = unit / LANES + 1, wide = count * LANES;
+    Block matrix = knot.own;
+    std::array<double, SHADES * wide> sides = {};
+    for (int a = 0; a < SHADES; ++a) {
+        if (with_next) std::copy_n(&knot.next[a * LANES], LANES, &sides[a * wide + next]);
+        std::copy_n(&knot.border[a * MOST_ROWS], MOST_ROWS, &sides[a * wide + border]);
+        sides[a * wide + unit + a] = 1.0;
+    }
+    for (int k = 0; k < SHADES; ++k)
+        for (int i = k + 1; i < SHADES; ++i) {
+            const double factor = matrix[i * LANES + k] / matrix[k * LANES + k];
+            add<1>(&matrix[i * LANES], -factor, &matrix[k * LANES]);
+            add<count>(&sides[i * wide], -factor, &sides[k * wide]);
         }
+    for (int k = SHADES - 1; k >= 0; --k) {
+        add<count>(&sides[k * wide], 1.0 / matrix[k * LANES + k] - 1.0, &sides[k * wide]);
+        for (int i = 0; i < k; ++i) add<count>(&sides[i * wide], -matrix[i * LANES + k], &sides[k * wide]);
+    }
+    for (int a = 0; a < SHADES; ++a) {
+        std::copy_n(&sides[a * wide + next], LANES, &knot.towards_next[a * LANES]);
+        std::copy_n(&sides[a * wide + border], MOST_ROWS, &knot.towards_border[a * MOST_ROWS]);
+        std::copy_n(&sides[a * wide + unit], LANES, &knot.inverse[a * LANES]);
     }
 }
 
 // Eliminates the shades: takes what they explain from the border's equations.
-void eliminate(Knots& knots, int rows, Table& border) {
-    const int count = static_cast<int>(knots.own.size());
-    for (int i = 0; i < count; ++i) {
-        Table sides(SHADES, SHADES + rows + 1 + SHADES), matrix = knots.own[i];
+void eliminate(std::vector<Knot>& knots, int rows, Border& border) {
+    for (std::size_t i = 0; i < knots.size(); ++i) {
+        Knot& knot = knots[i];
+        const bool last = i + 1 == knots.size();
+        solve(knot, !last);
         for (int a = 0; a < SHADES; ++a) {
-            for (int b = 0; b < SHADES; ++b) sides(a, b) = i + 1 < count ? knots.next[i](a, b) : 0.0;
-            for (int r = 0; r <= rows; ++r) sides(a, SHADES + r) = knots.border[i](a, r);
-            sides(a, SHADES + rows + 1 + a) = 1.0;
-        }
-        solve_definite(matrix, sides);
-        Table next(SHADES, SHADES), towards(SHADES, rows + 1), inverse(SHADES, SHADES);
-        for (int a = 0; a < SHADES; ++a) {
-            for (int b = 0; b < SHADES; ++b) next(a, b) = sides(a, b), inverse(a, b) = sides(a, SHADES + rows + 1 + b);
-            for (int r = 0; r <= rows; ++r) towards(a, r) = sides(a, SHADES + r);
-        }
-        if (i + 1 < count)
-            for (int a = 0; a < SHADES; ++a)
-                for (int b = 0; b < SHADES; ++b) {
-                    const double coupling = knots.next[i](a, b);
-                    if (coupling == 0.0) continue;
-                    for (int c = 0; c < SHADES; ++c) knots.own[i + 1](b, c) -= coupling * next(a, c);
-                    for (int r = 0; r <= rows; ++r) knots.border[i + 1](b, r) -= coupling * towards(a, r);
-                }
-        for (int a = 0; a < SHADES; ++a)
-            for (int r = 0; r < rows; ++r) {
-                const double coupling = knots.border[i](a, r);
-                for (int c = 0; c <= rows; ++c) border(r, c) -= coupling * towards(a, c);
+            for (int b = 0; b < SHADES && !last; ++b) {
+                const double coupling = knot.next[a * LANES + b];
+                add<1>(&knots[i + 1].own[b * LANES], -coupling, &knot.towards_next[a * LANES]);
+                add<ROW_LANES>(&knots[i + 1].border[b * MOST_ROWS], -coupling, &knot.towards_border[a * MOST_ROWS]);
             }
-        knots.towards_next.push_back(std::move(next));
-        knots.towards_border.push_back(std::move(towards));
-        knots.inverse.push_back(std::move(inverse));
+            for (int r = 0; r < rows; ++r)
+                add<ROW_LANES>(&border[r * MOST_ROWS], -knot.border[a * MOST_ROWS + r],
+                               &knot.towards_border[a * MOST_ROWS]);
+        }
     }
 }
 
 // (knots, SHADES) the shades and their variances, once the border's unknowns are known.
-std::array<Table, 2> substituted(const Knots& knots, const std::vector<double>& border, const Table& variance) {
-    const int count = static_cast<int>(knots.own.size()), rows = static_cast<int>(border.size());
+std::array<Table, 2> substituted(const std::vector<Knot>& knots, const std::vector<double>& change,
+                                 const Table& variance) {
+    const int count = static_cast<int>(knots.size()), rows = static_cast<int>(change.size());
     std::array<Table, 2> found = {Table(count, SHADES), Table(count, SHADES)};
-    Table spread(SHADES, SHADES), hanging(SHADES, rows);
+    Border errors = {};
+    for (int r = 0; r < rows; ++r) std::copy_n(variance.row(r).data, rows, &errors[r * MOST_ROWS]);
+    std::array<double, MOST_ROWS> moved = {};
+    std::copy_n(change.data(), rows, moved.data());
+    const auto product = [](const double* one, const double* other) {
+        Lanes total = 0.0;
+        for (int i = 0; i < MOST_ROWS; i += LANES) total += load(one + i) * load(other + i);
+        return sum(total);
+    };
+    // variances of this knot's shades and the next one's, were the border known; and how both hang on it
+    Block spread = {}, now = {};
+    Hanging hanging = {}, hangs = {};
     for (int i = count - 1; i >= 0; --i) {
-        Table now = knots.inverse[i], hangs(SHADES, rows), product(SHADES, SHADES);
-        const Table& next = knots.towards_next[i];
+        const Knot& knot = knots[i];
+        const bool last = i + 1 == count;
+        now = knot.inverse;
         for (int a = 0; a < SHADES; ++a) {
-            found[0](i, a) = knots.towards_border[i](a, rows);
-            for (int r = 0; r < rows; ++r) {
-                found[0](i, a) -= knots.towards_border[i](a, r) * border[r];
-                hangs(a, r) = knots.towards_border[i](a, r);
-            }
-            if (i + 1 == count) continue;
-            for (int b = 0; b < SHADES; ++b) {
-                found[0](i, a) -= next(a, b) * found[0](i + 1, b);
-                for (int r = 0; r < rows; ++r) hangs(a, r) -= next(a, b) * hanging(b, r);
-                for (int c = 0; c < SHADES; ++c) product(a, c) += next(a, b) * spread(b, c);
-            }
+            double* const own = &hangs[a * MOST_ROWS];
+            std::copy_n(&knot.towards_border[a * MOST_ROWS], MOST_ROWS, own);
+            found[0](i, a) = own[rows];
+            own[rows] = 0.0;
+            std::array<double, LANES> with_next = {};  // by the next knot's shades
+            if (!last)
+                for (int b = 0; b < SHADES; ++b) {
+                    const double next = knot.towards_next[a * LANES + b];
+                    found[0](i, a) -= next * found[0](i + 1, b);
+                    add<ROW_LANES>(own, -next, &hanging[b * MOST_ROWS]);
+                    add<1>(with_next.data(), next, &spread[b * LANES]);
+                }
+            // towards_border alone is what is taken off: the next knot's part is in its shades
+            found[0](i, a) -= product(&knot.towards_border[a * MOST_ROWS], moved.data());
+            for (int b = 0; b < SHADES && !last; ++b)
+                for (int c = 0; c < SHADES; ++c) now[a * LANES + b] += with_next[c] * knot.towards_next[b * LANES + c];
+            std::array<double, MOST_ROWS> of_border = {};  // covariance with the border's unknowns
+            for (int r = 0; r < rows; ++r) add<ROW_LANES>(of_border.data(), own[r], &errors[r * MOST_ROWS]);
+            found[1](i, a) = now[a * LANES + a] + product(of_border.data(), own);
         }
-        if (i + 1 < count)
-            for (int a = 0; a < SHADES; ++a)
-                for (int b = 0; b < SHADES; ++b)
-                    for (int c = 0; c < SHADES; ++c) now(a, b) += product(a, c) * next(b, c);
-        spread = std::move(now), hanging = std::move(hangs);
-        for (int a = 0; a < SHADES; ++a) {
-            found[1](i, a) = spread(a, a);
-            for (int r = 0; r < rows; ++r)
-                for (int c = 0; c < rows; ++c) found[1](i, a) += hanging(a, r) * variance(r, c) * hanging(a, c);
-        }
+        spread = now, hanging = hangs;
     }
     return found;
 }
@@ -544,42 +636,43 @@ void improve(Line& line, const std::vector<int>& active, int step, int round) {
     const RibbonPriors& model = line.model;
     const int rows = line.border(), splines = line.pieces + 3;
     const bool first = round == 0;
-    Table border(rows, rows + 1);
-    std::vector<Knots> several;
+    Border border = {};
+    const auto entry = [&](int r, int c) -> double& { return border[r * MOST_ROWS + c]; };
+    std::vector<std::vector<Knot>> several;
     for (Channel& channel : line.channels) {
         several.push_back(gathered(line, channel, active, step, border));
-        add_priors(line, channel.spread, channel.contrast, several.back());
+        add_priors(channel.spread, channel.contrast, several.back());
     }
     const double bend = model.bend_px * std::pow(line.length_px() / line.pieces / FINEST, 1.5);
     const double here = 0.5 * line.width_px + 1.5;
     constexpr std::array<double, 3> second = {1.0, -2.0, 1.0};
     for (int b = 0; b < splines; ++b) {
-        border(b, b) += first ? 1e8 : 1.0 / square(here);
-        if (!first) border(b, rows) -= line.offset[b] / square(here);
+        entry(b, b) += first ? 1e8 : 1.0 / square(here);
+        if (!first) entry(b, rows) -= line.offset[b] / square(here);
     }
     for (int b = 0; b + 2 < splines; ++b) {
         const double off = line.offset[b] - 2.0 * line.offset[b + 1] + line.offset[b + 2];
         for (int i = 0; i < 3; ++i) {
-            for (int j = 0; j < 3; ++j) border(b + i, b + j) += second[i] * second[j] / square(bend);
-            border(b + i, rows) -= second[i] * off / square(bend);
+            for (int j = 0; j < 3; ++j) entry(b + i, b + j) += second[i] * second[j] / square(bend);
+            entry(b + i, rows) -= second[i] * off / square(bend);
         }
     }
     const std::array<double, CHANGES> spread = {model.width_std, model.blur_std, model.taper_std};
     for (int s = 0; s < CHANGES; ++s) {
-        border(splines + s, splines + s) += first ? 1e10 : 1.0 / square(spread[s]);
-        if (!first) border(splines + s, rows) -= line.moved[s] / square(spread[s]);
+        entry(splines + s, splines + s) += first ? 1e10 : 1.0 / square(spread[s]);
+        if (!first) entry(splines + s, rows) -= line.moved[s] / square(spread[s]);
     }
     line.course_information = Table(splines, splines);
     for (int b = 0; b < splines; ++b)
-        for (int c = 0; c < splines; ++c) line.course_information(b, c) = border(b, c);
-    for (Knots& knots : several) eliminate(knots, rows, border);
+        for (int c = 0; c < splines; ++c) line.course_information(b, c) = entry(b, c);
+    for (std::vector<Knot>& knots : several) eliminate(knots, rows, border);
     Table matrix(rows, rows);
     for (int r = 0; r < rows; ++r)
-        for (int c = 0; c < rows; ++c) matrix(r, c) = border(r, c);
+        for (int c = 0; c < rows; ++c) matrix(r, c) = entry(r, c);
     line.variance = inverse_of(std::move(matrix));
     std::vector<double> change(rows);
     for (int r = 0; r < rows; ++r)
-        for (int c = 0; c < rows; ++c) change[r] += line.variance(r, c) * border(c, rows);
+        for (int c = 0; c < rows; ++c) change[r] += line.variance(r, c) * entry(c, rows);
     for (int b = 0; b < splines; ++b) change[b] = bounded(change[b], -1.0, 1.0), line.offset[b] += change[b];
     for (int s = 0; s < CHANGES; ++s)
         change[splines + s] = bounded(change[splines + s], -0.3, 0.3), line.moved[s] += change[splines + s];
@@ -642,7 +735,12 @@ void improve(Line& line, const std::vector<int>& active, int step, int round) {
 // Equations of the chosen profiles, and what these count.
 void look(Line& line, const std::vector<int>& active, int step, bool first) {
     const int reach = line.channels[0].found->profiles.shape[1] / 2 + 2;
-    const Table table = shade_table(line.width(), line.blur(), reach);
+    if (!line.table.size() || std::abs(line.width() - line.tabled_px[0]) > SAME_PX ||
+        std::abs(line.blur() - line.tabled_px[1]) > SAME_PX) {
+        line.tabled_px = {line.width(), line.blur()};
+        line.table = shade_table(line.width(), line.blur(), reach);
+    }
+    const Table& table = line.table;
     const int count = static_cast<int>(active.size());
     for (Channel& channel : line.channels) {
         channel.power.fill(0.0), channel.number.fill(0.0), channel.left.fill(0.0), channel.many.fill(0.0);

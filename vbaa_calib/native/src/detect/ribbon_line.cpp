@@ -95,11 +95,15 @@ CrossSection end_section(const Ribbon& ribbon, const Flags& kept, int reach_px) 
     for (double each : mean) height += square(each);
     const Table shades = shade_table(ribbon.width_px, ribbon.blur_px, reach_px);
     CrossSection section = {Table(shades.shape[0], 1), Table(shades.shape[0], 1), {}};
-    for (int r = 0; r < shades.shape[0]; ++r)
-        for (int k = 0; k < SHADES; ++k) {
-            section.values(r, 0) += mean[k] / std::sqrt(height) * shades(r, SIDES + k);
-            section.slopes(r, 0) += mean[k] / std::sqrt(height) * shades(r, FUNCTIONS + SIDES + k);
-        }
+    for (int r = 0; r < shades.shape[0]; ++r) {
+        const auto shown = [&](ShadeKind kind) {
+            const double* const of = &shades(r, kind * LANES);
+            double sum = mean[0] * ((kind == VALUE ? 1.0 : 0.0) - of[0] - of[1]);
+            for (int k = 1; k < SHADES; ++k) sum += mean[k] * of[shade_column(k)];
+            return sum / std::sqrt(height);
+        };
+        section.values(r, 0) = shown(VALUE), section.slopes(r, 0) = shown(BY_DISTANCE);
+    }
     return section;
 }
 

@@ -70,7 +70,7 @@ Table shade_table(double width_px, double blur_px, int reach_px) {
             sums[BY_BLUR] += Lanes((off * off - 1.0) * softer) * shown;
         }
         for (int kind = 0; kind < KINDS; ++kind)
-            for (int k = 1; k < SHADES; ++k) own[kind * FUNCTIONS + SIDES + k] = sums[kind][k];
+            for (int k = 1; k < SHADES; ++k) own[kind * LANES + shade_column(k)] = sums[kind][k];
         const double left = (across + half) / std, right = (across - half) / std;
         const double rising = height * std::exp(-0.5 * left * left), falling = height * std::exp(-0.5 * right * right);
         const double inside_left = 0.5 * std::erfc(-left / std::sqrt(2.0));
@@ -80,16 +80,15 @@ Table shade_table(double width_px, double blur_px, int reach_px) {
         const std::array<double, KINDS> on_right = {beyond_right, falling, -half * falling,
                                                     -right * falling * std * softer};
         for (int kind = 0; kind < KINDS; ++kind) {
-            double* const to = own + kind * FUNCTIONS;
+            double* const to = own + kind * LANES;
             to[0] = on_left[kind];
             to[1] = on_right[kind];
-            to[SIDES] = (kind == VALUE ? 1.0 : 0.0) - on_left[kind] - on_right[kind];
             // what is beyond the middle is the mirror of what is before it
             const double sign = kind == BY_DISTANCE ? -1.0 : 1.0;
-            double* const other = mirrored + kind * FUNCTIONS;
+            double* const other = mirrored + kind * LANES;
             other[0] = sign * on_right[kind];
             other[1] = sign * on_left[kind];
-            for (int k = 0; k < SHADES; ++k) other[SIDES + k] = (k % 2 ? -sign : sign) * to[SIDES + k];
+            for (int k = 1; k < SHADES; ++k) other[shade_column(k)] = (k % 2 ? -sign : sign) * to[shade_column(k)];
         }
     }
     return table;

@@ -1,0 +1,192 @@
+"""`vbaa bench worlds`: whole ways from pictures to contacts on rigs drawn at random.
+
+Shapes are SciPy's, lenses and pictures this folder's: nothing is shared with `vbaa_calib.simulate` or what is tested.
+A world again: `python -m benchmarks.worlds.session SEED NUMBER FOLDER`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmarks.figures import AMBER, GREEN, GREY, label, panels
+from benchmarks.harness import Findings, Options, column, rms, table
+from vbaa_calib.core.console import progress, say
+
+from .judge import CERTAIN, Judged, Outcome, outcome, together
+from .rigs import World, draw_world
+from .session import write_session
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Row:
+    """One world.
+
+    Attributes
+    ----------
+    calibrated : severity of the rig's verdict, or "refused". usable : share of touched frames that are located.
+    error_mm, stated_mm : medians of the located distances' errors and standard deviations. relative : error over L.
+    held : share within 1.96 standard deviations; point_held : of world points in their 95 % regions. silent : frames
+        located and off by over five, or free. true_mm, true_held : the same frames with the true rig.
+    rms_mm, refined_mm : root mean squares, as estimated and after `vbaa refine`.
+    stiffness, focal, pose : errors of the calibration in its standard deviations.
+    loads_out : clean loads that were left out. words : why something was refused, and what was found.
+    """
+
+    world: int = column("world", "d")
+    rig: str = column("rig")
+    calibrated: str = column("calibrated")
+    lens: str = column("lens")
+    touched: int = column()
+    usable: float = column("usable %", ".0f", 100.0)
+    error_mm: float = column("error mm", ".2f")
+    stated_mm: float = column("stated", ".2f")
+    relative: float = column("% of L", ".2f", 100.0)
+    held: float = column("held %", ".0f", 100.0)
+    point_held: float = column("point %", ".0f", 100.0)
+    silent: int = column("silent", "d")
+    true_mm: float = column("true rig mm", ".2f")
+    true_held: float = column("held %", ".0f", 100.0)
+    rms_mm: float = column("rms mm", ".2f")
+    refined_mm: float = column("refined", ".2f")
+    stiffness: float = column("EI σ", ".1f")
+    focal: float = column("f σ", ".1f")
+    pose: float = column("pose σ", ".1f")
+    loads_out: int = column("loads out", "d")
+    words: str = column()
+
+
+def row_of_world(world: World, found: Outcome) -> Row:
+    """A world and what became of it."""
+    ours, true, pulls = found.ours, found.true, found.pulls or {}
+    words = (found.words if found.calibrated > 1 else "", found.verdict, found.estimate_words, found.refine_words)
+    return Row(
+        world=world.number,
+        rig=world.described,
+        calibrated="refused" if found.pulls is None else found.verdict.partition(",")[0],
+        lens=found.lens,
+        touched=sum(any(shot.push_N) for shot in world.contacts),
+        usable=len(ours.error_m) / ours.touched if ours else 0.0,
+        error_mm=1e3 * _median(ours.error_m if ours else None),
+        stated_mm=1e3 * _median(ours.std_m if ours else None),
+        relative=_median(ours.error_m if ours else None) / world.wire.length_m,
+        held=_held(ours),
+        point_held=ours.point_held / len(ours.error_m) if ours and len(ours.error_m) else np.nan,
+        silent=ours.silent if ours else 0,
+        true_mm=1e3 * _median(true.error_m if true else None),
+        true_held=_held(true),
+        rms_mm=1e3 * rms(ours.error_m) if ours else np.nan,
+        refined_mm=1e3 * rms(found.refined.error_m) if found.refined else np.nan,
+        stiffness=pulls.get("stiffness", np.nan),
+        focal=pulls.get("focal", np.nan),
+        pose=pulls.get("pose", np.nan),
+        loads_out=found.loads_left_out,
+        words="; ".join(filter(None, words)),
+    )
+
+
+def _median(values: np.ndarray | None) -> float:
+    return float(np.median(np.abs(values))) if values is not None and len(values) else np.nan
+
+
+def _held(judged: Judged | None) -> float:
+    if judged is None or not len(judged.error_m):
+        return np.nan
+    return float((np.abs(judged.error_m) < CERTAIN * judged.std_m).mean())
+
+
+def run(options: Options) -> list[tuple[Row, Outcome]]:
+    """World after world; each is shown when it is done."""
+    found = []
+    for number in progress(range(options.draws), "worlds"):
+        world = draw_world(options.seed, number)
+        with TemporaryDirectory(prefix="vbaa-world-") as root:
+            truth = write_session(world, Path(root) / "session")
+            result = outcome(world, truth, Path(root) / "session")
+        found.append((row_of_world(world, result), result))
+        row = found[-1][0]
+        say(f"{row.world}: {row.calibrated}, {row.error_mm:.2f} mm off, {row.stated_mm:.2f} stated; {row.rig}")
+    return found
+
+
+def summary(results: Sequence[tuple[Row, Outcome]]) -> dict[str, float]:
+    """What `lines` says, as numbers."""
+    rows, outcomes = zip(*results, strict=True)
+    ours = [one.ours for one in outcomes if one.ours]
+    errors, stds = together(ours)
+    pulls = np.array([[abs(value) for value in one.pulls.values()] for one in outcomes if one.pulls]).reshape(-1, 3)
+    refined = [row.rms_mm / row.refined_mm for row in rows if np.isfinite(row.refined_mm)]
+    relative = np.array([row.relative for row in rows if np.isfinite(row.relative)])
+    shares = [row.error_mm / row.true_mm for row in rows if np.isfinite(row.error_mm) and np.isfinite(row.true_mm)]
+    return {
+        "worlds": len(rows),
+        "refused": sum(row.calibrated == "refused" for row in rows),
+        "wrong": sum(row.calibrated == "wrong" for row in rows),
+        "contacts": sum(row.touched for row in rows),
+        "located": len(errors),
+        "silent": sum(row.silent for row in rows),
+        "held": float((np.abs(errors) < CERTAIN * stds).mean()) if len(errors) else np.nan,
+        "worst_held": min((row.held for row in rows if np.isfinite(row.held)), default=np.nan),
+        "pulls_within_3": float((pulls[np.isfinite(pulls)] < 3.0).mean()) if len(pulls) else np.nan,
+        "refine_gains_median": float(np.median(refined)) if refined else np.nan,
+        "refined": len(refined) / max(len(ours), 1),
+        "relative_median": float(np.median(relative)) if len(relative) else np.nan,
+        "relative_90": float(np.quantile(relative, 0.9)) if len(relative) else np.nan,
+        "loads_left_out": sum(row.loads_out for row in rows),
+        "true_rig_share_median": float(np.median(shares)) if shares else np.nan,
+    }
+
+
+def lines(found: dict[str, float]) -> str:
+    """The summary beside its bars."""
+    return "\n".join(
+        [
+            f"{found['worlds']} worlds: {found['refused']} refused, {found['wrong']} wrong; "
+            f"{found['contacts']} contacts, {found['located']} located",
+            f"silent {found['silent']} (0); within 95 % intervals {100 * found['held']:.1f} % (92 to 98), least of a "
+            f"world {100 * found['worst_held']:.0f} % (85)",
+            f"EI, focal length, pose within 3 standard deviations {100 * found['pulls_within_3']:.1f} % (99)",
+            f"distance, of L: median {100 * found['relative_median']:.2f} % (0.2), 90th percentile "
+            f"{100 * found['relative_90']:.2f} % (0.6); {found['true_rig_share_median']:.1f} times the true rig's",
+            f"refine: {100 * found['refined']:.0f} % of worlds (95), rms smaller by {found['refine_gains_median']:.2f} "
+            f"(1.3); clean loads left out {found['loads_left_out']} (0)",
+        ]
+    )
+
+
+def figure(rows: Sequence[Row]) -> Figure:
+    """Error with the calibrated and with the true rig over the stated deviation, world by world."""
+    drawn, (panel,) = panels(1, 1, (5.2, 4.2))
+    for name, colour, what in (("error_mm", AMBER, "calibrated rig"), ("true_mm", GREY, "true rig")):
+        panel.loglog(
+            [row.stated_mm for row in rows], [getattr(row, name) for row in rows], "o", color=colour, label=what
+        )
+    ends = [value for row in rows for value in (row.stated_mm, row.error_mm) if np.isfinite(value) and value > 0]
+    usual = np.array([min(ends, default=1.0), max(ends, default=1.0)])
+    panel.plot(usual, 0.67 * usual, color=GREEN, lw=0.8, label="as stated")
+    label(panel, "", "stated standard deviation, mm", "median error of distance, mm")
+    panel.legend(fontsize=8)
+    return drawn
+
+
+def measure(options: Options) -> Findings:
+    """Every world; a draw is a rig with its pictures, calibration and recording."""
+    results = run(options)
+    rows, found = [row for row, _ in results], summary(results)
+    heard = "\n".join(f"{row.world}: {row.words}" for row in rows if row.words not in ("", "none"))
+    return Findings(
+        "\n\n".join([table(rows), lines(found), heard]),
+        {"worlds.csv": rows},
+        {"worlds.png": lambda: figure(rows)},
+        {"rows": rows, "summary": found},
+        f"{found['refused']} of {found['worlds']} refused, {found['silent']} silent, distance "
+        f"{100 * found['relative_median']:.2f} % of L",
+    )
