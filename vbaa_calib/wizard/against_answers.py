@@ -15,9 +15,9 @@ from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.calibrate.antenna.session_rig import (
-    BOW_STD_PER_M,
     CLAMP_ANGLE_STD_RAD,
     CLAMP_OFFSET_STD_M,
+    bow_std_per_m,
     nominal_parameters,
 )
 from vbaa_calib.calibrate.pose.board_pose import solve_board_pose
@@ -203,7 +203,7 @@ def _misfit_of(state: SessionState, seen: Observation, T_antenna_camera: Pose, p
     if np.ptp(nearest) < len(at_m) / 2:
         return np.inf
     lateral_m = (apart[np.arange(len(nearest)), nearest] * normals(pixels)[nearest]).sum(axis=1) / px_per_m[nearest]
-    std = (0.5 * BOW_STD_PER_M, CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M)
+    std = (0.5 * bow_std_per_m(antenna.length_m), CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M)
     off = np.polyfit(at_m[nearest], lateral_m, 2) / std
     if np.isfinite(seen.tip_std_px):
         end = pixels[-1] - pixels[-2]

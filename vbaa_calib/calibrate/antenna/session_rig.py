@@ -252,7 +252,6 @@ def observe_stills(session: Session, kinematics: Kinematics, before: Prior) -> l
 
 CLAMP_OFFSET_STD_M = 1.5e-3
 CLAMP_ANGLE_STD_RAD = 0.035
-BOW_STD_PER_M = 0.3
 CLAMP_GIVE_STD_M = 5e-4
 _LOG_STIFFNESS_STD = 0.5
 LOG_MASS_STD = 0.03
@@ -261,6 +260,12 @@ _OFFSET_STD_NM = 0.02
 """Priors of bundle adjustment: what a careful builder can be trusted with. Stiffness and sensor are left all but free;
 the mass is not, for sag is what weight over stiffness gives, and a kitchen scale knows the mass to a few per cent."""
 _DEFINED = 1e-3  # part of the clamp's priors in plane C that is left where the antenna itself defines its frame
+
+
+def bow_std_per_m(length_m: float) -> float:
+    """Prior standard deviation of the free antenna's curvature, 1/m: a wire is straight to a hundredth of its length,
+    or better, if it is longer than 250 mm."""
+    return 0.3 * max(1.0, 0.25 / length_m)
 
 
 def nominal_parameters(antenna: NominalAntenna) -> np.ndarray:
@@ -280,7 +285,8 @@ def prior(
     and along the x axis by definition."""
     in_plane = _DEFINED if own_frame else 1.0
     clamp = [CLAMP_OFFSET_STD_M * in_plane, CLAMP_OFFSET_STD_M, CLAMP_ANGLE_STD_RAD, CLAMP_ANGLE_STD_RAD * in_plane]
-    rest = [BOW_STD_PER_M] * 2 + [_LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M, _GAIN_STD, _OFFSET_STD_NM]
+    bow = bow_std_per_m(antenna.length_m)
+    rest = [bow, bow, _LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M, _GAIN_STD, _OFFSET_STD_NM]
     return Prior(
         poses=tuple(poses),
         start=fused(poses),
