@@ -178,6 +178,8 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "search.fit_smooth": (_a(5), _a(5), _a(5), [1.0, 0.5], 4, 0.1),
         "search.solve_definite": (np.eye(3), _a(3, 2)),
         "search.running_mean": (_a(9), 3, core.search.Beyond.mirrored),
+        "search.running_medians": (_a(9), 4),
+        "search.running_maxima": (_a(9), 4),
         "search.triangle_sums": (_a(9, 2), 3),
         "search.ribbon_evidence": (planes, 3.5, _a(3), _a(3), 50.0, (0.7, 0.2, 0.05), -2.5),
         "search.best_paths": (
@@ -187,6 +189,12 @@ def _calls() -> dict[str, tuple[object, ...]]:
             (1.0, 2.5, 0.02, 0.15, 9.0, 3.0, 2.0, 90.0, 5.0),
             (1.5, 8.0),
             4,
+        ),
+        "surface.covariance": (
+            _fields(x=(3, 2), value=(3, 1), slope=(3, 1, 2)),
+            _fields(x=(9, 2), value=(9, 1), slope=(9, 1, 2)),
+            SimpleNamespace(length_m=0.1, amplitude_m=0.01, offset_m=1.0, incline=2.0),
+            True,
         ),
         "search.quantile": (_a(9), 0.4),
         "search.median": (_a(9),),

@@ -27,6 +27,8 @@ _ZERO_RENEWED_S = 0.5
 _HISTORY = 4000
 _AT_ONCE = 16
 """Free frames that are used together at most."""
+_AT_FIRST, _EVERY = 1024, 4
+"""Where none of so many frames is free, only every fourth is looked at: an antenna stays free for longer."""
 _LINEARISATIONS, _REWEIGHTINGS = 2, 3
 _WIDE = 10.0
 _PRIOR_FRAMES = 4.0
@@ -46,7 +48,7 @@ class LearntRig:
         squares, the line's own errors are known.
     time_s : of the last of them; NaN where times are not known.
     history : time, what had changed (17 + P,), and its deviations (17 + P,), after each lot of free frames.
-    moments : of how many of the free frames the moment was read.
+    moments : of how many of the free frames the moment was read. searched : frames before the first free one.
     """
 
     calibrated: Rig
@@ -58,6 +60,7 @@ class LearntRig:
     step: np.ndarray = field(default_factory=lambda: np.zeros(0))
     history: tuple[tuple[float, np.ndarray, np.ndarray], ...] = ()
     moments: int = 0
+    searched: int = 0
 
     @staticmethod
     def of(rig: Rig) -> LearntRig:
@@ -96,11 +99,13 @@ class LearntRig:
 
     def learn(self, batch: Batch, time_s: float) -> Generator[None, None, LearntRig]:
         """From frames of which only the free ones are used, if there are any; in steps, as it takes a while."""
-        frames = batch.frames(RigArrays.from_rig(self.now, 0.0))
-        yield
-        rows = np.flatnonzero((yield from _is_free(frames)))
+        if self.frames == 0 and self.searched >= _AT_FIRST:
+            some = np.arange(-self.searched % _EVERY, len(batch), _EVERY)
+            if not len(some) or not (yield from self._free(batch.picked(some))).any():
+                return replace(self, searched=self.searched + len(batch))
+        rows = np.flatnonzero((yield from self._free(batch)))
         if len(rows) == 0:
-            return self
+            return replace(self, searched=self.searched + len(batch))
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, _AT_ONCE).astype(int))]
         free, now, own, count = batch.picked(rows), self.now, self.line_sum_px2, self.line_frames
         if now.drift.line_px > 0.0:
@@ -116,6 +121,12 @@ class LearntRig:
         past = (*self.history[-_HISTORY:], (time_s, step, np.sqrt(np.diag(now.covariance))))
         moments = self.moments + int(np.isfinite(free.readings_Nm[:, 0]).sum())
         return LearntRig(self.calibrated, now, self.frames + len(agreeing), count, own, time_s, step, past, moments)
+
+    def _free(self, batch: Batch) -> Generator[None, None, np.ndarray]:
+        """(B,) bool, frames of the free antenna."""
+        frames = batch.frames(RigArrays.from_rig(self.now, 0.0))
+        yield
+        return (yield from _is_free(frames))
 
 
 def _in_covariance(widened: Rig, before: Rig) -> Rig:

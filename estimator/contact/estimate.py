@@ -174,7 +174,11 @@ class ContactEstimator:
         if not self.drift.due(time_s):
             return self
         learnt = yield from self.drift.later(time_s).learn(Batch.of(self.rig, several), time_s)
-        return self if learnt.frames == self.drift.frames else self._with(learnt)
+        if learnt.frames > self.drift.frames:
+            return self._with(learnt)
+        if not learnt.frames:
+            self.drift = replace(self.drift, searched=learnt.searched)
+        return self
 
     def at(self, time_s: float) -> ContactEstimator:
         """The estimator for the rig as it may be some time after its last free frames, or was before them."""

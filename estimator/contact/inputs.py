@@ -8,7 +8,6 @@ from itertools import combinations
 from typing import Any, TypedDict
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.linearised import bend
@@ -296,23 +295,35 @@ def without_outliers(
     Where little is seen of the antenna, one point far from there turns it, for all that its weight is small; and so do
     many that lie off to the same side.
     """
-    usable, settings = frames.usable, OutlierSettings()
+    usable, settings, rig = frames.usable, OutlierSettings(), frames.rig_arrays.rig
+    if not (fitted.farthest > settings.stretch_std).any():
+        return frames
+    every, nothing = usable.sum(axis=1), dict[int, object]()  # was found in a row, by what
     # many together only relative to a fit that no single one has turned, nor the worst of them
     for least_std, which in ((settings.std, _alone), *[(settings.stretch_std, _stretch)] * 2):
-        for row in np.flatnonzero(fitted.farthest > least_std):
-            one = replace(frames.picked(np.array([row])), usable=usable[[row]])
-            nodes_m = bend(one, rung, fitted.unknowns[row][None, None]).points_m[0]
-            points_px = np.where(one.usable[0][:, None], batch.points_px[row], np.nan)
-            left = one.usable * ~_outliers(frames.rig_arrays.rig, nodes_m, points_px, batch.sigma_px[row], which)
-            count = int(frames.usable[row].sum() - left.sum())
-            if not one.usable.sum() > left.sum() or count >= settings.most * frames.usable[row].sum():
-                continue
-            again = solved(replace(one, usable=left))
-            again.outliers[:] = count
-            if again.evidence[0] < CONTACT_EVIDENCE or not unexplained(again)[0]:
-                fitted.put(np.array([row]), again)
-                usable = usable.copy() if usable is frames.usable else usable
-                usable[row] = left
+        suspicious = np.flatnonzero(fitted.farthest > least_std).tolist()
+        rows = np.array([row for row in suspicious if nothing.get(row) is not which], int)
+        if not len(rows):
+            continue
+        nothing |= dict.fromkeys(rows.tolist(), which)
+        some = replace(frames.picked(rows), usable=usable[rows])
+        nodes_m, left = bend(some, rung, fitted.unknowns[rows, None]).points_m, some.usable.copy()
+        for row, nodes, own in zip(rows, nodes_m, left, strict=True):
+            points_px = np.where(own[:, None], batch.points_px[row], np.nan)
+            own *= ~_outliers(rig, nodes, points_px, batch.sigma_px[row], which)
+        count = (every[rows] - left.sum(axis=1)).astype(int)
+        fewer = (left.sum(axis=1) < some.usable.sum(axis=1)) & (count < settings.most * every[rows])
+        if not fewer.any():
+            continue
+        again = solved(replace(some.picked(fewer), usable=left[fewer]))
+        again.outliers[:] = count[fewer]
+        better = (again.evidence < CONTACT_EVIDENCE) | ~unexplained(again)
+        changed = rows[fewer][better]
+        fitted.put(changed, FitNumbers(*(values[better] for values in again.tables)))
+        usable = usable.copy() if usable is frames.usable else usable
+        usable[changed] = left[fewer][better]
+        for row in changed.tolist():
+            del nothing[row]
     return frames if usable is frames.usable else replace(frames, usable=usable)
 
 
@@ -345,8 +356,7 @@ def _alone(across_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
 def _medians(values: np.ndarray) -> np.ndarray:
     """(N,) median of each of values (N,) and its neighbours in order."""
     several = OutlierSettings.neighbours
-    around = sliding_window_view(np.pad(values, several // 2, mode="reflect"), several)
-    return np.asarray(np.median(around, axis=1))
+    return np.asarray(core.search.running_medians(np.pad(values, several // 2, mode="reflect"), several))
 
 
 def _stretch(across_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
@@ -355,13 +365,13 @@ def _stretch(across_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
     off, side = np.zeros(count, bool), min(settings.side, max(count // 12, 4))
     if count < 4 * side:
         return off
-    medians = np.median(sliding_window_view(across_px, side), axis=1)
+    medians = core.search.running_medians(across_px, side)
     jumps = medians[side:] - medians[:-side]  # at points side, side + 1, …
     size = np.abs(jumps)
     least = max(settings.jump_std * float(np.median(sigma_px)), settings.jump_ratio * float(np.median(size)))
     ends = {0, count}
     for one_way in (jumps, -jumps):
-        highest = sliding_window_view(np.pad(one_way, side, constant_values=-np.inf), 2 * side + 1).max(axis=1)
+        highest = core.search.running_maxima(np.pad(one_way, side, constant_values=-np.inf), 2 * side + 1)
         ends |= set((np.flatnonzero((one_way >= least) & (one_way == highest)) + side).tolist())
     # what is off in the middle of a line decides whether it is the middle that is, or an end
     spans = sorted(combinations(sorted(ends), 2), key=lambda span: (span[0] == 0) + (span[1] == count))

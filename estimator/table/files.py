@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from itertools import count, islice
@@ -41,6 +42,8 @@ _ROWS_TOGETHER = 1024  # rows that are put into columns at once: as columns they
 _UPPER = np.triu_indices(3)
 _NAMES = {field: column_names([field]) for field in COLUMNS}
 _DIGITS = {name: column.digits for field, column in COLUMNS.items() for name in _NAMES[field]}
+_FORMATS = [f"%.{digits}g" if digits else "%r" for digits in _DIGITS.values()]
+_SPECIAL = re.compile(r'[",\r\n]')
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 _TEXTS = ("frame", "time_s", "status", "in_contact", "model", "reason", "contact")  # are read in a way of their own
 
@@ -82,8 +85,8 @@ def write_contacts(
             return
         stream = open_files.enter_context(temporary.open("w", encoding="utf-8", newline=""))
         write_header(stream)
-        for row in cells:
-            write_row(stream, row)
+        while several := list(islice(cells, _ROWS_TOGETHER)):
+            stream.write("".join(map(_line, several)))
 
 
 def _parquet_writer(path: Path, schema: pyarrow.Schema) -> ParquetWriter:
@@ -102,7 +105,21 @@ def write_header(stream: TextIO) -> None:
 
 def write_row(stream: TextIO, cells: Mapping[str, Any]) -> None:
     """A line of contacts.csv, of what `cells_of` gives."""
-    csv.writer(stream, lineterminator="\n").writerow([_text(value, _DIGITS[name]) for name, value in cells.items()])
+    stream.write(_line(cells))
+
+
+def _line(cells: Mapping[str, Any]) -> str:
+    """The same as text. Numbers that exist, most of all cells, are written by the format of their column."""
+    written = [
+        form % value if type(value) is float and math.isfinite(value) else _quoted(_text(value, digits))
+        for form, digits, value in zip(_FORMATS, _DIGITS.values(), cells.values(), strict=True)
+    ]
+    return ",".join(written) + "\n"
+
+
+def _quoted(text: str) -> str:
+    """A cell as `csv` writes it."""
+    return '"' + text.replace('"', '""') + '"' if _SPECIAL.search(text) else text
 
 
 @gate
@@ -285,8 +302,10 @@ def cells_of(row: ContactRow) -> dict[str, int | float | bool | str]:
         if len(names) == 1:  # most of them: NumPy would take longer than all else
             cells[names[0]] = value.item() if isinstance(value, np.generic | np.ndarray) else value
             continue
-        value = value[_UPPER] if np.ndim(value) == 2 else value
-        cells |= zip(names, np.ravel(value).tolist(), strict=True)
+        several = np.asarray(value).tolist()
+        if isinstance(several[0], list):  # the upper triangle
+            several = [cell for begin, line in enumerate(several) for cell in line[begin:]]
+        cells.update(zip(names, several, strict=True))
     cells["reason"] = " ".join(row.reason.split())
     return cells
 

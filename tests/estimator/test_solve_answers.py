@@ -21,7 +21,7 @@ RIGS = {
     "exact": Setup(real=True, exact=True),
     "fisheye": Setup(lens="fisheye", real=True, exact=False),
 }
-ROUNDING = 5e-4
+ROUNDING = 1e-3
 """In standard deviations: the rig's derivatives are taken where a rough descent ended, which need not be the same."""
 NOT_SEARCHED = 0.05
 """The same without contact: the distance is then where the best force of a grid is."""

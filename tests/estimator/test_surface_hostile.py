@@ -56,6 +56,15 @@ def test_contacts_in_one_place() -> None:
     assert np.abs(surface.touched_m - surface.touched_m[0]).max() < 1e-6
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_places_that_are_known_along_one_line_only(seed: int) -> None:
+    """Across it, rounding leaves a variance that is a little below zero."""
+    rng = np.random.default_rng(seed)
+    one = picked(noisy(SPHERE, seed=seed), slice(1))
+    flat = rng.standard_normal((3, 1)) * 1e-4
+    sound(reconstruct(replace(one, own_m2=(flat @ flat.T)[None]), RADIUS_M), 1)
+
+
 def test_without_tangents_a_line_does_not_know_its_normals() -> None:
     height = np.linspace(-0.02, 0.02, 25)
     points = np.array([0.16, 0.035, 0.0]) + np.outer(height, [0.0, 0.0, 1.0])

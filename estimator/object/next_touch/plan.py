@@ -16,7 +16,7 @@ from estimator.object.friction import Friction
 from estimator.object.surface.build import fitted
 from estimator.object.surface.fit import Fit, fit
 from estimator.object.surface.patches import LocalTouches, curve, height_field
-from estimator.object.surface.solution import Equations, Solution, covariance, pairs, values_at, variance
+from estimator.object.surface.solution import Equations, Solution, covariance, values_at, variance
 from estimator.object.surface.touches import touches_of
 from estimator.solver.linearised import linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
@@ -239,7 +239,7 @@ def _seen(solution: Solution, index: int, new: Equations) -> _Seen:
     modes = np.concatenate([each.equations.modes for each in solution.patches])
     old = new.modes @ modes.T + solution.seen_by(index, new.rows)
     half = solve_triangular(solution.lower, old.T, lower=True, check_finite=False)
-    whole = covariance(pairs(new.rows, new.rows), model.prior) + new.noise + new.modes @ new.modes.T
+    whole = covariance(new.rows, new.rows, model.prior) + new.noise + new.modes @ new.modes.T
     whole += np.diag((model.slack_rad * new.slack) ** 2)
     return _Seen(new, half, whole - half.T @ half, new.force_N - old @ solution.lift)
 
@@ -269,7 +269,7 @@ def _of_surface(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.nda
         new = _seen(solution, index, _equations(found, index, reach, seen, m))
         size = len(new.equations)
         with_targets = [-half.T @ new.half for half in halves]
-        with_targets[index] += covariance(pairs(rows[index], new.equations.rows), solution.patches[index].prior)
+        with_targets[index] += covariance(rows[index], new.equations.rows, solution.patches[index].prior)
         cross = np.concatenate(with_targets)
         for place, row in enumerate(m.tolist()):
             own = _own(place, len(m), size)

@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 
-from .fit import CONVERGED, Fit, begin, deviations_along, fit
+from .fit import CONVERGED, Fit, begin, deviations_along, fit, with_common_errors
 from .patches import IGNORED, LINK_FACTOR, UNSEEN_BEND_PER_M, across_curve, bridged_gap, tree_gaps
 from .touches import Touches, touches_of
 
@@ -175,7 +175,7 @@ def _compliance_of(fit: Fit) -> Compliance:
 
 
 def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) -> Surface:
-    touches, count = found.touches, len(found.touches)
+    touches, count, normals = found.touches, len(found.touches), with_common_errors(found)
     touched, touched_std, label = np.empty((count, 3)), np.empty(count), np.empty(count, int)
     pieces = []
     for index, patch in enumerate(found.patches):
@@ -205,9 +205,9 @@ def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) 
         **{name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]},
         patch=np.repeat(np.arange(len(pieces)), sizes),
         touched_m=touched,
-        touched_normal=found.normals.normal,
-        touched_normal_covariance=found.normals.covariance,
-        touched_normal_modes=found.normals.modes,
+        touched_normal=normals.normal,
+        touched_normal_covariance=normals.covariance,
+        touched_normal_modes=normals.modes,
         touched_std_m=(1.0 if known else np.nan) * touched_std,
         touched_patch=label,
         touched_row=touches.row,

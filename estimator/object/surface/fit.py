@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import eigh
+from scipy.sparse.linalg import eigsh
 
 from vbaa_calib.geometry.independent_axes import largest_std
 
@@ -60,6 +61,7 @@ class Fit:
     solution: Solution
     state: _FitState
     point_m: np.ndarray  # (P, 3) taken for the surface's
+    seen: list[LocalTouches]  # of each patch
     normals: Normals
 
     def local(self, patch: Patch) -> np.ndarray:
@@ -88,10 +90,9 @@ class Fit:
         """Points (V, 3) of a curve over places (V,), world, and covariances (V, 2, 2) across it in its frame."""
         patch = self.patches[index]
         rows = patch.value_rows(over_m[:, None])
-        across, joint = self.solution.mean(index, rows).reshape(2, -1), self.solution.joint([(index, rows)])
-        pair = np.arange(len(over_m))[:, None] + [0, len(over_m)]
+        across = self.solution.mean(index, rows).reshape(2, -1)
         points = patch.center_m + np.column_stack([over_m, *across]) @ patch.frame
-        return points, joint[pair[:, :, None], pair[:, None, :]]
+        return points, self.solution.joint_in_place(index, rows)
 
 
 def deviations_along(side: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -155,8 +156,12 @@ def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], s
         same = (before == state.widened).all()  # what is left out now was left out of the solution
         if turn >= _ROUNDS - 1 and same and abs(solution.compliance_m_N) <= _STILL * np.sqrt(solution.variance):
             break
-    normals = _estimate_normals(touches, patches, solution, seen, common=True)
-    return Fit(touches, patches, solution, state, points, normals)
+    return Fit(touches, patches, solution, state, points, seen, normals)
+
+
+def with_common_errors(found: Fit) -> Normals:
+    """A fit's normals with the part of their errors that the touches have in common."""
+    return _estimate_normals(found.touches, found.patches, found.solution, found.seen, common=True)
 
 
 def _surface_points(
@@ -239,7 +244,7 @@ def _estimate_normals(
     """The normals; `common`: with the part of their errors that the touches have in common."""
     count = len(touches)
     normal, own, by_slope = np.empty((count, 3)), np.empty((count, 3, 3)), np.zeros((count, 3, 2))
-    views, pair, begin = [], np.empty((count, 2), int), 0
+    views, in_place = [], np.empty((count, 2, 2))
     for index, (patch, shown) in enumerate(zip(patches, seen, strict=True)):
         m, size, frame = patch.members, len(patch.members), patch.frame
         # what is left out of the shape is known as well as it was: to where its normal belongs
@@ -253,10 +258,17 @@ def _estimate_normals(
         else:
             found, turns, left = _of_curve(given, slope, touches.force_N[m] @ frame.T)
         normal[m], by_slope[m], own[m] = found @ frame, frame.T[None] @ turns, frame.T @ left @ frame
-        pair[m] = begin + np.arange(size)[:, None] + [0, size]
-        begin += 2 * size
-    joint = solution.joint(views)
-    shape = by_slope @ joint[pair[:, :, None], pair[:, None, :]] @ np.swapaxes(by_slope, 1, 2)
+        if not common:
+            in_place[m] = solution.joint_in_place(index, rows)
+    if common:
+        sizes = [len(patch.members) for patch in patches]
+        starts = np.cumsum([0, *(2 * size for size in sizes)])
+        pair = np.empty((count, 2), int)
+        for patch, start, size in zip(patches, starts, sizes, strict=False):
+            pair[patch.members] = start + np.arange(size)[:, None] + [0, size]
+        joint = solution.joint(views)
+        in_place = joint[pair[:, :, None], pair[:, None, :]]
+    shape = by_slope @ in_place @ np.swapaxes(by_slope, 1, 2)
     values, axes = np.linalg.eigh(shape + own)
     believed = np.minimum(1.0, _UNKNOWN_RAD / np.sqrt(np.maximum(values, 1e-30)))
     # an unknown direction must not take the others along
@@ -267,9 +279,17 @@ def _estimate_normals(
         by_slope, size, kept = held @ by_slope, 3 * count, min(_MODES, 3 * count)
         ordered = joint[np.ix_(pair.ravel(), pair.ravel())].reshape(count, 2, count, 2)
         turned = np.einsum("pia,paqb,qjb->piqj", by_slope, ordered, by_slope, optimize=True)
-        variance, axes = eigh(turned.reshape(size, size), subset_by_index=(size - kept, size - 1))
+        variance, axes = _largest(turned.reshape(size, size), kept)
         modes = (axes * np.sqrt(np.maximum(variance, 0.0))).reshape(count, 3, kept)
     return Normals(normal, covariance, modes)
+
+
+def _largest(covariance: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The largest variances (K,) and their axes (N, K): of many by Lanczos' method."""
+    size = len(covariance)
+    if size < 10 * count:
+        return eigh(covariance, subset_by_index=(size - count, size - 1))
+    return eigsh(covariance, count, v0=np.ones(size))
 
 
 def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turned:
@@ -320,7 +340,7 @@ def _of_curve(seen: LocalTouches, slope: np.ndarray, force: np.ndarray) -> _Turn
     variance = np.where(held, _tangent_variance(seen, normal), 1.0)
     own = variance[:, None, None] * open_turn[:, :, None] * open_turn[:, None, :]
     # a touch's own error along the curve takes it to where that has another direction
-    moved = np.sqrt(seen.own_m2[:, :1, 0]) * np.einsum("nij,nj->ni", by_slope, seen.bend_per_m[:, :, 0])
+    moved = np.sqrt(np.maximum(seen.own_m2[:, :1, 0], 0.0)) * np.einsum("nij,nj->ni", by_slope, seen.bend_per_m[:, :, 0])
     return normal, by_slope, own + moved[:, :, None] * moved[:, None, :]
 
 

@@ -4,6 +4,7 @@ linearised: y = views of the shape + compliance + errors."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -215,6 +216,12 @@ def _project(side: np.ndarray, modes: np.ndarray) -> np.ndarray:
 
 def _noise(sides: list[np.ndarray], owners: list[np.ndarray], own_m2: np.ndarray, least: list[float]) -> np.ndarray:
     """(M, M) covariance of sides (N, 3) of the errors of their owners; errors of different touches are independent."""
-    side, owner = np.concatenate(sides), np.concatenate(owners)
-    result = np.einsum("ai,aij,bj->ab", side, own_m2[owner], side) * (owner[:, None] == owner[None])
-    return result + np.diag(np.concatenate([np.full(len(o), std**2) for o, std in zip(owners, least, strict=True)]))
+    starts = np.cumsum([0, *map(len, owners)])
+    result = np.diag(np.repeat(np.square(least), np.diff(starts)))
+    for a, b in combinations_with_replacement(range(len(sides)), 2):
+        both, here, there = np.intersect1d(owners[a], owners[b], return_indices=True)
+        own = np.einsum("ni,nij,nj->n", sides[a][here], own_m2[both], sides[b][there])
+        result[starts[a] + here, starts[b] + there] += own
+        if a != b:
+            result[starts[b] + there, starts[a] + here] += own
+    return result

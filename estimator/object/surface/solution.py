@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve, solve_triangular
+from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
-from scipy.spatial.distance import cdist
 
 from vbaa_calib.core.arrays import Rows
+from vbaa_calib.native import core
 
 _MOST_EQUATIONS = 480  # more are thinned for this search: three numbers need no more
 _INCLINE = 2.0  # prior standard deviation of the trend's slope over the tangent plane: any that a patch may have
@@ -58,28 +59,16 @@ class Prior:
         return 5.0 * self.amplitude_m**2 / (3.0 * self.length_m**2)
 
 
-@dataclass(frozen=True, eq=False)
-class _Pairs:
-    """What does not change with the prior between N and M views, (N, M) each: products of their values and slopes."""
-
-    distance_m: np.ndarray
-    values: np.ndarray
-    mixed: np.ndarray
-    slopes: np.ndarray
-    along: np.ndarray
-    linear: np.ndarray
-
-
 def values_at(x: np.ndarray, value: np.ndarray) -> Functionals:
     """Sums of the functions' values (N, C) at places (N, D); `value` (C,) stands for all."""
-    value = np.broadcast_to(value, (len(x), np.shape(value)[-1]))
-    return Functionals(x, value, np.zeros((*value.shape, x.shape[1])))
+    value = np.ascontiguousarray(np.broadcast_to(value, (len(x), np.shape(value)[-1])))
+    return Functionals(np.ascontiguousarray(x), value, np.zeros((*value.shape, x.shape[1])))
 
 
 def slopes_at(x: np.ndarray, slope: np.ndarray) -> Functionals:
     """Sums of the functions' slopes at places (N, D) along directions (N, C, D), which need not have length 1."""
-    slope = np.broadcast_to(slope, (len(x), *np.shape(slope)[-2:]))
-    return Functionals(x, np.zeros(slope.shape[:2]), slope)
+    slope = np.ascontiguousarray(np.broadcast_to(slope, (len(x), *np.shape(slope)[-2:])))
+    return Functionals(np.ascontiguousarray(x), np.zeros(slope.shape[:2]), slope)
 
 
 def concatenate(*parts: Functionals) -> Functionals:
@@ -87,43 +76,18 @@ def concatenate(*parts: Functionals) -> Functionals:
     return Functionals(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
 
 
-def pairs(a: Functionals, b: Functionals) -> _Pairs:
-    """Every view of a with every view of b."""
-    mixed, along = np.zeros((2, len(a), len(b)))
-    for index in range(a.value.shape[1]):
-        value_a, slope_a, value_b, slope_b = a.value[:, index], a.slope[:, index], b.value[:, index], b.slope[:, index]
-        along_a = np.sum(a.x * slope_a, axis=1)[:, None] - slope_a @ b.x.T
-        along_b = a.x @ slope_b.T - np.sum(b.x * slope_b, axis=1)
-        mixed += value_a[:, None] * along_b - value_b * along_a
-        along += along_a * along_b
-    values, slopes = a.value @ b.value.T, a.slope.reshape(len(a), -1) @ b.slope.reshape(len(b), -1).T
-    return _Pairs(cdist(a.x, b.x), values, mixed, slopes, along, a.of_lines @ b.of_lines.T)
+def covariance(a: Functionals, b: Functionals, prior: Prior) -> np.ndarray:
+    """(N, M) prior covariance of views."""
+    return np.asarray(core.surface.covariance(a, b, prior, False)[0])
 
 
-def covariance(between: _Pairs, prior: Prior) -> np.ndarray:
-    """(N, M) prior covariance of the views."""
-    scaled = np.sqrt(5.0) / prior.length_m * between.distance_m
-    result = between.values * (prior.amplitude_m**2 * (1.0 + scaled + scaled**2 / 3.0))
-    result += (prior.steepness * (1.0 + scaled)) * (between.mixed + between.slopes)
-    result -= (prior.steepness * 5.0 / prior.length_m**2) * between.along
-    result *= np.exp(-scaled)
-    return result + prior.offset_m**2 * between.values + prior.incline**2 * between.linear
-
-
-def _covariance_by_log_length(between: _Pairs, prior: Prior) -> np.ndarray:
-    """(N, M) derivative of `covariance` by the logarithm of the prior's length."""
-    scaled = np.sqrt(5.0) / prior.length_m * between.distance_m
-    result = between.values * (prior.amplitude_m**2 * scaled**2 * (1.0 + scaled) / 3.0)
-    result += (prior.steepness * (scaled**2 - 2.0 * scaled - 2.0)) * (between.mixed + between.slopes)
-    result -= (prior.steepness * 5.0 / prior.length_m**2 * (scaled - 4.0)) * between.along
-    return np.asarray(result * np.exp(-scaled))
-
-
-def variance(rows: Functionals, prior: Prior) -> np.ndarray:
-    """(N,) prior variance of each view, the diagonal of `covariance(pairs(rows, rows), prior)`."""
-    result = (rows.value**2).sum(axis=1) * (prior.amplitude_m**2 + prior.offset_m**2)
-    result = result + prior.steepness * (rows.slope**2).sum(axis=(1, 2))
-    return np.asarray(result + prior.incline**2 * (rows.of_lines**2).sum(axis=1))
+def variance(rows: Functionals, prior: Prior, others: Functionals | None = None) -> np.ndarray:
+    """(N,) prior variance of each view, or its covariance with another one at the same place: a diagonal of
+    `covariance(rows, others, prior)`."""
+    others = rows if others is None else others
+    result = (rows.value * others.value).sum(axis=1) * (prior.amplitude_m**2 + prior.offset_m**2)
+    result = result + prior.steepness * (rows.slope * others.slope).sum(axis=(1, 2))
+    return np.asarray(result + prior.incline**2 * (rows.of_lines * others.of_lines).sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +121,7 @@ class PatchModel:
 
     def seen_by(self, rows: Functionals) -> np.ndarray:
         """(Q, M) prior covariance of views with the equations."""
-        return covariance(pairs(rows, self.equations.rows), self.prior)
+        return covariance(rows, self.equations.rows, self.prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,10 +160,22 @@ class Solution:
     def joint(self, views: list[tuple[int, Functionals]]) -> np.ndarray:
         """(Q, Q) covariance of views of several patches, one after the other."""
         seen = np.concatenate([self.seen_by(patch, rows) for patch, rows in views])
-        prior = block_diag(*(covariance(pairs(rows, rows), self.patches[patch].prior) for patch, rows in views))
+        prior = block_diag(*(covariance(rows, rows, self.patches[patch].prior) for patch, rows in views))
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
         lifted = seen @ self.lift
         return prior - half.T @ half + self.variance * np.outer(lifted, lifted)
+
+    def joint_in_place(self, patch: int, rows: Functionals) -> np.ndarray:
+        """(N, 2, 2) covariances of the first N views of a patch with the last N, which are of the same places."""
+        seen, count, prior = self.seen_by(patch, rows), len(rows) // 2, self.patches[patch].prior
+        half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
+        lifted, sides = seen @ self.lift, [slice(0, count), slice(count, None)]
+        found = np.empty((count, 2, 2))
+        for a, b in ((0, 0), (0, 1), (1, 1)):
+            of, to = sides[a], sides[b]
+            left = variance(rows.picked(of), prior, rows.picked(to)) - np.einsum("mn,mn->n", half[:, of], half[:, to])
+            found[:, a, b] = found[:, b, a] = left + self.variance * lifted[of] * lifted[to]
+        return found
 
     @property
     def leave_one_out_residuals(self) -> np.ndarray:
@@ -245,7 +221,6 @@ def learn_prior(
     # at random: evenly spaced ones of strokes that repeat would all lie at the same places
     thin = np.sort(np.random.default_rng(0).choice(len(equations), count, replace=False))
     rows, y, slack = equations.rows.picked(thin), equations.y[thin], equations.slack[thin]
-    between = pairs(rows, rows)
     modes = np.column_stack([equations.modes[thin], yield_per_N * equations.force_N[thin]])
     fixed = equations.noise[np.ix_(thin, thin)] + modes @ modes.T
     free = 3 if slack.any() else 2
@@ -260,7 +235,7 @@ def learn_prior(
         The trend's variance is so large that in one sum with the rest it would take half of the digits.
         """
         prior, turn = prior_of(logs)
-        shape = covariance(between, replace(prior, offset_m=0.0, incline=0.0))
+        shape, by_log_length = core.surface.covariance(rows, rows, replace(prior, offset_m=0.0, incline=0.0), True)
         doubt = (turn * slack) ** 2
         whole = shape + fixed + np.diag(doubt)
         try:
@@ -269,18 +244,20 @@ def learn_prior(
             # a search that meets a wall stops there: somewhat rougher numbers lead on
             lower = np.linalg.cholesky(whole + _ROUGHER * np.diag(np.diag(whole)))
         # the columns H in the middle have the trend's covariance H·Hᵀ
-        columns = np.column_stack([np.eye(count), prior.offset_m * rows.value, prior.incline * rows.of_lines, y])
-        white = solve_triangular(lower, columns, lower=True, check_finite=False)
-        inverse, lines, seen = white[:, :count], white[:, count:-1], white[:, -1]
+        trend = np.column_stack([prior.offset_m * rows.value, prior.incline * rows.of_lines])
+        white = solve_triangular(lower, np.column_stack([trend, y]), lower=True, check_finite=False)
+        lines, seen = white[:, :-1], white[:, -1]
+        inverse = np.tril(dpotri(lower, lower=1)[0])
+        inverse += np.tril(inverse, -1).T
         inner = np.linalg.cholesky(np.eye(lines.shape[1]) + lines.T @ lines)
         course = cho_solve((inner, True), lines.T @ seen)
         rest = seen - lines @ course
-        weights = inverse.T @ rest
+        weights = solve_triangular(lower, rest, lower=True, trans="T", check_finite=False)
         unlikely = 0.5 * float(rest @ rest + course @ course)
         unlikely += float(np.log(np.diag(lower)).sum() + np.log(np.diag(inner)).sum())
-        along = solve_triangular(inner, lines.T @ inverse, lower=True)
-        left = inverse.T @ inverse - along.T @ along - np.outer(weights, weights)
-        by_length = np.sum(left * _covariance_by_log_length(between, prior))
+        along = solve_triangular(inner, trend.T @ inverse, lower=True)
+        left = inverse - along.T @ along - np.outer(weights, weights)
+        by_length = np.sum(left * by_log_length)
         slopes = np.array([by_length, 2.0 * np.sum(left * shape), 2.0 * np.diag(left) @ doubt])
         away = (logs - _BEST[:free]) / _WIDTH[:free]
         return unlikely + 0.5 * float(away @ away), 0.5 * slopes[:free] + away / _WIDTH[:free]
@@ -310,4 +287,6 @@ def _newton(logs: np.ndarray, slope_at: Callable[[np.ndarray], np.ndarray]) -> n
             break
         logs = logs.copy()
         logs[inside] += step
+        if np.abs(step).max() < 10.0 * _STEP:
+            break  # the next one would be a thousandth of it
     return np.clip(logs, low, high)

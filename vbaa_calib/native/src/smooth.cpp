@@ -171,6 +171,29 @@ Array<double, 1> running_mean(ConstVector values, int size, Beyond beyond) {
     return means;
 }
 
+Array<double, 1> running_medians(ConstVector values, int size) {
+    Array<double, 1> medians(values.size() - size + 1);
+    std::vector<double> sorted(values.begin(), values.begin() + size);
+    std::sort(sorted.begin(), sorted.end());
+    for (int i = 0; i < medians.size(); ++i) {
+        if (i > 0) {
+            sorted.erase(std::lower_bound(sorted.begin(), sorted.end(), values[i - 1]));
+            const double next = values[i + size - 1];
+            sorted.insert(std::upper_bound(sorted.begin(), sorted.end(), next), next);
+        }
+        medians[i] = 0.5 * (sorted[(size - 1) / 2] + sorted[size / 2]);
+    }
+    return medians;
+}
+
+Array<double, 1> running_maxima(ConstVector values, int size) {
+    Array<double, 1> maxima(values.size() - size + 1);
+    for (int i = 0; i < maxima.size(); ++i) {
+        maxima[i] = *std::max_element(values.begin() + i, values.begin() + i + size);
+    }
+    return maxima;
+}
+
 Array<double, 2> triangle_sums(ConstMatrix values, int count) {
     const int rows = values.shape[0], columns = values.shape[1], ahead = count - count / 2;
     Array<double, 2> once(rows, columns), twice(rows, columns);

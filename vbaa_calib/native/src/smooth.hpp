@@ -39,6 +39,10 @@ void solve_definite(Matrix matrix, Matrix sides);
 void running_mean(ConstVector values, int size, Beyond beyond, Vector means);
 Array<double, 1> running_mean(ConstVector values, int size, Beyond beyond);
 
+// Medians (N − size + 1,) and largest (N − size + 1,) of `size` neighbours each, at most N.
+Array<double, 1> running_medians(ConstVector values, int size);
+Array<double, 1> running_maxima(ConstVector values, int size);
+
 // Sums (N, M) of `count` neighbours along the first axis, over a triangle whose weight in the middle is one.
 Array<double, 2> triangle_sums(ConstMatrix values, int count);
 

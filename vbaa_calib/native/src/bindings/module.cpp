@@ -12,5 +12,6 @@ NB_MODULE(core, module) {
     vbaa::bind_simulate(module);
     vbaa::bind_solver(module);
     vbaa::bind_search(module);
+    vbaa::bind_surface(module);
     vbaa::bind_profile(module);
 }

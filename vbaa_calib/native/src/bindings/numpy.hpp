@@ -153,6 +153,7 @@ void bind_antenna(nb::module_& module);
 void bind_simulate(nb::module_& module);
 void bind_solver(nb::module_& module);
 void bind_search(nb::module_& module);
+void bind_surface(nb::module_& module);
 void bind_profile(nb::module_& module);
 
 }  // namespace vbaa

@@ -77,6 +77,16 @@ void bind_smooth(nb::module_& room) {
         require(size > 0 && size < LONG, "a mean is of one value at least");
         return to_numpy(running_mean(view(values), size, beyond));
     });
+    const auto of_numbers = [](InVector values, int size) {
+        require(size > 0 && static_cast<std::size_t>(size) <= values.size(),
+                "of one value at least, and of all at most");
+        for (const double each : view(values)) require(!std::isnan(each), "values must be numbers");
+        return view(values);
+    };
+    room.def("running_medians",
+             [=](InVector values, int size) { return to_numpy(running_medians(of_numbers(values, size), size)); });
+    room.def("running_maxima",
+             [=](InVector values, int size) { return to_numpy(running_maxima(of_numbers(values, size), size)); });
     room.def("triangle_sums", [](InMatrix values, int count) {
         require(count > 0 && count < LONG, "a triangle has one value at least");
         return to_numpy(triangle_sums(view(values), count));

@@ -35,11 +35,18 @@ double along_sight(const Rig& rig, const Unknowns& unknowns) {
 
 }  // namespace
 
-void try_start(const Rig& rig, const Frame& frame, int rung, const Unknowns& start, Fit& best, Alternative& other,
-               Work& work) {
+bool rough_minimum(const Rig& rig, const Few& few, const Unknowns& start, bool with_feet, Fit& rough) {
+    few.work.most = few.work.evaluations + MOST_EVALUATIONS;
+    rough.unknowns = start;
+    coarse_minimum(rig, few.frame, few.rung, rough, few.work, with_feet, 1.0, COARSE_ITERATIONS);
+    return rough.cost == rough.cost;
+}
+
+void try_start(const Rig& rig, const Frame& frame, int rung, const Unknowns& start, const Fit* rough, Fit& best,
+               Alternative& other, Work& work) {
     Fit& found = work.found;
     found.unknowns = start;
-    converge(rig, frame, rung, found, work, false);
+    converge(rig, frame, rung, rough, found, work, false);
     const double own = unscaled_cost(rig, best), cost = unscaled_cost(rig, found);
     const bool better = found.converged && (cost < own || !best.converged);
     const double loser = better ? own : cost;
@@ -142,13 +149,16 @@ bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit) {
     return true;
 }
 
-void try_mirrors(const Rig& rig, const Frame& frame, int rung, Unknowns unknowns, Fit& best, Alternative& other,
-                 Work& work) {
+void try_mirrors(const Rig& rig, const Frame& frame, const Few& few, int rung, Unknowns unknowns, Fit& best,
+                 Alternative& other, Work& work) {
+    Fit& rough = few.work.other;
     const double along = along_sight(rig, unknowns), sway = tip_deflection(rig, unknowns[0]);
     const auto try_along = [&](double part) {
         Unknowns start = unknowns;
         for (int axis = 0; axis < 2; ++axis) start[1 + axis] += part * rig.to_camera[axis];
-        try_start(rig, frame, rung, start, best, other, work);
+        const bool known = rough_minimum(rig, few, start, false, rough);
+        if (known && !different(best.unknowns, rough.unknowns)) return;
+        try_start(rig, frame, rung, known ? rough.unknowns : start, known ? &rough : nullptr, best, other, work);
     };
     for (double part : MIRRORED) try_along(part * along);
     for (double large : LARGE_DEFLECTIONS) try_along(large / sway - along);

@@ -11,9 +11,20 @@ struct Alternative {
     double cost;
 };
 
-// Fits a frame from another start: the better fit is kept, the next best remembered if it is different.
-void try_start(const Rig& rig, const Frame& frame, int rung, const Unknowns& start, Fit& best, Alternative& other,
-               Work& work);
+// A few of a frame's points, on which rough minima are searched, and the rung for that.
+struct Few {
+    const Frame& frame;
+    Work& work;
+    int rung;
+};
+
+// The rough minimum that unknowns lead to, with feet near the right ones, if known; whether there is one.
+bool rough_minimum(const Rig& rig, const Few& few, const Unknowns& start, bool with_feet, Fit& rough);
+
+// Fits a frame from another start, and from a rough fit if that is there: the better fit is kept, the next best
+// remembered if it is different.
+void try_start(const Rig& rig, const Frame& frame, int rung, const Unknowns& start, const Fit* rough, Fit& best,
+               Alternative& other, Work& work);
 
 // Whether unknowns are those of different contacts.
 bool different(const Unknowns& first, const Unknowns& second);
@@ -50,7 +61,7 @@ bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit);
 
 // Fits from contacts that may look like these unknowns: the mirror image, the least force that the picture asks for,
 // and forces that bend the antenna far before and behind the mirror.
-void try_mirrors(const Rig& rig, const Frame& frame, int rung, Unknowns unknowns, Fit& best, Alternative& other,
-                 Work& work);
+void try_mirrors(const Rig& rig, const Frame& frame, const Few& few, int rung, Unknowns unknowns, Fit& best,
+                 Alternative& other, Work& work);
 
 }  // namespace vbaa::solver

@@ -13,10 +13,11 @@ namespace vbaa::solver {
 namespace {
 
 constexpr int ITERATIONS = 40;
-// A step that promises to lower the cost by less is the last: a hundredth of a standard deviation, or a tenth.
-constexpr double TOLERANCE = 1e-4, COARSE_TOLERANCE = 1e-2;
-// A step that promises less than this part of the tolerance is not even taken.
-constexpr double NEGLIGIBLE = 0.1;
+// A step that promises to lower the cost by less is the last, and taken as the linear problem has it: a hundredth of a
+// standard deviation, or one.
+constexpr double TOLERANCE = 1e-4, COARSE_TOLERANCE = 1.0;
+// Change of the distance or the tip's deflection, in antenna lengths, after which the rig's derivatives are renewed.
+constexpr double FAR = 0.02;
 // A rise of the cost by less is none: it is no better known while the feet are not yet the nearest.
 constexpr double COST_NOISE = 1e-3;
 // Least damping, on a unit diagonal, after a step that was poorly predicted.
@@ -29,15 +30,11 @@ constexpr double LONGEST = 0.2;
 constexpr double AHEAD = 1e-3;
 // A distance this near to the tip is fixed there if that costs no more than this: two standard deviations.
 constexpr double NEAR_TIP = 0.03, TIP_COST = 2.0;
-// Change of the distance or the tip's deflection, in antenna lengths, after which the rig's derivatives are renewed.
-constexpr double FAR = 0.02;
 // The scatter is estimated again until it changes by less than this part.
 constexpr int ROUNDS = 3;
 constexpr double SCATTER_CHANGE = 0.1;
 // Evaluations for each search while most points lie far off every fit so far.
 constexpr int MOST_HOPELESS = 60;
-constexpr double POLISH_TOLERANCE = 1e-6;
-constexpr int POLISH_ITERATIONS = 3;
 
 // Residuals and normal equations again, of the same prediction.
 void renew(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
@@ -45,13 +42,21 @@ void renew(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
     normal_equations(rig, fit, 0, work.product);
 }
 
-// The fit at its unknowns, with the rig as calibrated and its derivatives for small deflections.
-void begin(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, bool with_feet, double scatter) {
-    fill(fit.steps.view(), 0.0);
+// The fit at its unknowns, with a rough fit's rig steps and derivatives by them, or else the rig as calibrated and its
+// derivatives for small deflections.
+void begin(const Rig& rig, const Frame& frame, int rung, const Fit* rough, Fit& fit, Work& work, bool with_feet,
+           double scatter) {
     fit.scatter = scatter;
     fit.converged = fit.at_tip = false;
+    if (rough != nullptr) {
+        fit.steps = rough->steps;
+        fit.columns = rough->columns;
+        fit.reading_columns = rough->reading_columns;
+    } else {
+        fill(fit.steps.view(), 0.0);
+    }
     predict(rig, frame, rung, work.bent, fit, true);
-    rig_jacobian(rig, frame, LINEAR, work.bent, fit);
+    if (rough == nullptr) rig_jacobian(rig, frame, LINEAR, work.bent, fit);
     if (!with_feet) nearest_feet(rig, frame, fit);
     renew(rig, frame, fit, work);
 }
@@ -90,45 +95,14 @@ double damped_step(const Rig& rig, const Fit& fit, double damping, Work& work) {
     return promise;
 }
 
-// The minimum below a fit, converged or not.
-//
-// A step that raises the cost is accepted once, since along a bent valley the next one may lower it; if that one does
-// not either, the descent goes on from its lowest state, damped.
-void descend(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, double tolerance, int iterations) {
-    double damping = 0.0, least = fit.cost;
-    bool uphill = false, stale = false, done = false;
-    for (int iteration = 0; iteration < iterations; ++iteration) {
-        const double promise = damped_step(rig, fit, damping, work);
-        done = done || (promise < NEGLIGIBLE * tolerance && !uphill);
-        if ((done && !stale) || work.evaluations >= work.most) break;
-        if (done) fill(work.step.view(), 0.0);
-        const bool last = promise < tolerance;
-        const double before = fit.cost;
-        if (!uphill) keep(fit, work.kept);
-        fit.unknowns = moved_unknowns(rig, fit.unknowns, work.step.begin());
-        for (int k = 0; k < fit.steps.size(); ++k) fit.steps[k] += work.step[UNKNOWNS + k];
-        evaluate(rig, frame, rung, fit, work);
-        const bool better = fit.cost <= least + COST_NOISE || done;
-        done = done || (last && !uphill);
-        const double gain = (before - fit.cost) / std::max(promise, 1e-300);
-        if (better) {
-            if (gain > 0.75) damping *= 0.1;
-            if (gain < 0.25) damping = std::max(4.0 * damping, DAMPING);
-            least = fit.cost;
-            uphill = stale = false;
-            continue;
-        }
-        const bool back = uphill || done || !(fit.cost < MOST_COST * least);
-        if (back) {
-            go_back(work.kept, fit);
-            damping = std::max(10.0 * damping, DAMPING);
-        }
-        uphill = !back;
-        stale = true;
+void evaluate_at(const Rig& rig, const Frame& frame, int rung, bool with_rig, Fit& fit, Work& work) {
+    ++work.evaluations;
+    predict(rig, frame, rung, work.bent, fit, true);
+    if (with_rig) {
+        rig_jacobian(rig, frame, rung, work.bent, fit);
+        work.slopes_at = fit.unknowns;
     }
-    if (uphill) go_back(work.kept, fit);
-    fit.converged = done;
-    if (stale) evaluate(rig, frame, rung, fit, work);
+    renew(rig, frame, fit, work);
 }
 
 // Whether a descent went so far that the rig's derivatives have changed.
@@ -138,29 +112,100 @@ bool moved_far(const Rig& rig, const Unknowns& start, const Unknowns& end) {
     return std::abs(end[0] - start[0]) > FAR || bent > FAR;
 }
 
-// The minimum with the rig's derivatives taken near it: where a rough descent ends.
-void descend_with_rig(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work) {
-    Unknowns start = {};
-    descend(rig, frame, rung, fit, work, COARSE_TOLERANCE, ITERATIONS);
-    for (int turn = 0; turn < 1 + ROUNDS && (turn == 0 || moved_far(rig, start, fit.unknowns)); ++turn) {
-        start = fit.unknowns;
-        rig_jacobian(rig, frame, rung, work.bent, fit);
-        renew(rig, frame, fit, work);
-        descend(rig, frame, rung, fit, work, TOLERANCE, ITERATIONS);
-    }
+void move(const Rig& rig, const double* step, Fit& fit) {
+    fit.unknowns = moved_unknowns(rig, fit.unknowns, step);
+    for (int k = 0; k < fit.steps.size(); ++k) fit.steps[k] += step[UNKNOWNS + k];
 }
 
-// Median residual of the points over its expectation, 1 unless it is too large for noise.
-double scatter_of(const Fit& fit) {
+// How a minimum is searched: which step is the last, and whether the rig's derivatives are good as they are. Otherwise
+// they are renewed until the minimum is near: a descent is one of the same function only where they stay.
+struct Descent {
+    double tolerance;
+    bool with_slopes;
+    int iterations = ITERATIONS;
+};
+
+// The minimum below a fit, converged or not.
+//
+// A step that raises the cost is accepted once, since along a bent valley the next one may lower it; if that one does
+// not either, the descent goes on from its lowest state, damped.
+void descend(const Rig& rig, const Frame& frame, int rung, Descent how, Fit& fit, Work& work) {
+    const double tolerance = how.tolerance;
+    double damping = 0.0, least = fit.cost;
+    bool uphill = false, stale = false, undamped = false, own = how.with_slopes, near = own;
+    fit.converged = false;
+    for (int iteration = 0; iteration < how.iterations; ++iteration) {
+        double promise = damped_step(rig, fit, damping, work);
+        if (promise < tolerance && damping > 0.0 && !undamped) {
+            promise = damped_step(rig, fit, damping = 0.0, work);
+            undamped = true;
+        }
+        near = near || (own && (promise < COARSE_TOLERANCE || stale));
+        fit.converged = promise < tolerance && !uphill && own;
+        if (work.evaluations >= work.most) break;
+        if (fit.converged && stale) {
+            evaluate_at(rig, frame, rung, false, fit, work);
+            promise = damped_step(rig, fit, damping, work);
+            stale = false;
+        }
+        if (fit.converged) {
+            step_linearly(fit, work.step.begin(), work.shift);
+            move(rig, work.step.begin(), fit);
+            fit.cost -= promise;
+            break;
+        }
+        const double before = fit.cost;
+        if (!uphill) keep(fit, work.kept);
+        move(rig, work.step.begin(), fit);
+        evaluate_at(rig, frame, rung, !near, fit, work);
+        own = true;
+        const bool better = fit.cost <= least + COST_NOISE;
+        const double gain = (before - fit.cost) / std::max(promise, 1e-300);
+        if (better) {
+            if (gain > 0.75) damping *= 0.1;
+            if (gain < 0.25) damping = std::max(4.0 * damping, DAMPING);
+            least = fit.cost;
+            uphill = stale = false;
+            continue;
+        }
+        const bool back = uphill || !(fit.cost < MOST_COST * least);
+        if (back) {
+            go_back(work.kept, fit);
+            damping = std::max(10.0 * damping, DAMPING);
+        }
+        uphill = !back;
+        stale = true;
+        if (back && iteration < 2) {
+            // where it began, feet were not yet the nearest
+            evaluate_at(rig, frame, rung, false, fit, work);
+            least = fit.cost;
+            stale = false;
+        }
+    }
+    if (uphill) go_back(work.kept, fit);
+    if (stale) evaluate_at(rig, frame, rung, false, fit, work);
+}
+
+// Median residual of the points over its expectation, 1 unless it is too large for noise. Points beyond the antenna's
+// end are as far off as that end.
+double scatter_of(const Rig& rig, const Frame& frame, const Fit& fit) {
     const int count = fit.points;
     if (count == 0) return 1.0;
+    const auto square = [&](int i) {
+        double along = 0.0;
+        if (!(fit.foot_m[i] < rig.length_m)) {
+            along =
+                (frame.u()[i] - fit.u[LAST]) * fit.normal_v[LAST] - (frame.v()[i] - fit.v[LAST]) * fit.normal_u[LAST];
+        }
+        return (fit.distance[i] * fit.distance[i] + along * along) * fit.precision[i];
+    };
     const double largest = 1.0 + EXCESS_SCATTER / std::sqrt(count);
     const double bound = (largest / MAD_SCALE) * (largest / MAD_SCALE);
     int above = 0;
-    for (int i = 0; i < count; ++i) above += !(fit.distance[i] * fit.distance[i] * fit.precision[i] <= bound);
+    for (int i = 0; i < count; ++i) above += !(square(i) <= bound);
     if (above < count - count / 2) return 1.0;
     std::vector<double> size(count);
-    for (int i = 0; i < count; ++i) size[i] = std::abs(fit.distance[i]) * std::sqrt(fit.precision[i]);
+    for (int i = 0; i < count; ++i) size[i] = std::sqrt(square(i));
     const double median = MAD_SCALE * nth_smallest(size, count / 2);
     return median > largest ? std::min(median, MOST_SCATTER) : 1.0;
 }
@@ -171,39 +216,37 @@ void try_tip(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work)
     free = fit;
     fit.unknowns[0] = TIP;
     fit.at_tip = true;
-    evaluate(rig, frame, rung, fit, work);
-    descend(rig, frame, rung, fit, work, TOLERANCE, ITERATIONS);
+    evaluate_at(rig, frame, rung, true, fit, work);
+    descend(rig, frame, rung, {TOLERANCE, true}, fit, work);
     if (!(fit.cost <= free.cost + TIP_COST)) fit = free;
 }
 
 }  // namespace
 
-void converge(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, bool with_feet) {
-    begin(rig, frame, rung, fit, work, with_feet, 1.0);
-    if (fit.steps.size()) {
-        descend_with_rig(rig, frame, rung, fit, work);
-    } else {
-        descend(rig, frame, rung, fit, work, TOLERANCE, ITERATIONS);
+void converge(const Rig& rig, const Frame& frame, int rung, const Fit* rough, Fit& fit, Work& work, bool with_feet) {
+    begin(rig, frame, rung, rough, fit, work, with_feet, 1.0);
+    descend(rig, frame, rung, {TOLERANCE, false}, fit, work);
+    for (int turn = 0; turn < ROUNDS && moved_far(rig, work.slopes_at, fit.unknowns); ++turn) {
+        evaluate_at(rig, frame, rung, true, fit, work);
+        descend(rig, frame, rung, {TOLERANCE, true}, fit, work);
     }
     for (int round = 0; round < ROUNDS; ++round) {
-        const double scatter = scatter_of(fit);
+        const double scatter = scatter_of(rig, frame, fit);
         if (!(std::abs(scatter - fit.scatter) > SCATTER_CHANGE * fit.scatter)) break;
         fit.scatter = scatter;
-        renew(rig, frame, fit, work);
-        descend(rig, frame, rung, fit, work, TOLERANCE, ITERATIONS);
+        evaluate_at(rig, frame, rung, true, fit, work);
+        descend(rig, frame, rung, {TOLERANCE, true}, fit, work);
     }
     if (fit.scatter < MOST_SCATTER) work.most = MOST_EVALUATIONS;
     if (fit.unknowns[0] > TIP - NEAR_TIP) try_tip(rig, frame, rung, fit, work);
 }
 
 bool converge_there(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work) {
-    begin(rig, frame, rung, fit, work, true, 1.0);
-    rig_jacobian(rig, frame, rung, work.bent, fit);
-    renew(rig, frame, fit, work);
+    begin(rig, frame, rung, nullptr, fit, work, true, 1.0);
     fit.at_tip = true;
-    descend(rig, frame, rung, fit, work, TOLERANCE, ITERATIONS);
+    descend(rig, frame, rung, {TOLERANCE, false}, fit, work);
     fit.at_tip = false;
-    return fit.converged && scatter_of(fit) == 1.0;
+    return fit.converged && scatter_of(rig, frame, fit) == 1.0;
 }
 
 void begin_search(Work& work) {
@@ -211,16 +254,10 @@ void begin_search(Work& work) {
     work.most = std::max(work.most, granted);
 }
 
-void polish(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work) {
-    const bool converged = fit.converged;
-    descend(rig, frame, rung, fit, work, POLISH_TOLERANCE, POLISH_ITERATIONS);
-    fit.converged = converged;
-}
-
 void coarse_minimum(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, bool with_feet, double scatter,
                     int iterations) {
-    begin(rig, frame, rung, fit, work, with_feet, scatter);
-    descend(rig, frame, rung, fit, work, COARSE_TOLERANCE, iterations);
+    begin(rig, frame, rung, nullptr, fit, work, with_feet, scatter);
+    descend(rig, frame, rung, {COARSE_TOLERANCE, true, iterations}, fit, work);
 }
 
 Unknowns moved_unknowns(const Rig& rig, const Unknowns& unknowns, const double* step) {

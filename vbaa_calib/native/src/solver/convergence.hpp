@@ -18,11 +18,12 @@ constexpr double WRONG_SHAPE = 3.0;
 // Largest scatter: with more, a fit would end at its priors.
 constexpr double MOST_SCATTER = 5.0;
 
-// The minimum reached from the fit's unknowns, with the rig as calibrated and feet near the right ones, if known.
+// The minimum reached from the fit's unknowns, with feet near the right ones, if known, and the rig as in a rough fit
+// there, if there is one, else as calibrated.
 //
 // What neither noise nor rig explains (a second contact, a kink) must not be fitted as if it were exact, nor must most
 // points count as outliers for it: such a frame is fitted again with the scatter of its points.
-void converge(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, bool with_feet);
+void converge(const Rig& rig, const Frame& frame, int rung, const Fit* rough, Fit& fit, Work& work, bool with_feet);
 
 // The minimum at the fit's distance, with feet near the right ones; whether that explains the frame. A force that
 // hardly anything asks for leaves its distance open: a descent would wander along the antenna.
@@ -31,10 +32,8 @@ bool converge_there(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work
 // Grants evaluations of the model for a search; a fit that explains most points grants all.
 void begin_search(Work& work);
 
-// The same minimum to a few ten-thousandths of a deviation: whether a last step was taken must not show.
-void polish(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work);
-
-// A rough minimum reached from the fit's unknowns, the points scattering so many times more than their noise.
+// A rough minimum reached from the fit's unknowns and the rig as calibrated, the points scattering so many times more
+// than their noise.
 void coarse_minimum(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, bool with_feet, double scatter,
                     int iterations);
 

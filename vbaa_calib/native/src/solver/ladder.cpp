@@ -23,8 +23,6 @@ constexpr double LOST_SCATTER = 2.0, LOST_FRICTION = 2.5;
 constexpr double FAINT = 5.0;
 // Without a force of so many σ in any direction there is no contact whose mirror image would matter.
 constexpr double SIGNIFICANT_FORCE = 3.0;
-// Minima whose distances differ by less, in antenna lengths, are taken for the same.
-constexpr double SAME_MINIMUM = 1e-2;
 // A minimum that costs this many times the lowest one, and this much more, is dropped.
 constexpr double HOPELESS = 50.0, HOPELESS_FACTOR = 4.0;
 constexpr double NEVER = std::numeric_limits<double>::infinity(), NOT_KNOWN = std::numeric_limits<double>::quiet_NaN();
@@ -34,58 +32,89 @@ constexpr double NEVER = std::numeric_limits<double>::infinity(), NOT_KNOWN = st
 struct Search {
     const Rig &rig, &exact;
     const Frame& frame;
-    Thinned few;  // some of its points
+    Thinned some;  // of its points
     Work& work;
+    Few few;
     Grid grid;
     Starts starts;
     StartCosts costs;
+    std::array<Fit*, STARTS> rough;  // minima, in the room of the few points
 };
 
-// Replaces starts by the rough minima that they lead to on a low rung, lowest first, and their costs. Minima that
-// another start reached too, and hopeless ones, come out with infinite cost.
+// Replaces starts by the rough minima that they lead to on a rung, lowest first, and their costs. Minima that another
+// start reached too, and hopeless ones, come out with infinite cost.
 void coarse_minima(Search& search) {
-    Work work(search.rig, search.few.frame.count);
-    Fit& fit = work.best;
     for (int k = 0; k < STARTS; ++k) {
         const Unknowns& start = search.starts[k];
         const bool finite = std::all_of(start.begin(), start.end(), [](double each) { return std::isfinite(each); });
         const double cost = std::exchange(search.costs[k], NEVER);
         if (!std::isfinite(cost) || !finite) continue;
-        fit.unknowns = start;
+        Fit& fit = *search.rough[k];
         // feet near the right ones
-        for (int i = 0; i < fit.points; ++i) fit.foot_m[i] = search.work.free.foot_m[i * search.few.every];
-        coarse_minimum(search.rig, search.few.frame, LINEAR, fit, work, true, 1.0, COARSE_ITERATIONS);
+        for (int i = 0; i < fit.points; ++i) fit.foot_m[i] = search.work.free.foot_m[i * search.some.every];
+        if (rough_minimum(search.rig, search.few, start, true, fit)) search.costs[k] = fit.cost;
         search.starts[k] = fit.unknowns;
-        if (fit.cost == fit.cost) search.costs[k] = fit.cost;
     }
     for (int a = 0; a < STARTS - 1; ++a) {
         for (int b = a + 1; b < STARTS; ++b) {
             if (!(search.costs[b] < search.costs[a])) continue;
             std::swap(search.costs[a], search.costs[b]);
             std::swap(search.starts[a], search.starts[b]);
+            std::swap(search.rough[a], search.rough[b]);
         }
     }
     for (int k = 1; k < STARTS; ++k) {
-        const bool apart = std::abs(search.starts[k][0] - search.starts[0][0]) > SAME_MINIMUM;
+        const bool apart = different(search.starts[k], search.starts[0]);
         if (!(apart && search.costs[k] < HOPELESS_FACTOR * search.costs[0] + HOPELESS)) search.costs[k] = NEVER;
     }
 }
 
-// Rough minima, and the free antenna. `warm`, unknowns near the truth where finite, may take their place. A frame with
-// several descends on a low rung to see which of them are useful; with `always`, each does.
-Search begun(const Rig& rig, const Rig& exact, const Frame& frame, const Unknowns& warm, bool always, Work& work) {
-    free_antenna(rig, frame, work.free, work);
-    Thinned few = thinned(frame, COARSE_POINTS);
-    Grid grid = grid_search(rig, frame, work.free, few.every, work);
-    Search search = {rig, exact, frame, std::move(few), work, std::move(grid), {}, {}};
-    lowest_of_grid(rig, search.grid, search.starts, search.costs);
-    const bool distinct = always || largest_gain(search.grid) > FAINT;
-    if (distinct) warm_start(search.grid, warm, search.starts, search.costs);
-    if (distinct && (always || std::isfinite(search.costs[STARTS - 1]))) {
-        coarse_minima(search);
-        if (!always) {
-            for (Unknowns& start : search.starts) limit_load(rig, start);
+// Room for frames of so many points and a rig, which most have in common with the one before.
+class Room {
+  public:
+    Work& of(const Rig& rig, int points) {
+        if (!work || !fits(rig, points)) work = std::make_unique<Work>(rig, points);
+        return *work;
+    }
+
+  private:
+    bool fits(const Rig& rig, int points) const {
+        const Fit& fit = work->best;
+        const Array<double, 2>& axes = work->bent.axes;
+        if (fit.points != points || fit.size != UNKNOWNS + rig.steps()) return false;
+        if (axes.shape[0] != rig.axes.shape[0] || axes.shape[1] != whole_lanes(UNKNOWNS + rig.shared)) return false;
+        for (int q = 0; q < axes.shape[0]; ++q) {
+            const double* own = rig.axes.row(q).begin();
+            if (!std::equal(own, own + rig.shared, &axes(q, UNKNOWNS))) return false;
         }
+        return true;
+    }
+
+    std::unique_ptr<Work> work;
+};
+
+// Rough minima on a rung, and the free antenna. `warm`, unknowns near the truth where finite, may take their place.
+// Without `always` a frame that may be free keeps the starts.
+Search begun(const Rig& rig, const Rig& exact, const Frame& frame, int rung, const Unknowns& warm, bool always,
+             Work& work, Room& room) {
+    free_antenna(rig, frame, work.free, work);
+    Thinned some = thinned(frame, COARSE_POINTS);
+    Grid grid = grid_search(rig, frame, work.free, some.every, work);
+    Work& rough = room.of(rig, some.frame.count);
+    Search search = {rig,
+                     exact,
+                     frame,
+                     std::move(some),
+                     work,
+                     {search.some.frame, rough, rung},
+                     std::move(grid),
+                     {},
+                     {},
+                     {&rough.best, &rough.found}};
+    lowest_of_grid(rig, search.grid, search.starts, search.costs);
+    if (always || largest_gain(search.grid) > FAINT) {
+        warm_start(search.grid, warm, search.starts, search.costs);
+        coarse_minima(search);
     }
     return search;
 }
@@ -95,14 +124,14 @@ Search begun(const Rig& rig, const Rig& exact, const Frame& frame, const Unknown
 double left_over(const Search& search, Unknowns& nearest) {
     const Rig& rig = search.rig;
     const Fit& free = search.work.free;
-    const int every = search.few.every;
+    const int every = search.some.every;
     const LargestError error = largest_error(rig, free, every);
     nearest = search.starts[0];
-    double left = beyond_reach(rig, search.few.frame);
+    double left = beyond_reach(rig, search.some.frame);
     if (!(left > error.far)) {
         left = most_distance(rig, search.frame, free, every, search.work.shift);
         if (left > error.far) {
-            left = nearest_shape(search.exact, search.few.frame, search.grid, search.starts[0], error, nearest);
+            left = nearest_shape(search.exact, search.some.frame, search.grid, search.starts[0], error, nearest);
         }
     }
     return left > error.far ? left : NOT_KNOWN;
@@ -118,13 +147,13 @@ void search_lost(const Search& search, int rung, Alternative& other) {
     Work& work = search.work;
     Fit& best = work.best;
     if (!is_lost(best)) return;
-    try_start(rig, search.frame, rung, best.unknowns, best, other, work);
+    try_start(rig, search.frame, rung, best.unknowns, nullptr, best, other, work);
     if (!is_lost(best)) return;
     begin_search(work);
     Unknowns start;
-    const double scatter = largest_error(rig, work.free, search.few.every).scatter;
-    nearest_shape(search.exact, search.few.frame, search.grid, best.unknowns, {0.0, scatter}, start);
-    try_start(rig, search.frame, rung, start, best, other, work);
+    const double scatter = largest_error(rig, work.free, search.some.every).scatter;
+    nearest_shape(search.exact, search.some.frame, search.grid, best.unknowns, {0.0, scatter}, start);
+    try_start(rig, search.frame, rung, start, nullptr, best, other, work);
 }
 
 // Whether the force stands out of its uncertainty in some direction across the antenna.
@@ -135,6 +164,19 @@ bool is_significant(const Unknowns& unknowns, const Uncertainty& found) {
     return apart > SIGNIFICANT_FORCE * SIGNIFICANT_FORCE * (own * opposite - cross * cross);
 }
 
+// Feet near the right ones: the free antenna's, shifted as those of the rough minimum were.
+void near_feet(const Search& search, Fit& fit) {
+    fit.foot_m = search.work.free.foot_m;
+    const Array<double, 1>&rough_m = search.rough[0]->foot_m, &free_m = search.work.free.foot_m;
+    const int every = search.some.every, last = search.some.frame.count - 1;
+    const auto shift = [&](int k) { return rough_m[k] - free_m[k * every]; };
+    for (int i = 0; i < fit.points; ++i) {
+        const int k = std::min(i / every, last), next = std::min(k + 1, last);
+        const double part = (i - k * every) / static_cast<double>(every), here = shift(k);
+        fit.foot_m[i] += here + (next > k ? part * (shift(next) - here) : 0.0);
+    }
+}
+
 // The best of a frame's minima on a rung and its uncertainty; whether its mirror image looks like it.
 bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative& other, Marginal& marginal) {
     const Rig& rig = search.rig;
@@ -143,23 +185,29 @@ bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative
     Fit& best = work.best;
     const bool distinct = largest_gain(search.grid) > FAINT;
     best.unknowns = search.starts[0];
-    best.foot_m = work.free.foot_m;
-    if (distinct || !converge_there(rig, frame, rung, best, work)) converge(rig, frame, rung, best, work, true);
+    const Fit* rough = distinct && search.rough[0]->cost == search.rough[0]->cost ? search.rough[0] : nullptr;
+    if (rough != nullptr) {
+        near_feet(search, best);
+    } else {
+        best.foot_m = work.free.foot_m;
+    }
+    if (distinct || !converge_there(rig, frame, rung, best, work)) converge(rig, frame, rung, rough, best, work, true);
     other = {best.unknowns, NEVER};
     if (distinct) {
         for (int k = 1; k < STARTS; ++k) {
-            if (std::isfinite(search.costs[k])) try_start(rig, frame, rung, search.starts[k], best, other, work);
+            if (!std::isfinite(search.costs[k])) continue;
+            try_start(rig, frame, rung, search.starts[k], search.rough[k], best, other, work);
         }
         search_lost(search, rung, other);
-        polish(rig, frame, rung, best, work);
     }
     uncertainty(best, found, work);
     const bool ambiguous = is_significant(best.unknowns, found) && mirror_ambiguous(rig, frame, best);
     if (ambiguous && best.converged && best.scatter <= WRONG_SHAPE) {
         const Unknowns before = best.unknowns;
-        try_mirrors(rig, frame, rung, before, best, other, work);
+        try_mirrors(rig, frame, search.few, rung, before, best, other, work);
         // what turned out better has a mirror image of its own
-        if (different(before, best.unknowns)) try_mirrors(rig, frame, rung, best.unknowns, best, other, work);
+        if (different(before, best.unknowns))
+            try_mirrors(rig, frame, search.few, rung, best.unknowns, best, other, work);
         uncertainty(best, found, work);
         const double least = MarginalSettings().worthless;
         const bool read = frame.available[0] > least || frame.available[1] > least;
@@ -198,9 +246,9 @@ void judge_rungs(const Search& search, int model, const Fit& problem, const Unce
 
 // One frame on a rung, by default on the highest: then also which one would have been good enough.
 void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model, const Unknowns& warm,
-                 ConstVector pieces_m, const Numbers& numbers, int row, Uncertainty& found, Work& work) {
-    const Search search = begun(rig, exact, frame, warm, false, work);
+                 ConstVector pieces_m, const Numbers& numbers, int row, Uncertainty& found, Work& work, Room& room) {
     const int rung = model == AUTO ? REFERENCE : model;
+    const Search search = begun(rig, exact, frame, std::min<int>(rung, ELASTICA), warm, false, work, room);
     Findings findings;
     findings.rung = findings.needed = rung;
     std::fill_n(findings.bias, REFERENCE + 1, NOT_KNOWN);
@@ -231,16 +279,16 @@ void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model
 
 void solve_frames(const Rig& rig, const Rig& exact, const Frames& frames, int begin, int end, int rung,
                   ConstMatrix warm, ConstVector pieces_m, const Numbers& numbers) {
-    std::unique_ptr<Work> work;
+    thread_local Room room, few;  // a call with one frame would take longer to make them than for all else
     Uncertainty found(rig.steps());
     for (int index = begin; index < end; ++index) {
         const Frame frame = frame_of(frames, index);
-        if (!work || work->best.points != frame.count) work = std::make_unique<Work>(rig, frame.count);
-        work->evaluations = work->most = 0;
-        begin_search(*work);
+        Work& work = room.of(rig, frame.count);
+        work.evaluations = work.most = 0;
+        begin_search(work);
         Unknowns start;
         std::copy_n(warm.row(index).data, UNKNOWNS, start.begin());
-        solve_frame(rig, exact, frame, rung, start, pieces_m, numbers, index, found, *work);
+        solve_frame(rig, exact, frame, rung, start, pieces_m, numbers, index, found, work, few);
     }
 }
 
@@ -250,7 +298,8 @@ void rough_frames(const Rig& rig, const Frames& frames, Matrix unknowns, Cube po
     for (int index = 0; index < frames.size(); ++index) {
         const Frame frame = frame_of(frames, index);
         Work work(rig, frame.count);
-        const Search search = begun(rig, rig, frame, warm, true, work);
+        Room few;
+        const Search search = begun(rig, rig, frame, LINEAR, warm, true, work, few);
         work.best.unknowns = search.starts[0];
         std::copy_n(search.starts[0].begin(), UNKNOWNS, unknowns.row(index).data);
         predict(rig, frame, LINEAR, work.bent, work.best, false);

@@ -171,6 +171,20 @@ void residuals_with_rig(Fit& fit, double (&shift)[NODES]) {
     }
 }
 
+void step_linearly(Fit& fit, const double* step, double (&shift)[NODES]) {
+    shift_by_steps(fit, 0, step, fit.size, shift);
+    take_out(fit, shift);
+    for (int k = 0; k < fit.size; ++k) {
+        for (int reading = 0; reading < 3; ++reading) {
+            const double change = fit.reading_columns(reading, k) * step[k];
+            fit.residual[reading] -= change;
+            if (k < UNKNOWNS) fit.predicted_residual[reading] -= change;
+        }
+        if (k >= UNKNOWNS) continue;
+        for (int q = 0; q < 6; ++q) fit.point_force[q] += fit.point_force_columns(q, k) * step[k];
+    }
+}
+
 double points_cost(Fit& fit) {
     std::fill_n(fit.diagonal, NODES, 0.0);
     std::fill_n(fit.off_diagonal, NODES, 0.0);

@@ -29,6 +29,9 @@ void shift_by_steps(const Fit& fit, int first, const double* steps, int count, d
 // Take the rig's steps out of the residuals. `shift` is scratch room.
 void residuals_with_rig(Fit& fit, double (&shift)[NODES]);
 
+// Residuals, contact point and force after a small step (K,), by the fit's columns.
+void step_linearly(Fit& fit, const double* step, double (&shift)[NODES]);
+
 // Robust cost of the points, whose weighted sums over the nodes are renewed.
 double points_cost(Fit& fit);
 

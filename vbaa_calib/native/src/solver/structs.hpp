@@ -201,10 +201,10 @@ struct Work {
     Fit other;        // for whatever is done at the moment
     State kept;       // lowest of a descent
     double shift[NODES];
-    Array<double, 2> product;      // (M, K′)
-    Array<double, 2> factor;       // (K′, K′)
-    Array<double, 1> scale, step;  // (K′,)
-    Unknowns start = {};
+    Array<double, 2> product;                      // (M, K′)
+    Array<double, 2> factor;                       // (K′, K′)
+    Array<double, 1> scale, step;                  // (K′,)
+    Unknowns start = {}, slopes_at = {};           // where the rig's derivatives were taken last
     int evaluations = 0, most = MOST_EVALUATIONS;  // of the model so far, and after how many to give up
 
     Work(const Rig& rig, int points);
