@@ -55,7 +55,7 @@ class Instants:
 
 
 @dataclass(frozen=True, eq=False)
-class Contacts:
+class ShownContacts:
     """P located contacts in the order of time. NaN where the table gives nothing.
 
     Attributes
@@ -118,7 +118,7 @@ class Scene:
     pictures : what the camera saw at each instant, (H, W, 3) uint8 RGB all of one size, None where there is none.
     """
 
-    contacts: Contacts
+    contacts: ShownContacts
     instants: Instants
     rig: RigItems | None = None
     object: ObjectMesh | None = None
@@ -211,7 +211,7 @@ def build_scene(
     points, forces, covariances = table.point_world_m, table.force_world_N, table.covariance_world_m2
     phase = [""] * len(table) if estimate is None else list(map(str, estimate.track.phase))
     words = tuple(_numbers(table, int(index), phase[index]) for index in row) if with_words else ()
-    contacts = Contacts(points[row], forces[row], covariances[row], time_s[row], row, words)
+    contacts = ShownContacts(points[row], forces[row], covariances[row], time_s[row], row, words)
     if estimate is None:
         return Scene(contacts, instants, items, mesh, truth)
     friction, known = estimate.friction, estimate.normals.std_rad < _VAGUE_RAD
