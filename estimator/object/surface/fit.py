@@ -340,7 +340,8 @@ def _of_curve(seen: LocalTouches, slope: np.ndarray, force: np.ndarray) -> _Turn
     variance = np.where(held, _tangent_variance(seen, normal), 1.0)
     own = variance[:, None, None] * open_turn[:, :, None] * open_turn[:, None, :]
     # a touch's own error along the curve takes it to where that has another direction
-    moved = np.sqrt(np.maximum(seen.own_m2[:, :1, 0], 0.0)) * np.einsum("nij,nj->ni", by_slope, seen.bend_per_m[:, :, 0])
+    turned = np.einsum("nij,nj->ni", by_slope, seen.bend_per_m[:, :, 0])
+    moved = np.sqrt(np.maximum(seen.own_m2[:, :1, 0], 0.0)) * turned
     return normal, by_slope, own + moved[:, :, None] * moved[:, None, :]
 
 
