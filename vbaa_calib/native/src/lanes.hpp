@@ -185,15 +185,15 @@ void exchange_blocks(Lanes& above, Lanes& below, std::integer_sequence<int, LANE
         if constexpr (STEP < width) {
 #ifdef __clang__
             const Lanes::Part was = one;
-            one = __builtin_shufflevector(was, other, (LANE & STEP ? width + LANE - STEP : LANE)...);
-            other = __builtin_shufflevector(was, other, (LANE & STEP ? width + LANE : LANE + STEP)...);
+            one = __builtin_shufflevector(was, other, (LANE / STEP % 2 ? width + LANE - STEP : LANE)...);
+            other = __builtin_shufflevector(was, other, (LANE / STEP % 2 ? width + LANE : LANE + STEP)...);
 #else
             using Places = Lanes::Mask::Part;
             const Lanes::Part was = one;
-            one = __builtin_shuffle(was, other, Places{(LANE & STEP ? width + LANE - STEP : LANE)...});
-            other = __builtin_shuffle(was, other, Places{(LANE & STEP ? width + LANE : LANE + STEP)...});
+            one = __builtin_shuffle(was, other, Places{(LANE / STEP % 2 ? width + LANE - STEP : LANE)...});
+            other = __builtin_shuffle(was, other, Places{(LANE / STEP % 2 ? width + LANE : LANE + STEP)...});
 #endif
-        } else if (!(k & parts)) {
+        } else if (k / parts % 2 == 0) {
             std::swap(above.parts[k + parts], other);
         }
     }
@@ -208,7 +208,7 @@ void exchange_blocks(Lanes& above, Lanes& below) {
 inline void transpose(Lanes (&rows)[LANES]) {
     for (int row = 0; row < LANES; row += 2) exchange_blocks<1>(rows[row], rows[row + 1]);
     for (int row = 0; row < LANES; ++row)
-        if (!(row & 2)) exchange_blocks<2>(rows[row], rows[row + 2]);
+        if (row / 2 % 2 == 0) exchange_blocks<2>(rows[row], rows[row + 2]);
     for (int row = 0; row < LANES / 2; ++row) exchange_blocks<4>(rows[row], rows[row + 4]);
 }
 
