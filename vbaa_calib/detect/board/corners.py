@@ -92,7 +92,8 @@ def _detect_charuco(image: np.ndarray, spec: BoardSpec, name: str) -> BoardView:
         own = copy.outlines.astype(np.float32)[:, None], copy.ids.astype(np.int32)
         corners, ids, *_ = _arrays(*detector.detectBoard(seen, markerCorners=list(own[0]), markerIds=own[1]))
     ids = ids.ravel().astype(int)
-    sharpened, windows = _between_markers(image, corners.reshape(-1, 2), markers, spec)
+    smooth = _smoothed(image) if len(ids) else image
+    sharpened, windows = _between_markers(smooth, corners.reshape(-1, 2), markers, spec)
     return BoardView(
         name,
         ids,
@@ -100,7 +101,7 @@ def _detect_charuco(image: np.ndarray, spec: BoardSpec, name: str) -> BoardView:
         (image.shape[1], image.shape[0]),
         markers.ids,
         markers.outlines,
-        corner_covariances(image, sharpened, windows, RULES.smoothing_px),
+        corner_covariances(image, sharpened, windows, smooth, RULES.smoothing_px),
         measure_quality(image, ids, sharpened, spec),
     )
 
@@ -131,17 +132,18 @@ def _detect_april_grid(image: np.ndarray, spec: AprilGrid, name: str) -> BoardVi
     gap_px, windows = min(spec.border / spec.modules, spec.spacing) * side_px, 0 * ids
     # large tags stray farther from the homography of their neighbours: by the lens's distortion
     furthest_px = max(RULES.furthest_px, RULES.of_a_gap * float(np.median(gap_px))) if len(ids) else 0.0
+    smooth = _smoothed(image) if len(ids) else image
     for _ in range(RULES.rounds):
         start = _by_neighbours(places, corners.reshape(-1, 4, 2), cells[kept])
         within = ((start > 0) & (start < np.array(image.shape[::-1]) - 1)).all(axis=1)
         corners, windows = start.copy(), np.zeros(len(ids), int)
         corners[within], windows[within] = _sharpened(
-            image, start[within], gap_px[within], 0 * ids[within], furthest_px
+            smooth, start[within], gap_px[within], 0 * ids[within], furthest_px
         )
     found = np.flatnonzero(windows)
     found = found[np.argsort(ids[found])]
     ids, corners, windows = ids[found], corners[found], windows[found]
-    covariances = corner_covariances(image, corners, windows, RULES.smoothing_px)
+    covariances = corner_covariances(image, corners, windows, smooth, RULES.smoothing_px)
     quality = measure_quality(image, ids, corners, spec)
     size = (image.shape[1], image.shape[0])
     return BoardView(name, ids, corners, size, markers.ids, markers.outlines, covariances, quality)
@@ -190,10 +192,11 @@ def _chessboard_view(image: np.ndarray, spec: Chessboard, name: str, ids: np.nda
         (down, np.s_[1:], np.s_[:-1]),
     ):
         gap_px[before], gap_px[after] = np.minimum(gap_px[before], lengths), np.minimum(gap_px[after], lengths)
+    smooth = _smoothed(image)
     corners, windows = _sharpened(
-        image, found, RULES.of_a_square * gap_px.ravel(), np.full(len(ids), RULES.smallest_window_px)
+        smooth, found, RULES.of_a_square * gap_px.ravel(), np.full(len(ids), RULES.smallest_window_px)
     )
-    covariances = corner_covariances(image, corners, windows, RULES.smoothing_px)
+    covariances = corner_covariances(image, corners, windows, smooth, RULES.smoothing_px)
     quality = measure_quality(image, ids, corners, spec)
     size = (image.shape[1], image.shape[0])
     return BoardView(name, ids, corners, size, covariance_px2=covariances, quality=quality)
@@ -208,8 +211,13 @@ _KINDS: dict[type[Board], Callable[[np.ndarray, Any, str], BoardView]] = {
 """How each kind of board is detected."""
 
 
+def _smoothed(image: np.ndarray) -> np.ndarray:
+    """The picture in which corners are refined."""
+    return cv2.GaussianBlur(image.astype(np.float32), (0, 0), RULES.smoothing_px) if image.size else image
+
+
 def _between_markers(
-    image: np.ndarray, corners: np.ndarray, markers: Markers, spec: BoardSpec
+    smooth: np.ndarray, corners: np.ndarray, markers: Markers, spec: BoardSpec
 ) -> tuple[np.ndarray, np.ndarray]:
     """Corners (N, 2) refined again in windows that end before the markers, and these half windows (N,).
 
@@ -227,11 +235,11 @@ def _between_markers(
     gap_px = smallest[nearest].min(axis=1) * (1.0 - ratio) / 2.0
     # OpenCV's windows end two pixels before the nearest marker corner
     to_marker = np.linalg.norm(outlines.reshape(1, -1, 2) - corners[:, None], axis=-1).min(axis=1)
-    return _sharpened(image, corners, gap_px, np.clip((to_marker - 2.0).astype(int), 1, 10))
+    return _sharpened(smooth, corners, gap_px, np.clip((to_marker - 2.0).astype(int), 1, 10))
 
 
 def _sharpened(
-    image: np.ndarray,
+    smooth: np.ndarray,
     corners: np.ndarray,
     gap_px: np.ndarray,
     unrefined: np.ndarray,
@@ -244,7 +252,6 @@ def _sharpened(
     """
     windows = np.minimum(RULES.window_per_gap * gap_px, RULES.largest_window_px).astype(int)
     refined, used = corners.copy(), unrefined.copy()
-    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), RULES.smoothing_px) if image.size else image
     for window in np.unique(windows[windows >= RULES.smallest_window_px]).tolist():
         chosen = np.flatnonzero(windows == window)
         start = corners[chosen].astype(np.float32).reshape(-1, 1, 2)

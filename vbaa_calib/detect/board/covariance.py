@@ -8,7 +8,6 @@ covariance is J⁻¹ A var(I) Aᵀ J⁻ᵀ. J is near M = −Σ w g gᵀ where t
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtri
@@ -77,19 +76,23 @@ _LEAST_SHARE = 0.25
 
 
 def corner_covariances(
-    image: np.ndarray, corners_px: np.ndarray, windows: np.ndarray, smoothing_px: float = 0.0
+    image: np.ndarray,
+    corners_px: np.ndarray,
+    windows: np.ndarray,
+    smooth: np.ndarray | None = None,
+    smoothing_px: float = 0.0,
 ) -> np.ndarray:
     """(N, 2, 2) px² covariance of corners (N, 2) px that `cv2.cornerSubPix` refined with half windows (N,).
 
-    image : (H, W) uint8. smoothing_px : σ by which it was smoothed for that. A window without a corner gives its own
-    size. Noise is assumed independent between pixels: the covariance is too small where JPEG or the camera smooths. The
-    detector's bias is not included: in sharp pictures up to 0.03 px, smoothed by a pixel up to 0.015 px, where it
-    outweighs noise below about 1.5 grey levels.
+    image : (H, W) uint8. smooth : the same smoothed by σ `smoothing_px`, if that was refined in. A window without a
+    corner gives its own size. Noise is assumed independent between pixels: the covariance is too small where JPEG or
+    the camera smooths. The detector's bias is not included: in sharp pictures up to 0.03 px, smoothed by a pixel up to
+    0.015 px, where it outweighs noise below about 1.5 grey levels.
     """
     found = np.zeros((len(corners_px), 2, 2))
     if not len(corners_px):
         return found
-    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), smoothing_px) if smoothing_px else image
+    smooth = image if smooth is None else smooth
     reach = int(np.ceil(4.0 * smoothing_px))  # SciPy's kernel ends there, and OpenCV's
     (black, white), (in_black, in_white) = (each.tolist() for each in measure_noise(image, corners_px, windows))
     for window in np.unique(windows).tolist():
