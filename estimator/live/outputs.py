@@ -19,7 +19,7 @@ from typing import Any
 from estimator.diagnose import RecordingVerdict
 from estimator.diagnose.consequences import changed_row
 from estimator.table.contacts import LOCATED, ContactRow
-from estimator.table.files import cells_of, check_format, write_contacts, write_header, write_row
+from estimator.table.files import cells_of, check_format, header_line, row_line, write_contacts
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import disk_errors_named, refuse_overwrite
 from vbaa_calib.core.folders import make_folder
@@ -58,9 +58,7 @@ class GrowingTable:
     def write(self, contact: LiveContact) -> None:
         with disk_errors_named(self._path):
             if not contact.final:
-                line = io.StringIO()
-                write_row(line, cells_of(contact.row))
-                _append_whole(self._stream, line.getvalue().encode())
+                _append_whole(self._stream, row_line(cells_of(contact.row)))
             if contact.final == self._final:
                 pickle.dump(ContactRow.of(contact.item.frame, contact.item.contact), self._kept)
         self._rows[contact.final] += 1
@@ -88,20 +86,18 @@ def _opened(path: Path) -> io.FileIO:
         stream = path.open("wb", buffering=0)
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", where=path, remedy="write somewhere else") from None
-    line = io.StringIO()
-    write_header(line)
     try:
         with disk_errors_named(path):
-            _append_whole(stream, line.getvalue().encode())
+            _append_whole(stream, header_line())
     except BaseException:
         path.unlink(missing_ok=True)
         raise
     return stream
 
 
-def _append_whole(stream: io.FileIO, data: bytes) -> None:
+def _append_whole(stream: io.FileIO, line: str) -> None:
     """Write all of it at the end, or none: on a disk that is full, what got there is taken off again."""
-    begin, left = stream.tell(), data
+    begin, left = stream.tell(), line.encode()
     try:
         while left:
             left = left[stream.write(left) :]

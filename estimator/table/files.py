@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from itertools import count, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -84,9 +84,9 @@ def write_contacts(
                 parquet.add_key_value_metadata(about)
             return
         stream = open_files.enter_context(temporary.open("w", encoding="utf-8", newline=""))
-        write_header(stream)
+        stream.write(header_line())
         while several := list(islice(cells, _ROWS_TOGETHER)):
-            stream.write("".join(map(_line, several)))
+            stream.write("".join(map(row_line, several)))
 
 
 def _parquet_writer(path: Path, schema: pyarrow.Schema) -> ParquetWriter:
@@ -98,18 +98,14 @@ def _parquet_writer(path: Path, schema: pyarrow.Schema) -> ParquetWriter:
     return ParquetWriter(path, schema, use_dictionary=texts)
 
 
-def write_header(stream: TextIO) -> None:
+def header_line() -> str:
     """The first line of contacts.csv."""
-    csv.writer(stream, lineterminator="\n").writerow(_DIGITS)
+    return ",".join(_DIGITS) + "\n"
 
 
-def write_row(stream: TextIO, cells: Mapping[str, Any]) -> None:
-    """A line of contacts.csv, of what `cells_of` gives."""
-    stream.write(_line(cells))
-
-
-def _line(cells: Mapping[str, Any]) -> str:
-    """The same as text. Numbers that exist, most of all cells, are written by the format of their column."""
+def row_line(cells: Mapping[str, Any]) -> str:
+    """A line of contacts.csv, of what `cells_of` gives. Numbers that exist, most of all, are written by the format
+    of their column."""
     written = [
         form % value if type(value) is float and math.isfinite(value) else _quoted(_text(value, digits))
         for form, digits, value in zip(_FORMATS, _DIGITS.values(), cells.values(), strict=True)
