@@ -26,22 +26,15 @@ _PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "korni
 
 def report(calibration: Calibration) -> None:
     """The result in a few lines of prose."""
-    rig, stiffness, sensor = calibration.rig, calibration.rig.antenna.stiffness_Nm2, calibration.rig.moment_sensor
-    x, y, z = 1e3 * rig.T_antenna_camera.translation_m
-    off = 1e3 * np.sqrt(np.diag(rig.covariance)[:6])
+    rig, lens, words = calibration.rig, calibration.lens, calibration.rig.words
     ways = " + ".join(estimate.way for estimate in calibration.plane.estimates)
-    lens = calibration.lens
     rms = "" if calibration.given else f": rms {lens.rms_px:.3f} px"
     say(f"lens       {lens.model}{rms}. {lens.verdict.words}")
-    say(
-        f"plane C    camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame, "
-        f"± {off[3:].max():.2g} mm, ± {off[:3].max():.2g} mrad (by {ways})"
-    )
+    say(f"plane C    {words['plane C']} (by {ways})")
     for difference in calibration.plane.differences:
         say(f"           {difference}")
-    say(f"antenna    EI = {stiffness:.5g} ± {stiffness * rig.std('log_stiffness_Nm2'):.2g} N·m²")
-    gain = f"gain {sensor.gain:.4f} ± {rig.std('moment_gain'):.4f}, offset {1e3 * sensor.offset_Nm:.3f} mN·m"
-    say(f"sensor     {gain if sensor.exists else 'none: vision alone'}")
+    say(f"antenna    {words['stiffness']}")
+    say(f"sensor     {words['sensor']}")
     for one in rig.verdict.findings:
         say(f"{one.label:10s} {one}")
 

@@ -131,26 +131,34 @@ class Rig:
         object.__setattr__(self, "gravity_world_m_s2", gravity)
 
     def __repr__(self) -> str:
-        size, EI = "x".join(map(str, self.camera.image_size)), self.antenna.stiffness_Nm2
-        std = EI * self.std("log_stiffness_Nm2")
-        antenna = f"antenna of {1e3 * self.antenna.length_m:.0f} mm, EI = {EI:.5g} ± {std:.2g} N·m²"
+        size = "x".join(map(str, self.camera.image_size))
+        antenna = f"antenna of {1e3 * self.antenna.length_m:.0f} mm, {self.words['stiffness']}"
         return f"<Rig: {self.camera.model} camera {size} px, {antenna}, verdict: {self.verdict.severity}>"
+
+    @property
+    def words(self) -> dict[str, str]:
+        """Plane C, stiffness and sensor as text, ± one standard deviation."""
+        sensor, off = self.moment_sensor, 1e3 * np.sqrt(np.diag(self.covariance)[:6])
+        (x, y, z), EI = 1e3 * self.T_antenna_camera.translation_m, self.antenna.stiffness_Nm2
+        gain = f"gain {sensor.gain:.4f} ± {self.std('moment_gain'):.4f}, offset {1e3 * sensor.offset_Nm:.3f} mN·m"
+        return {
+            "plane C": f"camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame, ± {off[3:].max():.2g} mm, "
+            f"± {off[:3].max():.2g} mrad",
+            "stiffness": f"EI = {EI:.5g} ± {EI * self.std('log_stiffness_Nm2'):.2g} N·m²",
+            "sensor": gain if sensor.exists else "none: vision alone",
+        }
 
     def summary(self) -> str:
         """Camera, plane C, antenna, sensor and findings, a line each, ± one standard deviation."""
-        camera, sensor, off = self.camera, self.moment_sensor, 1e3 * np.sqrt(np.diag(self.covariance)[:6])
-        fx, fy, cx, cy = camera.parameters[:4]
-        x, y, z = 1e3 * self.T_antenna_camera.translation_m
-        EI, size = self.antenna.stiffness_Nm2, "x".join(map(str, camera.image_size))
-        gain = f"gain {sensor.gain:.4f} ± {self.std('moment_gain'):.4f}, offset {1e3 * sensor.offset_Nm:.3f} mN·m"
+        camera, antenna, words = self.camera, self.antenna, self.words
+        (fx, fy, cx, cy), size = camera.parameters[:4], "x".join(map(str, camera.image_size))
         lines = [
             f"lens       {camera.model} of {len(camera.distortion)} coefficients, {size} px, focal lengths "
             f"{fx:.1f} and {fy:.1f} px, centre ({cx:.1f}, {cy:.1f})",
-            f"plane C    camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame, ± {off[3:].max():.2g} mm, "
-            f"± {off[:3].max():.2g} mrad",
-            f"antenna    {1e3 * self.antenna.length_m:.1f} mm long, {1e3 * self.antenna.diameter_m:.2f} mm thick, "
-            f"EI = {EI:.5g} ± {EI * self.std('log_stiffness_Nm2'):.2g} N·m²",
-            f"sensor     {gain if sensor.exists else 'none: vision alone'}",
+            f"plane C    {words['plane C']}",
+            f"antenna    {1e3 * antenna.length_m:.1f} mm long, {1e3 * antenna.diameter_m:.2f} mm thick, "
+            f"{words['stiffness']}",
+            f"sensor     {words['sensor']}",
         ]
         return "\n".join([*lines, *(f"{one.label:10s} {one}" for one in self.verdict.findings)])
 
