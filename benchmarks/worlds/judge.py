@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 
@@ -136,32 +136,31 @@ def outcome(world: World, truth: Truth, folder: Path) -> Outcome:
     """Calibrate, estimate, refine; and estimate with the true rig."""
     rig_json, csv = folder.parent / "rig.json", folder.parent / "contacts.csv"
     code, text = called("calibrate", folder, "-o", rig_json, "--force")
-    words = _last(text)
-    rig = None
-    found: dict[str, object] = {}
+    found, rig = Outcome(code, _last(text)), None
     try:
         rig = Rig.load(rig_json) if code < 2 else None
     except VbaaError as error:
-        found["words"] = f"written and refused: {error}"
+        found = replace(found, words=f"written and refused: {error}")
     true_json = folder.parent / "true.json"
     write_json(true_json, true_rig(world, rig).to_dict(), True)
     exact = contacts_of(folder, true_json, folder.parent / "true.csv")
-    found["true"] = None if exact[2] is None else judge(exact[2], truth)
+    found = replace(found, true=None if exact[2] is None else judge(exact[2], truth))
     if rig is None:
-        return Outcome(**{"calibrated": code, "words": words, **found})  # type: ignore[arg-type]
+        return found
     described = read_json(rig_json)["quality"]
-    found |= {
-        "verdict": ", ".join([rig.verdict.severity, *(one.name for one in rig.verdict.findings)]),
-        "lens": described["lens"].get("lens_model", rig.camera.model),
-        "pulls": pulls(world, rig),
-        "loads_left_out": sum(not still["kept"] for still in described["stills"] if "distance_m" in still),
-    }
     estimated = contacts_of(folder, rig_json, csv)
-    found["estimate_words"] = estimated[1] if estimated[0] else ""
-    if estimated[2] is not None:
-        found["ours"] = judge(estimated[2], truth)
-        found["refined"], found["refine_words"] = _refined(folder, rig_json, csv, truth)
-    return Outcome(**{"calibrated": code, "words": words, **found})  # type: ignore[arg-type]
+    found = replace(
+        found,
+        verdict=", ".join([rig.verdict.severity, *(one.name for one in rig.verdict.findings)]),
+        lens=described["lens"].get("lens_model", rig.camera.model),
+        pulls=pulls(world, rig),
+        loads_left_out=sum(not still["kept"] for still in described["stills"] if "distance_m" in still),
+        estimate_words=estimated[1] if estimated[0] else "",
+    )
+    if estimated[2] is None:
+        return found
+    refined, words = _refined(folder, rig_json, csv, truth)
+    return replace(found, ours=judge(estimated[2], truth), refined=refined, refine_words=words)
 
 
 def _refined(folder: Path, rig: Path, csv: Path, truth: Truth) -> tuple[Judged | None, str]:
