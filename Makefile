@@ -63,7 +63,7 @@ soak: $(INSTALLED)
 processors: $(INSTALLED)
 	$(CONFIGURE) -B vbaa_calib/native '-DLEVELS=base;v3;v4' >/dev/null
 	$(BIN)/cmake --build vbaa_calib/native
-	$(BIN)/python -m benchmarks.processors --page docs/processors.md $(if $(PHOTOGRAPHS),--photographs $(PHOTOGRAPHS))
+	$(BIN)/python -m benchmarks.processors --page benchmarks/processors.md $(if $(PHOTOGRAPHS),--photographs $(PHOTOGRAPHS))
 
 # the documentation as a site: docs/_build/index.html
 docs: $(INSTALLED)

@@ -3,7 +3,7 @@
 Each scene is simulated once. Then child processes calibrate it, estimate contacts and object, and make the error
 budget, each as another processor would: with another kernel of OpenBLAS, without the wider instructions of NumPy
 and OpenCV, with two threads. What they report is held against this machine's own, in deviations; the table is in
-docs/processors.md. The variables are set for the child processes alone. Exit 1 where anything is apart.
+benchmarks/processors.md. The variables are set for the child processes alone. Exit 1 where anything is apart.
 """
 
 from __future__ import annotations
@@ -346,7 +346,7 @@ def main() -> int:
     parser.add_argument("--scenes", nargs="+", default=[*SCENES, WAYS], help="which scenes (default: all)")
     parser.add_argument("--photographs", type=Path, metavar="DATA", help="the real photo sets: their lenses, too")
     parser.add_argument("--folder", type=Path, help="where the sessions are kept (default: nowhere)")
-    parser.add_argument("--page", type=Path, help="page to write the table into (docs/processors.md)")
+    parser.add_argument("--page", type=Path, help="page to write the table into (benchmarks/processors.md)")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         sessions = simulated(args.folder or Path(folder), args.scenes)

@@ -1,4 +1,4 @@
-"""Writes the tables of docs/real_sets.md: `python -m benchmarks.real_sets DATA docs/real_sets.md`.
+"""Writes the tables of benchmarks/real_sets.md: `python -m benchmarks.real_sets DATA benchmarks/real_sets.md`.
 
 DATA is the folder that holds the sets. What is between the page's marks is replaced; the rest is kept.
 """

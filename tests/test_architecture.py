@@ -37,7 +37,7 @@ MOST = {
     "public names": 1359,
     "private words": 707,
     "type: ignore": 4,
-    "words on pages": 62236,
+    "words on pages": 56500,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

@@ -143,6 +143,12 @@ def test_the_drawings_are_those_of_their_code() -> None:
     assert lying == {name: draw().svg() for name, draw in drawn["DRAWINGS"].items()}
 
 
+def test_troubleshooting_has_the_table_of_hypotheses() -> None:
+    """`python docs/quote_hypotheses.py` would change nothing."""
+    table = runpy.run_path(str(ROOT / "docs" / "quote_hypotheses.py"))["hypotheses"]()
+    assert table in (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
+
+
 @pytest.fixture(scope="module")
 def at_work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder as the pages suppose it: session/, rig.json, contacts.csv, and the same as a demo's."""

@@ -18,6 +18,10 @@ ROOT = DOCS.parent
 PAGES = {
     "benchmarks": "benchmarks/README.md",
     "vision_benchmark": "benchmarks/vision.md",
+    "experiments": "benchmarks/paper.md",
+    "real_sets": "benchmarks/real_sets.md",
+    "processors": "benchmarks/processors.md",
+    "limits_measured": "benchmarks/limits.md",
     "changelog": "CHANGELOG.md",
     "architecture": "ARCHITECTURE.md",
     "contributing": "CONTRIBUTING.md",

@@ -1,4 +1,4 @@
-"""What is said of sessions without a fault: nothing. docs/check.md has the counts that the slow test prints."""
+"""What is said of sessions without a fault: nothing. benchmarks/limits.md has the counts that the slow test prints."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """How often one picture of the board and one of the free antenna find what has changed, over drawn rigs and pictures.
 
-The table of docs/check.md: `pytest -m slow -s tests/calibrate/test_recheck_power.py` prints it.
+The table of benchmarks/limits.md: `pytest -m slow -s tests/calibrate/test_recheck_power.py` prints it.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def row(what: str, name: str, draws: int, folder: Path) -> tuple[Counter[str], C
 
 
 def table_line(what: str, name: str, draws: int, found: tuple[Counter[str], Counter[str]]) -> str:
-    """A line of docs/check.md's table."""
+    """A line of benchmarks/limits.md's table."""
     verdicts, blamed = found
     levels = (verdicts["holds"], verdicts["look at"], verdicts["does not hold"], verdicts["refused"])
     where = ", ".join(f"{key} {count}" for key, count in blamed.most_common())
@@ -103,7 +103,7 @@ def table_line(what: str, name: str, draws: int, found: tuple[Counter[str], Coun
 
 
 def test_what_a_picture_along_the_line_of_sight_cannot_show_is_not_claimed(tmp_path: Path) -> None:
-    # an upright camera looks along the bow: rows of the table of docs/check.md that stay empty
+    # an upright camera looks along the bow: rows of the table of benchmarks/limits.md that stay empty
     found = outcome(CHANGES["wire bent, 1 mm at the tip, out of plane C"], "upright", 0, tmp_path)
     assert found["verdict"] == "holds"
     said = assess(tmp_path / "rig.json", None, NewPictures(None, tmp_path / "free.png"))
@@ -114,7 +114,7 @@ def test_what_a_picture_along_the_line_of_sight_cannot_show_is_not_claimed(tmp_p
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_the_table_of_the_manual(name: str, tmp_path: Path) -> None:
-    """Prints the table of docs/check.md, and holds its claims: no false alarm in 60, gross changes always found."""
+    """Prints the table of benchmarks/limits.md, and holds its claims: no false alarm in 60, gross changes always found."""
     for what in CHANGES:
         draws = 60 if what == "nothing" else 20
         found = row(what, name, draws, tmp_path)

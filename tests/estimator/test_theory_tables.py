@@ -142,7 +142,7 @@ def test_ringing_that_is_seen() -> None:
 @pytest.mark.parametrize(("tilt_deg", "factor"), [(0.0, 0.5), (30.0, 2.0)])
 @pytest.mark.parametrize("blind", [False, True])
 def test_a_wrong_stiffness_hides(blind: bool, factor: float, tilt_deg: float) -> None:
-    """docs/limits.md: what is seen of the force follows EI, what is read does not; the distance hardly moves."""
+    """benchmarks/limits.md: what is seen of the force follows EI, what is read does not; the distance hardly moves."""
     rig = rig_of(max(tilt_deg, 30.0 * blind))
     given = rubbed(rig, [0.4, 0.6, 0.8], [20.0 if blind else 8.0] * 3, 0.0, 0.6, made_by=elastica_shapes)
     parameters = rig.antenna.parameters + np.log(factor) * (np.arange(9) == 6)
