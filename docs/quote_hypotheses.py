@@ -24,8 +24,8 @@ def hypotheses() -> str:
         messages = [words.split() for words in dict.fromkeys(row.words.replace("{}", "…") for row in group)]
         common = len(list(takewhile(lambda each: len(set(each)) == 1, zip(*messages, strict=False))))
         begin = common if common > 2 else 0
-        first, others = messages[0], (f"*{'… ' * bool(begin)}{' '.join(words[begin:])}*" for words in messages[1:])
-        lines.append(f"| {', '.join([f'*{' '.join(first)}*', *others])} | {remedy} |")
+        shown = [words if number == 0 else ["…"] * bool(begin) + words[begin:] for number, words in enumerate(messages)]
+        lines.append(f"| {', '.join('*' + ' '.join(words) + '*' for words in shown)} | {remedy} |")
     return "\n".join(lines)
 
 
