@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from estimator.object.estimate import estimate_object
     from estimator.table.contacts import Contact, Measured
     from estimator.table.files import read_contacts
+    from estimator.torch import ContactLayer
     from vbaa_calib import Camera, Rig, __version__, calibrate_lens
     from vbaa_calib.calibrate.pipeline import calibrate
     from vbaa_calib.core.errors import InputError
@@ -25,6 +26,7 @@ __all__ = [
     "Camera",
     "Contact",
     "ContactEstimator",
+    "ContactLayer",
     "InputError",
     "Measured",
     "RecordingVerdict",
@@ -47,6 +49,7 @@ _HOMES = {
     **dict.fromkeys(("Contact", "Measured", "View", "next_touch", "refine"), "estimator"),
     **dict.fromkeys(("RecordingVerdict", "RecordingWatch", "recording_verdict"), "estimator"),
     "ContactEstimator": "vbaa.contact_estimator",
+    "ContactLayer": "estimator.torch",
     "InputError": "vbaa_calib.core.errors",
     "calibrate": "vbaa_calib.calibrate.pipeline",
     "load_session": "vbaa_calib.session",

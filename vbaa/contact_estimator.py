@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from estimator.contact import estimate
-from estimator.contact.inputs import Batch, PlanePoints
+from estimator.contact.inputs import Batch, FrameOptions
 from estimator.table.contacts import Contact, ContactTable
 from vbaa_calib.core.arrays import as_float
 from vbaa_calib.core.errors import InputError, shown
@@ -36,7 +36,7 @@ class ContactEstimator(estimate.ContactEstimator):
         tilt: float,
         sigma_px: np.ndarray | float | None = None,
         moment_z: float | None = None,
-        **plane: Unpack[PlanePoints],
+        **options: Unpack[FrameOptions],
     ) -> Contact:
         """One frame: its picture, pixels of the antenna, or points on plane C.
 
@@ -49,6 +49,7 @@ class ContactEstimator(estimate.ContactEstimator):
         sigma_px : standard deviation across the antenna, one or (N,), of centreline_px; by default what the rig's own
             pictures showed.
         moment_z : reading of a second sensor about z, if the rig has one.
+        jacobian : whether the contact gets its derivatives by pixels, moments, joints and rig; not of an image.
         plane_xy_m, covariance_m2 : (N, 2) m on plane C as `rig.camera_on_plane()` gives them, and (N, 2, 2) m².
 
         Raises
@@ -56,13 +57,13 @@ class ContactEstimator(estimate.ContactEstimator):
         InputError : not one of them; wrong shapes, what is no number, angles beyond a turn, moments and pixels that
             cannot be, a picture that cannot be read or has another size than the rig's.
         """
-        if image is None and centreline_px is None and not plane:
+        if image is None and centreline_px is None and not options.keys() - {"jacobian"}:
             raise InputError("nothing was seen", remedy="give one of image, centreline_px and plane_xy_m")
         if image is None:
             readings: Any = {"moment": moment, "pan": pan, "tilt": tilt, "moment_z": moment_z}
-            return super().estimate(centreline_px, **readings, sigma_px=sigma_px, **plane)
-        if centreline_px is not None or sigma_px is not None or plane:
-            remedy = "give one of image, centreline_px and plane_xy_m, and sigma_px with centreline_px"
+            return super().estimate(centreline_px, **readings, sigma_px=sigma_px, **options)
+        if centreline_px is not None or sigma_px is not None or options:
+            remedy = "give one of image, centreline_px and plane_xy_m, and sigma_px and jacobian with the latter two"
             raise InputError("image stands for the pixels", remedy=remedy)
         from estimator.contact.recording import detect_again, frame_contact  # loads the detector
 

@@ -10,7 +10,7 @@ from typing import TypeVar, overload
 import numpy as np
 
 from estimator.solver.numbers import FitNumbers
-from estimator.table.contacts import Contact, ContactEstimate, Measured
+from estimator.table.contacts import Contact, ContactEstimate, Jacobian, Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
@@ -39,13 +39,15 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
     """The results of B frames: a sequence of `Contact`, and its numbers as arrays with a leading axis B.
 
     Numbers that the data do not support are NaN. `numbers` are the fits themselves; `requested` is the model that was
-    asked for; `outside_points` (B,) are left out because they lie outside the picture.
+    asked for; `outside_points` (B,) are left out because they lie outside the picture; `jacobian`, if it was asked
+    for, has the derivatives.
     """
 
     rig: Rig
     numbers: FitNumbers
     requested: str
     outside_points: np.ndarray
+    jacobian: Jacobian | None = None
 
     def __len__(self) -> int:
         return len(self.status)
@@ -73,6 +75,7 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
             outside_points=outside,
             end_used=abs(end_std) <= ODD_END if np.isfinite(end_std) else None,
             bias={rung: value for rung, value in bias if np.isfinite(value)},
+            jacobian=None if self.jacobian is None else self.jacobian.of(index),
             **{name: value if value.ndim else value.item() for name, value in values.items()},
         )
 

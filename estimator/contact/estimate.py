@@ -15,7 +15,7 @@ from estimator.solver.ladder import rough_fits, solve
 from estimator.solver.linearised import bend
 from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
-from estimator.table.contacts import FRICTION_RAD, Contact, Measured
+from estimator.table.contacts import FRICTION_RAD, LOCATED, Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.arrays import as_float, as_floats, gate
 from vbaa_calib.core.errors import InputError, shown
@@ -25,7 +25,8 @@ from vbaa_calib.session import DRIFTS
 
 from .contacts import Contacts, MotionCheck, MovingContacts, RoughFit, contacts_of, last, moving, with_joint_errors
 from .drift import LearntRig
-from .inputs import Batch, PlanePoints, Values, without_outliers
+from .inputs import Batch, FrameOptions, Values, without_outliers
+from .jacobian import jacobian as jacobian_of
 from .motion import Beam
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
 
@@ -85,7 +86,7 @@ class ContactEstimator:
         tilt: float,
         sigma_px: np.ndarray | float | None = None,
         moment_z: float | None = None,
-        **plane: Unpack[PlanePoints],
+        **options: Unpack[FrameOptions],
     ) -> Contact:
         """One frame.
 
@@ -96,6 +97,7 @@ class ContactEstimator:
         pan, tilt : joint angles, rad.
         sigma_px : standard deviation across the antenna, one or (N,); by default what the rig's own pictures showed.
         moment_z : reading of a second sensor about z, if the rig has one.
+        jacobian : whether the contact gets its derivatives, `Contact.jacobian`.
         plane_xy_m : in place of centreline_px, (N, 2) m on plane C as `rig.camera_on_plane()` gives them of one
             camera's pixels, NumPy or tensor: the contact is that of the pixels. What the layer cannot give
             (behind the camera, beyond its lens, grazing) counts among the points outside the picture.
@@ -106,7 +108,7 @@ class ContactEstimator:
         InputError : wrong shapes, what is no number, angles beyond a turn, moments and pixels that cannot be, not one
             of centreline_px and plane_xy_m, a camera in plane C.
         """
-        lines: dict[str, Any] = {"centreline_px": centreline_px, **plane}
+        lines: dict[str, Any] = {"centreline_px": centreline_px, **options}
         shapes = {"centreline_px": "(N, 2) pixels", "plane_xy_m": "(N, 2) m on plane C, of one camera"}
         points = np.empty((0, 2))
         for name, shape in shapes.items():
@@ -124,7 +126,7 @@ class ContactEstimator:
         sigma = sigma[None] if sigma is not None and sigma.ndim else sigma
         pixels = lines.pop("centreline_px")
         return self.estimate_batch(
-            pixels, [moment], [pan], [tilt], sigma_px=sigma, moments_z=[moment_z], **cast(PlanePoints, lines)
+            pixels, [moment], [pan], [tilt], sigma_px=sigma, moments_z=[moment_z], **cast(FrameOptions, lines)
         )[0]
 
     def estimate_batch(
@@ -136,7 +138,7 @@ class ContactEstimator:
         *,
         sigma_px: np.ndarray | float | None = None,
         moments_z: Sequence[float | None] | np.ndarray | None = None,
-        **plane: Unpack[PlanePoints],
+        **options: Unpack[FrameOptions],
     ) -> Contacts:
         """B frames at once: a sequence of `Contact`, and its columns as arrays.
 
@@ -145,6 +147,7 @@ class ContactEstimator:
         centrelines_px : (B, N, 2), or B arrays (N_i, 2) of their own lengths; rows with NaN are ignored.
         moments, moments_z : (B,) N·m, None or an entry None or NaN for vision alone. pans, tilts : (B,) rad.
         sigma_px : one, (B, 1) or (B, N); by default what the rig's own pictures showed.
+        jacobian : whether the contacts get their derivatives, `Contacts.jacobian`.
         plane_xy_m, covariance_m2 : in place of pixels, (B, N, 2) m and (B, N, 2, 2) m², or B of their own lengths, as
             for `estimate`; `Measured.on_plane` makes the frames of `run` of them.
 
@@ -154,7 +157,13 @@ class ContactEstimator:
         """
         readings: dict[str, Values] = {"moments": moments, "moments_z": moments_z}
         joints: dict[str, Values] = {"pans": pans, "tilts": tilts}
-        return self._contacts(Batch.checked(self.rig, centrelines_px, readings, joints, sigma_px, plane))
+        plane = {name: each for name, each in options.items() if name != "jacobian"}
+        batch = Batch.checked(self.rig, centrelines_px, readings, joints, sigma_px, plane)
+        contacts = self._contacts(batch)
+        if not options.get("jacobian", False):
+            return contacts
+        located = np.isin(contacts.status, LOCATED)
+        return replace(contacts, jacobian=jacobian_of(batch, self._rig_arrays, self._rung, contacts.numbers, located))
 
     @gate
     def run(self, recording: Iterable[Measured], *, live: bool = False) -> Iterator[Contact]:

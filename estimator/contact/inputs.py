@@ -41,11 +41,13 @@ Values = Sequence[float | None] | np.ndarray | None
 """A number for every frame, None where there is none."""
 
 
-class PlanePoints(TypedDict, total=False):
-    """Centrelines in metres, in place of pixels: (N, 2) on plane C, and (N, 2, 2) m² or (2, 2) of all points."""
+class FrameOptions(TypedDict, total=False):
+    """Centrelines in metres, in place of pixels: (N, 2) on plane C, and (N, 2, 2) m² or (2, 2) of all points; whether
+    contacts get their derivatives."""
 
     plane_xy_m: Any
     covariance_m2: Any
+    jacobian: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +65,7 @@ class Batch(Rows):
     errors_Nm : (B, 2) deviations of the readings beside the sensors' noise; None without any.
     joint_errors_rad : (B, 2) deviations of pan and tilt; None without any.
     covariance_shape : (B, N, 2, 2) covariance of each point over sigma_px²; None: the same in every direction.
+    order : (B, N) where each point was listed; None: as it is here.
     """
 
     points_px: np.ndarray
@@ -76,6 +79,7 @@ class Batch(Rows):
     errors_Nm: np.ndarray | None = None
     joint_errors_rad: np.ndarray | None = None
     covariance_shape: np.ndarray | None = None
+    order: np.ndarray | None = None
 
     def weights(self, rig_arrays: RigArrays) -> np.ndarray | None:
         """(B, 2) the sensors' noise by all of the readings' deviation; None where there is nothing but noise."""
@@ -116,13 +120,14 @@ class Batch(Rows):
             for row, each in enumerate(several):
                 shapes[row] = shapes[row] if each.covariance_shape is None else each.covariance_shape
             shape = _padded([own[::n] for own, n in zip(shapes, steps, strict=True)], np.nan)
-        points, sigma, shape, outside = _in_order(rig, points, sigma, shape)
+        points, sigma, shape, outside, order = _in_order(rig, points, sigma, shape)
         outside += [each.outside_points for each in several]
         tips = np.array([_end(each.tip_px) for each in several])
         columns = ([each.moment_errors_Nm for each in several], [each.joint_errors_rad for each in several])
         errors, joint_errors = (column if column.any() else None for column in map(np.array, columns))
         angles, start = (numbers[:, 2], numbers[:, 3]), starts if known else None
-        return Batch(points, sigma, numbers[:, :2], tips, *angles, outside, start, errors, joint_errors, shape)
+        numbers = numbers[:, :2]
+        return Batch(points, sigma, numbers, tips, *angles, outside, start, errors, joint_errors, shape, order)
 
     @staticmethod
     def checked(
@@ -131,7 +136,7 @@ class Batch(Rows):
         readings: dict[str, Values],
         joints: dict[str, Values],
         sigma_px: np.ndarray | float | None,
-        plane: PlanePoints,
+        plane: Mapping[str, Any],
     ) -> Batch:
         """Frames as users give them, with readings about y and z, and pan and tilt, by name. Raises InputError."""
         points, own, shape = _lines(rig, centrelines_px, sigma_px, **plane)
@@ -143,12 +148,12 @@ class Batch(Rows):
             check_each(values, LARGEST_NM, name, f"{MOMENT_REMEDY}, or None where there is no reading")
         sigma = _deviations(points, own if sigma_px is None else sigma_px)
         no_tips = np.full((len(points), 3), np.nan)
-        points, sigma, shape, outside = _in_order(rig, points, sigma, shape)
+        points, sigma, shape, outside, order = _in_order(rig, points, sigma, shape)
         pan, tilt = angles.values()
         columns = np.stack(list(moments.values()), axis=-1)
         if not rig.moment_sensor.exists:
             columns[:, 0] = np.nan
-        return Batch(points, sigma, columns, no_tips, pan, tilt, outside, covariance_shape=shape)
+        return Batch(points, sigma, columns, no_tips, pan, tilt, outside, covariance_shape=shape, order=order)
 
 
 def outside(points_px: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
@@ -473,9 +478,10 @@ def _deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarr
 
 def _in_order(
     rig: Rig, points_px: np.ndarray, sigma_px: np.ndarray, shape: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray, np.ndarray | None]:
     """Points (B, N, 2), standard deviations (B, N) and shapes of covariances (B, N, 2, 2) along the longer side of each
-    frame's points, missing ones last; and how many (B,) are missing because they lie outside the picture.
+    frame's points, missing ones last; how many (B,) are missing because they lie outside the picture; and where each
+    point was listed (B, N), None where all stay.
 
     The initialization takes every n-th point: it must not depend on the order in which the points were listed.
     """
@@ -483,16 +489,18 @@ def _in_order(
     if lost.any():
         points_px = np.where(lost[..., None], np.nan, points_px)
     place, disordered = core.solver.places(np.ascontiguousarray(points_px))
-    rows = np.flatnonzero(disordered)
+    rows, listed = np.flatnonzero(disordered), None
     if len(rows):
         order = np.argsort(place[rows], axis=1)
+        listed = np.tile(np.arange(points_px.shape[1]), (len(points_px), 1))
+        listed[rows] = order
         points_px, sigma_px = points_px.copy(), np.array(sigma_px)
         points_px[rows] = np.take_along_axis(points_px[rows], order[..., None], 1)
         sigma_px[rows] = np.take_along_axis(sigma_px[rows], order, 1)
         if shape is not None:
             shape = shape.copy()
             shape[rows] = np.take_along_axis(shape[rows], order[..., None, None], 1)
-    return points_px, _no_less(points_px, sigma_px), shape, lost.sum(axis=1)
+    return points_px, _no_less(points_px, sigma_px), shape, lost.sum(axis=1), listed
 
 
 def _no_less(points_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:

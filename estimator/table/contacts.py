@@ -156,6 +156,31 @@ def declared(cls: type) -> dict[str, Column]:
 _SHARED = tuple(declared(_Common))
 
 
+@dataclass(frozen=True, eq=False)
+class Jacobian(Rows):
+    """Derivatives of B contacts' distance_m, force_N (3, antenna frame) and point_world_m (3); of one without B.
+
+    By the implicit function theorem at the minimum of each fit, without second derivatives of the prediction, as in
+    Gauss–Newton. Points that the robust loss takes for gross errors have the derivative 0. NaN where a contact is not
+    located, and where its numbers are means over all forces along the line of sight.
+
+    Attributes
+    ----------
+    by_pixels : (B, 7, N, 2) per px, of the points as they were listed. by_moments : (B, 7, 2) per N·m, about y and z.
+    by_joints : (B, 7, 2) per rad of pan and tilt, gravity included.
+    by_rig : (B, 7, P) by the rig's parameters, `Rig.parameter_names`, as if they were mistaken.
+    """
+
+    by_pixels: np.ndarray
+    by_moments: np.ndarray
+    by_joints: np.ndarray
+    by_rig: np.ndarray
+
+    def of(self, index: int) -> Jacobian:
+        """One contact's, without the axis B."""
+        return Jacobian(*(each[index] for each in vars(self).values()))
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Contact(ContactEstimate[float, bool, str]):
     """One frame's result: a contact, or why there is none. Numbers that the data do not support are NaN.
@@ -163,13 +188,15 @@ class Contact(ContactEstimate[float, bool, str]):
     `reason` gives the status and the choice of the model in words; `bias` the predicted bias of the models that were
     compared, by name, in standard deviations of distance or force; `outside_points` is the number of centreline points
     that lie outside the picture and are left out; `end_used` says whether the antenna's visible end agrees with the
-    rest and is used, None where no end is seen.
+    rest and is used, None where no end is seen; `jacobian` its derivatives by pixels, moments, joints and rig, if they
+    were asked for.
     """
 
     reason: str = ""
     outside_points: int = 0
     end_used: bool | None = None
     bias: Mapping[str, float] = field(default_factory=dict)
+    jacobian: Jacobian | None = None
 
     def __repr__(self) -> str:
         """What it is in a line: where, how hard, ± one standard deviation, and why if it is not located."""

@@ -114,7 +114,7 @@ def test_what_a_picture_along_the_line_of_sight_cannot_show_is_not_claimed(tmp_p
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_the_table_of_the_manual(name: str, tmp_path: Path) -> None:
-    """Prints the table of benchmarks/limits.md, and holds its claims: no false alarm in 60, gross changes always found."""
+    """Prints the table of benchmarks/limits.md, and holds its claims: no false alarm, gross changes found."""
     for what in CHANGES:
         draws = 60 if what == "nothing" else 20
         found = row(what, name, draws, tmp_path)

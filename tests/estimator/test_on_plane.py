@@ -12,7 +12,7 @@ import torch
 from benchmarks.estimator.scenes import Scenes
 from estimator import ContactEstimator, Measured
 from estimator.contact.contacts import Contacts
-from estimator.contact.inputs import Batch, PlanePoints
+from estimator.contact.inputs import Batch, FrameOptions
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
@@ -128,7 +128,7 @@ def test_a_covariance_of_any_shape_reaches_the_fit() -> None:
     spread = half @ np.swapaxes(half, -1, -2) + 1e-9 * np.eye(2)
     readings, joints = {"moments": None, "moments_z": None}, {"pans": np.zeros(6), "tilts": np.zeros(6)}
     batch = Batch.checked(
-        rig, None, readings, joints, None, PlanePoints(plane_xy_m=xy[:, ::-1], covariance_m2=spread[:, ::-1])
+        rig, None, readings, joints, None, FrameOptions(plane_xy_m=xy[:, ::-1], covariance_m2=spread[:, ::-1])
     )
     frames = batch.frames(RigArrays.from_rig(rig, 0.2))
 

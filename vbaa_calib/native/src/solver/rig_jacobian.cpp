@@ -168,8 +168,7 @@ void by_line(const Rig& rig, Fit& fit) {
 
 }  // namespace
 
-void rig_jacobian(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit) {
-    if (rig.steps() == 0) return;
+void rig_derivatives(const Rig& rig, const Frame& frame, int rung, Bent& bent, const Fit& fit) {
     rung = std::max<int>(rung, LINEAR);
     const TipAxis end = fitted_tip_axis(rig, frame, fit);
     // each writes whole vectors, whose ends the next one overwrites
@@ -179,6 +178,11 @@ void rig_jacobian(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit&
     by_sensor(rig, bent);
     if (rig.with_lens) by_lens(rig, bent, fit, end);
     if (rig.with_tip) bent.raw_readings(2, rig.axes.shape[0] - 1) = end.per_m;
+}
+
+void rig_jacobian(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit) {
+    if (rig.steps() == 0) return;
+    rig_derivatives(rig, frame, rung, bent, fit);
     along_axes(bent.axes, bent.raw, fit.columns);
     along_axes(bent.axes, bent.raw_readings, fit.reading_columns);
     along_axes(bent.axes, bent.raw_point_force, fit.point_force_columns);

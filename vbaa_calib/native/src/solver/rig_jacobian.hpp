@@ -5,8 +5,12 @@
 
 namespace vbaa::solver {
 
-// The fit's columns along the rig's axes, on one rung, about the fit's prediction.
+// Derivatives by the rig's Q parameters, of the fit's points along their normals, the readings (in σ, all available)
+// and contact point and force, into `bent.raw`, `raw_readings` and `raw_point_force`.
 // The paper's rung has neither clamp angle nor weight nor bow: it takes their effect from the linear one.
+void rig_derivatives(const Rig& rig, const Frame& frame, int rung, Bent& bent, const Fit& fit);
+
+// The fit's columns along the rig's axes, on one rung, about the fit's prediction.
 void rig_jacobian(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit);
 
 }  // namespace vbaa::solver

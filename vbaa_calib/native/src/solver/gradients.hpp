@@ -1,0 +1,24 @@
+// How contacts follow what was measured and the rig: the implicit function theorem at the minimum of each fit.
+#pragma once
+
+#include "solver/frames.hpp"
+
+namespace vbaa::solver {
+
+// Results: the contact's distance, m, its point (3), m, and force (3), N, antenna frame.
+constexpr int RESULTS = 7;
+
+// Derivatives of the results of B frames, see `Gradients` in Python.
+struct Gradients {
+    View<double, 4> by_points;
+    Cube by_readings, by_gravity, by_rig;
+};
+
+// Of frames that converged on a rung at unknowns (B, 4), their points scattering (B,) times more than their σ.
+//
+// Residuals beyond HUBER pull alike wherever they lie, so nothing follows them. Second derivatives of the prediction
+// are left out as in Gauss–Newton: they count with the residuals, whose mean is near zero.
+void gradients(const Rig& rig, const Frames& frames, int rung, ConstMatrix unknowns, ConstVector scatter,
+               View<const bool, 1> at_tip, const Gradients& found);
+
+}  // namespace vbaa::solver
