@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.board_faults import SCATTERED, VIEW, Corners, spoilt
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine
-from vbaa_calib.calibrate.lens.models import LENS_MODELS, LensModel, camera_of
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, DistortionModel, camera_of
 from vbaa_calib.camera import Camera
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
@@ -61,7 +61,7 @@ class Optics:
     intrinsics: np.ndarray
 
     @property
-    def model(self) -> LensModel:
+    def model(self) -> DistortionModel:
         """The true lens model."""
         return LENS_MODELS[self.lens]
 
@@ -252,6 +252,6 @@ def offsets_on_plane_m(camera: Camera, T_camera_plane: Pose, points_m: np.ndarra
 
 def pose_by(camera: Camera, start: Pose, board: BoardCorners) -> Pose:
     """T_camera_board as this camera has it, by corners exactly seen."""
-    model = LensModel("any", camera.model, len(camera.distortion), (), None)
+    model = DistortionModel("any", camera.model, len(camera.distortion), (), None)
     pose = refine(Bundle.start(model, camera.parameters, start.vector[None]).poses_only, [board]).poses[0]
     return Pose.from_rotvec(pose[:3], pose[3:])

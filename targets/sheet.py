@@ -159,7 +159,7 @@ _ADVICE = (
 
 
 @dataclass(frozen=True)
-class Layout:
+class SheetLayout:
     """A sheet's measures, mm, from the page's upper left corner.
 
     board_x, board_y : the board's first corner. quiet : least white margin around the board.
@@ -201,7 +201,7 @@ def font_name(bold: bool) -> str:
     return "Helvetica-Bold" if bold else "Helvetica"
 
 
-def lay_out(spec: BoardWithIds, paper: _Paper, margin_mm: float = MARGIN_MM) -> Layout:
+def lay_out(spec: BoardWithIds, paper: _Paper, margin_mm: float = MARGIN_MM) -> SheetLayout:
     """The sheet for a board on a paper, in the orientation that leaves more room.
 
     Raises ValueError if it does not fit, with the largest fitting square and the smallest sufficient paper.
@@ -236,7 +236,7 @@ def _largest_square_mm(spec: BoardWithIds, paper: _Paper, margin_mm: float) -> f
     return round(tenths * 0.1, 6) if tenths else None
 
 
-def _fitting(spec: BoardWithIds, paper: _Paper, margin: float) -> Layout | None:
+def _fitting(spec: BoardWithIds, paper: _Paper, margin: float) -> SheetLayout | None:
     if not 0 <= margin <= _MOST_MARGIN_MM:
         raise ValueError(f"the margin is {margin:g} mm: 0 to {_MOST_MARGIN_MM:g} mm are needed")
     pages = [(paper.width_mm, paper.height_mm), (paper.height_mm, paper.width_mm)]
@@ -253,7 +253,7 @@ def _fitting(spec: BoardWithIds, paper: _Paper, margin: float) -> Layout | None:
     return None
 
 
-def _on_page(spec: BoardWithIds, page: tuple[float, float], margin: float, size: float) -> Layout | None:
+def _on_page(spec: BoardWithIds, page: tuple[float, float], margin: float, size: float) -> SheetLayout | None:
     width, height = page
     ruler, end = _RULER_MM * size, _RULER_END_MM * size
     text_width = width - 2 * margin - _QR_MM * size - _GAP_MM
@@ -276,7 +276,7 @@ def _on_page(spec: BoardWithIds, page: tuple[float, float], margin: float, size:
     board_x = max(left, (width - board_width) / 2)
     board_y = min(max(top, (height - board_height) / 2), height - bottom - board_height)
     board = board_x, board_y, board_width, board_height
-    return Layout(width, height, margin, quiet, *board, ruler_x, ruler_y, header, header_height, size)
+    return SheetLayout(width, height, margin, quiet, *board, ruler_x, ruler_y, header, header_height, size)
 
 
 def _header(spec: BoardWithIds, margin: float, width_mm: float, size: float) -> tuple[Label, ...]:

@@ -14,7 +14,7 @@ from reportlab.graphics.barcode import qrencoder
 from reportlab.pdfgen.canvas import FILL_EVEN_ODD, Canvas
 
 from .board import AprilGrid, BoardWithIds, opencv_board, spec_line
-from .sheet import PT_PER_MM, Drawing, Label, Layout, Loop, Shape, Stroke, font_name
+from .sheet import PT_PER_MM, Drawing, Label, Loop, Shape, SheetLayout, Stroke, font_name
 
 _TICK_WIDTH_MM, _END_WIDTH_MM = 0.12, 0.2
 _TICKS_MM = {1: 1.8, 5: 2.6, 10: 3.6}
@@ -91,7 +91,7 @@ def placed(loops: tuple[Loop, ...], scale: float, x: float, y: float) -> tuple[L
     return tuple(tuple((x + scale * u, y + scale * v) for u, v in loop) for loop in loops)
 
 
-def draw(spec: BoardWithIds, layout: Layout) -> Drawing:
+def draw(spec: BoardWithIds, layout: SheetLayout) -> Drawing:
     marks: list[Shape | Stroke | Label] = [
         Shape(placed(shape, 1.0, layout.board_x, layout.board_y)) for shape in board_shapes(spec)
     ]
@@ -107,7 +107,7 @@ def draw(spec: BoardWithIds, layout: Layout) -> Drawing:
     return Drawing(layout.width, layout.height, tuple(marks), layout.header[0].text, spec_line(spec))
 
 
-def ruler_origin(layout: Layout) -> tuple[float, float, float, float]:
+def ruler_origin(layout: SheetLayout) -> tuple[float, float, float, float]:
     """x and y of the horizontal ruler's zero, then x and y of the vertical one's, mm from the page's corner."""
     low = layout.margin + layout.ruler
     x0 = low + (layout.width - layout.margin - low - layout.ruler_x) / 2
@@ -117,7 +117,7 @@ def ruler_origin(layout: Layout) -> tuple[float, float, float, float]:
     return x0, bottom, low, y0
 
 
-def _ruler(layout: Layout, turned: bool) -> Iterator[Stroke | Label]:
+def _ruler(layout: SheetLayout, turned: bool) -> Iterator[Stroke | Label]:
     """The ruler along x, or turned that along y: line, ticks, numbers and unit."""
     right, low, left, up = ruler_origin(layout)
     size, letters = layout.size, layout.size * _NUMBER_MM

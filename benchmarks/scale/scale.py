@@ -16,7 +16,7 @@ from viz.batch import cluster
 from viz.batch.cluster import Where, client_of
 from viz.batch.recordings import Recording
 from viz.batch.results import Results
-from viz.batch.work import Settings, do
+from viz.batch.work import BatchSettings, do
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -63,14 +63,16 @@ def measure(options: Options) -> Findings:
             (short / f"{index:04d}").mkdir(parents=True)
             write_recording(short / f"{index:04d}", each, _POINTS, options.seed + index)
         recordings = [Recording(path.name, path, path / "rig.json") for path in sorted(short.iterdir())]
-        do(recordings[0], Settings(), _results(root / "warm"))  # reads compiled code
+        do(recordings[0], BatchSettings(), _results(root / "warm"))  # reads compiled code
         rows = [_serially(recordings[:_FEW], root / "serial")]
         task_s, idle = 0.0, {0: 0.0}
         for workers in progress((1, 2), "workers"):
             with client_of(Where(jobs=workers)) as client:
                 for address in client.scheduler_info(n_workers=-1)["workers"]:
                     warm = _results(root / f"warm{workers}")  # reads compiled code
-                    client.submit(do, recordings[0], Settings(again=True), warm, workers=[address], pure=False).result()
+                    client.submit(
+                        do, recordings[0], BatchSettings(again=True), warm, workers=[address], pure=False
+                    ).result()
                 task_s, idle[workers] = _empty_task_s(client), _idle(client)
                 _count(client)
                 rows.append(_on(client, workers, recordings, root / f"short{workers}"))
@@ -95,7 +97,7 @@ def _results(root: Path) -> Results:
 def _serially(recordings: Sequence[Recording], root: Path) -> Scale:
     results = _results(root)
     wall, begun = time.perf_counter(), time.process_time()
-    rows = [do(recording, Settings(), results).row for recording in recordings]
+    rows = [do(recording, BatchSettings(), results).row for recording in recordings]
     spent = time.process_time() - begun
     return _scale(0, rows, time.perf_counter() - wall, (spent, spent), results, 0)
 
@@ -104,7 +106,7 @@ def _on(client: Client, workers: int, recordings: Sequence[Recording], root: Pat
     results = _results(root)
     before, moved, tasks = _spent_s(client), _moved(client), _in_tasks(client)
     wall = time.perf_counter()
-    rows = [outcome.row for outcome in cluster.run(client, recordings, Settings(), results)]
+    rows = [outcome.row for outcome in cluster.run(client, recordings, BatchSettings(), results)]
     wall_s = time.perf_counter() - wall
     spent = _in_tasks(client) - tasks, _spent_s(client) - before
     return _scale(workers, rows, wall_s, spent, results, _moved(client) - moved)

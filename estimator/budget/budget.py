@@ -22,9 +22,9 @@ from .parts import (
     MOMENT_NOISE,
     PIXELS,
     RESULTS,
+    BudgetContacts,
     ErrorSpace,
     Linearization,
-    Touches,
     correlated_variance,
     linearize,
     ordinary_touches,
@@ -35,7 +35,7 @@ from .parts import (
 )
 
 
-class _Cause(NamedTuple):
+class _ErrorCause(NamedTuple):
     """Of errors: its name and colour in tables and figures, and what to do about it."""
 
     name: str
@@ -54,22 +54,22 @@ _FORCE = "give the moment reading: the picture alone hardly holds the force here
 _POLISH = "polish or grease the antenna, and say with --friction how slippery it is"
 _WEIGH = "weigh the antenna, or take more pictures of it free at several tilts"
 CAUSES = {
-    PIXELS: _Cause("pixel noise", "#0f766e", _CAMERA),
-    MOMENT_NOISE: _Cause("moment noise", "#b45309", _SENSOR),
-    FRICTION: _Cause("friction angle", "#6d28d9", _POLISH),
-    LENS: _Cause("lens", "#1d4ed8", _LENS),
-    "camera_rotation": _Cause("camera rotation", "#0ea5e9", _JIG),
-    "camera_position": _Cause("camera position", "#7dd3fc", _JIG),
-    "clamp_angle": _Cause("clamp angle", "#15803d", _NO_LOAD),
-    "clamp_offset": _Cause("clamp offset", "#4ade80", _NO_LOAD),
-    "clamp_give": _Cause("clamp give", "#a3e635", _LOADS + "; or stiffen the clamp"),
-    "bow": _Cause("bow", "#facc15", _NO_LOAD),
-    "stiffness": _Cause("stiffness EI", "#dc2626", _LOADS),
-    "mass": _Cause("mass", "#fda4af", _WEIGH),
-    "moment_gain": _Cause("moment gain", "#f97316", _LOADS),
-    "moment_offset": _Cause("moment offset", "#fdba74", "take more readings without a load"),
-    JOINT_AXES: _Cause("joint axes", "#78716c", _AXES),
-    FORCE_PRIOR: _Cause("likely force", "#cbd5e1", _FORCE),
+    PIXELS: _ErrorCause("pixel noise", "#0f766e", _CAMERA),
+    MOMENT_NOISE: _ErrorCause("moment noise", "#b45309", _SENSOR),
+    FRICTION: _ErrorCause("friction angle", "#6d28d9", _POLISH),
+    LENS: _ErrorCause("lens", "#1d4ed8", _LENS),
+    "camera_rotation": _ErrorCause("camera rotation", "#0ea5e9", _JIG),
+    "camera_position": _ErrorCause("camera position", "#7dd3fc", _JIG),
+    "clamp_angle": _ErrorCause("clamp angle", "#15803d", _NO_LOAD),
+    "clamp_offset": _ErrorCause("clamp offset", "#4ade80", _NO_LOAD),
+    "clamp_give": _ErrorCause("clamp give", "#a3e635", _LOADS + "; or stiffen the clamp"),
+    "bow": _ErrorCause("bow", "#facc15", _NO_LOAD),
+    "stiffness": _ErrorCause("stiffness EI", "#dc2626", _LOADS),
+    "mass": _ErrorCause("mass", "#fda4af", _WEIGH),
+    "moment_gain": _ErrorCause("moment gain", "#f97316", _LOADS),
+    "moment_offset": _ErrorCause("moment offset", "#fdba74", "take more readings without a load"),
+    JOINT_AXES: _ErrorCause("joint axes", "#78716c", _AXES),
+    FORCE_PRIOR: _ErrorCause("likely force", "#cbd5e1", _FORCE),
 }
 """Every cause, in the order in which figures stack them."""
 ADVISED = ("distance_m", "force_N", "point_m")  # results that the advice is about
@@ -77,7 +77,7 @@ OWN = (PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR)  # causes that are not the c
 
 
 @dataclass(frozen=True)
-class Part:
+class CausePart:
     """One cause's part of one result, rms over the contacts, in the result's unit."""
 
     std: float  # the deviation that it contributes; squares add up
@@ -92,7 +92,7 @@ class ResultBudget:
 
     std: float  # whole deviation
     in_common: float  # share of the variance that belongs to no one cause, by correlations; the parts hold it divided
-    parts: dict[str, Part]  # by cause; they add up
+    parts: dict[str, CausePart]  # by cause; they add up
 
     @property
     def first(self) -> str:
@@ -113,7 +113,7 @@ class ResultBudget:
 class Budget:
     """The error budget of a rig."""
 
-    touches: Touches  # B contacts that would come with numbers
+    touches: BudgetContacts  # B contacts that would come with numbers
     asked: int  # of so many
     results: dict[str, ResultBudget]  # by `RESULTS`
     variances: dict[str, np.ndarray]  # cause → (B, 6) of the rows that `RESULTS` names
@@ -143,7 +143,7 @@ class Budget:
 
 
 def error_budget(
-    rig: Rig, touches: Touches | None = None, *, friction: float = FRICTION_RAD, with_moment: bool = True
+    rig: Rig, touches: BudgetContacts | None = None, *, friction: float = FRICTION_RAD, with_moment: bool = True
 ) -> Budget:
     """The budget of a rig, by default over ordinary contacts; `with_moment` False for vision alone.
 
@@ -171,14 +171,14 @@ def error_budget(
     by_cause = {cause: part for cause, part in variance_by_cause(space, now).items() if part.any()}
     aside = (FORCE_PRIOR,) if with_moment else (FORCE_PRIOR, MOMENT_NOISE, "moment_gain", "moment_offset")
     whole, shared = _mean(now.variance), _mean(correlated_variance(space, now))
-    parts: dict[str, dict[str, Part]] = {name: {} for name in RESULTS}
+    parts: dict[str, dict[str, CausePart]] = {name: {} for name in RESULTS}
     for cause, rows in by_cause.items():
         own, halved, exact = _mean(rows), whole, whole
         if cause != FORCE_PRIOR:
             halved, exact = (_mean(propagate(linear, space, cause, factor).variance) for factor in (0.5, 0.0))
         for name in RESULTS:
             std, if_halved, if_exact = (float(np.sqrt(each[name])) for each in (own, halved, exact))
-            parts[name][cause] = Part(std, own[name] / whole[name], if_halved, if_exact)
+            parts[name][cause] = CausePart(std, own[name] / whole[name], if_halved, if_exact)
     results = {
         name: ResultBudget(float(np.sqrt(whole[name])), shared[name] / whole[name], parts[name]) for name in RESULTS
     }
@@ -199,7 +199,7 @@ def error_budget(
 
 
 def _determined(
-    rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, linear: Linearization, with_moment: bool
+    rig_arrays: RigArrays, space: ErrorSpace, touches: BudgetContacts, linear: Linearization, with_moment: bool
 ) -> np.ndarray:
     """(B,) whether the estimator would give numbers, as `contact.status` decides for contacts that fit well."""
     sound = np.isfinite(linear.points).all(axis=(1, 2)) & (linear.usable >= FEWEST_POINTS)

@@ -52,7 +52,7 @@ _EXACT_NOISE = 0.01  # noise counts as gone at this part of itself: without any,
 
 
 @dataclass(frozen=True, eq=False)
-class Touches(Rows):
+class BudgetContacts(Rows):
     """B contacts, antenna frame, at one pair of joint angles."""
 
     distance_m: np.ndarray  # (B,)
@@ -61,17 +61,17 @@ class Touches(Rows):
     tilt_rad: float = 0.0
 
 
-def ordinary_touches(rig: Rig, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> Touches:
+def ordinary_touches(rig: Rig, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> BudgetContacts:
     """A grid over distance, force by the slope that it makes, and direction of the force around the antenna."""
     around = 2.0 * np.pi * (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
     grid = np.meshgrid(np.array(_DISTANCES) * rig.antenna.length_m, np.radians(_SLOPES_DEG), around, indexing="ij")
     distance, slope, angle = (part.reshape(-1) for part in grid)
     lever = np.maximum(distance, _STRONGEST_AT * rig.antenna.length_m)
     size = 2.0 * rig.antenna.stiffness_Nm2 * slope / lever**2
-    return Touches(distance, size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), pan_rad, tilt_rad)
+    return BudgetContacts(distance, size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), pan_rad, tilt_rad)
 
 
-def unknowns_of(rig_arrays: RigArrays, touches: Touches) -> np.ndarray:
+def unknowns_of(rig_arrays: RigArrays, touches: BudgetContacts) -> np.ndarray:
     """(B, 4) `rig_arrays.UNKNOWNS`, without friction."""
     unknowns = np.zeros((len(touches), UNKNOWNS))
     unknowns[:, 0] = touches.distance_m / rig_arrays.length_m
@@ -81,9 +81,9 @@ def unknowns_of(rig_arrays: RigArrays, touches: Touches) -> np.ndarray:
 
 def touch_of_force(
     rig_arrays: RigArrays, distance_m: float, force_N: np.ndarray, pan_rad: float, tilt_rad: float
-) -> Touches:
+) -> BudgetContacts:
     """The one contact whose lateral force, antenna frame, is `force_N` (2,); of a push NaN where it bends too far."""
-    touch = Touches(np.array([distance_m]), force_N[None].astype(float), pan_rad, tilt_rad)
+    touch = BudgetContacts(np.array([distance_m]), force_N[None].astype(float), pan_rad, tilt_rad)
     empty = _empty(rig_arrays, touch)
     unknowns = unknowns_of(rig_arrays, touch)
     with np.errstate(all="ignore"):
@@ -99,12 +99,12 @@ def touch_of_force(
     return replace(touch, push_N=unknowns[:, 1:3] * (rig_arrays.force_unit_N if found and ordinary else np.nan))
 
 
-def _world_rotation(rig: Rig, touches: Touches) -> np.ndarray:
+def _world_rotation(rig: Rig, touches: BudgetContacts) -> np.ndarray:
     """(3, 3) from the antenna frame to the world's at the contacts' joints."""
     return np.asarray(rig.kinematics.T_world_antenna(touches.pan_rad, touches.tilt_rad).rotation)
 
 
-def _empty(rig_arrays: RigArrays, touches: Touches) -> Frames:
+def _empty(rig_arrays: RigArrays, touches: BudgetContacts) -> Frames:
     gravity = _world_rotation(rig_arrays.rig, touches).T @ rig_arrays.rig.gravity_world_m_s2
     return empty_frames(rig_arrays, np.tile(gravity, (len(touches), 1)))
 
@@ -182,7 +182,9 @@ class Linearization(Rows):
     usable: np.ndarray  # (B,) how many points the picture shows
 
 
-def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_moment: bool = True) -> Linearization:
+def linearize(
+    rig_arrays: RigArrays, space: ErrorSpace, touches: BudgetContacts, with_moment: bool = True
+) -> Linearization:
     """Linearise contacts about their noise-free frames."""
     available = np.ones((len(touches), 2)) * (with_moment & (rig_arrays.gain != 0.0))
     unknowns = unknowns_of(rig_arrays, touches)

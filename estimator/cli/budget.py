@@ -13,7 +13,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_outputs, write_json
 
 if TYPE_CHECKING:
-    from estimator.budget.parts import Touches
+    from estimator.budget.parts import BudgetContacts
     from vbaa_calib.rig import Rig
 
 _FIGURES = (".png", ".pdf", ".svg")
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {**result, **written}
 
 
-def _touches(args: argparse.Namespace, rig: Rig) -> Touches:
+def _touches(args: argparse.Namespace, rig: Rig) -> BudgetContacts:
     """The contacts that are asked for. Raises InputError for one that is not on the antenna, or bends it too far."""
     import numpy as np
 

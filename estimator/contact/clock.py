@@ -16,7 +16,7 @@ import numpy as np
 
 from estimator.table.contacts import Measured
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.streams import Reading, Source, Synchronizer, Taken, Timing, taken_frames
+from vbaa_calib.streams import MessageSource, Reading, Synchronizer, Taken, Timing, taken_frames
 from vbaa_calib.streams.messages import Messages
 
 from .estimate import ContactEstimator
@@ -105,7 +105,7 @@ class _Readings:
 
 
 def recorded_clock_offset(
-    estimator: ContactEstimator, opened: Callable[[], Source], timing: Timing, ground: Ground | None
+    estimator: ContactEstimator, opened: Callable[[], MessageSource], timing: Timing, ground: Ground | None
 ) -> ClockOffset:
     """`clock_offset` of a recorded source, which `opened` opens: about what the times of logging show, or about the
     same clock where these show nothing; and where that fails, about where both begin together, within `_APART_S`.
@@ -139,7 +139,7 @@ def recorded_clock_offset(
         return _from_readings(estimator, measured, read, together_s, _APART_S)
 
 
-def _joined(source: Source, read: Sequence[Reading], offset_s: float) -> Source:
+def _joined(source: MessageSource, read: Sequence[Reading], offset_s: float) -> MessageSource:
     """A source with its readings in turn with the pictures, as they come once their clock is put on by an offset."""
 
     def messages() -> Messages:
@@ -151,7 +151,9 @@ def _joined(source: Source, read: Sequence[Reading], offset_s: float) -> Source:
     return replace(source, messages=messages)
 
 
-def _measured(estimator: ContactEstimator, source: Source, timing: Timing, ground: Ground | None) -> list[Measured]:
+def _measured(
+    estimator: ContactEstimator, source: MessageSource, timing: Timing, ground: Ground | None
+) -> list[Measured]:
     """What the first pictures of a source show."""
     # the joints' angles hardly change by what the clocks are apart
     patient = replace(timing, wait_s=2.0 * FARTHEST_S)

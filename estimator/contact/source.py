@@ -29,7 +29,7 @@ from vbaa_calib.session import (
     read_recording,
     without_moments,
 )
-from vbaa_calib.streams import Source as Opened
+from vbaa_calib.streams import MessageSource as Opened
 from vbaa_calib.streams import Synchronizer, Timing, taken_frames
 from vbaa_calib.streams.bags import Topics
 from vbaa_calib.streams.open import is_recorded, open_recorded

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.models import LensModel
+from vbaa_calib.calibrate.lens.models import DistortionModel
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
@@ -40,7 +40,7 @@ def pose_towards(rng: np.random.Generator, distance_m: float, tilt_rad: float, o
     return Pose(rotation.rotation, position - rotation.rotation @ CENTRE)
 
 
-def project_board(model: LensModel, intrinsics: np.ndarray, pose: Pose) -> np.ndarray:
+def project_board(model: DistortionModel, intrinsics: np.ndarray, pose: Pose) -> np.ndarray:
     """(corner_count, 2) pixels of all corners."""
     return projection(model.camera_model, corner_points(SPEC), pose.vector, intrinsics)[0]
 
@@ -56,7 +56,7 @@ def board_view(
 
 
 def views_of(
-    model: LensModel,
+    model: DistortionModel,
     intrinsics: np.ndarray,
     image_size: tuple[int, int],
     poses: list[Pose],

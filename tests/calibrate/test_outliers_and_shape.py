@@ -19,7 +19,7 @@ from vbaa_calib.calibrate.lens.information import information, observations_of
 from vbaa_calib.calibrate.lens.initialization import rough_lens, unfolded, widened
 from vbaa_calib.calibrate.lens.models import (
     LENS_MODELS,
-    LensModel,
+    DistortionModel,
     camera_of,
     corner_radius,
     is_monotonic,
@@ -107,7 +107,7 @@ FISHEYE = np.array([520.0, 521.0, 641.0, 358.0, 0.05, -0.01, 0.003, -0.001])
 
 
 @pytest.mark.parametrize("model", LENS_MODELS.values(), ids=lambda model: model.name)
-def test_corners_and_slopes_are_opencvs(model: LensModel) -> None:
+def test_corners_and_slopes_are_opencvs(model: DistortionModel) -> None:
     rng = np.random.default_rng(3)
     intrinsics = np.array([900.0, 880.0, 640.0, 350.0, *0.04 * rng.normal(size=model.distortion_count)])
     poses = np.array([[0.2, -0.3, 0.1, -0.1, -0.05, 0.6], [-0.4, 0.1, 1.5, 0.05, 0.0, 0.4]])

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from vbaa_calib.calibrate.check.assessment import Assessment, NewPictures, assess
-from vbaa_calib.calibrate.check.finding import Evidence, Finding
+from vbaa_calib.calibrate.check.finding import Discrepancy, Finding
 from vbaa_calib.calibrate.check.rig import _plane_map
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.least_squares import change_test, products
@@ -151,9 +151,12 @@ def test_a_change_is_estimated_as_plain_least_squares_does_it() -> None:
 
 def test_a_difference_counts_only_when_improbable_and_large() -> None:
     def level(distance: float, size: float) -> str:
-        return Evidence(distance, 6, size, 0.1, "mm").level
+        return Discrepancy(distance, 6, size, 0.1, "mm").level
 
-    assert Evidence(0.0, 1, 0.0, 0.1, "mm").limits_std == (pytest.approx(3.55, abs=0.01), pytest.approx(5.0, abs=0.01))
+    assert Discrepancy(0.0, 1, 0.0, 0.1, "mm").limits_std == (
+        pytest.approx(3.55, abs=0.01),
+        pytest.approx(5.0, abs=0.01),
+    )
     assert level(100.0, 0.09) == level(2.0, 5.0) == "holds"
     assert level(100.0, 0.15) == level(5.5, 5.0) == "look at"
     assert level(100.0, 0.3) == "does not hold"

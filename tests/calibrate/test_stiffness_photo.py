@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
 from vbaa_calib.calibrate.photo.centreline import RodLine, search_rod
-from vbaa_calib.calibrate.photo.stiffness import PhotoStiffness, Setting, solve_photo
+from vbaa_calib.calibrate.photo.stiffness import PhotoSetting, PhotoStiffness, solve_photo
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.core.polyline import beside
@@ -70,7 +70,7 @@ def drawn(line_m: np.ndarray, rng: np.random.Generator, tilt: tuple[float, float
     return np.clip(picture, 0, 255).astype(np.uint8)
 
 
-def solved(picture: np.ndarray, setting: Setting, unloaded: np.ndarray | None = None) -> PhotoStiffness:
+def solved(picture: np.ndarray, setting: PhotoSetting, unloaded: np.ndarray | None = None) -> PhotoStiffness:
     return solve_photo([search_rod(each).line() for each in (picture, unloaded) if each is not None], setting)
 
 
@@ -87,7 +87,9 @@ def test_a_heavy_rod_is_recovered_within_its_deviation(stiffness: float, bow: fl
     scores, deviations = [], []
     for _ in range(draws):
         line = rod(lambda s, moment: moment / stiffness + bow, 0.0, 1.0, rng.normal(0.0, 0.1))
-        found = solved(drawn(line, rng, tuple(rng.normal(0.0, np.radians(3.0), 2))), Setting(LENGTH, scale_std=1e-3))
+        found = solved(
+            drawn(line, rng, tuple(rng.normal(0.0, np.radians(3.0), 2))), PhotoSetting(LENGTH, scale_std=1e-3)
+        )
         scores.append((found.inverse - 1.0 / stiffness) / found.inverse_std)
         deviations.append(found.inverse_std * stiffness)
     assert np.abs(scores).max() < 3.2
@@ -105,7 +107,7 @@ def test_a_tip_load_by_the_closed_form(amount: str) -> None:
     stiffness = force * LENGTH**2 / float(amount)
     line = rod(lambda s, moment: moment / stiffness, force, 0.0)
     np.testing.assert_allclose(line[-1] / LENGTH, [1.0 - float(short), float(sag)], atol=2e-5)
-    found = solved(drawn(line, rng), Setting(LENGTH, load_N=force, straight=True))
+    found = solved(drawn(line, rng), PhotoSetting(LENGTH, load_N=force, straight=True))
     assert found.interval[0] < stiffness < found.interval[1]
     assert found.inverse == pytest.approx(1.0 / stiffness, rel=0.03)
 
@@ -118,8 +120,8 @@ def test_an_unloaded_photograph_takes_the_own_shape_out() -> None:
         return 6.0 * np.sin(2.0 * np.pi * s / 0.11)
 
     bent, flat = (rod(lambda s, moment, w=w: w * moment / stiffness + own(s), 0.0, 1.0) for w in (1.0, 0.0))
-    alone = solved(drawn(bent, rng), Setting(LENGTH))
-    both = solved(drawn(bent, rng), Setting(LENGTH), drawn(flat, rng))
+    alone = solved(drawn(bent, rng), PhotoSetting(LENGTH))
+    both = solved(drawn(bent, rng), PhotoSetting(LENGTH), drawn(flat, rng))
     assert alone.linear.uncurled < 0.05
     assert both.inverse_std < 0.5 * alone.inverse_std
     for found in (alone, both):
@@ -144,7 +146,7 @@ def test_a_material_that_yields_is_not_given_one_stiffness() -> None:
     def bend(s: float, moment: float) -> float:
         return moment / 4e-3 + 8.0 * (moment / 0.018) ** 5
 
-    found = solved(drawn(rod(bend, 0.0, 1.0), np.random.default_rng(2)), Setting(LENGTH))
+    found = solved(drawn(rod(bend, 0.0, 1.0), np.random.default_rng(2)), PhotoSetting(LENGTH))
     assert found.curved_p < 1e-3
     moment = found.views[0].moment
     true = np.array([bend(0.0, each) for each in moment])
@@ -157,7 +159,7 @@ def test_a_material_that_yields_is_not_given_one_stiffness() -> None:
 def test_a_rod_that_hangs_straight_down_tells_no_stiffness() -> None:
     line = np.column_stack([np.full(300, 0.05), np.linspace(0.0, 0.18, 300)])
     picture = drawn(np.column_stack([line[:, 1], line[:, 0]]), np.random.default_rng(3)).T
-    found = solve_photo([search_rod(picture).line()], Setting(0.18))
+    found = solve_photo([search_rod(picture).line()], PhotoSetting(0.18))
     assert not found.determined or found.interval[1] > 5.0 * found.interval[0]
 
 
@@ -199,7 +201,7 @@ def test_one_yarn_is_as_stiff_at_either_length() -> None:
     """Random effects: each length's mean of 1/EI per weight, with the scatter of its own samples."""
     means = []
     for length, samples in ((10, 4), (20, 5)):  # the tip of 10cm_5 is not in its picture
-        setting = Setting(0.01 * length)
+        setting = PhotoSetting(0.01 * length)
         found = [solve_photo([photographed(f"{length}cm_{n}")], setting) for n in range(1, samples + 1)]
         value, variance = (np.array(each) for each in zip(*((f.inverse, f.inverse_std**2) for f in found), strict=True))
         fixed = np.average(value, weights=1.0 / variance)
@@ -217,7 +219,7 @@ def test_the_strip_bends_as_its_reference_says() -> None:
     """Moment at the same curvature, from 1 1/m to 10: less is a slope's noise, more is the clamp's edge."""
     line = photographed("strip")
     marks = np.array([[0.0, 0.0], [1000.0, 0.0]])
-    found = solve_photo([line], Setting(marks_px=marks, marks_m=0.1101, weight_N_m=0.68))
+    found = solve_photo([line], PhotoSetting(marks_px=marks, marks_m=0.1101, weight_N_m=0.68))
     reference = np.loadtxt(DATA / "fabric_strip/reference_moment_curvature.csv", delimiter=",", skiprows=1)
     moments, curvatures = found.views[0].moment / 0.05, found.curvature
     for curvature in (1.0, 2.0, 4.0, 7.0, 10.0):

@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 
 from vbaa_calib.cli import doctor as verb
-from vbaa_calib.doctor import FAILS, LOOK, OK, Finding, machine, packages
-from vbaa_calib.doctor.machine import Tried
+from vbaa_calib.doctor import FAILS, LOOK, OK, HealthFinding, machine, packages
+from vbaa_calib.doctor.machine import EndedProcess
 
 
-def names(found: Finding) -> list[str]:
+def names(found: HealthFinding) -> list[str]:
     """What is wrong, by name."""
     return [problem.name for problem in found.problems]
 
@@ -30,12 +30,12 @@ def test_this_machine_has_what_it_needs() -> None:
     assert {each.name for each in found} == set(verb.CHECKS) - set(slow)
 
 
-def ends(code: int | None, out: str = "", err: str = "") -> Callable[[Sequence[str], float], Tried]:
+def ends(code: int | None, out: str = "", err: str = "") -> Callable[[Sequence[str], float], EndedProcess]:
     """A process that ends like this."""
-    return lambda arguments, seconds: Tried(code, out, err)
+    return lambda arguments, seconds: EndedProcess(code, out, err)
 
 
-def installed(*asked: str, **known: str) -> Finding:
+def installed(*asked: str, **known: str) -> HealthFinding:
     """The check of packages where these are known."""
 
     def version(name: str) -> str:
@@ -48,7 +48,7 @@ def installed(*asked: str, **known: str) -> Finding:
 
 def cv2(
     wheels: dict[str, str], version: str = "4.14.0", charuco: bool = True, error: Exception | None = None
-) -> Finding:
+) -> HealthFinding:
     """The check of OpenCV with as much of it as is asked."""
 
     def load() -> Any:
@@ -60,7 +60,7 @@ def cv2(
     return packages.opencv(wheels, load)
 
 
-def camera(devices: Sequence[str], readable: bool, attempt: Any) -> Finding:
+def camera(devices: Sequence[str], readable: bool, attempt: Any) -> HealthFinding:
     """The check for cameras with everything replaced."""
     return machine.cameras(devices, lambda path: readable, attempt, "linux")
 
@@ -112,7 +112,7 @@ threads = partial(machine.computing, lambda: 2**40)
     ],
 )
 def test_what_is_well_and_what_is_not(
-    check: Callable[[], Finding], status: str, problems: list[str], words: str
+    check: Callable[[], HealthFinding], status: str, problems: list[str], words: str
 ) -> None:
     found = check()
     assert (found.status, names(found)) == (status, problems)

@@ -10,8 +10,17 @@ import pytest
 from scipy.spatial import cKDTree
 
 from targets.board import BoardSpec, opencv_board
-from vbaa_calib.detect.over_board.line import BoardLine, LineEnd, PlaneAbove, find_over_board
-from vbaa_calib.detect.over_board.profile import Paint, Profiles, _pattern_texture, board_picture, fit
+from vbaa_calib.detect.over_board.line import (
+    BoardLine,
+    LineEnd,
+    LinePaint,
+    PlaneAbove,
+    Profiles,
+    _pattern_texture,
+    board_picture,
+    find_over_board,
+    fit,
+)
 
 from ..over_scenes import View, shown
 
@@ -78,7 +87,7 @@ def test_the_bare_board_is_predicted_to_its_noise() -> None:
 
 @pytest.mark.parametrize("brightness", [1.0, 0.0, 0.4])
 def test_the_profile_fit_is_unbiased_before_a_pattern(brightness: float) -> None:
-    rng, paint = np.random.default_rng(3), Paint(brightness, 0.7, 1.1)
+    rng, paint = np.random.default_rng(3), LinePaint(brightness, 0.7, 1.1)
     count, across = 400, np.tile(np.arange(-10.0, 11.0), (400, 1))
     centre = rng.uniform(-0.5, 0.5, count)
     behind = np.where(np.abs(across) > 5, 0.5, 1.0 if brightness < 0.2 else 0.0)

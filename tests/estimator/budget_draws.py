@@ -12,7 +12,7 @@ from benchmarks.estimator.scenes import Scenes, Shapes, ShapesOf, scenes
 from benchmarks.estimator.scenes import Touches as SeenTouches
 from benchmarks.estimator.setup import ACROSS, RIG_STD, Setup
 from estimator import ContactEstimator
-from estimator.budget.parts import ErrorSpace, Linearization, Touches, linearize
+from estimator.budget.parts import BudgetContacts, ErrorSpace, Linearization, linearize
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import curves
@@ -40,12 +40,12 @@ def correlated_rig(seed: int = 0, lens: bool = True, axes: bool = False) -> Rig:
     return replace(rig, covariance=rows @ rows.T, kinematics=kinematics, image=image)
 
 
-def three_touches(rig: Rig) -> Touches:
+def three_touches(rig: Rig) -> BudgetContacts:
     """Away from the camera's line of sight, so that first order is enough."""
     distance = np.array([0.35, 0.6, 0.85]) * rig.antenna.length_m
     size = 2.0 * rig.antenna.stiffness_Nm2 * np.radians(14.0) / distance**2
     angle = np.array([0.0, 2.6, -1.2])
-    return Touches(distance, size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), 0.2, 0.3)
+    return BudgetContacts(distance, size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), 0.2, 0.3)
 
 
 def rung_shapes(rig: Rig, touches: SeenTouches, arclength_m: np.ndarray) -> Shapes:
@@ -67,7 +67,7 @@ def rung_shapes(rig: Rig, touches: SeenTouches, arclength_m: np.ndarray) -> Shap
 
 
 def seen_of(
-    rig: Rig, touches: Touches, made_by: ShapesOf = rung_shapes, friction_rad: float = 0.0, **changes: Any
+    rig: Rig, touches: BudgetContacts, made_by: ShapesOf = rung_shapes, friction_rad: float = 0.0, **changes: Any
 ) -> Scenes:
     """Frames of the contacts, without noise, about a point a pixel."""
     given = {"pan_rad": touches.pan_rad, "tilt_rad": touches.tilt_rad, "sigma_px": SIGMA_PX, "points": POINTS}
@@ -77,7 +77,7 @@ def seen_of(
 def errors(
     believed: Rig,
     steps: np.ndarray,
-    touches: Touches,
+    touches: BudgetContacts,
     friction_rad: np.ndarray,
     rng: np.random.Generator | None = None,
     estimator_friction: float = FRICTION_RAD,
@@ -107,7 +107,7 @@ def errors(
 
 
 def linearised(
-    rig: Rig, touches: Touches, friction: float = FRICTION_RAD
+    rig: Rig, touches: BudgetContacts, friction: float = FRICTION_RAD
 ) -> tuple[RigArrays, ErrorSpace, Linearization]:
     rig_arrays = RigArrays.from_rig(rig, friction)
     space = ErrorSpace.of(rig_arrays)

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.object.friction import Friction, friction
-from estimator.object.friction.coefficient import Angles, Evidence, FrictionTouches, coefficient
+from estimator.object.friction.coefficient import Angles, FrictionAngles, FrictionTouches, coefficient
 from estimator.object.friction.friction import friction_touches
 from estimator.object.surface import Surface, reconstruct, touches_of
 
@@ -244,7 +244,7 @@ def drawn(mu: float, rng: np.random.Generator, count: int = 40, one_way: bool = 
 def covered(mu: float, draws: int, one_way: bool, seed: int = 0) -> tuple[float, float]:
     """Share of intervals that hold the truth, and the mean square of the error in deviations."""
     rng = np.random.default_rng([seed, int(100 * mu), one_way])
-    found = [coefficient(Evidence.of(drawn(mu, rng, one_way=one_way))) for _ in range(draws)]
+    found = [coefficient(FrictionAngles.of(drawn(mu, rng, one_way=one_way))) for _ in range(draws)]
     inside = [each.interval[0] <= mu + 1e-9 and mu <= each.interval[1] for each in found]
     return float(np.mean(inside)), float(np.mean([((each.mu - mu) / each.std) ** 2 for each in found]))
 

@@ -20,7 +20,7 @@ from estimator.object.next_touch.plan import Options, places, touches_within
 from estimator.object.next_touch.reach import surface_std
 from estimator.object.surface import touches_of
 from estimator.object.surface.build import fitted, surely_known_m
-from estimator.object.surface.fit import Fit, fit
+from estimator.object.surface.fit import SurfaceFit, fit
 from estimator.table.contacts import ContactTable
 from estimator.table.files import write_contacts
 from vbaa_calib.cli.main import main
@@ -65,11 +65,11 @@ def chosen(options: Options) -> list[NextTouch]:
     return [options.chosen(int(i)) for i in (best, *np.random.default_rng(3).choice(possible, RANDOM, replace=False))]
 
 
-def solved(table: ContactTable, rig: Rig) -> Fit:
+def solved(table: ContactTable, rig: Rig) -> SurfaceFit:
     return fitted(touches_of(table, shared_errors(rig, table)), 0.5 * rig.antenna.diameter_m)[0]
 
 
-def surface_deviation(table: ContactTable, rig: Rig, place: Fit, options: Options) -> float:
+def surface_deviation(table: ContactTable, rig: Rig, place: SurfaceFit, options: Options) -> float:
     """Rms over where an earlier fit was touched, and could have been."""
     found, square = solved(table, rig), []
     for index, (one, x) in enumerate(zip(place.patches, places(place, options.reach), strict=True)):

@@ -9,7 +9,7 @@ import pytest
 
 from estimator.contact.motion import Beam
 from estimator.object.track import Event, Track, follow
-from estimator.object.track.events import frequency, ringing_events, ringing_frames
+from estimator.object.track.follow import frequency, ringing_events, ringing_frames
 from estimator.table.contacts import ContactTable
 
 from .track_tables import RATE_HZ, evidence, evidence_table

@@ -16,7 +16,7 @@ from estimator.table.contacts import Measured
 from tests.rod_scenes import RIG_STD
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import Frame
-from vbaa_calib.streams import Reading, Source, Taken, Timing
+from vbaa_calib.streams import MessageSource, Reading, Taken, Timing
 
 from .pressing import WORLD, Motion, pictures, readings
 
@@ -117,14 +117,14 @@ def test_clocks_far_apart_are_found_in_a_recording(
     several, times_s, values = recorded(1, 30.0, 97.0)
     blank = np.zeros(WORLD.rig(RIG_STD).camera.image_size[::-1], np.uint8)
 
-    def opened() -> Source:
+    def opened() -> MessageSource:
         taken = [Taken(each.time_s, blank, each.time_s) for each in several]
         read = [
             Reading(t - offset_s, "moment_Nm", v, t if logged else t - offset_s)
             for t, v in zip(times_s.tolist(), values.tolist(), strict=True)
         ]
         both: list[Taken | Reading] = sorted([*taken, *read], key=lambda each: each.arrived_s)
-        return Source("recording", lambda: (each for each in both), frozenset({"moment_Nm"}))
+        return MessageSource("recording", lambda: (each for each in both), frozenset({"moment_Nm"}))
 
     by_time = {each.time_s: each for each in several}
     seen = SimpleNamespace(found=True)

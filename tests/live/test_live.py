@@ -38,7 +38,7 @@ from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams.bags import Topics
 from viz.batch.recordings import Recording
 from viz.batch.results import Results
-from viz.batch.work import Settings, do
+from viz.batch.work import BatchSettings, do
 
 from .recordings import COUNT, RATE_HZ, frames, messages, rig, shown, write
 
@@ -311,7 +311,7 @@ def test_what_was_read_and_why_frames_have_no_contact(tmp_path: Path, capsys: py
         streams = StreamOptions(Topics(joints="none" if options else ""))
         results = Results(out / "batch")
         results.prepare([])
-        done = do(Recording("bag", bag, rig_file), Settings(no_moment=bool(options), streams=streams), results).row
+        done = do(Recording("bag", bag, rig_file), BatchSettings(no_moment=bool(options), streams=streams), results).row
         results.write_summary([])
         numbers, again = json.loads(one.out), json.loads(other.out)
         assumed = {} if read else {"pan_rad": 0.0, "tilt_rad": 0.0}

@@ -17,7 +17,7 @@ from vbaa_calib.streams.bags import BagWriter, Logged
 from vbaa_calib.streams.pictures import BagPictures, thinned
 from viz.batch.recordings import Recording
 from viz.batch.results import Results
-from viz.batch.work import Settings, do
+from viz.batch.work import BatchSettings, do
 
 from .recordings import write
 
@@ -97,14 +97,14 @@ def test_a_batch_takes_a_bag(tmp_path: Path) -> None:
     results = Results(tmp_path / "results")
     results.prepare(["vbaa", "batch"])
     recording = Recording("demo", bag, rig)
-    outcome = do(recording, Settings(background=Path("auto")), results)
+    outcome = do(recording, BatchSettings(background=Path("auto")), results)
     assert (outcome.state, outcome.row["frames"]) == ("done", COUNT)
     one, other = read_contacts(out), read_contacts(results.contacts("demo"))
     assert one.status.tolist() == other.status.tolist()
     np.testing.assert_allclose(other.distance_m, one.distance_m, rtol=1e-8)
-    assert do(recording, Settings(background=Path("auto")), results).state == "unchanged"
+    assert do(recording, BatchSettings(background=Path("auto")), results).state == "unchanged"
     bag.write_bytes(bag.read_bytes()[:-200])
-    assert do(recording, Settings(background=Path("auto")), results).state == "failed"
+    assert do(recording, BatchSettings(background=Path("auto")), results).state == "failed"
 
 
 def test_an_overlay_of_a_bag(tmp_path: Path) -> None:

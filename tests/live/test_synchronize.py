@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.streams import Reading, Source, Synchronizer, Taken, Timing
+from vbaa_calib.streams import MessageSource, Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams import now_s as steady_s
 from vbaa_calib.streams.messages import Messages
 from vbaa_calib.streams.recorded import line_messages, open_table, with_readings
@@ -367,7 +367,7 @@ def test_readings_of_a_table_come_to_pictures_whose_first_stamp_is_wrong(by_s: f
         for number in range(380):
             yield taken(0.01 + 0.05 * number + by_s * (number == 0), 5000.0 + 0.05 * number)
 
-    source = with_readings(Source("bag", messages), path, 0.0)
+    source = with_readings(MessageSource("bag", messages), path, 0.0)
     synchronizer = Synchronizer(Timing(), source.channels, live=False)
     found = through(synchronizer, *(each for each in source.messages() if each is not None))
     assert sum(np.isfinite(each.frame.moment_Nm) for each in found) == 380 - (by_s != 0.0)

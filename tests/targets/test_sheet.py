@@ -13,7 +13,7 @@ from targets.board import BoardSpec, corner_points, opencv_board, spec_line
 from targets.sheet import (
     PAPERS_MM,
     Label,
-    Layout,
+    SheetLayout,
     fill_in,
     lay_out,
     paper_named,
@@ -25,7 +25,7 @@ A4_BOARD = BoardSpec(11, 7, 0.020, 0.015)
 PITCH_MM = 0.02
 
 
-def drawn(spec: BoardSpec, paper: str, dpi: float) -> tuple[np.ndarray, Layout, np.ndarray]:
+def drawn(spec: BoardSpec, paper: str, dpi: float) -> tuple[np.ndarray, SheetLayout, np.ndarray]:
     """The PDF as PDFium draws it, grey; the layout; pixels per mm along x and y."""
     layout = lay_out(spec, paper_named(paper))
     page = pypdfium2.PdfDocument(as_pdf(draw(spec, layout)))[0]

@@ -34,7 +34,7 @@ from viz.batch import cluster, work
 from viz.batch.cluster import Where, client_of
 from viz.batch.recordings import Recording, recordings_of
 from viz.batch.results import Results
-from viz.batch.work import Settings
+from viz.batch.work import BatchSettings
 from viz.cli.batch import _where, configure
 
 from ..recordings import write_recording, write_rig
@@ -85,11 +85,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def batch(
-    client: Client, given: Sequence[Recording], results: Results, settings: Settings | None = None
+    client: Client, given: Sequence[Recording], results: Results, settings: BatchSettings | None = None
 ) -> dict[str, work.Outcome]:
     results.prepare([])
     with results.locked():
-        found = list(cluster.run(client, given, settings or Settings(), results))
+        found = list(cluster.run(client, given, settings or BatchSettings(), results))
     assert len({each.name for each in found}) == len(found)
     results.write_summary([each.row for each in found if each.state == "failed"])
     return {each.name: each for each in found}
@@ -251,7 +251,7 @@ def test_what_is_wrong_is_named_and_the_rest_goes_on(
     assert {again[name].state for name in ("corrupt", "mended")} <= {"done", "unchanged"}
     assert [len(read_contacts(results.contacts(name))) for name in ("corrupt", "mended")] == [8, 8]
     # another option, another input: what depends on it is done again
-    assert batch(client, given[:1], results, Settings(no_moment=True))[given[0].name].state == "done"
+    assert batch(client, given[:1], results, BatchSettings(no_moment=True))[given[0].name].state == "done"
     with (paths["good"] / "recording" / "recording.csv").open("a") as table:
         table.write("8,9.0,0,0,\n")
     assert batch(client, given, results)["good"].row["frames"] == 9
@@ -263,7 +263,7 @@ def test_rows_are_those_of_estimate(folder: Path, tmp_path: Path) -> None:
     expected = serial(path, rig, tmp_path / "one.parquet")
     for threads in (1, 3):
         results = Results(tmp_path / f"results{threads}")
-        row = work.do(Recording("one", path, rig), Settings(threads=threads), results).row
+        row = work.do(Recording("one", path, rig), BatchSettings(threads=threads), results).row
         assert same_bits(read_table(results.contacts("one"), partitioning=None), expected)
         assert row == results.done("one")
         assert row["free_frames"] > 0
@@ -301,10 +301,10 @@ def test_what_fails_or_is_killed_leaves_no_room_taken(
 
     with monkeypatch.context() as patched:
         patched.setattr(work, "estimate_source", full)
-        outcome = work.do(recording, Settings(), results)
+        outcome = work.do(recording, BatchSettings(), results)
     assert (outcome.state, outcome.row["sentence"]) == ("failed", "no space left")
     assert not list(results.root.glob("contacts/*/*"))
-    assert work.do(recording, Settings(), results).state == "done"
+    assert work.do(recording, BatchSettings(), results).state == "done"
     whole = results.contacts("s0").read_bytes()
     half = results.contacts("s0").with_name(".contacts-killed01.parquet")
     half.write_bytes(whole[:100])

@@ -22,7 +22,7 @@ from tests.recordings import write_measured
 from vbaa_calib.cli.main import main
 from viz.batch.recordings import Recording
 from viz.batch.results import Results
-from viz.batch.work import Settings, do
+from viz.batch.work import BatchSettings, do
 
 FRAMES = 40
 
@@ -76,7 +76,7 @@ def test_rows_of_a_wrong_recording_are_contradicted(
     # as a batch, in one file by row groups, the digest with it
     results = Results(tmp_path / "results")
     results.prepare([])
-    outcome = do(Recording("one", folder / "turned", folder / "rig.json"), Settings(reconstruct=True), results)
+    outcome = do(Recording("one", folder / "turned", folder / "rig.json"), BatchSettings(reconstruct=True), results)
     assert outcome.row["verdict"] == found["verdict"]
     assert outcome.row["contradicted"] == found["status"]["contradicted"]
     assert not results.object("one").exists()
@@ -86,7 +86,7 @@ def test_rows_of_a_wrong_recording_are_contradicted(
     with results.summary.open() as stream:
         (row,) = csv.DictReader(stream)
     assert "wrong: the moment readings" in row["verdict"]
-    again = do(Recording("one", folder / "turned", folder / "rig.json"), Settings(), results)
+    again = do(Recording("one", folder / "turned", folder / "rig.json"), BatchSettings(), results)
     assert again.state == "unchanged"
     # the numbers are those without a verdict
     assert estimated(folder, "turned", files["parquet"], capsys, "--no-report")[0] == 1

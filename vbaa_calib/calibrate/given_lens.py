@@ -22,11 +22,11 @@ from vbaa_calib.diagnose.boards import lens_reading_diagnoses
 from vbaa_calib.geometry.independent_axes import independent_axes
 
 from .check.boards import FOCUS, check_lens
-from .check.finding import FAILS, HOLDS, Evidence
+from .check.finding import FAILS, HOLDS, Discrepancy
 from .check.rig import at
 from .lens.board_shape import BoardShape
 from .lens.intrinsics import LensSolution
-from .lens.models import LENS_MODELS, LensModel, is_monotonic
+from .lens.models import LENS_MODELS, DistortionModel, is_monotonic
 from .lens.uncertainty import compensate, is_covered, pixel_grid, projection_jacobian
 from .lens.verdict import LensVerdict
 from .lens_from_views import solve_lens
@@ -108,7 +108,7 @@ def read_lens(path: Path, wanted: Wanted | None = None) -> GivenLens:
     return GivenLens(camera, path, form.what, notes, assumed, other)
 
 
-def _model_of(camera: Camera) -> LensModel:
+def _model_of(camera: Camera) -> DistortionModel:
     # of several with as many coefficients the last one, in which all are free
     named = {(one.camera_model, one.distortion_count): one for one in LENS_MODELS.values()}
     return named[camera.model, len(camera.distortion)]
@@ -230,7 +230,7 @@ def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardVie
     deviation = np.hypot(spread[known], _LEAST_PX * np.sqrt(len(pixels)))
     size_px = float(np.sqrt((difference**2).sum(axis=(1, 2)).mean()))
     distance = float(np.linalg.norm(along / deviation))
-    evidence = Evidence(distance, int(known.sum()), size_px, _FLOOR_PX, "px")
+    evidence = Discrepancy(distance, int(known.sum()), size_px, _FLOOR_PX, "px")
     expected_px = float(np.linalg.norm(deviation) / np.sqrt(len(pixels)))
     words = (
         f"{len(own.views)} pictures of the board have a lens that differs by {size_px:.2f} px rms where "

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.doctor import FAILS, LOOK, OK, Finding, machine, packages
+from vbaa_calib.doctor import FAILS, LOOK, OK, HealthFinding, machine, packages
 
-CHECKS: dict[str, Callable[[], Finding]] = {
+CHECKS: dict[str, Callable[[], HealthFinding]] = {
     "python": packages.python_version,
     "packages": packages.packages,
     "shadows": packages.shadows,
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _examine(checks: Mapping[str, Callable[[], Finding]]) -> Iterator[Finding]:
+def _examine(checks: Mapping[str, Callable[[], HealthFinding]]) -> Iterator[HealthFinding]:
     """Each check's finding; an exception in a check becomes a finding, too."""
     for name, check in checks.items():
         try:
@@ -62,10 +62,10 @@ def _examine(checks: Mapping[str, Callable[[], Finding]]) -> Iterator[Finding]:
         except Exception as error:  # whatever an unhealthy installation raises
             words = f"could not be looked at ({type(error).__name__}: {' '.join(str(error).split())})"
             remedy = "fix the problems above, then run `vbaa doctor` again"
-            yield Finding(name, words, (Diagnosis("check_broke", f"{name} {words}", remedy, "wrong"),))
+            yield HealthFinding(name, words, (Diagnosis("check_broke", f"{name} {words}", remedy, "wrong"),))
 
 
-def _as_lines(finding: Finding) -> list[str]:
+def _as_lines(finding: HealthFinding) -> list[str]:
     head = f"{finding.status:<6}{finding.name:<11}"
     if not finding.problems:
         return textwrap.wrap(finding.words, _WIDTH, initial_indent=head, subsequent_indent=" " * len(head))

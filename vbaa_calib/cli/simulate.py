@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from vbaa_calib.simulate.scene.scene import bundled_scene
     from vbaa_calib.simulate.scene.scene_file import load_scene
-    from vbaa_calib.streams.bag_of_session import Lens, refuse_bag, write_recording
+    from vbaa_calib.streams.bag_of_session import BagLens, refuse_bag, write_recording
 
     started = time.perf_counter()
     given = Path(args.scene)
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         planned = _written(args, scene, folder)
         if args.bag is not None:
             lens = scene.lens
-            write_recording(args.bag, folder, Lens(lens.image_size, lens.matrix, lens.distortion, lens.model))
+            write_recording(args.bag, folder, BagLens(lens.image_size, lens.matrix, lens.distortion, lens.model))
             say(f"wrote {args.bag}")
     frames = planned.truth["frames"]
     touching = sum(frame["in_contact"] for frame in frames)

@@ -15,7 +15,7 @@ from . import stiffness_photo
 
 if TYPE_CHECKING:
     from vbaa_calib.calibrate.antenna.deflection_table import DeflectionTable
-    from vbaa_calib.calibrate.antenna.stiffness import Fit, StiffnessSolution
+    from vbaa_calib.calibrate.antenna.stiffness import BeamFit, StiffnessSolution
 
 _SCHEMA = "vbaa.stiffness/1"
 _PLAUSIBLE_MODULUS_PA = (1e8, 1.3e12)
@@ -164,7 +164,7 @@ def _not_separated(solution: StiffnessSolution) -> list[str]:
     return [*sentences, f"{exact} 1 to 1.5 %"]
 
 
-def _percent(fit: Fit, reference: Fit) -> str:
+def _percent(fit: BeamFit, reference: BeamFit) -> str:
     return f"{fit.stiffness_Nm2:.4g} N·m² ({100 * (fit.stiffness_Nm2 / reference.stiffness_Nm2 - 1):+.3g} %)"
 
 

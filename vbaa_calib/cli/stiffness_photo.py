@@ -17,7 +17,7 @@ from vbaa_calib.core.files import refuse_outputs, replacing, sha256, write_json,
 
 if TYPE_CHECKING:
     from vbaa_calib.calibrate.photo.centreline import RodLine, RodSearch
-    from vbaa_calib.calibrate.photo.stiffness import PhotoStiffness, Setting
+    from vbaa_calib.calibrate.photo.stiffness import PhotoSetting, PhotoStiffness
     from vbaa_calib.detect.drawing.canvas import Canvas
 
 _SCHEMA = "vbaa.stiffness-photo/1"
@@ -109,9 +109,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return document
 
 
-def _setting(args: argparse.Namespace) -> Setting:
+def _setting(args: argparse.Namespace) -> PhotoSetting:
     """What the flags say. Raises InputError for what cannot be."""
-    from vbaa_calib.calibrate.photo.stiffness import Setting
+    from vbaa_calib.calibrate.photo.stiffness import PhotoSetting
 
     if (args.length is None) == (args.marks is None):
         what = "the scale is given twice" if args.length else "nothing gives the scale"
@@ -131,7 +131,7 @@ def _setting(args: argparse.Namespace) -> Setting:
     force = args.force_N or 0.0
     if args.force_N is not None and not (math.isfinite(force) and force != 0.0):
         raise InputError(f"the load is {force:g}", remedy="give newtons; leave --load out where there is none")
-    return Setting(
+    return PhotoSetting(
         args.length,
         None if args.marks is None else np.array(args.marks),
         args.apart or 0.0,
@@ -146,7 +146,7 @@ def _setting(args: argparse.Namespace) -> Setting:
     )
 
 
-def _document(found: PhotoStiffness, setting: Setting, line: RodLine) -> dict[str, Any]:
+def _document(found: PhotoStiffness, setting: PhotoSetting, line: RodLine) -> dict[str, Any]:
     name, unit = ("stiffness_per_weight", "m3") if setting.per_weight else ("stiffness", "Nm2")
     value, (low, high) = (1.0 / found.inverse if found.determined else None), found.interval
     view = found.views[0]
@@ -184,7 +184,7 @@ def _document(found: PhotoStiffness, setting: Setting, line: RodLine) -> dict[st
     }
 
 
-def _notes(found: PhotoStiffness, setting: Setting, single: bool) -> list[str]:
+def _notes(found: PhotoStiffness, setting: PhotoSetting, single: bool) -> list[str]:
     spread = found.linear.curl_std
     two = len(found.views) > 1
     cause = "the material is not linear" if two else "the rod has curl of its own, or the material is not linear"

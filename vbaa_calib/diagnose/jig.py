@@ -58,7 +58,7 @@ class _JigSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class _Case:
+class _JigMistake:
     """A hypothesis: the jig's pose as it would be, how the antenna's pictures are mirrored, and what is uncertain."""
 
     name: str
@@ -92,12 +92,12 @@ class JigEvidence:
     limits: _JigSettings = _JigSettings()
 
     @property
-    def reported(self) -> _Case:
+    def reported(self) -> _JigMistake:
         """All as session.yaml has it."""
         assert self.session.T_antenna_board is not None
-        return _Case("as_reported", "", "", self.session.T_antenna_board, 0.0)
+        return _JigMistake("as_reported", "", "", self.session.T_antenna_board, 0.0)
 
-    def estimate(self, case: _Case) -> PoseEstimate:
+    def estimate(self, case: _JigMistake) -> PoseEstimate:
         """The camera's pose in the antenna's pictures, by the jig."""
         std = self.session.jig_translation_std_m, self.session.jig_rotation_std_rad
         found = jig_estimate(self.board, case.T_antenna_board, *std)
@@ -105,7 +105,7 @@ class JigEvidence:
         spread = np.diag(np.repeat([case.turn_rad, moved], 3) ** 2)
         return self._before(case, replace(found, covariance=found.covariance + spread))
 
-    def _before(self, case: _Case, found: PoseEstimate) -> PoseEstimate:
+    def _before(self, case: _JigMistake, found: PoseEstimate) -> PoseEstimate:
         """An estimate by pictures of the board, which were taken before a change of the focal length."""
         by_lens = found.lens_sensitivity
         if not case.focal or self.camera.covariance is None:
@@ -113,7 +113,7 @@ class JigEvidence:
         covariance = found.covariance + by_lens @ self.camera.covariance @ by_lens.T
         return replace(found, covariance=covariance, lens_sensitivity=np.zeros_like(by_lens))
 
-    def by_others(self, case: _Case) -> list[PoseEstimate]:
+    def by_others(self, case: _JigMistake) -> list[PoseEstimate]:
         """The camera's pose by the other ways, where a hypothesis holds."""
         found = [self._before(case, one) for one in self.others]
         if case.other is not None:
@@ -121,7 +121,7 @@ class JigEvidence:
             found[case.other] = replace(found[case.other], covariance=found[case.other].covariance + np.diag(spread))
         return found
 
-    def lens(self, case: _Case) -> Camera:
+    def lens(self, case: _JigMistake) -> Camera:
         """The lens of the antenna's pictures before they are solved."""
         if not case.focal:
             return self.camera
@@ -130,7 +130,7 @@ class JigEvidence:
         known = self.camera.covariance
         return replace(self.camera, covariance=np.outer(axis, axis) + (0.0 if known is None else known))
 
-    def found(self, case: _Case) -> list[Observation]:
+    def found(self, case: _JigMistake) -> list[Observation]:
         """The free antenna near where a hypothesis puts it, in the pictures as they are; empty where it is not in one.
 
         Within a few standard deviations: nothing that lies elsewhere speaks for the hypothesis.
@@ -164,7 +164,7 @@ class JigEvidence:
         turn, shift = np.where(flips, -1.0, 1.0), np.where(flips, last, 0.0)
         return [replace(one, points_px=shift + turn * one.points_px, tip_px=shift + turn * one.tip_px) for one in lines]
 
-    def problem(self, case: _Case, lines: Sequence[Observation], scale: float) -> Problem:
+    def problem(self, case: _JigMistake, lines: Sequence[Observation], scale: float) -> Problem:
         """Camera pose, antenna and lens by the free antenna's lines, where a hypothesis holds."""
         antenna, session = self.session.antenna, self.session
         before = prior(
@@ -185,7 +185,7 @@ class JigEvidence:
         return replace(problem, tips=np.array(ends, int), noise_scale=scale).relinearised(problem.begin)
 
     def solved(
-        self, case: _Case, lines: Sequence[Observation], scale: float
+        self, case: _JigMistake, lines: Sequence[Observation], scale: float
     ) -> tuple[float, Problem | None, Linearised | None]:
         """Log evidence (Laplace) of a hypothesis, up to what all have in common; its problem and solution."""
         if not lines:
@@ -212,7 +212,7 @@ class JigEvidence:
         evidence = -descent.at.cost - 0.5 * (known + information + along)
         return max(evidence, -self.limits.lost), problem, descent.at
 
-    def _by_ways(self, case: _Case) -> float:
+    def _by_ways(self, case: _JigMistake) -> float:
         """Log evidence where no picture of the free antenna is there: by the other ways to plane C alone."""
         one, total = self.estimate(case), 0.0
         for other in self.by_others(case):
@@ -264,7 +264,7 @@ class JigEvidence:
                     break
         return *best[1:], self.solved(self.reported, *best[1:])[0]
 
-    def _scale(self, case: _Case, lines: Sequence[Observation]) -> float:
+    def _scale(self, case: _JigMistake, lines: Sequence[Observation]) -> float:
         """Factor on the points' standard deviations, by their scatter about the best antenna of a hypothesis."""
         if not lines:
             return 1.0
@@ -274,7 +274,7 @@ class JigEvidence:
         left = [block[:, 0] for block in problem.evaluate(solution.parameters).points]
         return self.limits.correlated * max(noise_scale(left), 1.0)
 
-    def explanation(self, case: _Case) -> Explanation[JigEvidence]:
+    def explanation(self, case: _JigMistake) -> Explanation[JigEvidence]:
         """How well a hypothesis explains the lines and the other ways."""
         lines, scale, reported = self.seen
         if case.loads_rad:
@@ -291,7 +291,7 @@ class JigEvidence:
             words += f"; as it is in session.yaml, {self._off(lines)}"
         return Explanation(Diagnosis(case.name, words, case.remedy, severity), evidence - reported + case.log_prior)
 
-    def _turned_before_loads(self, case: _Case) -> Explanation[JigEvidence]:
+    def _turned_before_loads(self, case: _JigMistake) -> Explanation[JigEvidence]:
         """How well a turn of the camera between the pictures without and with loads explains them: estimated to first
         order, and again with the loads' lines turned back."""
         lines, scale, reported = self.seen
@@ -330,7 +330,7 @@ class JigEvidence:
         tip = moved(line.tip_px[None])[0] if np.isfinite(line.tip_px).all() else line.tip_px
         return replace(line, points_px=moved(line.points_px), tip_px=tip)
 
-    def _value(self, case: _Case, problem: Problem | None, solution: Linearised | None) -> str:
+    def _value(self, case: _JigMistake, problem: Problem | None, solution: Linearised | None) -> str:
         """What a hypothesis leaves open, as it was found: for the sentence."""
         jig = self.estimate(replace(case, offset_m=0.0, turn_rad=0.0, move_m=0.0))
         if problem is None or solution is None:
@@ -395,15 +395,15 @@ def _typed(data: JigEvidence) -> Pose:
     return data.reported.T_antenna_board @ face.inverse()
 
 
-def _slips(data: JigEvidence) -> Iterator[_Case]:
+def _slips(data: JigEvidence) -> Iterator[_JigMistake]:
     """Slips in jig.T_antenna_board: units, signs, exchanged axes, half turns, the inverse pose, another order."""
     typed, key, limits = _typed(data), "jig.T_antenna_board", data.limits
     face = typed.inverse() @ data.reported.T_antenna_board
     shift, turn = typed.translation_m, typed.rotation
     remedy = f"mend {key} in session.yaml, then calibrate again"
 
-    def case(name: str, words: str, pose: Pose, more: float = 0.0) -> _Case:
-        return _Case(f"jig_{name}", words, remedy, pose @ face, limits.log_prior + more)
+    def case(name: str, words: str, pose: Pose, more: float = 0.0) -> _JigMistake:
+        return _JigMistake(f"jig_{name}", words, remedy, pose @ face, limits.log_prior + more)
 
     units = {"mm": (1e-3, "m"), "cm": (1e-2, "m"), "inch": (0.0254, "m")}
     for unit, (factor, meant) in units.items():
@@ -447,7 +447,7 @@ def _slips(data: JigEvidence) -> Iterator[_Case]:
     yield case("turned", words, Pose(turn.T, shift), -1.0)
 
 
-def _mirrored_pictures(data: JigEvidence) -> Iterator[_Case]:
+def _mirrored_pictures(data: JigEvidence) -> Iterator[_JigMistake]:
     """The antenna's pictures are mirrored, or upside down, against the board's."""
     for flips, words in (
         ((True, False), "mirrored left to right"),
@@ -457,24 +457,24 @@ def _mirrored_pictures(data: JigEvidence) -> Iterator[_Case]:
         name = "pictures_turned" if all(flips) else "pictures_mirrored"
         words = f"the pictures of the antenna are {words} against the board's"
         remedy = "take them all with the same camera settings, or turn them back"
-        yield _Case(name, words, remedy, data.reported.T_antenna_board, data.limits.log_prior, flips)
+        yield _JigMistake(name, words, remedy, data.reported.T_antenna_board, data.limits.log_prior, flips)
 
 
-def _changes(data: JigEvidence) -> Iterator[_Case]:
+def _changes(data: JigEvidence) -> Iterator[_JigMistake]:
     """What moved or changed by an unknown amount."""
     limits, pose = data.limits, data.reported.T_antenna_board
     again = "take the jig's and the antenna's pictures again, one after the other, with nothing touched in between"
     if data.others:
         words = "the board in the jig lies off where jig.T_antenna_board has it, by {}"
         remedy = "measure the jig again, or say in session.yaml how well it is known (jig.translation_std_m)"
-        yield _Case("jig_off", words, remedy, pose, limits.log_prior_change, offset_m=limits.offset_m)
+        yield _JigMistake("jig_off", words, remedy, pose, limits.log_prior_change, offset_m=limits.offset_m)
         for index, one in enumerate(data.others):
             words = f"the {one.way} puts the camera off where it is, by {{}}"
             remedy = f"measure what the {one.way} rests on again (kinematics, over.height_m)"
-            case = _Case(f"{one.way.replace(' ', '_')}_off", words, remedy, pose, limits.log_prior_change)
+            case = _JigMistake(f"{one.way.replace(' ', '_')}_off", words, remedy, pose, limits.log_prior_change)
             yield replace(case, offset_m=limits.offset_m, other=index)
     words = "the camera turned by {} between the jig's picture and the antenna's"
-    knocked = _Case("camera_moved", words, again, pose, limits.log_prior_change)
+    knocked = _JigMistake("camera_moved", words, again, pose, limits.log_prior_change)
     yield replace(knocked, turn_rad=limits.camera_rad, move_m=limits.camera_m)
     if data.lines is not None and 0 < sum(one.loaded for one in data.lines) < len(data.lines):
         words = "the camera turned by {} between the pictures without and those with loads"
@@ -482,10 +482,10 @@ def _changes(data: JigEvidence) -> Iterator[_Case]:
         yield replace(knocked, words=words, remedy=remedy, loads_rad=limits.loads_rad)
     words = "the focal length changed by {} between the board's pictures and the antenna's"
     remedy = f"switch autofocus and zoom off; {again}"
-    yield _Case("refocused", words, remedy, pose, limits.log_prior_change, focal=limits.focal)
+    yield _JigMistake("refocused", words, remedy, pose, limits.log_prior_change, focal=limits.focal)
     length = limits.length * data.session.antenna.length_m
     words = "antenna.length_m is off by {}"
-    yield _Case("antenna_length", words, "measure it again", pose, limits.log_prior_change, length_m=length)
+    yield _JigMistake("antenna_length", words, "measure it again", pose, limits.log_prior_change, length_m=length)
 
 
 def _numbers(values: np.ndarray) -> str:
@@ -496,7 +496,7 @@ def _quaternion(rotation: np.ndarray) -> str:
     return f"rotation_xyzw ({_numbers(Rotation.from_matrix(rotation).as_quat())})"
 
 
-_TABLE: tuple[Callable[[JigEvidence], Iterator[_Case]], ...] = (_slips, _mirrored_pictures, _changes)
+_TABLE: tuple[Callable[[JigEvidence], Iterator[_JigMistake]], ...] = (_slips, _mirrored_pictures, _changes)
 
 
 def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:

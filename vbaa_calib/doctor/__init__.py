@@ -12,7 +12,7 @@ OK, LOOK, FAILS = "ok", "look", "fails"
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class HealthFinding:
     """The result of one check: what was seen, in words and as numbers for JSON, and the problems, if any."""
 
     name: str

@@ -18,7 +18,7 @@ from typing import Any
 
 from vbaa_calib.core.errors import Diagnosis, Severity
 
-from . import Finding, by_system, pip
+from . import HealthFinding, by_system, pip
 
 _DRAWING_SECONDS, _CAMERA_SECONDS, _TORCH_SECONDS = 90.0, 30.0, 120.0
 _SLOW_TORCH_SECONDS = 20.0
@@ -37,7 +37,7 @@ _TORCH = (
 
 
 @dataclass(frozen=True)
-class Tried:
+class EndedProcess:
     """How a process ended: its exit code, None when it took too long; negative when a signal ended it."""
 
     code: int | None
@@ -50,10 +50,10 @@ class Tried:
         return late if self.code is None else f"{failed} ({lines[-1].strip() if lines else 'it said nothing'})"
 
 
-_Try = Callable[[Sequence[str], float], Tried]
+_Try = Callable[[Sequence[str], float], EndedProcess]
 
 
-def try_python(arguments: Sequence[str], seconds: float) -> Tried:
+def try_python(arguments: Sequence[str], seconds: float) -> EndedProcess:
     """Run this Python with these arguments; -P keeps the current folder's own modules out of it."""
     try:
         done = subprocess.run(
@@ -67,17 +67,17 @@ def try_python(arguments: Sequence[str], seconds: float) -> Tried:
         )
     except subprocess.TimeoutExpired as late:
         out = late.stdout or b""
-        return Tried(None, out if isinstance(out, str) else out.decode(errors="replace"))
+        return EndedProcess(None, out if isinstance(out, str) else out.decode(errors="replace"))
     except OSError as error:
-        return Tried(127, err=str(error))
-    return Tried(done.returncode, done.stdout, done.stderr)
+        return EndedProcess(127, err=str(error))
+    return EndedProcess(done.returncode, done.stdout, done.stderr)
 
 
-def drawing(attempt: _Try = try_python) -> Finding:
+def drawing(attempt: _Try = try_python) -> HealthFinding:
     """Whether 3-D pictures can be drawn. Pages and glTF need no OpenGL, so this alone stops nothing."""
     tried = attempt(["-m", "viz.render.probe"], _DRAWING_SECONDS)
     if tried.code == 0:
-        return Finding("drawing", "3-D pictures can be drawn")
+        return HealthFinding("drawing", "3-D pictures can be drawn")
     how = tried.how(f"took longer than {_DRAWING_SECONDS:.0f} s", "failed")
     if tried.code is not None and (tried.code < 0 or not tried.err.strip()):
         how = f"was ended by signal {-tried.code}" if tried.code < 0 else "found no OpenGL that works"
@@ -88,9 +88,9 @@ def drawing(attempt: _Try = try_python) -> Finding:
     )
     if "No module named" in tried.err:
         how, remedy = "needs pyvista, which is not installed", pip("install", "'vbaa-calib[view]'")
-        return Finding("drawing", "no 3-D pictures", (Diagnosis("no_drawing", f"drawing {how}", remedy),))
+        return HealthFinding("drawing", "no 3-D pictures", (Diagnosis("no_drawing", f"drawing {how}", remedy),))
     problem = Diagnosis("no_drawing", f"drawing a 3-D picture {how}", f"{remedy}; pages and glTF work without")
-    return Finding("drawing", "3-D pictures cannot be drawn", (problem,), {"exit_code": tried.code})
+    return HealthFinding("drawing", "3-D pictures cannot be drawn", (problem,), {"exit_code": tried.code})
 
 
 def cameras(
@@ -98,7 +98,7 @@ def cameras(
     readable: Callable[[str], bool] = lambda path: os.access(path, os.R_OK | os.W_OK),
     attempt: _Try = try_python,
     system: str = sys.platform,
-) -> Finding:
+) -> HealthFinding:
     """Cameras, and whether they give a picture. None is no fault: pictures come from files and streams too."""
     problems: list[Diagnosis] = []
     if system == "linux":
@@ -132,10 +132,10 @@ def cameras(
         if not problems:
             remedy = "close programs that use the camera (browser, meeting), or plug it in again"
             problems.append(Diagnosis("camera_silent", f"{', '.join(devices)}: no picture comes", remedy))
-    return Finding("cameras", words, tuple(problems), {"devices": list(devices), "giving": giving})
+    return HealthFinding("cameras", words, tuple(problems), {"devices": list(devices), "giving": giving})
 
 
-def torch(attempt: _Try = try_python) -> Finding:
+def torch(attempt: _Try = try_python) -> HealthFinding:
     """Whether torch loads, and how long that takes; `vbaa check` and who gives tensors wait for it."""
     tried = attempt(["-c", _TORCH], _TORCH_SECONDS)
     fields = tried.out.split()
@@ -143,7 +143,7 @@ def torch(attempt: _Try = try_python) -> Finding:
         how = tried.how(f"takes longer than {_TORCH_SECONDS:.0f} s to load", "cannot be loaded")
         again = pip("install", "--force-reinstall", '"torch>=2.4,<3"')
         remedy = by_system(again, again, f"winget install Microsoft.VCRedist.2015+.x64, then {again}")
-        return Finding("torch", "does not load", (Diagnosis("torch_broken", f"torch {how}", remedy, "wrong"),))
+        return HealthFinding("torch", "does not load", (Diagnosis("torch_broken", f"torch {how}", remedy, "wrong"),))
     seconds = float(fields[0])
     words = f"{fields[1]} loads in {seconds:.1f} s, {fields[2]} threads, {'with' if fields[3] == 'True' else 'no'} CUDA"
     problems: tuple[Diagnosis, ...] = ()
@@ -151,7 +151,7 @@ def torch(attempt: _Try = try_python) -> Finding:
         slow = f"torch takes {seconds:.0f} s to load, and `vbaa check` waits for it"
         remedy = "put the environment on a local disk; have the virus scanner leave it out; try again when warm"
         problems = (Diagnosis("torch_slow", slow, remedy),)
-    return Finding("torch", words, problems, {"seconds": round(seconds, 3), "version": fields[1]})
+    return HealthFinding("torch", words, problems, {"seconds": round(seconds, 3), "version": fields[1]})
 
 
 _MB, _GB = 1_000_000, 1_000_000_000
@@ -163,7 +163,7 @@ _REMEDIES = {
 }
 
 
-def writable(folders: Mapping[str, Path | None] | None = None) -> Finding:
+def writable(folders: Mapping[str, Path | None] | None = None) -> HealthFinding:
     """Whether the current folder, the temporary folder and the cache are writable. None: there is none."""
     if folders is None:
         caches = os.environ.get("MPLCONFIGDIR") or os.environ.get("XDG_CACHE_HOME")
@@ -188,17 +188,17 @@ def writable(folders: Mapping[str, Path | None] | None = None) -> Finding:
                 Diagnosis("folder_not_writable", words, _REMEDIES[name], "doubt" if name == "cache" else "wrong")
             )
     words = ", ".join(f"{name} {folder}" for name, folder in folders.items())
-    return Finding("folders", words, tuple(problems))
+    return HealthFinding("folders", words, tuple(problems))
 
 
-def disk(free_bytes: int | None = None) -> Finding:
+def disk(free_bytes: int | None = None) -> HealthFinding:
     if free_bytes is None:
         free_bytes = shutil.disk_usage(Path.cwd()).free
     said = f"only {free_bytes / _MB:.0f} MB are free on this disk, and a session with its pictures may need some GB"
     severity: Severity = "wrong" if free_bytes < _DISK_FULL else "doubt"
     low = Diagnosis("disk_low", said, "make room, or work on another disk", severity)
     problems = (low,) if free_bytes < _DISK_LOW else ()
-    return Finding("disk", f"{free_bytes / _GB:.1f} GB free", problems, {"free_bytes": free_bytes})
+    return HealthFinding("disk", f"{free_bytes / _GB:.1f} GB free", problems, {"free_bytes": free_bytes})
 
 
 def _available_memory() -> int | None:
@@ -212,7 +212,9 @@ def _available_memory() -> int | None:
     return None
 
 
-def computing(memory: Callable[[], int | None] = _available_memory, environ: Mapping[str, str] = os.environ) -> Finding:
+def computing(
+    memory: Callable[[], int | None] = _available_memory, environ: Mapping[str, str] = os.environ
+) -> HealthFinding:
     free, threads = memory(), environ.get("OMP_NUM_THREADS")
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     said = f"{free / _GB:.1f} GB of memory" if free is not None else "memory unknown"
@@ -228,10 +230,10 @@ def computing(memory: Callable[[], int | None] = _available_memory, environ: Map
         (many, "threads_many", waits, f"set it to {count}, or unset it"),
     )
     problems = tuple(Diagnosis(name, words, remedy) for holds, name, words, remedy in rules if holds)
-    return Finding("computing", seen, problems, {"cores": count, "memory_bytes": free})
+    return HealthFinding("computing", seen, problems, {"cores": count, "memory_bytes": free})
 
 
-def terminal(streams: Mapping[str, Any] | None = None) -> Finding:
+def terminal(streams: Mapping[str, Any] | None = None) -> HealthFinding:
     """Whether ×, ° and ≤ can be printed, and file names with them."""
     streams = {"stdout": sys.stdout, "stderr": sys.stderr} if streams is None else streams
     encodings = {name: getattr(stream, "encoding", None) or "none" for name, stream in streams.items()}
@@ -245,4 +247,4 @@ def terminal(streams: Mapping[str, Any] | None = None) -> Finding:
             words = f"{name} is in {encoding}, which has no × ° ≤"
             problems.append(Diagnosis("not_utf8", words, f"{remedy}, or set PYTHONUTF8=1"))
     words = ", ".join(f"{name} {encoding}" for name, encoding in encodings.items())
-    return Finding("terminal", words, tuple(problems), encodings)
+    return HealthFinding("terminal", words, tuple(problems), encodings)

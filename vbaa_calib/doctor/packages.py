@@ -15,7 +15,7 @@ from typing import Any
 
 from vbaa_calib.core.errors import Diagnosis, Severity
 
-from . import Finding, by_system, pip
+from . import HealthFinding, by_system, pip
 
 _DISTRIBUTION = "vbaa-calib"
 _LEAST_PYTHON = (3, 11)
@@ -23,17 +23,19 @@ _ROOT = Path(__file__).parents[2]
 """The folder that holds our packages: a source tree, or site-packages."""
 
 
-def python_version(version: tuple[int, ...] = tuple(sys.version_info[:3])) -> Finding:
+def python_version(version: tuple[int, ...] = tuple(sys.version_info[:3])) -> HealthFinding:
     """Whether this Python is new enough, and where it lives."""
     words, wanted = f"{'.'.join(map(str, version))}, {sys.executable}", ".".join(map(str, _LEAST_PYTHON))
     packages = f"apt-get install python{wanted} python{wanted}-venv", f"brew install python@{wanted}"
     remedy = by_system(*packages, f"winget install Python.Python.{wanted}") + ", then make a new environment with it"
     problem = Diagnosis("python_too_old", f"this is Python {words}, and {wanted} is needed", remedy, "wrong")
     found = () if version[:2] >= _LEAST_PYTHON else (problem,)
-    return Finding("python", words, found, {"version": list(version)})
+    return HealthFinding("python", words, found, {"version": list(version)})
 
 
-def packages(requirements: Iterable[str] | None = None, version_of: Callable[[str], str] = metadata.version) -> Finding:
+def packages(
+    requirements: Iterable[str] | None = None, version_of: Callable[[str], str] = metadata.version
+) -> HealthFinding:
     """Every package that is asked for: there, and of a version that fits."""
     from packaging.requirements import Requirement
 
@@ -54,7 +56,7 @@ def packages(requirements: Iterable[str] | None = None, version_of: Callable[[st
                     pip("install", _DISTRIBUTION),
                     "wrong",
                 )
-                return Finding("packages", "unknown", (problem,))
+                return HealthFinding("packages", "unknown", (problem,))
         requirements = asked or known
     wanted = [Requirement(line) for line in requirements]
     for one in wanted:
@@ -71,7 +73,7 @@ def packages(requirements: Iterable[str] | None = None, version_of: Callable[[st
         words = "the source tree asks for other packages than the installation knows of"
         problems.append(Diagnosis("installation_stale", words, pip("install", "--editable", str(_ROOT))))
     words = f"{len(versions)} of {len(wanted)} there: " + ", ".join(f"{n} {v}" for n, v in versions.items())
-    return Finding("packages", words, tuple(problems), {"versions": versions})
+    return HealthFinding("packages", words, tuple(problems), {"versions": versions})
 
 
 _OURS = ("vbaa", "vbaa_calib", "targets", "estimator", "viz")
@@ -85,7 +87,7 @@ _LIBRARIES = {"cv2": "opencv-contrib-python-headless", "yaml": "PyYAML"} | {
 def shadows(
     folder: Path | None = None,
     owners: Callable[[], Mapping[str, list[str]]] = metadata.packages_distributions,
-) -> Finding:
+) -> HealthFinding:
     """Where packages are taken from now, what the current folder would put in their place, and whose files are ours.
 
     owners : package → the distributions that bring it.
@@ -133,7 +135,7 @@ def shadows(
     words = f"{len(places)} packages come from where they were installed"
     if problems:
         words = "some packages do not come, or may not come, from where they were installed"
-    return Finding("shadows", words, tuple(problems), {"places": places})
+    return HealthFinding("shadows", words, tuple(problems), {"places": places})
 
 
 _RIGHT = "opencv-contrib-python-headless"
@@ -145,7 +147,7 @@ _NAMES = frozenset(
 
 def opencv(
     installed: Mapping[str, str] | None = None, load: Callable[[], Any] = lambda: importlib.import_module("cv2")
-) -> Finding:
+) -> HealthFinding:
     """Several wheels at once overwrite each other's files; OpenCV 5 lacks what is needed; some wheels need libGL."""
     if installed is None:
         known = {re.sub(r"[-_.]+", "-", each.metadata["Name"] or "").lower(): each for each in metadata.distributions()}
@@ -167,7 +169,7 @@ def opencv(
         elif "DLL" in text:
             remedy = f"winget install Microsoft.VCRedist.2015+.x64, then {again}"
         problems.append(Diagnosis("opencv_broken", f"cv2 cannot be loaded ({text})", remedy, "wrong"))
-        return Finding("opencv", named, tuple(problems), {"wheels": dict(installed)})
+        return HealthFinding("opencv", named, tuple(problems), {"wheels": dict(installed)})
     other = len(installed) == 1 and not next(iter(installed.values())).startswith(version)
     rules = (
         (version.split(".")[0] != "4", "opencv_major", "is loaded, which lacks functions that are needed"),
@@ -179,4 +181,6 @@ def opencv(
     gui = re.search(r"^\s*GUI:\s*(\S+)", cv2.getBuildInformation(), re.MULTILINE)
     window = gui[1] if gui and gui[1] != "NONE" else None
     words = f"{version} of {named}, {f'windows by {window}' if window else 'headless'}"
-    return Finding("opencv", words, tuple(problems), {"version": version, "wheels": dict(installed), "window": window})
+    return HealthFinding(
+        "opencv", words, tuple(problems), {"version": version, "wheels": dict(installed), "window": window}
+    )

@@ -1,4 +1,4 @@
 """Pictures and readings with their times: from bags, videos, folders, cameras and sockets, brought together."""
 
-from .messages import Reading, Source, Taken, now_s
+from .messages import MessageSource, Reading, Taken, now_s
 from .synchronize import Synchronizer, Timing, taken_frames

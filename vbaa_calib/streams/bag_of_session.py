@@ -23,7 +23,7 @@ _MODELS = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomi
 
 
 @dataclass(frozen=True, eq=False)
-class Lens:
+class BagLens:
     """What CameraInfo says: size (width, height), matrix (3, 3), distortion (k,) in OpenCV's order, its model."""
 
     image_size: tuple[int, int]
@@ -45,7 +45,7 @@ def refuse_bag(path: Path, force: bool) -> None:
         raise InputError("exists already", where=path, remedy=remedy)
 
 
-def write_recording(path: Path, session: Path, lens: Lens) -> None:
+def write_recording(path: Path, session: Path, lens: BagLens) -> None:
     """The pictures of a session's recording as CompressedImage, the moment as WrenchStamped, the joints as JointState,
     and CameraInfo, at the recording's times."""
     frames = read_recording(load_session(session))
@@ -62,7 +62,7 @@ def write_recording(path: Path, session: Path, lens: Lens) -> None:
         made.rmdir()
 
 
-def _write(path: Path, frames: Iterable[Frame], lens: Lens) -> None:
+def _write(path: Path, frames: Iterable[Frame], lens: BagLens) -> None:
     writer = BagWriter(path)
     try:
         for frame in frames:
@@ -72,7 +72,7 @@ def _write(path: Path, frames: Iterable[Frame], lens: Lens) -> None:
         writer.close()
 
 
-def _logged(frame: Frame, lens: Lens) -> Iterator[Logged]:
+def _logged(frame: Frame, lens: BagLens) -> Iterator[Logged]:
     """What is logged of a frame: the readings first, as they come while the picture is still read out."""
     assert frame.image is not None
     time_ns = _START_NS + round(1e9 * frame.time_s)

@@ -24,7 +24,7 @@ from vbaa_calib.core.errors import InputError, clipped, require_extra, shown
 from vbaa_calib.core.files import read_yaml, require_file
 from vbaa_calib.core.images import as_levels, read_picture
 
-from .messages import ONE_CLOCK_S, Messages, Reading, Source, Taken
+from .messages import ONE_CLOCK_S, Messages, MessageSource, Reading, Taken
 from .unpacking import bound_unpacking, check_bag, refuse_bombs
 
 _ROLES: dict[str, tuple[tuple[str, ...], ...]] = {
@@ -100,7 +100,7 @@ class Topics:
         return Topics(**values)
 
 
-def open_bag(path: Path, topics: Topics, camera: Camera | None, offset_s: float | None = 0.0) -> Source:
+def open_bag(path: Path, topics: Topics, camera: Camera | None, offset_s: float | None = 0.0) -> MessageSource:
     """The pictures and readings of a bag, in the order in which they were logged.
 
     camera : the rig's: one that CameraInfo or the topic's name shows to be another is refused. offset_s : what will be
@@ -201,7 +201,7 @@ def open_bag(path: Path, topics: Topics, camera: Camera | None, offset_s: float 
                 if wanted[topic] in ("image", "joints") and not good[topic]:
                     raise _unreadable(topic, wanted[topic], fault, path)
 
-    return Source(path.name, messages, frozenset(channels), notes=notes)
+    return MessageSource(path.name, messages, frozenset(channels), notes=notes)
 
 
 def _unreadable(topic: str, role: str, error: Exception, path: Path) -> InputError:

@@ -15,7 +15,7 @@ from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.sources.files import SourceLost
 from vbaa_calib.sources.live import LiveSource
 
-from .messages import Messages, Reading, Source, Taken, now_s
+from .messages import Messages, MessageSource, Reading, Taken, now_s
 from .recorded import TICK_S, line_messages
 
 QUEUED = 3
@@ -114,7 +114,7 @@ def _arrived_s(ancillary: list[tuple[int, int, bytes]]) -> float:
     return latest_s
 
 
-def with_datagrams(source: Source, listening: socket.socket | None, key: bytes | None = None) -> Source:
+def with_datagrams(source: MessageSource, listening: socket.socket | None, key: bytes | None = None) -> MessageSource:
     """A source that runs, with the readings that come by UDP meanwhile; with a key, those that are signed with it."""
     if listening is None:
         return source
@@ -130,7 +130,7 @@ def with_datagrams(source: Source, listening: socket.socket | None, key: bytes |
     return replace(source, messages=messages)
 
 
-def open_device(camera: LiveSource) -> Source:
+def open_device(camera: LiveSource) -> MessageSource:
     """The newest pictures of a camera that runs, timed by this machine's clock when they were there."""
     notes: list[str] = []
     camera.queued, camera.retries_s = QUEUED, RETRIES_S
@@ -160,7 +160,7 @@ def open_device(camera: LiveSource) -> Source:
                 notes.append(f"{camera.name} broke off and was reached again, {camera.reopened} times in all")
             camera.close()
 
-    return Source(
+    return MessageSource(
         camera.name,
         messages,
         live=True,

@@ -81,7 +81,7 @@ clock."""
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class MessageSource:
     """Where a stream comes from.
 
     Attributes
@@ -120,7 +120,7 @@ class Source:
             return 0.0
         return float(np.median(lags_s[True]) - np.median(lags_s[False]))
 
-    def begun(self) -> Source:
+    def begun(self) -> MessageSource:
         """The same, read up to its first picture. Raises InputError where a recording has none that can be read."""
         several, ahead = self.messages(), list[Taken | Reading | None]()
         for each in several:
@@ -135,7 +135,7 @@ class Source:
 
         return replace(self, messages=messages)
 
-    def without_moments(self) -> Source:
+    def without_moments(self) -> MessageSource:
         """The same for vision alone."""
 
         def messages() -> Messages:

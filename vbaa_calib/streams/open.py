@@ -15,7 +15,7 @@ from vbaa_calib.sources.live import LiveSource
 
 from .bags import Topics, open_bag
 from .devices import open_device
-from .messages import Source
+from .messages import MessageSource
 from .recorded import open_folder, open_lines, open_table, open_video, with_readings
 
 _VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".ts")
@@ -28,7 +28,7 @@ def is_recorded(path: Path) -> bool:
 
 def open_recorded(
     path: Path, camera: Camera, table: Path | None, offset_s: float | None = 0.0, topics: Topics | None = None
-) -> Source:
+) -> MessageSource:
     """A bag, a video or a table of pictures, with the readings of a table, if one is given.
 
     offset_s : added to the readings' times; None: to be estimated. Raises InputError, also for a bag of another camera.
@@ -37,13 +37,13 @@ def open_recorded(
     return with_readings(source, table, offset_s or 0.0)
 
 
-def open_pictures(path: Path) -> Source:
+def open_pictures(path: Path) -> MessageSource:
     """A video, or a table of pictures. Raises InputError."""
     require_file(path)
     return open_table(path) if path.suffix.lower() == ".csv" else open_video(path)
 
 
-def open_running(text: str, idle_s: float) -> Source:
+def open_running(text: str, idle_s: float) -> MessageSource:
     """ "-", camera:0, a device, a stream's URL, or a folder that fills up. Raises InputError."""
     if text == "-":
         return open_lines(sys.stdin.buffer, idle_s)

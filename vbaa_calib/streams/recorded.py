@@ -24,7 +24,7 @@ from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.sources.files import FolderSource, Pace, SourceLost, VideoSource
 
-from .messages import CHANNELS, Messages, Reading, Source, Taken, now_s
+from .messages import CHANNELS, Messages, MessageSource, Reading, Taken, now_s
 from .synchronize import Timing
 
 _IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
@@ -66,7 +66,7 @@ def csv_readings(path: Path) -> tuple[frozenset[str], Iterator[Reading]]:
     return frozenset(names), read()
 
 
-def with_readings(source: Source, path: Path | None, offset_s: float) -> Source:
+def with_readings(source: MessageSource, path: Path | None, offset_s: float) -> MessageSource:
     """A recorded source with the readings of a table, each coming before the first picture that is not before it."""
     if path is None:
         return source
@@ -105,7 +105,7 @@ def _first_pictures(messages: Messages) -> tuple[list[Taken | Reading | None], f
     return ahead, later_s[0] if later_s and abs(later_s[0] - usual_s) <= Timing.jump_s else usual_s
 
 
-def open_video(path: Path) -> Source:
+def open_video(path: Path) -> MessageSource:
     """Every frame of a video, timed from its beginning. Raises InputError when it cannot be read."""
     video, notes = VideoSource(path), list[str]()
 
@@ -118,10 +118,10 @@ def open_video(path: Path) -> Source:
         finally:
             video.close()
 
-    return Source(path.name, messages, notes=notes)
+    return MessageSource(path.name, messages, notes=notes)
 
 
-def open_table(path: Path) -> Source:
+def open_table(path: Path) -> MessageSource:
     """The pictures that a table like recording.csv names, at its times. Raises InputError."""
     rows = csv_rows(path, ("time_s", "image"))
     first = next(rows)
@@ -134,10 +134,10 @@ def open_table(path: Path) -> Source:
             except InputError as error:
                 notes.append(f"{error}; left out")
 
-    return Source(path.name, messages, notes=notes)
+    return MessageSource(path.name, messages, notes=notes)
 
 
-def open_folder(path: Path, idle_s: float) -> Source:
+def open_folder(path: Path, idle_s: float) -> MessageSource:
     """A folder that fills: pictures by name, then as they come, timed by when they were written.
 
     It ends when nothing has come for `idle_s`. Raises InputError when it cannot be read.
@@ -162,10 +162,10 @@ def open_folder(path: Path, idle_s: float) -> Source:
             notes.append(str(error))
         notes.extend(folder.notes)
 
-    return Source(folder.name, messages, live=True, notes=notes)
+    return MessageSource(folder.name, messages, live=True, notes=notes)
 
 
-def open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> Source:
+def open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> MessageSource:
     """JSON lines: time_s, readings by their names, and `image`, a path or a picture's bytes in base64.
 
     A line that is none is left out and counted. It ends with the stream, or when nothing came for `idle_s`.
@@ -190,7 +190,7 @@ def open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> Source:
         if wrong > 1:
             notes.append(f"{wrong} lines were left out")
 
-    return Source("standard input", messages, live=True, notes=notes)
+    return MessageSource("standard input", messages, live=True, notes=notes)
 
 
 def _lines(stream: BinaryIO, idle_s: float, notes: list[str]) -> Iterator[bytes | None]:

@@ -131,7 +131,7 @@ def _cut(small: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Settings:
+class _StillnessSettings:
     """When a scene counts as still; the defaults are for a board held by hand.
 
     hold_s, hold_frames : duration and number of frames. gap_s : pause between frames that restarts the hold.
@@ -152,7 +152,7 @@ class _Settings:
     same: bool = False
 
 
-ON_A_STAND = _Settings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0, same=True)
+ON_A_STAND = _StillnessSettings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0, same=True)
 """For an antenna, which may still vibrate while all else is at rest, and looks the same at all angles of the joints."""
 
 
@@ -172,8 +172,8 @@ class StillnessDetector:
     differ from the taken frame, before another is taken. Deterministic in frames and times.
     """
 
-    def __init__(self, settings: _Settings | None = None) -> None:
-        self._settings = settings or _Settings()
+    def __init__(self, settings: _StillnessSettings | None = None) -> None:
+        self._settings = settings or _StillnessSettings()
         self._last: _FrameFeatures | None = None
         self._hold: tuple[_FrameFeatures, int, float] | None = None  # first frame, how many, largest sharpness
         self._taken: _FrameFeatures | None = None

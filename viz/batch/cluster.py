@@ -18,7 +18,7 @@ from vbaa_calib.core.threads import cores
 from . import work
 from .recordings import Recording
 from .results import Results
-from .work import Outcome, Settings
+from .work import BatchSettings, Outcome
 
 if TYPE_CHECKING:
     from distributed import Client, Future, Security
@@ -146,7 +146,9 @@ def client_of(where: Where) -> Iterator[Client]:
         yield open_ones.enter_context(distributed.Client(cluster, set_as_default=False))
 
 
-def run(client: Client, recordings: Sequence[Recording], settings: Settings, results: Results) -> Iterator[Outcome]:
+def run(
+    client: Client, recordings: Sequence[Recording], settings: BatchSettings, results: Results
+) -> Iterator[Outcome]:
     """Every recording's outcome, as they come. Raises Lost with the scheduler.
 
     A recording whose worker was lost too often is done once more at the end, with no other beside it: a neighbour may

@@ -33,7 +33,7 @@ from .results import Results, Row
 
 
 @dataclass(frozen=True)
-class Settings:
+class BatchSettings:
     """What is to be done with every recording: the options of `vbaa estimate`, and of the batch.
 
     threads : of each task's kernels. again : do also what is done and unchanged.
@@ -69,7 +69,7 @@ class Outcome:
     row: Row
 
 
-def do(recording: Recording, settings: Settings, results: Results) -> Outcome:
+def do(recording: Recording, settings: BatchSettings, results: Results) -> Outcome:
     """Estimate a recording, unless that is done already. What is wrong with it is in its row."""
     try:
         # OpenCV takes all cores by itself
@@ -84,7 +84,7 @@ def do(recording: Recording, settings: Settings, results: Results) -> Outcome:
         return failed(recording, error)
 
 
-def _estimated(recording: Recording, settings: Settings, results: Results, about: Row) -> Row:
+def _estimated(recording: Recording, settings: BatchSettings, results: Results, about: Row) -> Row:
     """Writes the contacts, as `vbaa estimate` does; the summary that begins with `about`."""
     begun, rig = time.process_time(), Rig.load(recording.rig)
     source = open_source(recording.path, rig, settings.no_moment, settings.streams)
@@ -133,7 +133,7 @@ def _estimated(recording: Recording, settings: Settings, results: Results, about
     return results.write(recording.name, rows(), judged, summarized)
 
 
-def _with_object(outcome: Outcome, recording: Recording, settings: Settings, results: Results) -> Outcome:
+def _with_object(outcome: Outcome, recording: Recording, settings: BatchSettings, results: Results) -> Outcome:
     """With the object's file, where it is asked for and not there."""
     path = results.object(recording.name)
     if not settings.reconstruct or path.exists() or outcome.row["verdict"]["severity"] == "wrong":
@@ -162,7 +162,7 @@ def failed(recording: Recording, error: BaseException) -> Outcome:
     return Outcome(recording.name, "failed", row)
 
 
-def _about(recording: Recording, settings: Settings) -> Row:
+def _about(recording: Recording, settings: BatchSettings) -> Row:
     """How a summary begins: what the recording is, and the digests of all that its contacts depend on."""
     rig_sha256, inputs_sha256 = sha256(recording.rig), inputs_digest(recording.path)
     about = {"rig_sha256": rig_sha256, "inputs_sha256": inputs_sha256, "version": vbaa_calib.__version__}

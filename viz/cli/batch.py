@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from viz.batch.cluster import BatchProgress, Lost, client_of, run
     from viz.batch.recordings import recordings_of
     from viz.batch.results import Results
-    from viz.batch.work import Settings
+    from viz.batch.work import BatchSettings
 
     recordings = recordings_of(args.recordings, args.rig)
     where = _where(args, len(recordings))
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not any(is_stream(each.path) for each in recordings) and (wrong := streams.given(args)):
         remedy = "leave it out: a session's readings are in recording/recording.csv"
         raise InputError("belongs to bags and videos, of which there are none", where=wrong[0], remedy=remedy)
-    settings = Settings(
+    settings = BatchSettings(
         model=args.model,
         friction=args.friction,
         drift=args.drift,

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from vbaa_calib.core.errors import Verdict
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Drift, Frame
-    from vbaa_calib.streams import Source, Synchronizer
+    from vbaa_calib.streams import MessageSource, Synchronizer
 
 MODELS = ("auto", "paper", "linear", "elastica", "rod")
 """auto and `vbaa_calib.antenna.rungs.RUNGS`, which is not imported for the sake of a quick --help."""
@@ -295,7 +295,7 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
         return estimator, _Recording(estimate_centrelines(estimator, frames, lines), len(frames), None)
     timing = streams.timing_of(args, rig)
 
-    def opened() -> tuple[Source, Synchronizer, Iterator[tuple[Frame, np.ndarray]]]:
+    def opened() -> tuple[MessageSource, Synchronizer, Iterator[tuple[Frame, np.ndarray]]]:
         source = streams.recorded(args, args.session, estimator.rig, timing)
         size = estimator.rig.camera.image_size
         synchronizer = Synchronizer(timing, source.channels, size, source.notes, live=False)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from estimator.live import LiveContact, LiveEstimator
     from estimator.live.outputs import ContactBag, Datagrams, GrowingTable
     from vbaa_calib.rig import Rig
-    from vbaa_calib.streams import Source, Timing
+    from vbaa_calib.streams import MessageSource, Timing
     from viz.files.rerun_log import RerunLog
 
     _Sink: TypeAlias = "ContactBag | Datagrams | GrowingTable | RerunLog | _Lines"
@@ -131,7 +131,7 @@ def _clocked(args: argparse.Namespace, estimator: ContactEstimator, timing: Timi
     return streams.clocked(args, path, estimator, timing, ground)
 
 
-def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> Source:
+def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> MessageSource:
     """The source that is named, with its readings. Raises InputError."""
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.devices import udp_socket, with_datagrams
@@ -227,7 +227,7 @@ class _Lines:
         """Standard output stays open."""
 
 
-def _follow(source: Source, live: LiveEstimator, sinks: list[_Sink], monitor: _Monitor) -> None:
+def _follow(source: MessageSource, live: LiveEstimator, sinks: list[_Sink], monitor: _Monitor) -> None:
     """Every contact to every sink, until the source ends or Ctrl-C."""
     from estimator.live.outputs import GrowingTable
     from vbaa_calib.streams import now_s
@@ -280,7 +280,7 @@ def _interruptible() -> Iterator[list[int]]:
 class _Monitor:
     """What a person sees while it runs, and what is told in the end."""
 
-    source: Source
+    source: MessageSource
     live: LiveEstimator
     watched: bool
     latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=_LATENCIES))

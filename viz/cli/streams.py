@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from estimator.contact.source import StreamOptions
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Centrelines, Frame
-    from vbaa_calib.streams import Source, Timing
+    from vbaa_calib.streams import MessageSource, Timing
     from vbaa_calib.streams.bags import Topics
 
 _ROLES = ("image", "moment", "joints", "camera")
@@ -161,7 +161,7 @@ def named_topics(given: Iterable[str], roles: Sequence[str] = _ROLES) -> dict[st
     return named
 
 
-def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> Source:
+def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> MessageSource:
     """A bag, a video or a table of pictures, with its readings. Raises InputError."""
     from vbaa_calib.convert.child import is_bag
     from vbaa_calib.streams.open import open_recorded

@@ -83,7 +83,7 @@ class FrictionTouches:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class FrictionAngles:
     """R angles, lateral and longitudinal ones of all touches that are used."""
 
     angles: Angles  # R
@@ -94,7 +94,7 @@ class Evidence:
     touch: np.ndarray  # (R,) of which touch
 
     @staticmethod
-    def of(rubs: FrictionTouches) -> Evidence:
+    def of(rubs: FrictionTouches) -> FrictionAngles:
         """What is known of the touches that are used; of sliding ones along the sure parts of the slip. Where fewer
         slide than μ needs, none counts as sliding."""
         if rubs.counts[0] < _FEWEST:
@@ -112,7 +112,7 @@ class Evidence:
         ]
         touch = np.concatenate(rows)
         slides = slides[touch]
-        return Evidence(
+        return FrictionAngles(
             Angles(*joined),
             slides=slides,
             lateral=np.arange(len(touch)) < len(rows[0]),
@@ -154,7 +154,7 @@ def _student_t_weights(off: np.ndarray) -> np.ndarray:
     return (_FREEDOM + 1.0) / (_FREEDOM + off**2)
 
 
-def _profile(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None) -> _Profile:
+def _profile(evidence: FrictionAngles, mu: np.ndarray, start: np.ndarray | None = None) -> _Profile:
     """At values of μ (G,), from common errors (K,) on: weighted least squares, a dead zone where nothing need slide."""
     modes = evidence.angles.modes_rad
     z = np.tile(np.zeros(modes.shape[1]) if start is None else start, (len(mu), 1))
@@ -207,7 +207,7 @@ class Coefficient:
     weight: np.ndarray  # (G,) probabilities
 
 
-def coefficient(evidence: Evidence) -> Coefficient:
+def coefficient(evidence: FrictionAngles) -> Coefficient:
     """The posterior of μ; touches that slide and scatter more than their deviations say are believed less."""
     angles = evidence.angles
     # orthonormal: what else the common errors do moves no angle
@@ -245,7 +245,7 @@ def coefficient(evidence: Evidence) -> Coefficient:
     )
 
 
-def _profile_on_grids(evidence: Evidence) -> _Profile:
+def _profile_on_grids(evidence: FrictionAngles) -> _Profile:
     """At a coarse grid of μ, and at a fine one where that finds the likely values."""
     grid = np.tan(np.linspace(0.0, np.arctan(_LARGEST), _COARSE))
     coarse = _profile(evidence, grid)
@@ -257,13 +257,13 @@ def _profile_on_grids(evidence: Evidence) -> _Profile:
     return _Profile.joined([coarse.picked(slice(0, first + 1)), fine, coarse.picked(slice(last, None))])
 
 
-def _cost_without_worst(evidence: Evidence, found: _Profile) -> np.ndarray:
+def _cost_without_worst(evidence: FrictionAngles, found: _Profile) -> np.ndarray:
     """(G,) the costs without the touches farthest outside the cone."""
     outside = np.sort(_student_t_losses(found.off[:, ~evidence.slides]), axis=1)
     return found.cost - outside[:, max(outside.shape[1] - _SPARED, 0) :].sum(axis=1)
 
 
-def _bounds(evidence: Evidence, found: _Profile) -> np.ndarray:
+def _bounds(evidence: FrictionAngles, found: _Profile) -> np.ndarray:
     """(2,) where the profile likelihood rises above its least by `_BOUND`, below and above it."""
     cost = _cost_without_worst(evidence, found)
     dear, best = cost > cost.min() + _BOUND, int(np.argmin(cost))

@@ -20,7 +20,7 @@ from .coefficient import (
     WRONG,
     Angles,
     Coefficient,
-    Evidence,
+    FrictionAngles,
     FrictionTouches,
     coefficient,
     judge,
@@ -151,7 +151,7 @@ def _fitted(rubs: FrictionTouches) -> tuple[FrictionTouches, Coefficient | None]
     """The touches as they took part in the fit, and their coefficient, None where none can be used. A contact that
     slides to and fro faster than the slip is averaged lies inside the cone: it then counts as not surely sliding."""
     for _ in range(_RELABELLED):
-        evidence = Evidence.of(rubs)
+        evidence = FrictionAngles.of(rubs)
         if not len(evidence.touch):
             return rubs, None
         mu = coefficient(evidence)
@@ -219,7 +219,7 @@ def _by_fit(before: np.ndarray, rubs: FrictionTouches, mu: Coefficient) -> tuple
     their common errors and each one's own. And by how much (P,) touches lie off, 0 where that is as it should be."""
     modes = rubs.normal_modes_rad @ mu.axes.T
     beyond = np.sum(rubs.normal_modes_rad**2, axis=1) - np.sum(modes**2, axis=1)
-    evidence = Evidence.of(rubs)
+    evidence = FrictionAngles.of(rubs)
     side, touch = evidence.lateral, evidence.touch[evidence.lateral]
     total, square, off = np.zeros((3, len(rubs)))
     own, found = rubs.normal_std_rad[touch] ** 2, mu.fits

@@ -14,9 +14,9 @@ from estimator.contact.status import FEWEST_POINTS, LOW_SIGNAL, LOW_SIGNAL_RELAT
 from estimator.object.estimate import estimate_object
 from estimator.object.friction import Friction
 from estimator.object.surface.build import fitted
-from estimator.object.surface.fit import Fit, fit
+from estimator.object.surface.fit import SurfaceFit, fit
 from estimator.object.surface.patches import LocalTouches, curve, height_field
-from estimator.object.surface.solution import Equations, Solution, covariance, values_at, variance
+from estimator.object.surface.solution import ShapeEquations, ShapeSolution, covariance, values_at, variance
 from estimator.object.surface.touches import touches_of
 from estimator.solver.linearised import linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
@@ -201,7 +201,7 @@ def _offered(contacts: ContactTable, arrays: RigArrays, made: np.ndarray, reach:
     return _Offered(rows, shared, force[rows], arrays.friction_rad * np.sqrt(own[rows, 3, 3]), arrays.friction_rad)
 
 
-def _equations(found: Fit, index: int, reach: Reach, seen: _Offered, m: np.ndarray) -> Equations:
+def _equations(found: SurfaceFit, index: int, reach: Reach, seen: _Offered, m: np.ndarray) -> ShapeEquations:
     """What the touches m (N,) would say of their patch; see `patches.height_field`."""
     one, give = found.patches[index], found.state.compliance_m_N
     frame, normal = one.frame, reach.normal[m]
@@ -228,13 +228,13 @@ def _equations(found: Fit, index: int, reach: Reach, seen: _Offered, m: np.ndarr
 class _Seen:
     """M new equations beside those that are solved."""
 
-    equations: Equations
+    equations: ShapeEquations
     half: np.ndarray  # (K, M) whitened against the old ones
     covariance: np.ndarray  # (M, M) without the compliance's
     compliance_N: np.ndarray  # (M,) what they see of the compliance beyond what the old ones predict
 
 
-def _seen(solution: Solution, index: int, new: Equations) -> _Seen:
+def _seen(solution: ShapeSolution, index: int, new: ShapeEquations) -> _Seen:
     model = solution.patches[index]
     modes = np.concatenate([each.equations.modes for each in solution.patches])
     old = new.modes @ modes.T + solution.seen_by(index, new.rows)
@@ -249,7 +249,7 @@ def _own(index: int, count: int, total: int) -> np.ndarray:
     return np.arange(index, total, count)
 
 
-def _of_surface(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.ndarray]:
+def _of_surface(found: SurfaceFit, reach: Reach, seen: _Offered) -> tuple[float, np.ndarray]:
     """Deviation of the surface, rms over all targets, now and after each touch (A-optimal)."""
     solution = found.solution
     targets = places(found, reach)
@@ -279,7 +279,7 @@ def _of_surface(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.nda
     return float(np.sqrt(whole / count)), after
 
 
-def places(found: Fit, reach: Reach) -> list[np.ndarray]:
+def places(found: SurfaceFit, reach: Reach) -> list[np.ndarray]:
     """Of each patch (N, 1) or (N, 2), where it was touched and where it can be."""
     result = []
     for index, one in enumerate(found.patches):
@@ -289,7 +289,7 @@ def places(found: Fit, reach: Reach) -> list[np.ndarray]:
     return result
 
 
-def _of_stiffness(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.ndarray]:
+def _of_stiffness(found: SurfaceFit, reach: Reach, seen: _Offered) -> tuple[float, np.ndarray]:
     """Deviation of the compliance, now and after each touch."""
     after = np.full(len(reach), np.nan)
     information = 1.0 / found.solution.variance if found.solution.variance > 0.0 else 0.0
@@ -305,7 +305,7 @@ def _of_stiffness(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.n
 
 
 def _of_friction(
-    found: Fit, arrays: RigArrays, reach: Reach, seen: _Offered, rub: Friction
+    found: SurfaceFit, arrays: RigArrays, reach: Reach, seen: _Offered, rub: Friction
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Deviation of μ, now and after a stroke along the surface from each touch, and where that ends. μ shows across the
     antenna by the force and the shape's normal, along it by the friction angle."""

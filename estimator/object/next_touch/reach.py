@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from estimator.contact.common_errors import empty_frames
 from estimator.object.surface.build import surely_known_m
-from estimator.object.surface.fit import Fit
+from estimator.object.surface.fit import SurfaceFit
 from estimator.solver.frames import Frames
 from estimator.solver.linearised import bend
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
@@ -114,7 +114,7 @@ class _Against:
     normal: np.ndarray  # (B, 3) outward, world
 
 
-def _against(found: Fit, patch: np.ndarray, bent: _Bent, radius_m: float) -> _Against:
+def _against(found: SurfaceFit, patch: np.ndarray, bent: _Bent, radius_m: float) -> _Against:
     nothing = np.full(len(patch), np.nan)
     result = _Against(nothing, nothing.copy(), np.full((len(patch), 3), np.nan))
     for index in np.unique(patch):
@@ -141,7 +141,7 @@ def _against(found: Fit, patch: np.ndarray, bent: _Bent, radius_m: float) -> _Ag
     return result
 
 
-def surface_std(found: Fit, patch: np.ndarray, point_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
+def surface_std(found: SurfaceFit, patch: np.ndarray, point_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """(B,) deviation of the surface along normals (B, 3) under points (B, 3), m."""
     result = np.full(len(patch), np.nan)
     for index in np.unique(patch):
@@ -166,7 +166,9 @@ def _newton(residual: Callable[[np.ndarray], np.ndarray], start: np.ndarray, ste
     return np.where((np.abs(residual(x)).max(axis=1) < _CONVERGED)[:, None], x, np.nan)
 
 
-def reachable(found: Fit, arrays: RigArrays, rows: np.ndarray, joints_rad: np.ndarray, limits: JointLimits) -> Reach:
+def reachable(
+    found: SurfaceFit, arrays: RigArrays, rows: np.ndarray, joints_rad: np.ndarray, limits: JointLimits
+) -> Reach:
     """Touches near those that were made, rows (P,) at joint angles (P, 2), pressed straight onto what is known of the
     surface: all the way from the first contact lies on places that `reconstruct` would draw."""
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).astype(int))] if len(rows) > _ROWS else rows
@@ -224,7 +226,7 @@ def reachable(found: Fit, arrays: RigArrays, rows: np.ndarray, joints_rad: np.nd
 
 
 def _pressed(
-    found: Fit, arrays: RigArrays, patch: np.ndarray, joints_rad: np.ndarray, start: np.ndarray
+    found: SurfaceFit, arrays: RigArrays, patch: np.ndarray, joints_rad: np.ndarray, start: np.ndarray
 ) -> tuple[np.ndarray, _Bent, _Against]:
     """Unknowns (B, 4) of antennas that lie frictionless on the surface, NaN where none does, and where they are."""
     radius, scale = 0.5 * arrays.rig.antenna.diameter_m, np.linalg.norm(start[:, 1:], axis=1)
@@ -271,7 +273,7 @@ def _ways(
     return ways, np.maximum(speed, 1e-6)
 
 
-def _clear(found: Fit, patch: np.ndarray, nodes_m: np.ndarray, radius_m: float) -> np.ndarray:
+def _clear(found: SurfaceFit, patch: np.ndarray, nodes_m: np.ndarray, radius_m: float) -> np.ndarray:
     """(B,) bool: nothing that was touched of other patches is in the way of antennas with nodes (B, M, 3)."""
     clear = np.ones(len(patch), bool)
     share = np.linspace(0.0, 1.0, 8, endpoint=False)[:, None, None]

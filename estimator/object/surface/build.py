@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 
-from .fit import CONVERGED, Fit, begin, deviations_along, fit, with_common_errors
+from .fit import CONVERGED, SurfaceFit, begin, deviations_along, fit, with_common_errors
 from .patches import IGNORED, LINK_FACTOR, UNSEEN_BEND_PER_M, across_curve, bridged_gap, tree_gaps
 from .touches import Touches, touches_of
 
@@ -110,7 +110,7 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Sur
     return _surface(*fitted(touches_of(touches) if isinstance(touches, ContactTable) else touches, antenna_radius_m))
 
 
-def fitted(touches: Touches, antenna_radius_m: float) -> tuple[Fit, Compliance, bool, list[str]]:
+def fitted(touches: Touches, antenna_radius_m: float) -> tuple[SurfaceFit, Compliance, bool, list[str]]:
     """The solved shape of `reconstruct`, how far the object yields, whether covariances are known, and notes."""
     given = np.isfinite(touches.own_m2).all(axis=(1, 2))
     given &= np.trace(touches.own_m2, axis1=1, axis2=2) > 0.0
@@ -141,7 +141,7 @@ def fitted(touches: Touches, antenna_radius_m: float) -> tuple[Fit, Compliance, 
     return found, compliance, known, [*touches.notes, *notes]
 
 
-def _compliance_of(fit: Fit) -> Compliance:
+def _compliance_of(fit: SurfaceFit) -> Compliance:
     """What a fit with a compliance says."""
     solution, touches, compliance_m_N = fit.solution, fit.touches, fit.state.compliance_m_N
     press = np.sum(touches.force_N * fit.normals.normal, axis=1)
@@ -174,7 +174,7 @@ def _compliance_of(fit: Fit) -> Compliance:
     return Compliance(compliance_m_N, std, stiffness, interval, bool(np.isfinite(stiffness)), reason)
 
 
-def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) -> Surface:
+def _surface(found: SurfaceFit, compliance: Compliance, known: bool, notes: list[str]) -> Surface:
     touches, count, normals = found.touches, len(found.touches), with_common_errors(found)
     touched, touched_std, label = np.empty((count, 3)), np.empty(count), np.empty(count, int)
     pieces = []
@@ -229,13 +229,13 @@ def _shown_m(touched_std_m: np.ndarray) -> float:
     return max(_STD_FACTOR * float(np.percentile(touched_std_m, 90)), _STD_SHOWN_M)
 
 
-def surely_known_m(fit: Fit, index: int) -> float:
+def surely_known_m(fit: SurfaceFit, index: int) -> float:
     """Where the surface of a patch is known less well than this, it is not drawn."""
     patch = fit.patches[index]
     return _shown_m(fit.std_along(index, fit.local(patch), fit.normals.normal[patch.members]))
 
 
-def _piece_of(fit: Fit, index: int, touched_std_m: np.ndarray) -> _Piece:
+def _piece_of(fit: SurfaceFit, index: int, touched_std_m: np.ndarray) -> _Piece:
     """The mesh of a wide patch, or the line of a curve; touched_std_m (N,) are the deviations at its touches."""
     patch = fit.patches[index]
     # who may say how far the patch reaches: not left out, and as well known along it as most
@@ -286,7 +286,7 @@ def _triangles(number: np.ndarray) -> np.ndarray:
     return np.concatenate(parts, axis=1).T
 
 
-def _line(fit: Fit, index: int, touched_m: np.ndarray, members: np.ndarray) -> _Piece:
+def _line(fit: SurfaceFit, index: int, touched_m: np.ndarray, members: np.ndarray) -> _Piece:
     """A curve on an even grid, not across gaps; touches (N,) that do not spread along it are one point."""
     patch, over = fit.patches[index], np.sort(touched_m)
     extent = float(over[-1] - over[0])

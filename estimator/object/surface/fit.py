@@ -13,7 +13,7 @@ from scipy.sparse.linalg import eigsh
 from vbaa_calib.geometry.independent_axes import largest_std
 
 from .patches import IGNORED, LocalTouches, Patch, curve, facing, group, height_field, tangent_frame
-from .solution import PatchModel, Prior, Solution, learn_prior, solve
+from .solution import PatchModel, ShapeSolution, SmoothnessPrior, learn_prior, solve
 from .touches import Touches
 
 _ROUNDS, _LEARNING, _MOST_ROUNDS = 3, 2, 15  # turns at least, those in which smoothness is learned anew, turns at most
@@ -42,7 +42,7 @@ class _FitState:
     compliance_m_N: float  # in the points
     slope: np.ndarray  # (P, 2) as `LocalTouches`'
     bend_per_m: np.ndarray  # (P, 2, 2)
-    priors: tuple[tuple[Prior, float] | None, ...]  # each patch's, with the tangents' slack
+    priors: tuple[tuple[SmoothnessPrior, float] | None, ...]  # each patch's, with the tangents' slack
     widened: np.ndarray  # (P,) factor on each touch's own covariance
     vague: np.ndarray  # (P,) touches that are not used
 
@@ -53,12 +53,12 @@ class _FitState:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class SurfaceFit:
     """The object's patches, their joint solution, and the normals."""
 
     touches: Touches
     patches: tuple[Patch, ...]
-    solution: Solution
+    solution: ShapeSolution
     state: _FitState
     point_m: np.ndarray  # (P, 3) taken for the surface's
     seen: list[LocalTouches]  # of each patch
@@ -121,7 +121,9 @@ def begin(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...],
     return tuple(patches), _FitState(normal, 0.0, slope, np.zeros((count, 2, 2)), nothing, widened, vague)
 
 
-def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: _FitState, yielding: bool) -> Fit:
+def fit(
+    touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: _FitState, yielding: bool
+) -> SurfaceFit:
     """Turns from a state on; `yielding`: with a compliance."""
     if not yielding:
         state = replace(state, compliance_m_N=0.0)
@@ -156,10 +158,10 @@ def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], s
         same = (before == state.widened).all()  # what is left out now was left out of the solution
         if turn >= _ROUNDS - 1 and same and abs(solution.compliance_m_N) <= _STILL * np.sqrt(solution.variance):
             break
-    return Fit(touches, patches, solution, state, points, seen, normals)
+    return SurfaceFit(touches, patches, solution, state, points, seen, normals)
 
 
-def with_common_errors(found: Fit) -> Normals:
+def with_common_errors(found: SurfaceFit) -> Normals:
     """A fit's normals with the part of their errors that the touches have in common."""
     return _estimate_normals(found.touches, found.patches, found.solution, found.seen, common=True)
 
@@ -199,7 +201,7 @@ def _surface_points(
 
 
 def _next_shape(
-    patches: tuple[Patch, ...], seen: list[LocalTouches], solution: Solution, state: _FitState
+    patches: tuple[Patch, ...], seen: list[LocalTouches], solution: ShapeSolution, state: _FitState
 ) -> _FitState:
     """What a solve says of slopes, bends and compliance."""
     slope, bend = state.slope.copy(), state.bend_per_m.copy()
@@ -239,7 +241,12 @@ class Normals:
 
 
 def _estimate_normals(
-    touches: Touches, patches: tuple[Patch, ...], solution: Solution, seen: list[LocalTouches], *, common: bool = False
+    touches: Touches,
+    patches: tuple[Patch, ...],
+    solution: ShapeSolution,
+    seen: list[LocalTouches],
+    *,
+    common: bool = False,
 ) -> Normals:
     """The normals; `common`: with the part of their errors that the touches have in common."""
     count = len(touches)

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
-from .solution import Equations, Functionals, concatenate, slopes_at, values_at
+from .solution import Functionals, ShapeEquations, concatenate, slopes_at, values_at
 
 _LINK_NORMALS_RAD = np.radians(50)  # neighbours whose normals differ by more lie on different sides of the object
 _PATCH_NORMALS_RAD = np.radians(65)  # a patch is a height field: no normal may lean farther than this from its mean
@@ -149,7 +149,7 @@ class LocalTouches:
     ignored: np.ndarray  # (N,) touches, with their tangents, that are not used
 
 
-def height_field(seen: LocalTouches) -> Equations:
+def height_field(seen: LocalTouches) -> ShapeEquations:
     """Heights over (u, v), and that the surface holds the antenna's tangent t: ∇h · t_uv = t_h. Of a point's error only
     what is across the surface is one of height; along it, the tangent is compared with another slope."""
     count, held = len(seen.point_m), np.flatnonzero(np.isfinite(seen.tangent).all(axis=1))
@@ -164,7 +164,7 @@ def height_field(seen: LocalTouches) -> Equations:
     tangents_own = _project(tilt, seen.tangent_modes[held])
     points, slopes = seen.point_m[:, :2], slopes_at(seen.point_m[held, :2], tangent[:, None, :2])
     noise = _noise([up, turn], [np.arange(count), held], seen.own_m2, [_LEAST_STD_M, _LEAST_STD_RAD])
-    return Equations(
+    return ShapeEquations(
         rows=concatenate(values_at(points, np.ones(1)), slopes),
         y=np.concatenate([seen.point_m[:, 2] + off, tangent[:, 2]]),
         noise=noise + np.diag(np.concatenate(beside)),
@@ -174,7 +174,7 @@ def height_field(seen: LocalTouches) -> Equations:
     )
 
 
-def curve(seen: LocalTouches) -> Equations:
+def curve(seen: LocalTouches) -> ShapeEquations:
     """The coordinates (v, h) across the curve over u, each a function of its own: along the normal, and beside it.
 
     The antenna touches a round body beside the curve, so that what is seen along the surface must say nothing of the
@@ -194,7 +194,7 @@ def curve(seen: LocalTouches) -> Equations:
     rolled = _ROUND_M * np.concatenate([1.0 - np.cos(turned), -np.sin(turned)])
     noises = [_noise([side], [np.arange(count)], seen.own_m2, [_LEAST_STD_M]) for side in sides]
     across = noises[0] + np.outer(off, off) + np.diag(2.0 * off**2)
-    return Equations(
+    return ShapeEquations(
         rows=concatenate(values_at(over, outward), values_at(over, beside)),
         y=np.concatenate([np.sum(each * seen.point_m[:, 1:], axis=1) for each in (outward, beside)]),
         noise=block_diag(across, noises[1] + along @ along.T) + np.outer(rolled, rolled),

@@ -45,7 +45,7 @@ class Functionals(Rows):
 
 
 @dataclass(frozen=True)
-class Prior:
+class SmoothnessPrior:
     """Of the function: a Matérn process and a linear trend."""
 
     length_m: float  # of the process
@@ -76,12 +76,12 @@ def concatenate(*parts: Functionals) -> Functionals:
     return Functionals(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
 
 
-def covariance(a: Functionals, b: Functionals, prior: Prior) -> np.ndarray:
+def covariance(a: Functionals, b: Functionals, prior: SmoothnessPrior) -> np.ndarray:
     """(N, M) prior covariance of views."""
     return np.asarray(core.surface.covariance(a, b, prior, False)[0])
 
 
-def variance(rows: Functionals, prior: Prior, others: Functionals | None = None) -> np.ndarray:
+def variance(rows: Functionals, prior: SmoothnessPrior, others: Functionals | None = None) -> np.ndarray:
     """(N,) prior variance of each view, or its covariance with another one at the same place: a diagonal of
     `covariance(rows, others, prior)`."""
     others = rows if others is None else others
@@ -91,7 +91,7 @@ def variance(rows: Functionals, prior: Prior, others: Functionals | None = None)
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class ShapeEquations:
     """M linear equations: the first N, or twice N for a curve, are of the points, the others of tangents."""
 
     rows: Functionals  # what they see of the shape
@@ -109,8 +109,8 @@ class Equations:
 class PatchModel:
     """The equations of a patch and the prior of its shape."""
 
-    equations: Equations
-    prior: Prior
+    equations: ShapeEquations
+    prior: SmoothnessPrior
     slack_rad: float  # the tangents' standard deviation beyond what is known
 
     @property
@@ -125,7 +125,7 @@ class PatchModel:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class ShapeSolution:
     """Of all patches."""
 
     patches: tuple[PatchModel, ...]
@@ -194,7 +194,7 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
     raise LinAlgError("the covariance of the touches is not positive definite")
 
 
-def solve(patches: tuple[PatchModel, ...], yielding: bool) -> Solution:
+def solve(patches: tuple[PatchModel, ...], yielding: bool) -> ShapeSolution:
     """The solve; `yielding`: with a compliance, otherwise the object is taken as rigid."""
     every = [fitted.equations for fitted in patches]
     modes = np.concatenate([each.modes for each in every])
@@ -208,12 +208,12 @@ def solve(patches: tuple[PatchModel, ...], yielding: bool) -> Solution:
         compliance = spread * float(lift @ y)
         weights = weights - compliance * lift
     start = np.cumsum([0, *map(len, every[:-1])])
-    return Solution(patches, start, lower, weights, lift, compliance, spread)
+    return ShapeSolution(patches, start, lower, weights, lift, compliance, spread)
 
 
 def learn_prior(
-    equations: Equations, extent_m: float, start: tuple[Prior, float] | None, yield_per_N: float
-) -> tuple[Prior, float]:
+    equations: ShapeEquations, extent_m: float, start: tuple[SmoothnessPrior, float] | None, yield_per_N: float
+) -> tuple[SmoothnessPrior, float]:
     """The most probable prior of the shape and slack of the tangents, rad; `start` is an earlier one, `extent_m` the
     patch's, `yield_per_N` the largest compliance, m/N, zero for none."""
     extent_m = max(extent_m, 1e-3)
@@ -225,9 +225,9 @@ def learn_prior(
     fixed = equations.noise[np.ix_(thin, thin)] + modes @ modes.T
     free = 3 if slack.any() else 2
 
-    def prior_of(logs: np.ndarray) -> tuple[Prior, float]:
+    def prior_of(logs: np.ndarray) -> tuple[SmoothnessPrior, float]:
         length, amplitude, turn = np.exp(np.clip(np.concatenate([logs, _BEST[len(logs) :]]), _LOWEST, _HIGHEST))
-        return Prior(length * extent_m, amplitude * extent_m, 10 * extent_m, _INCLINE), float(turn)
+        return SmoothnessPrior(length * extent_m, amplitude * extent_m, 10 * extent_m, _INCLINE), float(turn)
 
     def improbability(logs: np.ndarray) -> tuple[float, np.ndarray]:
         """What is to be least, and its slope (Rasmussen and Williams, Eqs. 2.43 and 5.9).

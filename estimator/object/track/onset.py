@@ -83,7 +83,7 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class ContactChange:
     """A change between the free antenna and contact."""
 
     row: int  # of the frame with which it was decided
@@ -97,7 +97,7 @@ class ContactStates:
     """The states of frames as they were decided in time."""
 
     state: np.ndarray  # (B,) 1 in contact, 0 free, -1 not known
-    changes: tuple[Change, ...]
+    changes: tuple[ContactChange, ...]
     pooled_test: bool  # a baseline could be learnt, so that slow approaches show early
 
 
@@ -108,7 +108,7 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
     joints = np.column_stack([table.pan_rad, table.tilt_rad])
     root = np.cbrt(np.clip(table.evidence, 0.0, None))
     state = np.full(len(table), -1)
-    changes: list[Change] = []
+    changes: list[ContactChange] = []
     run: list[int] = []
     now, tested, last = -1, False, -np.inf
     for row in np.flatnonzero(said >= 0).tolist():
@@ -133,7 +133,7 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
             found = 1 if alone == 1 or several else 0
         if found != now:
             if now != -1 or found == 1:
-                changes.append(Change(row, found == 1, np.array(run, int), alone == 0 and found == 1))
+                changes.append(ContactChange(row, found == 1, np.array(run, int), alone == 0 and found == 1))
             now, run = found, []
         run.append(row)
         state[row] = now

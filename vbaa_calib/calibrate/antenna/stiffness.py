@@ -32,7 +32,7 @@ from .deflection_table import DeflectionTable, check_load
 
 
 @dataclass(frozen=True)
-class Fit:
+class BeamFit:
     """EI under one set of assumptions; offset and clamp rotation are 0 where they were held."""
 
     stiffness_Nm2: float
@@ -47,7 +47,7 @@ class Fit:
 class StiffnessSolution:
     """EI of a rod and the evidence for it."""
 
-    fit: Fit  # its std holds the correlated scatter and the clamp's prior
+    fit: BeamFit  # its std holds the correlated scatter and the clamp's prior
     interval_Nm2: tuple[float, float]  # 95 % of EI
     model: str  # "linear" or "elastica"
     model_reason: str
@@ -61,8 +61,8 @@ class StiffnessSolution:
     clamp_share_std: float  # the clamp's prior
     clamp_std_Nm2: float  # its part of EI's std
     offset_free: bool  # whether the gauge's offset was fitted
-    other_offset: Fit  # the fit with the offset held, or free
-    free_clamp: Fit | None  # with a clamp free to turn; None where it does not converge
+    other_offset: BeamFit  # the fit with the offset held, or free
+    free_clamp: BeamFit | None  # with a clamp free to turn; None where it does not converge
 
 
 _CLAMP_SHARE_STD = 0.02
@@ -184,7 +184,7 @@ class _RodFit:
         """The same model and readings under other assumptions."""
         return self.bench.fitted(self.model, self.kept, self.parameters.stiffness_Nm2, offset, turning)
 
-    def judged(self, clamp: float) -> tuple[Fit, ErrorModels, float]:
+    def judged(self, clamp: float) -> tuple[BeamFit, ErrorModels, float]:
         """Standard deviations, the error models behind them, and half the relative interval of 1/EI."""
         found, table = self.parameters, self.bench.table
         x = table.x_m[self.kept]
@@ -192,7 +192,7 @@ class _RodFit:
         residuals = table.deflection_m[self.kept] - (model + found.offset_m + found.clamp_rotation_rad * x)
         errors = error_models(x, found.design, residuals, self.bench.least_std_m)
         covariance = errors.covariance
-        fit = Fit(
+        fit = BeamFit(
             found.stiffness_Nm2,
             found.stiffness_Nm2 * float(np.hypot(np.sqrt(covariance[0, 0]), clamp)),
             found.offset_m,

@@ -20,7 +20,7 @@ from vbaa_calib.rig import RIG_STEPS, Rig
 from vbaa_calib.rig.reprojection import feet, image_curves
 from vbaa_calib.session import Drift, Load, LoadReadings, Still
 
-from .finding import HOLDS, Checked, Evidence, Finding, judged, not_given, plus_minus
+from .finding import HOLDS, Checked, Discrepancy, Finding, judged, not_given, plus_minus
 
 _POINTS, _MOMENT, _BOTH = slice(-1), slice(-1, None), slice(None)  # rows of a `CheckedStill`
 _WINDOW, _FAR = 25, 5.0  # points this many deviations off the median of their neighbours are left out
@@ -184,7 +184,7 @@ def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[Sco
     step = np.concatenate([shape.clear(_SIGNIFICANT_STD), [0.0, 0.0, 0.0]])
     before_m, after_m = _free_points_m(rig, np.stack([np.zeros_like(step), step]))
     moved_mm = 1e3 * float(np.linalg.norm(after_m - before_m, axis=1).max())
-    evidence = Evidence(shape.distance_std, shape.freedom, moved_mm, _FREE_FLOOR_MM, "mm along the antenna")
+    evidence = Discrepancy(shape.distance_std, shape.freedom, moved_mm, _FREE_FLOOR_MM, "mm along the antenna")
     words = f"off by at most {moved_mm:.2f} mm" if moved_mm > 0 else "no difference beyond its uncertainty"
     largest_mm = max(float(np.abs(one.residual_mm).max()) for one in free)
     words += f"; single points lie within {largest_mm:.2f} mm"
@@ -227,7 +227,7 @@ def _number_finding(
     template, printed, factor, unit = _NUMBERS[name]
     words = template.format(plus_minus(printed * change.values[0], printed * change.std[0]))
     return judged(
-        name, words, remedy, Evidence(change.distance_std, 1, factor * abs(float(change.values[0])), floor, unit)
+        name, words, remedy, Discrepancy(change.distance_std, 1, factor * abs(float(change.values[0])), floor, unit)
     )
 
 

@@ -24,7 +24,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import Session
 
-from .finding import HOLDS, LOOK, Checked, Evidence, Finding, judged, not_given, plus_minus
+from .finding import HOLDS, LOOK, Checked, Discrepancy, Finding, judged, not_given, plus_minus
 
 _MIN_CORNERS = 6
 FOCUS = 4  # parameters that a refocus or a knock changes first: fx, fy, cx, cy
@@ -131,7 +131,7 @@ def _fit_finding(rms_px: float, expected_px: float | None, freedom: int, views: 
         return not_given("lens_fit", f"{words}; the calibration's is not recorded in rig.json")
     ratio = rms_px / max(expected_px, 1e-9)
     distance_std = max(ratio**2 - 1.0, 0.0) / float(np.sqrt(2.0 / freedom))
-    evidence = Evidence(distance_std, 1, 100 * max(ratio - 1.0, 0.0), _MORE_RMS_PERCENT, "% more rms")
+    evidence = Discrepancy(distance_std, 1, 100 * max(ratio - 1.0, 0.0), _MORE_RMS_PERCENT, "% more rms")
     words += f", {expected_px:.3f} px expected from the calibration"
     remedy = "shoot sharper and better lit pictures of a flat board; if it stays so, calibrate the lens again"
     return judged("lens_fit", words, remedy, evidence)
@@ -159,7 +159,7 @@ def _focus_finding(camera: Camera, change: ScoreTest, views: int) -> Finding:
         words = f"{_pictures(views)} determine{'s' * (views == 1)} {change.freedom} of these {FOCUS} numbers: {words}"
     remedy = "lock focus, zoom and autofocus, then calibrate again: `vbaa calibrate`"
     return judged(
-        "lens_focus", words, remedy, Evidence(change.distance_std, change.freedom, change_px, _FLOOR_PX, "px")
+        "lens_focus", words, remedy, Discrepancy(change.distance_std, change.freedom, change_px, _FLOOR_PX, "px")
     )
 
 
@@ -229,7 +229,7 @@ def check_pose(
     if not lens_holds:
         remedy = "mend the lens first: the rest may come from it. Then " + remedy
     distance_std = float(np.sqrt(chi_square(step, covariance)))
-    evidence = Evidence(distance_std, len(POSE_PARAMETERS), on_plane_mm, _FLOOR_MM, "mm on plane C")
+    evidence = Discrepancy(distance_std, len(POSE_PARAMETERS), on_plane_mm, _FLOOR_MM, "mm on plane C")
     finding = judged("camera_pose", words, remedy, evidence)
     if finding.level == HOLDS and board.is_ambiguous:
         why = "the board in the jig has a second pose that fits nearly as well: take it from a steeper angle"

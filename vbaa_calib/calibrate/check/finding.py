@@ -34,7 +34,7 @@ _QUESTIONS = {
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Discrepancy:
     """A difference between prediction and observation."""
 
     distance_std: float  # its Mahalanobis length, in standard deviations of the predicted difference
@@ -71,7 +71,7 @@ class Finding:
     level: str  # `HOLDS`, `LOOK`, `FAILS` or `NOT_GIVEN`
     words: str  # the answer, with numbers
     remedy: str | None = None  # what to do
-    evidence: Evidence | None = None  # the difference behind it
+    evidence: Discrepancy | None = None  # the difference behind it
 
     @property
     def is_bad(self) -> bool:
@@ -97,7 +97,7 @@ class Checked:
     document: Mapping[str, Any]
 
 
-def judged(name: str, words: str, remedy: str, evidence: Evidence) -> Finding:
+def judged(name: str, words: str, remedy: str, evidence: Discrepancy) -> Finding:
     """The finding that evidence leads to; with a remedy unless it holds."""
     return Finding(name, evidence.level, words, None if evidence.level == HOLDS else remedy, evidence)
 

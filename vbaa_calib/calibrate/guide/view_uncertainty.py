@@ -13,7 +13,7 @@ from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, rows
 from vbaa_calib.calibrate.lens.information import kept_observations
 from vbaa_calib.calibrate.lens.initialization import robust_poses, widened
 from vbaa_calib.calibrate.lens.intrinsics import MIN_CORNERS, LensSolution
-from vbaa_calib.calibrate.lens.models import LENS_MODELS, LensModel, camera_of
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, DistortionModel, camera_of
 from vbaa_calib.calibrate.lens.outliers import usable_views
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.least_squares import without_own
@@ -75,7 +75,7 @@ class LensDesign:
     may also be wrong in what the next richer model could describe, within a prior.
     """
 
-    model: LensModel
+    model: DistortionModel
     intrinsics: np.ndarray  # (4 + k,)
     image_size: tuple[int, int]  # (width, height) px
     scale: np.ndarray  # (4 + k + 5, p) intrinsics and shape for a unit of each z (p,), of prior 0 ± 1
@@ -134,7 +134,9 @@ def _grid(image_size: tuple[int, int]) -> np.ndarray:
     return np.stack(np.meshgrid(*(np.linspace(0, length - 1, 9) for length in image_size)), axis=-1).reshape(-1, 2)
 
 
-def _prior(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int], nominal_m: np.ndarray) -> np.ndarray:
+def _prior(
+    model: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int], nominal_m: np.ndarray
+) -> np.ndarray:
     """`LensDesign.scale`: how wrong each part of a lens and a board may be, from what they are like."""
     size, unit = len(intrinsics), np.eye(len(intrinsics) + SHAPE)
     fx, fy = intrinsics[:2]

@@ -15,7 +15,7 @@ from vbaa_calib.core.robust import radial_std
 from vbaa_calib.native import core
 
 from .board_shape import SHAPE, TAIL, ShapePrior
-from .models import LensModel, Unfolding
+from .models import DistortionModel, Unfolding
 
 CONVERGED = Rules(300, 1e-8, may_rise_share=1e-13, damping=1e-3, growth=8.0, after_failure=0.0)
 """Enough for decisions; `polished` for what is reported."""
@@ -46,7 +46,7 @@ class Corners(NamedTuple):
     bounds: np.ndarray
 
 
-class State(NamedTuple):
+class LensState(NamedTuple):
     """Lens (4 + k,), board's shape (5,), poses (V, 6)."""
 
     fisheye: bool
@@ -98,7 +98,7 @@ def rows(bundle: Bundle, observations: Sequence[BoardCorners]) -> tuple[np.ndarr
 class Bundle:
     """A lens with the poses of its views: a start, or a solution."""
 
-    model: LensModel
+    model: DistortionModel
     intrinsics: np.ndarray  # (4 + k,) fx, fy, cx, cy, distortion
     poses: np.ndarray  # (V, 6) rotation vector rad and translation m, T_camera_board of each view
     directions: np.ndarray  # (4 + k + 5, p) from `free_directions`: what is solved for besides the poses
@@ -109,7 +109,7 @@ class Bundle:
     unfolding: Unfolding | None = None  # the penalty against folding, where it was needed
 
     @staticmethod
-    def start(model: LensModel, intrinsics: np.ndarray, poses: np.ndarray) -> Bundle:
+    def start(model: DistortionModel, intrinsics: np.ndarray, poses: np.ndarray) -> Bundle:
         """Before anything is solved, the board flat."""
         return Bundle(model, intrinsics, poses, free_directions(model))
 
@@ -129,10 +129,10 @@ class Bundle:
         return replace(self, intrinsics=intrinsics, directions=free, shape=shape, prior=prior, noise_px=noise_px)
 
     @property
-    def state(self) -> State:
+    def state(self) -> LensState:
         """What a descent moves."""
         parts = (np.array(part, float) for part in (self.intrinsics, self.shape, self.poses))
-        return State(self.model.is_fisheye, *parts)
+        return LensState(self.model.is_fisheye, *parts)
 
     @property
     def priors(self) -> Priors:
@@ -175,7 +175,7 @@ class Bundle:
         return radial_std(np.linalg.norm(np.concatenate(self.residuals_px), axis=1))
 
 
-def free_directions(model: LensModel, square_pixels: bool = False, shape: bool = False) -> np.ndarray:
+def free_directions(model: DistortionModel, square_pixels: bool = False, shape: bool = False) -> np.ndarray:
     """(4 + k + 5, p) what is solved for: intrinsics, fx and fy as one with square pixels, then the board's shape."""
     size = 4 + model.distortion_count
     unit = np.eye(size + SHAPE)

@@ -13,7 +13,7 @@ from vbaa_calib.detect.board.corners import BoardView
 
 from .board_shape import SHAPE, deformations
 from .bundle import CONVERGED, BoardCorners, Bundle, refine, rows
-from .models import LensModel, camera_of, is_monotonic
+from .models import DistortionModel, camera_of, is_monotonic
 from .uncertainty import compensate, pixel_grid, projection_jacobian
 
 _OPEN, _ROUNDING = 1e-10, 1e-7
@@ -156,7 +156,7 @@ def excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
 
 
 def _compare_split_half(
-    model: LensModel, intrinsics: np.ndarray, known: Information, image_size: tuple[int, int]
+    model: DistortionModel, intrinsics: np.ndarray, known: Information, image_size: tuple[int, int]
 ) -> tuple[float | None, float | None]:
     """Rms difference over the picture of the lenses of two halves of the views, in predicted deviations, and its
     p-value; None with under 6 views, or when a half leaves the lens open.

@@ -12,7 +12,7 @@ from vbaa_calib.core.least_squares import Rules
 
 from .bundle import CONVERGED, BoardCorners, Bundle, of_views, refine, residuals_px
 from .homography import board_poses, homography
-from .models import LENS_MODELS, LensModel, Unfolding, camera_of, division_like, is_monotonic, rational_like
+from .models import LENS_MODELS, DistortionModel, Unfolding, camera_of, division_like, is_monotonic, rational_like
 
 _FOCAL_PER_WIDTH = (0.7, 1.4, 3.0, 8.0, 0.35)
 _DIVISIONS = (0.0, -0.1, -0.2, -0.35, -0.5, -0.65, -0.8, 0.15)  # λ of x / (1 + λr²), r = 1 at the picture's corner
@@ -40,7 +40,7 @@ class Guess(NamedTuple):
 
 
 def rough_lens(
-    model: LensModel,
+    model: DistortionModel,
     observations: Sequence[BoardCorners],
     image_size: tuple[int, int],
     known: Mapping[str, Bundle] | None = None,
@@ -68,12 +68,12 @@ def rough_lens(
     return refine(bundle, observations, _TRIAL, robust=True)
 
 
-def _begun(model: LensModel, simpler: Bundle, image_size: tuple[int, int]) -> Bundle:
+def _begun(model: DistortionModel, simpler: Bundle, image_size: tuple[int, int]) -> Bundle:
     return Bundle.start(model, widened(simpler.model, simpler.intrinsics, model, image_size), simpler.poses)
 
 
 def _from_homographies(
-    model: LensModel, observations: Sequence[BoardCorners], image_size: tuple[int, int], guess: Guess
+    model: DistortionModel, observations: Sequence[BoardCorners], image_size: tuple[int, int], guess: Guess
 ) -> Bundle:
     """Of the first lens of a ladder that has a distortion, or of one without."""
     some = _thinned(observations)
@@ -98,7 +98,9 @@ def _thinned(observations: Sequence[BoardCorners]) -> list[BoardCorners]:
     return [view.picked(np.arange(0, len(view.pixels), -(-len(view.pixels) // _MOST_CORNERS))) for view in views]
 
 
-def _start(model: LensModel, guess: Guess, observations: Sequence[BoardCorners], image_size: tuple[int, int]) -> Bundle:
+def _start(
+    model: DistortionModel, guess: Guess, observations: Sequence[BoardCorners], image_size: tuple[int, int]
+) -> Bundle:
     """From a focal length and a division model's distortion about the picture's centre."""
     (width, height), (focal, division) = image_size, guess
     reach = 0.5 * np.hypot(width, height) / focal
@@ -146,7 +148,7 @@ def _focal_length(homographies: Sequence[np.ndarray]) -> float:
     return float(1.0 / np.sqrt(inverse_square)) if inverse_square > 0.0 else np.nan
 
 
-def robust_poses(model: LensModel, intrinsics: np.ndarray, observations: Sequence[BoardCorners]) -> np.ndarray:
+def robust_poses(model: DistortionModel, intrinsics: np.ndarray, observations: Sequence[BoardCorners]) -> np.ndarray:
     """(V, 6) poses of the views under a lens, each by the homography of most of its corners."""
     pixels = np.concatenate([view.pixels for view in observations])
     bounds = np.cumsum([0, *(len(view.pixels) for view in observations)])
@@ -185,7 +187,7 @@ def _is_physical(bundle: Bundle) -> bool:
     return bool(np.all(bundle.intrinsics[:2] > 0.0) and np.median(bundle.poses[:, 5]) > 0.0)
 
 
-def _ladder(model: LensModel) -> list[LensModel]:
+def _ladder(model: DistortionModel) -> list[DistortionModel]:
     """The model and those that lead to it, the simplest last."""
     return [model, *([] if model.simpler is None else _ladder(LENS_MODELS[model.simpler]))]
 
@@ -222,7 +224,9 @@ def unfolded(
     return bundle
 
 
-def widened(simpler: LensModel, intrinsics: np.ndarray, model: LensModel, image_size: tuple[int, int]) -> np.ndarray:
+def widened(
+    simpler: DistortionModel, intrinsics: np.ndarray, model: DistortionModel, image_size: tuple[int, int]
+) -> np.ndarray:
     """(4 + k,) intrinsics of a lens model from the solution of a simpler one, the next or another on its ladder."""
     wide = np.zeros(4 + model.distortion_count)
     if simpler.camera_model != model.camera_model:

@@ -19,7 +19,7 @@ from .bundle import CONVERGED, BoardCorners, Bundle, polished, refine, residuals
 from .choice import Assessed, choose
 from .information import Candidate, Information, assess, information, observations_of
 from .initialization import Guess, reposed, rough_lens, unfolded
-from .models import LENS_MODELS, LensModel, camera_of, is_monotonic
+from .models import LENS_MODELS, DistortionModel, camera_of, is_monotonic
 from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
 from .verdict import LensVerdict, judge
 
@@ -257,7 +257,7 @@ def _decided(
 
 
 def _fit_lens(
-    model: LensModel, observations: Sequence[BoardCorners], options: _LensOptions, warm: Mapping[str, Bundle]
+    model: DistortionModel, observations: Sequence[BoardCorners], options: _LensOptions, warm: Mapping[str, Bundle]
 ) -> Bundle:
     """The solution of a lens model and the board's shape, from `warm` (by name) where it has one."""
     near = warm.get(model.name)

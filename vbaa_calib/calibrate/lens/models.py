@@ -14,7 +14,7 @@ from vbaa_calib.native import core
 
 
 @dataclass(frozen=True)
-class LensModel:
+class DistortionModel:
     """A lens model: its distortion, and what of it is solved for."""
 
     name: str  # as `--lens-model` takes it
@@ -36,16 +36,16 @@ class LensModel:
 LENS_MODELS = {
     model.name: model
     for model in (
-        LensModel("none", "opencv", 0, (), None),
-        LensModel("radial", "opencv", 4, (0, 1), "none"),
-        LensModel("opencv4", "opencv", 4, (0, 1, 2, 3), "radial"),
+        DistortionModel("none", "opencv", 0, (), None),
+        DistortionModel("radial", "opencv", 4, (0, 1), "none"),
+        DistortionModel("opencv4", "opencv", 4, (0, 1, 2, 3), "radial"),
         # from the solution without k3: a free k3 from a cold start ends far from the minimum on long lenses
-        LensModel("opencv5", "opencv", 5, (0, 1, 2, 3, 4), "opencv4"),
+        DistortionModel("opencv5", "opencv", 5, (0, 1, 2, 3, 4), "opencv4"),
         # from the fisheye, whose curve is smooth: from polynomials it often ends with a pole inside the picture
-        LensModel("rational", "opencv", 8, tuple(range(8)), "fisheye"),
-        LensModel("thin", "opencv", 12, tuple(range(12)), "rational"),
-        LensModel("tilted", "opencv", 14, tuple(range(14)), "thin"),
-        LensModel("fisheye", "fisheye", 4, (0, 1, 2, 3), None),
+        DistortionModel("rational", "opencv", 8, tuple(range(8)), "fisheye"),
+        DistortionModel("thin", "opencv", 12, tuple(range(12)), "rational"),
+        DistortionModel("tilted", "opencv", 14, tuple(range(14)), "thin"),
+        DistortionModel("fisheye", "fisheye", 4, (0, 1, 2, 3), None),
     )
 }
 
@@ -56,7 +56,7 @@ def _camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
     return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
 
-def camera_of(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> Camera:
+def camera_of(model: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> Camera:
     """The camera of intrinsics (fx, fy, cx, cy, *distortion), without a covariance."""
     return Camera(model.camera_model, image_size, _camera_matrix(intrinsics), intrinsics[4:])
 
@@ -99,7 +99,7 @@ class Unfolding:
 
 
 def _radial_curve(
-    model: LensModel, distortion: np.ndarray, radii: np.ndarray
+    model: DistortionModel, distortion: np.ndarray, radii: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distorted radius (m,) at ideal radii (m,), its slope (m,), and the slope's derivatives (m, k)."""
     curve, slope, by_distortion = core.bundle.radial_slopes(np.array(distortion, float), model.is_fisheye, radii)
@@ -111,7 +111,7 @@ def corner_radius(intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
     return float(core.bundle.corner_radius(np.array(intrinsics, float), *image_size))
 
 
-def _poles(model: LensModel, intrinsics: np.ndarray) -> np.ndarray:
+def _poles(model: DistortionModel, intrinsics: np.ndarray) -> np.ndarray:
     """Complex squares (m,) of the ideal radii at which the distorted one is infinite."""
     bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]
     # in one over the squared radius, so that small coefficients do no harm
@@ -119,7 +119,7 @@ def _poles(model: LensModel, intrinsics: np.ndarray) -> np.ndarray:
     return np.asarray(1.0 / inverses[np.abs(inverses) > _FAR])
 
 
-def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
+def is_monotonic(model: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
     """Whether every pixel of the picture has one ray (`Camera.valid_region`), and none lies beside a pole. A lens that
     folds can fit its corners well, but beyond them maps two directions to one pixel."""
     # A pole with a zero beside it is narrower than any sampling of the curve, and which comes first often depends on
@@ -135,7 +135,7 @@ def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int
     return camera_of(model, intrinsics, image_size).valid_region().image_fraction == 1.0
 
 
-def pole_distance(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
+def pole_distance(model: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
     """Distance of the nearest pole, in the complex plane of the ideal radius, from the radii of a monotonic lens's
     picture, over the largest of them.
 
@@ -151,7 +151,7 @@ def pole_distance(model: LensModel, intrinsics: np.ndarray, image_size: tuple[in
     return float(np.abs(poles - np.clip(poles.real, 0.0, reach)).min()) / reach
 
 
-def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray | None:
+def rational_like(fisheye: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray | None:
     """(12,) intrinsics of a rational lens without a pole that follows a fisheye's curve over the picture; None where
     that sees more than 86° off its axis or folds. From other starts a rational lens often has a pole just beyond the
     corners.
@@ -175,7 +175,7 @@ def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[
     return np.concatenate([intrinsics[:4], distortion])
 
 
-def division_like(model: LensModel, division: float, reach: float) -> np.ndarray:
+def division_like(model: DistortionModel, division: float, reach: float) -> np.ndarray:
     """(k,) distortion like that of an ideal radius r / (1 + λr²), r being the distorted one, up to `reach`."""
     distortion = np.zeros(model.distortion_count)
     free = [index for index in _NUMERATOR[model.camera_model][:_DIVISION_TERMS] if index in model.free]

@@ -57,7 +57,7 @@ class Loading:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PhotoView:
     """One photograph's line in metres, and what bent the rod in it."""
 
     points_m: np.ndarray  # (N, 2) measured
@@ -100,12 +100,12 @@ class View:
         return beside(self.curve_m, points)[1] + effect @ (np.diff(angle) / step), effect, free, s / along[-1]
 
 
-def linear_law(views: Sequence[View], straight: bool = False) -> list[np.ndarray]:
+def linear_law(views: Sequence[PhotoView], straight: bool = False) -> list[np.ndarray]:
     """(K, 2) per view: curvature by the moment over EI and by the rod's own bow; (K, 1) for a rod without bow."""
     return [np.stack([view.moment, np.ones(_PIECES)], axis=1)[:, : 2 - straight] for view in views]
 
 
-def free_law(views: Sequence[View]) -> tuple[list[np.ndarray], np.ndarray]:
+def free_law(views: Sequence[PhotoView]) -> tuple[list[np.ndarray], np.ndarray]:
     """(K, P) per view: curvature as any smooth function of the moment; and rows that are 0 for a straight one."""
     moments = np.concatenate([view.moment for view in views])
     steps = np.linspace(moments.min(), moments.max(), _LAW_STEPS + 1)
@@ -150,7 +150,7 @@ class Bending:
         return np.quantile(drawn, shares)
 
 
-def fit_bending(views: Sequence[View], laws: Sequence[np.ndarray]) -> Bending:
+def fit_bending(views: Sequence[PhotoView], laws: Sequence[np.ndarray]) -> Bending:
     """Coefficients of a law of curvature, given by its columns (K, P) for each view; all views have the same curl."""
     parts = [view.rows for view in views]
     data, effect, shares = (np.concatenate([part[i] for part in parts]) for i in (0, 1, 3))

@@ -1,7 +1,7 @@
 """The middle line of a rod in one photograph: the line with the most evidence, if there is enough and no other has.
 
 Nothing is assumed of the rod's colour, nor that it is one all along, only that it differs from what is on either side
-of it. Pixel (0, 0) is the middle of the upper left one. `candidates.py` searches, `measure.py` fits.
+of it. Pixel (0, 0) is the middle of the upper left one. `measure.py` searches and fits.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths
 
-from .candidates import Level, RodPath, levels_of, opponent, paths_at, shared
-from .measure import MeasuredRod, fitted
+from .measure import Level, MeasuredRod, RodPath, fitted, levels_of, opponent, paths_at, shared
 from .settings import RodSettings
 
 _END_REMEDY = "give --clamp U,V and --tip U,V"

@@ -19,12 +19,174 @@ from vbaa_calib.core.polyline import arc_lengths, beside, normals
 from vbaa_calib.core.robust import NORMAL_QUARTILE, huber_weights, mad_std
 from vbaa_calib.native import core
 
-from .candidates import Level, RodPath, ribbon_evidence, shading_of
 from .settings import RodSettings
+
+_TO_OPPONENT = np.array([[0.114, 0.587, 0.299], [0.0, -0.7071, 0.7071], [-0.8165, 0.4082, 0.4082]])
+"""Luma, red against green and yellow against blue, from blue, green and red."""
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class RodPath:
+    """A coarse line (N, 2) in pixels of the photograph, the width it was found with, and its evidence."""
+
+    path_px: np.ndarray
+    width_px: float
+    evidence: float
+    cost: float = 0.0
+    mean: float = 0.0
+
+    def is_clear(self, settings: RodSettings) -> bool:
+        """Whether a rod is likely to be along it."""
+        return self.mean > settings.enough and self.evidence > settings.clear_evidence
+
+
+def opponent(picture: np.ndarray) -> np.ndarray:
+    """Planes (1, H, W) of a grey picture (H, W), or (3, H, W) luma and two chroma of a colour one (H, W, 3)."""
+    if picture.ndim == 2:
+        return picture.astype(np.float32)[None]
+    luma, *chroma = np.moveaxis(cv2.transform(picture.astype(np.float32), _TO_OPPONENT.astype(np.float32)), -1, 0)
+    # less light is less chroma as well
+    usual, dark = np.float32(128.0), np.float32(32.0)
+    return np.stack([luma, *(each * (usual + dark) / (luma + dark) for each in chroma)])
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """A reduced picture (channels, H, W), `scale` of its pixels to one of the photograph's."""
+
+    planes: np.ndarray
+    scale: float
+
+    def reduced(self, scale: float, shape: tuple[int, int]) -> Level:
+        """The picture of a shape (H, W) at a scale of at most this one's."""
+        size = (max(8, round(scale * shape[1])), max(8, round(scale * shape[0])))
+        if size == self.planes.shape[:0:-1]:
+            return self
+        return Level(np.stack([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in self.planes]), scale)
+
+    def noise(self, settings: RodSettings) -> np.ndarray:
+        """(channels,) standard deviation of a pixel, from second differences."""
+        rows = self.planes[:, :: max(1, self.planes.shape[1] // settings.sampled_rows)]
+        bend = rows[:, :, 2:] - 2.0 * rows[:, :, 1:-1] + rows[:, :, :-2]
+        return np.maximum(np.median(np.abs(bend), axis=(1, 2)) / (NORMAL_QUARTILE * np.sqrt(6.0)), settings.least_noise)
+
+    def texture(self, apart_px: float, settings: RodSettings) -> np.ndarray:
+        """(channels,) standard deviation between places so far apart, of the usual surface."""
+        smooth = np.stack([cv2.blur(each, (3, 3)) for each in self.planes])
+        off, few = max(1, round(apart_px)), max(1, self.planes.shape[1] // settings.sampled_rows)
+        differences = [smooth[:, off::few] - smooth[:, :-off:few], smooth[:, ::few, off:] - smooth[:, ::few, :-off]]
+        return np.mean([np.median(np.abs(each), axis=(1, 2)) for each in differences], axis=0) / NORMAL_QUARTILE
+
+
+def _shading_of(channels: int, settings: RodSettings) -> np.ndarray:
+    """(channels,) by which the colour of one surface differs between neighbouring places."""
+    return np.array([settings.shading[min(channel, 1)] for channel in range(channels)])
+
+
+def ribbon_evidence(level: Level, width: float, settings: RodSettings) -> np.ndarray:
+    """Log odds (steps, directions, columns) of ribbons so wide down a picture."""
+    shading = np.hypot(_shading_of(len(level.planes), settings), level.texture(settings.flank_widths * width, settings))
+    shares = (settings.flat, settings.edge, settings.chance)
+    return core.search.ribbon_evidence(
+        level.planes, width, level.noise(settings), shading, settings.spread, shares, settings.gap
+    )
+
+
+def _most_scale(planes: np.ndarray, settings: RodSettings) -> float:
+    """Scale at which a picture is searched for the thinnest rods."""
+    return float(min(1.0, np.sqrt(1e6 * settings.most_megapixels / np.prod(planes.shape[1:]))))
+
+
+def levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[Level, float]]:
+    """The picture reduced for ribbons of each width, in pixels of the picture; the widest first."""
+    height, width = planes.shape[1:]
+    most = _most_scale(planes, settings)
+    widths = [settings.narrowest_px / most]
+    while widths[-1] < settings.widest * min(height, width):
+        widths.append(widths[-1] * settings.width_step)
+    level, levels = Level(planes, 1.0), []
+    for width_px in widths:
+        level = level.reduced(min(most, settings.level_width_px / width_px), (height, width))
+        levels.append((level, width_px))
+    return levels[::-1]
+
+
+def paths_at(
+    level: Level,
+    width_px: float,
+    ends: tuple[np.ndarray | None, np.ndarray | None],
+    settings: RodSettings,
+    bound: float,
+    colours: np.ndarray | None = None,
+) -> list[RodPath]:
+    """Paths along which ribbons so wide in the photograph's pixels may lie, the best first; from clamp to tip if these
+    are known. They lack no more evidence than `bound`, and have one of the `colours` (K, channels) if there are any."""
+    clamp, tip = ends
+    height, columns = level.planes.shape[1:]
+    width, diagonal = width_px * level.scale, float(np.hypot(height, columns))
+    if min(height, columns) < 2 * core.search.ROW_STEP:
+        return []
+    down = ribbon_evidence(level, width, settings)
+    across = ribbon_evidence(Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale), width, settings)
+    if colours is not None:
+        spread = settings.other_colour * _shading_of(len(level.planes), settings)
+        smooth = [cv2.blur(each, (3, 3)) for each in level.planes]
+        unlike = [
+            sum(((each - own) / by) ** 2 for each, own, by in zip(smooth, colour, spread, strict=True))
+            for colour in colours
+        ]
+        less = np.clip(np.min(unlike, axis=0) - 1.0, 0.0, -settings.gap).astype(np.float32)
+        step = core.search.ROW_STEP
+        for evidence, each in ((down, less), (across, less.T)):
+            evidence -= each[step // 2 :: step][: len(evidence), None]
+    correlation = max(width, settings.correlation_share * diagonal)
+    both = clamp is not None and tip is not None
+    rules = (
+        1.0 / correlation,
+        settings.enough,
+        settings.length_cost,
+        settings.turn_cost,
+        settings.click_share * diagonal + 0.5 * width,
+        width,
+        settings.any_evidence if both else settings.least_evidence,
+        bound,
+        settings.drop,
+    )
+    known = [None if each is None else ((each + 0.5) * level.scale - 0.5)[None] for each in (clamp, tip)]
+    none = np.zeros((0, 2))
+    if known[0] is None:
+        known.reverse()  # from the tip, where that is known
+    first, last = (none if each is None else each for each in known)
+    found = core.search.best_paths(
+        down, across, first, last, rules, settings.slack, settings.cuts if both else settings.candidates
+    )
+    paths = [
+        RodPath((path + 0.5) / level.scale - 0.5, width_px, sum_of, cost, sum_of * correlation / arc_lengths(path)[-1])
+        for path, sum_of, cost in found
+    ]
+    return [_from_clamp(each, clamp, tip) for each in paths]
+
+
+def _from_clamp(path: RodPath, clamp: np.ndarray | None, tip: np.ndarray | None) -> RodPath:
+    first, last = path.path_px[0], path.path_px[-1]
+    if clamp is not None:
+        turned = np.hypot(*(last - clamp)) < np.hypot(*(first - clamp))
+    else:
+        turned = tip is not None and np.hypot(*(first - tip)) < np.hypot(*(last - tip))
+    return replace(path, path_px=path.path_px[::-1]) if turned else path
+
+
+def shared(path: RodPath, other: RodPath, settings: RodSettings) -> float:
+    """Part of a path's length that runs along another, nearer than a part of the width."""
+    along = arc_lengths(other.path_px)
+    at = np.linspace(0.0, along[-1], max(2, int(2.0 * along[-1] / path.width_px)))
+    fine = np.stack([np.interp(at, along, each) for each in other.path_px.T], axis=1)
+    away = np.hypot(*(path.path_px[:, None] - fine).transpose(2, 0, 1)).min(axis=1)
+    return float(np.mean(away < settings.pieces_along * max(path.width_px, other.width_px)))
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoPatch:
     """The part of a picture about a path, reduced until the rod is a few pixels wide: `scale` of its pixels to one."""
 
     planes: np.ndarray
@@ -34,7 +196,7 @@ class Patch:
     spread: np.ndarray  # (channels,) of places of one surface
 
     @staticmethod
-    def about(planes: np.ndarray, path: RodPath, settings: RodSettings) -> Patch:
+    def about(planes: np.ndarray, path: RodPath, settings: RodSettings) -> PhotoPatch:
         """About a path."""
         size, room = np.array(planes.shape[:0:-1]), settings.patch_widths * path.width_px + 10.0
         times = max(1, int(path.width_px / settings.measured_width_px))
@@ -44,7 +206,7 @@ class Patch:
         part = planes[:, low[1] : high[1], low[0] : high[0]]
         level = Level(part, 1.0).reduced(1.0 / times, part.shape[1:])
         noise = level.noise(settings)
-        return Patch(level.planes, level.scale, low, noise, np.hypot(noise, shading_of(len(planes), settings)))
+        return PhotoPatch(level.planes, level.scale, low, noise, np.hypot(noise, _shading_of(len(planes), settings)))
 
     def here(self, points: np.ndarray) -> np.ndarray:
         """Places (..., 2) of the picture in the patch."""
@@ -56,7 +218,7 @@ class Patch:
 
 
 @dataclass(frozen=True, eq=False)
-class Strip:
+class _Strip:
     """A picture's planes straightened along a curve: (channels, S, A), at stations (S, 2) and places across (A,)."""
 
     values: np.ndarray
@@ -66,7 +228,7 @@ class Strip:
     inside: np.ndarray  # (S, A)
 
     @staticmethod
-    def along(planes: np.ndarray, curve: np.ndarray, spacing: float, reach: float, fine: float) -> Strip:
+    def along(planes: np.ndarray, curve: np.ndarray, spacing: float, reach: float, fine: float) -> _Strip:
         """The strip to `reach` on either side of a finely and evenly spaced curve (M, 2)."""
         each = max(1, round(spacing / max(arc_lengths(curve[:2])[-1], 1e-9)))
         stations, normal = curve[::each], normals(curve)[::each]
@@ -77,7 +239,7 @@ class Strip:
         values = np.stack([cv2.remap(plane, u, v, cv2.INTER_LINEAR, borderMode=border) for plane in planes])
         last = np.array(planes.shape[:0:-1]) - 1.0
         inside = np.all((places >= 0.0) & (places <= last), axis=-1)
-        return Strip(values, stations, normal, across, inside)
+        return _Strip(values, stations, normal, across, inside)
 
     def colours(self, low: float, high: float, smooth: int = 1) -> np.ndarray:
         """(channels, S) median colour between two places across, NaN outside the picture; a running one over so many
@@ -163,7 +325,7 @@ def fitted(
     settings: RodSettings,
 ) -> MeasuredRod | None:
     """The line along a path, from its first end to its last where these are known; None where it has no edges."""
-    patch = Patch.about(picture_planes, path, settings)
+    patch = PhotoPatch.about(picture_planes, path, settings)
     planes, noise = patch.planes, patch.noise
     first, last = (None if each is None else patch.here(each) for each in (first, last))
     width, coarse = path.width_px * patch.scale, patch.here(path.path_px)
@@ -242,7 +404,7 @@ def _along(
     fine = width / settings.level_width_px
     sigma = 0.4 * np.sqrt(max(fine**2 - 1.0, 0.0))
     soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
-    strip = Strip.along(soft, curve, fine, 4.0 * width, fine)
+    strip = _Strip.along(soft, curve, fine, 4.0 * width, fine)
     level = Level(np.ascontiguousarray(strip.values), 1.0 / fine)
     each = ribbon_evidence(level, settings.level_width_px, settings)
     log = each[:, each.shape[1] // 2, len(strip.across_px) // 2].astype(float)
@@ -264,7 +426,7 @@ def _along(
         _other(middle, sides, settings.least_chroma),
     )
     log = np.where((near < 0.3) | (other > 0.5), settings.gap, log)
-    shading = shading_of(len(planes), settings)
+    shading = _shading_of(len(planes), settings)
     shadow = np.maximum(*(_shadowed(middle, side, shading, settings.darkest_shadow) for side in sides))
     tangent = np.diff(curve, axis=0)
     angle = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
@@ -307,7 +469,7 @@ def _goes_on(
         ring = near[-1] + settings.ring_widths * width * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
         if not np.all((ring >= 0.0) & (ring <= size)):
             continue
-        strip = Strip.along(planes, near, max(1.0, 0.2 * width), 1.6 * width, max(0.25, width / 12.0))
+        strip = _Strip.along(planes, near, max(1.0, 0.2 * width), 1.6 * width, max(0.25, width / 12.0))
         rod = np.nanmedian(strip.colours(-0.25 * width, 0.25 * width), axis=1)
         sides = (strip.colours(-1.5 * width, -0.9 * width), strip.colours(0.9 * width, 1.5 * width))
         around = np.nanmedian(np.concatenate(sides, axis=1), axis=1)
@@ -348,7 +510,7 @@ def _holders(
     """Log odds that what is beyond either end of a line is not the background on both sides of it."""
     found = []
     size = np.array(planes.shape[:0:-1]) - 1.0
-    base = 2.0 * shading_of(len(planes), settings) ** 2 + noise**2
+    base = 2.0 * _shading_of(len(planes), settings) ** 2 + noise**2
     for order in (slice(None, None, -1), slice(None)):
         line = curve[order]
         tangent = line[-1] - line[-max(2, min(len(line), int(2.0 * width)))]
@@ -380,7 +542,7 @@ def _centred(
     """Points (S, 2) in the middles of what is of the rod's usual colour near a coarse curve, by dynamic programming."""
     fine = width / 20.0
     spacing = max(0.2 * min(width, 20.0), arc_lengths(curve)[-1] / settings.most_stations)
-    strip = Strip.along(planes, curve, spacing, 2.0 * width, fine)
+    strip = _Strip.along(planes, curve, spacing, 2.0 * width, fine)
     mark, scatter = (each[..., None] for each in strip.surface(-0.3 * width, 0.3 * width, 2 * len(curve)))
     variance = spread[:, None] ** 2 + scatter**2
     if len(variance) > 1:
@@ -420,7 +582,7 @@ def _edges(
     """
     fine = float(np.clip(width / 40.0, 0.25, 1.0))
     spacing = max(0.2 * min(width, 20.0), arc_lengths(curve)[-1] / settings.most_stations)
-    strip = Strip.along(planes, curve, spacing, 2.0 * width, fine)
+    strip = _Strip.along(planes, curve, spacing, 2.0 * width, fine)
     centre = len(strip.across_px) // 2
     run = 1 if last else round(settings.one_colour * width / spacing)
     mark, mark_scatter = strip.surface(-0.3 * width, 0.3 * width, run)
@@ -536,7 +698,7 @@ def _to_the_ends(
     within the picture."""
     step = float(arc_lengths(curve[:2])[-1])
     fit = max(2, round(0.5 * width / step))
-    strip = Strip.along(planes, curve, step, 1.75 * width, max(0.25, width / 12.0))
+    strip = _Strip.along(planes, curve, step, 1.75 * width, max(0.25, width / 12.0))
     size = np.array(planes.shape[:0:-1]) - 1.0
     inside = np.all((curve >= -0.5) & (curve <= size + 0.5), axis=1)
     mark = strip.colours(-0.25 * width, 0.25 * width)

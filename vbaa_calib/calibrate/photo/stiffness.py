@@ -10,14 +10,14 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths
 
-from .bending import Bending, Loading, View, fit_bending, free_law, linear_law
+from .bending import Bending, Loading, PhotoView, fit_bending, free_law, linear_law
 from .centreline import RodLine
 
 _CAMERA_LENGTHS = 2.0  # the camera's supposed distance in lengths of the rod, for the perspective of a tilt
 
 
 @dataclass(frozen=True)
-class Setting:
+class PhotoSetting:
     """What is known of the photographs beside the rod's line."""
 
     length_m: float | None = None  # of the rod, from clamp to tip; None where marks give the scale
@@ -46,7 +46,7 @@ class PhotoStiffness:
     inverse_std: float  # with all deviations
     interval: tuple[float, float]  # 95 % of EI; infinite at the upper end where the line gives no bound
     shares: dict[str, float]  # relative standard deviation of EI by cause
-    views: list[View]  # as fitted
+    views: list[PhotoView]  # as fitted
     linear: Bending  # fit of one EI
     free: Bending  # fit of curvature as any smooth function of the moment
     curvature: np.ndarray  # (K,) of the free fit
@@ -59,7 +59,7 @@ class PhotoStiffness:
         return bool(np.isfinite(self.interval[1]))
 
 
-def solve_photo(lines: Sequence[RodLine], setting: Setting) -> PhotoStiffness:
+def solve_photo(lines: Sequence[RodLine], setting: PhotoSetting) -> PhotoStiffness:
     """EI from the line of the bent rod and, if there is a second line, of the unloaded one: hanging as before without
     its load, or lying flat where there was none but its weight.
 
@@ -73,7 +73,7 @@ def solve_photo(lines: Sequence[RodLine], setting: Setting) -> PhotoStiffness:
     free = fit_bending(views, laws)
     inverse = float(linear.weights @ linear.values[:, 0])
 
-    def again(changed: Setting, turn: tuple[float, float] = (0.0, 0.0)) -> float:
+    def again(changed: PhotoSetting, turn: tuple[float, float] = (0.0, 0.0)) -> float:
         """By what share 1/EI would change."""
         other = _views(lines, changed, turn)
         fit = fit_bending(other, linear_law(other, changed.straight))
@@ -112,7 +112,7 @@ def solve_photo(lines: Sequence[RodLine], setting: Setting) -> PhotoStiffness:
     )
 
 
-def _bends(view: View, line: RodLine, inverse: float, least_px: float = 0.2) -> bool:
+def _bends(view: PhotoView, line: RodLine, inverse: float, least_px: float = 0.2) -> bool:
     """Whether so much 1/EI bends a rod by more than its edges are known to, beyond how it lies and points."""
     _, effect, free, _ = view.rows
     offsets = effect @ (view.moment * inverse)
@@ -124,7 +124,7 @@ def _rms(values: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _views(lines: Sequence[RodLine], setting: Setting, turn: tuple[float, float] = (0.0, 0.0)) -> list[View]:
+def _views(lines: Sequence[RodLine], setting: PhotoSetting, turn: tuple[float, float] = (0.0, 0.0)) -> list[PhotoView]:
     """The lines in metres, on the supposition that the rod's plane is turned about the picture's axes by `turn`."""
     views = []
     down = (float(np.sin(setting.down_rad)), float(np.cos(setting.down_rad)))
@@ -146,7 +146,7 @@ def _views(lines: Sequence[RodLine], setting: Setting, turn: tuple[float, float]
         loading = Loading(down, weight, setting.load_N, min(share, 1.0))
         if index:  # without its load, or lying flat
             loading = Loading(down, weight if setting.load_N else 0.0)
-        views.append(View(scale * points, scale * curve, loading))
+        views.append(PhotoView(scale * points, scale * curve, loading))
     return views
 
 

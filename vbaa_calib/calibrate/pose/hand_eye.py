@@ -22,8 +22,7 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import largest_std
 
-from .hand_eye_fit import HandEyeProblem, HandEyeSolution, Misfits, ViewCorners
-from .hand_eye_start import Start, consensus, other_orders
+from .hand_eye_fit import HandEyeProblem, HandEyeSolution, Misfits, Start, ViewCorners, consensus, other_orders
 from .hand_eye_views import LEAST_CORNERS, SeenView, seen_view
 
 _MOUNTS = ("hand", "fixed")

@@ -5,6 +5,12 @@ open, for the unknown board can follow both. Tilt alone leaves the same open for
 parallel leave nothing open: their common perpendicular is the actuator frame's x, its foot on the tilt axis the origin;
 their angle and distance are the joints' skew and offset. The least motion is a cross.
 
+Least squares in pixels: p_camera = X⁻¹ · Ry(tilt) · Rx(−skew) · Trans(−offset along x) · Rz(−pan) · B · p_board with
+X = T_actuator_camera and B the board's pose in the world's directions, from the foot of the axes' common perpendicular
+on the pan axis. An error of the angles shifts all corners of a picture alike and does not average out over them: two
+unknown angle errors a picture, normal with one variance, are estimated by restricted maximum likelihood and eliminated
+picture by picture (Schur complement).
+
 Not observable:
 - The zero of the pan: turning world and board together about the pan axis changes neither pictures nor camera pose.
 - The zero of the tilt: another one turns the camera about the tilt axis and changes no picture. It is in the
@@ -17,33 +23,325 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.optimize import minimize_scalar
 
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
+from vbaa_calib.calibrate.lens.models import projected
 from vbaa_calib.calibrate.lens.outliers import DroppedView, usable_views
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.robust import chi_square, chi_square_p
+from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, schur_complement, solve_scaled, view_products
+from vbaa_calib.core.robust import chi_square, chi_square_p, radial_std, soft_l1_weights
 from vbaa_calib.detect.board.corners import BoardView
-from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.detect.board.view_quality import fixes_homography
+from vbaa_calib.geometry import Kinematics, Pose, rotation_world_antenna
 from vbaa_calib.geometry.independent_axes import largest_std
 from vbaa_calib.session import SweepPicture
 
-from .board_pose import require_size
+from .board_pose import mirrored, require_size
 from .fusion import PoseEstimate
-from .sweep_fit import (
-    AXES,
-    CAMERA,
-    SweepCorners,
-    SweepFit,
-    SweepProblem,
-    SweepState,
-    initial_state,
-    linearise,
-    turned_over,
-)
+from .hand_eye_fit import robot_world
+
+CAMERA, _BOARD, AXES = slice(0, 6), slice(6, 12), slice(12, 14)
+"""Columns of a step: tangents of X and of B, then axis skew and axis offset."""
+
+_STATE = 14
+_AXES_FIXED = np.arange(_STATE) < AXES.start
+_SOFT_PER_SIGMA = 1.5
+_REWEIGHTINGS, _CONVERGED_WEIGHTS = 15, 1e-2
+_RULES = Rules(100, tolerance=1e-14, standstill=1e-18, damping=1e-4)
+_FEW_STEPS = replace(_RULES, iterations=3)
+_ROUNDING_PX = 1e-7
+_RATIO_POWERS = (-2.0, 12.0)
+_RATIO_ROUNDS, _SAME_RATIO = 6, 1e-4
+_CORNER_ROUNDS = 6
+_CHANCE_SIGMAS = 6.4  # one good corner in 1e9 lies further off
+_LEAST_PX = 0.25
+_Y = np.eye(3)[1]
+
+
+@dataclass(frozen=True, eq=False)
+class _SweepCorners:
+    """All corners of all pictures, concatenated."""
+
+    points_m: np.ndarray  # (N, 3) board frame
+    pixels: np.ndarray  # (N, 2)
+    picture: np.ndarray  # (N,) index of the picture
+    angles_rad: np.ndarray  # (P, 2) readings of pan and tilt of the P pictures, the tilt with its zero
+
+    @staticmethod
+    def of(
+        views: Sequence[BoardView], pictures: Sequence[SweepPicture], points_m: np.ndarray, kinematics: Kinematics
+    ) -> _SweepCorners:
+        """From the board (C, 3) seen in every picture, and the joints' readings there."""
+        return _SweepCorners(
+            np.concatenate([points_m[view.ids] for view in views]),
+            np.concatenate([view.corners_px for view in views]),
+            np.repeat(np.arange(len(views)), [len(view.ids) for view in views]),
+            np.array([[seen.pan_rad, seen.tilt_rad + kinematics.tilt_zero_rad] for seen in pictures]),
+        )
+
+    @property
+    def pictures(self) -> int:
+        """How many pictures there are."""
+        return len(self.angles_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class _SweepState:
+    """What is solved for."""
+
+    T_actuator_camera: Pose
+    T_foot_board: Pose
+    axis_skew_rad: float
+    axis_offset_m: float
+
+    def moved(self, step: np.ndarray) -> _SweepState:
+        """By a step (14,) as CAMERA, _BOARD and AXES split it."""
+        return _SweepState(
+            self.T_actuator_camera.retract(step[CAMERA]),
+            self.T_foot_board.retract(step[_BOARD]),
+            self.axis_skew_rad + float(step[12]),
+            self.axis_offset_m + float(step[13]),
+        )
+
+
+class _SweepRows(NamedTuple):
+    """Residuals and their negative derivatives."""
+
+    residuals_px: np.ndarray  # (N, 2) observed less predicted; far off where the lens does not see the point
+    by_state: np.ndarray  # (N, 2, 14)
+    by_angles: np.ndarray  # (N, 2, 2) by the picture's own pan and tilt
+    by_lens: np.ndarray  # (N, 2, 4 + k)
+
+
+def _turns_actuator_foot(corners: _SweepCorners, axis_skew_rad: float) -> np.ndarray:
+    """(P, 3, 3) Ry(tilt)·Rx(−skew)·Rz(−pan): directions of the world seen from the moving attachment."""
+    pan, tilt = corners.angles_rad.T
+    return np.swapaxes(rotation_world_antenna(pan, tilt, axis_skew_rad), -1, -2)
+
+
+def _tilted_x(corners: _SweepCorners) -> np.ndarray:
+    """(P, 3) the panned x axis seen from the moving attachment."""
+    tilt = corners.angles_rad[:, 1]
+    return np.stack([np.cos(tilt), np.zeros_like(tilt), -np.sin(tilt)], axis=1)
+
+
+def linearise(camera: Camera, state: _SweepState, corners: _SweepCorners) -> _SweepRows:
+    """Residuals and derivatives of all corners at a state."""
+    X, B = state.T_actuator_camera, state.T_foot_board
+    world = _turns_actuator_foot(corners, state.axis_skew_rad)[corners.picture]
+    across = _tilted_x(corners)[corners.picture]
+    lever = corners.points_m @ B.rotation.T
+    from_foot = np.einsum("nij,nj->ni", world, lever + B.translation_m)
+    at = from_foot - state.axis_offset_m * across
+    pixels, by_point, by_lens = projected(camera, (at - X.translation_m) @ X.rotation)
+    # how each step, then pan and tilt, moves the point as seen from the attachment: (N, 16, 3)
+    moves = [
+        np.cross((at - X.translation_m)[:, None], np.eye(3)),
+        np.broadcast_to(-np.eye(3), world.shape),
+        np.cross(np.eye(3), lever[:, None]) @ np.swapaxes(world, -1, -2),
+        np.swapaxes(world, -1, -2),
+        np.cross(at, across)[:, None],
+        -across[:, None],
+        np.cross(from_foot, world[..., 2])[:, None],
+        np.cross(_Y, at)[:, None],
+    ]
+    by_state = by_point @ X.rotation.T @ np.swapaxes(np.concatenate(moves, axis=1), -1, -2)
+    return _SweepRows(corners.pixels - pixels, by_state[..., :_STATE], by_state[..., _STATE:], by_lens)
+
+
+def _initial_state(camera: Camera, corners: _SweepCorners, kinematics: Kinematics) -> _SweepState:
+    """From the board's pose in each picture alone, robust against a few wrong ones."""
+    poses, which = _board_poses(camera, corners)
+    if len(which) < 3:
+        raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
+    turns = _turns_actuator_foot(corners, kinematics.axis_skew_rad)[which]
+    shifts = -kinematics.axis_offset_m * _tilted_x(corners)[which]
+    X, B = robot_world([Pose(*known) for known in zip(turns, shifts, strict=True)], poses)
+    return _SweepState(X, B, kinematics.axis_skew_rad, kinematics.axis_offset_m)
+
+
+def _turned_over(state: _SweepState, corners: _SweepCorners) -> _SweepState:
+    """The state with the board leaning to the other side of the line of sight, which looks much alike."""
+    turn = _turns_actuator_foot(corners, state.axis_skew_rad)[0]
+    camera_foot = state.T_actuator_camera.inverse() @ Pose(turn, -state.axis_offset_m * _tilted_x(corners)[0])
+    other = mirrored(camera_foot @ state.T_foot_board, corners.points_m)
+    return replace(state, T_foot_board=camera_foot.inverse() @ other)
+
+
+def _board_poses(camera: Camera, corners: _SweepCorners) -> tuple[list[Pose], np.ndarray]:
+    """T_camera_board by homography, picture by picture, and which pictures allow it."""
+    ideal, valid = camera.unproject_normalized(corners.pixels)
+    poses, which = [], []
+    for index in range(corners.pictures):
+        mine = valid & (corners.picture == index)
+        if mine.sum() < 4 or not fixes_homography(corners.points_m[mine, :2]):
+            continue
+        done, rotvec, translation = cv2.solvePnP(corners.points_m[mine], ideal[mine], np.eye(3), None)
+        if done and np.isfinite(rotvec).all() and np.isfinite(translation).all() and translation[2, 0] > 0.0:
+            poses.append(Pose.from_rotvec(rotvec.ravel(), translation))
+            which.append(index)
+    return poses, np.array(which, int)
+
+
+@dataclass(frozen=True, eq=False)
+class _SweepFit:
+    """A minimum and its uncertainty."""
+
+    state: _SweepState
+    angle_ratio: float  # (rad/px)² variance of the joint angles over that of a corner's coordinate
+    variance_px2: float  # of a corner's coordinate
+    residuals_px: np.ndarray  # (N, 2) once the pictures' angles are corrected
+    covariance: np.ndarray  # (14, 14) of the state's step, zero where it was fixed
+    by_lens: np.ndarray  # (14, 4 + k) derivative of the step
+
+    @property
+    def angle_std_rad(self) -> float:
+        """Scatter of the joint angles' readings about what the pictures show."""
+        return float(np.sqrt(self.angle_ratio * self.variance_px2))
+
+
+class _SweepEquations(NamedTuple):
+    """Normal equations A·step = b with the angles eliminated; `cost` is the sum of squares at no step."""
+
+    state: _SweepState
+    at: _SweepRows
+    blocks: np.ndarray
+    A: np.ndarray
+    b: np.ndarray
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class _SweepProblem:
+    """The corners of a sweep, seen by a camera; `free` (14,) are the columns of a step that are solved for."""
+
+    camera: Camera
+    corners: _SweepCorners
+    free: np.ndarray
+
+    @staticmethod
+    def of(camera: Camera, corners: _SweepCorners, axes: bool = True) -> _SweepProblem:
+        """With the axes' skew and offset free, or fixed where they are."""
+        return _SweepProblem(camera, corners, np.ones(_STATE, bool) if axes else _AXES_FIXED)
+
+    def _blocks(self, at: _SweepRows, weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """(P, m, m) products of columns (N, 2, ...), then the residual, then the picture's own angles."""
+        whole = np.concatenate([columns, at.residuals_px[..., None], at.by_angles], axis=-1)
+        bounds = np.searchsorted(self.corners.picture, np.arange(self.corners.pictures + 1))
+        return view_products(whole * np.sqrt(weights)[:, None, None], bounds)
+
+    def _descended(self, state: _SweepState, weights: np.ndarray, angle_ratio: float, rules: Rules) -> _SweepEquations:
+        def linearised(state: _SweepState) -> _SweepEquations:
+            at = linearise(self.camera, state, self.corners)
+            blocks = self._blocks(at, weights, at.by_state[..., self.free])
+            whole = _without_angles(blocks, angle_ratio)
+            return _SweepEquations(state, at, blocks, whole[:-1, :-1], whole[:-1, -1], float(whole[-1, -1]))
+
+        def step(system: _SweepEquations, damping: float) -> tuple[np.ndarray, float]:
+            move = solve_scaled(system.A, system.b, damping)
+            return move, float(system.b @ move)
+
+        def moved(system: _SweepEquations, move: np.ndarray) -> _SweepEquations:
+            whole = np.zeros(_STATE)
+            whole[self.free] = move
+            return linearised(system.state.moved(whole))
+
+        return levenberg_marquardt(linearised(state), step, moved, rules).at
+
+    def robust(self, state: _SweepState, used: np.ndarray) -> tuple[_SweepState, np.ndarray]:
+        """A state by IRLS of distances of the corners used (N,), and all residuals (N, 2) px.
+
+        A redescending loss would fit some pictures all but exactly and give up others, where the angles scatter.
+        """
+        weights = used.astype(float)
+        residuals = linearise(self.camera, state, self.corners).residuals_px
+        for _ in range(_REWEIGHTINGS):
+            distance = np.linalg.norm(residuals, axis=1)
+            scale = _SOFT_PER_SIGMA * max(radial_std(distance[used]), 1e-9)
+            before, weights = weights, used * soft_l1_weights(distance, scale)
+            system = self._descended(state, weights, 0.0, _FEW_STEPS)
+            state, residuals = system.state, system.at.residuals_px
+            if np.abs(weights - before).max() < _CONVERGED_WEIGHTS:
+                break
+        return state, residuals
+
+    def fit(self, state: _SweepState, used: np.ndarray) -> _SweepFit:
+        """The minimum over the corners used (N,) bool, with the scatter of the joint angles (REML)."""
+        weights, ratio = used.astype(float), 0.0
+        for _ in range(_RATIO_ROUNDS):
+            system = self._descended(state, weights, ratio, _RULES)
+            state, before = system.state, ratio
+            ratio = _angle_variance_ratio(system.blocks, 2 * int(used.sum()))
+            if abs(ratio - before) <= _SAME_RATIO * before:
+                break
+        system = self._descended(state, weights, ratio, _RULES)
+        at, free = system.at, self.free
+        count, lens = int(free.sum()), at.by_lens.shape[-1]
+        blocks = self._blocks(at, weights, np.concatenate([at.by_state[..., free], at.by_lens], axis=-1))
+        whole = _without_angles(blocks, ratio)
+        A, coupling, cost = whole[:count, :count], whole[:count, count:-1], float(whole[-1, -1])
+        variance = max(cost / max(2 * weights.sum() - count, 1.0), _ROUNDING_PX**2)
+        covariance, by_lens = np.zeros((_STATE, _STATE)), np.zeros((_STATE, lens))
+        covariance[np.ix_(free, free)] = variance * solve_scaled(A, np.eye(count))
+        by_lens[free] = -solve_scaled(A, coupling)
+        residuals = at.residuals_px
+        if ratio > 0.0:
+            shift = np.linalg.solve(blocks[:, -2:, -2:] + np.eye(2) / ratio, blocks[:, -2:, -3, None])[..., 0]
+            residuals = residuals - np.einsum("nij,nj->ni", at.by_angles, shift[self.corners.picture])
+        return _SweepFit(system.state, ratio, variance, residuals, covariance, by_lens)
+
+    def inlying(self, state: _SweepState, candidates: np.ndarray) -> tuple[_SweepFit, np.ndarray]:
+        """The fit to the candidates (N,) without outliers, judged by the spread of the others; and which are in it."""
+        used = candidates
+        for _ in range(_CORNER_ROUNDS):
+            found = self.fit(state, used)
+            distance = np.linalg.norm(found.residuals_px, axis=1)
+            limit = max(_CHANCE_SIGMAS * radial_std(distance[used]), _LEAST_PX)
+            state, before, used = found.state, used, candidates & (distance <= limit)
+            if np.array_equal(used, before):
+                break
+        return found, before
+
+
+def _without_angles(blocks: np.ndarray, angle_ratio: float) -> np.ndarray:
+    """(m − 2, m − 2) sum of blocks (P, m, m) with the last two columns, the angles, marginalised."""
+    total = blocks[:, :-2, :-2].sum(axis=0)
+    if angle_ratio == 0.0:
+        return total
+    return schur_complement(total, blocks[:, -2:, :-2], blocks[:, -2:, -2:] + np.eye(2) / angle_ratio)[0]
+
+
+def _angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
+    """(rad/px)² joint angles over corners; blocks (P, m, m) : free steps, residual, angles."""
+    freedom = rows - (blocks.shape[-1] - 3)
+    angles = blocks[:, -2:, -2:]
+    per_angle = float(np.mean(np.trace(angles, axis1=1, axis2=2))) / 2
+
+    def badness(power: float) -> float:
+        ratio = 10**power / per_angle
+        whole = _without_angles(blocks, ratio)
+        A, b = whole[:-1, :-1], whole[:-1, -1]
+        left = max(float(whole[-1, -1]) - float(b @ solve_scaled(A, b)), 1e-30)
+        shrink = float(np.linalg.slogdet(np.eye(2) + ratio * angles)[1].sum())
+        # the determinant of a positive matrix that may be singular to working precision
+        diagonal = np.maximum(np.diag(A), 1e-30)
+        values = np.linalg.eigvalsh(A / np.sqrt(np.outer(diagonal, diagonal)))
+        log_determinant = float(np.log(diagonal).sum() + np.log(np.maximum(values, 1e-15)).sum())
+        return shrink + log_determinant + freedom * np.log(left)
+
+    # there may be several minima, and a flat stretch where the angles count as exact
+    powers = np.arange(*_RATIO_POWERS)
+    best = powers[np.argmin([badness(power) for power in powers])]
+    found = minimize_scalar(badness, bounds=(best - 1.0, best + 1.0), method="bounded", options={"xatol": 1e-5})
+    return float(10**found.x / per_angle) if found.fun < badness(-np.inf) else 0.0
+
 
 _LEAST_PICTURES = 5
 """A cross. Three fix the pose, but fewer than five do not determine the scatter of the readings: with four, and
@@ -103,9 +401,9 @@ def solve_sweep(
     """
     seen, readings, dropped = _usable_pictures(views, pictures, board.nominal_m, camera)
     _refuse_one_joint(readings)
-    corners = SweepCorners.of(seen, readings, board.points_m, kinematics)
-    problem, zero = SweepProblem.of(camera, corners), kinematics.tilt_zero_rad
-    state, kept, error_px = _consistent_pictures(problem, initial_state(camera, corners, kinematics))
+    corners = _SweepCorners.of(seen, readings, board.points_m, kinematics)
+    problem, zero = _SweepProblem.of(camera, corners), kinematics.tilt_zero_rad
+    state, kept, error_px = _consistent_pictures(problem, _initial_state(camera, corners, kinematics))
     _refuse_one_joint([reading for reading, good in zip(readings, kept, strict=True) if good])
     free, used = problem.inlying(state, kept[corners.picture])
     chosen = _with_axes_prior(problem, free, used, kinematics)
@@ -163,14 +461,14 @@ def _refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
         )
 
 
-def _consistent_pictures(problem: SweepProblem, state: SweepState) -> tuple[SweepState, np.ndarray, np.ndarray]:
+def _consistent_pictures(problem: _SweepProblem, state: _SweepState) -> tuple[_SweepState, np.ndarray, np.ndarray]:
     """A robust state, which pictures it explains (P,) bool, and the median error of each (P,) px. Raises InputError
     when the angles belong to hardly more than half of the pictures, or one row is wrong and which is ambiguous."""
     corners = problem.corners
     # the better of the two in which the board leans to one side or the other
-    fixed, every = SweepProblem.of(problem.camera, corners, axes=False), np.ones(len(corners.pixels), bool)
+    fixed, every = _SweepProblem.of(problem.camera, corners, axes=False), np.ones(len(corners.pixels), bool)
     first = fixed.robust(state, every)
-    both = (first, fixed.robust(turned_over(first[0], corners), every))
+    both = (first, fixed.robust(_turned_over(first[0], corners), every))
     state = min(both, key=lambda one: float(np.linalg.norm(one[1], axis=1).sum()))[0]
     kept = np.ones(corners.pictures, bool)
     for _ in range(_ROUNDS):
@@ -198,12 +496,14 @@ def _consistent_pictures(problem: SweepProblem, state: SweepState) -> tuple[Swee
     return state, kept, _picture_errors_px(linearise(problem.camera, state, corners).residuals_px, corners)
 
 
-def _picture_errors_px(residuals: np.ndarray, corners: SweepCorners) -> np.ndarray:
+def _picture_errors_px(residuals: np.ndarray, corners: _SweepCorners) -> np.ndarray:
     distance = np.linalg.norm(residuals, axis=1)
     return np.array([np.median(distance[corners.picture == index]) for index in range(corners.pictures)])
 
 
-def _without_the_odd_one(problem: SweepProblem, state: SweepState, kept: np.ndarray) -> tuple[SweepState, np.ndarray]:
+def _without_the_odd_one(
+    problem: _SweepProblem, state: _SweepState, kept: np.ndarray
+) -> tuple[_SweepState, np.ndarray]:
     """Without the one wrong row that, among few pictures, bends the fit so that all seem a little off."""
     picture = problem.corners.picture
     whole, _ = problem.inlying(state, kept[picture])
@@ -221,11 +521,11 @@ def _without_the_odd_one(problem: SweepProblem, state: SweepState, kept: np.ndar
     return (fits[agree[0]].state, others[agree[0]]) if agree else (whole.state, kept)
 
 
-def _own_angles(problem: SweepProblem, state: SweepState, picture: int) -> np.ndarray:
+def _own_angles(problem: _SweepProblem, state: _SweepState, picture: int) -> np.ndarray:
     """(2,) pan and tilt at which one picture's corners would fit a state best; NaN where no angles near by do."""
     corners, angles = problem.corners, problem.corners.angles_rad[picture]
     mine = corners.picture == picture
-    alone = SweepCorners(corners.points_m[mine], corners.pixels[mine], np.zeros(int(mine.sum()), int), angles[None])
+    alone = _SweepCorners(corners.points_m[mine], corners.pixels[mine], np.zeros(int(mine.sum()), int), angles[None])
     for _ in range(_OWN_STEPS):
         moved = linearise(problem.camera, state, replace(alone, angles_rad=angles[None]))
         step = np.linalg.lstsq(moved.by_angles.reshape(-1, 2), moved.residuals_px.ravel(), rcond=None)[0]
@@ -234,7 +534,7 @@ def _own_angles(problem: SweepProblem, state: SweepState, picture: int) -> np.nd
     return angles if error < _OWN_FIT_PX else np.full(2, np.nan)
 
 
-def _left_out_reason(problem: SweepProblem, state: SweepState, index: int, error_px: float, zero_rad: float) -> str:
+def _left_out_reason(problem: _SweepProblem, state: _SweepState, index: int, error_px: float, zero_rad: float) -> str:
     what = f"its corners lie {error_px:.1f} px from where its angles put them"
     angles = _own_angles(problem, state, index)
     if np.isnan(angles).any():
@@ -243,7 +543,7 @@ def _left_out_reason(problem: SweepProblem, state: SweepState, index: int, error
     return f"{what}: it looks like pan {pan:.3f}, tilt {tilt:.3f}, its row says {said_pan:.3f}, {said_tilt:.3f}"
 
 
-def _with_axes_prior(problem: SweepProblem, free: SweepFit, used: np.ndarray, kinematics: Kinematics) -> SweepFit:
+def _with_axes_prior(problem: _SweepProblem, free: _SweepFit, used: np.ndarray, kinematics: Kinematics) -> _SweepFit:
     """The fit with a prior on the axes where they were given, unless the data contradict it."""
     given = np.array([kinematics.axis_skew_rad, kinematics.axis_offset_m])
     off = given - [free.state.axis_skew_rad, free.state.axis_offset_m]
@@ -252,7 +552,7 @@ def _with_axes_prior(problem: SweepProblem, free: SweepFit, used: np.ndarray, ki
         return free
     gain = free.covariance[:, AXES] @ np.linalg.inv(spread)
     skew, offset = given - off + (gain @ off)[AXES]
-    held = SweepProblem.of(problem.camera, problem.corners, axes=False).fit(
+    held = _SweepProblem.of(problem.camera, problem.corners, axes=False).fit(
         replace(free.state, axis_skew_rad=skew, axis_offset_m=offset), used
     )
     # Joseph's form: no difference of covariances
@@ -262,7 +562,7 @@ def _with_axes_prior(problem: SweepProblem, free: SweepFit, used: np.ndarray, ki
     return replace(held, covariance=covariance, by_lens=free.by_lens - gain @ free.by_lens[AXES])
 
 
-def _refuse_loose(found: SweepFit) -> None:
+def _refuse_loose(found: _SweepFit) -> None:
     if found.angle_std_rad > _LOOSE_ANGLES_RAD:
         raise InputError(
             f"the angles of sweep.csv scatter by {found.angle_std_rad:.2g} rad about what the pictures show",
@@ -278,7 +578,7 @@ def _refuse_loose(found: SweepFit) -> None:
         )
 
 
-def _estimate(found: SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: float) -> tuple[PoseEstimate, np.ndarray]:
+def _estimate(found: _SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: float) -> tuple[PoseEstimate, np.ndarray]:
     """The camera in the antenna frame, and its covariance (3, 6) with skew, offset and the tilt's zero."""
     T_actuator_camera = found.state.T_actuator_camera
     to_antenna = np.kron(np.eye(2), T_actuator_antenna.rotation.T)
