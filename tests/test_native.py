@@ -124,9 +124,6 @@ def _calls() -> dict[str, tuple[object, ...]]:
     linear = {"tangents": (3, nodes), "point_force": (6,), "columns": (6, 10), "residual": (3,)}
     linear |= {"readings": (3, 10), "information": (10, 10), "side": (10,), "prior": (10,), "excess": ()}
     linearised = _fields(**{name: (3, *shape) for name, shape in linear.items()})
-    results = core.solver.RESULTS
-    slopes = {"by_points": (9, 2), "by_readings": (2,), "by_gravity": (3,), "by_rig": (26,)}
-    slopes = _fields(**{name: (3, results, *shape) for name, shape in slopes.items()})
     antennas = _fields(information=(3, 6, 6), side=(3, 6), gain=(3,))
     return {
         "lens.interpolate": (*curve, _a(3)),
@@ -173,7 +170,7 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "solver.solve": (rig, exact, frames, 0, 3, -1, _a(3, 4), _a(pieces), FitNumbers.unwritten(3)),
         "solver.rough": (rig, frames, _a(3, 4), _a(3, nodes, 3)),
         "solver.linearise": (rig, frames, 1, _a(3, 4), linearised),
-        "solver.gradients": (rig, frames, 1, _a(3, 4), np.ones(3), np.zeros(3, bool), slopes),
+        "solver.gradients": (rig, frames, 1, _a(3, 4), np.ones(3), np.zeros(3, bool)),
         "solver.free_antennas": (rig, frames, _a(3, 6), 3.0, antennas),
         "solver.edge_on": (rig, _a(3, 4)),
         "solver.ideal_points": (LENS, _a(3, 2), _a(3)),

@@ -18,23 +18,27 @@ from vbaa_calib.rig import RIG_PARAMETERS, Rig
 
 from .inputs import Batch
 
-FREE_GAIN = 5.0
-"""A frame is taken for free when the best force explains it better by less: noise exceeds it in two of a hundred."""
-FEWEST_FREE_POINTS = 20
-_ENOUGH, RENEWED_S = 20, 60.0
-"""With so many free frames the rig is known, until so many seconds later."""
-_ZERO_RENEWED_S = 0.5
-_HISTORY = 4000
-_AT_ONCE = 16
-"""Free frames that are used together at most."""
-_AT_FIRST, _EVERY = 1024, 4
-"""Where none of so many frames is free, only every fourth is looked at: an antenna stays free for longer."""
-_LINEARISATIONS, _REWEIGHTINGS = 2, 3
-_WIDE = 10.0
-_PRIOR_FRAMES = 4.0
-"""Of how many frames the prior of the line's own errors counts."""
 _HOUR_S = 3600.0
-_BEYOND = 4.0
+
+
+@dataclass(frozen=True)
+class DriftSettings:
+    """How the rig's drift is learnt from free frames."""
+
+    free_gain: float = 5.0  # evidence of the best force below which a frame is free: noise exceeds it in 2 %
+    fewest_points: int = 20  # of a free frame
+    enough_frames: int = 20  # with so many free frames the rig is known
+    renewed_s: float = 60.0  # until so much later
+    zero_renewed_s: float = 0.5  # until when the sensor's zero is, where it walks
+    history_frames: int = 4000  # free frames that are remembered
+    frames_at_once: int = 16  # that are used together, at most
+    searched_first: int = 1024  # frames without a free one,
+    then_every: int = 4  # after which every so many-th is tested: an antenna stays free for longer
+    linearisations: int = 2  # of the rig about its changes
+    reweightings: int = 3  # of the frames
+    wide_line: float = 10.0  # factor on line_px of the prior under which the line errors are measured
+    prior_frames: float = 4.0  # that the prior of the line's own errors counts as
+    beyond_std: float = 4.0  # standard deviations allowed from which a change is reported
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,16 +70,23 @@ class LearntRig:
     def of(rig: Rig) -> LearntRig:
         """Nothing learnt yet."""
         now = _in_covariance(rig.drifted(), rig)
-        return LearntRig(rig, now, line_frames=_PRIOR_FRAMES, line_sum_px2=_PRIOR_FRAMES * rig.drift.line_px**2)
+        return LearntRig(
+            rig,
+            now,
+            line_frames=DriftSettings.prior_frames,
+            line_sum_px2=DriftSettings.prior_frames * rig.drift.line_px**2,
+        )
 
     def due(self, time_s: float) -> bool:
         """Whether free frames at this time would add information."""
-        return self.calibrated.drift.of_rig and (self.frames < _ENOUGH or time_s > self.time_s + self.renewed_s)
+        return self.calibrated.drift.of_rig and (
+            self.frames < DriftSettings.enough_frames or time_s > self.time_s + self.renewed_s
+        )
 
     @property
     def renewed_s(self) -> float:
         """After so long there is something to learn again."""
-        return RENEWED_S if self.calibrated.drift.zero_hourly == 0.0 else _ZERO_RENEWED_S
+        return DriftSettings.renewed_s if self.calibrated.drift.zero_hourly == 0.0 else DriftSettings.zero_renewed_s
 
     def reckoned_s(self, time_s: float) -> float:
         """Until when the drift is taken to go on for a frame at some time: beyond the first `renewed_s` in steps of
@@ -99,18 +110,18 @@ class LearntRig:
 
     def learn(self, batch: Batch, time_s: float) -> Generator[None, None, LearntRig]:
         """From frames of which only the free ones are used, if there are any; in steps, as it takes a while."""
-        if self.frames == 0 and self.searched >= _AT_FIRST:
-            some = np.arange(-self.searched % _EVERY, len(batch), _EVERY)
+        if self.frames == 0 and self.searched >= DriftSettings.searched_first:
+            some = np.arange(-self.searched % DriftSettings.then_every, len(batch), DriftSettings.then_every)
             if not len(some) or not (yield from self._free(batch.picked(some))).any():
                 return replace(self, searched=self.searched + len(batch))
         rows = np.flatnonzero((yield from self._free(batch)))
         if len(rows) == 0:
             return replace(self, searched=self.searched + len(batch))
-        rows = rows[np.unique(np.linspace(0, len(rows) - 1, _AT_ONCE).astype(int))]
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, DriftSettings.frames_at_once).astype(int))]
         free, now, own, count = batch.picked(rows), self.now, self.line_sum_px2, self.line_frames
         if now.drift.line_px > 0.0:
             # with a prior that is wide, or it would say how large they are
-            wide = replace(now, drift=replace(now.drift, line_px=_WIDE * now.drift.line_px))
+            wide = replace(now, drift=replace(now.drift, line_px=DriftSettings.wide_line * now.drift.line_px))
             _, _, excess_px2 = yield from _posterior(free, wide)
             own, count = own + float(excess_px2.sum()) / LINE_ERRORS, count + len(excess_px2)
             line_px = max(float(np.sqrt(max(own, 0.0) / count)), self.calibrated.drift.line_px)
@@ -118,7 +129,7 @@ class LearntRig:
         rig, covariance, agreeing = yield from _posterior(free, now)
         step = rig.step_from(self.calibrated)
         now = rig.with_covariance(covariance)
-        past = (*self.history[-_HISTORY:], (time_s, step, np.sqrt(np.diag(now.covariance))))
+        past = (*self.history[-DriftSettings.history_frames :], (time_s, step, np.sqrt(np.diag(now.covariance))))
         moments = self.moments + int(np.isfinite(free.readings_Nm[:, 0]).sum())
         return LearntRig(self.calibrated, now, self.frames + len(agreeing), count, own, time_s, step, past, moments)
 
@@ -137,11 +148,11 @@ def _in_covariance(widened: Rig, before: Rig) -> Rig:
 def _is_free(frames: Frames) -> Generator[None, None, np.ndarray]:
     """(B,) bool, frames of the free antenna: no force on it explains them much better."""
     gain = np.empty(len(frames))
-    for begin in range(0, len(frames), _AT_ONCE):
-        rows = slice(begin, begin + _AT_ONCE)
+    for begin in range(0, len(frames), DriftSettings.frames_at_once):
+        rows = slice(begin, begin + DriftSettings.frames_at_once)
         gain[rows] = free_antennas(frames.picked(rows)).gain
         yield
-    return (frames.usable.sum(-1) >= FEWEST_FREE_POINTS) & (gain < FREE_GAIN)
+    return (frames.usable.sum(-1) >= DriftSettings.fewest_points) & (gain < DriftSettings.free_gain)
 
 
 def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.ndarray, np.ndarray]]:
@@ -150,14 +161,14 @@ def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.nd
     rig_arrays, moving = RigArrays.from_rig(rig, 0.0), rig
     axes, line = rig_arrays.axes, rig_arrays.line
     size, at = axes.shape[1], np.zeros(axes.shape[1])
-    for turn in range(_LINEARISATIONS):
+    for turn in range(DriftSettings.linearisations):
         if turn:
             rig_arrays = replace(RigArrays.from_rig(moving, 0.0), axes=axes)
         frames = batch.frames(rig_arrays)
         yield
         steps, kept = np.zeros((len(batch), size + len(line))), np.ones(len(batch), bool)
-        for _ in range(_REWEIGHTINGS):
-            equations = free_antennas(frames, steps, _BEYOND)
+        for _ in range(DriftSettings.reweightings):
+            equations = free_antennas(frames, steps, DriftSettings.beyond_std)
             information, sides, by_shared = _on_the_rig(equations, steps, size)
             # the prior is about the rig as it came, not about where it was linearised
             from_prior = at + steps[0, :size]
@@ -196,7 +207,7 @@ def _agreeing(information: np.ndarray, sides: np.ndarray, from_prior: np.ndarray
         off = axes.T @ (right - own @ (without @ (side - right))) / root
         covariance = np.eye(len(root)) + (root[:, None] * axes.T) @ without @ (axes * root)
         misfit[row] = np.sqrt(chi_square(off, covariance) / len(off))
-    agreeing = misfit <= _BEYOND * max(1.0, float(np.median(misfit)))
+    agreeing = misfit <= DriftSettings.beyond_std * max(1.0, float(np.median(misfit)))
     return agreeing if 3 * agreeing.sum() >= 2 * len(sides) else everything
 
 
@@ -239,7 +250,9 @@ def summary(learnt: LearntRig) -> dict[str, Any]:
         "free_frames": learnt.frames,
         "picture_px": _moved_px(rig, now),
         "moment_zero_std": float(offset) if learnt.moments else None,
-        "beyond": [name for name, one in parameters.items() if abs(one["change"]) > _BEYOND * one["prior_std"]],
+        "beyond": [
+            name for name, one in parameters.items() if abs(one["change"]) > DriftSettings.beyond_std * one["prior_std"]
+        ],
         "parameters": parameters,
         "over_time": [
             {

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.solver.linearised import gradients
 from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Jacobian
+from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.native import core
 
 from .inputs import Batch
 
@@ -18,7 +19,9 @@ def jacobian(batch: Batch, rig_arrays: RigArrays, rung: str, fitted: FitNumbers,
     known = located & ~fitted.marginal
     at = np.where(known[:, None], fitted.unknowns, [0.5, 0.0, 0.0, 0.0])
     scatter = np.where(known, fitted.scatter, 1.0)
-    found = gradients(frames, rung, at, scatter, fitted.at_tip & known)
+    by_points, by_readings, by_gravity, by_rig = core.solver.gradients(
+        rig_arrays.core, frames, RUNGS.index(rung), at, scatter, fitted.at_tip & known
+    )
     rotation, _ = rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
     turned, shifted = rig.kinematics.by_joints(batch.pan_rad, batch.tilt_rad)  # (2, B, 3, 3), (2, B, 3)
 
@@ -31,13 +34,13 @@ def jacobian(batch: Batch, rig_arrays: RigArrays, rung: str, fitted: FitNumbers,
         return whole
 
     slopes = rig.camera.normalized_with_slopes(batch.points_px)[1]
-    by_pixels = in_world(np.einsum("brni,bnij->brnj", found.by_points, np.nan_to_num(slopes)))
+    by_pixels = in_world(np.einsum("brni,bnij->brnj", by_points, np.nan_to_num(slopes)))
     if batch.order is not None:
         listed = np.empty_like(by_pixels)
         np.put_along_axis(listed, batch.order[:, None, :, None], by_pixels, 2)
         by_pixels = listed
     gravity = np.einsum("kbji,j->bik", turned, rig.gravity_world_m_s2)
-    by_joints = in_world(found.by_gravity @ gravity)
+    by_joints = in_world(by_gravity @ gravity)
     by_joints[:, 4:] += np.einsum("kbij,bj->bik", turned, fitted.point_m) + np.moveaxis(shifted, 0, -1)
-    by_rig = in_world(found.by_rig)[..., : len(rig.parameter_names)]
-    return Jacobian(by_pixels, in_world(found.by_readings), by_joints, by_rig)
+    names = len(rig.parameter_names)
+    return Jacobian(by_pixels, in_world(by_readings), by_joints, in_world(by_rig)[..., :names])

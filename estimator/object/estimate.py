@@ -12,7 +12,7 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.robust import finite_median, finite_or_none
 
-from .friction import NORMAL_KNOWN_RAD, Friction, friction
+from .friction import Friction, FrictionSettings, friction
 from .surface import Compliance, Normals, Surface, reconstruct, touches_of
 from .track import Track, follow
 
@@ -95,7 +95,9 @@ def estimate_object(
     radius_m = 0.0 if rig is None else rig.antenna.diameter_m / 2
     surface = reconstruct(touches_of(table, shared), radius_m)
     # the shape's normals where it determines them, NaN elsewhere
-    known = Normals(surface.touched_normal, surface.touched_normal_covariance).std_rad < NORMAL_KNOWN_RAD
+    known = (
+        Normals(surface.touched_normal, surface.touched_normal_covariance).std_rad < FrictionSettings.normal_known_rad
+    )
     normals = np.full((len(table), 3), np.nan)
     normals[surface.touched_row[known]] = surface.touched_normal[known]
     track = follow(table, rig, shared, normals, events=events)

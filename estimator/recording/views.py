@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.contact.drift import FEWEST_FREE_POINTS, FREE_GAIN
+from estimator.contact.drift import DriftSettings
 from estimator.contact.estimate import ContactEstimator
 from estimator.contact.inputs import Batch
 from estimator.contact.status import FEWEST_POINTS
@@ -165,6 +165,6 @@ def _still(batch: Batch, arrays: RigArrays) -> np.ndarray:
     if not len(batch):
         return np.zeros(0, bool)
     frames = batch.frames(arrays)
-    still = np.asarray(frames.usable.sum(-1) >= FEWEST_FREE_POINTS)
-    still[still] = free_antennas(frames.picked(still)).gain < FREE_GAIN
+    still = np.asarray(frames.usable.sum(-1) >= DriftSettings.fewest_points)
+    still[still] = free_antennas(frames.picked(still)).gain < DriftSettings.free_gain
     return still

@@ -48,34 +48,6 @@ def linearised(frames: Frames, rung: str, unknowns: np.ndarray) -> Linearised:
     return found
 
 
-class Gradients(NamedTuple):
-    """Derivatives of B contacts: distance, m, contact point (3), m, and force (3), N, antenna frame.
-
-    Attributes
-    ----------
-    by_points : (B, 7, N, 2) by the frames' points, zeros for those that do not count. by_readings : (B, 7, 2) per N·m.
-    by_gravity : (B, 7, 3) by gravity in the antenna frame. by_rig : (B, 7, 17 + P) by the rig's parameters.
-    """
-
-    by_points: np.ndarray
-    by_readings: np.ndarray
-    by_gravity: np.ndarray
-    by_rig: np.ndarray
-
-
-def gradients(frames: Frames, rung: str, unknowns: np.ndarray, scatter: np.ndarray, at_tip: np.ndarray) -> Gradients:
-    """Derivatives of contacts that were fitted at unknowns (B, 4), by the implicit function theorem at their minimum.
-
-    scatter, at_tip : (B,) of `FitNumbers`. Without second derivatives of the prediction, as in Gauss–Newton.
-    """
-    count, points = frames.usable.shape
-    shapes = ((points, 2), (2,), (3,), (len(frames.rig_arrays.axes),))
-    found = Gradients(*(np.empty((count, core.solver.RESULTS, *shape)) for shape in shapes))
-    rig, at = frames.rig_arrays.core, np.ascontiguousarray(unknowns, float)
-    core.solver.gradients(rig, frames, RUNGS.index(rung), at, np.ascontiguousarray(scatter, float), at_tip, found)
-    return found
-
-
 def edge_on(rig_arrays: RigArrays, unknowns: np.ndarray) -> np.ndarray:
     """(B,) angle between the deformation plane 𝒟 of unknowns (B, 4) and the ray to the contact, rad; at 0 the antenna
     looks straight however it bends."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.object.surface import Surface, Touches, reconstruct
-from estimator.object.surface.build import MODEL_SHARE
+from estimator.object.surface.settings import SurfaceSettings
 from vbaa_calib.simulate.scene.objects import TouchObject
 
 from .touched import CYLINDER, FREEFORM, KNIFE, RADIUS_M, SPHERE, drawn, edge_touches, spread_touches
@@ -116,7 +116,7 @@ def test_a_soft_ball_s_stiffness_and_its_unpressed_shape() -> None:
     assert soft.stiffness_N_m == pytest.approx(stiffness_N_m, rel=0.1)
     assert soft.interval_N_m[0] < stiffness_N_m < soft.interval_N_m[1]
     # nothing is common, but the model is not exact
-    assert MODEL_SHARE / stiffness_N_m < soft.std_m_N < 1e-3
+    assert SurfaceSettings.model_share / stiffness_N_m < soft.std_m_N < 1e-3
     # pressed in by up to 3 mm, drawn where it is when nobody touches it
     assert np.sqrt(np.mean(SPHERE.signed_distance(surface.touched_m)[0] ** 2)) < 1e-4
 

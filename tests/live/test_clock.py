@@ -11,7 +11,7 @@ import pytest
 
 from estimator import ContactEstimator
 from estimator.contact import clock
-from estimator.contact.clock import FARTHEST_S, ClockOffset, clock_offset, recorded_clock_offset
+from estimator.contact.clock import ClockOffset, ClockSettings, clock_offset, recorded_clock_offset
 from estimator.table.contacts import Measured
 from tests.rod_scenes import RIG_STD
 from vbaa_calib.core.errors import InputError
@@ -82,7 +82,7 @@ def test_what_the_data_do_not_show_is_refused() -> None:
         "hardly changes": (several, times_s, still(values)),
         "follow the bend|about as well|known to": (several, times_s, other[: len(values)]),
         "hardly overlap": (several, times_s + 100.0, values),
-        "search ends|about as well|follow the bend": (several, times_s - 1.8 * FARTHEST_S, values),
+        "search ends|about as well|follow the bend": (several, times_s - 1.8 * ClockSettings.farthest_s, values),
         "pictures show": (several[:20], times_s, values),
         "readings": (several, times_s[:3], values[:3]),
     }.items():

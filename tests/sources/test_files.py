@@ -17,9 +17,9 @@ import pytest
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.sources import Picture, Source, files, open_source
-from vbaa_calib.sources.files import FolderSource, Pace, SourceLost
+from vbaa_calib.sources.files import FolderSettings, FolderSource, SourceLost
 
-QUICK = Pace(scan_s=0.02, settle_s=0.05, patience_s=0.25)
+QUICK = FolderSettings(scan_s=0.02, settle_s=0.05, patience_s=0.25)
 
 
 def picture(seed: int, suffix: str = ".png") -> bytes:
@@ -92,7 +92,7 @@ def test_a_file_whose_size_is_set_before_it_is_filled_is_waited_for(
     data, path, now_s = encoded.tobytes(), tmp_path / "x.tif", [0.0]
     clock = SimpleNamespace(monotonic=lambda: now_s[0], time=time.time, sleep=time.sleep)
     monkeypatch.setattr(files, "time", clock)
-    source = FolderSource(tmp_path, wait=True, pace=Pace(0.02, 0.05, 3.0))
+    source = FolderSource(tmp_path, wait=True, pace=FolderSettings(0.02, 0.05, 3.0))
     for written in range(8, len(data) - 400, 500):
         path.write_bytes(data[:written] + bytes(len(data) - 400 - written) + data[-400:])
         os.utime(path, ns=(written, written))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,20 +18,7 @@ from .lens.initialization import reposed, robust_poses
 from .lens.intrinsics import MIN_CORNERS, LensSolution, solve_intrinsics
 from .lens.models import LENS_MODELS
 from .lens.outliers import DroppedView, usable_views
-
-
-@dataclass(frozen=True)
-class _OutlierViews:
-    """When a view contradicts the others, and how many may."""
-
-    noise: float = 5.0  # times that of the median view; corners of blurred views have no more room either
-    least_px: float = 0.25  # noise, rms of a corner, that is never too much
-    fewest_views: int = 6  # of fewer, those that are right are not known
-    solved_without: int = 9  # views at most of which each in turn is left out: so few bend the lens to fit a wrong one
-    halved: float = 0.5  # of the rms of all views, without the one that is wrong
-    unchanged: float = 0.75  # of the rms of all views, without any other
-    most_share: float = 0.15  # of the views, but one at least; if more contradict, they are no outliers
-    changed_by: float = 3e-3  # of the focal length, relative, of views at the beginning or the end that agree
+from .lens.settings import LensSettings
 
 
 def solve_lens(
@@ -48,9 +35,9 @@ def solve_lens(
     centre differs. None is left out so where many contradict, or where the first or the last of them agree on another
     focal length: it was changed.
     """
-    rules, left_out = _OutlierViews(), list[DroppedView]()
+    rules, left_out = LensSettings(), list[DroppedView]()
     usable = usable_views(views, corner_points(spec), min_corners)[0]
-    most = max(1, int(rules.most_share * len(usable))) if len(usable) >= rules.fewest_views else 0
+    most = max(1, int(rules.most_left_out * len(usable))) if len(usable) >= rules.fewest_views else 0
     whole = solution = solve_intrinsics(views, spec, model, min_corners, square_pixels)
     contradicting = _unused(usable, solution)
     while len(contradicting) <= most and (outlier := _outlier_view(views, solution, spec, rules)) is not None:
@@ -93,7 +80,7 @@ def _unused(usable: Sequence[BoardView], solution: LensSolution) -> list[str]:
 
 
 def _outlier_view(
-    views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints, rules: _OutlierViews
+    views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints, rules: LensSettings
 ) -> DroppedView | None:
     """The view that contradicts the others most, if one does, and how; None where names do not tell views apart."""
     if len({view.name for view in views}) < len(views):
@@ -101,7 +88,7 @@ def _outlier_view(
     # a pose takes up the errors of three corners
     noise_px = np.array([view.rms_px * np.sqrt(view.corners / max(view.corners - 3, 1)) for view in solution.views])
     worst = solution.views[int(noise_px.argmax())]
-    if noise_px.max() > max(rules.noise * float(np.median(noise_px)), rules.least_px):
+    if noise_px.max() > max(rules.view_noise * float(np.median(noise_px)), rules.least_px):
         usual = float(np.median([view.rms_px for view in solution.views]))
         words = f"its corners miss the lens by {worst.rms_px:.2f} px rms, those of the median view by {usual:.2f} px"
         return DroppedView(worst.name, words)
@@ -122,7 +109,7 @@ def _outlier_view(
 
 
 def _bending_view(
-    views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints, rules: _OutlierViews
+    views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints, rules: LensSettings
 ) -> DroppedView | None:
     """The one of a few contradicting views without which the others agree far better, if there is one alone."""
     scattered = any(one.name == "views_scatter" for one in solution.verdict.diagnoses)
@@ -151,7 +138,7 @@ def _changed_at_an_end(
     contradicting: Sequence[str],
     solution: LensSolution,
     spec: Board | BoardPoints,
-    rules: _OutlierViews,
+    rules: LensSettings,
 ) -> Diagnosis | None:
     """Whether the first or the last views, two at least, contradict the others and fit the lens at another focal length
     and centre: so large a change that a robust fit does without them."""
@@ -167,7 +154,7 @@ def _changed_at_an_end(
         bundle = replace(bundle, directions=bundle.directions[:, :4], shape=solution.board_shape.parameters)
         bundle = reposed(refine(bundle, observations, robust=True), observations)
         by = float(bundle.intrinsics[0] / intrinsics[0]) - 1.0
-        agree = bundle.sigma_px <= max(rules.noise * solution.rms_inliers_px, rules.least_px)
+        agree = bundle.sigma_px <= max(rules.view_noise * solution.rms_inliers_px, rules.least_px)
         if agree and abs(by) > rules.changed_by:
             before, after = usable[edge - 1].name, usable[edge].name
             words = f"the focal length changes between {before} and {after} by {100 * by:+.1f} %"

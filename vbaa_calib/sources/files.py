@@ -94,7 +94,7 @@ _OLD_S = 10.0
 
 
 @dataclass(frozen=True)
-class Pace:
+class FolderSettings:
     """Times between scans of a folder, until an unchanged file counts as complete, and, unreadable, as broken."""
 
     scan_s: float = 0.25
@@ -121,12 +121,14 @@ class FolderSource:
 
     live = False
 
-    def __init__(self, folder: Path, seen: Container[str] = (), wait: bool = False, pace: Pace | None = None) -> None:
+    def __init__(
+        self, folder: Path, seen: Container[str] = (), wait: bool = False, pace: FolderSettings | None = None
+    ) -> None:
         """Raises InputError if the folder cannot be read, or is empty and `wait` is off."""
         self.name = shown(str(folder))
         self.notes: tuple[str, ...] = ()
         self._folder, self._seen, self._wait = folder, seen, wait
-        self._pace = pace or Pace()
+        self._pace = pace or FolderSettings()
         self._given: set[str] = set()
         self._watched: dict[str, _Watched] = {}
         self._ready: list[str] = []

@@ -22,7 +22,7 @@ import numpy as np
 from vbaa_calib.core.csv_rows import csv_rows, number
 from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.core.images import read_picture
-from vbaa_calib.sources.files import FolderSource, Pace, SourceLost, VideoSource
+from vbaa_calib.sources.files import FolderSettings, FolderSource, SourceLost, VideoSource
 
 from .messages import CHANNELS, Messages, MessageSource, Reading, Taken, now_s
 from .synchronize import Timing
@@ -142,7 +142,7 @@ def open_folder(path: Path, idle_s: float) -> MessageSource:
 
     It ends when nothing has come for `idle_s`. Raises InputError when it cannot be read.
     """
-    folder = FolderSource(path, wait=True, pace=Pace(scan_s=0.05, settle_s=0.1))
+    folder = FolderSource(path, wait=True, pace=FolderSettings(scan_s=0.05, settle_s=0.1))
     notes: list[str] = []
 
     def messages() -> Messages:

@@ -42,7 +42,7 @@ AXES = "jig.jpg"
 
 
 @dataclass(frozen=True)
-class _Contradiction:
+class _ContradictionSettings:
     """From when on a picture contradicts what was typed."""
 
     moved_px: float = 2.0  # median of the corners, of a jig that stands still
@@ -59,7 +59,7 @@ class _Contradiction:
     alike_std: float = 0.5  # entries between which the picture cannot decide
 
 
-_LIMITS = _Contradiction()
+_LIMITS = _ContradictionSettings()
 
 
 def jig_moved(state: SessionState, corners_px: np.ndarray, ids: np.ndarray) -> str:

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 import vbaa_calib
 from estimator.contact.overlay import STATUS_COLOURS
-from estimator.object.surface.touches import BIASED_STD
+from estimator.object.surface.settings import SurfaceSettings
 from estimator.table.contacts import STATUSES, ContactTable
 from estimator.table.overview import Overview
 from vbaa_calib.core.errors import InputError
@@ -117,7 +117,7 @@ def headline(table: ContactTable) -> tuple[str, str]:
         return ("Nothing was touched" if free == frames else "No contact was located"), SLATE
     std_mm = 1e3 * finite_median(table.distance_std_m[table.located])
     well = f", to {std_mm:.2f} mm along the antenna" if np.isfinite(std_mm) else ""
-    lost = float(np.mean(np.isin(table.status, _LOST) | table.located & (table.bias_std > BIASED_STD)))
+    lost = float(np.mean(np.isin(table.status, _LOST) | table.located & (table.bias_std > SurfaceSettings.biased_std)))
     return f"Contact located in {located} of {frames} frames{well}", AMBER if lost > _MANY else TEAL
 
 
@@ -138,7 +138,7 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
             middle, worst = (float(np.nanquantile(point, share)) for share in (0.5, 0.95))
             words += f"; contact points known to {middle:.2g} mm in space (median; 95 % of them to {worst:.2g} mm)"
         facts.append(Fact("Accuracy", words + "."))
-    biased = int(np.sum(here & (table.bias_std > BIASED_STD)))
+    biased = int(np.sum(here & (table.bias_std > SurfaceSettings.biased_std)))
     if biased:
         words = f"{_contacts(biased)} found with a model that is off by more than one standard deviation of the contact"
         facts.append(Fact("Model", f"{words}: estimate again with --model auto.", "look"))

@@ -1,5 +1,6 @@
 """Friction between antenna and object, the force against the normal, and normals that the force has confirmed."""
 
-from .friction import NORMAL_KNOWN_RAD, Friction, friction, steady_slides
+from .coefficient import FrictionSettings
+from .friction import Friction, friction, steady_slides
 
-__all__ = ["NORMAL_KNOWN_RAD", "Friction", "friction", "steady_slides"]
+__all__ = ["Friction", "FrictionSettings", "friction", "steady_slides"]

@@ -19,25 +19,52 @@ from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.robust import NORMAL_QUARTILE, chi_square_p
 
 SLIDING, STICKING, UNUSED = "sliding", "sticking", "unused"
-_LARGEST = 2.0  # no larger μ is looked for
-_BOUND = 0.5 * 1.645**2  # what a bound that holds in 95 % costs, in logarithms of the likelihood
-_SPARED = 2  # of the touches that need not slide so many may be wrong without having set a bound
-_SHARE = 0.95
-_COARSE, _FINE, _FAR, _BETWEEN = 41, 61, 9.0, 17  # points of the grids of μ, and in which losses the fine one lies
-_SCATTERED = 8  # fewer sliding angles do not determine their scatter
-_FEWEST = 5  # so many touches have to slide
-_KNOWN_SHARE = 0.25  # directions that are known for fewer of the touches are known by accident
-_STD, _STD_SHARE = 0.03, 0.1  # μ counts as determined where its deviation is below the first, or below this share of μ
-# Sliding touches that scatter so many times as much as they should do not follow the law, nor where so many lie far
-# off, nor where they need common errors as improbable as this.
-_CONTRADICTED, _WRONG_SHARE, _STRAINED = 4.0, 0.25, 1e-5
-_FREEDOM = 5.0  # own errors follow Student's t of so many degrees of freedom: a few frames may be wrong, by any amount
-_DIRECTED = 4.0  # a part of the slip not so many times its deviation says nothing of μ, which could be of any size then
-WRONG = 4.0  # in own deviations: farther off, a touch is not believed
-# what need not slide speaks of μ only where it lies so many of its own deviations outside the cone: noise alone would
-# else ask for a wider one, the more the more such touches there are
-_NOISE = 3.0
-_STEPS, _ENOUGH, _LEAST_SHARE = 40, 1e-5, 1e-2
+
+
+@dataclass(frozen=True)
+class FrictionSettings:
+    """What counts as friction: of one object's μ, and of the touches that tell it."""
+
+    largest_mu: float = 2.0  # no larger μ is searched
+    bound_loss: float = 0.5 * 1.645**2  # log likelihood that a bound which holds in 95 % costs
+    spared: int = 2  # touches inside the cone that may be wrong without having set a bound
+    interval: float = 0.95  # share of the posterior in the stated interval
+    coarse_points: int = 41  # of the first grid of μ
+    fine_points: int = 61  # of the grid about the best μ
+    fine_loss: float = 9.0  # log likelihood down to which the fine grid reaches
+    between_points: int = 17  # of the grid between neighbours of the coarse one
+    fewest_scattered: int = 8  # fewer sliding angles do not determine their scatter
+    fewest_sliding: int = 5  # touches that have to slide
+    known_share: float = 0.25  # directions known for fewer of the touches are known by accident
+    determined_std: float = 0.03  # μ counts as determined below this standard deviation,
+    determined_share: float = 0.1  # or below this share of μ
+    contradicted: float = (
+        4.0  # ratio of scatter to expected scatter from which sliding touches do not follow Coulomb's law
+    )
+    wrong_share: float = 0.25  # share of outliers among them from which they do not
+    strained_p: float = 1e-5  # probability of the common errors below which they do not
+    freedom: float = 5.0  # of Student's t that own errors follow: a few frames may be wrong by any amount
+    directed_std: float = 4.0  # a slip component below so many of its standard deviations has no direction
+    wrong_std: float = 4.0  # own standard deviations from which a touch is an outlier
+    outside_std: float = 3.0  # standard deviations outside the cone from which a touch that need not slide counts
+    most_steps: int = 40  # of Newton's method for the common errors
+    step_tolerance: float = 1e-5  # it ends with a step below this
+    least_step: float = 1e-2  # smallest part of a step that is tried
+    unknown_mu: float = 1.0  # standard deviation of an unknown object's μ
+    least_std_rad: float = 1e-4  # of any direction: a rig stated as exact would count without limit
+    least_own: float = 0.2  # smallest part of a standard deviation that is the frame's own
+    near_share: float = 0.3  # part of the patch's extent in which a touch's neighbours are compared
+    across_share: float = 0.2  # their spread across the antenna over that along it, at least
+    across_std: float = 4.0  # and in their usual standard deviations: else small errors pass for a slope
+    normal_known_rad: float = 0.12  # normals known less well say nothing about friction across
+    force_known_rad: float = 0.25  # nor do forces known less well
+    slip_std: float = 2.0  # standard deviations from which a slip speed has a direction
+    least_own_share: float = 0.7  # of a friction angle's deviation that is the frame's own
+    neighbours: int = 2  # frames before and after that have to slide the same way
+    near_s: float = 0.07  # as far as they are within this time
+    same_way: float = 0.5  # cosine between their slips
+    visible_share: float = 0.5  # of the prior's standard deviation to which a visible friction angle's falls
+    relabelled: int = 4  # times that touches inside the cone may turn out not to slide
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +124,11 @@ class FrictionAngles:
     def of(rubs: FrictionTouches) -> FrictionAngles:
         """What is known of the touches that are used; of sliding ones along the sure parts of the slip. Where fewer
         slide than μ needs, none counts as sliding."""
-        if rubs.counts[0] < _FEWEST:
+        if rubs.counts[0] < FrictionSettings.fewest_sliding:
             rubs = replace(rubs, used_as=np.where(rubs.used_as == SLIDING, STICKING, rubs.used_as))
         used, slides = rubs.used_as != UNUSED, rubs.used_as == SLIDING
         unsure = rubs.slip_std_rad[:, None] * np.abs(rubs.slip[:, ::-1])
-        directed = ~slides[:, None] | (np.abs(rubs.slip) > _DIRECTED * unsure)
+        directed = ~slides[:, None] | (np.abs(rubs.slip) > FrictionSettings.directed_std * unsure)
         sides, rows = (rubs.lateral, rubs.longitudinal), []
         for side, sure in zip(sides, directed.T, strict=True):
             known = np.isfinite(side.angle_rad) & np.isfinite(side.std_rad) & (side.std_rad > 0)
@@ -147,11 +174,11 @@ class _Profile(Rows):
 
 
 def _student_t_losses(off: np.ndarray) -> np.ndarray:
-    return 0.5 * (_FREEDOM + 1.0) * np.log1p(off**2 / _FREEDOM)
+    return 0.5 * (FrictionSettings.freedom + 1.0) * np.log1p(off**2 / FrictionSettings.freedom)
 
 
 def _student_t_weights(off: np.ndarray) -> np.ndarray:
-    return (_FREEDOM + 1.0) / (_FREEDOM + off**2)
+    return (FrictionSettings.freedom + 1.0) / (FrictionSettings.freedom + off**2)
 
 
 def _profile(evidence: FrictionAngles, mu: np.ndarray, start: np.ndarray | None = None) -> _Profile:
@@ -159,7 +186,7 @@ def _profile(evidence: FrictionAngles, mu: np.ndarray, start: np.ndarray | None 
     modes = evidence.angles.modes_rad
     z = np.tile(np.zeros(modes.shape[1]) if start is None else start, (len(mu), 1))
     expected, spread = evidence.expected(mu), evidence.spread(mu)
-    slack = np.where(evidence.slides, 0.0, np.arctan(mu)[:, None] + _NOISE * spread)
+    slack = np.where(evidence.slides, 0.0, np.arctan(mu)[:, None] + FrictionSettings.outside_std * spread)
 
     def residual(at: np.ndarray) -> np.ndarray:
         bare = evidence.angles.angle_rad - expected - at @ modes.T
@@ -174,7 +201,7 @@ def _profile(evidence: FrictionAngles, mu: np.ndarray, start: np.ndarray | None 
 
     off = residual(z)
     cost, share = cost_of(z, off), np.ones(len(mu))
-    for _ in range(_STEPS):
+    for _ in range(FrictionSettings.most_steps):
         pull = (_student_t_weights(off) * off / spread) @ modes - z
         step = np.linalg.solve(hessian_of(off), pull[..., None])[..., 0]
         tried = z + share[:, None] * step
@@ -184,7 +211,7 @@ def _profile(evidence: FrictionAngles, mu: np.ndarray, start: np.ndarray | None 
         gained = np.where(better, cost - tried_cost, 0.0)
         z, off = np.where(better[:, None], tried, z), np.where(better[:, None], tried_off, off)
         cost, share = cost - gained, np.where(better, 1.0, 0.3 * share)
-        if ((gained < _ENOUGH) & (better | (share < _LEAST_SHARE))).all():
+        if ((gained < FrictionSettings.step_tolerance) & (better | (share < FrictionSettings.least_step))).all():
             break
     hessian = hessian_of(off)
     _, volume = np.linalg.slogdet(hessian)
@@ -193,7 +220,7 @@ def _profile(evidence: FrictionAngles, mu: np.ndarray, start: np.ndarray | None 
 
 @dataclass(frozen=True, eq=False)
 class Coefficient:
-    """What the touches say of μ; before, all μ up to `_LARGEST` count alike."""
+    """What the touches say of μ; before, all μ up to `FrictionSettings.largest_mu` count alike."""
 
     mu: float  # mean of the posterior
     std: float  # of the posterior
@@ -218,7 +245,7 @@ def coefficient(evidence: FrictionAngles) -> Coefficient:
     evidence = replace(evidence, angles=angles)
     found, scatter = _profile_on_grids(evidence), 1.0
     off = np.abs(found.off[np.argmin(found.evidence)][evidence.slides])
-    if len(off) >= _SCATTERED:  # 1 for Gaussian noise as large as was said
+    if len(off) >= FrictionSettings.fewest_scattered:  # 1 for Gaussian noise as large as was said
         scatter = float(np.median(off) / NORMAL_QUARTILE)
     if scatter > 1.0:
         evidence = replace(evidence, angles=replace(angles, std_rad=angles.std_rad * scatter))
@@ -228,8 +255,8 @@ def coefficient(evidence: FrictionAngles) -> Coefficient:
     mu, best = float(weight @ found.mu), int(np.argmin(found.cost))
     # the shortest interval: from the boundary on, where the posterior is highest there
     edges = np.concatenate([found.mu[:1], 0.5 * (found.mu[1:] + found.mu[:-1]), found.mu[-1:]])
-    total, begin = np.concatenate([[0.0], np.cumsum(weight)]), np.linspace(0.0, 1.0 - _SHARE, 101)
-    ends = np.interp([begin, np.minimum(begin + _SHARE, total[-1])], total, edges)
+    total, begin = np.concatenate([[0.0], np.cumsum(weight)]), np.linspace(0.0, 1.0 - FrictionSettings.interval, 101)
+    ends = np.interp([begin, np.minimum(begin + FrictionSettings.interval, total[-1])], total, edges)
     off, modes = np.abs(found.off[best, evidence.slides]), found.modes[best]
     return Coefficient(
         mu,
@@ -237,7 +264,7 @@ def coefficient(evidence: FrictionAngles) -> Coefficient:
         ends[:, np.argmin(ends[1] - ends[0])],
         _bounds(evidence, found),
         scatter,
-        wrong=float(np.mean(off > WRONG)) if len(off) else 0.0,
+        wrong=float(np.mean(off > FrictionSettings.wrong_std)) if len(off) else 0.0,
         strain=chi_square_p(modes @ modes, max(len(modes), 1)),
         axes=axes,
         fits=found,
@@ -247,12 +274,12 @@ def coefficient(evidence: FrictionAngles) -> Coefficient:
 
 def _profile_on_grids(evidence: FrictionAngles) -> _Profile:
     """At a coarse grid of μ, and at a fine one where that finds the likely values."""
-    grid = np.tan(np.linspace(0.0, np.arctan(_LARGEST), _COARSE))
+    grid = np.tan(np.linspace(0.0, np.arctan(FrictionSettings.largest_mu), FrictionSettings.coarse_points))
     coarse = _profile(evidence, grid)
     best = int(np.argmin(coarse.evidence))
-    likely = np.flatnonzero(coarse.evidence < coarse.evidence[best] + _FAR)
-    first, last = max(likely[0] - 1, 0), min(likely[-1] + 1, _COARSE - 1)
-    between = np.linspace(grid[first], grid[last], _FINE)[1:-1]
+    likely = np.flatnonzero(coarse.evidence < coarse.evidence[best] + FrictionSettings.fine_loss)
+    first, last = max(likely[0] - 1, 0), min(likely[-1] + 1, FrictionSettings.coarse_points - 1)
+    between = np.linspace(grid[first], grid[last], FrictionSettings.fine_points)[1:-1]
     fine = _profile(evidence, between, coarse.modes[best])
     return _Profile.joined([coarse.picked(slice(0, first + 1)), fine, coarse.picked(slice(last, None))])
 
@@ -260,23 +287,23 @@ def _profile_on_grids(evidence: FrictionAngles) -> _Profile:
 def _cost_without_worst(evidence: FrictionAngles, found: _Profile) -> np.ndarray:
     """(G,) the costs without the touches farthest outside the cone."""
     outside = np.sort(_student_t_losses(found.off[:, ~evidence.slides]), axis=1)
-    return found.cost - outside[:, max(outside.shape[1] - _SPARED, 0) :].sum(axis=1)
+    return found.cost - outside[:, max(outside.shape[1] - FrictionSettings.spared, 0) :].sum(axis=1)
 
 
 def _bounds(evidence: FrictionAngles, found: _Profile) -> np.ndarray:
-    """(2,) where the profile likelihood rises above its least by `_BOUND`, below and above it."""
+    """(2,) where the profile likelihood rises above its least by `FrictionSettings.bound_loss`, below and above it."""
     cost = _cost_without_worst(evidence, found)
-    dear, best = cost > cost.min() + _BOUND, int(np.argmin(cost))
+    dear, best = cost > cost.min() + FrictionSettings.bound_loss, int(np.argmin(cost))
     below, above = np.flatnonzero(dear[:best]), best + np.flatnonzero(dear[best:])
 
     def edge(outside: int, inside: int) -> float:
-        between = np.linspace(found.mu[outside], found.mu[inside], _BETWEEN)
+        between = np.linspace(found.mu[outside], found.mu[inside], FrictionSettings.between_points)
         finer = _cost_without_worst(evidence, _profile(evidence, between, found.modes[inside]))
-        return float(between[np.flatnonzero(finer > cost.min() + _BOUND).max(initial=0)])
+        return float(between[np.flatnonzero(finer > cost.min() + FrictionSettings.bound_loss).max(initial=0)])
 
     lower = edge(below[-1], below[-1] + 1) if len(below) else 0.0
     upper = edge(above[0], above[0] - 1) if len(above) else np.inf
-    return np.array([lower, upper if upper < _LARGEST else np.inf])
+    return np.array([lower, upper if upper < FrictionSettings.largest_mu else np.inf])
 
 
 def judge(rubs: FrictionTouches, mu: Coefficient | None) -> tuple[bool, str, np.ndarray]:
@@ -287,28 +314,28 @@ def judge(rubs: FrictionTouches, mu: Coefficient | None) -> tuple[bool, str, np.
     advice = "stroke the object across the antenna, over some length"
     if mu is None:
         return False, f"none of {len(rubs)} contacts has {known} both known; {advice}", nothing
-    if used < _KNOWN_SHARE * len(rubs):
+    if used < FrictionSettings.known_share * len(rubs):
         few = f"only {used} of {len(rubs)} contacts have {known} known, too few to believe that these are"
         return False, f"{few}; {advice}", nothing
-    if sliding < _FEWEST:
+    if sliding < FrictionSettings.fewest_sliding:
         few = f"only {sliding}" if sliding else "none"
         words = f"of {used} contacts whose normal is known {few} lie{'s' * (sliding < 2)} in the midst of a slide"
         return False, f"{words}{_bound_words(mu.bounds)}", mu.bounds
-    if mu.scatter > _CONTRADICTED:
+    if mu.scatter > FrictionSettings.contradicted:
         words = (
             f"the {sliding} sliding contacts scatter {mu.scatter:.0f} times as much as they should: the forces do not"
         )
         why = "did the object move, or does its friction differ from place to place?"
         return False, f"{words} follow friction against the slip; {why}", nothing
-    if mu.wrong > _WRONG_SHARE:
+    if mu.wrong > FrictionSettings.wrong_share:
         words = f"{100 * mu.wrong:.0f} % of the {sliding} sliding contacts do not follow friction against the slip"
         return False, words, nothing
-    if mu.strain < _STRAINED:
+    if mu.strain < FrictionSettings.strained_p:
         words = (
             f"the {sliding} sliding contacts could follow friction against the slip only if rig and normals were off"
         )
         return False, f"{words} by far more than they should be; did the object move?", nothing
-    if mu.std > max(_STD, _STD_SHARE * mu.mu):
+    if mu.std > max(FrictionSettings.determined_std, FrictionSettings.determined_share * mu.mu):
         slides, words = rubs.used_as == SLIDING, f"the {sliding} sliding contacts"
         across = rubs.slip[slides, 0]
         if np.median(np.abs(across)) < 0.3:

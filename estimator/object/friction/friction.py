@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.distance import cdist
 
+from estimator.object.friction.coefficient import FrictionSettings
 from estimator.object.surface import Normals
 from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.core.robust import finite_or_none
@@ -17,7 +18,6 @@ from .coefficient import (
     SLIDING,
     STICKING,
     UNUSED,
-    WRONG,
     Angles,
     Coefficient,
     FrictionAngles,
@@ -31,29 +31,6 @@ if TYPE_CHECKING:
     from estimator.object.surface import Surface
     from estimator.object.track.onset import Track
     from vbaa_calib.rig import Rig
-
-_UNKNOWN_MU = 1.0  # of an object whose friction is not known the force is thought to lean as far as this allows
-_LEAST_STD_RAD = 1e-4  # no direction is known better: rigs said to be exact would else be believed without limit
-_LEAST_OWN = 0.2  # so much of a deviation at least is taken for the frame's own
-# Touches within so much of the patch's extent of each are looked at: where it stuck there may be many in one place.
-# They must spread across the antenna by so much of what they spread along it, and by so many of the deviations that
-# they usually have: a shape that was only felt along the antenna has no slope across it, and small errors of the points
-# along it pass for one.
-_NEAR, _SHARE, _NOISE = 0.3, 0.2, 4.0
-NORMAL_KNOWN_RAD = 0.12  # a touch whose normal the shape determines less well says nothing about friction across it
-_FORCE_KNOWN_RAD = 0.25  # nor does one whose force is not known to this
-_SLIPS = 2.0  # a slip speed of so many deviations has a direction
-# so much of a friction angle's deviation at least is the frame's own: the difference of two that are nearly alike, the
-# whole and the common one, would be anything
-_LEAST_OWN_SHARE = 0.7
-# A touch slides for certain if so many frames before and after it, as far as they lie within this time, and the next
-# ones in any case, slide the same way (cosine between their slips): the slip is taken from several frames at a time, so
-# that it begins early and ends late, and turns slowly where it turned at once.
-_NEIGHBOURS, _NEAR_S, _SAME_WAY = 2, 0.07, 0.5
-# A friction angle is seen where its deviation falls to so much of the one before the frame was seen. Above that the
-# prior, which is taken out again, would be most of what is left.
-_SEEN = 0.5
-_RELABELLED = 4  # times that touches inside the cone may turn out not to slide as they seem to, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,14 +127,16 @@ def friction(
 def _fitted(rubs: FrictionTouches) -> tuple[FrictionTouches, Coefficient | None]:
     """The touches as they took part in the fit, and their coefficient, None where none can be used. A contact that
     slides to and fro faster than the slip is averaged lies inside the cone: it then counts as not surely sliding."""
-    for _ in range(_RELABELLED):
+    for _ in range(FrictionSettings.relabelled):
         evidence = FrictionAngles.of(rubs)
         if not len(evidence.touch):
             return rubs, None
         mu = coefficient(evidence)
         best = int(np.argmin(mu.fits.cost))
         expected, off = evidence.expected(mu.fits.mu[best : best + 1])[0], mu.fits.off[best]
-        inside = evidence.slides & evidence.lateral & (np.abs(off) > WRONG) & (off * expected < 0.0)
+        inside = (
+            evidence.slides & evidence.lateral & (np.abs(off) > FrictionSettings.wrong_std) & (off * expected < 0.0)
+        )
         if not inside.any():
             break
         which = evidence.touch[inside]
@@ -204,7 +183,7 @@ def _by_force(
     """Turns (P,) and variances (P,) where the force alone sees the normal: on the cone's rim in touches that slide, if
     μ is known, in others anywhere in it, taken as Gaussian; nothing where the fit has had its say."""
     whole = found.std_rad**2 + np.sum(found.modes_rad**2, axis=1)
-    cone = np.arctan(largest_mu if np.isfinite(largest_mu) else _UNKNOWN_MU) ** 2 / 3.0
+    cone = np.arctan(largest_mu if np.isfinite(largest_mu) else FrictionSettings.unknown_mu) ** 2 / 3.0
     angle, variance = found.angle_rad, cone + whole
     if mu is not None and np.isfinite(largest_mu):
         rim = rubs.slides & ~rubs.across
@@ -226,7 +205,7 @@ def _by_fit(before: np.ndarray, rubs: FrictionTouches, mu: Coefficient) -> tuple
     spreads = max(mu.scatter, 1.0) * evidence.spread(found.mu)[:, side]
     for index in np.flatnonzero(mu.weight > 1e-6):
         weight, spread, error = mu.weight[index], spreads[index], found.off[index, side]
-        held = evidence.slides[side] & (np.abs(error) < WRONG)
+        held = evidence.slides[side] & (np.abs(error) < FrictionSettings.wrong_std)
         share = np.where(held, own / spread**2, 0.0)
         turn = modes @ found.modes[index]
         left = np.einsum("pk,kl,pl->p", modes, found.covariance[index], modes, optimize=True) + beyond
@@ -235,7 +214,7 @@ def _by_fit(before: np.ndarray, rubs: FrictionTouches, mu: Coefficient) -> tuple
         left[touch] -= share * own
         total += weight * turn
         square += weight * (left + turn**2)
-        off[touch] += weight * np.where(np.abs(error) < WRONG, 0.0, error * spread)
+        off[touch] += weight * np.where(np.abs(error) < FrictionSettings.wrong_std, 0.0, error * spread)
     used = rubs.across
     return np.where(used, total, 0.0), np.where(used, np.maximum(square - total**2, 1e-12), before), off
 
@@ -291,11 +270,11 @@ def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarra
     angle = np.arctan2(_dot(force, axes.lateral), _dot(force, axes.normal))
     if shared.known:
         modes = np.einsum("pi,pis->ps", axes.lateral, shared.force_N[rows]) / across[:, None]
-        own = np.sqrt(np.maximum(whole**2 - np.sum(modes**2, axis=1), (_LEAST_OWN * whole) ** 2))
+        own = np.sqrt(np.maximum(whole**2 - np.sum(modes**2, axis=1), (FrictionSettings.least_own * whole) ** 2))
     else:  # how much is common is not known: it counts as both, as a turn of all forces and as a stretch
         stretch = np.hypot(table.force_y_std_N, table.force_z_std_N)[rows] / across
         own, modes = whole, np.stack([whole, 0.5 * np.sin(2.0 * angle) * stretch], axis=1)
-    return Angles(angle, np.maximum(own, _LEAST_STD_RAD), modes)
+    return Angles(angle, np.maximum(own, FrictionSettings.least_std_rad), modes)
 
 
 def _spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: Axes, patch: np.ndarray) -> np.ndarray:
@@ -303,14 +282,14 @@ def _spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: Axes, patch: n
     same = patch[:, None] == patch
     apart = np.where(same, cdist(point_m, point_m), 0.0)
     extent = np.array([apart[patch == label].max() for label in patch])
-    near = same & (apart <= _NEAR * extent[:, None])
+    near = same & (apart <= FrictionSettings.near_share * extent[:, None])
     offset = point_m - point_m[:, None]
     sides, number = np.einsum("pni,api->apn", offset, np.stack([axes.lateral, axes.along])), near.sum(axis=1)
     mean = np.where(near, sides, 0.0).sum(axis=2) / number
     across, along = np.sqrt(np.where(near, (sides - mean[..., None]) ** 2, 0.0).sum(axis=2) / number)
     noise = np.sqrt(np.maximum(axes.lateral_variance(own_m2), 0.0))
     usual = np.array([np.median(noise[each]) for each in near])
-    return (across > _SHARE * along) & (across > _NOISE * usual)
+    return (across > FrictionSettings.across_share * along) & (across > FrictionSettings.across_std * usual)
 
 
 def friction_touches(
@@ -328,12 +307,12 @@ def friction_touches(
     slip = np.stack([_dot(velocity, axes.lateral), _dot(velocity, axes.along)], axis=1)
     speed = np.linalg.norm(slip, axis=1)
     with np.errstate(invalid="ignore"):
-        speed = np.where(speed > _SLIPS * speed_std, speed, np.nan)  # slower, it has no direction
+        speed = np.where(speed > FrictionSettings.slip_std * speed_std, speed, np.nan)  # slower, it has no direction
     slip, slip_std = slip / speed[:, None], speed_std / speed
     sound = ~surface.outlier & ~track.ringing[rows] & np.isfinite(found.angle_rad)
     side_by_side = _spread_across(table.point_world_m[rows], shared.own_m2[rows], axes, surface.touched_patch)
-    known = np.sqrt(np.maximum(turned, 0.0)) < NORMAL_KNOWN_RAD
-    across = sound & side_by_side & known & (found.whole_std_rad < _FORCE_KNOWN_RAD)
+    known = np.sqrt(np.maximum(turned, 0.0)) < FrictionSettings.normal_known_rad
+    across = sound & side_by_side & known & (found.whole_std_rad < FrictionSettings.force_known_rad)
     along = sound & np.isfinite(seen.angle_rad) & np.isfinite(seen.std_rad)
     slides = steady_slides(track, table.time_s)[rows] & np.isfinite(slip_std)
     # common errors of the forces, of the friction angle's prior, of the normals
@@ -364,11 +343,11 @@ def steady_slides(track: Track, time_s: np.ndarray) -> np.ndarray:
     """(B,) bool: frames that slide for certain, in the midst of sliding one way."""
     sliding, way = track.phase == "sliding", np.nan_to_num(_unit(track.slip_velocity_m_s))
     steady = sliding.copy()
-    for step in range(-_NEIGHBOURS, _NEIGHBOURS + 1):
+    for step in range(-FrictionSettings.neighbours, FrictionSettings.neighbours + 1):
         at = np.arange(len(sliding)) + step
         there = np.clip(at, 0, len(sliding) - 1)
-        alike = (at == there) & sliding[there] & (_dot(way, way[there]) > _SAME_WAY)
-        steady &= alike | ((abs(step) > 1) & (np.abs(time_s[there] - time_s) > _NEAR_S))
+        alike = (at == there) & sliding[there] & (_dot(way, way[there]) > FrictionSettings.same_way)
+        steady &= alike | ((abs(step) > 1) & (np.abs(time_s[there] - time_s) > FrictionSettings.near_s))
     return steady
 
 
@@ -379,7 +358,7 @@ def _friction_angles(
     there was, and at the tip, where the antenna's normal is not the object's."""
     estimated, std = table.friction_angle_rad[rows], table.friction_angle_std_rad[rows]
     before = max(friction_rad, float(np.nanmax(std, initial=1e-12)))
-    seen = (std > 0.0) & (std < _SEEN * before) & (table.status[rows] != "tip_contact")
+    seen = (std > 0.0) & (std < FrictionSettings.visible_share * before) & (table.status[rows] != "tip_contact")
     widened = 1.0 / (1.0 - np.where(seen, std / before, 0.0) ** 2)
     angle, whole = estimated * widened, std * np.sqrt(widened)
     if not shared.known:
@@ -390,5 +369,7 @@ def _friction_angles(
     # the last common error is the prior's, which was taken out: to first order, so that half of that is in doubt
     doubt = np.stack([np.zeros(len(rows)), 0.5 * (angle - estimated)], axis=1)
     modes = np.hstack([turned[:, :-1] * widened[:, None], doubt])
-    own = np.sqrt(np.maximum(whole**2 - np.sum(modes[:, :-1] ** 2, axis=1), (_LEAST_OWN_SHARE * whole) ** 2))
+    own = np.sqrt(
+        np.maximum(whole**2 - np.sum(modes[:, :-1] ** 2, axis=1), (FrictionSettings.least_own_share * whole) ** 2)
+    )
     return Angles(np.where(seen, angle, np.nan), own, np.where(seen[:, None], modes, 0.0))

@@ -13,6 +13,7 @@ from estimator.contact.common_errors import CommonErrors, noise_free_frames, sha
 from estimator.contact.status import FEWEST_POINTS, LOW_SIGNAL, LOW_SIGNAL_RELATIVE
 from estimator.object.estimate import estimate_object
 from estimator.object.friction import Friction
+from estimator.object.next_touch.reach import TouchSettings
 from estimator.object.surface.build import fitted
 from estimator.object.surface.fit import SurfaceFit, fit
 from estimator.object.surface.patches import LocalTouches, curve, height_field
@@ -29,9 +30,6 @@ from .reach import RUNG, JointLimits, Reach, along_surface, carried, reachable
 
 SURFACE, FRICTION, STIFFNESS = GOALS = ("surface", "friction", "stiffness")
 UNITS = {SURFACE: "m", FRICTION: "", STIFFNESS: "m/N"}
-_TARGETS = 400  # places of a patch at which the surface is to be known
-_FRAMES = 4  # of a stroke: in each of its steps so many frames' own errors average out
-_UNKNOWN_MU, _LIKELY_MU, _WIDE = 0.5, 0.3, 1.96
 
 
 @dataclass(frozen=True)
@@ -285,7 +283,7 @@ def places(found: SurfaceFit, reach: Reach) -> list[np.ndarray]:
     for index, one in enumerate(found.patches):
         more = (reach.point_m[reach.patch == index] - one.center_m) @ one.frame.T
         x = np.concatenate([found.local(one), more])[:, : one.dimensions]
-        result.append(x[np.unique(np.linspace(0, len(x) - 1, _TARGETS).astype(int))])
+        result.append(x[np.unique(np.linspace(0, len(x) - 1, TouchSettings.targets).astype(int))])
     return result
 
 
@@ -313,9 +311,9 @@ def _of_friction(
     if rub.determined:
         mu, std = rub.mu, rub.std
     elif np.isfinite(high):
-        mu, std = 0.5 * (max(low, 0.0) + high), max((high - max(low, 0.0)) / (2.0 * _WIDE), 0.0)
+        mu, std = 0.5 * (max(low, 0.0) + high), max((high - max(low, 0.0)) / (2.0 * TouchSettings.interval_std), 0.0)
     else:
-        mu, std = _LIKELY_MU, _UNKNOWN_MU
+        mu, std = TouchSettings.likely_mu, TouchSettings.unknown_mu
     to, steps = along_surface(reach)
     end = reach.joints_rad[to]
     across, along = _slip(arrays, reach, end)
@@ -330,7 +328,9 @@ def _of_friction(
             nearest = one.members[KDTree(found.touches.point_m[one.members]).query(reach.point_m[m])[1]]
             turned[m] = np.einsum("ni,nij,nj->n", lateral[m], found.normals.covariance[nearest], lateral[m])
     alone = np.maximum(1.0 / seen.angle_std_rad**2 - 1.0 / seen.friction_rad**2, 0.0)
-    by_force = (across / (1.0 + (mu * across) ** 2)) ** 2 / ((own / _FRAMES + turned) / np.maximum(steps, 1) + common)
+    by_force = (across / (1.0 + (mu * across) ** 2)) ** 2 / (
+        (own / TouchSettings.frames_a_step + turned) / np.maximum(steps, 1) + common
+    )
     by_angle = (along / (1.0 + (mu * along) ** 2)) ** 2 * alone * steps
     after = 1.0 / np.sqrt(1.0 / std**2 + by_force + by_angle)
     return float(std), np.where((steps > 0) & (by_force + by_angle > 0.0), after, np.nan), end

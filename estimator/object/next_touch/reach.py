@@ -28,13 +28,28 @@ RUNG = "rod"
 _SLOPES_RAD = np.radians([4.0, 8.0, 14.0])
 """A touch is pressed to one of these slopes of the antenna at the contact, through those before it."""
 _ROWS, _SWEEPS = 36, np.arange(-4, 5)
-_SWEPT, _FARTHEST_STEP_RAD = 0.12, 0.06  # a step along the surface: this part of its patch, but no longer than this
-_STEPS, _LONGEST, _CONVERGED = 15, 0.25, 1e-4
-_NEAREST, _FARTHEST = 0.1, 0.97  # of the antenna's length: nearer it is stiff, farther the tip's end slips off
-_PLACE_M = 0.01  # what a metre of a curve's foot counts as, beside an angle
-_AXIS_STEP_RAD = 1e-4
-_CLEAR_M = 5e-3  # how far from the surface a touch begins, and three deviations of the surface
-_BESIDE_M = 1e-3  # no other part of the object may be nearer to the antenna
+
+
+@dataclass(frozen=True)
+class TouchSettings:
+    """Where the next touch may be, and how it is found."""
+
+    most_steps: int = 15  # of Newton's method for a touch
+    longest_step: float = 0.25  # in antenna lengths
+    converged: float = 1e-4  # misfit at which it ends
+    swept_share: float = 0.12  # a step along the surface, of its patch's extent,
+    farthest_step_rad: float = 0.06  # but no longer than this
+    nearest: float = 0.1  # in antenna lengths: nearer it is stiff
+    farthest: float = 0.97  # farther its end slips off
+    place_m: float = 0.01  # what a radian counts as, next to metres of a curve's foot
+    axis_step_rad: float = 1e-4  # of derivatives by joint angles
+    clear_m: float = 5e-3  # distance from the surface at which a touch begins, besides three standard deviations
+    nearest_other_m: float = 1e-3  # no other part of the object may be nearer to the antenna
+    targets: int = 400  # places of a patch at which the surface is to be known
+    frames_a_step: int = 4  # of a stroke, whose own errors average out
+    unknown_mu: float = 0.5  # largest μ of an object whose friction is unknown
+    likely_mu: float = 0.3  # its expected μ
+    interval_std: float = 1.96  # standard deviations of a 95 % interval
 
 
 @dataclass(frozen=True)
@@ -136,7 +151,7 @@ def _against(found: SurfaceFit, patch: np.ndarray, bent: _Bent, radius_m: float)
             normal = normal / np.where(size > 0.05, size, np.nan) * np.where(normal[:, 2:] < 0.0, -1.0, 1.0)
             off = np.column_stack([np.zeros(len(x)), local[:, 1:] - height])
             gap = np.sum(off * normal, axis=1)
-            flat = np.sum(off * np.cross(normal, along), axis=1) / _PLACE_M
+            flat = np.sum(off * np.cross(normal, along), axis=1) / TouchSettings.place_m
         result.gap_m[m], result.flat[m], result.normal[m] = gap - radius_m, flat, normal @ one.frame
     return result
 
@@ -153,7 +168,7 @@ def surface_std(found: SurfaceFit, patch: np.ndarray, point_m: np.ndarray, norma
 def _newton(residual: Callable[[np.ndarray], np.ndarray], start: np.ndarray, step: float) -> np.ndarray:
     """B small systems (B, K) at once, by differences; NaN where they do not converge."""
     x, size = start, start.shape[1]
-    for _ in range(_STEPS):
+    for _ in range(TouchSettings.most_steps):
         here = residual(x)
         slopes = np.stack([(residual(x + step * axis) - here) / step for axis in np.eye(size)], axis=-1)
         sound = np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(here).all(axis=1)
@@ -162,8 +177,10 @@ def _newton(residual: Callable[[np.ndarray], np.ndarray], start: np.ndarray, ste
         damped += 1e-9 * np.trace(damped, axis1=1, axis2=2)[:, None, None] * np.eye(size)
         move = -np.linalg.solve(damped, np.einsum("bij,bi->bj", slopes, here)[..., None])[..., 0]
         longest = np.abs(move).max(axis=1, keepdims=True)
-        x = np.where(sound[:, None], x + move * np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-12)), np.nan)
-    return np.where((np.abs(residual(x)).max(axis=1) < _CONVERGED)[:, None], x, np.nan)
+        x = np.where(
+            sound[:, None], x + move * np.minimum(1.0, TouchSettings.longest_step / np.maximum(longest, 1e-12)), np.nan
+        )
+    return np.where((np.abs(residual(x)).max(axis=1) < TouchSettings.converged)[:, None], x, np.nan)
 
 
 def reachable(
@@ -179,7 +196,7 @@ def reachable(
     at = joints_rad[rows]
     across, speed = _ways(arrays, at, found.touches.point_m[rows], found.normals.normal[rows])
     extent = np.array([np.linalg.norm(np.ptp(found.point_m[one.members], axis=0)) for one in found.patches])
-    stride = np.minimum(_SWEPT * extent[label[rows]] / speed[:, 1], _FARTHEST_STEP_RAD)
+    stride = np.minimum(TouchSettings.swept_share * extent[label[rows]] / speed[:, 1], TouchSettings.farthest_step_rad)
     row, sweep = (each.ravel() for each in np.meshgrid(np.arange(len(rows)), _SWEEPS, indexing="ij"))
     press, along = across[row, 0], across[row, 1]
     start = at[row] + (sweep * stride[row])[:, None] * along
@@ -187,22 +204,22 @@ def reachable(
 
     def free(x: np.ndarray) -> np.ndarray:
         unknowns = np.zeros((len(x), UNKNOWNS))
-        unknowns[:, 0] = np.clip(x[:, 0], _NEAREST, 1.0)
+        unknowns[:, 0] = np.clip(x[:, 0], TouchSettings.nearest, 1.0)
         seen = _against(found, patch, _bent(arrays, start + x[:, 1:] * press, unknowns), radius)
-        return np.column_stack([seen.gap_m / _PLACE_M, seen.flat])
+        return np.column_stack([seen.gap_m / TouchSettings.place_m, seen.flat])
 
     first = _newton(free, np.column_stack([distance, np.zeros(len(row))]), 1e-4)
     touch = start + first[:, 1:] * press
     parts, known = [], np.isfinite(first).all(axis=1)
     unknowns = np.zeros((len(row), UNKNOWNS))
-    unknowns[:, 0] = np.clip(np.nan_to_num(first[:, 0], nan=0.5), _NEAREST, 1.0)
+    unknowns[:, 0] = np.clip(np.nan_to_num(first[:, 0], nan=0.5), TouchSettings.nearest, 1.0)
     begun = _bent(arrays, np.nan_to_num(touch), unknowns)
     normal = _against(found, patch, begun, radius).normal
     std = surface_std(found, patch, begun.point_m, normal)
     shown = np.array([surely_known_m(found, index) for index in range(len(found.patches))])[patch]
     known &= std <= shown
     lever = _ways(arrays, np.nan_to_num(touch), begun.point_m, np.nan_to_num(normal))[1][:, 0]
-    begin = touch - ((_CLEAR_M + 3.0 * std) / lever)[:, None] * press
+    begin = touch - ((TouchSettings.clear_m + 3.0 * std) / lever)[:, None] * press
     for level, slope in enumerate(_SLOPES_RAD):
         size = 2.0 * arrays.rig.antenna.stiffness_Nm2 * slope / (unknowns[:, 0] * length) ** 2
         pressed_rad = 2.0 / 3.0 * slope * first[:, 0] * length / lever
@@ -212,7 +229,7 @@ def reachable(
         begun_at = np.column_stack([first[:, 0], size[:, None] * aim / arrays.force_unit_N])
         made, bent, seen = _pressed(found, arrays, patch, pressed, begun_at)
         std = surface_std(found, patch, bent.point_m, seen.normal)
-        inside = (made[:, 0] > _NEAREST) & (made[:, 0] < _FARTHEST)
+        inside = (made[:, 0] > TouchSettings.nearest) & (made[:, 0] < TouchSettings.farthest)
         known = known & np.isfinite(made).all(axis=1) & inside & (std <= shown)
         known &= np.sum(bent.force_N * seen.normal, axis=1) > 0.0
         allowed = known & limits.hold(*pressed.T) & limits.hold(*begin.T)
@@ -233,7 +250,7 @@ def _pressed(
 
     def unknowns_of(x: np.ndarray) -> np.ndarray:
         force = scale[:, None] * x[:, 1:]
-        return np.column_stack([np.clip(x[:, 0], _NEAREST, 1.0), force, np.zeros(len(x))])
+        return np.column_stack([np.clip(x[:, 0], TouchSettings.nearest, 1.0), force, np.zeros(len(x))])
 
     def at(x: np.ndarray) -> tuple[_Bent, _Against]:
         bent = _bent(arrays, joints_rad, unknowns_of(x))
@@ -244,7 +261,7 @@ def _pressed(
         give = found.state.compliance_m_N * np.sum(bent.force_N * seen.normal, axis=1)
         side = np.sum(bent.force_N * np.cross(seen.normal, bent.tangent), axis=1)
         size = np.linalg.norm(bent.force_N, axis=1)
-        return np.column_stack([(seen.gap_m + give) / _PLACE_M, seen.flat, side / np.maximum(size, 1e-12)])
+        return np.column_stack([(seen.gap_m + give) / TouchSettings.place_m, seen.flat, side / np.maximum(size, 1e-12)])
 
     x = _newton(residual, np.column_stack([start[:, 0], start[:, 1:] / scale[:, None]]), 1e-4)
     return unknowns_of(x), *at(x)
@@ -263,8 +280,10 @@ def _ways(
     arrays: RigArrays, joints_rad: np.ndarray, point_m: np.ndarray, normal: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(B, 2, 2) unit ways of the joints, onto the surface and along it, and how fast (B, 2) points move by them, m."""
-    steps = (joints_rad + _AXIS_STEP_RAD * axis for axis in np.eye(2))
-    velocity = np.stack([carried(arrays, joints_rad, to, point_m) / _AXIS_STEP_RAD for to in steps], axis=1)
+    steps = (joints_rad + TouchSettings.axis_step_rad * axis for axis in np.eye(2))
+    velocity = np.stack(
+        [carried(arrays, joints_rad, to, point_m) / TouchSettings.axis_step_rad for to in steps], axis=1
+    )
     onto = -np.einsum("bki,bi->bk", velocity, normal)
     onto = onto / np.maximum(np.linalg.norm(onto, axis=1, keepdims=True), 1e-9)
     ways = np.stack([onto, np.column_stack([-onto[:, 1], onto[:, 0]])], axis=1)
@@ -284,7 +303,7 @@ def _clear(found: SurfaceFit, patch: np.ndarray, nodes_m: np.ndarray, radius_m: 
             ends = nodes_m[m]
             points = np.concatenate([ends[:, :-1] + part * (ends[:, 1:] - ends[:, :-1]) for part in share], axis=1)
             away = KDTree(found.point_m[others]).query(points.reshape(-1, 3))[0].reshape(len(m), -1).min(axis=1)
-            clear[m] = away > radius_m + _BESIDE_M
+            clear[m] = away > radius_m + TouchSettings.nearest_other_m
     return clear
 
 

@@ -7,34 +7,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial import KDTree
 
+from estimator.object.surface.settings import SurfaceSettings
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 
-from .fit import CONVERGED, SurfaceFit, begin, deviations_along, fit, with_common_errors
-from .patches import IGNORED, LINK_FACTOR, UNSEEN_BEND_PER_M, across_curve, bridged_gap, tree_gaps
+from .fit import SurfaceFit, begin, deviations_along, fit, with_common_errors
+from .patches import across_curve, bridged_gap, tree_gaps
 from .touches import Touches, touches_of
 
-_DEVIATIONS_95 = 1.96
-_LEAST_VARIATION = 0.05  # below this relative spread of the normal forces nothing can be said
-# What the model leaves out may move contacts by so much over the forces felt, and draws the compliance by this part:
-# noise along the antenna flattens what is bent. Rubbed at μ = 0.6, a rigid cylinder seems to yield by 0.25 mm/N
-# (`vbaa bench object`).
-_MODEL_M, MODEL_SHARE = 1e-5, 0.015
-_GUESSED_STD_M = 2e-4  # for touches without covariance, to smooth them by; no deviation is reported then
-# touches that scatter more than this about the surface have covariances that are too small: all are widened; fewer
-# touches do not determine their own scatter
-_SCATTER_TOLERATED, _ENOUGH = 1.5, 12
-_CELLS = 44  # along the longer side of a patch; a curve has as many pieces
-_CLOSING = 0.6  # what lies within this many bridged gaps of touches on all sides belongs to the footprint
-# the footprint ends this part of the patch's extent, or half a usual gap, beyond the outermost touches; and no farther
-# than the standard deviation of the patch's width
-_MARGIN = 0.03
-_LINE_GAP = 0.1  # a line runs on across gaps up to this part of its length, or a few times as wide as the usual ones
-_NEARBY = 0.05  # contacts this part of a line's length away still have a say in its normals
-_VAGUE = 3.0  # touches known along the surface this many times worse than most do not widen the footprint
-_LONE_SHOWN_M = 2e-3  # a patch of one place is drawn where it is known to this
-# no surface where its deviation is larger than both so many times that at nine tenths of the patch's touches, and this
-_STD_FACTOR, _STD_SHOWN_M = 2.5, 3e-4
 _Piece = dict[str, np.ndarray]
 
 
@@ -116,7 +96,10 @@ def fitted(touches: Touches, antenna_radius_m: float) -> tuple[SurfaceFit, Compl
     given &= np.trace(touches.own_m2, axis1=1, axis2=2) > 0.0
     known, notes = bool(given.any()), []
     if not given.all():  # those without a covariance get the median one of the others
-        usual, note = _GUESSED_STD_M**2 * np.eye(3), "the contacts have no covariance: no standard deviation is given"
+        usual, note = (
+            SurfaceSettings.guessed_std_m**2 * np.eye(3),
+            "the contacts have no covariance: no standard deviation is given",
+        )
         if known:
             usual = np.median(touches.own_m2[given], axis=0)
             note = f"{np.sum(~given)} contacts without a covariance were given that of the others"
@@ -124,10 +107,12 @@ def fitted(touches: Touches, antenna_radius_m: float) -> tuple[SurfaceFit, Compl
     patches, state = begin(touches, antenna_radius_m)
     found = fit(touches, antenna_radius_m, patches, state, True)
     scale = 1.0
-    if len(touches) >= _ENOUGH:  # how far they lie off what the others predict, in deviations of that
+    if (
+        len(touches) >= SurfaceSettings.fewest_scattered
+    ):  # how far they lie off what the others predict, in deviations of that
         points = np.concatenate([patch.equations.slack == 0 for patch in found.solution.patches])
         scale = float(np.median(np.abs(found.solution.leave_one_out_residuals)[points])) / NORMAL_QUARTILE
-    if not known or scale > _SCATTER_TOLERATED:
+    if not known or scale > SurfaceSettings.tolerated_scatter:
         touches = replace(touches, own_m2=scale**2 * touches.own_m2)
         found = fit(touches, antenna_radius_m, patches, found.state, True)
         if known:
@@ -147,16 +132,21 @@ def _compliance_of(fit: SurfaceFit) -> Compliance:
     press = np.sum(touches.force_N * fit.normals.normal, axis=1)
     pressed = press[press > 0]
     low_N, high_N = (float(np.min(pressed)), float(np.max(pressed))) if len(pressed) else (0.0, 0.0)
-    left_out = np.hypot(_MODEL_M / max(high_N - low_N, 1e-12), MODEL_SHARE * compliance_m_N)
+    left_out = np.hypot(
+        SurfaceSettings.model_m / max(high_N - low_N, 1e-12), SurfaceSettings.model_share * compliance_m_N
+    )
     std = float(np.hypot(np.sqrt(solution.variance), left_out))
-    lowest, highest = compliance_m_N - _DEVIATIONS_95 * std, compliance_m_N + _DEVIATIONS_95 * std
+    lowest, highest = (
+        compliance_m_N - SurfaceSettings.interval_std * std,
+        compliance_m_N + SurfaceSettings.interval_std * std,
+    )
     forces = f"normal forces from {1e3 * low_N:.3g} to {1e3 * high_N:.3g} mN"
     unknown = "the object's stiffness is undetermined"
     stiffness, interval = np.nan, np.full(2, np.nan)
     extent = float(np.linalg.norm(np.ptp(touches.point_m, axis=0)))
-    if len(touches) < 3 or not high_N - low_N > _LEAST_VARIATION * high_N or not std > 0:
+    if len(touches) < 3 or not high_N - low_N > SurfaceSettings.least_variation * high_N or not std > 0:
         reason = f"{unknown}: {len(touches)} contacts, {forces}"
-    elif abs(solution.compliance_m_N) > CONVERGED * std:
+    elif abs(solution.compliance_m_N) > SurfaceSettings.not_converged_std * std:
         reason = f"{unknown}: shape and stiffness do not converge together"
     elif highest <= 0:
         shift = f"{-1e3 * compliance_m_N:.3g} ± {1e3 * std:.2g} mm/N"
@@ -226,7 +216,7 @@ def _piece(points: np.ndarray, normals: np.ndarray, std: np.ndarray, across: np.
 
 def _shown_m(touched_std_m: np.ndarray) -> float:
     """Where a surface is known less well than this, it is not drawn; from deviations at its touches."""
-    return max(_STD_FACTOR * float(np.percentile(touched_std_m, 90)), _STD_SHOWN_M)
+    return max(SurfaceSettings.shown_factor * float(np.percentile(touched_std_m, 90)), SurfaceSettings.shown_m)
 
 
 def surely_known_m(fit: SurfaceFit, index: int) -> float:
@@ -241,7 +231,9 @@ def _piece_of(fit: SurfaceFit, index: int, touched_std_m: np.ndarray) -> _Piece:
     # who may say how far the patch reaches: not left out, and as well known along it as most
     own = patch.frame[:2] @ fit.touches.own_m2[patch.members] @ patch.frame[:2].T
     std = np.sqrt(np.trace(own, axis1=1, axis2=2))
-    sound = (std <= _VAGUE * np.median(std)) & (fit.state.widened[patch.members] < IGNORED)
+    sound = (std <= SurfaceSettings.vague_touches * np.median(std)) & (
+        fit.state.widened[patch.members] < SurfaceSettings.ignored
+    )
     sound = sound if sound.sum() > 1 else np.ones(len(std), bool)  # one place has no footprint
     local = fit.local(patch)[sound]
     if patch.wide:
@@ -260,10 +252,10 @@ def _footprint(flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     closing by a disc as wide as a bridged gap."""
     low, high = flat_m.min(axis=0), flat_m.max(axis=0)
     extent, gaps = float(np.linalg.norm(high - low)), tree_gaps(flat_m)
-    radius = _CLOSING * bridged_gap(gaps, extent)
+    radius = SurfaceSettings.closing * bridged_gap(gaps, extent)
     width = float(np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(flat_m.T))[0], 0.0)))
-    margin = min(max(_MARGIN * extent, float(np.median(gaps)) / 2), radius / 2, width)
-    step = max(float((high - low).max()) / _CELLS, margin / 2)
+    margin = min(max(SurfaceSettings.margin * extent, float(np.median(gaps)) / 2), radius / 2, width)
+    step = max(float((high - low).max()) / SurfaceSettings.cells, margin / 2)
     axes = [np.arange(a - radius - 2 * step, b + radius + 3 * step, step) for a, b in zip(low, high, strict=True)]
     place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     away = KDTree(flat_m).query(place)[0]
@@ -293,22 +285,24 @@ def _line(fit: SurfaceFit, index: int, touched_m: np.ndarray, members: np.ndarra
     own = patch.frame[0] @ fit.touches.own_m2[members] @ patch.frame[0]
     places, lines = np.array([float(np.mean(over))]), np.empty((0, 2), int)
     if len(over) > 1 and extent > 4 * float(np.sqrt(np.nanmedian(own))):
-        places = np.linspace(over[0], over[-1], _CELLS + 1)
-        gap = max(LINK_FACTOR * float(np.percentile(np.diff(over), 90)), _LINE_GAP * extent)
+        places = np.linspace(over[0], over[-1], SurfaceSettings.cells + 1)
+        gap = max(
+            SurfaceSettings.link_factor * float(np.percentile(np.diff(over), 90)), SurfaceSettings.line_gap * extent
+        )
         places = places[np.abs(places[:, None] - over[None]).min(axis=1) <= gap / 2]
         steps = np.arange(len(places) - 1)
-        lines = np.stack([steps, steps + 1], axis=1)[np.diff(places) < 1.5 * extent / _CELLS]
+        lines = np.stack([steps, steps + 1], axis=1)[np.diff(places) < 1.5 * extent / SurfaceSettings.cells]
     points, covariance = fit.along_curve(index, places)
     # an edge has no one normal: the middle one of those that were felt nearby
     near = np.abs(places[:, None] - touched_m[None])
-    near = np.exp(-0.5 * ((near - near.min(axis=1, keepdims=True)) / max(_NEARBY * extent, 1e-6)) ** 2)
+    near = np.exp(-0.5 * ((near - near.min(axis=1, keepdims=True)) / max(SurfaceSettings.nearby * extent, 1e-6)) ** 2)
     normals = near @ fit.normals.normal[members]
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     local = normals @ patch.frame.T
     sides = local[:, 1:], across_curve(local, 1e-9)[1]
     std, std_across = (deviations_along(side, covariance) for side in sides)
     # to second order: beside where it was touched, the object bends away from under the line
-    std = np.hypot(std, np.sqrt(0.75) * UNSEEN_BEND_PER_M * std_across**2)
-    if len(fit.patches) > len(places) == 1 and max(std[0], std_across[0]) > _LONE_SHOWN_M:
+    std = np.hypot(std, np.sqrt(0.75) * SurfaceSettings.unseen_bend_per_m * std_across**2)
+    if len(fit.patches) > len(places) == 1 and max(std[0], std_across[0]) > SurfaceSettings.lone_shown_m:
         return _piece(points[:0], normals[:0], std[:0], std_across[:0])
     return _piece(points, normals, std, std_across, lines=lines)

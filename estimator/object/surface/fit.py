@@ -10,26 +10,13 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
+from estimator.object.surface.settings import SurfaceSettings
 from vbaa_calib.geometry.independent_axes import largest_std
 
-from .patches import IGNORED, LocalTouches, Patch, curve, facing, group, height_field, tangent_frame
+from .patches import LocalTouches, Patch, curve, facing, group, height_field, tangent_frame
 from .solution import PatchModel, ShapeSolution, SmoothnessPrior, learn_prior, solve
 from .touches import Touches
 
-_ROUNDS, _LEARNING, _MOST_ROUNDS = 3, 2, 15  # turns at least, those in which smoothness is learned anew, turns at most
-# in deviations: a compliance that moves by less than the second is done; one that still moves by more than the first
-# after all turns has not converged
-CONVERGED, _STILL = 0.1, 1e-3
-# a touch this many deviations off what the others predict is left out, as long as all of them are no more than this
-# part: otherwise the covariances are at fault
-_TOO_FAR, _MOST_LEFT_OUT = 5.0, 0.1
-# a touch that is known along the surface worse than both this, and so many times worse than most, is not used
-_VAGUE_M, _VAGUE_FACTOR = 1e-3, 3.0
-_STEEPEST, _SHARPEST_M = 3.0, 3e-4  # on the way no larger slope is believed, nor a bend with a smaller radius
-_UNKNOWN_RAD = 1.0  # the deviation that stands for: not known
-_FORCE_STD_RAD = 0.35  # how far the force leans from the normal, where it has to help find the surface
-_TANGENT_STD_RAD = 1e-3  # own error of a tangent: the antenna's slope is what its picture shows best
-_MODES = 24  # common errors of the normals that are kept apart; the rest counts as each touch's own
 _Turned = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Normals (N, 3) of a patch's touches in its frame, (N, 3, 2) how slopes turn them, own covariance (N, 3, 3)."""
 
@@ -49,7 +36,7 @@ class _FitState:
     @property
     def outlier(self) -> np.ndarray:
         """(P,) touches that lie too far off what the others say."""
-        return (self.widened >= IGNORED) & ~self.vague
+        return (self.widened >= SurfaceSettings.ignored) & ~self.vague
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +94,7 @@ def begin(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...],
     across = np.einsum("pi,pij,pj->p", normal, touches.own_m2, normal)
     along = np.sqrt(np.maximum(np.trace(touches.own_m2, axis1=1, axis2=2) - across, 0.0))
     # so uncertain in place that the shape between there and here is anyone's guess
-    vague = along > max(_VAGUE_FACTOR * float(np.median(along)), _VAGUE_M)
+    vague = along > max(SurfaceSettings.vague_factor * float(np.median(along)), SurfaceSettings.vague_m)
     slope, patches = np.zeros((count, 2)), []
     for members in group(points, normal):
         clear = members[~vague[members]] if not vague[members].all() else members
@@ -117,7 +104,7 @@ def begin(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...],
             local = normal[members] @ patch.frame.T
             slope[members] = np.clip(-local[:, :2] / np.maximum(local[:, 2:], 0.3), -2, 2)
     nothing = (None,) * len(patches)
-    widened = np.where(vague, IGNORED, 1.0)
+    widened = np.where(vague, SurfaceSettings.ignored, 1.0)
     return tuple(patches), _FitState(normal, 0.0, slope, np.zeros((count, 2, 2)), nothing, widened, vague)
 
 
@@ -127,12 +114,12 @@ def fit(
     """Turns from a state on; `yielding`: with a compliance."""
     if not yielding:
         state = replace(state, compliance_m_N=0.0)
-    for turn in range(_MOST_ROUNDS):
+    for turn in range(SurfaceSettings.most_rounds):
         points, seen = _surface_points(touches, antenna_radius_m, patches, state)
         fitted, priors = [], []
         for patch, given, prior in zip(patches, seen, state.priors, strict=True):
             stated = height_field(given) if patch.wide else curve(given)
-            if prior is None or turn < _LEARNING:
+            if prior is None or turn < SurfaceSettings.learning_rounds:
                 extent = float(np.linalg.norm(np.ptp(given.point_m[:, : patch.dimensions], axis=0)))
                 largest = extent / max(float(np.abs(stated.force_N).max()), 1e-12)
                 prior = learn_prior(stated, extent, prior, largest if yielding else 0.0)
@@ -141,14 +128,14 @@ def fit(
         solution = solve(tuple(fitted), yielding)
         normals = _estimate_normals(touches, patches, solution, seen)
         before = widened = state.widened
-        if 0 < turn < _MOST_ROUNDS - 1:  # those that do not belong
+        if 0 < turn < SurfaceSettings.most_rounds - 1:  # those that do not belong
             far, residual = np.zeros(len(before)), np.abs(solution.leave_one_out_residuals)
             for patch, start in zip(patches, solution.start, strict=True):
                 sides, count = 1 if patch.wide else 2, len(patch.members)  # of a curve both its coordinates count
                 far[patch.members] = residual[start : start + sides * count].reshape(sides, count).max(axis=0)
-            wrong = (far > _TOO_FAR) | state.outlier
-            few = wrong.any() and np.sum(wrong) <= _MOST_LEFT_OUT * len(far)
-            widened = np.where(wrong, IGNORED, before) if few else before
+            wrong = (far > SurfaceSettings.outlier_std) | state.outlier
+            few = wrong.any() and np.sum(wrong) <= SurfaceSettings.most_outliers * len(far)
+            widened = np.where(wrong, SurfaceSettings.ignored, before) if few else before
         state = replace(
             _next_shape(patches, seen, solution, state),
             normal=normals.best(touches),
@@ -156,7 +143,11 @@ def fit(
             widened=widened,
         )
         same = (before == state.widened).all()  # what is left out now was left out of the solution
-        if turn >= _ROUNDS - 1 and same and abs(solution.compliance_m_N) <= _STILL * np.sqrt(solution.variance):
+        if (
+            turn >= SurfaceSettings.fewest_rounds - 1
+            and same
+            and abs(solution.compliance_m_N) <= SurfaceSettings.converged_std * np.sqrt(solution.variance)
+        ):
             break
     return SurfaceFit(touches, patches, solution, state, points, seen, normals)
 
@@ -194,7 +185,7 @@ def _surface_points(
             slope=state.slope[m],
             bend_per_m=state.bend_per_m[m],
             normal=normal[m] @ frame.T,
-            ignored=state.widened[m] >= IGNORED,
+            ignored=state.widened[m] >= SurfaceSettings.ignored,
         )
         seen.append(local)
     return points, seen
@@ -208,11 +199,15 @@ def _next_shape(
     for index, (patch, given) in enumerate(zip(patches, seen, strict=True)):
         m, x = patch.members, given.point_m[:, : patch.dimensions]
         at = solution.mean(index, patch.slope_rows(x)).reshape(2, len(m)).T
-        slope[m] = np.clip(at, -_STEEPEST, _STEEPEST)
+        slope[m] = np.clip(at, -SurfaceSettings.steepest, SurfaceSettings.steepest)
         step = 0.05 * solution.patches[index].prior.length_m
         for axis in range(patch.dimensions):
             beside = solution.mean(index, patch.slope_rows(x + step * np.eye(patch.dimensions)[axis]))
-            bend[m, :, axis] = np.clip((beside.reshape(2, len(m)).T - at) / step, -1 / _SHARPEST_M, 1 / _SHARPEST_M)
+            bend[m, :, axis] = np.clip(
+                (beside.reshape(2, len(m)).T - at) / step,
+                -1 / SurfaceSettings.sharpest_m,
+                1 / SurfaceSettings.sharpest_m,
+            )
         if patch.wide:
             bend[m] = (bend[m] + np.swapaxes(bend[m], 1, 2)) / 2
     compliance = state.compliance_m_N + solution.compliance_m_N
@@ -235,7 +230,7 @@ class Normals:
     def best(self, touches: Touches) -> np.ndarray:
         """(P, 3) with the force's direction where the shape says less than that."""
         force = touches.force_N / np.linalg.norm(touches.force_N, axis=1, keepdims=True)
-        trust = 1.0 / (1.0 + (self.std_rad / _FORCE_STD_RAD) ** 4)
+        trust = 1.0 / (1.0 + (self.std_rad / SurfaceSettings.force_std_rad) ** 4)
         mixed = trust[:, None] * self.normal + (1 - trust)[:, None] * force
         return mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
 
@@ -255,7 +250,7 @@ def _estimate_normals(
     for index, (patch, shown) in enumerate(zip(patches, seen, strict=True)):
         m, size, frame = patch.members, len(patch.members), patch.frame
         # what is left out of the shape is known as well as it was: to where its normal belongs
-        own_m2 = np.where(shown.ignored[:, None, None], shown.own_m2 / IGNORED, shown.own_m2)
+        own_m2 = np.where(shown.ignored[:, None, None], shown.own_m2 / SurfaceSettings.ignored, shown.own_m2)
         given = replace(shown, own_m2=own_m2)
         rows = patch.slope_rows(given.point_m[:, : patch.dimensions])
         views.append((index, rows))
@@ -277,13 +272,13 @@ def _estimate_normals(
         in_place = joint[pair[:, :, None], pair[:, None, :]]
     shape = by_slope @ in_place @ np.swapaxes(by_slope, 1, 2)
     values, axes = np.linalg.eigh(shape + own)
-    believed = np.minimum(1.0, _UNKNOWN_RAD / np.sqrt(np.maximum(values, 1e-30)))
+    believed = np.minimum(1.0, SurfaceSettings.unknown_rad / np.sqrt(np.maximum(values, 1e-30)))
     # an unknown direction must not take the others along
     held = (axes * believed[:, None]) @ np.swapaxes(axes, 1, 2)
     covariance = held @ (shape + own) @ held
     modes = np.zeros((count, 3, 0))
     if common:  # the largest principal parts of the joint covariance of the turns that the shape brings
-        by_slope, size, kept = held @ by_slope, 3 * count, min(_MODES, 3 * count)
+        by_slope, size, kept = held @ by_slope, 3 * count, min(SurfaceSettings.modes, 3 * count)
         ordered = joint[np.ix_(pair.ravel(), pair.ravel())].reshape(count, 2, count, 2)
         turned = np.einsum("pia,paqb,qjb->piqj", by_slope, ordered, by_slope, optimize=True)
         variance, axes = _largest(turned.reshape(size, size), kept)
@@ -343,7 +338,9 @@ def _of_curve(seen: LocalTouches, slope: np.ndarray, force: np.ndarray) -> _Turn
     cosine = np.sum(along * tangent, axis=1)
     rise = -normal[:, 1:] / length[:, None]
     by_slope = np.where(held[:, None], beside / sine[:, None], along)[:, :, None] * rise[:, None, :]
-    open_turn = np.where(held[:, None], (cosine / sine)[:, None] * beside - tangent, _UNKNOWN_RAD * beside)
+    open_turn = np.where(
+        held[:, None], (cosine / sine)[:, None] * beside - tangent, SurfaceSettings.unknown_rad * beside
+    )
     variance = np.where(held, _tangent_variance(seen, normal), 1.0)
     own = variance[:, None, None] * open_turn[:, :, None] * open_turn[:, None, :]
     # a touch's own error along the curve takes it to where that has another direction
@@ -355,4 +352,4 @@ def _of_curve(seen: LocalTouches, slope: np.ndarray, force: np.ndarray) -> _Turn
 def _tangent_variance(seen: LocalTouches, normal: np.ndarray) -> np.ndarray:
     """(N,) rad², of the tangent's turn towards the normal."""
     common = np.einsum("ni,nis->ns", normal, seen.tangent_modes)
-    return _TANGENT_STD_RAD**2 + np.sum(common**2, axis=1)
+    return SurfaceSettings.tangent_std_rad**2 + np.sum(common**2, axis=1)

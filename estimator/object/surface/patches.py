@@ -12,28 +12,9 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
-from .solution import Functionals, ShapeEquations, concatenate, slopes_at, values_at
+from estimator.object.surface.settings import SurfaceSettings
 
-_LINK_NORMALS_RAD = np.radians(50)  # neighbours whose normals differ by more lie on different sides of the object
-_PATCH_NORMALS_RAD = np.radians(65)  # a patch is a height field: no normal may lean farther than this from its mean
-# gaps up to so many times as wide as the usual ones are bridged, and those up to this fraction of all that was touched:
-# dense tracks lie far apart, measured by their steps
-LINK_FACTOR, _LINK_EXTENT = 3.0, 0.25
-# so many neighbours, when they face alike within this, decide a contact's side: friction cancels in them
-_NEIGHBOURS, _ALIKE_RAD = 8, np.radians(75)
-# a patch is wide when its width stands out of the contacts' own spread this much, is at least this fraction of its
-# length, and has at least so many contacts
-_RESOLVED, _NARROW, _LEAST_TOUCHES = 4.0, 0.02, 4
-# added to every deviation of a point and of a tangent, so that exact ones can be solved for
-_LEAST_STD_M, _LEAST_STD_RAD = 1e-7, 3e-4
-UNSEEN_BEND_PER_M = 50.0  # standard deviation of an object's curvature across a curve, before the data
-_ROUND_M = 0.03  # the same of its radius: how far an axis is off about which it may be round
-IGNORED = 1e8  # the covariance of a touch that is left out is taken as so many times as large
-_MOST_OFF_M = 1e-3  # what it takes a point off at most: contacts worse than that are left out anyway
-# what a slack of 1 rad is for a curve: how far touches lie beside it for other reasons than its shape; the path of the
-# contacts zigzags with the force, and is no function over its long direction
-_BESIDE_M = 0.05
-_UNBELIEVED_RAD = 10.0  # deviation of a tangent that is not to be believed
+from .solution import Functionals, ShapeEquations, concatenate, slopes_at, values_at
 
 
 def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np.ndarray:
@@ -43,8 +24,8 @@ def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np
     across = force_N - np.sum(force_N * along, axis=1, keepdims=True) * along
     size, whole = np.linalg.norm(across, axis=1, keepdims=True), np.linalg.norm(force_N, axis=1, keepdims=True)
     single = np.where(size > 0.1 * whole, across / np.maximum(size, 1e-300), force_N / whole)
-    near = np.argsort(cdist(points_m, points_m), axis=1, kind="stable")[:, :_NEIGHBOURS]
-    alike = np.einsum("ni,nki->nk", single, single[near]) > np.cos(_ALIKE_RAD)
+    near = np.argsort(cdist(points_m, points_m), axis=1, kind="stable")[:, : SurfaceSettings.neighbours]
+    alike = np.einsum("ni,nki->nk", single, single[near]) > np.cos(SurfaceSettings.alike_rad)
     mean = np.einsum("nk,nki->ni", alike.astype(float), single[near])
     return mean / np.linalg.norm(mean, axis=1, keepdims=True)
 
@@ -53,7 +34,7 @@ def group(points_m: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
     """Indices of points (P, 3) that hang together and whose normals (P, 3) face alike, for each group."""
     # 0 is no edge, and two contacts may coincide
     distance_m = np.maximum(cdist(points_m, points_m), 1e-12)
-    graph = np.where(normals @ normals.T > np.cos(_LINK_NORMALS_RAD), distance_m, 0.0)
+    graph = np.where(normals @ normals.T > np.cos(SurfaceSettings.link_normals_rad), distance_m, 0.0)
     gap_m = bridged_gap(minimum_spanning_tree(graph).data, float(np.linalg.norm(np.ptp(points_m, axis=0))))
     _, labels = connected_components(csr_array(graph * (graph <= gap_m)), directed=False)
     joined = (np.flatnonzero(labels == label) for label in range(labels.max() + 1))
@@ -63,7 +44,7 @@ def group(points_m: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
 def bridged_gap(gaps_m: np.ndarray, extent_m: float) -> float:
     """The widest gap that is bridged, from those of the points' minimum spanning tree and from their extent."""
     usual = float(np.percentile(gaps_m, 90)) if len(gaps_m) else 0.0
-    return max(LINK_FACTOR * usual, _LINK_EXTENT * extent_m)
+    return max(SurfaceSettings.link_factor * usual, SurfaceSettings.link_extent * extent_m)
 
 
 def tree_gaps(points: np.ndarray) -> np.ndarray:
@@ -75,7 +56,7 @@ def _facing_alike(members: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
     """Split until no normal leans too far from the mean of its patch."""
     mean = normals[members].sum(axis=0)
     lean = normals[members] @ mean / max(np.linalg.norm(mean), 1e-12)
-    if len(members) < 2 or lean.min() > np.cos(_PATCH_NORMALS_RAD):
+    if len(members) < 2 or lean.min() > np.cos(SurfaceSettings.patch_normals_rad):
         return [members]
     first = normals[members[np.argmin(lean)]]
     second = normals[members[np.argmin(normals[members] @ first)]]
@@ -104,7 +85,10 @@ def tangent_frame(points_m: np.ndarray, normals: np.ndarray, own_m2: np.ndarray)
     spread, noise = np.einsum("n,ni,nj->ij", weight, flat, flat), np.einsum("n,nij->ij", weight, own)
     axes = np.linalg.eigh(spread - noise)[1].T[::-1]
     (length, width), scatter = np.einsum("ai,ij,aj->a", axes, spread, axes), float(axes[1] @ noise @ axes[1])
-    wide = width > max(_RESOLVED**2 * scatter, _NARROW**2 * length, 1e-18) and len(points_m) >= _LEAST_TOUCHES
+    wide = (
+        width > max(SurfaceSettings.resolved**2 * scatter, SurfaceSettings.narrow**2 * length, 1e-18)
+        and len(points_m) >= SurfaceSettings.fewest_touches
+    )
     along = axes[0] @ plane
     return center, np.stack([along, np.cross(up, along), up]), bool(wide)
 
@@ -157,13 +141,18 @@ def height_field(seen: LocalTouches) -> ShapeEquations:
     tangent, tilt = seen.tangent[held], up[held]
     # to second order: an error along a surface that bends takes a point off it
     bent = seen.bend_per_m @ seen.own_m2[:, :2, :2]
-    off = np.clip(0.5 * np.trace(bent, axis1=1, axis2=2), -_MOST_OFF_M, _MOST_OFF_M)
-    beside = [0.5 * np.trace(bent @ bent, axis1=1, axis2=2), np.where(seen.ignored[held], _UNBELIEVED_RAD**2, 0.0)]
+    off = np.clip(0.5 * np.trace(bent, axis1=1, axis2=2), -SurfaceSettings.most_off_m, SurfaceSettings.most_off_m)
+    beside = [
+        0.5 * np.trace(bent @ bent, axis1=1, axis2=2),
+        np.where(seen.ignored[held], SurfaceSettings.unbelieved_rad**2, 0.0),
+    ]
     turn = np.zeros((len(held), 3))
     turn[:, :2] = -np.einsum("ni,nij->nj", tangent[:, :2], seen.bend_per_m[held])
     tangents_own = _project(tilt, seen.tangent_modes[held])
     points, slopes = seen.point_m[:, :2], slopes_at(seen.point_m[held, :2], tangent[:, None, :2])
-    noise = _noise([up, turn], [np.arange(count), held], seen.own_m2, [_LEAST_STD_M, _LEAST_STD_RAD])
+    noise = _noise(
+        [up, turn], [np.arange(count), held], seen.own_m2, [SurfaceSettings.least_std_m, SurfaceSettings.least_std_rad]
+    )
     return ShapeEquations(
         rows=concatenate(values_at(points, np.ones(1)), slopes),
         y=np.concatenate([seen.point_m[:, 2] + off, tangent[:, 2]]),
@@ -186,13 +175,13 @@ def curve(seen: LocalTouches) -> ShapeEquations:
     sides = [np.column_stack([-np.sum(each * seen.slope, axis=1), each]) for each in (outward, beside)]
     along = _project(sides[1], seen.modes_m)
     tangent = np.where(np.isfinite(seen.tangent), seen.tangent, 0.0)
-    off = 0.5 * UNSEEN_BEND_PER_M * np.einsum("ni,nij,nj->n", tangent, seen.own_m2, tangent)
-    off = np.minimum(off, _MOST_OFF_M)
+    off = 0.5 * SurfaceSettings.unseen_bend_per_m * np.einsum("ni,nij,nj->n", tangent, seen.own_m2, tangent)
+    off = np.minimum(off, SurfaceSettings.most_off_m)
     angle, over = np.arctan2(outward[:, 0], outward[:, 1]), seen.point_m[:, :1]
     line = np.column_stack([np.ones(count), over])
     turned = angle - line @ np.linalg.lstsq(line, angle, rcond=None)[0]
-    rolled = _ROUND_M * np.concatenate([1.0 - np.cos(turned), -np.sin(turned)])
-    noises = [_noise([side], [np.arange(count)], seen.own_m2, [_LEAST_STD_M]) for side in sides]
+    rolled = SurfaceSettings.round_m * np.concatenate([1.0 - np.cos(turned), -np.sin(turned)])
+    noises = [_noise([side], [np.arange(count)], seen.own_m2, [SurfaceSettings.least_std_m]) for side in sides]
     across = noises[0] + np.outer(off, off) + np.diag(2.0 * off**2)
     return ShapeEquations(
         rows=concatenate(values_at(over, outward), values_at(over, beside)),
@@ -200,7 +189,7 @@ def curve(seen: LocalTouches) -> ShapeEquations:
         noise=block_diag(across, noises[1] + along @ along.T) + np.outer(rolled, rolled),
         modes=np.concatenate([_project(sides[0], seen.modes_m), np.zeros(along.shape)]),
         force_N=np.concatenate([np.sum(sides[0] * seen.yield_N, axis=1), np.zeros(count)]),
-        slack=np.concatenate([np.zeros(count), np.full(count, _BESIDE_M)]),
+        slack=np.concatenate([np.zeros(count), np.full(count, SurfaceSettings.slack_m)]),
     )
 
 

@@ -15,19 +15,14 @@ from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve, solve_t
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
+from estimator.object.surface.settings import SurfaceSettings
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.native import core
 
-_MOST_EQUATIONS = 480  # more are thinned for this search: three numbers need no more
-_INCLINE = 2.0  # prior standard deviation of the trend's slope over the tangent plane: any that a patch may have
 # before the data: logarithms of length and amplitude over the patch's extent, and of the tangents' slack in rad; the
 # standard deviations of these logarithms; and their bounds
 _BEST, _WIDTH = np.log([0.7, 0.2, 0.01]), np.array([1.2, 1.5, 1.5])
 _LOWEST, _HIGHEST = np.log([0.03, 1e-4, 1e-4]), np.log([30.0, 100.0, 3.0])
-_ROUGHER = 1e-4
-# Newton's steps after the search, the step of their differences, and the longest that is believed: a prior that hangs
-# on where a search stopped moves the surface by parts of its deviation
-_POLISHING, _STEP, _NEAR = 2, 1e-3, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +212,7 @@ def learn_prior(
     """The most probable prior of the shape and slack of the tangents, rad; `start` is an earlier one, `extent_m` the
     patch's, `yield_per_N` the largest compliance, m/N, zero for none."""
     extent_m = max(extent_m, 1e-3)
-    count = min(len(equations), _MOST_EQUATIONS)
+    count = min(len(equations), SurfaceSettings.most_equations)
     # at random: evenly spaced ones of strokes that repeat would all lie at the same places
     thin = np.sort(np.random.default_rng(0).choice(len(equations), count, replace=False))
     rows, y, slack = equations.rows.picked(thin), equations.y[thin], equations.slack[thin]
@@ -227,7 +222,9 @@ def learn_prior(
 
     def prior_of(logs: np.ndarray) -> tuple[SmoothnessPrior, float]:
         length, amplitude, turn = np.exp(np.clip(np.concatenate([logs, _BEST[len(logs) :]]), _LOWEST, _HIGHEST))
-        return SmoothnessPrior(length * extent_m, amplitude * extent_m, 10 * extent_m, _INCLINE), float(turn)
+        return SmoothnessPrior(length * extent_m, amplitude * extent_m, 10 * extent_m, SurfaceSettings.incline), float(
+            turn
+        )
 
     def improbability(logs: np.ndarray) -> tuple[float, np.ndarray]:
         """What is to be least, and its slope (Rasmussen and Williams, Eqs. 2.43 and 5.9).
@@ -242,7 +239,7 @@ def learn_prior(
             lower = _factor(whole)
         except LinAlgError:
             # a search that meets a wall stops there: somewhat rougher numbers lead on
-            lower = np.linalg.cholesky(whole + _ROUGHER * np.diag(np.diag(whole)))
+            lower = np.linalg.cholesky(whole + SurfaceSettings.rougher * np.diag(np.diag(whole)))
         # the columns H in the middle have the trend's covariance H·Hᵀ
         trend = np.column_stack([prior.offset_m * rows.value, prior.incline * rows.of_lines])
         white = solve_triangular(lower, np.column_stack([trend, y]), lower=True, check_finite=False)
@@ -273,20 +270,20 @@ def learn_prior(
 def _newton(logs: np.ndarray, slope_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """Where the slope is zero, by Newton's steps: the search stops where the improbability is lost in its rounding."""
     low, high = _LOWEST[: len(logs)], _HIGHEST[: len(logs)]
-    for _ in range(_POLISHING):
-        inside = np.flatnonzero((logs > low) & (logs < high - _STEP))
+    for _ in range(SurfaceSettings.polishing_steps):
+        inside = np.flatnonzero((logs > low) & (logs < high - SurfaceSettings.difference_step))
         if not len(inside):
             break
-        slope, moves = slope_at(logs), _STEP * np.eye(len(logs))[inside]
-        bend = np.array([(slope_at(logs + move) - slope)[inside] / _STEP for move in moves])
+        slope, moves = slope_at(logs), SurfaceSettings.difference_step * np.eye(len(logs))[inside]
+        bend = np.array([(slope_at(logs + move) - slope)[inside] / SurfaceSettings.difference_step for move in moves])
         bend = 0.5 * (bend + bend.T)
         if np.linalg.eigvalsh(bend)[0] <= 0.0:
             break
         step = np.linalg.solve(bend, -slope[inside])
-        if np.abs(step).max() > _NEAR:
+        if np.abs(step).max() > SurfaceSettings.longest_step:
             break
         logs = logs.copy()
         logs[inside] += step
-        if np.abs(step).max() < 10.0 * _STEP:
+        if np.abs(step).max() < 10.0 * SurfaceSettings.difference_step:
             break  # the next one would be a thousandth of it
     return np.clip(logs, low, high)

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.contact.common_errors import CommonErrors
+from estimator.object.surface.settings import SurfaceSettings
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.errors import InputError
-
-_MAX_TOUCHES = 500  # more contacts are thinned evenly: the solve costs their number cubed
-BIASED_STD = 1.0  # contacts whose model's predicted bias exceeds so many of their deviations are not believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +31,14 @@ class Touches(Rows):
 
 
 def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touches:
-    """The contacts that can be used: located, with a force whose direction is known; thinned to `_MAX_TOUCHES`.
+    """The contacts that can be used: located, with a force whose direction is known; thinned to `most_touches`.
 
     `shared` are the common parts of their errors; without it all errors count as each contact's own. Raises InputError
     where no frame has a contact point with its force.
     """
     size = np.linalg.norm(table.force_world_N, axis=1)
     usable = table.located & np.isfinite(table.point_world_m).all(axis=1) & np.isfinite(size) & (size > 0)
-    biased = usable & (table.bias_std > BIASED_STD)
+    biased = usable & (table.bias_std > SurfaceSettings.biased_std)
     row, left_out, off = np.flatnonzero(usable & ~biased), int(biased.sum()), "off by more than one standard deviation"
     if not len(row):
         what = "no frame has a located contact with a force (status ok or tip_contact)"
@@ -54,9 +52,9 @@ def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touch
     partly, why = int((table.located & ~usable).sum()), "the force is not known in all directions"
     unused = ((partly, why), (left_out, f"the model is {off}"))
     notes = [f"{count} contact{'s' * (count != 1)} not used: {words}" for count, words in unused if count]
-    if len(row) > _MAX_TOUCHES:
-        notes.append(f"{len(row)} contacts were thinned evenly to {_MAX_TOUCHES}")
-        row = row[np.round(np.linspace(0, len(row) - 1, _MAX_TOUCHES)).astype(int)]
+    if len(row) > SurfaceSettings.most_touches:
+        notes.append(f"{len(row)} contacts were thinned evenly to {SurfaceSettings.most_touches}")
+        row = row[np.round(np.linspace(0, len(row) - 1, SurfaceSettings.most_touches)).astype(int)]
     if shared is None:
         shared = CommonErrors.none(table)
     elif unknown := int(np.sum(~np.isfinite(shared.point_m[row]).all(axis=(1, 2)))):

@@ -20,6 +20,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.contact.motion import Beam
+from estimator.object.track.onset import TrackSettings
 from estimator.table.contacts import LOCATED, ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.geometry import Kinematics
@@ -29,7 +30,6 @@ from vbaa_calib.rig import Rig
 from .onset import (
     FIRST_CONTACT,
     FREE,
-    HALF_WINDOW_S,
     LOSS,
     RINGING,
     ROLLING,
@@ -48,27 +48,11 @@ from .onset import (
     median_step,
 )
 
-# swinging frames no further apart belong together, the frames between them too: at its turning points an antenna
-# swings, half way between them it looks at rest
-_JOINED_S = 0.15
-_AROUND_S = 0.3  # frames before and after that the frequency is estimated from, too
-_LEAST_FRAMES, _LEAST_PERIODS, _TRIALS = 8, 1.5, 400
-_CHANCE = 1e-3  # probability that noise alone shows a line as strong, at most
-_BEFORE, _AFTER = 45, 12  # frames around a change whose evidence is looked at
-_FORCES, _FORCE_S = 6, 0.5  # forces after a change that are looked at: at most so many, and none later than this
-_TRUSTED = 60.0  # evidence up to which it grows with the square of the deflection
 _RATES = np.geomspace(0.3, 30.0, 36)  # trial rates of growth over the one that the last frame alone would ask for
 _COSINES = np.linspace(-0.8, 0.8, 5)
 # trial changes of the rate over the frames looked at, in `_UNEVEN`s, and their probabilities; `_UNEVEN` is how unevenly
 # an approach is thought to grow from t₀ to the last frame looked at: standard deviation of the share
 _BENDS, _SHARES, _UNEVEN = np.array([-1.4, 0.0, 1.4]), np.array([0.25, 0.5, 0.25]), 0.15
-# part of the common error behind which a deflection may hide besides: distance and direction are fitted to that error
-# first, and only later to the contact
-_HIDDEN = 0.6
-# probability that forces did not grow from zero at one rate: a base that moves in steps lands between two frames
-_STEPPED = 0.02
-_INSTANTS = 64
-_OWN_SHARE, _RELATIVE = 0.5, 0.03  # how much of a force's deviation differs between frames, and of its size besides
 
 
 def ringing_frames(table: ContactTable) -> np.ndarray:
@@ -77,7 +61,7 @@ def ringing_frames(table: ContactTable) -> np.ndarray:
     found = np.zeros(len(table), bool)
     found[swings] = True
     for first, second in pairwise(swings):
-        if table.time_s[second] - table.time_s[first] <= _JOINED_S:
+        if table.time_s[second] - table.time_s[first] <= TrackSettings.joined_s:
             found[first : second + 1] = True
     return found
 
@@ -92,7 +76,10 @@ def ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) 
     events = []
     for begin, end in ends.reshape(-1, 2):
         time = table.time_s[begin:end]
-        first, last = np.searchsorted(clock, time[0] - _AROUND_S), np.searchsorted(clock, time[-1] + _AROUND_S, "right")
+        first, last = (
+            np.searchsorted(clock, time[0] - TrackSettings.around_s),
+            np.searchsorted(clock, time[-1] + TrackSettings.around_s, "right"),
+        )
         pace = _frequency_words(table, slice(first, last), beam, step)
         words = f"the antenna swings from {time[0]:.3f} s to {time[-1]:.3f} s; {pace}"
         events.append(Event(RINGING, int(table.frame[begin]), float(time[0]), std, 0.0, words))
@@ -102,7 +89,7 @@ def ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) 
 def _frequency_words(table: ContactTable, near: slice, beam: Beam | None, step: float) -> str:
     known = np.isfinite(table.evidence[near]) & np.isfinite(table.time_s[near])
     time, signal = table.time_s[near][known], np.sqrt(2.0 * np.clip(table.evidence[near][known], 0.0, None))
-    if len(time) < _LEAST_FRAMES or not np.isfinite(step):
+    if len(time) < TrackSettings.fewest_frames or not np.isfinite(step):
         return "too few frames for a frequency"
     fastest = 0.5 / step
     free_Hz = 0.0 if beam is None else float(beam.first_mode_rad_s(np.zeros(()))) / (2.0 * np.pi)
@@ -121,16 +108,16 @@ def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tupl
     time = time_s - time_s.mean()
     away = signal - np.polyval(np.polyfit(time, signal, 1), time)
     span, count = float(np.ptp(time)), len(time)
-    slowest = _LEAST_PERIODS / span if span > 0.0 else np.inf
-    if not slowest < fastest_Hz or count < _LEAST_FRAMES or not (away @ away) > 0.0:
+    slowest = TrackSettings.fewest_periods / span if span > 0.0 else np.inf
+    if not slowest < fastest_Hz or count < TrackSettings.fewest_frames or not (away @ away) > 0.0:
         return None
     from scipy.signal import lombscargle  # takes a quarter of a second to load
 
-    trials = np.linspace(slowest, fastest_Hz, _TRIALS)
+    trials = np.linspace(slowest, fastest_Hz, TrackSettings.trial_frequencies)
     share = lombscargle(time, away, 2.0 * np.pi * trials, normalize=True)
     best = int(np.argmax(share))
     independent = max(span * (fastest_Hz - slowest), 1.0)
-    if independent * (1.0 - min(share[best], 1.0)) ** (0.5 * (count - 3)) > _CHANCE:
+    if independent * (1.0 - min(share[best], 1.0)) ** (0.5 * (count - 3)) > TrackSettings.chance:
         return None
     left = max(1.0 - float(share[best]), 1e-6)
     std = np.sqrt(6.0 * left / (float(share[best]) * count)) / (np.pi * span)
@@ -157,11 +144,13 @@ def _instant(growth: _Growth) -> tuple[float, float]:
     mean, std = 0.5 * (low + high), (high - low) / np.sqrt(12.0)
     likeliest = None
     for _ in range(3):  # each time on a finer grid about what was found
-        step = (high - low) / _INSTANTS
-        at = low + (np.arange(_INSTANTS) + 0.5) * step
+        step = (high - low) / TrackSettings.instants
+        at = low + (np.arange(TrackSettings.instants) + 0.5) * step
         by_force = _by_force(growth, at)
         likeliest = by_force.max() if likeliest is None else likeliest
-        log = _by_evidence(growth, at) + np.logaddexp(np.log1p(-_STEPPED) + by_force - likeliest, np.log(_STEPPED))
+        log = _by_evidence(growth, at) + np.logaddexp(
+            np.log1p(-TrackSettings.stepped_p) + by_force - likeliest, np.log(TrackSettings.stepped_p)
+        )
         weight = np.exp(log - log.max())
         weight /= weight.sum()
         mean = float(weight @ at)
@@ -172,11 +161,11 @@ def _instant(growth: _Growth) -> tuple[float, float]:
     after = np.flatnonzero((growth.time_s > mean) & np.isfinite(growth.evidence))
     if not len(after):
         return mean, std
-    trusted = after[growth.evidence[after] <= _TRUSTED]
+    trusted = after[growth.evidence[after] <= TrackSettings.trusted_evidence]
     last = trusted[-1] if len(trusted) else after[0]
     more = max(float(growth.evidence[last]) - _free_level(growth.free_evidence)[0], 1.0)
     rate_per_s = float(np.sqrt(2.0 * more) / (growth.time_s[last] - mean))
-    return mean, float(np.hypot(std, _HIDDEN * _common(growth) / rate_per_s))
+    return mean, float(np.hypot(std, TrackSettings.hidden_share * _common(growth) / rate_per_s))
 
 
 def _common(growth: _Growth) -> float:
@@ -196,14 +185,14 @@ def _free_level(evidence: np.ndarray) -> tuple[float, float]:
 
 def _by_evidence(growth: _Growth, at: np.ndarray) -> np.ndarray:
     """(A,) log-likelihood of t₀ by the evidence, up to the first frame of which it is only known to be much."""
-    much = np.flatnonzero(growth.evidence > _TRUSTED)
+    much = np.flatnonzero(growth.evidence > TrackSettings.trusted_evidence)
     end = int(much[0]) + 1 if len(much) else len(growth.evidence)
     # frames before that carry no information
     telling = np.isfinite(growth.evidence[:end]) & (growth.time_s[:end] > at[0])
     used = np.flatnonzero(telling)
     if len(used) == 0:
         return np.zeros(len(at))
-    time, evidence = growth.time_s[used], np.minimum(growth.evidence[used], _TRUSTED)
+    time, evidence = growth.time_s[used], np.minimum(growth.evidence[used], TrackSettings.trusted_evidence)
     root = np.cbrt(np.clip(evidence, 0.0, None))
     (level, noise), common = _free_level(growth.free_evidence), _common(growth)
     late = np.clip(time - at[:, None], 0.0, None)  # (A, N)
@@ -220,7 +209,9 @@ def _by_evidence(growth: _Growth, at: np.ndarray) -> np.ndarray:
         middle, spread = np.cbrt(expected) * (1.0 - skew), np.cbrt(expected) ** 2 * skew
         each = -0.5 * ((root - middle) ** 2 / spread + np.log(spread))
         if len(much):
-            each[..., -1] = log_ndtr((middle[..., -1] - np.cbrt(_TRUSTED)) / np.sqrt(spread[..., -1]))
+            each[..., -1] = log_ndtr(
+                (middle[..., -1] - np.cbrt(TrackSettings.trusted_evidence)) / np.sqrt(spread[..., -1])
+            )
         log[..., index] = each.sum(axis=-1)
     return logsumexp(log + np.log(_SHARES)[:, None], axis=(1, 2, 3))
 
@@ -233,7 +224,7 @@ def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
     span = late[:, -1:]
     rate = growth.force_N[-1] / span  # what the bend is a share of
     bow = _UNEVEN * rate * late * (late / span - 1.0)
-    own = (_OWN_SHARE * growth.force_std_N) ** 2 + (_RELATIVE * growth.force_N) ** 2
+    own = (TrackSettings.own_share * growth.force_std_N) ** 2 + (TrackSettings.relative_force * growth.force_N) ** 2
     common = float(growth.force_std_N[0]) ** 2
     covariance = np.eye(late.shape[1]) * own + common + bow[:, :, None] * bow[:, None]
     weight = np.linalg.inv(covariance)
@@ -261,10 +252,15 @@ def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.nd
         for at in np.flatnonzero(slides[1:] != slides[:-1]):
             after = decided[at + 1]
             low, high = table.time_s[decided[at]], table.time_s[after]
-            time, std = float(0.5 * (low + high)), float(np.hypot((high - low) / np.sqrt(12.0), 0.3 * HALF_WINDOW_S))
+            time, std = (
+                float(0.5 * (low + high)),
+                float(np.hypot((high - low) / np.sqrt(12.0), 0.3 * TrackSettings.half_window_s)),
+            )
             kind, what = (SLIP_START, "the contact begins to slip") if slides[at + 1] else (SLIP_END, "the slip ends")
             words = f"{what} at {time:.3f} s ± {1e3 * std:.0f} ms"
-            found.append(Event(kind, int(table.frame[after]), time, std, float(high - time + HALF_WINDOW_S), words))
+            found.append(
+                Event(kind, int(table.frame[after]), time, std, float(high - time + TrackSettings.half_window_s), words)
+            )
     return tuple(found)
 
 
@@ -298,10 +294,16 @@ def _growth(table: ContactTable, contacting: ContactStates, change: ContactChang
     place = int(np.searchsorted(told, change.row))
     if change.begins:
         free = np.array(baseline_candidates(change.known_before.tolist()), int)
-        early, late = told[max(place - _BEFORE, 0) : place], told[place : place + _AFTER]
+        early, late = (
+            told[max(place - TrackSettings.frames_before, 0) : place],
+            told[place : place + TrackSettings.frames_after],
+        )
         early = early[state[early] == 0]
     else:
-        early, late = told[place : place + _BEFORE], told[max(place - _AFTER, 0) : place][::-1]
+        early, late = (
+            told[place : place + TrackSettings.frames_before],
+            told[max(place - TrackSettings.frames_after, 0) : place][::-1],
+        )
         free = early = early[np.cumprod(state[early] == 0).astype(bool)][::-1]
     late = late[np.cumprod(state[late] == 1).astype(bool)]
     if len(early) == 0 or len(late) == 0:
@@ -310,7 +312,9 @@ def _growth(table: ContactTable, contacting: ContactStates, change: ContactChang
     if not (np.isfinite(time[rows]).all() and (np.diff(time[np.sort(rows)]) > 0.0).all()):
         return None
     sign = 1.0 if change.begins else -1.0
-    located = late[np.isin(table.status[late], LOCATED) & (np.abs(time[late] - time[late[0]]) <= _FORCE_S)][:_FORCES]
+    located = late[
+        np.isin(table.status[late], LOCATED) & (np.abs(time[late] - time[late[0]]) <= TrackSettings.force_s)
+    ][: TrackSettings.most_forces]
     # the first frame after the instant that is in contact by itself, else the last that is looked at
     certain = late[table.in_contact[late]]
     size = np.hypot(table.force_y_N, table.force_z_N)[located]
@@ -338,7 +342,7 @@ _RADIUS_M = 0.5e-3  # the antenna's if no rig is given: only limits how much a s
 _GAP_FRAMES = 4.0  # a run of located frames ends where so many frames' time passes without one
 _LEAST_SECONDS = 6  # second differences needed for a scatter
 _MOST_SCATTER = 3.0  # how many times as much as said the points of a path may scatter across the antenna, at most
-# velocities are slopes over the frames within `HALF_WINDOW_S`, and over one neighbour on each side at least
+# velocities are slopes over the frames within `half_window_s`, and over one neighbour on each side at least
 _LEAST_HALF = 1
 _SHARE = 0.01  # part of a slip that is left open: the object touches an antenna radius beside the centreline
 _LEANING_RAD = 0.35  # how far friction may lean the force from the normal across the antenna: standard deviation
@@ -562,8 +566,8 @@ def _slopes(time_s: np.ndarray) -> csr_array:
     if count < 3:
         return csr_array(np.full((count, count), np.nan))
     row = np.arange(count)
-    before = row - np.searchsorted(time_s, time_s - HALF_WINDOW_S - 1e-9)
-    after = np.searchsorted(time_s, time_s + HALF_WINDOW_S + 1e-9, side="right") - 1 - row
+    before = row - np.searchsorted(time_s, time_s - TrackSettings.half_window_s - 1e-9)
+    after = np.searchsorted(time_s, time_s + TrackSettings.half_window_s + 1e-9, side="right") - 1 - row
     half = np.maximum(np.minimum(before, after), _LEAST_HALF)
     low, high = np.maximum(row - half, 0), np.minimum(row + half, count - 1)
     short = high - low < 2

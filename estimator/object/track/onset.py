@@ -24,20 +24,45 @@ from estimator.table.contacts import ContactTable
 FREE, TOUCHING, STICKING, SLIDING, ROLLING, UNKNOWN = "free", "touching", "sticking", "sliding", "rolling", "unknown"
 FIRST_CONTACT, LOSS, SLIP_START, SLIP_END, RINGING = "first_contact", "loss", "slip_start", "slip_end", "ringing"
 
-HALF_WINDOW_S = 0.1  # slips are slopes over the frames within this time
-_WINDOWS = (3, 6, 12)  # last frames that are taken together
-_ALARM = 1e-6  # probability of a false alarm by each of the windows, in a frame of the free antenna
-# free frames that the free antenna is learnt from, at most and at least; so many of the last are left out where
-# there are enough before them: a slow approach is in them
-_BASELINE, _LEAST_BASELINE, _LAG = 60, 12, 30
-_SPAN_RAD = 0.05  # it looks alike within so much joint travel: a weight that is known badly shows with the pose
-_LEAST_SCATTER = 0.2  # of the cube root, below which no recording is believed: something else would drift
-# a contact with that much evidence in one of its last frames is lost with the first frame that is within so many
-# deviations of the baseline's mean; a weaker one with the mean of so many: near the threshold noise alone would end it
-_FREE_AGAIN, _FIRM, _RECENT = 2.5, 40.0, 3
-_FREE_TOGETHER, _LEAVING = 1.0, 6
-_GAP_S = 0.5  # over a longer gap nothing is carried: what happened in it is not known
 _TOUCHING = ("ok", "tip_contact", "low_signal")  # in contact; `no_contact` is free, all others are neither
+
+
+@dataclass(frozen=True)
+class TrackSettings:
+    """What counts as contact, loss, slip and ringing over time."""
+
+    half_window_s: float = 0.1  # slips are slopes over the frames within this time
+    windows: tuple[int, ...] = (3, 6, 12)  # last frames that are taken together
+    false_alarm: float = 1e-6  # probability of one by each window, in a free frame
+    baseline_frames: int = 60  # free frames from which the free antenna is learnt, at most
+    fewest_baseline: int = 12  # and at least
+    lag_frames: int = 30  # last ones left out where enough precede them: a slow approach is in them
+    span_rad: float = 0.05  # joint travel within which the free antenna looks alike
+    least_scatter: float = 0.2  # of the evidence's cube root
+    free_again_std: float = 2.5  # from the baseline's mean: within it one frame ends a firm contact
+    firm_evidence: float = 40.0  # in one of the last frames: the contact is firm
+    recent_frames: int = 3  # how many these are
+    free_together_std: float = 1.0  # from the baseline's mean: within it the mean of several ends a weak contact
+    leaving_frames: int = 6  # how many these are
+    gap_s: float = 0.5  # over a longer gap nothing is carried
+    joined_s: float = 0.15  # swinging frames no farther apart belong together, with those between
+    around_s: float = 0.3  # frames before and after that the frequency is estimated from, too
+    fewest_frames: int = 8  # for a frequency
+    fewest_periods: float = 1.5  # in them
+    trial_frequencies: int = 400  # that are compared
+    chance: float = 1e-3  # probability that noise alone shows a line as strong, at most
+    frames_before: int = 45  # a change whose evidence is used
+    frames_after: int = 12  # a change whose evidence is used
+    most_forces: int = 6  # after a change that are used,
+    force_s: float = 0.5  # none later than this
+    trusted_evidence: float = 60.0  # up to which it grows with the square of the deflection
+    hidden_share: float = 0.6  # of the common error behind which a deflection may hide
+    stepped_p: float = 0.02  # probability that forces did not grow evenly from zero: a base that moves in steps
+    instants: int = 64  # of the change that are compared between frames
+    own_share: float = 0.5  # of a force's deviation that differs between frames
+    relative_force: float = 0.03  # of a force's size that differs besides
+    fewest_smoothed: int = 5  # frames of a piece; shorter ones stay as they are
+    least_noise: float = 1e-6  # of a point's own variance in every direction: the filter divides by it
 
 
 @dataclass(frozen=True)
@@ -112,24 +137,26 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
     run: list[int] = []
     now, tested, last = -1, False, -np.inf
     for row in np.flatnonzero(said >= 0).tolist():
-        if table.time_s[row] - last > _GAP_S:
+        if table.time_s[row] - last > TrackSettings.gap_s:
             now, run = -1, []
         last, alone = float(table.time_s[row]), int(said[row])
         before = changes[-1].known_before if changes and changes[-1].begins else np.empty(0, int)
         # the last free frames in poses like this frame's; none where the joints are not known
         base = np.array(baseline_candidates(run if now == 0 else before.tolist()), int)
-        base = base[(np.abs(joints[base] - joints[row]) <= _SPAN_RAD).all(axis=1) & np.isfinite(root[base])]
+        base = base[
+            (np.abs(joints[base] - joints[row]) <= TrackSettings.span_rad).all(axis=1) & np.isfinite(root[base])
+        ]
         if now == 1:
-            late = np.array([*run[1 - _LEAVING :], row])
-            if not (table.evidence[run[-_RECENT:]] <= _FIRM).all():
-                stays = _exceeds(root[[row]], root[base], _FREE_AGAIN)
+            late = np.array([*run[1 - TrackSettings.leaving_frames :], row])
+            if not (table.evidence[run[-TrackSettings.recent_frames :]] <= TrackSettings.firm_evidence).all():
+                stays = _exceeds(root[[row]], root[base], TrackSettings.free_again_std)
             else:  # a weak contact continues over a few frames, with one clear frame, or by all together
-                some = len(late) < _LEAVING or bool((said[late] == 1).any())
-                stays = some or _exceeds(root[late], root[base], _FREE_TOGETHER)
+                some = len(late) < TrackSettings.leaving_frames or bool((said[late] == 1).any())
+                stays = some or _exceeds(root[late], root[base], TrackSettings.free_together_std)
             found = 1 if alone == 1 or stays else 0
         else:
-            several = alone == 0 and now == 0 and _rises(root, [*run[-_WINDOWS[-1] :], row], base)
-            tested = tested or len(base) >= _LEAST_BASELINE
+            several = alone == 0 and now == 0 and _rises(root, [*run[-TrackSettings.windows[-1] :], row], base)
+            tested = tested or len(base) >= TrackSettings.fewest_baseline
             found = 1 if alone == 1 or several else 0
         if found != now:
             if now != -1 or found == 1:
@@ -142,20 +169,24 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
 
 def baseline_candidates(free: Sequence[int]) -> Sequence[int]:
     """Of the frames of a free run those that no slow approach is in yet."""
-    recent = free[-_BASELINE - _LAG :]
-    early = recent[:-_LAG] if len(recent) >= _LAG + _LEAST_BASELINE else recent[: -_WINDOWS[-1]]
-    return early[-_BASELINE:]
+    recent = free[-TrackSettings.baseline_frames - TrackSettings.lag_frames :]
+    early = (
+        recent[: -TrackSettings.lag_frames]
+        if len(recent) >= TrackSettings.lag_frames + TrackSettings.fewest_baseline
+        else recent[: -TrackSettings.windows[-1]]
+    )
+    return early[-TrackSettings.baseline_frames :]
 
 
 def _rises(root: np.ndarray, run: Sequence[int], base: np.ndarray) -> bool:
     """Whether the last frames of a run of free ones show more than the baseline's, and noise would hardly ever."""
-    if len(base) < _LEAST_BASELINE:
+    if len(base) < TrackSettings.fewest_baseline:
         return False
     mean, scatter = _normal(root[base])
     limit = scatter * _threshold(len(base) - 1)
     return any(
         root[list(run[-window:])].mean() - mean > limit * np.sqrt(1.0 / window + 1.0 / len(base))
-        for window in _WINDOWS
+        for window in TrackSettings.windows
         if len(run) >= window
     )
 
@@ -166,20 +197,20 @@ def _normal(values: np.ndarray) -> tuple[float, float]:
     away = values - mean
     alike = float(away[1:] @ away[:-1]) / max(float(away @ away), 1e-30)
     alike = min(max(alike, 0.0), 0.8)
-    return mean, max(scatter, _LEAST_SCATTER) * float(np.sqrt((1.0 + alike) / (1.0 - alike)))
+    return mean, max(scatter, TrackSettings.least_scatter) * float(np.sqrt((1.0 + alike) / (1.0 - alike)))
 
 
 def _exceeds(late: np.ndarray, base: np.ndarray, deviations: float) -> bool:
     """Whether the mean of some frames is more than the free antenna's by so many of its deviations."""
-    if len(base) < _LEAST_BASELINE or not np.isfinite(late).all():
+    if len(base) < TrackSettings.fewest_baseline or not np.isfinite(late).all():
         return False
     mean, scatter = _normal(base)
     return bool(late.mean() > mean + deviations * scatter / np.sqrt(len(late)))
 
 
-@lru_cache(maxsize=_BASELINE)
+@lru_cache(maxsize=TrackSettings.baseline_frames)
 def _threshold(freedom: int) -> float:
-    return -float(stdtrit(freedom, _ALARM))
+    return -float(stdtrit(freedom, TrackSettings.false_alarm))
 
 
 def median_step(time_s: np.ndarray) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
+from estimator.object.track.onset import TrackSettings
 from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.rig import Rig
 
@@ -23,8 +24,6 @@ from .onset import LOSS, SLIP_END, SLIP_START, Track
 
 # trial intensities of the walk, about the one that would move the path by its own noise in its mean step
 _DECADES, _TRIALS = (-8.0, 4.0), 37
-_LEAST = 5  # frames of a piece that is smoothed; shorter ones stay as they are
-_LEAST_NOISE = 1e-6  # of a point's own variance, in every direction: the filter divides by it
 _CHANGED = (
     *("point_world_m", "covariance_world_m2", "point_antenna_m", "distance_m", "distance_std_m"),
     *("force_world_N", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N"),
@@ -121,7 +120,11 @@ def smoothable_pieces(table: ContactTable, track: Track) -> list[np.ndarray]:
     good = table.located & np.isfinite(table.time_s) & np.isfinite(table.covariance_world_m2).all(axis=(1, 2))
     breaks = np.array([event.time_s for event in track.events if event.kind in (LOSS, SLIP_START, SLIP_END)])
     free = track.phase == "free"
-    return [part for part in runs(table, np.flatnonzero(good & ~free), free, breaks) if len(part) >= _LEAST]
+    return [
+        part
+        for part in runs(table, np.flatnonzero(good & ~free), free, breaks)
+        if len(part) >= TrackSettings.fewest_smoothed
+    ]
 
 
 def _smooth_piece(
@@ -134,7 +137,7 @@ def _smooth_piece(
 ) -> None:
     time, point = table.time_s[rows], table.point_world_m[rows]
     size = np.trace(own_m2, axis1=1, axis2=2)
-    own_m2 = own_m2 + np.eye(3) * (_LEAST_NOISE * np.maximum(size, np.median(size)))[:, None, None]
+    own_m2 = own_m2 + np.eye(3) * (TrackSettings.least_noise * np.maximum(size, np.median(size)))[:, None, None]
     axes = np.linalg.eigh(own_m2.mean(axis=0))[1]
     turned = axes.T @ own_m2 @ axes
     path = (point - point.mean(axis=0)) @ axes

@@ -12,25 +12,10 @@ from vbaa_calib.rig.rig_file import can_hold
 
 from .information import Candidate, excess_in_errors
 from .models import LENS_MODELS, pole_distance
+from .settings import LensSettings
 from .uncertainty import expected_errors_px
 
 _CENTRED, _DECENTRED = ("none", "radial", "fisheye"), "opencv4"
-
-
-@dataclass(frozen=True)
-class _ChoiceSettings:
-    """What decides. Costs are ratios of held-out errors up to which a lens that is better otherwise is taken."""
-
-    monotonic_may_cost: float = 1.1  # of lenses that do not fold: one that does maps two directions to one pixel
-    agreement_may_cost: float = 1.005  # of lenses whose halves agree: the others are worse than they state
-    far_pole_may_cost: float = 1.005  # of lenses without a pole near the picture
-    least_pole_distance: float = 0.15  # over the picture's largest ideal radius; a depth camera's own lens had 0.22
-    negligible_cost: float = 1.005  # of lenses that count as good, however certain the difference is
-    most_cost: float = 1.1  # of lenses that count as good, however uncertain the difference is
-    excess: float = 3.0  # standard errors, over views, by which the held-out errors of a wrong model are larger
-    better_by: float = 1.0  # standard errors by which the expected error of a richer model must be smaller
-    most_larger: float = 1.35  # ratio of expected errors up to which a simpler model is taken, however uncertain it is
-    centred_may_cost: float = 1.15  # ratio of expected errors: every lens is a little decentred
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +47,7 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     worse on held-out views, those whose halves disagree or that have a pole near the picture only if every other is
     0.5 % worse.
     """
-    rules, every = _ChoiceSettings(), {one.candidate.model: one for one in solutions}
+    rules, every = LensSettings(), {one.candidate.model: one for one in solutions}
     reasons: dict[str, str] = {}
 
     def preferred(names: Sequence[str], good: Sequence[str], may_cost: float, why: str) -> Sequence[str]:

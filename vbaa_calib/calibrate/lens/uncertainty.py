@@ -8,7 +8,6 @@ a turn of the camera explains.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -18,6 +17,8 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.camera.lens import ray_derivatives
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry.independent_axes import independent_axes, largest_std
+
+from .settings import LensSettings
 
 _GRID = (17, 13)
 _UNSEEN_PX, _LEAST_PX, _CHANCE = 1e3, 1e-4, 2.0
@@ -91,23 +92,6 @@ def expected_errors_px(
     return expected
 
 
-@dataclass(frozen=True)
-class _LinearRange:
-    """How far a step of the lens counts as linear.
-
-    shares : of a standard deviation, tried in turn; the last one is taken in any case.
-    bend : largest part of a linear displacement of the picture by which the true one may differ from it. An ordinary
-        lens differs by a thousandth at one standard deviation, one beside a fold by more than all of it.
-    negligible_px : root mean square over the picture below which a difference does not count.
-    grid : columns and rows of the pixels that are compared.
-    """
-
-    shares: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3)
-    bend: float = 0.3
-    negligible_px: float = 0.02
-    grid: tuple[int, int] = (9, 7)
-
-
 @lru_cache(maxsize=4)
 def linear_axes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Independent axes (P, P) of a lens' covariance, by unit standard deviations, and the share (P,) of each within
@@ -117,7 +101,7 @@ def linear_axes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     standard deviation along one axis leads to a lens that folds inside the picture.
     """
     assert camera.covariance is not None
-    axes, shares, within = independent_axes(camera.covariance), np.ones(len(camera.covariance)), _LinearRange()
+    axes, shares, within = independent_axes(camera.covariance), np.ones(len(camera.covariance)), LensSettings()
     pixels = pixel_grid(camera.image_size, within.grid).reshape(-1, 2)
     slopes, (rays, valid) = projection_jacobian(camera, pixels), camera.unproject(pixels)
     valid &= np.isfinite(slopes).all(axis=(-1, -2))

@@ -139,21 +139,23 @@ void linearise(const Rig& rig, nb::handle frames_, int rung, InMatrix unknowns, 
     solver::linearise_frames(rig, frames, rung, view(unknowns), found);
 }
 
-void gradients(const Rig& rig, nb::handle frames_, int rung, InMatrix unknowns, InVector scatter,
-               Numpy<const bool, 1> at_tip, nb::handle found_) {
+auto gradients(const Rig& rig, nb::handle frames_, int rung, InMatrix unknowns, InVector scatter,
+               Numpy<const bool, 1> at_tip) {
     const Frames frames = frames_of(frames_);
     const int count = frames.size(), results = solver::RESULTS;
-    solver::Gradients found;
-    read(found_, std::array{count, results, frames.usable.shape[1], 2}, "by_points", found.by_points);
-    read(found_, std::array{count, results, 2}, "by_readings", found.by_readings);
-    read(found_, std::array{count, results, 3}, "by_gravity", found.by_gravity);
-    read(found_, std::array{count, results, rig.axes.shape[0]}, "by_rig", found.by_rig);
     require(solver::PAPER <= rung && rung <= solver::ROD, "no such rung");
     require(view(unknowns).shape == std::array{count, UNKNOWNS}, "unknowns must be (B, 4)");
     require(view(scatter).shape == std::array{count} && view(at_tip).shape == std::array{count},
             "scatter and at_tip must be (B,)");
-    Released released;
-    solver::gradients(rig, frames, rung, view(unknowns), view(scatter), view(at_tip), found);
+    auto by_points = room<double>(count, results, frames.usable.shape[1], 2);
+    auto by_readings = room<double>(count, results, 2), by_gravity = room<double>(count, results, 3);
+    auto by_rig = room<double>(count, results, rig.axes.shape[0]);
+    const solver::Gradients found = {view(by_points), view(by_readings), view(by_gravity), view(by_rig)};
+    {
+        Released released;
+        solver::gradients(rig, frames, rung, view(unknowns), view(scatter), view(at_tip), found);
+    }
+    return std::make_tuple(by_points, by_readings, by_gravity, by_rig);
 }
 
 void free_antennas(const Rig& rig, nb::handle frames_, InMatrix steps, double farthest_std, nb::handle found_) {
@@ -222,7 +224,8 @@ void bind_solver(nb::module_& module) {
     room.def("solve", &solve, "Fits frames from `begin` to `end` on a rung, −1: the highest, into `FitNumbers`.");
     room.def("rough", &rough, "Rough minima (B, 4) on a low rung and the antennas' nodes there (B, M, 3).");
     room.def("linearise", &linearise, "Frames on a rung at unknowns (B, 4), into `Linearised`.");
-    room.def("gradients", &gradients, "Derivatives of contacts at unknowns (B, 4), into `Gradients`.");
+    room.def("gradients", &gradients,
+             "Derivatives (B, 7, ...) of contacts at unknowns (B, 4) by points, readings, gravity and rig.");
     room.def("free_antennas", &free_antennas, "Frames as the free antenna about rig steps (B, R).");
     room.def("edge_on", &edge_on,
              "Angles (B,) between the deformation plane of unknowns (B, 4) and the line of sight.");
@@ -235,7 +238,6 @@ void bind_solver(nb::module_& module) {
     room.attr("WRONG_SHAPE") = solver::WRONG_SHAPE;
     room.attr("MOST_EVALUATIONS") = solver::MOST_EVALUATIONS;
     room.attr("SMALL_BIAS") = solver::SMALL_BIAS;
-    room.attr("RESULTS") = solver::RESULTS;
     room.attr("PIECES") = solver::PIECES;
     room.attr("NODES") = solver::NODES;
 }

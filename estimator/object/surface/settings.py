@@ -1,0 +1,68 @@
+"""How touches become patches, shapes and a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+
+
+@dataclass(frozen=True)
+class SurfaceSettings:
+    """How touches become patches, shapes and a mesh."""
+
+    most_touches: int = 500  # more are thinned evenly: the solve costs their number cubed
+    biased_std: float = 1.0  # predicted bias from which a contact is not used, in its standard deviations
+    link_normals_rad: float = radians(50)  # neighbours with more between their normals are on different sides
+    patch_normals_rad: float = radians(65)  # of a normal from its patch's mean, at most: a patch is a height field
+    link_factor: float = 3.0  # gaps so many times as wide as usual are bridged,
+    link_extent: float = 0.25  # up to this part of all that was touched
+    neighbours: int = 8  # that decide a contact's side together: friction cancels in them,
+    alike_rad: float = radians(75)  # where their normals differ by less
+    resolved: float = 4.0  # width over the contacts' own spread from which a patch is an area
+    narrow: float = 0.02  # least width over length of an area
+    fewest_touches: int = 4  # of an area
+    least_std_m: float = 1e-7  # of a point: no place is known better
+    least_std_rad: float = 3e-4  # of a tangent
+    unseen_bend_per_m: float = 50.0  # prior standard deviation of the curvature across a curve
+    round_m: float = 0.03  # prior standard deviation of the radius about an axis across a curve
+    ignored: float = 1e8  # factor on the covariance of a touch that is left out
+    most_off_m: float = 1e-3  # largest correction of a point: worse contacts are left out
+    slack_m: float = 0.05  # distance of touches from a curve for other reasons than its shape, per rad of slack
+    unbelieved_rad: float = 10.0  # standard deviation of a tangent that is not used
+    fewest_rounds: int = 3  # alternations of shape and normals
+    learning_rounds: int = 2  # in which the smoothness is learnt anew
+    most_rounds: int = 15  # after which it ends
+    not_converged_std: float = 0.1  # step of the compliance after all rounds that is too large
+    converged_std: float = 1e-3  # step at which it ends
+    outlier_std: float = 5.0  # a touch farther off what the others predict is left out,
+    most_outliers: float = 0.1  # up to this part of all: else the covariances are at fault
+    vague_m: float = 1e-3  # a touch known worse than this along the surface,
+    vague_factor: float = 3.0  # and so many times worse than most, is not used
+    steepest: float = 3.0  # largest slope on the way
+    sharpest_m: float = 3e-4  # smallest radius of a bend on the way
+    unknown_rad: float = 1.0  # standard deviation of an unknown normal
+    force_std_rad: float = 0.35  # of the force from the normal, where it has to help
+    tangent_std_rad: float = 1e-3  # own error of a tangent
+    modes: int = 24  # common errors of the normals that are kept; the rest is each touch's own
+    interval_std: float = 1.96  # standard deviations of a 95 % interval
+    least_variation: float = 0.05  # relative spread of the normal forces that shows a compliance
+    model_m: float = 1e-5  # shift of contacts over the forces that the model leaves out
+    model_share: float = 0.015  # of the compliance: noise along the antenna flattens what is bent
+    guessed_std_m: float = 2e-4  # of touches without covariance, to smooth them by
+    tolerated_scatter: float = 1.5  # over the stated one, beyond which all touches are widened
+    fewest_scattered: int = 12  # fewer touches do not determine their scatter
+    cells: int = 44  # of the mesh along the longer side of a patch
+    closing: float = 0.6  # bridged gaps within which touches on all sides enclose the footprint
+    margin: float = 0.03  # of the footprint beyond the outermost touches, of the patch's extent
+    line_gap: float = 0.1  # part of its length over which a line runs on
+    nearby: float = 0.05  # part of a line's length within which contacts determine its normals
+    vague_touches: float = 3.0  # touches known so many times worse than most do not widen the footprint
+    lone_shown_m: float = 2e-3  # standard deviation up to which a single place is drawn
+    shown_factor: float = 2.5  # no mesh where its deviation exceeds so many times that at nine tenths of the touches
+    shown_m: float = 3e-4  # and this
+    most_equations: int = 480  # of the search for the smoothness: three numbers need no more
+    incline: float = 2.0  # prior standard deviation of the trend's slope over the tangent plane
+    rougher: float = 1e-4  # least part of the touches' variance that is noise, in the search
+    polishing_steps: int = 2  # of Newton's method after the search
+    difference_step: float = 1e-3  # of its derivatives
+    longest_step: float = 0.5  # that is believed
