@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
+    from estimator.diagnose.service import RigWatch
     from estimator.diagnose.watch import RecordingVerdict, RecordingWatch, recording_verdict
     from estimator.object.next_touch import NextTouch, next_touch
     from estimator.recording.refined import Refined, refine
@@ -21,6 +22,7 @@ __all__ = [
     "RecordingVerdict",
     "RecordingWatch",
     "Refined",
+    "RigWatch",
     "View",
     "next_touch",
     "recording_verdict",
@@ -32,6 +34,7 @@ _HOMES = {
     "Measured": ".table.contacts",
     "ContactEstimator": ".contact.estimate",
     **dict.fromkeys(("RecordingVerdict", "RecordingWatch", "recording_verdict"), ".diagnose.watch"),
+    "RigWatch": ".diagnose.service",
     "NextTouch": ".object.next_touch",
     "next_touch": ".object.next_touch",
     "Refined": ".recording.refined",

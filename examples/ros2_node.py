@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from time import perf_counter
 from typing import Any
 
+from estimator import RigWatch
 from estimator.live import LiveContact, LiveEstimator
 from estimator.live.outputs import contact_messages
 from vbaa import ContactEstimator, InputError, Rig
@@ -19,7 +20,14 @@ from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams.bags import Topics, picture_of, readings_of, stamp_s
 
 TICK_S = 0.02
-PARAMETERS = {"rig": "rig.json", "clock_offset": 0.0, "moment_axis": "y", "pan_joint": "pan", "tilt_joint": "tilt"}
+PARAMETERS: dict[str, Any] = {
+    "rig": "rig.json",
+    "clock_offset": 0.0,
+    "moment_axis": "y",
+    "pan_joint": "pan",
+    "tilt_joint": "tilt",
+}
+PARAMETERS |= {"watch": False}  # alarms on /contact/alarm once the rig is not as it was calibrated
 KINDS = (
     "std_msgs/msg/String",
     "geometry_msgs/msg/PointStamped",
@@ -71,7 +79,8 @@ def main() -> None:
     rig = Rig.load(given["rig"])
     timing = Timing(given["clock_offset"], moment_std_Nm=(rig.moment_sensor.std_Nm, 0.0))
     synchronizer = Synchronizer(timing, ["moment_Nm", "pan_rad", "tilt_rad"], rig.camera.image_size)
-    live = LiveEstimator(ContactEstimator(rig, jobs=1), synchronizer)
+    watch = RigWatch(rig) if given["watch"] else None
+    live = LiveEstimator(ContactEstimator(rig, jobs=1), synchronizer, watch=watch)
     live.warm()
     publishers: dict[str, Any] = {}
 

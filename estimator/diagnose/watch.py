@@ -31,11 +31,13 @@ class RecordingVerdict:
     verdict : with the findings, the worst first.
     first : row from which on it concerns all rows; None where it concerns none but `rows`.
     rows : single rows that it concerns.
+    log_odds : of the likeliest cause over all being as reported; 0 without one.
     """
 
     verdict: Verdict = field(default_factory=Verdict)
     first: int | None = None
     rows: frozenset[int] = frozenset()
+    log_odds: float = 0.0
 
     @property
     def concerns_any(self) -> bool:
@@ -140,7 +142,7 @@ class RecordingWatch:
 
     def verdict(self) -> RecordingVerdict:
         """What is wrong, by all rows so far."""
-        found, rows, first = self._of_series(), list(self._repeated), None
+        found, rows, first, log_odds = self._of_series(), list(self._repeated), None, 0.0
         if self._first and len(recorded := self.recorded()) >= self.settings.fewest:
             frozen = np.isin(recorded.order, self._repeated)
             if (~frozen).sum() >= self.settings.fewest:
@@ -150,7 +152,7 @@ class RecordingWatch:
             found += [one for one, _ in saturated]
             case = Case.of(recorded, axes_of(recorded.rig, CHANGES)[0])
             rounds, _ = explained(case, TABLE)
-            causes = [joined(best) for best in rounds]
+            causes, log_odds = [joined(best) for best in rounds], rounds[0][0].log_odds if rounds else 0.0
             grave = [best[0] for best in rounds if best[0].diagnosis.grave]
             # a cause of all is one of single rows, too
             found = found if grave else [*found, *self._of_rows()]
@@ -161,7 +163,7 @@ class RecordingWatch:
             elif (left := self._unexplained(case)) is not None:
                 found.append(left)
                 first = 0 if left.grave else None
-        return RecordingVerdict(Verdict.of(found), first, frozenset(rows))
+        return RecordingVerdict(Verdict.of(found), first, frozenset(rows), log_odds)
 
     def _saturated(self, recorded: Recorded) -> tuple[list[tuple[Diagnosis, list[int]]], Recorded]:
         """Moments at the end of the sensor's range, with their rows, and the frames without these readings."""

@@ -24,10 +24,12 @@ from estimator.contact.recording import (
     gravity,
     prepared,
 )
+from estimator.diagnose import RigWatch
 from estimator.diagnose.consequences import RunningVerdict, changed_row
 from estimator.table.contacts import ContactRow
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.detect.whisker.antenna import pixels, width_px
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
@@ -49,6 +51,7 @@ class LiveContact:
     final : from all frames, as `vbaa estimate` gives it; else at once, from this frame and those before it.
     latency_s : from the picture's arrival to this. age_s : of the reading that was interpolated furthest.
     image : (H, W[, 3]) the picture; None with a final contact.
+    alarms : what the watch has found with this frame; empty with a final contact.
     """
 
     row: ContactRow
@@ -57,6 +60,7 @@ class LiveContact:
     latency_s: float
     age_s: float = np.nan
     image: np.ndarray | None = None
+    alarms: tuple[Diagnosis, ...] = ()
 
 
 class LiveEstimator:
@@ -73,6 +77,7 @@ class LiveEstimator:
     synchronizer : brings readings to the pictures' instants; counts what is left out.
     ground : what lies behind the antenna, where that is known.
     final : False: only what is known at once.
+    watch : of the rig, while it is in use; its alarms come with the contacts.
     """
 
     @gate
@@ -83,8 +88,9 @@ class LiveEstimator:
         ground: Ground | None = None,
         *,
         final: bool = True,
+        watch: RigWatch | None = None,
     ) -> None:
-        self.estimator, self.synchronizer = estimator, synchronizer
+        self.estimator, self.synchronizer, self.watch = estimator, synchronizer, watch
         self.final, self._ground = final, ground
         self._later = ContactStream(estimator, little_by_little=True) if final else None
         self._now = ContactStream(estimator, live=True, beside=self._later)
@@ -136,6 +142,8 @@ class LiveEstimator:
         for each in self.synchronizer.finish():
             yield from self._estimate(each)
         self.verdict.finish()
+        if self.watch is not None:
+            self.watch.close()
         if self._later is not None:
             yield from map(self._finally, self._later.finish())
 
@@ -159,7 +167,8 @@ class LiveEstimator:
         latency_s = perf_counter() - each.taken.received_s
         self.verdict.push(seen.measured, item.contact)
         row = self._row(item, self.verdict.count - 1)
-        yield LiveContact(row, item, False, latency_s, each.age_s, each.taken.image)
+        alarms = () if self.watch is None else tuple(self.watch.push(seen.measured, item.contact))
+        yield LiveContact(row, item, False, latency_s, each.age_s, each.taken.image, alarms)
         if self._later is not None:
             # without its picture, which would fill the memory
             kept = replace(each, taken=replace(each.taken, image=_NO_PICTURE, arrived_s=0.0))

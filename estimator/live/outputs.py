@@ -107,12 +107,14 @@ def _append_whole(stream: io.FileIO, line: str) -> None:
 
 
 def json_line(contact: LiveContact) -> str:
-    """One line: the columns of contacts.csv, null where there is no number, and final, latency_s, age_s."""
+    """One line: the columns of contacts.csv, null where there is no number, and final, latency_s, age_s; `alarms` of a
+    watched rig, if there are any."""
     cells: dict[str, Any] = {**cells_of(contact.row), "latency_s": contact.latency_s, "age_s": contact.age_s}
     plain = {
         name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in cells.items()
     }
-    return json.dumps({"final": contact.final, **plain}, allow_nan=False)
+    alarms = {"alarms": [one.to_dict() for one in contact.alarms]} if contact.alarms else {}
+    return json.dumps({"final": contact.final, **plain, **alarms}, allow_nan=False)
 
 
 class Datagrams:
@@ -139,8 +141,8 @@ class Datagrams:
 
 class ContactBag:
     """Contacts as ROS messages: PointStamped and WrenchStamped of what is located, the pose with its covariance, and
-    every frame as JSON text (std_msgs/String), in an MCAP file, of which a kill loses the last second, or a ROS bag by
-    the suffix."""
+    every frame and alarm as JSON text (std_msgs/String), in an MCAP file, of which a kill loses the last second, or a
+    ROS bag by the suffix."""
 
     def __init__(self, path: Path, force: bool = False) -> None:
         """Raises InputError for a file in the way."""
@@ -171,6 +173,7 @@ def contact_messages(contact: LiveContact) -> list[Logged]:
     prefix, time_ns = "/contact/final" if contact.final else "/contact", max(round(1e9 * row.time_s), 0)
     text, placed, pressed, known = _KINDS
     said = [Logged(f"{prefix}/row", text, {"data": json_line(contact)}, time_ns)]
+    said += [Logged(f"{prefix}/alarm", text, {"data": json.dumps(one.to_dict())}, time_ns) for one in contact.alarms]
     if row.status not in LOCATED:
         return said
     point = dict(zip("xyz", row.point_world_m.tolist(), strict=True))

@@ -23,6 +23,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     new.add_argument("--free", type=Path, metavar="PICTURE", help="the free antenna, as it is now")
     add_joints(new, "the joint's reading with --free")
     new.add_argument("--moment", type=float, metavar="NM", help="the moment's reading with --free (default: not noted)")
+    parser.add_argument(
+        "--watch",
+        metavar="SOURCE",
+        help="check while it is in use: `vbaa live --watch` of a camera, stream, folder, bag or video",
+    )
     parser.add_argument("--html", type=Path, metavar="REPORT", help="write a page that opens offline in any browser")
     parser.add_argument("-o", "--output", type=Path, metavar="CHECK", help="check.json to write")
 
@@ -35,6 +40,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for path, suffixes in ((args.html, PAGES), (args.output, (".json",))):
         if path is not None:
             refuse_output(path, suffixes, args.force)
+    if args.watch is not None:
+        return _watched(args)
     free = joints_rad(args) | ({} if args.moment is None else {"moment": args.moment})
     if args.free is None and free:
         flags = ", ".join(f"--{name}" for name in free)
@@ -61,3 +68,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_text(args.html, page(document), args.force)
         say(f"wrote {args.html}")
     return document | {"exit_code": int(document["verdict"] == FAILS)}
+
+
+def _watched(args: argparse.Namespace) -> dict[str, Any]:
+    """The stream's summary, alarms among it. Raises InputError for options of another check."""
+    from . import live
+
+    others = {"SESSION": args.session, "--jig": args.jig, "--free": args.free, "--moment": args.moment}
+    others |= {"--html": args.html, "--output": args.output}
+    if wrong := [name for name, value in others.items() if value is not None]:
+        raise InputError(f"{', '.join(wrong)} with --watch", where="vbaa check", remedy="check once, or watch")
+    parser = argparse.ArgumentParser()
+    live.configure(parser)
+    angles = [f"--{name}={value}" for name, value in joints_rad(args).items()]
+    told = parser.parse_args([str(args.rig), args.watch, "--watch", "--no-final", *angles])
+    told.json, told.force = args.json, args.force
+    return live.run(told)

@@ -66,6 +66,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--udp-key", type=Path, metavar="FILE", help="a secret that signs them: all others are left out (HMAC-SHA256)"
     )
     add_estimator_options(parser, learns_background=False)
+    parser.add_argument(
+        "--watch",
+        nargs="?",
+        const="alarm",
+        choices=("alarm", "stop"),
+        help="say at once when the rig is not as calibrated any more, as by a knock; stop: and end",
+    )
     parser.add_argument("--no-final", action="store_true", help="only what is known at once, in half the solver's time")
     parser.add_argument(
         "--idle", type=float, default=10.0, metavar="S", help="a folder or standard input silent for so long has ended"
@@ -80,6 +87,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.surroundings import AUTO, surroundings
+    from estimator.diagnose import RigWatch
     from estimator.live import LiveEstimator
     from vbaa_calib.cli.usable_rig import usable_rig
     from vbaa_calib.core.console import say
@@ -108,13 +116,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         source = source if source.live else source.begun()
         sinks = _sinks(args, stack)
         synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size, source.notes, source.live)
-        live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final)
+        watch = None if args.watch is None else RigWatch(rig, waits=not source.live)
+        live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final, watch=watch)
         live.warm()
         # what is there by now stays: looking through it for garbage takes as long as five pictures
         gc.collect()
         gc.freeze()
         say(f"estimating from {source.name}; Ctrl-C ends it")
-        monitor = _Monitor(source, live, rig.drift.of_rig)
+        monitor = _Monitor(source, live, rig.drift.of_rig, stops=args.watch == "stop")
         _follow(source, live, sinks, monitor)
     return monitor.summary(args)
 
@@ -245,11 +254,11 @@ def _follow(source: MessageSource, live: LiveEstimator, sinks: list[_Sink], moni
                 if source.live:
                     spread(live.tick(now_s()))
                 monitor.news()
-                if interrupted:
+                if interrupted or monitor.stopped:
                     break
         # the source is closed by now: what is left takes a moment
-        if interrupted:
-            source.notes.append("interrupted")
+        if interrupted or monitor.stopped:
+            source.notes.append("interrupted" if interrupted else "stopped by the watch")
         spread(live.finish())
     for sink in sinks:
         if isinstance(sink, GrowingTable):
@@ -283,6 +292,7 @@ class _Monitor:
     source: MessageSource
     live: LiveEstimator
     watched: bool
+    stops: bool = False
     latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=_LATENCIES))
     amended: int = 0
     next_s: float = 0.0
@@ -296,7 +306,14 @@ class _Monitor:
 
         self.overview = Overview(self.live.estimator.rig.second_moment_sensor is not None)
 
+    @property
+    def stopped(self) -> bool:
+        """Whether an alarm ends it."""
+        return self.stops and self.live.watch is not None and bool(self.live.watch.alarms)
+
     def write(self, contact: LiveContact) -> None:
+        from vbaa_calib.core.console import say
+
         frame, own = contact.row.frame, contact.item.contact
         if contact.final:
             self.amended += self.at_once.pop(frame, own.status) != own.status
@@ -306,6 +323,8 @@ class _Monitor:
         self.latency_s.append(contact.latency_s)
         if self.live.final:
             self.at_once[frame] = own.status
+        for one in contact.alarms:
+            say(f"alarm, frame {frame}: {one}")
         self._warn(frame)
         now_s = time.monotonic()
         if now_s >= self.next_s and sys.stderr is not None and sys.stderr.isatty():
@@ -381,6 +400,8 @@ class _Monitor:
                 f"latency {1e3 * median:.1f} ms (median), {1e3 * late:.1f} ms (99 %); pictures dropped: {dropped}; "
                 f"contacts amended by later frames: {self.amended}"
             )
+        watch = self.live.watch
+        alarms = [] if watch is None else [{"frame": frame, **one.to_dict()} for frame, one in watch.alarms]
         drift = self.live.changed()
         for words in drift_in_words(drift, watched=self.watched):
             say(words)
@@ -402,6 +423,7 @@ class _Monitor:
             "latency_p99_s": late if frames else None,
             "stream": dict(synchronizer.counts),
             "drift": drift,
+            "alarms": alarms,
             "notes": list(self.source.notes),
-            "exit_code": int(verdict.verdict.severity == "wrong"),
+            "exit_code": int(verdict.verdict.severity == "wrong" or bool(alarms)),
         }

@@ -1,0 +1,116 @@
+"""A rig in use: frames in as they come, an alarm as soon as they show that it is not as it was calibrated."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+from estimator.table.contacts import LOCATED, Contact, Measured
+from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.rig import Rig
+
+from .changes import CHANGES
+from .watch import RecordingVerdict, RecordingWatch
+
+
+@dataclass(frozen=True)
+class WatchSettings:
+    """Which frames are judged together, how often, and what is an alarm."""
+
+    without_contact: int = 40  # last frames without a contact
+    with_contact: int = 20  # last frames with one
+    every: int = 8  # frames after which they are judged again
+    confirmed: int = 2  # successive judgements that name the same part before it is an alarm
+    least_log_odds: float = 16.0  # of a change over "as calibrated": 1e-7 where that is right
+    share: float = 0.1  # of one core's time that judging may take, where frames do not wait for it
+
+
+_PARTS = {
+    **dict.fromkeys((row.name for row in CHANGES), "antenna"),
+    **dict.fromkeys(("picture_moved", "camera_turned", "camera_moved", "focus_changed", "picture_scaled"), "camera"),
+    **dict.fromkeys(("moment_gain", "moment_zero", "moment_dead", "moment_stuck"), "sensor"),
+}
+"""Of a rig, what each change is of: which of a camera's it is shows later than that it is one."""
+
+
+@dataclass(eq=False)
+class RigWatch:
+    """Frames of a rig in use, judged in a thread of its own: a camera that was knocked or refocused, a clamp that gave
+    way, a bent or exchanged antenna, a sensor whose zero or gain has changed or that is dead.
+
+    The last frames are judged together by the hypotheses that a recording's verdict compares (`RecordingWatch`). A part
+    of the rig (camera, antenna, sensor) is named once, until a later judgement is without it.
+
+    Attributes
+    ----------
+    alarm : called with the frame's number, from 0, and what has changed; in the caller's thread.
+    waits : whether frames wait for the judgement, as those of a recording may: alarms then come at the same frames
+        whenever it is run.
+    alarms : all so far.
+    """
+
+    rig: Rig
+    alarm: Callable[[int, Diagnosis], None] | None = None
+    waits: bool = False
+    settings: WatchSettings = WatchSettings()
+    alarms: list[tuple[int, Diagnosis]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.count = 0
+        self._kept = [
+            deque[tuple[int, Measured, Contact]](maxlen=most)
+            for most in (self.settings.without_contact, self.settings.with_contact)
+        ]
+        self._next, self._rests_until_s, self._named = self.settings.every, 0.0, ""
+        self._part, self._times = "", 0  # that the last judgements name, and how many of them
+        self._thread: ThreadPoolExecutor | None = None
+        self._coming: Future[tuple[RecordingVerdict, float]] | None = None
+
+    def push(self, measured: Measured, contact: Contact) -> list[Diagnosis]:
+        """Take the next frame. Returns what the frames so far show to have changed and was not named before."""
+        self._kept[contact.status in LOCATED].append((self.count, measured, contact))
+        self.count += 1
+        if self._coming is None and self.count >= self._next and time.monotonic() >= self._rests_until_s:
+            self._next = self.count + self.settings.every
+            self._thread = self._thread or ThreadPoolExecutor(1, "vbaa-watch")
+            self._coming = self._thread.submit(self._judged, sorted([*self._kept[0], *self._kept[1]], key=_order))
+        if self._coming is None or not (self.waits or self._coming.done()):
+            return []
+        (found, took_s), self._coming = self._coming.result(), None
+        if not self.waits:
+            self._rests_until_s = time.monotonic() + took_s * (1.0 / self.settings.share - 1.0)
+        return self._news(found)
+
+    def close(self) -> None:
+        """Wait for the judgement that is under way."""
+        if self._thread is not None:
+            self._thread.shutdown()
+
+    def _judged(self, frames: list[tuple[int, Measured, Contact]]) -> tuple[RecordingVerdict, float]:
+        """The verdict on some frames, and how long it took, s."""
+        begin_s, watch = time.monotonic(), RecordingWatch(self.rig)
+        for _, measured, contact in frames:
+            watch.push(measured, contact)
+        return watch.verdict(), time.monotonic() - begin_s
+
+    def _news(self, found: RecordingVerdict) -> list[Diagnosis]:
+        sure = found.log_odds >= self.settings.least_log_odds
+        cause = next((one for one in found.verdict.findings if sure and one.grave and one.name in _PARTS), None)
+        part = "" if cause is None else _PARTS[cause.name]
+        self._times = self._times + 1 if part == self._part else 1
+        self._part = part
+        if cause is None or self._times < self.settings.confirmed or part == self._named:
+            self._named = self._named if part else ""
+            return []
+        self._named = part
+        self.alarms.append((self.count - 1, cause))
+        if self.alarm is not None:
+            self.alarm(self.count - 1, cause)
+        return [cause]
+
+
+def _order(frame: tuple[int, Measured, Contact]) -> int:
+    return frame[0]
