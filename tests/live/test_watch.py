@@ -199,7 +199,7 @@ def test_stop_ends_the_stream(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 @pytest.mark.usefixtures("alarmed")
 def test_check_watches_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rig, bag = str(small_rig() / "rig.json"), str(write(tmp_path / "in.mcap"))
-    assert main(["check", rig, "--watch", bag, "--json"]) == 1
+    assert main(["check", rig, bag, "--watch", "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["alarms"]
-    assert main(["check", rig, "--watch", bag, "--free", "free.png"]) == 2
+    assert main(["check", rig, bag, "--watch", "--free", "free.png"]) == 2
     assert "--watch" in capsys.readouterr().err

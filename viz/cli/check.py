@@ -12,22 +12,20 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import write_json, write_text
 from viz.files.outputs import PAGES, refuse_output
 
+from .streams import add_watch
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("rig", type=Path, help="rig.json, as vbaa calibrate writes it")
     against = "a session to hold it against; with --jig or --free the one that the rig was calibrated from, for its "
-    against += "board and jig alone, if rig.json does not record them"
-    parser.add_argument("session", type=Path, nargs="?", help=against)
+    against += "board and jig alone, if rig.json does not record them; with --watch a source of `vbaa live`"
+    parser.add_argument("session", nargs="?", help=against)
     new = parser.add_argument_group("new pictures")
     new.add_argument("--jig", type=Path, metavar="PICTURE", help="the board in its jig, as it is now")
     new.add_argument("--free", type=Path, metavar="PICTURE", help="the free antenna, as it is now")
     add_joints(new, "the joint's reading with --free")
     new.add_argument("--moment", type=float, metavar="NM", help="the moment's reading with --free (default: not noted)")
-    parser.add_argument(
-        "--watch",
-        metavar="SOURCE",
-        help="check while it is in use: `vbaa live --watch` of a camera, stream, folder, bag or video",
-    )
+    add_watch(parser)
     parser.add_argument("--html", type=Path, metavar="REPORT", help="write a page that opens offline in any browser")
     parser.add_argument("-o", "--output", type=Path, metavar="CHECK", help="check.json to write")
 
@@ -54,7 +52,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     new = None
     if args.jig is not None or args.free is not None:
         new = NewPictures(args.jig, args.free, free.get("pan", 0.0), free.get("tilt", 0.0), free.get("moment"))
-    document = assess(args.rig, args.session, new).to_dict()
+    document = assess(args.rig, None if args.session is None else Path(args.session), new).to_dict()
     for finding in [*document["session_findings"], *document["findings"]]:
         say(f"{finding['level']:14s} {finding['question']} {finding['words']}")
         if finding["remedy"]:
@@ -74,13 +72,16 @@ def _watched(args: argparse.Namespace) -> dict[str, Any]:
     """The stream's summary, alarms among it. Raises InputError for options of another check."""
     from . import live
 
-    others = {"SESSION": args.session, "--jig": args.jig, "--free": args.free, "--moment": args.moment}
+    if args.session is None:
+        remedy = "name one, as in vbaa check rig.json camera:0 --watch"
+        raise InputError("--watch without a source", where="vbaa check", remedy=remedy)
+    others = {"--jig": args.jig, "--free": args.free, "--moment": args.moment}
     others |= {"--html": args.html, "--output": args.output}
     if wrong := [name for name, value in others.items() if value is not None]:
         raise InputError(f"{', '.join(wrong)} with --watch", where="vbaa check", remedy="check once, or watch")
     parser = argparse.ArgumentParser()
     live.configure(parser)
     angles = [f"--{name}={value}" for name, value in joints_rad(args).items()]
-    told = parser.parse_args([str(args.rig), args.watch, "--watch", "--no-final", *angles])
+    told = parser.parse_args([str(args.rig), args.session, "--watch", args.watch, "--no-final", *angles])
     told.json, told.force = args.json, args.force
     return live.run(told)

@@ -66,13 +66,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--udp-key", type=Path, metavar="FILE", help="a secret that signs them: all others are left out (HMAC-SHA256)"
     )
     add_estimator_options(parser, learns_background=False)
-    parser.add_argument(
-        "--watch",
-        nargs="?",
-        const="alarm",
-        choices=("alarm", "stop"),
-        help="say at once when the rig is not as calibrated any more, as by a knock; stop: and end",
-    )
+    streams.add_watch(parser)
     parser.add_argument("--no-final", action="store_true", help="only what is known at once, in half the solver's time")
     parser.add_argument(
         "--idle", type=float, default=10.0, metavar="S", help="a folder or standard input silent for so long has ended"

@@ -24,6 +24,17 @@ if TYPE_CHECKING:
 _ROLES = ("image", "moment", "joints", "camera")
 
 
+def add_watch(parser: argparse.ArgumentParser) -> None:
+    """Add --watch, of a rig that is in use."""
+    parser.add_argument(
+        "--watch",
+        nargs="?",
+        const="alarm",
+        choices=("alarm", "stop"),
+        help="say at once when the rig is not as calibrated any more, as by a knock; stop: and end",
+    )
+
+
 def configure(parser: argparse.ArgumentParser, *, readings: bool = True) -> None:
     """Arguments about streams; `readings`: those of a file, too."""
     group = parser.add_argument_group("streams")
