@@ -20,17 +20,58 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.robust import mad_std
 from vbaa_calib.geometry import Pose
 
-_TEXELS = 192
-"""Texels per square: a marker's bit begins within 1/400 of a square of its place."""
-_SUBPIXELS = 3
-_WINDOW_SQUARES = 3.0
-"""Side of the window over which black and white levels count as alike: both are in it wherever it lies."""
-_LEAST_CONTRAST = 12.0
-"""Least difference of white and black, grey levels."""
-_COVERED = 5.0
-"""Pixels that differ by more than this many deviations say nothing of the levels."""
-_STEEP, _FLAT = 0.08, 0.01
-"""Slopes of the pattern, 1/px, from which on a pixel lies on an edge, and up to which it lies on none."""
+
+@dataclass(frozen=True)
+class _OverBoardSettings:
+    """How the antenna is told from the board behind it, and its line and ends are measured."""
+
+    texels: int = 192  # of a square: a marker's bit begins within 1/400 of a square of its place
+    subpixels: int = 3  # of a pixel, each way, over which the print is averaged
+    window_squares: float = 3.0  # side of the window over which black and white levels count as alike
+    least_contrast: float = 12.0  # of white and black, grey levels
+    covered_std: float = 5.0  # standard deviations from which a pixel says nothing of the levels
+    steep: float = 0.08  # slope of the pattern, 1/px, from which a pixel is on an edge
+    flat: float = 0.01  # slope up to which it is on none
+    steps: int = 5  # of Gauss–Newton for a profile
+    capture_px: float = 2.5  # distance from the guide within which a profile's line is sought
+    least_flank: int = 3  # pixels on either side of the line in a profile
+    least_grain: float = 0.01  # noise of the print, in units of the print
+    black: float = 0.08  # what black print reflects, in units of the print: a shadow hardly dims it
+    edge_doubt_px: float = 0.5  # error of a pattern edge's place where the line crosses it,
+    edge_reach: float = 1.5  # over so many widths of the line
+    beside: float = 2.5  # how much wider than usual the profiles are cut to look for a shadow
+    stretches: int = 6  # along the line in which the brightness is compared
+    least_white: int = 4  # white pixels of a column in a stretch
+    white: float = 0.9  # reflectance from which print counts as white
+    even: float = 0.05  # slope of the pattern, 1/px, up to which a white pixel is undisturbed
+    stands_out: float = 5.0  # ridge response of a candidate pixel over its noise
+    most_candidates: int = 20000  # pixels
+    angles: int = 360  # of the Hough transform
+    bin_m: float = 1e-3  # width of its bins on the board,
+    least_bin_px: float = 2.0  # and at least this in the picture
+    bands: tuple[float, ...] = (
+        6.0,
+        3.0,
+        1.5,
+    )  # half widths, in bins, of the band from which a path is fitted again
+    step_px: float = 2.0  # from profile to profile along the path
+    least_steps: int = 12  # of a path
+    least_visible: float = 0.5  # part of the visible steps along the line that must show it
+    seen_ratio: float = 6.0  # amplitude over its standard deviation from which a profile shows the line
+    faintest: float = 0.12  # cover: less is a shadow, a scratch or a misfit of the print
+    worst_centre_px: float = 0.5  # standard deviation of a profile's centre that still counts
+    disturbed: float = 2.0  # ratio to the usual residual beyond which a profile shows something else, too
+    growth: float = 0.25  # part of its length by which the path is extended,
+    growths: int = 8  # so often, while more of the line is found
+    endward: float = 0.03  # part of the length near an end in which profiles say where it is
+    fewest_points: int = 30  # of the line
+    reweightings: int = 4  # of the robust fit of a path
+    end_step_px: float = 0.1  # of the places that are compared for an end
+    end_std_px: float = 0.3  # least standard deviation of an end: its cut and its reflections are unknown
+    presence_std: float = 0.15  # of the line's amplitude from profile to profile
+    worst_surprise: float = 9.0  # cap on a column's squared deviation in the likelihood of an end
+    border_px: float = 3.0  # distance from the picture's border at which an end is none
+    amplitudes: tuple[float, ...] = 0.5, 1.6  # over the expected one, between which a profile shows the line
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +97,7 @@ def board_picture(image: np.ndarray, camera: Camera, T_camera_board: Pose, spec:
         return None
     # a square's side, or a tag's with its gap, by the outline's area in the picture
     squares = (spec.columns, spec.rows) if isinstance(spec, AprilGrid) else (spec.squares_x, spec.squares_y)
-    window = int(_WINDOW_SQUARES * np.sqrt(inside.sum() / np.prod(squares))) | 1
+    window = int(_OverBoardSettings.window_squares * np.sqrt(inside.sum() / np.prod(squares))) | 1
     on_board = inside.astype(np.float32)
 
     def misfit(sigma_px: float) -> float:
@@ -72,16 +113,16 @@ def board_picture(image: np.ndarray, camera: Camera, T_camera_board: Pose, spec:
         black, contrast = _fit_levels(grey, pattern, weight, window)
         residual = np.abs(grey - black - contrast * pattern)
         spread = mad_std(residual[inside]) + 0.3
-        weight = on_board * (residual < _COVERED * spread)
-    if float(np.median(contrast[inside])) < _LEAST_CONTRAST:
+        weight = on_board * (residual < _OverBoardSettings.covered_std * spread)
+    if float(np.median(contrast[inside])) < _OverBoardSettings.least_contrast:
         return None
-    seen = (grey - black) / np.maximum(contrast, _LEAST_CONTRAST / 2)
+    seen = (grey - black) / np.maximum(contrast, _OverBoardSettings.least_contrast / 2)
     slope = np.hypot(*(cv2.Sobel(pattern, cv2.CV_32F, 1 - i, i, ksize=3, scale=0.125) for i in (0, 1)))
     noise = _noise(seen, pattern, slope, inside)
     return _BoardPicture(seen, np.where(inside, pattern, np.nan).astype(np.float32), slope, noise, blur_px)
 
 
-def _pattern_texture(spec: BoardWithIds, texels: int = _TEXELS) -> np.ndarray:
+def _pattern_texture(spec: BoardWithIds, texels: int = _OverBoardSettings.texels) -> np.ndarray:
     """The print, (H, W) float32, 1 white and 0 black, with about so many texels to a square or a tag."""
     if isinstance(spec, AprilGrid):
         return (spec.drawing(texels - texels % spec.modules) > 0).astype(np.float32)
@@ -113,7 +154,7 @@ def _warped(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> tuple[n
     place = np.where(valid[..., None], place, -1.0)
     inside = valid & (place > 0).all(axis=-1) & (place < 1).all(axis=-1)
     texture = _pattern_texture(spec)
-    fine_size = (width * _SUBPIXELS, height * _SUBPIXELS)
+    fine_size = (width * _OverBoardSettings.subpixels, height * _OverBoardSettings.subpixels)
     texels = cv2.resize(
         (place * texture.shape[::-1] - 0.5).astype(np.float32), fine_size, interpolation=cv2.INTER_LINEAR
     )
@@ -155,20 +196,11 @@ def _noise(seen: np.ndarray, pattern: np.ndarray, slope: np.ndarray, inside: np.
     def spread(where: np.ndarray, by: np.ndarray) -> float:
         return mad_std(residual[where] / by[where]) if where.sum() > 50 else 0.0
 
-    flat, ones = inside & (slope < _FLAT), np.ones_like(seen)
+    flat, ones = inside & (slope < _OverBoardSettings.flat), np.ones_like(seen)
     dark, light = (spread(flat & side, ones) for side in (pattern < 0.5, pattern >= 0.5))
     grain = np.sqrt(np.clip(dark**2 + (light**2 - dark**2) * pattern, 1e-6, None))
-    slack = spread(inside & (slope > _STEEP), slope)
+    slack = spread(inside & (slope > _OverBoardSettings.steep), slope)
     return np.hypot(grain, slack * slope).astype(np.float32)
-
-
-_GAUSS_NEWTON = 5
-_CAPTURE_PX = 2.5
-_LEAST_FLANK, _LEAST_GRAIN = 3, 0.01
-_BLACK = 0.08
-"""What black print reflects, in units of the print: a shadow dims white, and black hardly."""
-_EDGE_DOUBT_PX, _EDGE_REACH = 0.5, 1.5
-"""Where the line crosses an edge of the pattern, the edge's place is in doubt by so much, over so many widths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,13 +290,17 @@ def _with_flanks(
     line = mean + slope * (across - middle)
     grain = np.sqrt((weight * (grey - line) ** 2).sum(axis=1, keepdims=True) / np.maximum(total - 2, 1.0))
     # an edge of the sheet between the flanks is no straight slope of light
-    doubt = np.hypot(grain + _LEAST_GRAIN, (left - right)[:, None])
-    enough = (np.min(counts, axis=0) >= _LEAST_FLANK)[:, None]
+    doubt = np.hypot(grain + _OverBoardSettings.least_grain, (left - right)[:, None])
+    enough = (np.min(counts, axis=0) >= _OverBoardSettings.least_flank)[:, None]
     return np.where(off_board, np.where(enough, line, np.nan), known), np.where(off_board, doubt, noise)
 
 
 def fit(
-    cut: Profiles, paint: LinePaint, start: float | np.ndarray = 0.0, steps: int = _GAUSS_NEWTON, wary: bool = False
+    cut: Profiles,
+    paint: LinePaint,
+    start: float | np.ndarray = 0.0,
+    steps: int = _OverBoardSettings.steps,
+    wary: bool = False,
 ) -> _FittedLines:
     """Weighted Gauss–Newton for the line's centre and cover, with the light's level and slope, all profiles at once.
 
@@ -276,14 +312,14 @@ def fit(
     width = paint.scale_px * cut.stretch[:, None]
     variance = cut.noise**2
     if wary:
-        near = np.exp(-0.5 * (cut.across / (_EDGE_REACH * width)) ** 2)
-        variance = variance + (_EDGE_DOUBT_PX * paint.cover * cut.slope * near) ** 2
+        near = np.exp(-0.5 * (cut.across / (_OverBoardSettings.edge_reach * width)) ** 2)
+        variance = variance + (_OverBoardSettings.edge_doubt_px * paint.cover * cut.slope * near) ** 2
     weight = 1.0 / variance
     usable = weight > 0
     behind = np.where(usable, np.nan_to_num(cut.behind), 0.0)
     change = np.where(usable, cut.seen - behind, 0.0)
     against = paint.cover * (paint.brightness - behind)
-    light = behind + _BLACK
+    light = behind + _OverBoardSettings.black
     reach = np.abs(cut.across).max()
     centre = np.zeros(len(cut.stretch)) + start
     for _ in range(max(steps, 1)):
@@ -307,7 +343,7 @@ def fit(
 
 def _rough_centres(cut: Profiles, paint: LinePaint) -> np.ndarray:
     """(N,) where along each profile the line fits best, to half a pixel, within a few pixels of the guide."""
-    candidates = np.arange(-_CAPTURE_PX, _CAPTURE_PX + 0.1, 0.5)
+    candidates = np.arange(-_OverBoardSettings.capture_px, _OverBoardSettings.capture_px + 0.1, 0.5)
     tried = [fit(cut, paint, place, steps=0) for place in candidates]
     gain = [np.where(one.amplitude > 0, one.amplitude / np.maximum(one.amplitude_std, 1e-9), 0.0) for one in tried]
     return candidates[np.argmax(gain, axis=0)]
@@ -339,62 +375,29 @@ def _fit_paint(cut: Profiles, paint: LinePaint) -> LinePaint:
     return LinePaint(brightness, cover, float(best.x))
 
 
-BESIDE = 2.5
-"""How much wider than usual the profiles are cut to look for a shadow."""
-_STRETCHES, _LEAST_WHITE = 6, 4
-_WHITE, _EVEN = 0.9, 0.05
-
-
 def _darkest_beside(cut: Profiles, core_px: float) -> float:
     """By how much the darkest band beside a line dims white print, in units of the print: median of a few stretches.
 
     core_px : how far the line itself reaches to either side.
     """
-    white = np.isfinite(cut.noise) & (cut.slope < _EVEN) & (cut.behind > _WHITE) & (np.abs(cut.across) > core_px)
-    parts = (np.array_split(values, _STRETCHES) for values in (white, np.round(cut.across), cut.behind - cut.seen))
+    white = (
+        np.isfinite(cut.noise)
+        & (cut.slope < _OverBoardSettings.even)
+        & (cut.behind > _OverBoardSettings.white)
+        & (np.abs(cut.across) > core_px)
+    )
+    parts = (
+        np.array_split(values, _OverBoardSettings.stretches)
+        for values in (white, np.round(cut.across), cut.behind - cut.seen)
+    )
     depths = []
     for chosen, place, dimmed in zip(*parts, strict=True):
         if chosen.any():
             column = (place[chosen] - place[chosen].min()).astype(int)
             count = np.bincount(column)
             means = np.bincount(column, dimmed[chosen]) / np.maximum(count, 1)
-            depths.append(float(means[count >= _LEAST_WHITE].max(initial=0.0)))
+            depths.append(float(means[count >= _OverBoardSettings.least_white].max(initial=0.0)))
     return float(np.median(depths)) if depths else 0.0
-
-
-_STANDS_OUT = 5.0
-"""Least ridge response of a candidate pixel over its noise."""
-_MOST_CANDIDATES = 20000
-_ANGLES = 360
-_BIN_M = 1e-3
-_LEAST_BIN_PX = 2.0
-_BANDS = (6.0, 3.0, 1.5)
-"""Half widths, in bins, of the band around the path from which it is fitted again."""
-_STEP_PX = 2.0
-_LEAST_STEPS = 12
-_LEAST_COVER = 0.5
-"""Least share of the visible steps along the line that must show it."""
-
-
-_SEEN_RATIO = 6.0
-_AMPLITUDES = 0.5, 1.6
-_FAINTEST = 0.12
-"""Least cover; less is a shadow, a scratch or a misfit of the print."""
-_WORST_CENTRE_PX = 0.5
-_DISTURBED = 2.0
-"""Profiles with more than this many times the usual residual show something else, too."""
-_GROWTH, _GROWTHS = 0.25, 8
-"""Share of its length by which the path is extended, repeatedly, while more of the line is found."""
-_ENDWARD = 0.03
-_LEAST_POINTS = 30
-_REWEIGHINGS = 4
-_END_STEP_PX = 0.1
-_END_STD_PX = 0.3
-"""Least standard deviation of an end: its cut and its reflections are unknown."""
-_PRESENCE_STD = 0.15
-_WORST_SURPRISE = 9.0
-"""Cap on a column's squared deviation in the likelihood of an end."""
-_BORDER_PX = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -463,21 +466,21 @@ def _search(picture: _BoardPicture, plane: PlaneAbove, width_px: float, bright: 
     pixels, strength = _candidates(picture, width_px, bright)
     points, valid = plane.to_plane(pixels)
     points, strength = points[valid], strength[valid]
-    if len(points) < _LEAST_STEPS:
+    if len(points) < _OverBoardSettings.least_steps:
         return None
     scale = plane.metres_per_pixel()
-    width = max(_BIN_M, _LEAST_BIN_PX * scale)
+    width = max(_OverBoardSettings.bin_m, _OverBoardSettings.least_bin_px * scale)
     path = _strongest_line(points, strength, width)
-    for band in _BANDS:
+    for band in _OverBoardSettings.bands:
         near = np.abs(path.along(points)[1]) < band * width
-        if near.sum() < _LEAST_STEPS:
+        if near.sum() < _OverBoardSettings.least_steps:
             return None
-        path = path.fitted(points[near], strength[near], 1 if band == _BANDS[0] else 2)
+        path = path.fitted(points[near], strength[near], 1 if band == _OverBoardSettings.bands[0] else 2)
     # its ends, if it shows often enough
     s = path.along(points[np.abs(path.along(points)[1]) < width])[0]
-    step = scale * _STEP_PX
+    step = scale * _OverBoardSettings.step_px
     steps = np.arange(path.start, path.end, step)
-    if len(s) < _LEAST_STEPS or len(steps) < _LEAST_STEPS:
+    if len(s) < _OverBoardSettings.least_steps or len(steps) < _OverBoardSettings.least_steps:
         return None
     pixels, valid = plane.to_pixels(path.points(steps))
     height, width_of = picture.pattern.shape
@@ -485,7 +488,7 @@ def _search(picture: _BoardPicture, plane: PlaneAbove, width_px: float, bright: 
     behind = np.where(valid, picture.pattern[row, column], np.nan)
     shows = behind < 0.2 if bright else behind > 0.8
     hit = np.isin(np.arange(len(steps)), np.round((s - path.start) / step).astype(int))
-    if (shows & hit).sum() < max(_LEAST_STEPS, _LEAST_COVER * shows.sum()):
+    if (shows & hit).sum() < max(_OverBoardSettings.least_steps, _OverBoardSettings.least_visible * shows.sum()):
         return None
     return replace(path, start=float(s.min()), end=float(s.max()))
 
@@ -502,9 +505,9 @@ def _candidates(picture: _BoardPicture, width_px: float, bright: bool) -> tuple[
     inner = cv2.erode(known.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     noise = float(np.median(ridge[inner])) if inner.any() else np.inf
     response = np.where(inner & (smooth > 2.0), ridge / max(noise, 1e-6), 0.0)
-    rows, columns = np.nonzero(response > _STANDS_OUT)
-    strength = np.minimum(response[rows, columns], 4 * _STANDS_OUT)
-    best = np.argsort(-strength, kind="stable")[:_MOST_CANDIDATES]
+    rows, columns = np.nonzero(response > _OverBoardSettings.stands_out)
+    strength = np.minimum(response[rows, columns], 4 * _OverBoardSettings.stands_out)
+    best = np.argsort(-strength, kind="stable")[: _OverBoardSettings.most_candidates]
     return np.column_stack([columns[best], rows[best]]).astype(float), strength[best]
 
 
@@ -514,7 +517,7 @@ def _strongest_line(points: np.ndarray, strength: np.ndarray, width: float) -> _
     offset = points - middle
     reach = int(np.ceil(np.linalg.norm(offset, axis=1).max() / width)) + 2
     best, chosen = -1.0, (0.0, 0)
-    for angle in np.arange(_ANGLES) * np.pi / _ANGLES:
+    for angle in np.arange(_OverBoardSettings.angles) * np.pi / _OverBoardSettings.angles:
         bins = np.round(offset @ [-np.sin(angle), np.cos(angle)] / width).astype(int) + reach
         votes = np.convolve(np.bincount(bins, strength, 2 * reach + 1), [0.5, 1.0, 0.5], mode="same")
         if votes.max() > best:
@@ -603,20 +606,20 @@ class _Tracker:
         paint = LinePaint(1.0 if self.bright else 0.0, min(1.0, 0.4 * self.width_px / scale), scale)
         for _ in range(2):
             points, sigma = self._along(path, paint, rough=True)
-            if len(points) < _LEAST_POINTS // 2:
+            if len(points) < _OverBoardSettings.fewest_points // 2:
                 return None
             path = self._refitted(path, points, sigma)
             paint = _fit_paint(self._cut(path, 0.0), paint)
-            if paint.cover < _FAINTEST:
+            if paint.cover < _OverBoardSettings.faintest:
                 return None
-        for _ in range(_GROWTHS):
-            reach, (points, sigma) = path.end - path.start, self._along(path, paint, _GROWTH)
-            if len(points) < _LEAST_POINTS:
+        for _ in range(_OverBoardSettings.growths):
+            reach, (points, sigma) = path.end - path.start, self._along(path, paint, _OverBoardSettings.growth)
+            if len(points) < _OverBoardSettings.fewest_points:
                 break
             path = self._refitted(path, points, sigma)
             if path.end - path.start < 1.02 * reach:
                 break
-        points, sigma = self._along(path, paint, _ENDWARD, wary=True)
+        points, sigma = self._along(path, paint, _OverBoardSettings.endward, wary=True)
         ends = self._end(path, paint, -1), self._end(path, paint, 1)
         s = self._places(path, points)
         first, last = (
@@ -625,9 +628,9 @@ class _Tracker:
         )
         order = np.argsort(s)
         order = order[(s[order] > first) & (s[order] < last)]
-        if len(order) < _LEAST_POINTS:
+        if len(order) < _OverBoardSettings.fewest_points:
             return None
-        shadow = _darkest_beside(self._cut(path, 0.0, BESIDE), self._core_px)
+        shadow = _darkest_beside(self._cut(path, 0.0, _OverBoardSettings.beside), self._core_px)
         return paint.cover, BoardLine(points[order], sigma[order], ends, self.bright, self.width_px, shadow)
 
     def _places(self, path: _PlanePath, pixels: np.ndarray) -> np.ndarray:
@@ -648,12 +651,14 @@ class _Tracker:
         cut = self._cut(path, beyond)
         fitted = fit(cut, paint, _rough_centres(cut, paint) if rough else 0.0, wary=wary)
         wider = np.maximum(fitted.chi, 1.0)
-        good = (fitted.amplitude > _AMPLITUDES[0]) & (fitted.amplitude < _AMPLITUDES[1])
-        good &= fitted.amplitude > _SEEN_RATIO * fitted.amplitude_std * wider
-        good &= fitted.centre_std * wider < _WORST_CENTRE_PX
+        good = (fitted.amplitude > _OverBoardSettings.amplitudes[0]) & (
+            fitted.amplitude < _OverBoardSettings.amplitudes[1]
+        )
+        good &= fitted.amplitude > _OverBoardSettings.seen_ratio * fitted.amplitude_std * wider
+        good &= fitted.centre_std * wider < _OverBoardSettings.worst_centre_px
         good &= np.abs(fitted.centre) < self.width_px + 2.5
         if good.any():
-            good &= fitted.chi < _DISTURBED * max(float(np.median(fitted.chi[good])), 0.5)
+            good &= fitted.chi < _OverBoardSettings.disturbed * max(float(np.median(fitted.chi[good])), 0.5)
         points = cut.crossing_px.copy()
         points[:, cut.axis] += fitted.centre
         return points[good], (fitted.centre_std * wider / cut.stretch)[good]
@@ -662,14 +667,14 @@ class _Tracker:
         points, valid = self.plane.to_plane(pixels)
         points, weight = points[valid], 1.0 / (sigma[valid] ** 2 + 0.05**2)
         fresh = path.fitted(points, weight)
-        for _ in range(_REWEIGHINGS):
+        for _ in range(_OverBoardSettings.reweightings):
             off = np.abs(fresh.along(points)[1])
             fresh = path.fitted(points, weight / np.maximum(1.0, off / (2.0 * np.median(off) + 1e-9)))
         return fresh
 
     def _end(self, path: _PlanePath, paint: LinePaint, way: int) -> LineEnd | None:
         """Where the line ends beyond the path's start (−1) or end (+1)."""
-        cut = self._cut(path, _GROWTH)
+        cut = self._cut(path, _OverBoardSettings.growth)
         # how much of the line is on the guide itself: about 1 where it is, 0 where not
         there = fit(cut, paint, steps=0)
         amplitude, std = there.amplitude, there.amplitude_std * np.maximum(there.chi, 1.0)
@@ -678,20 +683,20 @@ class _Tracker:
         place = cut.crossing_px[order]
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1))])
         outer = way * s[order] > way * 0.5 * (path.start + path.end)
-        seen, std = amplitude[order][outer], np.hypot(std[order][outer], _PRESENCE_STD)
+        seen, std = amplitude[order][outer], np.hypot(std[order][outer], _OverBoardSettings.presence_std)
         at = along[outer]
         if len(at) < 2:
             return None
-        candidates = np.arange(at[0], at[-1], _END_STEP_PX)
+        candidates = np.arange(at[0], at[-1], _OverBoardSettings.end_step_px)
         blur = max(self.picture.blur_px, 0.3)
         there = ndtr((candidates[:, None] - at) / blur)
-        surprise = np.minimum(((seen - there) / std) ** 2, _WORST_SURPRISE).sum(axis=1)
+        surprise = np.minimum(((seen - there) / std) ** 2, _OverBoardSettings.worst_surprise).sum(axis=1)
         likely = np.exp(-0.5 * (surprise - surprise.min()))
         likely /= likely.sum()
         mean = float(likely @ candidates)
         spread = float(np.sqrt(likely @ (candidates - mean) ** 2))
         point = np.array([np.interp(mean, along, axis) for axis in place.T])
         room = np.minimum(point, np.array(self.picture.seen.shape[::-1]) - 1 - point).min()
-        if room < _BORDER_PX + 2.0 * spread:
+        if room < _OverBoardSettings.border_px + 2.0 * spread:
             return None
-        return LineEnd(point, float(np.hypot(spread, _END_STD_PX)))
+        return LineEnd(point, float(np.hypot(spread, _OverBoardSettings.end_std_px)))
