@@ -56,7 +56,7 @@ _WEIGH = "weigh the antenna, or take more pictures of it free at several tilts"
 CAUSES = {
     PIXELS: _Cause("pixel noise", "#0f766e", _CAMERA),
     MOMENT_NOISE: _Cause("moment noise", "#b45309", _SENSOR),
-    FRICTION: _Cause("friction angle", "#6d28d9", _POLISH),
+    FRICTION: _Cause("friction angle", "#7c3aed", _POLISH),
     LENS: _Cause("lens", "#1d4ed8", _LENS),
     "camera_rotation": _Cause("camera rotation", "#0ea5e9", _JIG),
     "camera_position": _Cause("camera position", "#7dd3fc", _JIG),

@@ -24,7 +24,7 @@ OUTPUTS: tuple[tuple[str, str], ...] = (
     ("view contacts.csv --gltf {}", "out.glb"),
     ("view contacts.csv --screenshot {}", "out.png"),
     ("budget rig.json -o {}", "out.json"),
-    ("budget rig.json --figure {}", "out.png"),
+    ("budget rig.json --figure {}", "out.svg"),
     ("check rig.json session -o {}", "out.json"),
     ("check rig.json session --html {}", "out.html"),
     ("look free.png --rig rig.json -o {}", "out.png"),

@@ -41,7 +41,7 @@ VERBS = {
         "EI from a table of measured deflections, or from one photograph of a bent rod",
     ),
     "check": ("viz.cli.check", "is the calibration still valid? a verdict and a report"),
-    "budget": ("estimator.cli.budget", "what limits this rig's contacts, and what to improve first"),
+    "budget": ("viz.cli.budget", "what limits this rig's contacts, and what to improve first"),
     "estimate": (
         "viz.cli.estimate",
         "a recording to contacts.csv and report.html: where and how hard, with standard deviations",
