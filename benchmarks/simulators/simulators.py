@@ -53,13 +53,11 @@ def _antennas(quick: bool) -> dict[str, Rig]:
 def measure(options: Options) -> Findings:
     """Random joint angles and forces at the tip."""
     interpreters = {simulator: interpreter_of(package) for simulator, (package, _) in _PEERS.items()}
-    antennas, counts = (
-        _antennas(options.quick),
-        (ExportSettings.segments,) if options.quick else (20, ExportSettings.segments, 80),
-    )
+    antennas = _antennas(options.quick)
+    counts = (ExportSettings.segments,) if options.quick else (20, ExportSettings.segments, 80)
     present = [name for name, found in interpreters.items() if found]
     every = [(simulator, antenna, count) for simulator in present for antenna in antennas for count in counts]
-    rows = []
+    rows: list[Row] = []
     for what in progress(every, "antennas at rest"):
         simulator, antenna, segments = what
         with tempfile.TemporaryDirectory() as folder:
@@ -67,17 +65,18 @@ def measure(options: Options) -> Findings:
             export(antennas[antenna], simulator, path, segments=segments)
             rows.append(_row(what, antennas[antenna], (interpreters[simulator] or "", str(path)), options))
     absent = [name for name in interpreters if name not in present]
+    rows += [Row(name, "absent", 0, 0, *[float("nan")] * 5) for name in absent]
     versions = {
         name: f"{version_in(found, _PEERS[name][0])}" if found else "absent" for name, found in interpreters.items()
     }
-    text = table(rows, "tips against the static rod, under gravity and a force at the tip", once=2) if rows else ""
+    text = table(rows, "tips against the static rod, under gravity and a force at the tip", once=2)
     if absent:
         text += f"\n{' and '.join(absent)}: absent ({INTERPRETERS} names the interpreter that has it)"
     of_default = [row for row in rows if row.segments == ExportSettings.segments]
     most = max((row.worst for row in of_default), default=float("nan"))
-    headline = f"tips at most {100 * most:.3f} % of L from the rod (0.1 %)" if rows else "no simulator here"
+    headline = f"tips at most {100 * most:.3f} % of L from the rod (0.1 %)" if present else "no simulator here"
     numbers = {"worst": most, "within": bool(most < _LIMIT), "absent": absent}
-    return Findings(text.strip(), {"simulators.csv": rows} if rows else {}, {}, numbers, headline, versions)
+    return Findings(text, {"simulators.csv": rows}, {}, numbers, headline, versions)
 
 
 def _row(what: tuple[str, str, int], rig: Rig, call: tuple[str, str], options: Options) -> Row:
