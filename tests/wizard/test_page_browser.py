@@ -62,6 +62,8 @@ def test_it_shows_the_state_as_text_and_follows_it(browser: Browser, server: Pag
     assert hostile in page.text("#log")
     assert page.value("document.querySelectorAll('main img').length") == 2
     assert "not yet" in page.text("#numbers")
+    before = "['picture', 'cells'].map(id => document.getElementById(id).getBoundingClientRect().width)"
+    assert page.value(before) == [0, 0], "neither a broken picture nor a lone box before the first one"
     assert page.value("document.querySelector('[aria-current=step] .name').textContent") == "Lens (now)"
     assert page.text("#missing") == "the lower right"
     step = {**STATE["step"], "title": "Now something else", "enough": True}
