@@ -24,7 +24,10 @@ __all__ = ["Rod", "RodShape", "solve", "wire"]
 
 @gate
 def wire(length_m: float, diameter_m: float, material: str = "stainless steel") -> Rod:
-    """A round, straight wire of one of `MATERIALS`, clamped along x. Raises InputError for another material."""
+    """A round, straight wire of one of `materials.MATERIALS`, clamped along x.
+
+    Raises InputError for another material.
+    """
     known = Material.named(material)
     if known is None:
         raise InputError(f"material is {shown(material)}", remedy=f"give one of {', '.join(MATERIALS)}")
@@ -41,14 +44,14 @@ def solve(
 ) -> RodShape:
     """Shape under weight and one force that keeps its direction, however large the deflection.
 
+    Its arrays have no B where all loads are one.
+
     Parameters
     ----------
     antenna : a rod, or the antenna of a rig.
     force_N : (3,) or (B, 3) antenna frame: x along the clamped rod, y to the left, z up.
     contact_m : () or (B,) arc length of the force from the clamp; None: the tip.
     gravity_m_s2 : (3,) or (B, 3) antenna frame; None: a rig's at pan and tilt 0, for a rod 9.80665 m/s² along −z.
-
-    Its arrays have no B where all loads are one.
 
     Raises
     ------

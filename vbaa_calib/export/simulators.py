@@ -318,7 +318,9 @@ def export(
     to : one of `EXPORTS`: mujoco (MJCF, for Newton, too), pyelastica (a Python file), urdf-beam, json.
     segments : parts of the antenna; the tip's deflection is off by 1/(4N²) of itself.
 
-    Raises InputError for another simulator, segments that cannot be, and a file that is there, unless `force`.
+    Raises
+    ------
+    InputError : another simulator, segments that cannot be, a file that is there, unless `force`.
     """
     if to not in EXPORTS:
         raise InputError(f"to is {shown(to)}", remedy=f"give one of {', '.join(EXPORTS)}")
