@@ -1,4 +1,4 @@
-"""The documentation's drawings, as SVG: `python docs/drawings.py` writes them into docs/images/drawings.
+"""The drawings of the documentation and of the wizard's page, as SVG: `python docs/drawings.py` writes them.
 
 `tests/test_docs.py` checks that the files there are what this module draws.
 """
@@ -11,6 +11,7 @@ from html import escape
 from pathlib import Path
 
 FOLDER = Path(__file__).parent / "images" / "drawings"
+OF_STEPS = Path(__file__).parents[1] / "vbaa_calib" / "wizard" / "static"
 INK, GREY, BLUE, ORANGE, GREEN, PALE = "#1f2937", "#64748b", "#0b6ea8", "#b45309", "#2c7a4b", "#e8eef4"
 Point = tuple[float, float]
 
@@ -236,6 +237,53 @@ def bench() -> Sheet:
     return sheet
 
 
+def rulers() -> Sheet:
+    """The printed sheet on something flat, and how its two rulers are read."""
+    sheet = Sheet(820, 400, "The sheet, and its two rulers: measure both from end line to end line")
+    sheet.box(200, 20, 420, 300, "#ffffff")
+    sheet.board(258, 40, 9, 6, 38)
+    for start, end, words, at in (
+        ((250, 294), (600, 294), "x", (606, 300)),
+        ((228, 40), (228, 268), "y", (210, 158)),
+    ):
+        sheet.line(start, end, colour=ORANGE, width=2)
+        for x, y in (start, end):
+            along = start[1] == end[1]
+            sheet.line((x - 8 * (not along), y - 8 * along), (x + 8 * (not along), y + 8 * along), colour=ORANGE)
+        sheet.text(*at, words, ORANGE)
+    sheet.text(24, 160, "1  print at 100 %,", INK)
+    sheet.text(24, 180, "not fitted", INK)
+    sheet.text(24, 215, "2  glue it on", INK)
+    sheet.text(24, 235, "glass or a plate", INK)
+    sheet.text(200, 352, "3  measure both rulers from end line to end line, with a steel ruler or a caliper", ORANGE)
+    sheet.text(200, 378, "A print 1 % too large makes every distance 1 % wrong, and EI with them.", GREY, size=13)
+    return sheet
+
+
+def poses() -> Sheet:
+    """Where and how the board is held for the lens."""
+    sheet = Sheet(
+        820, 330, "The board for the lens: over the whole picture, near and far, tilted each time another way"
+    )
+    sheet.box(30, 30, 380, 230, "#f8fafc")
+    sheet.text(30, 286, "the camera's picture: everywhere, its corners too", INK)
+    for corners in (
+        "M50 50L170 44L176 118L54 128z",
+        "M270 40L392 52L386 128L276 110z",
+        "M46 170L160 160L150 250L60 244z",
+        "M280 176L396 166L398 250L268 240z",
+        "M150 90L300 84L306 200L144 206z",
+    ):
+        sheet.path(corners, BLUE, 2.5)
+    camera(sheet, 620, 50, 0)
+    for x, y, turn in ((520, 160, -32), (620, 220, 0), (720, 160, 32)):
+        sheet.box(x - 55, y - 5, 110, 10, "#ffffff", turn)
+        sheet.line((620, 88), (x, y - 8), colour=GREY, width=1, dash="2 5")
+    sheet.text(470, 286, "tilted by 30 to 45°, each time another way", INK)
+    sheet.text(30, 314, "Hold it still for each picture: on a stand, or both elbows on the table.", GREY, size=13)
+    return sheet
+
+
 def light() -> Sheet:
     """Lamp, background and antenna, seen along the antenna."""
     sheet = Sheet(820, 330, "Light and background, seen along the antenna")
@@ -329,7 +377,19 @@ DRAWINGS: dict[str, Callable[[], Sheet]] = {
 }
 
 
+STEPS: dict[str, Callable[[], Sheet]] = {
+    "board": rulers,
+    "lens": poses,
+    "plane": bench,
+    "noload": light,
+    "loads": load,
+    "sensor": sign,
+}
+"""Step of the wizard → its drawing."""
+
+
 if __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
-    for name, draw in DRAWINGS.items():
-        (FOLDER / f"{name}.svg").write_text(draw().svg(), encoding="utf-8")
+    for folder, drawings in ((FOLDER, DRAWINGS), (OF_STEPS, {f"step_{name}": draw for name, draw in STEPS.items()})):
+        for name, draw in drawings.items():
+            (folder / f"{name}.svg").write_text(draw().svg(), encoding="utf-8")

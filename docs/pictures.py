@@ -63,7 +63,7 @@ def of_the_demo(demo: Path) -> None:
     shutil.copy(demo / "scene.png", IMAGES / "scene.png")
     page(f"{(demo / 'scene.html').as_uri()}#contact=12&view=1", "view.png", (1300, 850), "--virtual-time-budget=15000")
     page((demo / "report.html").as_uri(), "report.jpg", (1180, 900))
-    vbaa("budget", demo / "rig.json", "--figure", IMAGES / "budget.png", "--force")
+    vbaa("budget", demo / "rig.json", "--figure", IMAGES / "budget.svg", "--force")
     vbaa("estimate", demo / "session", "--rig", demo / "rig.json", "-o", demo / "again.csv", "--no-report", "--force",
          "--overlay", demo / "seen")  # fmt: skip
     shutil.copy(next((demo / "seen").glob(f"frame_{HIDDEN:06d}_*.jpg")), IMAGES / "seen.jpg")

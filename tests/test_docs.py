@@ -141,6 +141,8 @@ def test_the_drawings_are_those_of_their_code() -> None:
     drawn = runpy.run_path(str(ROOT / "docs" / "drawings.py"))
     lying = {path.stem: path.read_text(encoding="utf-8") for path in drawn["FOLDER"].glob("*.svg")}
     assert lying == {name: draw().svg() for name, draw in drawn["DRAWINGS"].items()}
+    steps = {f"step_{name}": draw().svg() for name, draw in drawn["STEPS"].items()}
+    assert {one.stem: one.read_text(encoding="utf-8") for one in drawn["OF_STEPS"].glob("step_*.svg")} == steps
 
 
 def test_troubleshooting_has_the_table_of_hypotheses() -> None:

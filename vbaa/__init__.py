@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from vbaa_calib import Camera, Rig, __version__, calibrate_lens
     from vbaa_calib.calibrate.pipeline import calibrate
     from vbaa_calib.core.errors import InputError
+    from vbaa_calib.export.simulators import export
     from vbaa_calib.session import load_session
 
     from .contact_estimator import ContactEstimator
@@ -38,6 +39,7 @@ __all__ = [
     "calibrate",
     "calibrate_lens",
     "estimate_object",
+    "export",
     "load_session",
     "next_touch",
     "read_contacts",
@@ -53,6 +55,7 @@ _HOMES = {
     "ContactLayer": "estimator.torch",
     "InputError": "vbaa_calib.core.errors",
     "calibrate": "vbaa_calib.calibrate.pipeline",
+    "export": "vbaa_calib.export.simulators",
     "load_session": "vbaa_calib.session",
     "estimate_object": "estimator.object.estimate",
     "read_contacts": "estimator.table.files",

@@ -115,7 +115,7 @@ def methods() -> dict[str, Method | str]:
         for name, solve in SOLVERS.items()
     }
     for peer, source in _PEERS.items():
-        interpreter = _interpreter_of(peer)
+        interpreter = interpreter_of(peer)
         absent = f"absent ({source}; {INTERPRETERS} names the interpreter that has it)"
         found[peer] = partial(solve_with, peer, interpreter) if interpreter else absent
     return found
@@ -157,14 +157,15 @@ def kept_corners(solution: LensSolution, given: Draw) -> list[np.ndarray]:
 _ASK = """
 import importlib.metadata, numpy, {peer}
 try:
-    print(importlib.metadata.version("{peer}"))
+    names = importlib.metadata.packages_distributions().get("{peer}", ["{peer}"])
+    print(importlib.metadata.version(names[0]))
 except importlib.metadata.PackageNotFoundError:
     print(getattr({peer}, "__version__", "without a version"))
 """
 
 
 @cache
-def _version(interpreter: str, peer: str) -> str | None:
+def version_in(interpreter: str, peer: str) -> str | None:
     """What an interpreter that imports the peer says of it; None of one that does not."""
     command = [interpreter, "-c", _ASK.format(peer=peer)]
     try:
@@ -174,17 +175,17 @@ def _version(interpreter: str, peer: str) -> str | None:
     return None if asked.returncode else asked.stdout.strip()
 
 
-def _interpreter_of(peer: str) -> str | None:
+def interpreter_of(peer: str) -> str | None:
     """The first that imports the peer, of those in `VBAA_PEER_PYTHON`, this one and the system's."""
     named = [path for path in os.environ.get(INTERPRETERS, "").split(os.pathsep) if path]
     every = dict.fromkeys([*named, sys.executable, "/usr/bin/python3"])
-    return next((path for path in every if _version(path, peer) is not None), None)
+    return next((path for path in every if version_in(path, peer) is not None), None)
 
 
 def versions() -> dict[str, str]:
     """Peer → its version and interpreter, or "absent"."""
-    found = {peer: _interpreter_of(peer) for peer in _PEERS}
-    return {peer: f"{_version(path, peer)} ({path})" if path else "absent" for peer, path in found.items()}
+    found = {peer: interpreter_of(peer) for peer in _PEERS}
+    return {peer: f"{version_in(path, peer)} ({path})" if path else "absent" for peer, path in found.items()}
 
 
 def solve_with(peer: str, interpreter: str, draws: Sequence[Draw]) -> list[Outcome]:

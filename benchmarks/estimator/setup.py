@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig
-from vbaa_calib.simulate.scene.scene import POISSON_STEEL, camera_pose
+from vbaa_calib.simulate.scene.scene import camera_pose
 
 LENGTH_M, DIAMETER_M, STIFFNESS_NM2, MASS_KG_M = 0.24, 0.8e-3, 3.9e-3, 3.97e-3
 GRAVITY_WORLD_M_S2 = np.array([0.0, 0.0, -9.80665])
@@ -129,14 +129,5 @@ def _sees_box(camera: Camera, T_antenna_camera: Pose, swing_m: float) -> bool:
 
 
 def rod_of(rig: Rig) -> Rod:
-    """The rig's antenna as a round steel wire, rigidly clamped: GJ = EI / (1 + ν)."""
-    antenna = rig.antenna
-    y, z, about_y, about_z, bow_y, bow_z = antenna.parameters[:6]
-    return Rod(
-        length_m=antenna.length_m,
-        bending_stiffness_Nm2=antenna.stiffness_Nm2,
-        torsional_stiffness_Nm2=antenna.stiffness_Nm2 / (1.0 + POISSON_STEEL),
-        mass_per_length_kg_m=antenna.mass_per_length_kg_m,
-        T_antenna_clamp=Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y, z])),
-        natural_curvature_per_m=np.array([bow_y, bow_z]),
-    )
+    """The rig's antenna as a round wire, rigidly clamped."""
+    return replace(rig.antenna.rod, clamp_give_m=0.0)

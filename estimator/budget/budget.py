@@ -56,7 +56,7 @@ _WEIGH = "weigh the antenna, or take more pictures of it free at several tilts"
 CAUSES = {
     PIXELS: _ErrorCause("pixel noise", "#0f766e", _CAMERA),
     MOMENT_NOISE: _ErrorCause("moment noise", "#b45309", _SENSOR),
-    FRICTION: _ErrorCause("friction angle", "#6d28d9", _POLISH),
+    FRICTION: _ErrorCause("friction angle", "#7c3aed", _POLISH),
     LENS: _ErrorCause("lens", "#1d4ed8", _LENS),
     "camera_rotation": _ErrorCause("camera rotation", "#0ea5e9", _JIG),
     "camera_position": _ErrorCause("camera position", "#7dd3fc", _JIG),

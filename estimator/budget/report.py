@@ -1,47 +1,33 @@
-"""The error budget in words, as a table, as plain data and as a figure."""
+"""The error budget in words, as a table and as plain data."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.files import replacing
-
 from .budget import ADVISED, CAUSES, OWN, Budget, ResultBudget
-from .parts import FORCE_PRIOR, per_result
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from .parts import per_result
 
 _WORTHWHILE = 0.05  # halving a deviation is not suggested where it takes less than this part off the results
 _SMALL = 0.005  # causes whose share, and the good of knowing them, stay below this part are shown together
 _CORRELATED = 0.1  # share of a result's variance that no cause has alone, from which on it is said
-_RESULT_NAMES = {
+RESULT_NAMES = {
     "distance_m": "distance l",
     "force_y_N": "force f_y",
     "force_z_N": "force f_z",
     "force_N": "lateral force",
     "point_m": "world point",
 }
-_TABLES = ("distance_m", "force_y_N", "force_z_N", "point_m")
+TABLES = ("distance_m", "force_y_N", "force_z_N", "point_m")
 SCHEMA = "vbaa.budget/1"
-_CALIBRATION = "calibration"
-_SHORT = {"distance_m": "l", "force_y_N": "f_y", "force_z_N": "f_z", "point_m": "world\npoint"}
-_LEAST_SHARE = 0.1  # of the variance, in percent, that is drawn
-_STYLES: dict[str, dict[str, Any]] = {
-    name: {"color": cause.colour, "label": cause.name} for name, cause in CAUSES.items()
-}
-_STYLES[_CALIBRATION] = {"color": "#334155", "label": _CALIBRATION}
 
 
 def table(budget: Budget) -> str:
     """The budget of distance, force and point for people."""
     many = "contact" if budget.asked == 1 else "contacts"
     lines = [f"{len(budget.touches)} of {budget.asked} {many} would come with numbers; deviations are rms over them."]
-    for name in _TABLES:
+    for name in TABLES:
         lines += ["", *_table(budget, name)]
     if budget.exact:
         lines += ["", "counted as exact: " + ", ".join(CAUSES[cause].name for cause in budget.exact)]
@@ -50,7 +36,7 @@ def table(budget: Budget) -> str:
 
 def advice(budget: Budget) -> list[str]:
     """What to improve first, with the number: for distance, force and point, overall, and of the calibration."""
-    lines = [f"{_RESULT_NAMES[name]}: {_first(budget.results[name], name)}" for name in ADVISED]
+    lines = [f"{RESULT_NAMES[name]}: {_first(budget.results[name], name)}" for name in ADVISED]
     first, of_rig = budget.first, budget.first_of_rig
     gain, (name, _, remedy) = 100 * budget.gain(first), CAUSES[first]
     lines.append(
@@ -69,9 +55,7 @@ def advice(budget: Budget) -> list[str]:
         )
     shares = {name: budget.results[name].in_common for name in ADVISED}
     shared = [
-        f"{100 * share:.0f} % of the {_RESULT_NAMES[name]}"
-        for name, share in shares.items()
-        if abs(share) > _CORRELATED
+        f"{100 * share:.0f} % of the {RESULT_NAMES[name]}" for name, share in shares.items() if abs(share) > _CORRELATED
     ]
     if shared:
         listed = ", ".join(shared)
@@ -133,9 +117,9 @@ def _sum_of(budget: Budget) -> np.ndarray:
 
 
 def _table(budget: Budget, name: str) -> list[str]:
-    result, unit = budget.results[name], _unit(name)
+    result, unit = budget.results[name], unit_of(name)
     head = (
-        f"{_RESULT_NAMES[name]}: {1e3 * result.std:.3g} {unit}; of that the calibration's, common to all frames, "
+        f"{RESULT_NAMES[name]}: {1e3 * result.std:.3g} {unit}; of that the calibration's, common to all frames, "
         f"{1e3 * result.common_std:.3g} {unit}"
     )
     lines = [head, f"  {'cause':<18}{'part ' + unit:>10}{'share %':>10}{'if halved':>11}{'if exact':>11}"]
@@ -152,87 +136,11 @@ def _table(budget: Budget, name: str) -> list[str]:
 
 
 def _first(result: ResultBudget, name: str) -> str:
-    part, less, unit = result.parts[result.first], 100 * result.gain(result.first), _unit(name)
+    part, less, unit = result.parts[result.first], 100 * result.gain(result.first), unit_of(name)
     halved = f"Half of it would make {1e3 * part.if_halved:.3g} {unit} of {1e3 * result.std:.3g} ({less:.0f} % less)"
     return f"{CAUSES[result.first].name} first. {halved}; without it, {1e3 * part.if_exact:.3g} {unit} would be left."
 
 
-def _unit(name: str) -> str:
+def unit_of(name: str) -> str:
+    """In which a result is shown: mm or mN."""
     return "mm" if name.endswith("_m") else "mN"
-
-
-_LOOK: Any = {
-    **dict.fromkeys(("text.color", "axes.labelcolor", "axes.titlecolor"), "#1f2937"),
-    **dict.fromkeys(("xtick.color", "ytick.color"), "#5b6676"),
-    **dict.fromkeys((f"axes.spines.{side}" for side in ("top", "right", "left")), False),
-    **{"axes.edgecolor": "#cbd5e1", "grid.color": "#e2e8f0", "ytick.major.size": 0.0, "ytick.minor.size": 0.0},
-    **{"axes.titlelocation": "left", "axes.titleweight": "bold", "axes.titlesize": 10.5, "axes.titlepad": 12.0},
-    **{"font.size": 9.0, "legend.fontsize": 8.0},
-}
-"""As the reports look."""
-
-
-def write_figure(path: Path, budget: Budget, force: bool) -> None:
-    """Stacked shares of each result, those of the calibration's part, and the deviation of l along the antenna."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    calibrated = any(cause not in OWN for cause in budget.variances)
-    along = len(np.unique(budget.touches.distance_m)) > 1
-    panels = 1 + calibrated + along
-    with mpl.rc_context(_LOOK), replacing(path, force) as temporary:
-        figure = Figure(figsize=(1.0 + 4.6 * panels, 5.2), layout="constrained")
-        axes = list(figure.subplots(1, panels, squeeze=False)[0])
-        _bars(axes[0], budget, _grouped(budget), "what makes up each standard deviation", whole=True)
-        if calibrated:
-            of_rig = {cause: rows for cause, rows in budget.variances.items() if cause not in OWN}
-            _bars(axes[1], budget, of_rig, "the calibration's part, common to all frames", whole=False)
-        if along:
-            _along(axes[-1], budget)
-        figure.savefig(temporary, dpi=110, format=path.suffix[1:].lower())
-
-
-def _grouped(budget: Budget) -> dict[str, np.ndarray]:
-    """Noise and friction by cause, and the calibration as one."""
-    own = {cause: rows for cause, rows in budget.variances.items() if cause in OWN}
-    rest = [rows for cause, rows in budget.variances.items() if cause not in OWN]
-    return own | ({_CALIBRATION: np.sum(rest, axis=0)} if rest else {})
-
-
-def _bars(axes: Axes, budget: Budget, variances: Mapping[str, np.ndarray], title: str, whole: bool) -> None:
-    means = {cause: np.array([per_result(rows)[name].mean() for name in _TABLES]) for cause, rows in variances.items()}
-    total: np.ndarray = np.sum(list(means.values()), axis=0)
-    bottom = np.zeros(len(_TABLES))
-    for cause, style in _STYLES.items():
-        height = 100.0 * means.get(cause, 0.0 * total) / np.where(total > 0.0, total, 1.0)
-        if height.max() >= _LEAST_SHARE:
-            axes.bar(range(len(_TABLES)), height, 0.62, bottom, **style)
-            bottom = bottom + height
-    for place, name in enumerate(_TABLES):
-        std = 1e3 * (budget.results[name].std if whole else budget.results[name].common_std)
-        axes.text(place, 101.5, f"± {std:.3g} {_unit(name)}", ha="center", weight="bold")
-    axes.set_xticks(range(len(_TABLES)), [_SHORT[name] for name in _TABLES])
-    axes.set_ylim(0, 108)
-    axes.set_ylabel("share of the variance, %")
-    axes.set_title(title)
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)
-
-
-def _along(axes: Axes, budget: Budget) -> None:
-    """The deviation of l over the distance, rms over directions and loads."""
-    distances, which = np.unique(budget.touches.distance_m, return_inverse=True)
-    count = np.bincount(which)
-
-    def rms_mm(rows: np.ndarray) -> np.ndarray:
-        return np.asarray(1e3 * np.sqrt(np.bincount(which, per_result(rows)["distance_m"]) / count))
-
-    axes.plot(1e3 * distances, rms_mm(_sum_of(budget)), color="#1f2937", lw=2, marker="o", ms=4, label="all")
-    for cause, rows in _grouped(budget).items():
-        if cause != FORCE_PRIOR:
-            axes.plot(1e3 * distances, rms_mm(rows), marker="o", ms=3, **_STYLES[cause])
-    axes.set_yscale("log")
-    axes.set_xlabel("contact's distance l, mm")
-    axes.set_ylabel("standard deviation of l, mm (rms over forces)")
-    axes.set_title("along the antenna")
-    axes.grid(which="both")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)

@@ -132,6 +132,7 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
         force, std = 1e3 * contact.force_N, 1e3 * contact.force_std_N
         numbers = [f"contact {1e3 * contact.distance_m:.2f} ± {1e3 * contact.distance_std_m:.2f} mm from the clamp"]
         parts = [f"{axis} {force[k]:.2f} ± {std[k]:.2f}" for k, axis in ((1, "y"), (2, "z")) if np.isfinite(force[k])]
+        parts = [part.replace("-", "−") for part in parts]
         whole = f"{np.linalg.norm(force):.2f} mN" if len(parts) == 2 else "partly known, mN"
         numbers += [f"force {whole} ({', '.join(parts)})"] if parts else []
     if np.isfinite(contact.moment_residual_Nm):

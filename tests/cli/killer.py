@@ -40,6 +40,7 @@ CALLS = {
     "simulate": "simulate ../scene.yaml --pictures none -o out",
     "simulate bag": "simulate ../scene.yaml -o out --bag out.mcap",
     "convert": "convert ../rig.json --to ros -o out.yaml",
+    "export": "export ../rig.json --to mujoco -o out.xml",
     "budget": "budget ../rig.json -o out.json",
     "track": "track ../touches.csv --rig ../touches.json -o out.csv",
     "check": "check ../rig.json ../session -o out.json --html out.html",

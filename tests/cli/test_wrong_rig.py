@@ -18,6 +18,7 @@ VERBS = {
     "estimate": ("estimate", "SESSION", "--rig", "RIG", "-o", "OUT", "--report", "PAGE"),
     "live": ("live", "RIG", "SESSION/recording/recording.csv", "--output", "OUT"),
     "batch": ("batch", "SESSION", "--rig", "RIG", "-o", "OUT"),
+    "export": ("export", "RIG", "--to", "json", "-o", "OUT"),
     "refine": ("refine", "CONTACTS", "--rig", "RIG", "--session", "SESSION", "-o", "OUT"),
 }
 """The calls that use a rig to measure."""

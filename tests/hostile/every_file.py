@@ -31,6 +31,7 @@ TEXTS: tuple[tuple[str, str, str], ...] = (
     ("rig.json", "rig.json", "report contacts.csv --rig rig.json -o out.html"),
     ("rig.json", "rig.json", "view contacts.csv --rig rig.json --html out.html"),
     ("rig.json", "rig.json", "convert rig.json --to ros -o out.yaml"),
+    ("rig.json", "rig.json", "export rig.json --to mujoco -o out.xml"),
     ("camera.json", "camera.json", "convert camera.json --to opencv -o out.yaml"),
     ("contacts.csv", "contacts.csv", REFINE),
     ("contacts.csv", "contacts.csv", "track contacts.csv -o out.csv"),

@@ -27,6 +27,13 @@ CAMERA = """(() => {
 })()"""
 
 
+COVERED = """(() => {
+  const bottom = document.getElementById('time').getBoundingClientRect().top;
+  const panels = [...document.querySelectorAll('#legend, #measures, #seen')];
+  return panels.filter((each) => each.getBoundingClientRect().bottom > bottom).map((each) => each.id);
+})()"""
+
+
 @pytest.fixture(scope="module")
 def written(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "scene.html"
@@ -96,6 +103,7 @@ def test_a_click_takes_the_contact_that_is_drawn_there(scene: Scene, written: Pa
                 page.open(f"{written.as_uri()}#view=1")
             page.until(f"document.querySelector('canvas')?.width === {dense * width} && window.global?.renderWindow")
             page.until("document.getElementById('clock').textContent")
+            assert page.value(COVERED) == [], "no panel lies on another"
             page.value("document.getElementById('legend').open = false")
             if turned:
                 page.drag((300, 200), (300 + turned // 2, 180), (300 + turned, 150))

@@ -120,7 +120,7 @@ def test_what_was_read_on_one_print_is_not_offered_for_another(source: Path, tmp
         ("board_along_x_mm", 240.0),
         ("board_along_y_mm", BACK),
         ("board_along_x_mm", BACK),
-        ("paper", "A3"),
+        ("board", "new A3"),
         ("board_along_x_mm", QUIT),
     ]
     _, typist = walked(tmp_path / "session", given, script)

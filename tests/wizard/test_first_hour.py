@@ -34,7 +34,7 @@ from viz.report import check as report
 from ..live.test_pictures import as_bag
 from .small_session import answers
 
-MOST_ANSWERS = 25
+MOST_ANSWERS, MOST_WITHOUT_READINGS = 25, 15
 WRONG_MM = 80.0
 PATIENCE = 8
 """Looks at the folder without news after which a person types enough."""
@@ -60,7 +60,7 @@ class Person(Ui):
     def __init__(self, session: Path, camera: Path) -> None:
         super().__init__(View(), interactive=True)
         self.session, self.camera = session, camera
-        self.count, self.said, self.begun = 0, list[str](), set[str]()
+        self.count, self.said, self.begun, self.asked = 0, list[str](), set[str](), list[str]()
         self.given = answers(session) | {"source": str(camera), "board_thickness_mm": self._thickness_mm()}
         loaded = load_session(session)
         self.stills = {"noload": read_noload(loaded), "loads": read_loads(loaded)}
@@ -80,6 +80,7 @@ class Person(Ui):
 
     def ask(self, question: Question, facts: Mapping[str, Any] | None = None) -> Any:
         self.count += 1
+        self.asked.append(question.key)
         assert question.key != "again"
         if question.key == "go_back":
             raise AssertionError(f"stuck: {self.said[-3:]}")
@@ -159,6 +160,7 @@ def state(walked: tuple[SessionState, Person]) -> Iterator[SessionState]:
 def test_from_the_first_question_to_the_rig(session: Path, walked: tuple[SessionState, Person]) -> None:
     (state, person), journal = walked, walked[0].store.journal
     assert person.count <= MOST_ANSWERS
+    assert len([key for key in person.asked if key != "readings"]) <= MOST_WITHOUT_READINGS
     assert person.document["verdict"] != "does not hold", person.document["words"]
     for step in ("lens", "plane", "noload", "loads"):
         assert {one.source.split("_")[0] for one in journal.of(step).taken} == {step}
@@ -297,6 +299,7 @@ def test_one_video_or_bag_of_all_steps_leads_to_the_rig(kind: str, session: Path
         taken = [int(one.source.split()[1]) for step in PICTURES for one in store.journal.of(step).taken]
     assert document["verdict"] != "does not hold", document["words"]
     assert person.count <= MOST_ANSWERS
+    assert len([key for key in person.asked if key != "readings"]) <= MOST_WITHOUT_READINGS
     assert taken == sorted(taken), "no step goes back to a frame of the steps before"
     assert any("not in its jig yet" in line for line in person.said)
     truth = json.loads((session / "truth.json").read_text())

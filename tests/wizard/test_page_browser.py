@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from vbaa_calib.wizard.questions import STEPS
 from vbaa_calib.wizard.server import PageCommand, PageServer
 
 from .browser import BROWSER, Browser
@@ -59,8 +60,10 @@ def test_it_shows_the_state_as_text_and_follows_it(browser: Browser, server: Pag
     assert page.text("#title") == STATE["step"]["title"]
     assert page.text("#session") == hostile
     assert hostile in page.text("#log")
-    assert page.value("document.querySelectorAll('main img').length") == 1
+    assert page.value("document.querySelectorAll('main img').length") == 2
     assert "not yet" in page.text("#numbers")
+    before = "['picture', 'cells'].map(id => document.getElementById(id).getBoundingClientRect().width)"
+    assert page.value(before) == [0, 0], "neither a broken picture nor a lone box before the first one"
     assert page.value("document.querySelector('[aria-current=step] .name').textContent") == "Lens (now)"
     assert page.text("#missing") == "the lower right"
     step = {**STATE["step"], "title": "Now something else", "enough": True}
@@ -68,6 +71,16 @@ def test_it_shows_the_state_as_text_and_follows_it(browser: Browser, server: Pag
     page.until("document.getElementById('title').textContent === 'Now something else'")
     assert page.value("document.title") == f"Now something else · {STATE['session']}"
     assert page.text("#enough") == "✓ Enough: you can go on."
+    assert page.complaints() == []
+
+
+def test_every_step_has_its_drawing(browser: Browser, server: PageServer) -> None:
+    for name in STEPS[:-1]:
+        page = opened(browser, server, step={**STATE["step"], "name": name})
+        page.until("document.querySelector('#drawing img').naturalWidth > 100")
+        assert page.value("document.querySelector('#drawing').getAttribute('href')") == f"/step_{name}.svg"
+    page = opened(browser, server, step={**STATE["step"], "name": "verdict"})
+    assert page.value("document.querySelector('#drawing').hidden")
     assert page.complaints() == []
 
 

@@ -8,21 +8,24 @@ the part before it), all in the antenna frame and over the arc length s:
     Ω = M/EI + (1/GJ − 1/EI) (d1·M) d1 + κ_y d2 + κ_z d3
 
 All loads are dead, so n(s) = [s < contact] force + (L − s) m' g is known beforehand and the position decouples. The
-clamp gives r, d1, d2 at s = 0; the clamp moment M(0) is shot for, so that M(L) = 0.
+clamp gives r, d1, d2 at s = 0; the clamp moment M(0) is shot for, so that M(L) = 0. A clamp that gives turns with M(0):
+that is iterated.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
 
 STEPS_PER_SEGMENT: int = core.antenna.STEPS_PER_SEGMENT
+TORSION_RATIO = 1.3  # EI/GJ = 1 + ν of a round wire of metal, ν = 0.3
 
 
 class _RodNumbers(NamedTuple):
@@ -54,6 +57,7 @@ class Rod:
     T_antenna_clamp : the clamp frame's origin lies at the clamp, its x along the clamped tangent.
     natural_curvature_per_m : (2,) curvature of the unloaded, weightless rod about its own y and z axes, constant along
         it: a positive one about z bends it towards +y, a positive one about y towards −z.
+    clamp_give_m : how long a piece of the rod would bend as much as the clamp turns; 0 for a rigid clamp.
     """
 
     length_m: float
@@ -62,6 +66,7 @@ class Rod:
     mass_per_length_kg_m: float
     T_antenna_clamp: Pose = field(default_factory=Pose.identity)
     natural_curvature_per_m: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    clamp_give_m: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("length_m", "bending_stiffness_Nm2", "torsional_stiffness_Nm2"):
@@ -70,6 +75,10 @@ class Rod:
         if not 0.0 <= self.mass_per_length_kg_m < np.inf:
             raise InputError(
                 f"mass_per_length_kg_m is {self.mass_per_length_kg_m}", where="antenna", remedy="give 0 or more"
+            )
+        if not abs(self.clamp_give_m) < self.length_m:
+            raise InputError(
+                f"clamp_give_m is {self.clamp_give_m}", where="antenna", remedy="give less than its length"
             )
 
     @property
@@ -129,6 +138,33 @@ def solve_rod(
     SolveError : the tip's moment could not be brought to zero for some batch element.
     """
     gravity, contact, force = _checked(rod, gravity_m_s2, contact_m, force_N)
+    if not rod.clamp_give_m:
+        nodes, moment = _rigidly_clamped(rod, gravity, contact, force, guess_moment_Nm)
+        return shape_of(rod, contact, nodes, moment)
+    lever, along = rod.T_antenna_clamp.translation_m, rod.T_antenna_clamp.rotation[:, 0]
+    rigid, turn, guess = replace(rod, clamp_give_m=0.0), np.zeros_like(force), guess_moment_Nm
+    per_moment = rod.clamp_give_m / rod.bending_stiffness_Nm2 * (np.eye(3) - np.outer(along, along))
+    for _ in range(100):  # each leaves about give/L of the turn's error
+        # a clamp that has turned sees the loads turned back
+        turned = Rotation.from_rotvec(turn).as_matrix()
+        seen_gravity, seen_force = (np.einsum("bij,bi->bj", turned, load) for load in (gravity, force))
+        nodes, moment = _rigidly_clamped(rigid, seen_gravity, contact, seen_force, guess)
+        total_N = rod.mass_per_length_kg_m * rod.length_m * seen_gravity + seen_force
+        at_clamp = np.einsum("bij,bj->bi", turned, moment - np.cross(lever, total_N))
+        before, turn, guess = turn, at_clamp @ per_moment, moment
+        if np.abs(turn - before).max() < 1e-12:
+            break
+    else:
+        raise SolveError(f"a rod whose clamp gives by {rod.clamp_give_m:.4g} m found no equilibrium")
+    nodes = (turned[:, None, None] @ (nodes - [lever, *np.zeros((3, 3))])[..., None])[..., 0]
+    nodes[:, :, 0] += lever
+    return shape_of(rod, contact, nodes, at_clamp + np.cross(lever, np.einsum("bij,bj->bi", turned, total_N)))
+
+
+def _rigidly_clamped(
+    rod: Rod, gravity: np.ndarray, contact: np.ndarray, force: np.ndarray, guess_moment_Nm: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (B, N, 4, 3) and moment (B, 3) about the antenna frame's origin. Raises SolveError."""
     lever = rod.T_antenna_clamp.translation_m
     unit = rod.bending_stiffness_Nm2 / rod.length_m
     weight = rod.mass_per_length_kg_m * rod.length_m * gravity
@@ -149,7 +185,7 @@ def solve_rod(
             f"rod {worst} of {len(left)} found no equilibrium: force {force[worst]} N at {contact[worst]:.4f} m"
             f" leaves {left[worst]:.1e} of its moment at the tip"
         )
-    return shape_of(rod, contact, nodes, moment + np.cross(lever, force + weight))
+    return nodes, moment + np.cross(lever, force + weight)
 
 
 def shape_of(rod: Rod, contact_m: np.ndarray, nodes: np.ndarray, clamp_moment_Nm: np.ndarray) -> RodShape:

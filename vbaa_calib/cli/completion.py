@@ -31,6 +31,10 @@ EXAMPLES = {
         "vbaa convert rig.json --to ros -o camera_info.yaml",
         "vbaa convert rig.json --to opencv -o camera.yml",
     ),
+    "export": (
+        "vbaa export rig.json --to mujoco -o antenna.xml",
+        "vbaa export rig.json --to pyelastica -o antenna.py",
+    ),
     "schema": ("vbaa schema session", "vbaa schema rig"),
     "budget": (
         "vbaa budget rig.json",

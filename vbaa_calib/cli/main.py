@@ -41,7 +41,7 @@ VERBS = {
         "EI from a table of measured deflections, or from one photograph of a bent rod",
     ),
     "check": ("viz.cli.check", "is the calibration still valid? a verdict and a report"),
-    "budget": ("estimator.cli.budget", "what limits this rig's contacts, and what to improve first"),
+    "budget": ("viz.cli.budget", "what limits this rig's contacts, and what to improve first"),
     "estimate": (
         "viz.cli.estimate",
         "a recording to contacts.csv and report.html: where and how hard, with standard deviations",
@@ -64,6 +64,7 @@ VERBS = {
     "view": ("viz.cli.view", "the 3-D scene as a window, a PNG or a self-contained HTML page"),
     "simulate": ("vbaa_calib.cli.simulate", "a synthetic session from a scene file, with truth.json"),
     "convert": ("vbaa_calib.cli.convert", "the camera to and from ROS, OpenCV, Kalibr, mrcal and COLMAP files"),
+    "export": ("vbaa_calib.cli.export", "the antenna as calibrated for MuJoCo, Newton, PyElastica, URDF"),
     "completion": ("vbaa_calib.cli.completion", "a script that completes verbs and options in bash, zsh or fish"),
     "schema": ("vbaa_calib.cli.schema", "print the JSON Schema of session.yaml or rig.json"),
     "bench": ("vbaa_calib.cli.bench", "speed against error, with the alternatives in the same run"),

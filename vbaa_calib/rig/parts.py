@@ -11,9 +11,10 @@ import numpy as np
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
 from vbaa_calib.core.arrays import Within, as_float, fixed
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.geometry import Kinematics
+from vbaa_calib.geometry import Kinematics, Pose
 
 if TYPE_CHECKING:
+    from vbaa_calib.antenna.rod import Rod
     from vbaa_calib.detect.whisker.paint import Paint
 
 SCHEMA = "vbaa.rig/1"
@@ -79,6 +80,22 @@ class Antenna:
     def mass_per_length_kg_m(self) -> float:
         """ρA."""
         return float(np.exp(self.parameters[7]))
+
+    @property
+    def rod(self) -> Rod:
+        """As a rod of round wire, clamped where and as it is."""
+        from vbaa_calib.antenna.rod import TORSION_RATIO, Rod  # loads SciPy
+
+        y, z, about_y, about_z, bow_y, bow_z = self.parameters[:6]
+        return Rod(
+            length_m=self.length_m,
+            bending_stiffness_Nm2=self.stiffness_Nm2,
+            torsional_stiffness_Nm2=self.stiffness_Nm2 / TORSION_RATIO,
+            mass_per_length_kg_m=self.mass_per_length_kg_m,
+            T_antenna_clamp=Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y, z])),
+            natural_curvature_per_m=np.array([bow_y, bow_z]),
+            clamp_give_m=float(self.parameters[8]),
+        )
 
     def to_dict(self, std: Callable[[str], float]) -> dict[str, Any]:
         """The mapping `antenna` of rig.json; `std` gives the standard deviation of a parameter by its name."""

@@ -90,7 +90,10 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
         answers = store.journal.answers
         questions = open_questions(step.name, answers)
         first = questions[0].key if questions else ""
-        if step.name == "board" and "measure_x_mm" not in answers and first not in ("board", "paper"):
+        if step.name == "board" and "measure_x_mm" not in answers and first != "board":
+            if answers["board"] == "new" and "paper" not in answers:
+                keep_answer(store, "paper", BY_KEY["paper"].default)
+                answers = store.journal.answers
             # it is known which board it is: board.yaml, the sheet, and how long its print should be
             store.answer(_make_board(store, answers))
             if "board_along_x_mm" not in answers:
@@ -125,6 +128,13 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
             if kind != "back":
                 ui.say(f"{kind} is for pictures, and they come after the questions")
             continue
+        if question.key == "board" and (paper := re.fullmatch(r"new\s+(\S+)", str(value), re.IGNORECASE)):
+            try:
+                keep_answer(store, "paper", BY_KEY["paper"].read(paper[1]))
+            except InputError as error:
+                ui.say(f"not taken: {error}")
+                continue
+            value = "new"
         if question.key in ("board", "source"):
             value = absolute(Path(), str(value))
         keep_answer(store, question.key, value)

@@ -47,6 +47,7 @@ _COMMANDS_KEPT = 100
 FILES = {"/": "page.html"} | {
     f"/{name}": name for name in ("icon.svg", "page.css", "page.js", "dom.js", "picture.js", "question.js")
 }
+FILES |= {f"/step_{step}.svg": f"step_{step}.svg" for step in ("board", "lens", "plane", "noload", "loads", "sensor")}
 _TYPES = {".html": "text/html", ".svg": "image/svg+xml", ".css": "text/css", ".js": "text/javascript"}
 _STATIC = Path(__file__).with_name("static")
 _HEADERS = {

@@ -28,7 +28,7 @@ _INNER_PX = 420.0
 _MOST_ARROWS, _MOST_VIEWS, _MOST_LEVELS = 4000, 30, 6
 _CELLS = (8, 6)
 _STILLS = ("#0f766e", "#1d4ed8", "#b45309", "#7c3aed", "#be185d", "#475569")
-_PALE = "#6cbfb4"
+_PALE = "#3b9c91"
 
 
 def _picture_axes(title: str, image_size: Sequence[float], right: float = 18.0, grid: str = "xy") -> Plot:

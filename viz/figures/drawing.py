@@ -27,7 +27,7 @@ _THEMED = re.compile(
 """Colours for which a page in the dark has others, by the variables of `viz/pages/templates/style.css`."""
 _LETTER_PX = 7.2
 """Width of a tick's letter, on average, from which the room for titles, keys and tick labels is estimated."""
-_SIGNS = {"dot": "●", "ring": "○", "line": "━", "dashes": "╍", "band": "■"}
+_SIGNS = {"dot": "●", "ring": "○", "line": "━", "dashes": "╍", "band": "■", "block": "■"}
 Places = Sequence[float] | np.ndarray
 Ticks = tuple[Sequence[float], Sequence[str]]
 """Places on an axis, and what is written at each."""
@@ -187,7 +187,7 @@ class Plot:
     def legend(self, entries: Sequence[tuple[str, str, str]]) -> None:
         """Marks and words in one row above the plot, to the right: (colour, words, mark).
 
-        A mark is "dot", "ring", "line", "dashes" or "band".
+        A mark is "dot", "ring", "line", "dashes", "block" or, paler, "band".
         """
         self.key.extend(entries)
 
@@ -196,6 +196,17 @@ def _entry(entry: tuple[str, str, str]) -> str:
     colour, words, sign = entry
     look = _colour("fill", pale(colour, 0.35) if sign == "band" else colour)
     return f'<tspan style="{look}" dx="13">{_SIGNS[sign]}</tspan><tspan dx="4">{escape(words, quote=False)}</tspan>'
+
+
+def key_rows(entries: Sequence[tuple[str, str, str]], width_px: float) -> list[str]:
+    """Entries as `Plot.legend` takes them, as SVG for as many texts of at most a width as they need."""
+    rows, used = [""], 0.0
+    for entry in entries:
+        wide = _LETTER_PX * (len(entry[1]) + 5)
+        if rows[-1] and used + wide > width_px:
+            rows, used = [*rows, ""], 0.0
+        rows[-1], used = rows[-1] + _entry(entry), used + wide
+    return rows
 
 
 def _text(x: float, y: float, words: str, anchor: str, kind: str = "", turned: bool = False) -> str:

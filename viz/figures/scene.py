@@ -168,7 +168,9 @@ def _translucent(scene: Scene, project: Project) -> Pieces:
         rim = tip_m + height + np.cos(turn) * radii[0] + np.sin(turn) * radii[1]
         at, depth = project(np.vstack([tip_m, rim]))
         outline = cv2.convexHull(at.astype(np.float32))[:, 0]
-        pieces.append((float(depth[0]), Marks("cone", outline[None], fill=pale(LOOK["cones"][0], 0.28))))
+        colour, near = LOOK["cones"][0], float(depth[0])
+        pieces.append((near, Marks("cone", outline[None], fill=pale(colour, 0.2))))
+        pieces.append((near, Marks("mouth", at[None, 1:], pale(colour, 0.16), pale(colour, 0.75), 0.8)))
     return pieces
 
 

@@ -35,8 +35,11 @@ _MOST_ROWS = 400
 
 
 def prose(text: str) -> Markup:
-    """Plain text as HTML; text in backquotes is a command."""
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
+    """Plain text as HTML; text in backquotes is a command, a hyphen before a number elsewhere is a minus."""
+    parts = str(escape(text)).split("`")
+    parts[-2:] = parts[-2:] if len(parts) % 2 else ["`".join(parts[-2:])]
+    parts[::2] = (re.sub(r"(?<![^\s(,±])-(?=\d)", "−", part) for part in parts[::2])
+    return Markup("".join(f"<code>{part}</code>" if index % 2 else part for index, part in enumerate(parts)))
 
 
 def render(template: str, **values: Any) -> str:

@@ -120,10 +120,17 @@ def arrow() -> pv.PolyData:
 
 
 def cone(sides: int = 28) -> pv.PolyData:
-    """An open cone: the tip at the origin, the rim of radius 1 around (1, 0, 0)."""
+    """An open cone with a hem: the tip at the origin, the rim of radius 1 around (1, 0, 0)."""
     turn = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     rim = np.column_stack([np.ones(sides), np.cos(turn), np.sin(turn)])
     normals = np.column_stack([-np.ones(sides), np.cos(turn), np.sin(turn)]) / np.sqrt(2)
     # the tip once for each side: it has no normal of its own
     faces = np.column_stack([np.arange(sides), sides + np.arange(sides), sides + (np.arange(sides) + 1) % sides])
-    return triangles(np.vstack([np.zeros((sides, 3)), rim]), faces, np.vstack([normals, normals]))
+    # a ring in the mouth, so that it does not look closed
+    hem, facing = np.vstack([rim, rim * [1.0, 0.88, 0.88]]), np.tile([1.0, 0.0, 0.0], (2 * sides, 1))
+    here, there = np.arange(sides), (np.arange(sides) + 1) % sides
+    ring = np.vstack(
+        [np.column_stack([here, there, sides + here]), np.column_stack([there, sides + there, sides + here])]
+    )
+    points = np.vstack([np.zeros((sides, 3)), rim, hem])
+    return triangles(points, np.vstack([faces, 2 * sides + ring]), np.vstack([normals, normals, facing]))

@@ -167,6 +167,7 @@ def _split_half(chosen: Candidate | None) -> list[str]:
 
 
 def _board(shape: BoardShape) -> str:
+    unseen = "how large its squares are, no picture of it shows: measure them"
     if not shape.findings:
-        return "The board counts as flat and square."
-    return f"The board is {', '.join(shape.findings)}; the lens was solved with that."
+        return f"The board counts as flat and square; {unseen}."
+    return f"The board is {', '.join(shape.findings)}; the lens was solved with that; {unseen}."

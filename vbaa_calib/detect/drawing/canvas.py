@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import importlib.util
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Literal
 
 import cv2
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 from vbaa_calib.core.polyline import arc_lengths
 
@@ -22,9 +27,6 @@ _PARTS_BITS = 4
 """Canvas coordinates are drawn to a sixteenth of a pixel."""
 _FARTHEST = 8000.0
 """Limit of coordinates, since OpenCV's have few bits."""
-_FONT = cv2.FONT_HERSHEY_SIMPLEX
-_ASCII = {"±": "+-", "°": " deg", "µ": "u", "·": ".", "–": "-", "→": "->", "≤": "<=", "ξ": "xi", "×": "x", "²": "^2"}
-"""OpenCV's fonts have ASCII only."""
 _GROUND: Colour = (30, 26, 24)
 _SOFT: Colour = (190, 182, 176)
 _TEXT_SIZE = 0.5
@@ -120,8 +122,8 @@ class Canvas:
         spot = self.at(np.asarray(at_px)) + np.array(aside) * self.unit - [width if aside[0] < 0 else 0, 0]
         rows, columns = self.image.shape[:2]
         spot = np.clip(spot, [3, height + 3], [max(3, columns - width - 4), max(height + 3, rows - 5)])
-        for ink, thick in ((_BLACK, 4), (colour, 1)):
-            _put(self.image, text, (int(spot[0]), int(spot[1])), 0.5 * self.unit, ink, thick)
+        for ink, edge in ((_BLACK, 2), (colour, 0)):
+            _put(self.image, text, (int(spot[0]), int(spot[1])), _font_of(0.5 * self.unit), ink, edge)
 
     def _thickness(self, thick: float) -> int:
         return max(1, round(thick * self.unit))
@@ -134,26 +136,45 @@ class Canvas:
         return np.rint(limit * (1 << _PARTS_BITS)).astype(np.int32)
 
 
-def _ascii_text(text: str) -> str:
-    """The text in ASCII."""
-    return "".join(_ASCII.get(letter, letter) for letter in text).encode("ascii", "replace").decode()
+@cache
+def _font(size_px: int, bold: bool) -> ImageFont.FreeTypeFont:
+    """DejaVu Sans, which comes with Matplotlib: it has the signs that OpenCV's fonts lack."""
+    home = importlib.util.find_spec("matplotlib")
+    assert home is not None
+    assert home.origin is not None
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return ImageFont.truetype(Path(home.origin).parent / "mpl-data" / "fonts" / "ttf" / name, size_px)
 
 
-def _text_size(text: str, size: float, thick: int = 1) -> tuple[int, int]:
-    """Width and height of a text in canvas pixels."""
-    (width, height), _ = cv2.getTextSize(_ascii_text(text), _FONT, size, thick)
-    return int(width), int(height)
+def _font_of(size: float, bold: bool = False) -> ImageFont.FreeTypeFont:
+    return _font(max(6, round(28.0 * size)), bold)
 
 
-def _put(image: np.ndarray, text: str, at: tuple[int, int], size: float, colour: Colour, thick: int = 1) -> None:
-    """Write on an image (H, W, 3), from the lower left corner `at`."""
-    cv2.putText(image, _ascii_text(text), at, _FONT, size, colour, thick, cv2.LINE_AA)
+def _text_size(text: str, size: float, bold: bool = False) -> tuple[int, int]:
+    """Width, and height of its capitals, in canvas pixels."""
+    font = _font_of(size, bold)
+    return math.ceil(font.getlength(text)), -math.floor(font.getbbox("H", anchor="ls")[1])
+
+
+def _put(
+    image: np.ndarray, text: str, at: tuple[int, int], font: ImageFont.FreeTypeFont, colour: Colour, edge: int = 0
+) -> None:
+    """Write on an image (H, W, 3), from the lower left corner `at`, with strokes wider by `edge` px to all sides."""
+    left, top, right, bottom = (int(side) for side in font.getbbox(text, anchor="ls", stroke_width=edge))
+    drawn = Image.new("L", (max(right - left, 0) + 2, max(bottom - top, 0) + 2))
+    ImageDraw.Draw(drawn).text((1 - left, 1 - top), text, fill=255, font=font, anchor="ls", stroke_width=edge)
+    x, y, cover = at[0] + left - 1, at[1] + top - 1, np.asarray(drawn)
+    rows, columns = image.shape[:2]
+    cover = cover[max(-y, 0) : rows - y, max(-x, 0) : columns - x]
+    there = image[max(y, 0) :, max(x, 0) :][: cover.shape[0], : cover.shape[1]]
+    share = cover[..., None] / 255.0
+    there[:] = np.rint(share * np.array(colour) + (1.0 - share) * there).astype(np.uint8)
 
 
 def _wrapped(text: str, width: float, size: float) -> list[str]:
     """The text in lines of at most `width` canvas pixels; a longer word is cut."""
     lines: list[str] = []
-    for word in _ascii_text(text).split():
+    for word in text.split():
         while _text_size(word, size)[0] > width and len(word) > 1:
             word = word[:-1]
         if lines and _text_size(f"{lines[-1]} {word}", size)[0] <= width:
@@ -192,7 +213,7 @@ def strip(
     for index, paragraph in enumerate(paragraphs):
         for line in paragraph:
             below += step
-            _put(image, line, (margin, below), size, WHITE if index == 0 else _SOFT)
+            _put(image, line, (margin, below), _font_of(size), WHITE if index == 0 else _SOFT)
     below += step // 2
     for row in rows:
         below += step
@@ -207,17 +228,17 @@ def _headed(image: np.ndarray, badge: tuple[str, Colour], heading: tuple[str, st
     """Draw badge and headings, the right one if there is room; returns the base line."""
     word, colour = badge
     size, pad = 0.62 * unit, round(8 * unit)
-    width, height = _text_size(word, size, 2)
+    width, height = _text_size(word, size, bold=True)
     base = margin + height + pad // 2
     cv2.rectangle(image, (margin, margin - pad // 2), (margin + width + 2 * pad, base + pad), colour, cv2.FILLED)
     ink = _BLACK if np.dot(colour, (0.114, 0.587, 0.299)) > 110 else WHITE
-    _put(image, word, (margin + pad, base), size, ink, max(1, round(1.4 * unit)))
+    _put(image, word, (margin + pad, base), _font_of(size, bold=True), ink)
     size, left = 0.56 * unit, margin + width + 4 * pad
-    _put(image, heading[0], (left, base), size, WHITE)
+    _put(image, heading[0], (left, base), _font_of(size), WHITE)
     left += _text_size(heading[0], size)[0] + 3 * pad
     room = image.shape[1] - margin - left
     for line in _wrapped(heading[1], room, size)[:1] if room > 0 else []:
-        _put(image, line, (image.shape[1] - margin - _text_size(line, size)[0], base), size, _SOFT)
+        _put(image, line, (image.shape[1] - margin - _text_size(line, size)[0], base), _font_of(size), _SOFT)
     return base + pad // 2
 
 
@@ -260,4 +281,4 @@ def _draw_key(image: np.ndarray, key: Key, at: tuple[int, int], unit: float) -> 
         canvas.arrow(ends[0], ends[1], key.colour)
     else:
         canvas.line(ends, key.colour, 2.0)
-    _put(image, key.words, (left + long + round(8 * unit), base), 0.9 * _TEXT_SIZE * unit, _SOFT)
+    _put(image, key.words, (left + long + round(8 * unit), base), _font_of(0.9 * _TEXT_SIZE * unit), _SOFT)

@@ -12,7 +12,7 @@ from pydantic import Field, Strict
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardWithIds
-from vbaa_calib.antenna.rod import Rod
+from vbaa_calib.antenna.rod import TORSION_RATIO, Rod
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.models import ArrayOf, Number, ReadAs, WholeNumber
 from vbaa_calib.geometry import Kinematics, Pose
@@ -78,7 +78,6 @@ class MomentSensor:
     offset_Nm: Number = 0.0
 
 
-POISSON_STEEL = 0.3
 _Share = Annotated[Number, Field(ge=0, le=1)]
 
 
@@ -306,13 +305,13 @@ class Scene:
 
 
 def true_rod(scene: Scene) -> Rod:
-    """The antenna as it really is. A round steel wire: GJ = EI / (1 + ν)."""
+    """The antenna as it really is. A round wire: GJ = EI / (1 + ν)."""
     stiffness = scene.antenna.stiffness_Nm2 * scene.true.stiffness_factor
     about_y, about_z = scene.true.clamp_angle_rad
     return Rod(
         length_m=scene.antenna.length_m,
         bending_stiffness_Nm2=stiffness,
-        torsional_stiffness_Nm2=stiffness / (1 + POISSON_STEEL),
+        torsional_stiffness_Nm2=stiffness / TORSION_RATIO,
         mass_per_length_kg_m=scene.antenna.mass_per_length_kg_m,
         T_antenna_clamp=Pose.from_rotvec(np.array([0.0, about_y, about_z]), scene.true.clamp_offset_m),
         natural_curvature_per_m=scene.true.natural_curvature_per_m,

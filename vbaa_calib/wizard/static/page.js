@@ -11,6 +11,11 @@ const SURE = {
   redo: ["Do this step again? What it has so far is kept aside.", "Do it again"],
   quit: ["Stop here? All is saved; the same command goes on from here.", "Stop"],
 };
+const DRAWINGS = {
+  board: "The printed sheet, and its two rulers", lens: "Where and how to hold the board",
+  plane: "The axes of antenna and board on the bench, and what is positive", noload: "Lamp, background and antenna",
+  loads: "A weight on a thread at the antenna", sensor: "A push towards +z, and the sign of its moment",
+};
 let shown = 0;
 let state = null;
 const before = new Map();
@@ -64,6 +69,13 @@ function showVerdict({ finished, verdict, report, step }) {
   text($("path"), report);
 }
 
+function showDrawing(name) {
+  $("drawing").hidden = !(name in DRAWINGS);
+  if (!(name in DRAWINGS)) return;
+  $("drawing").href = $("drawing").firstElementChild.src = `/step_${name}.svg`;
+  $("drawing").firstElementChild.alt = `${DRAWINGS[name]} (opens alone)`;
+}
+
 function allowed(kind) {
   if (state.can) return state.can.includes(kind);
   return state.finished ? kind === "quit" : kind !== "take" || Boolean(state.live);
@@ -79,6 +91,7 @@ function show(told) {
   renew("verdict", { finished: state.finished, verdict: state.verdict, report: state.report, step }, showVerdict);
   $("task").hidden = Boolean(state.finished) && !state.question;
   for (const id of ["title", "what", "why"]) text($(id), step[id]);
+  renew("drawing", state.finished ? null : step.name, showDrawing);
   renew("next", step.next, words => text($("next").lastElementChild, words));
   // not twice: below the picture it stands larger
   $("next").hidden = !step.next || (state.live?.suggestion ?? "").startsWith(step.next);

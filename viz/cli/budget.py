@@ -10,20 +10,19 @@ from typing import TYPE_CHECKING, Any
 from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import refuse_outputs, write_json
+from vbaa_calib.core.files import refuse_outputs, write_json, write_text
 
 if TYPE_CHECKING:
     from estimator.budget.parts import BudgetContacts
     from vbaa_calib.rig import Rig
 
-_FIGURES = (".png", ".pdf", ".svg")
 _FRICTION_RAD = 0.2  # as the contacts' default, which is not imported for the sake of a quick --help
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("rig", type=Path, help="rig.json of `vbaa calibrate`")
     parser.add_argument("-o", "--output", type=Path, metavar="BUDGET", help="budget.json to write, contact by contact")
-    parser.add_argument("--figure", type=Path, metavar="IMAGE", help="figure to write, .png, .pdf or .svg")
+    parser.add_argument("--figure", type=Path, metavar="IMAGE", help="figure to write, .svg")
     parser.add_argument(
         "--friction",
         type=float,
@@ -42,15 +41,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Make the budget, say it, and write what is asked for."""
     from estimator.budget.budget import error_budget
-    from estimator.budget.report import SCHEMA, advice, as_data, contacts_as_data, table, write_figure
+    from estimator.budget.report import SCHEMA, advice, as_data, contacts_as_data, table
     from vbaa_calib.cli.usable_rig import usable_rig
 
     outputs = {"budget": args.output, "figure": args.figure}
     refuse_outputs(outputs.values(), args.force, (args.rig,))
     if args.output is not None and args.output.suffix.lower() != ".json":
         raise InputError("is not a .json", where=args.output, remedy="name it budget.json")
-    if args.figure is not None and args.figure.suffix.lower() not in _FIGURES:
-        raise InputError(f"is none of {', '.join(_FIGURES)}", where=args.figure, remedy="name it budget.png")
+    if args.figure is not None and args.figure.suffix.lower() != ".svg":
+        raise InputError("is not a .svg", where=args.figure, remedy="name it budget.svg")
     numbers = {"--distance": args.distance, "--force-y": args.force_y, "--force-z": args.force_z}
     missing = [name for name, value in numbers.items() if value is None]
     if 0 < len(missing) < len(numbers):
@@ -76,7 +75,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for line in [*budget.notes, *advice(budget)]:
         say(line)
     if args.figure is not None:
-        write_figure(args.figure, budget, args.force)
+        from viz.figures.budget import budget_figure
+
+        write_text(args.figure, budget_figure(budget), args.force)
     if args.output is not None:
         whole = {"schema": SCHEMA, **result, "by_contact": contacts_as_data(budget)}
         write_json(args.output, whole, args.force)

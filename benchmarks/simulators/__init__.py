@@ -1,0 +1,1 @@
+"""The exported antenna at rest in other simulators, beside our rod."""

@@ -1,0 +1,1 @@
+"""The antenna as calibrated, for other programs that simulate it."""
