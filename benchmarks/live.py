@@ -29,7 +29,7 @@ from vbaa_calib.core.images import read_picture
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, load_session, read_recording
 from vbaa_calib.simulate.scene.scene import bundled_scene
-from vbaa_calib.sources.live import _CAMERA_FAULTS, LiveSource, Patience
+from vbaa_calib.sources.live import _CAMERA_FAULTS, LiveSource, StreamSettings
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams.devices import QUEUED, open_device
 from vbaa_calib.streams.recorded import TICK_S
@@ -127,7 +127,7 @@ def paced(folder: Path, count: int) -> tuple[int, np.ndarray]:
     live, lap, images = _recorded(folder)
     shown = {id(image): frame for image, frame in zip(images, lap, strict=True)}
     opened = cast(cv2.VideoCapture, _Camera(images, count))
-    camera = LiveSource("camera", lambda: opened, Patience(failures=1), _CAMERA_FAULTS)
+    camera = LiveSource("camera", lambda: opened, StreamSettings(failures=1), _CAMERA_FAULTS)
     source, late_s = open_device(camera), []
     camera.retries_s = ()
     for message in source.messages():

@@ -10,12 +10,12 @@ import pytest
 
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.rod import Rod, solve_rod
-from vbaa_calib.calibrate.antenna.deflection_fit import (
+from vbaa_calib.calibrate.antenna.deflection_table import DeflectionTable
+from vbaa_calib.calibrate.antenna.stiffness import (
     elastica,
     outlying,
+    solve_stiffness,
 )
-from vbaa_calib.calibrate.antenna.deflection_table import DeflectionTable
-from vbaa_calib.calibrate.antenna.stiffness import solve_stiffness
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 

@@ -21,7 +21,7 @@ from tests.small_scene import small_rig
 from vbaa_calib.cli.main import main
 from vbaa_calib.core import console
 from vbaa_calib.sources import live
-from vbaa_calib.sources.live import LiveSource, Patience
+from vbaa_calib.sources.live import LiveSource, StreamSettings
 from vbaa_calib.streams import devices
 
 from .recordings import frames
@@ -55,7 +55,7 @@ class Stage:
         monkeypatch.setattr(devices, "RETRIES_S", (0.02,) * 5)
         monkeypatch.setattr(live, "_check_device", lambda *_: None)
         # a camera that waits for the program is not one that hangs
-        monkeypatch.setattr(live, "Patience", lambda: Patience(open_s=300.0, silence_s=300.0, failures=6))
+        monkeypatch.setattr(live, "StreamSettings", lambda: StreamSettings(open_s=300.0, silence_s=300.0, failures=6))
 
 
 class Scripted:

@@ -22,9 +22,9 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.sources import Source, SourceLost, live, open_source
 from vbaa_calib.sources.files import frame_picture, without_secrets
-from vbaa_calib.sources.live import Patience, open_camera, open_stream, parse_camera
+from vbaa_calib.sources.live import StreamSettings, open_camera, open_stream, parse_camera
 
-QUICK = Patience(open_s=0.6, silence_s=0.4, failures=3)
+QUICK = StreamSettings(open_s=0.6, silence_s=0.4, failures=3)
 
 
 class FakeCamera:
@@ -182,7 +182,7 @@ def test_a_camera_that_is_not_one_is_refused(text: str) -> None:
     assert raised.value.remedy
 
 
-PATIENT = Patience(open_s=2.0, silence_s=1.5, failures=1, retries_s=(0.05, 0.1))
+PATIENT = StreamSettings(open_s=2.0, silence_s=1.5, failures=1, retries_s=(0.05, 0.1))
 
 
 class Camera(ThreadingHTTPServer):
@@ -269,7 +269,7 @@ def test_a_server_that_never_answers_or_is_not_there_is_refused(capfd: pytest.Ca
         silent.listen()
         for url in (f"http://u:geheim@127.0.0.1:{silent.getsockname()[1]}/", "rtsp://u:geheim@127.0.0.1:9/x"):
             with pytest.raises(InputError) as raised:
-                open_stream(url, patience=Patience(open_s=0.5))
+                open_stream(url, patience=StreamSettings(open_s=0.5))
             assert "geheim" not in str(raised.value)
             assert not isinstance(raised.value, SourceLost)
     assert capfd.readouterr() == ("", "")

@@ -32,7 +32,7 @@ _BREAKS_TOLD = 10
 
 
 @dataclass(frozen=True)
-class Patience:
+class StreamSettings:
     """Timeouts for the first and the next frame, failed reads in a row, and waits before reopening (`retries_s`)."""
 
     open_s: float = 10.0
@@ -58,7 +58,7 @@ class LiveSource:
         self,
         name: str,
         opener: Callable[[], cv2.VideoCapture],
-        patience: Patience,
+        patience: StreamSettings,
         faults: Mapping[_Fault, tuple[str, str]],
         seen: Container[str] = (),
         settings: Sequence[str] = (),
@@ -274,7 +274,7 @@ def open_camera(
     device: int | str,
     asked: Mapping[str, Any] | None = None,
     seen: Container[str] = (),
-    patience: Patience | None = None,
+    patience: StreamSettings | None = None,
 ) -> LiveSource:
     """A running camera. Raises InputError if it is missing or gives no picture."""
     name, notes = f"camera:{device}", list[str]()
@@ -288,7 +288,7 @@ def open_camera(
             notes[:] = [*_set_up(capture, asked or {}), "the camera's automatic exposure is left as it is"]
         return capture
 
-    source = LiveSource(name, opened, patience or Patience(), _CAMERA_FAULTS, seen, notes)
+    source = LiveSource(name, opened, patience or StreamSettings(), _CAMERA_FAULTS, seen, notes)
     source.stamped = sys.platform.startswith("linux")
     return source
 
@@ -345,10 +345,10 @@ _STREAM_FAULTS: dict[_Fault, tuple[str, str]] = {
     "hung": ("the stream does not answer", _REACH),
 }
 # FFmpeg has tried on its own before a read fails
-_STREAM_PATIENCE = Patience(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
+_STREAM_PATIENCE = StreamSettings(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
 
 
-def open_stream(url: str, seen: Container[str] = (), patience: Patience = _STREAM_PATIENCE) -> LiveSource:
+def open_stream(url: str, seen: Container[str] = (), patience: StreamSettings = _STREAM_PATIENCE) -> LiveSource:
     """A running stream, reopened a few times if it breaks off. Raises InputError, without the URL's secrets."""
     name, stored = shown(url), False
     _check_url(url, name)

@@ -112,7 +112,7 @@ def _disagreements(
 
 
 @dataclass(frozen=True)
-class _Disturbed:
+class _DisturbanceSettings:
     """What counts as a stretch of a line that something else disturbs: a thread over it, a knot, a reflection."""
 
     degree: int = 3  # of the polynomial that residuals of the antenna follow, whatever is wrong with the rig
@@ -123,7 +123,7 @@ class _Disturbed:
 
 def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Per line (N,) bool, which points do not belong to a disturbed stretch, by their residuals (N,)."""
-    rules, means = _Disturbed(), list[np.ndarray]()
+    rules, means = _DisturbanceSettings(), list[np.ndarray]()
     for off in residuals:
         basis, weights = legendre.legvander(np.linspace(-1.0, 1.0, len(off)), rules.degree), np.ones(len(off))
         left = off

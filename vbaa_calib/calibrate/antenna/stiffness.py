@@ -9,26 +9,230 @@ and distance are taken as exact. EI with a clamp free to turn, and with the offs
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.linalg import cho_solve
+from scipy.optimize import brentq
+from scipy.special import stdtr, stdtrit
 
+from vbaa_calib.antenna import linear
+from vbaa_calib.antenna.elastica import planar_elastica_dead
 from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.core.robust import mad_std
 
-from .deflection_fit import (
-    ErrorModels,
-    Forward,
-    Parameters,
-    beam,
-    elastica,
-    error_models,
-    gauss_newton,
-    neighbour_correlation,
-    outlying,
-    robust_line,
-    slope_at_load,
-)
 from .deflection_table import DeflectionTable, check_load
+
+_LENGTHS = 8
+_LEVEL = 0.95
+_PLAIN_SHARES = (0.0, 0.2)
+_PLAIN_ONLY = 0.6
+"""Prior probability of no correlation. By sampling: less of it overstates the std of plain scatter by half and more,
+more of it understates that of correlated errors."""
+
+
+@dataclass(frozen=True, eq=False)
+class _ErrorModels:
+    """K models of the readings' errors and the covariance of P least-squares parameters under each."""
+
+    weights: np.ndarray  # (K,) probabilities, adding up to 1
+    lengths_m: np.ndarray  # (K,) correlation length λ; 0 for plain scatter
+    covariances: np.ndarray  # (K, P, P) of the least-squares estimate
+    freedom: int  # N − P, degrees of freedom of every one of them
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(P, P) mean over the models."""
+        return np.einsum("k,kij->ij", self.weights, self.covariances)
+
+    @property
+    def length_m(self) -> float:
+        """The weighted median of the correlation length."""
+        order = np.argsort(self.lengths_m)
+        at = int(np.searchsorted(np.cumsum(self.weights[order]), 0.5))
+        return float(self.lengths_m[order[min(at, len(order) - 1)]])
+
+    def half_width(self, direction: np.ndarray, other_std: float) -> float:
+        """Half the 95 % interval of direction @ parameters, with an independent error of known std added.
+
+        direction : (P,). Student's t under every model, with Welch and Satterthwaite's degrees of freedom for the sum.
+        """
+        own = np.einsum("i,kij,j->k", direction, self.covariances, direction)
+        scale = np.sqrt(own + other_std**2)
+        if not scale.any():
+            return 0.0
+        freedom = self.freedom * (scale**2 / np.maximum(own, 1e-30 * scale.max() ** 2)) ** 2
+        tail = 0.5 + 0.5 * _LEVEL
+
+        def excess(half: float) -> float:
+            return float(self.weights @ stdtr(freedom, half / scale)) - tail
+
+        widest = float(scale.max() * stdtrit(self.freedom, tail))
+        return float(brentq(excess, 0.0, widest * (1.0 + 1e-9)))
+
+
+def _error_models(x_m: np.ndarray, design: np.ndarray, residuals_m: np.ndarray, least_std_m: float) -> _ErrorModels:
+    """Weigh the error models by the residuals (N,) of least squares with the design (N, P), N > P; `least_std_m` bounds
+    the readings' deviation from below. λ runs log-uniformly from half the typical spacing to the span of x (N,), beyond
+    which the parameters absorb it.
+    """
+    count, parameters = design.shape
+    inverse = np.linalg.pinv(design)
+    lengths = np.geomspace(0.5 * np.median(np.diff(x_m)), np.ptp(x_m), _LENGTHS).repeat(len(_PLAIN_SHARES))
+    priors = np.full(1 + len(lengths), (1.0 - _PLAIN_ONLY) / len(lengths))
+    priors[0] = _PLAIN_ONLY
+    apart = np.abs(x_m[:, None] - x_m)
+    # 1e-9: places that all but coincide must not make it singular
+    correlations = [np.eye(count)] + [
+        (1.0 - share) * np.exp(-apart / length) + (share + 1e-9) * np.eye(count)
+        for length, share in zip(lengths, _PLAIN_SHARES * _LENGTHS, strict=True)
+    ]
+    weighed = [_weigh(correlation, design, residuals_m, inverse, least_std_m) for correlation in correlations]
+    log_weights = np.log(priors) + [log_weight for log_weight, _ in weighed]
+    weights = np.exp(log_weights - log_weights.max())
+    covariances = np.array([covariance for _, covariance in weighed])
+    return _ErrorModels(weights / weights.sum(), np.append(0.0, lengths), covariances, count - parameters)
+
+
+def neighbour_correlation(residuals: np.ndarray) -> float:
+    """Correlation of each residual (N,) with the next; 0 where there are none."""
+    square = float(residuals @ residuals)
+    return float(residuals[1:] @ residuals[:-1]) / square if square > 0.0 else 0.0
+
+
+def _weigh(
+    correlation: np.ndarray, design: np.ndarray, residuals_m: np.ndarray, inverse: np.ndarray, least_std_m: float
+) -> tuple[float, np.ndarray]:
+    """Restricted log-likelihood of one model, the scale integrated out, and its covariance (P, P) of the estimate."""
+    lower = np.linalg.cholesky(correlation)
+    weighted = cho_solve((lower, True), design)
+    normal = design.T @ weighted
+    left = residuals_m - design @ np.linalg.solve(normal, weighted.T @ residuals_m)
+    freedom = len(residuals_m) - design.shape[1]
+    variance = float(left @ cho_solve((lower, True), left)) / freedom
+    variance = max(variance, least_std_m**2, np.finfo(float).tiny)
+    log_weight = -np.log(lower.diagonal()).sum() - 0.5 * np.linalg.slogdet(normal)[1] - 0.5 * freedom * np.log(variance)
+    return float(log_weight), variance * inverse @ correlation @ inverse.T
+
+
+_LEAST_READINGS = 8  # fewer readings have no neighbours to be compared with
+_THRESHOLD = 5.0
+_ANCHORS = 40
+
+
+def _robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[float, float]:
+    """(slope, intercept) of y (N,) over the regressor (N,) with the least median of squares, of all lines through two
+    readings (or one and the origin), at most 780; intercept 0 if held."""
+    anchors = np.unique(np.linspace(0, len(y) - 1, _ANCHORS).astype(int))
+    apart = 0.2 * np.ptp(regressor)
+    if offset:
+        pairs = np.array([p for p in combinations(anchors, 2) if abs(regressor[p[0]] - regressor[p[1]]) > apart])
+        slopes = np.diff(y[pairs])[:, 0] / np.diff(regressor[pairs])[:, 0]
+        intercepts = y[pairs[:, 0]] - slopes * regressor[pairs[:, 0]]
+    else:
+        anchors = anchors[np.abs(regressor[anchors]) > 0.2 * np.abs(regressor).max()]
+        slopes = y[anchors] / regressor[anchors]
+        intercepts = np.zeros_like(slopes)
+    misses = np.median(np.abs(y - slopes[:, None] * regressor - intercepts[:, None]), axis=1)
+    best = int(np.argmin(misses))
+    return float(slopes[best]), float(intercepts[best])
+
+
+def outlying(residuals: np.ndarray, least_std: float) -> np.ndarray:
+    """(N,) bool: outliers among residuals from a robust fit, in the order of x; none of fewer than 8. `least_std`
+    bounds their scatter from below: rounded readings may agree too well."""
+    if len(residuals) < _LEAST_READINGS:
+        return np.zeros(len(residuals), bool)
+    index = np.arange(len(residuals))
+    first = np.clip(index - 2, 0, len(residuals) - 5)
+    # the four nearest in order, two on either side where there are two
+    near = first[:, None] + np.arange(4)
+    around = residuals - np.median(residuals[near + (near >= index[:, None])], axis=1)
+    return _far(residuals, least_std) & _far(around, least_std)
+
+
+def _far(values: np.ndarray, least_std: float) -> np.ndarray:
+    scale = max(mad_std(values), least_std)
+    return np.abs(values) > _THRESHOLD * scale
+
+
+Forward = Callable[[float], np.ndarray]  # EI in N·m² → deflections (N,) in m at the readings
+
+_STEPS, _SHARE = 60, 1e-4
+_NODES = np.linspace(0.0, 1.0, 201)
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """Where the least squares ended, and the design matrix there."""
+
+    stiffness_Nm2: float
+    offset_m: float
+    clamp_rotation_rad: float
+    design: np.ndarray  # (N, P) derivatives by ln(1/EI), offset and clamp rotation, the last two only if free
+
+
+def beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
+    """Small deflections at x (N,)."""
+    return lambda stiffness: linear.deflection(x_m, distance_m, force_N, stiffness)
+
+
+def elastica(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
+    """Large deflections under a hanging weight, read at places x (N,) on the undeflected rod's axis; NaN where the rod
+    is bent so far that it no longer reaches to a reading."""
+
+    def deflections(stiffness: float) -> np.ndarray:
+        shape = planar_elastica_dead(_NODES * distance_m, distance_m, force_N, stiffness)
+        x, w, theta = shape.x_m[0], shape.w_m[0], shape.theta_rad[0]
+        if not np.all(np.diff(x) > 0.0):
+            return np.full(len(x_m), np.nan)
+        # beyond the load the rod is straight
+        beyond = w[-1] + np.tan(theta[-1]) * (x_m - x[-1])
+        return np.where(x_m <= x[-1], CubicHermiteSpline(x, w, np.tan(theta))(x_m), beyond)
+
+    return deflections
+
+
+def _gauss_newton(
+    forward: Forward,
+    x_m: np.ndarray,
+    deflection_m: np.ndarray,
+    start_Nm2: float,
+    *,
+    offset: bool,
+    turning: bool = False,
+) -> Parameters:
+    """Gauss–Newton in the compliance, exact in one step for the beam. All arrays (N,). Raises SolveError when it does
+    not converge, as for a clamp that takes over all of the deflection."""
+    stiffness = start_Nm2
+    extra = [column for free, column in ((offset, np.ones_like(x_m)), (turning, x_m)) if free]
+    for _ in range(_STEPS):
+        shape = forward(stiffness)
+        softer, stiffer = forward(stiffness / (1.0 + _SHARE)), forward(stiffness / (1.0 - _SHARE))
+        design = np.stack([(softer - stiffer) / (2.0 * _SHARE), *extra], axis=1)
+        if not np.isfinite(design).all() or not np.isfinite(shape).all():
+            break
+        solution = np.linalg.lstsq(design, deflection_m - shape, rcond=None)[0]
+        step = float(np.clip(solution[0], -0.5, 1.0))
+        stiffness /= 1.0 + step
+        if abs(step) < 1e-10:
+            shift = float(solution[1]) if offset else 0.0
+            return Parameters(stiffness, shift, float(solution[-1]) if turning else 0.0, design)
+    raise SolveError(
+        "the fit of EI does not converge: the readings are not those of one rod in a clamp; check force, distance "
+        "and the table's columns"
+    )
+
+
+def slope_at_load(model: str, force_N: float, distance_m: float, stiffness_Nm2: float) -> float:
+    """dy/dx of the rod at the load, without sign; "linear" or "elastica"."""
+    if model == "linear":
+        return float(linear.slope(distance_m, distance_m, abs(force_N), stiffness_Nm2))
+    shape = planar_elastica_dead(np.array([distance_m]), distance_m, abs(force_N), stiffness_Nm2)
+    return float(np.tan(shape.theta_rad[0, 0]))
 
 
 @dataclass(frozen=True)
@@ -92,7 +296,7 @@ def solve_stiffness(
     """
     check_load(force_N, distance_m)
     bench = _Bench(table, force_N, distance_m)
-    compliance, _ = robust_line(bench.forward("linear")(1.0), table.deflection_m, offset)
+    compliance, _ = _robust_line(bench.forward("linear")(1.0), table.deflection_m, offset)
     if compliance <= 0.0:
         raise _no_bending()
     chosen = bench.screened("linear", 1.0 / compliance, offset)
@@ -160,13 +364,13 @@ class _Bench:
     def screened(self, model: str, start_Nm2: float, offset: bool) -> _RodFit:
         """Fitted to the readings that are not outliers."""
         shape = self.forward(model)(start_Nm2)
-        factor, intercept = robust_line(shape, self.table.deflection_m, offset)
+        factor, intercept = _robust_line(shape, self.table.deflection_m, offset)
         kept = ~outlying(self.table.deflection_m - factor * shape - intercept, self.least_std_m)
         return self.fitted(model, kept, start_Nm2, offset)
 
     def fitted(self, model: str, kept: np.ndarray, start_Nm2: float, offset: bool, turning: bool = False) -> _RodFit:
         x, y = self.table.x_m[kept], self.table.deflection_m[kept]
-        found = gauss_newton(self.forward(model, kept), x, y, start_Nm2, offset=offset, turning=turning)
+        found = _gauss_newton(self.forward(model, kept), x, y, start_Nm2, offset=offset, turning=turning)
         return _RodFit(self, model, found, kept, offset)
 
 
@@ -184,13 +388,13 @@ class _RodFit:
         """The same model and readings under other assumptions."""
         return self.bench.fitted(self.model, self.kept, self.parameters.stiffness_Nm2, offset, turning)
 
-    def judged(self, clamp: float) -> tuple[BeamFit, ErrorModels, float]:
+    def judged(self, clamp: float) -> tuple[BeamFit, _ErrorModels, float]:
         """Standard deviations, the error models behind them, and half the relative interval of 1/EI."""
         found, table = self.parameters, self.bench.table
         x = table.x_m[self.kept]
         model = self.bench.forward(self.model, self.kept)(found.stiffness_Nm2)
         residuals = table.deflection_m[self.kept] - (model + found.offset_m + found.clamp_rotation_rad * x)
-        errors = error_models(x, found.design, residuals, self.bench.least_std_m)
+        errors = _error_models(x, found.design, residuals, self.bench.least_std_m)
         covariance = errors.covariance
         fit = BeamFit(
             found.stiffness_Nm2,

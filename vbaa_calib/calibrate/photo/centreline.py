@@ -1,20 +1,767 @@
 """The middle line of a rod in one photograph: the line with the most evidence, if there is enough and no other has.
 
 Nothing is assumed of the rod's colour, nor that it is one all along, only that it differs from what is on either side
-of it. Pixel (0, 0) is the middle of the upper left one. `measure.py` searches and fits.
+of it. Candidates are ribbons between two backgrounds; along each both edges are measured, searched from the inside, so
+that hairs that stick out do not count, and points at which the rod is wider or narrower than near by, as by hairs along
+it, are left out. Pixel (0, 0) is the middle of the upper left one.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.linalg import solveh_banded
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.polyline import arc_lengths
+from vbaa_calib.core.polyline import arc_lengths, beside, normals
+from vbaa_calib.core.robust import NORMAL_QUARTILE, huber_weights, mad_std
+from vbaa_calib.native import core
 
-from .measure import Level, MeasuredRod, RodPath, fitted, levels_of, opponent, paths_at, shared
 from .settings import RodSettings
+
+_TO_OPPONENT = np.array([[0.114, 0.587, 0.299], [0.0, -0.7071, 0.7071], [-0.8165, 0.4082, 0.4082]])
+"""Luma, red against green and yellow against blue, from blue, green and red."""
+
+
+@dataclass(frozen=True, eq=False)
+class _RodPath:
+    """A coarse line (N, 2) in pixels of the photograph, the width it was found with, and its evidence."""
+
+    path_px: np.ndarray
+    width_px: float
+    evidence: float
+    cost: float = 0.0
+    mean: float = 0.0
+
+    def is_clear(self, settings: RodSettings) -> bool:
+        """Whether a rod is likely to be along it."""
+        return self.mean > settings.enough and self.evidence > settings.clear_evidence
+
+
+def _opponent(picture: np.ndarray) -> np.ndarray:
+    """Planes (1, H, W) of a grey picture (H, W), or (3, H, W) luma and two chroma of a colour one (H, W, 3)."""
+    if picture.ndim == 2:
+        return picture.astype(np.float32)[None]
+    luma, *chroma = np.moveaxis(cv2.transform(picture.astype(np.float32), _TO_OPPONENT.astype(np.float32)), -1, 0)
+    # less light is less chroma as well
+    usual, dark = np.float32(128.0), np.float32(32.0)
+    return np.stack([luma, *(each * (usual + dark) / (luma + dark) for each in chroma)])
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """A reduced picture (channels, H, W), `scale` of its pixels to one of the photograph's."""
+
+    planes: np.ndarray
+    scale: float
+
+    def reduced(self, scale: float, shape: tuple[int, int]) -> Level:
+        """The picture of a shape (H, W) at a scale of at most this one's."""
+        size = (max(8, round(scale * shape[1])), max(8, round(scale * shape[0])))
+        if size == self.planes.shape[:0:-1]:
+            return self
+        return Level(np.stack([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in self.planes]), scale)
+
+    def noise(self, settings: RodSettings) -> np.ndarray:
+        """(channels,) standard deviation of a pixel, from second differences."""
+        rows = self.planes[:, :: max(1, self.planes.shape[1] // settings.sampled_rows)]
+        bend = rows[:, :, 2:] - 2.0 * rows[:, :, 1:-1] + rows[:, :, :-2]
+        return np.maximum(np.median(np.abs(bend), axis=(1, 2)) / (NORMAL_QUARTILE * np.sqrt(6.0)), settings.least_noise)
+
+    def texture(self, apart_px: float, settings: RodSettings) -> np.ndarray:
+        """(channels,) standard deviation between places so far apart, of the usual surface."""
+        smooth = np.stack([cv2.blur(each, (3, 3)) for each in self.planes])
+        off, few = max(1, round(apart_px)), max(1, self.planes.shape[1] // settings.sampled_rows)
+        differences = [smooth[:, off::few] - smooth[:, :-off:few], smooth[:, ::few, off:] - smooth[:, ::few, :-off]]
+        return np.mean([np.median(np.abs(each), axis=(1, 2)) for each in differences], axis=0) / NORMAL_QUARTILE
+
+
+def _shading_of(channels: int, settings: RodSettings) -> np.ndarray:
+    """(channels,) by which the colour of one surface differs between neighbouring places."""
+    return np.array([settings.shading[min(channel, 1)] for channel in range(channels)])
+
+
+def ribbon_evidence(level: Level, width: float, settings: RodSettings) -> np.ndarray:
+    """Log odds (steps, directions, columns) of ribbons so wide down a picture."""
+    shading = np.hypot(_shading_of(len(level.planes), settings), level.texture(settings.flank_widths * width, settings))
+    shares = (settings.flat, settings.edge, settings.chance)
+    return core.search.ribbon_evidence(
+        level.planes, width, level.noise(settings), shading, settings.spread, shares, settings.gap
+    )
+
+
+def _most_scale(planes: np.ndarray, settings: RodSettings) -> float:
+    """Scale at which a picture is searched for the thinnest rods."""
+    return float(min(1.0, np.sqrt(1e6 * settings.most_megapixels / np.prod(planes.shape[1:]))))
+
+
+def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[Level, float]]:
+    """The picture reduced for ribbons of each width, in pixels of the picture; the widest first."""
+    height, width = planes.shape[1:]
+    most = _most_scale(planes, settings)
+    widths = [settings.narrowest_px / most]
+    while widths[-1] < settings.widest * min(height, width):
+        widths.append(widths[-1] * settings.width_step)
+    level, levels = Level(planes, 1.0), []
+    for width_px in widths:
+        level = level.reduced(min(most, settings.level_width_px / width_px), (height, width))
+        levels.append((level, width_px))
+    return levels[::-1]
+
+
+def _paths_at(
+    level: Level,
+    width_px: float,
+    ends: tuple[np.ndarray | None, np.ndarray | None],
+    settings: RodSettings,
+    bound: float,
+    colours: np.ndarray | None = None,
+) -> list[_RodPath]:
+    """Paths along which ribbons so wide in the photograph's pixels may lie, the best first; from clamp to tip if these
+    are known. They lack no more evidence than `bound`, and have one of the `colours` (K, channels) if there are any."""
+    clamp, tip = ends
+    height, columns = level.planes.shape[1:]
+    width, diagonal = width_px * level.scale, float(np.hypot(height, columns))
+    if min(height, columns) < 2 * core.search.ROW_STEP:
+        return []
+    down = ribbon_evidence(level, width, settings)
+    across = ribbon_evidence(Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale), width, settings)
+    if colours is not None:
+        spread = settings.other_colour * _shading_of(len(level.planes), settings)
+        smooth = [cv2.blur(each, (3, 3)) for each in level.planes]
+        unlike = [
+            sum(((each - own) / by) ** 2 for each, own, by in zip(smooth, colour, spread, strict=True))
+            for colour in colours
+        ]
+        less = np.clip(np.min(unlike, axis=0) - 1.0, 0.0, -settings.gap).astype(np.float32)
+        step = core.search.ROW_STEP
+        for evidence, each in ((down, less), (across, less.T)):
+            evidence -= each[step // 2 :: step][: len(evidence), None]
+    correlation = max(width, settings.correlation_share * diagonal)
+    both = clamp is not None and tip is not None
+    rules = (
+        1.0 / correlation,
+        settings.enough,
+        settings.length_cost,
+        settings.turn_cost,
+        settings.click_share * diagonal + 0.5 * width,
+        width,
+        settings.any_evidence if both else settings.least_evidence,
+        bound,
+        settings.drop,
+    )
+    known = [None if each is None else ((each + 0.5) * level.scale - 0.5)[None] for each in (clamp, tip)]
+    none = np.zeros((0, 2))
+    if known[0] is None:
+        known.reverse()  # from the tip, where that is known
+    first, last = (none if each is None else each for each in known)
+    found = core.search.best_paths(
+        down, across, first, last, rules, settings.slack, settings.cuts if both else settings.candidates
+    )
+    paths = [
+        _RodPath((path + 0.5) / level.scale - 0.5, width_px, sum_of, cost, sum_of * correlation / arc_lengths(path)[-1])
+        for path, sum_of, cost in found
+    ]
+    return [_from_clamp(each, clamp, tip) for each in paths]
+
+
+def _from_clamp(path: _RodPath, clamp: np.ndarray | None, tip: np.ndarray | None) -> _RodPath:
+    first, last = path.path_px[0], path.path_px[-1]
+    if clamp is not None:
+        turned = np.hypot(*(last - clamp)) < np.hypot(*(first - clamp))
+    else:
+        turned = tip is not None and np.hypot(*(first - tip)) < np.hypot(*(last - tip))
+    return replace(path, path_px=path.path_px[::-1]) if turned else path
+
+
+def shared(path: _RodPath, other: _RodPath, settings: RodSettings) -> float:
+    """Part of a path's length that runs along another, nearer than a part of the width."""
+    along = arc_lengths(other.path_px)
+    at = np.linspace(0.0, along[-1], max(2, int(2.0 * along[-1] / path.width_px)))
+    fine = np.stack([np.interp(at, along, each) for each in other.path_px.T], axis=1)
+    away = np.hypot(*(path.path_px[:, None] - fine).transpose(2, 0, 1)).min(axis=1)
+    return float(np.mean(away < settings.pieces_along * max(path.width_px, other.width_px)))
+
+
+@dataclass(frozen=True, eq=False)
+class _PhotoPatch:
+    """The part of a picture about a path, reduced until the rod is a few pixels wide: `scale` of its pixels to one."""
+
+    planes: np.ndarray
+    scale: float
+    low: np.ndarray  # (2,) its first pixel in the picture
+    noise: np.ndarray  # (channels,) standard deviation of a pixel
+    spread: np.ndarray  # (channels,) of places of one surface
+
+    @staticmethod
+    def about(planes: np.ndarray, path: _RodPath, settings: RodSettings) -> _PhotoPatch:
+        """About a path."""
+        size, room = np.array(planes.shape[:0:-1]), settings.patch_widths * path.width_px + 10.0
+        times = max(1, int(path.width_px / settings.measured_width_px))
+        low = np.clip(np.floor(path.path_px.min(axis=0) - room).astype(int), 0, size - 2 * times)
+        high = np.clip(np.ceil(path.path_px.max(axis=0) + room).astype(int), low + 2 * times, size)
+        high -= (high - low) % times
+        part = planes[:, low[1] : high[1], low[0] : high[0]]
+        level = Level(part, 1.0).reduced(1.0 / times, part.shape[1:])
+        noise = level.noise(settings)
+        return _PhotoPatch(level.planes, level.scale, low, noise, np.hypot(noise, _shading_of(len(planes), settings)))
+
+    def here(self, points: np.ndarray) -> np.ndarray:
+        """Places (..., 2) of the picture in the patch."""
+        return (points - self.low + 0.5) * self.scale - 0.5
+
+    def back(self, points: np.ndarray) -> np.ndarray:
+        """Places (..., 2) of the patch in the picture."""
+        return (points + 0.5) / self.scale - 0.5 + self.low
+
+
+@dataclass(frozen=True, eq=False)
+class _Strip:
+    """A picture's planes straightened along a curve: (channels, S, A), at stations (S, 2) and places across (A,)."""
+
+    values: np.ndarray
+    stations_px: np.ndarray
+    normals: np.ndarray
+    across_px: np.ndarray
+    inside: np.ndarray  # (S, A)
+
+    @staticmethod
+    def along(planes: np.ndarray, curve: np.ndarray, spacing: float, reach: float, fine: float) -> _Strip:
+        """The strip to `reach` on either side of a finely and evenly spaced curve (M, 2)."""
+        each = max(1, round(spacing / max(arc_lengths(curve[:2])[-1], 1e-9)))
+        stations, normal = curve[::each], normals(curve)[::each]
+        across = np.arange(-np.ceil(reach / fine), np.ceil(reach / fine) + 1) * fine
+        places = stations[:, None] + across[:, None] * normal[:, None]
+        u, v = (np.ascontiguousarray(places[..., axis], np.float32) for axis in range(2))
+        border = cv2.BORDER_REPLICATE
+        values = np.stack([cv2.remap(plane, u, v, cv2.INTER_LINEAR, borderMode=border) for plane in planes])
+        last = np.array(planes.shape[:0:-1]) - 1.0
+        inside = np.all((places >= 0.0) & (places <= last), axis=-1)
+        return _Strip(values, stations, normal, across, inside)
+
+    def colours(self, low: float, high: float, smooth: int = 1) -> np.ndarray:
+        """(channels, S) median colour between two places across, NaN outside the picture; a running one over so many
+        stations."""
+        columns = self._between(low, high)
+        found = np.median(self.values[:, :, columns], axis=2)
+        known = self.inside[:, columns].mean(axis=1) > 0.3
+        if smooth > 1 and known.sum() > 3:
+            if smooth < known.sum():
+                found[:, known] = median_filter(found[:, known], (1, smooth | 1), mode="mirror")
+            else:
+                found[:, known] = np.median(found[:, known], axis=1)[:, None]
+        found[:, ~known] = np.nan
+        return found
+
+    def _between(self, low: float, high: float) -> np.ndarray:
+        """A few columns between two places across."""
+        columns = np.flatnonzero((self.across_px >= low) & (self.across_px <= high))
+        return columns[:: max(1, len(columns) // 8)]
+
+    def surface(self, low: float, high: float, smooth: int) -> tuple[np.ndarray, np.ndarray]:
+        """(channels, S) median colour between two places across, and (channels,) how much it scatters there."""
+        colours = self.colours(low, high, smooth)
+        scatter = np.median(np.abs(self.values[:, :, self._between(low, high)] - colours[..., None]), axis=2)
+        known = np.isfinite(scatter[0])
+        return colours, np.median(scatter[:, known], axis=1) / NORMAL_QUARTILE if known.any() else np.zeros(
+            len(colours)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _MeasuredRod:
+    """A fitted line and what speaks for it; pixels of the photograph."""
+
+    points_px: np.ndarray
+    curve_px: np.ndarray
+    width_px: float
+    wander_px: float
+    inside: tuple[bool, bool]  # whether the rod ends within the picture, at its first and its last end
+    holder: tuple[float, float]  # log odds that something else than background is beyond either end
+    goes_on_px: np.ndarray | None  # an end beyond which something as wide and of its colour goes on
+    gap_px: np.ndarray | None  # the middle of a long piece without evidence
+    evidence: float  # log odds of a rod against background
+    parts: dict[str, float]
+
+    @property
+    def hangs(self) -> bool:
+        """Whether it comes from the picture's border and ends before plain background."""
+        return self.inside[0] != self.inside[1] and self.holder[0 if self.inside[0] else 1] < 0.0
+
+    def is_good(self, settings: RodSettings) -> bool:
+        """Whether nothing better is to be expected."""
+        return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.parts["edges"] > 0.9
+
+    def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
+        """Whether a line (N, 2) runs in this rod over such a share of its points."""
+        return float(np.mean(np.abs(beside(self.curve_px, line)[1]) < 0.5 * self.width_px)) > share
+
+    def end_colours(self, planes: np.ndarray) -> np.ndarray:
+        """(2, channels) of its first and last eighth."""
+        size = np.array(planes.shape[:0:-1]) - 1
+        places = np.clip(np.rint(self.curve_px).astype(int), 0, size)
+        count = max(2, len(places) // 8)
+        return np.stack(
+            [np.median(planes[:, part[:, 1], part[:, 0]], axis=1) for part in (places[:count], places[-count:])]
+        )
+
+    def alone(self, settings: RodSettings) -> _MeasuredRod:
+        """The same where nothing is known of the ends: a rod's tip is before the background, within the picture."""
+        tip = min(
+            odds if inside else settings.no_tip_cost for odds, inside in zip(self.holder, self.inside, strict=True)
+        )
+        # straight things that end in the picture are everywhere
+        straight = all(self.inside) and self.parts["net"] < settings.least_turn
+        return replace(self, evidence=(self.evidence - max(0.0, tip)) * (settings.straight_share if straight else 1.0))
+
+
+def fitted(
+    picture_planes: np.ndarray,
+    path: _RodPath,
+    first: np.ndarray | None,
+    last: np.ndarray | None,
+    settings: RodSettings,
+) -> _MeasuredRod | None:
+    """The line along a path, from its first end to its last where these are known; None where it has no edges."""
+    patch = _PhotoPatch.about(picture_planes, path, settings)
+    planes, noise = patch.planes, patch.noise
+    first, last = (None if each is None else patch.here(each) for each in (first, last))
+    width, coarse = path.width_px * patch.scale, patch.here(path.path_px)
+    for end, way in ((first, 1), (last, -1)):
+        if end is not None:
+            apart = np.hypot(*(coarse[::way] - end).T) > 1.5 * width
+            coarse = np.concatenate([end[None], coarse[::way][int(np.argmax(apart)) :]])[::way]
+    curve = _smooth(coarse, np.ones(len(coarse)), max(width, settings.least_smoothing_px))
+    for _ in range(settings.centred_rounds):
+        middles = _centred(planes, patch.spread, curve, width, settings)
+        curve = _smooth(middles, np.ones(len(middles)), max(width, settings.least_smoothing_px))
+    points, misses = np.zeros((0, 2)), np.zeros(0)
+    for round_ in range(settings.fit_rounds):
+        points, width, _ = _edges(planes, patch.spread, curve, width, settings, round_ > settings.fit_rounds - 3)
+        if len(points) < settings.least_points:
+            return None
+        scale = max(
+            settings.smoothing_widths * width,
+            settings.least_smoothing_px,
+            settings.smoothing_share * arc_lengths(points)[-1],
+        )
+        curve, misses = _robust(points, scale, width)
+        if not np.isfinite(curve).all() or arc_lengths(curve)[-1] > 1.5 * arc_lengths(coarse)[-1] + 8.0 * width:
+            return None
+    # points beyond the ends are no rod's, and would bend the line there
+    on, inside = _to_the_ends(planes, noise, curve, width, first, last)
+    if len(on) < 10:
+        return None
+    index, _ = beside(on, points)
+    kept = ((index > 0) | (not inside[0])) & ((index < len(on) - 1) | (not inside[1]))
+    if settings.least_points <= kept.sum() < len(points):
+        points = points[kept]
+        curve, misses = _robust(points, scale, width)
+        curve, inside = _to_the_ends(planes, noise, curve, width, first, last)
+    else:
+        curve = on
+    length = float(arc_lengths(curve)[-1])
+    if len(curve) < 10 or length < settings.least_aspect * width:
+        return None
+    far = max(2.0 * width, 0.03 * length)
+    if any(end is not None and np.hypot(*(at - end)) > far for end, at in ((first, curve[0]), (last, curve[-1]))):
+        return None
+    diagonal = float(np.hypot(*picture_planes.shape[1:])) * patch.scale
+    cell = max(width, settings.correlation_share * diagonal)
+    _, width, seen = _edges(planes, patch.spread, curve, width, settings, True)
+    if seen.mean() < settings.least_edges:
+        return None
+    log, parts = _along(planes, curve, width, cell, seen, settings)
+    parts |= {"edges": float(seen.mean()), "wander": mad_std(misses) / width, "length_share": length / diagonal}
+    evidence = parts["ribbon"]
+    if first is None or last is None:  # it may be none, or a shadow
+        evidence = evidence * (1.0 - settings.shadow_cost * parts["shadow"]) + _shape(parts, settings)
+    gap, goes_on = (
+        _gap(curve, log, settings.longest_gap * max(cell / length, 0.02)),
+        _goes_on(planes, noise, curve, width, inside, settings),
+    )
+    return _MeasuredRod(
+        patch.back(points),
+        patch.back(curve),
+        width / patch.scale,
+        mad_std(misses) / patch.scale,
+        inside,
+        _holders(planes, noise, curve, width, settings),
+        None if goes_on is None else patch.back(goes_on),
+        None if gap is None else patch.back(gap),
+        evidence,
+        parts,
+    )
+
+
+def _along(
+    planes: np.ndarray, curve: np.ndarray, width: float, cell: float, seen: np.ndarray, settings: RodSettings
+) -> tuple[np.ndarray, dict[str, float]]:
+    """Log odds (S,) of a ribbon along a curve, by the search's evidence in the straightened picture, and what they and
+    the line's shape and colours add up to."""
+    fine = width / settings.level_width_px
+    sigma = 0.4 * np.sqrt(max(fine**2 - 1.0, 0.0))
+    soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
+    strip = _Strip.along(soft, curve, fine, 4.0 * width, fine)
+    level = Level(np.ascontiguousarray(strip.values), 1.0 / fine)
+    each = ribbon_evidence(level, settings.level_width_px, settings)
+    log = each[:, each.shape[1] // 2, len(strip.across_px) // 2].astype(float)
+    inside = np.asarray(strip.inside[:, np.abs(strip.across_px) < width].all(axis=1))
+    step = core.search.ROW_STEP
+    log = np.where(inside[step // 2 :: step][: len(log)], log, np.maximum(log, 0.0))
+    length = float(arc_lengths(curve)[-1])
+    # what has not both its edges, in its colour, is no rod
+    near = uniform_filter1d(seen.astype(float), max(1, round(2.0 * width / (length / len(seen)))), mode="nearest")
+    near = np.interp(np.linspace(0.0, 1.0, len(log)), np.linspace(0.0, 1.0, len(seen)), near)
+    run = max(1, round(cell / fine))
+    middle, *sides = (
+        uniform_filter1d(strip.colours(low * width, high * width), run, axis=1, mode="nearest")[:, run // 2 :: run]
+        for low, high in ((-0.35, 0.35), (-1.2, -0.65), (0.65, 1.2))
+    )
+    other = np.interp(
+        np.linspace(0.0, 1.0, len(log)),
+        np.linspace(0.0, 1.0, middle.shape[1]),
+        _other(middle, sides, settings.least_chroma),
+    )
+    log = np.where((near < 0.3) | (other > 0.5), settings.gap, log)
+    shading = _shading_of(len(planes), settings)
+    shadow = np.maximum(*(_shadowed(middle, side, shading, settings.darkest_shadow) for side in sides))
+    tangent = np.diff(curve, axis=0)
+    angle = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
+    angle = uniform_filter1d(angle, max(1, round(2.0 * width / (length / len(curve)))), mode="nearest")
+    return log, {
+        "ribbon": float(log.mean()) * length / cell,
+        "mean": float(log.mean()),
+        "gaps": float(np.mean(log < 0.5)),
+        "turning": float(np.abs(np.diff(angle)).sum()),
+        "net": float(np.ptp(angle)),
+        "sharpest": _sharpest(angle, 3.0 * width * len(curve) / length),
+        "aspect": length / width,
+        "shadow": float(np.mean(shadow)),
+    }
+
+
+def _sharpest(angle: np.ndarray, run: float) -> float:
+    """Most by which a direction (M,) changes within so many places."""
+    by = min(max(1, round(run)), len(angle) - 1)
+    return float(np.abs(angle[by:] - angle[:-by]).max())
+
+
+def _goes_on(
+    planes: np.ndarray,
+    noise: np.ndarray,
+    curve: np.ndarray,
+    width: float,
+    inside: tuple[bool, bool],
+    settings: RodSettings,
+) -> np.ndarray | None:
+    """An end (2,) of a line ahead of which, to any side, there is more of its colour, about as wide."""
+    size = np.array(planes.shape[:0:-1]) - 1.0
+    for order, within in ((slice(None, None, -1), inside[0]), (slice(None), inside[1])):
+        line = curve[order]
+        near = line[-max(2, int(3.0 * width / max(arc_lengths(line[:2])[-1], 1e-9))) :]
+        if not within or len(near) < 4:
+            continue
+        ahead = near[-1] - near[len(near) // 2]
+        bearing = np.arctan2(ahead[1], ahead[0]) + np.linspace(-1.9, 1.9, 61)
+        ring = near[-1] + settings.ring_widths * width * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+        if not np.all((ring >= 0.0) & (ring <= size)):
+            continue
+        strip = _Strip.along(planes, near, max(1.0, 0.2 * width), 1.6 * width, max(0.25, width / 12.0))
+        rod = np.nanmedian(strip.colours(-0.25 * width, 0.25 * width), axis=1)
+        sides = (strip.colours(-1.5 * width, -0.9 * width), strip.colours(0.9 * width, 1.5 * width))
+        around = np.nanmedian(np.concatenate(sides, axis=1), axis=1)
+        u, v = ring.round().astype(int).T
+        difference = (rod - around) / noise**2
+        shares = difference @ (planes[:, v, u] - around[:, None]) / max(difference @ (rod - around), 1e-9)
+        like = np.append(np.append(0, (shares > 0.6) & (shares < 1.6)), 0)
+        starts, ends = np.flatnonzero(np.diff(like) > 0), np.flatnonzero(np.diff(like) < 0)
+        arcs = (ends - starts) * (3.8 / 60.0) * settings.ring_widths
+        if np.any((arcs > 0.5) & (arcs < 1.8) & (starts > 0) & (ends < 61)):
+            return line[-1]
+    return None
+
+
+def _shape(parts: dict[str, float], settings: RodSettings) -> float:
+    """Log odds of a rod's shape and colours against a line's of the background, 0 at best."""
+    winding = max(0.0, parts["turning"] - 1.5 * parts["net"] - 1.0)
+    turned = max(0.0, parts["net"] - settings.most_turn)
+    straight = max(0.0, 1.0 - parts["net"] / settings.least_turn)
+    return -settings.winding_cost * winding - settings.turned_cost * turned - settings.straight_cost * straight
+
+
+def _gap(curve: np.ndarray, log: np.ndarray, longest_gap: float) -> np.ndarray | None:
+    """The middle of the longest piece without evidence, if it is too long."""
+    empty = np.append(np.append(0, log < 0.5), 0)
+    starts, ends = np.flatnonzero(np.diff(empty) > 0), np.flatnonzero(np.diff(empty) < 0)
+    if len(starts) == 0:
+        return None
+    longest = int(np.argmax(ends - starts))
+    if ends[longest] - starts[longest] < longest_gap * len(log):
+        return None
+    return curve[int(0.5 * (starts[longest] + ends[longest]) / len(log) * (len(curve) - 1))]
+
+
+def _holders(
+    planes: np.ndarray, noise: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings
+) -> tuple[float, float]:
+    """Log odds that what is beyond either end of a line is not the background on both sides of it."""
+    found = []
+    size = np.array(planes.shape[:0:-1]) - 1.0
+    base = 2.0 * _shading_of(len(planes), settings) ** 2 + noise**2
+    for order in (slice(None, None, -1), slice(None)):
+        line = curve[order]
+        tangent = line[-1] - line[-max(2, min(len(line), int(2.0 * width)))]
+        tangent = tangent / max(np.hypot(*tangent), 1e-9)
+        aside = np.array([-tangent[1], tangent[0]])
+        along = np.linspace(0.8, 2.0, 7)[:, None] * width
+        places = line[-1] + along * tangent
+        colours = []
+        for across in (np.linspace(-0.35, 0.35, 5), np.linspace(-1.6, -0.9, 5), np.linspace(0.9, 1.6, 5)):
+            at = (places[:, None] + across[:, None] * width * aside).reshape(-1, 2)
+            at = at[np.all((at >= 0) & (at <= size), axis=1)].round().astype(int)
+            colours.append(np.median(planes[:, at[:, 1], at[:, 0]], axis=1) if len(at) > 5 else None)
+        beyond, left, right = colours
+        if beyond is None or left is None or right is None:
+            found.append(0.0)
+            continue
+        spread = 2.0 * settings.spread**2
+        odds = [
+            float(np.sum(0.5 * d**2 * (1.0 / base - 1.0 / (base + spread)) - 0.5 * np.log((base + spread) / base)))
+            for d in (beyond - left, beyond - right)
+        ]
+        found.append(max(min(max(odds), 20.0), -20.0))
+    return found[0], found[1]
+
+
+def _centred(
+    planes: np.ndarray, spread: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings
+) -> np.ndarray:
+    """Points (S, 2) in the middles of what is of the rod's usual colour near a coarse curve, by dynamic programming."""
+    fine = width / 20.0
+    spacing = max(0.2 * min(width, 20.0), arc_lengths(curve)[-1] / settings.most_stations)
+    strip = _Strip.along(planes, curve, spacing, 2.0 * width, fine)
+    mark, scatter = (each[..., None] for each in strip.surface(-0.3 * width, 0.3 * width, 2 * len(curve)))
+    variance = spread[:, None] ** 2 + scatter**2
+    if len(variance) > 1:
+        variance[0] += settings.light**2
+    # near the rod's colour, against near that of either side
+    unlike = [np.sum((strip.values - mark) ** 2 / variance[..., None], axis=0)]
+    for low, high in ((-2.0 * width, -0.8 * width), (0.8 * width, 2.0 * width)):
+        ground, _ = strip.surface(low, high, round(5.0 * width / spacing))
+        unlike.append(np.sum((strip.values - ground[..., None]) ** 2 / variance[..., None], axis=0))
+    like = np.clip(0.5 * (np.minimum(unlike[1], unlike[2]) - unlike[0]), -2.0, 2.0)
+    like = np.where(strip.inside & np.isfinite(like), like, -0.5)
+    like = uniform_filter1d(like, max(1, round(0.5 * width / spacing)), axis=0)
+    score = 2.0 * uniform_filter1d(like, 20, axis=1, mode="nearest") - uniform_filter1d(
+        like, 40, axis=1, mode="nearest"
+    )
+    total, came = score[0], np.zeros(score.shape, int)
+    for row in range(1, len(score)):
+        steps = np.stack([np.roll(total, 1), total, np.roll(total, -1)])
+        steps[0, 0] = steps[2, -1] = -np.inf
+        steps[[0, 2]] -= 0.1
+        came[row] = np.argmax(steps, axis=0) - 1
+        total = np.max(steps, axis=0) + score[row]
+    at = np.zeros(len(score), int)
+    at[-1] = int(np.argmax(total))
+    for row in range(len(score) - 1, 0, -1):
+        at[row - 1] = at[row] + came[row, at[row]]
+    return strip.stations_px + strip.across_px[at, None] * strip.normals
+
+
+def _edges(
+    planes: np.ndarray, spread: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings, last: bool
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """Middles (N, 2) between edges, or half a width from one of them; the width, and (S,) whether stations have two
+    edges so far apart. At the last, edges are looked for next to those of the curve.
+
+    spread : (channels,) deviation of places of one surface.
+    """
+    fine = float(np.clip(width / 40.0, 0.25, 1.0))
+    spacing = max(0.2 * min(width, 20.0), arc_lengths(curve)[-1] / settings.most_stations)
+    strip = _Strip.along(planes, curve, spacing, 2.0 * width, fine)
+    centre = len(strip.across_px) // 2
+    run = 1 if last else round(settings.one_colour * width / spacing)
+    mark, mark_scatter = strip.surface(-0.3 * width, 0.3 * width, run)
+    ends = np.full((2, len(strip.stations_px)), np.nan)
+    share = settings.edge_contrast
+    for side, way in enumerate((-1, 1)):
+        low, high = (0.6 * width, 2.0 * width) if way > 0 else (-2.0 * width, -0.6 * width)
+        ground, scatter = strip.surface(low, high, 1 if last else round(width / spacing))
+        # a highlight, plies or a shadow change one channel of a surface: others tell its edges better
+        variance = spread**2 + mark_scatter**2 + scatter**2
+        contrast = np.sum((mark - ground) ** 2 / variance[:, None], axis=0)
+        if len(variance) > 1:
+            variance[0] += (settings.light * (np.clip(0.1 * width - 1.0, 0.0, 1.0) if last else 1.0)) ** 2
+        difference = (mark - ground) / variance[:, None]
+        square = np.sum(difference * (mark - ground), axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            like = np.einsum("csa,cs->sa", strip.values - ground[..., None], difference) / square[:, None]
+        out = like[:, centre::way] - share
+        inside = strip.inside[:, centre::way]
+        known = np.where(inside & np.isfinite(out), np.clip(out, share - 1.0, 1.0 - share), -1.0)
+        if last:
+            off = np.abs(strip.across_px[centre::way]) - 0.5 * width
+            known = np.where(np.abs(off) < 0.2 * width + 1.0, known, -np.sign(off))
+        # inside of the edge most is the rod's, outside of it most is not
+        k = np.argmax(np.cumsum(known, axis=1), axis=1)
+        rows = np.arange(len(k))
+        on = np.minimum(k + 1, out.shape[1] - 1)
+        good = (k > 0) & (k < on) & (contrast > 4.0) & inside[rows, on] & (out[rows, k] > 0.0) & (out[rows, on] <= 0.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            at = fine * (k + out[rows, k] / (out[rows, k] - out[rows, on]))
+        ends[side, good] = way * at[good]
+    widths = ends[1] - ends[0]
+    width = _median_width(widths, width)
+    # edges are parallel: where they are not, the one that the curve agrees with is the rod's
+    known = np.isfinite(widths)
+    usual = np.full(len(widths), width)
+    if known.sum() > 2:
+        run = min(round(settings.one_colour * width / spacing), int(known.sum()) - 1) | 1
+        local = median_filter(widths[known], run, mode="mirror")
+        usual = np.interp(np.arange(len(widths)), np.flatnonzero(known), local)
+    either = np.stack([ends[0] + 0.5 * usual, ends[1] - 0.5 * usual])
+    nearer = np.where(np.isfinite(either), np.abs(either), np.inf).argmin(axis=0)
+    parallel = np.abs(widths - usual) < settings.parallel * usual + 0.5
+    middles = np.where(parallel, ends.mean(axis=0), np.take_along_axis(either, nearer[None], axis=0)[0])
+    with np.errstate(invalid="ignore"):
+        kept = np.abs(middles) < (0.2 if last else 0.6) * width
+    if last:  # one edge does where there are no two near by
+        kept &= parallel | ~maximum_filter1d(parallel, round(settings.one_edge * width / spacing) | 1, mode="nearest")
+    points = strip.stations_px[kept] + middles[kept, None] * strip.normals[kept]
+    return points, width, parallel
+
+
+def _median_width(widths: np.ndarray, before: float) -> float:
+    """Of those that were measured, not NaN; the one before where none was."""
+    return float(np.nanmedian(widths)) if np.isfinite(widths).any() else before
+
+
+def _smooth(points: np.ndarray, weights: np.ndarray, scale: float) -> np.ndarray:
+    """(M, 2) smooth curve by points (N, 2), evenly spaced, on which bends shorter than the scale are lost."""
+    along = arc_lengths(points)
+    length = float(along[-1])
+    count = max(6, int(np.ceil(length / (0.25 * scale))))
+    step = length / count
+    # Whittaker's smoother: the kernel of this penalty on second differences is `scale` wide
+    cell = np.minimum((along / step).astype(int), count - 1)
+    totals = np.bincount(cell, weights, count)
+    penalty = (scale / step) ** 4 * float(weights.sum()) / count
+    bands = penalty * np.array([[1.0, -4.0, 6.0]]).T * np.ones(count)
+    bands[2, [0, -1]], bands[2, [1, -2]], bands[1, [1, -1]] = penalty, 5.0 * penalty, -2.0 * penalty
+    bands[2] += totals
+    # points lie unevenly within their cells
+    sums = np.stack([np.bincount(cell, weights * axis, count) for axis in points.T], axis=1)
+    knots = solveh_banded(bands, sums)
+    middles = np.bincount(cell, weights * along, count) / np.maximum(totals, 1e-9)
+    middles = np.where(totals > 1e-9, middles, (np.arange(count) + 0.5) * step)
+    at = np.linspace(0.0, length, max(50, int(length)))
+    return CubicSpline(middles, knots, bc_type="natural")(at)
+
+
+def _robust(points: np.ndarray, scale: float, width: float) -> tuple[np.ndarray, np.ndarray]:
+    """`_smooth` curve by IRLS, and the points' (N, 2) distances from it (N,). It goes on for two widths at both ends,
+    bent as over the last three."""
+    weights, misses = np.ones(len(points)), np.zeros(len(points))
+    along = arc_lengths(points)
+    on = np.linspace(0.0, 2.0 * width, 21)[1:]
+    curve = points
+    for round_ in range(5):
+        pieces = [points]
+        for last, beyond in ((False, -on[::-1]), (True, along[-1] + on)):
+            near = np.abs(along - last * along[-1]) < max(3.0 * width, 2.0 * scale)
+            near |= np.abs(np.arange(len(points)) - last * (len(points) - 1)) < 6
+            fits = (np.polyfit(along[near], each[near], 2, w=weights[near]) for each in points.T)
+            piece = np.stack([np.polyval(each, beyond) for each in fits], axis=1)
+            pieces = [*pieces, piece] if last else [piece, *pieces]
+        trusted = np.pad(weights, len(on), constant_values=0.3)
+        curve = _smooth(np.concatenate(pieces), trusted, scale)
+        misses = beside(curve, points)[1]
+        off = misses / max(mad_std(misses), 0.02)
+        # what is far off is something else's
+        weights = huber_weights(off) if round_ < 2 else np.maximum(1.0 - (off / 5.0) ** 2, 0.0) ** 2 + 1e-3
+    return curve, misses
+
+
+def _to_the_ends(
+    planes: np.ndarray,
+    noise: np.ndarray,
+    curve: np.ndarray,
+    width: float,
+    first: np.ndarray | None,
+    last: np.ndarray | None,
+) -> tuple[np.ndarray, tuple[bool, bool]]:
+    """The part of the curve (M, 2) that is on the rod, or between its ends where they are known, and whether it ends
+    within the picture."""
+    step = float(arc_lengths(curve[:2])[-1])
+    fit = max(2, round(0.5 * width / step))
+    strip = _Strip.along(planes, curve, step, 1.75 * width, max(0.25, width / 12.0))
+    size = np.array(planes.shape[:0:-1]) - 1.0
+    inside = np.all((curve >= -0.5) & (curve <= size + 0.5), axis=1)
+    mark = strip.colours(-0.25 * width, 0.25 * width)
+    grounds = [strip.colours(low * width, high * width) for low, high in ((-1.75, -1.0), (1.0, 1.75))]
+    count = len(curve)
+
+    def run_out(known: np.ndarray | None, order: np.ndarray) -> tuple[int, bool]:
+        """Index of the last place on the rod in this order, and whether it is within the picture."""
+        if known is not None:
+            nearest = int(np.argmin(np.hypot(*(curve - known).T)))
+            return nearest, bool(inside[nearest])
+        near = order[count // 2 : count - 3 * fit] if count - 3 * fit > count // 2 + 2 else order[: count // 2]
+        if not np.isfinite(mark[:, near]).any(axis=1).all():
+            return int(order[count // 2]), True  # nothing of it is in the picture
+        rod = np.nanmedian(mark[:, near], axis=1)
+        around = np.nanmedian(np.concatenate([each[:, near] for each in grounds], axis=1), axis=1)
+        difference = (rod - around) / noise**2
+        scale = max(difference @ (rod - around), 1e-9)
+        local = np.nanmean(np.stack([*grounds, np.repeat(around[:, None], count, axis=1)]), axis=0)
+        on_rod = difference @ (mark - around[:, None]) / scale > 0.5
+        on_rod |= difference @ (mark - local) / scale > 0.5
+        run = order[count // 2 :]
+        off = ~on_rod[run]
+        # a dark ply is not the end
+        gone = off & (np.convolve(off, np.ones(fit), "full")[fit - 1 :][: len(off)] >= fit - 0.5)
+        out = gone | ~inside[run]
+        at = max(int(np.argmax(out)) - 1, 0) if out.any() else len(run) - 1
+        ahead = min(at + round((0.5 * width + 5.0) / step), len(run) - 1)
+        if inside[run[ahead]]:
+            return int(run[at]), True
+        return int(run[at + np.argmin(inside[run[at : ahead + 1]]) - 1]) if at < ahead else int(run[at]), False
+
+    everything = np.arange(count)
+    start, seen_first = run_out(first, everything[::-1])
+    end, seen_last = run_out(last, everything)
+    return curve[start : end + 1], (seen_first, seen_last)
+
+
+def _other(middle: np.ndarray, sides: list[np.ndarray], least_chroma: float) -> np.ndarray:
+    """(S,) 1 where colours (channels, S) differ from their surroundings by another hue than they usually do, else 0."""
+    chroma = (middle - 0.5 * (sides[0] + sides[1]))[1:]
+    known = np.isfinite(chroma).all(axis=0)
+    usual = np.median(chroma[:, known], axis=1) if len(chroma) and known.any() else np.zeros(2)
+    size = float(np.hypot(*usual))
+    if not size > least_chroma:
+        return np.zeros(middle.shape[1])
+    along = usual @ chroma / size**2
+    across = np.hypot(*(chroma - along * usual[:, None])) / size
+    return ((across > 0.7) | ((along < 0.0) & (np.hypot(*chroma) > 0.4 * size))).astype(float)
+
+
+def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray, darkest: float) -> np.ndarray:
+    """(S,) 0 to 1, how much colours (channels, S) look like those on one side in less light; 0 in a grey picture."""
+    if len(middle) == 1:
+        return np.zeros(middle.shape[1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        light = middle[0] / np.maximum(side[0], 1.0)
+        off = np.sum(((middle[1:] - light * side[1:]) / (4.0 * shading[1:, None])) ** 2, axis=0)
+        there = np.exp(-0.5 * off) * ((light > darkest) & (light < 0.95))
+    return np.where(np.isfinite(there), there, 0.0)
+
 
 _END_REMEDY = "give --clamp U,V and --tip U,V"
 
@@ -41,7 +788,7 @@ class RodLine:
 class RodSearch:
     """Lines that may be the rod, the likeliest first, and why the first one cannot be taken for it, if it cannot."""
 
-    candidates: list[MeasuredRod]
+    candidates: list[_MeasuredRod]
     centre_px: np.ndarray
     clamp: np.ndarray | None
     tip: np.ndarray | None
@@ -90,7 +837,7 @@ class RodSearch:
             raise InputError(what, remedy=f"choose with --candidate N, or {_END_REMEDY}")
         return self._directed(best)
 
-    def _directed(self, found: MeasuredRod) -> RodLine:
+    def _directed(self, found: _MeasuredRod) -> RodLine:
         """From clamp to tip."""
         inside, ends = found.inside, found.curve_px[[0, -1]]
         if self.clamp is not None or self.tip is not None:
@@ -129,15 +876,15 @@ def search_rod(
         if place is not None and not (0 <= place[0] <= width - 1 and 0 <= place[1] <= height - 1):
             raise InputError(f"the {name} {place[0]:g},{place[1]:g} is outside the picture of {width}x{height} pixels")
     settings = settings or RodSettings()
-    planes = opponent(picture)
+    planes = _opponent(picture)
     if clamp is not None and tip is not None:
         found = _between(planes, clamp, tip, settings)
     else:
-        paths: list[RodPath] = []
-        for level, width_px in levels_of(planes, settings):
+        paths: list[_RodPath] = []
+        for level, width_px in _levels_of(planes, settings):
             if any(path.width_px > settings.much_wider * width_px and path.is_clear(settings) for path in paths):
                 break
-            paths += paths_at(level, width_px, (clamp, tip), settings, settings.most_cost_alone)
+            paths += _paths_at(level, width_px, (clamp, tip), settings, settings.most_cost_alone)
         paths.sort(key=lambda path: -path.evidence)
         found = _lines(planes, _grouped(paths, settings), [clamp, tip], settings)
     if clamp is None and tip is None:
@@ -147,9 +894,9 @@ def search_rod(
     return RodSearch(_different(found), 0.5 * (np.array([width, height]) - 1.0), clamp, tip, settings)
 
 
-def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: RodSettings) -> list[MeasuredRod]:
+def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: RodSettings) -> list[_MeasuredRod]:
     """Lines from clamp to tip, the likeliest first."""
-    levels = levels_of(planes, settings)
+    levels = _levels_of(planes, settings)
     found = _ranked(_measured(planes, levels, clamp, tip, None, settings), settings)
     if found and not found[0].is_good(settings) and found[0].parts["mean"] > settings.coloured_mean:
         # of one colour, as at the ends
@@ -165,14 +912,14 @@ def _measured(
     tip: np.ndarray,
     colours: np.ndarray | None,
     settings: RodSettings,
-) -> list[MeasuredRod]:
+) -> list[_MeasuredRod]:
     """Lines from clamp to tip, from the widest ribbons to the narrowest, until one is as good as a rod's."""
-    found: list[MeasuredRod] = []
+    found: list[_MeasuredRod] = []
     bound, mean = settings.most_cost, 0.0
     for level, width_px in levels:
         if any(line.is_good(settings) and line.width_px > 1.8 * width_px for line in found):
             break
-        for path in paths_at(level, width_px, (clamp, tip), settings, bound, colours):
+        for path in _paths_at(level, width_px, (clamp, tip), settings, bound, colours):
             length = arc_lengths(path.path_px)[-1]
             mean = max(mean, path.mean)
             if length < settings.least_aspect * width_px or path.mean < max(settings.least_path_mean, mean - 1.0):
@@ -186,19 +933,19 @@ def _measured(
     return found
 
 
-def _ranked(found: list[MeasuredRod], settings: RodSettings) -> list[MeasuredRod]:
+def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredRod]:
     """The likeliest first: of lines whose mean evidence is about the same the one with the most."""
     best = max((line.parts["mean"] for line in found), default=0.0)
     return sorted(found, key=lambda line: (line.parts["mean"] < best - settings.alike, -line.evidence))
 
 
 def _lines(
-    planes: np.ndarray, groups: list[list[RodPath]], ends: list[np.ndarray | None], settings: RodSettings
-) -> list[MeasuredRod]:
+    planes: np.ndarray, groups: list[list[_RodPath]], ends: list[np.ndarray | None], settings: RodSettings
+) -> list[_MeasuredRod]:
     """The likeliest line of each group of paths."""
     found = []
     for group in groups:
-        likely: MeasuredRod | None = None
+        likely: _MeasuredRod | None = None
         for path in group:
             fit = fitted(planes, path, ends[0], ends[1], settings)
             if fit is not None and (likely is None or fit.evidence > likely.evidence):
@@ -210,9 +957,9 @@ def _lines(
     return found
 
 
-def _grouped(paths: list[RodPath], settings: RodSettings) -> list[list[RodPath]]:
+def _grouped(paths: list[_RodPath], settings: RodSettings) -> list[list[_RodPath]]:
     """The best paths, each apart from those before it over half of its length, and with each one of another width."""
-    groups: list[list[RodPath]] = []
+    groups: list[list[_RodPath]] = []
     for path in paths:
         group = next((each for each in groups if shared(path, each[0], settings) > 0.5), None)
         if group is None:
@@ -223,9 +970,9 @@ def _grouped(paths: list[RodPath], settings: RodSettings) -> list[list[RodPath]]
     return groups
 
 
-def _different(found: list[MeasuredRod]) -> list[MeasuredRod]:
+def _different(found: list[_MeasuredRod]) -> list[_MeasuredRod]:
     """Lines that do not run along likelier ones."""
-    kept: list[MeasuredRod] = []
+    kept: list[_MeasuredRod] = []
     for line in found:
         if not any(other.contains(line.curve_px, 0.5) for other in kept):
             kept.append(line)

@@ -4,14 +4,191 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
 
 import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.special import fdtrc
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.polyline import arc_lengths
+from vbaa_calib.core.polyline import arc_lengths, beside, normals
 
-from .bending import Bending, Loading, PhotoView, fit_bending, free_law, linear_law
 from .centreline import RodLine
+
+_PIECES = 120  # of the rod; curvature is constant on each
+_LEAST_INFORMATION = 1e-13  # added on each coefficient, as a part of the sum of all
+_MOST_POINTS = 140
+_CURLS = (0.0, *np.geomspace(0.01, 30.0, 8))  # standard deviations of curl, in radians per length of the rod
+_CURL_LENGTHS = (0.03, 0.1, 0.3)  # over which curl is correlated, in lengths of the rod
+_ERROR_LENGTHS = (0.0, 0.01, 0.03)  # over which points err together, in lengths of the rod
+_SAMPLES = 20_000
+_LAW_STEPS = 4  # of the moment, on each of which a law that is free is a cubic
+
+
+@dataclass(frozen=True)
+class _Loading:
+    """What bends the rod: weight per length and a dead load along `down`."""
+
+    down: tuple[float, float]  # unit vector in the picture
+    weight_N_m: float = 1.0  # 1 for results per weight
+    load_N: float = 0.0
+    load_at: float = 1.0  # the load's place as a share of the length
+
+    def moments(self, curve: np.ndarray) -> np.ndarray:
+        """(M,) bending moment at the places of an evenly spaced line (M, 2) in metres, in the sense of u to v."""
+        along = arc_lengths(curve)
+        lever = curve[:, 0] * self.down[1] - curve[:, 1] * self.down[0]
+        between = 0.5 * (lever[1:] + lever[:-1]) * np.diff(along)
+        beyond = np.append(np.cumsum(between[::-1])[::-1], 0.0) - lever * (along[-1] - along)
+        at = self.load_at * along[-1]
+        return self.weight_N_m * beyond + self.load_N * np.where(along < at, np.interp(at, along, lever) - lever, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _PhotoView:
+    """One photograph's line in metres, and what bent the rod in it."""
+
+    points_m: np.ndarray  # (N, 2) measured
+    curve_m: np.ndarray  # (M, 2) smooth, evenly spaced, clamp to tip
+    loading: _Loading
+
+    @cached_property
+    def middles_m(self) -> np.ndarray:
+        """(K,) arc lengths in the middles of the pieces."""
+        return (np.arange(_PIECES) + 0.5) / _PIECES * arc_lengths(self.curve_m)[-1]
+
+    @cached_property
+    def moment(self) -> np.ndarray:
+        """(K,) bending moment there."""
+        return np.interp(self.middles_m, arc_lengths(self.curve_m), self.loading.moments(self.curve_m))
+
+    def at(self, s_m: np.ndarray) -> np.ndarray:
+        """(N, 2) places on the smooth line at arc lengths (N,)."""
+        along = arc_lengths(self.curve_m)
+        return np.stack([np.interp(s_m, along, each) for each in self.curve_m.T], axis=1)
+
+    @cached_property
+    def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Offsets (N,) that curvature explains, its effect on them (N, K), position and direction (N, 3), s/L (N,)."""
+        along = arc_lengths(self.curve_m)
+        normal = normals(self.curve_m)
+        tangent = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
+        ends = np.linspace(0.0, along[-1], _PIECES + 1)
+        angle = np.interp(ends, along, np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0])))
+        points = self.points_m[:: -(-len(self.points_m) // _MOST_POINTS)]
+        nearest = np.hypot(*(points[:, None] - self.curve_m).transpose(2, 0, 1)).argmin(axis=1)
+        inner = (nearest > 0) & (nearest < len(along) - 1)
+        points, nearest = points[inner], nearest[inner]
+        tangent, normal, place, s = tangent[nearest], normal[nearest], self.curve_m[nearest], along[nearest]
+        step = along[-1] / _PIECES
+        effect = np.einsum("ni,nki->nk", tangent, place[:, None] - self.at(self.middles_m)) * step
+        effect = np.where(self.middles_m < s[:, None], effect, 0.0)
+        turn = np.einsum("ni,ni->n", tangent, place - self.curve_m[0])
+        free = np.column_stack([normal, turn])
+        return beside(self.curve_m, points)[1] + effect @ (np.diff(angle) / step), effect, free, s / along[-1]
+
+
+def _linear_law(views: Sequence[_PhotoView], straight: bool = False) -> list[np.ndarray]:
+    """(K, 2) per view: curvature by the moment over EI and by the rod's own bow; (K, 1) for a rod without bow."""
+    return [np.stack([view.moment, np.ones(_PIECES)], axis=1)[:, : 2 - straight] for view in views]
+
+
+def _free_law(views: Sequence[_PhotoView]) -> tuple[list[np.ndarray], np.ndarray]:
+    """(K, P) per view: curvature as any smooth function of the moment; and rows that are 0 for a straight one."""
+    moments = np.concatenate([view.moment for view in views])
+    steps = np.linspace(moments.min(), moments.max(), _LAW_STEPS + 1)
+    knots = np.concatenate([steps[[0, 0, 0]], steps, steps[[-1, -1, -1]]])
+    middles = np.array([knots[i + 1 : i + 4].mean() for i in range(_LAW_STEPS + 3)])
+    slopes = np.diff(np.eye(len(middles)), axis=0) / np.diff(middles)[:, None]
+    laws = [BSpline.design_matrix(np.clip(view.moment, steps[0], steps[-1]), knots, 3).toarray() for view in views]
+    return laws, np.diff(slopes, axis=0) * (steps[-1] - steps[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Bending:
+    """What one or two photographs say of a rod's bending, under H error models."""
+
+    weights: np.ndarray  # (H,) probabilities
+    values: np.ndarray  # (H, P) the law's coefficients
+    covariances: np.ndarray  # (H, P, P)
+    freedom: int  # degrees of freedom of each
+    uncurled: float  # probability of no curl
+    curl_std: float  # of the rod's own curl, 1/m
+    error_std_m: float  # of the points
+
+    def moments_of(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (N,) and standard deviation (N,) of combinations of the coefficients (N, P)."""
+        each = self.values @ rows.T
+        mean = self.weights @ each
+        own = np.einsum("np,hpq,nq->hn", rows, self.covariances, rows)
+        return mean, np.sqrt(self.weights @ (np.maximum(own, 0.0) + (each - mean) ** 2))
+
+    def p_value(self, rows: np.ndarray) -> float:
+        """Probability of combinations (N, P) so far from zero where all of them are zero, by an F test."""
+        each, spread = self.values @ rows.T, rows @ self.covariances @ rows.T
+        square = np.einsum("hn,hn->h", each, np.linalg.solve(spread, each[..., None])[..., 0]) / len(rows)
+        return float(self.weights @ fdtrc(len(rows), self.freedom, square))
+
+    def quantiles(self, shares: Sequence[float], relative_std: float) -> np.ndarray:
+        """Of the first coefficient, with an independent error of this relative standard deviation."""
+        rng = np.random.default_rng(0)
+        model = rng.choice(len(self.weights), _SAMPLES, p=self.weights)
+        noise = np.sqrt(self.covariances[model, 0, 0]) * rng.standard_t(self.freedom, _SAMPLES)
+        drawn = (self.values[model, 0] + noise) * np.exp(relative_std * rng.standard_normal(_SAMPLES))
+        return np.quantile(drawn, shares)
+
+
+def _fit_bending(views: Sequence[_PhotoView], laws: Sequence[np.ndarray]) -> _Bending:
+    """Coefficients of a law of curvature, given by its columns (K, P) for each view; all views have the same curl."""
+    parts = [view.rows for view in views]
+    data, effect, shares = (np.concatenate([part[i] for part in parts]) for i in (0, 1, 3))
+    owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
+    bent = np.concatenate([part[1] @ law for part, law in zip(parts, laws, strict=True)])
+    design = np.column_stack([bent, block_diag(*(part[2] for part in parts))])
+    sizes = np.linalg.norm(design, axis=0)
+    design, count, freedom = design / sizes, bent.shape[1], len(data) - design.shape[1]
+    length = arc_lengths(views[0].curve_m)[-1]
+    pieces = (np.arange(_PIECES) + 0.5) / _PIECES
+    # errors of different photographs are independent, however near the places
+    apart = np.abs(np.subtract.outer(shares, shares)) + 1e9 * (owner[:, None] != owner)
+    noise = 5e-4 * length
+
+    def weighed(curl: float, curl_length: float, error_length: float) -> tuple[float, np.ndarray, np.ndarray, float]:
+        """Restricted log-likelihood, coefficients, their covariance, and the variance relative to the noise."""
+        process = (curl / length) ** 2 * np.exp(-np.abs(np.subtract.outer(pieces, pieces)) / curl_length)
+        errors = np.eye(len(data))
+        if error_length:
+            errors = 0.2 * errors + 0.8 * np.exp(-apart / error_length)
+        factor = cho_factor(noise**2 * errors + effect @ process @ effect.T, lower=True)
+        weighted = cho_solve(factor, design)
+        normal = design.T @ weighted
+        # coefficients that the picture cannot tell apart become very uncertain, not impossible
+        normal += _LEAST_INFORMATION * np.trace(normal) * np.eye(len(normal))
+        found = np.linalg.solve(normal, weighted.T @ data)
+        left = data - design @ found
+        variance = float(left @ cho_solve(factor, left)) / freedom
+        likelihood = -np.log(np.diag(factor[0])).sum() - 0.5 * np.linalg.slogdet(normal)[1]
+        covariance = variance * np.linalg.inv(normal) / np.outer(sizes, sizes)
+        return likelihood - 0.5 * freedom * np.log(variance), found / sizes, covariance, variance
+
+    models = list(product(_CURLS, _CURL_LENGTHS, _ERROR_LENGTHS))
+    fits = [weighed(*model) for model in models]
+    logs, values, covariances, variances = (np.array(each) for each in zip(*fits, strict=True))
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    curls = np.array([curl for curl, *_ in models]) / length
+    return _Bending(
+        weights,
+        values[:, :count],
+        covariances[:, :count, :count],
+        freedom,
+        float(weights[curls == 0.0].sum()),
+        float(np.sqrt(weights @ (variances * curls**2))),
+        noise * float(np.sqrt(weights @ variances)),
+    )
+
 
 _CAMERA_LENGTHS = 2.0  # the camera's supposed distance in lengths of the rod, for the perspective of a tilt
 
@@ -46,9 +223,9 @@ class PhotoStiffness:
     inverse_std: float  # with all deviations
     interval: tuple[float, float]  # 95 % of EI; infinite at the upper end where the line gives no bound
     shares: dict[str, float]  # relative standard deviation of EI by cause
-    views: list[PhotoView]  # as fitted
-    linear: Bending  # fit of one EI
-    free: Bending  # fit of curvature as any smooth function of the moment
+    views: list[_PhotoView]  # as fitted
+    linear: _Bending  # fit of one EI
+    free: _Bending  # fit of curvature as any smooth function of the moment
     curvature: np.ndarray  # (K,) of the free fit
     curvature_std: np.ndarray  # (K,)
     curved_p: float  # probability of a relation so far from a straight line if it is one
@@ -68,15 +245,15 @@ def solve_photo(lines: Sequence[RodLine], setting: PhotoSetting) -> PhotoStiffne
     if not all(line.tip_inside for line in lines):
         raise InputError("the rod's tip is not in the picture", remedy="photograph all of it, or say where: --tip U,V")
     views = _views(lines, setting)
-    linear = fit_bending(views, linear_law(views, setting.straight))
-    laws, departures = free_law(views)
-    free = fit_bending(views, laws)
+    linear = _fit_bending(views, _linear_law(views, setting.straight))
+    laws, departures = _free_law(views)
+    free = _fit_bending(views, laws)
     inverse = float(linear.weights @ linear.values[:, 0])
 
     def again(changed: PhotoSetting, turn: tuple[float, float] = (0.0, 0.0)) -> float:
         """By what share 1/EI would change."""
         other = _views(lines, changed, turn)
-        fit = fit_bending(other, linear_law(other, changed.straight))
+        fit = _fit_bending(other, _linear_law(other, changed.straight))
         return float(fit.weights @ fit.values[:, 0]) / inverse - 1.0
 
     tilt = setting.tilt_std_rad
@@ -112,7 +289,7 @@ def solve_photo(lines: Sequence[RodLine], setting: PhotoSetting) -> PhotoStiffne
     )
 
 
-def _bends(view: PhotoView, line: RodLine, inverse: float, least_px: float = 0.2) -> bool:
+def _bends(view: _PhotoView, line: RodLine, inverse: float, least_px: float = 0.2) -> bool:
     """Whether so much 1/EI bends a rod by more than its edges are known to, beyond how it lies and points."""
     _, effect, free, _ = view.rows
     offsets = effect @ (view.moment * inverse)
@@ -124,7 +301,7 @@ def _rms(values: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _views(lines: Sequence[RodLine], setting: PhotoSetting, turn: tuple[float, float] = (0.0, 0.0)) -> list[PhotoView]:
+def _views(lines: Sequence[RodLine], setting: PhotoSetting, turn: tuple[float, float] = (0.0, 0.0)) -> list[_PhotoView]:
     """The lines in metres, on the supposition that the rod's plane is turned about the picture's axes by `turn`."""
     views = []
     down = (float(np.sin(setting.down_rad)), float(np.cos(setting.down_rad)))
@@ -143,10 +320,10 @@ def _views(lines: Sequence[RodLine], setting: PhotoSetting, turn: tuple[float, f
         if share > 1.02:
             what = f"the load at {setting.load_m:g} m is beyond the tip, at {scale * length:.3g} m"
             raise InputError(what, remedy="give --distance along the rod, from the clamp, in metres")
-        loading = Loading(down, weight, setting.load_N, min(share, 1.0))
+        loading = _Loading(down, weight, setting.load_N, min(share, 1.0))
         if index:  # without its load, or lying flat
-            loading = Loading(down, weight if setting.load_N else 0.0)
-        views.append(PhotoView(scale * points, scale * curve, loading))
+            loading = _Loading(down, weight if setting.load_N else 0.0)
+        views.append(_PhotoView(scale * points, scale * curve, loading))
     return views
 
 

@@ -17,13 +17,79 @@ from scipy.special import chdtri, fdtri
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import gate
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.core.robust import radial_std
+from vbaa_calib.detect.board.corners import BoardView, require_corners
+from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import largest_std
 
+from .board_pose import mirrored, require_size, start_poses, turn_between
 from .hand_eye_fit import HandEyeProblem, HandEyeSolution, Misfits, Start, ViewCorners, consensus, other_orders
-from .hand_eye_views import LEAST_CORNERS, SeenView, seen_view
+
+LEAST_CORNERS = 6
+_GROSS_CORNER, _GROSS_LEAST_PX = 6.4, 0.25  # one good corner in 1e9 lies further off
+_SECOND_POSE, _SAME_RAD = 3.0, 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class _SeenView:
+    """A view's good corners, the one or two poses of the board that they allow, the squares (px²) that the better one
+    leaves, how many corners were left out; or the reason why it is not used.
+    """
+
+    name: str
+    reason: str = ""
+    corners: ViewCorners | None = None
+    poses: tuple[Pose, ...] = ()
+    square: float = 0.0
+    left_out: int = 0
+
+
+def _seen_view(view: BoardView, points: np.ndarray, camera: Camera) -> _SeenView:
+    """Raises InputError for another picture size, or corners that are none of the board's."""
+    require_size(view.image_size, camera, view.name)
+    ids, pixels = np.asarray(view.ids), np.asarray(view.corners_px, float)
+    require_corners(ids, pixels, len(points), view.name)
+    if len(ids) < LEAST_CORNERS:
+        return _SeenView(view.name, f"{len(ids)} corners, at least {LEAST_CORNERS} are needed")
+    rays, valid = camera.unproject(pixels)
+    seen = valid & (rays[:, 2] > 0.05)
+    flat = np.where([True, True, False], points[ids], 0.0)
+    if seen.sum() < LEAST_CORNERS or not fixes_homography(flat[seen, :2]):
+        return _SeenView(view.name, "its corners lie (nearly) on a line, or the lens does not see them")
+    try:
+        starts = start_poses(flat[seen], rays[seen, :2] / rays[seen, 2:])
+    except SolveError as error:
+        return _SeenView(view.name, str(error))
+    every = ViewCorners(points[ids[seen]], pixels[seen], _weights(view, seen))
+    if len(starts) == 1:
+        starts.append(mirrored(starts[0], every.points_m))
+    found = [every.posed(camera, start) for start in starts]
+    pose, distances = min(found, key=lambda one: float(np.minimum(one[1], 10.0 * np.median(one[1])).sum()))
+    inlying = distances <= max(_GROSS_CORNER * radial_std(distances), _GROSS_LEAST_PX)
+    if inlying.sum() < LEAST_CORNERS or not fixes_homography(every.points_m[inlying, :2]):
+        return _SeenView(view.name, "no pose of the board explains its corners")
+    corners = ViewCorners(every.points_m[inlying], every.pixels[inlying], every.weights[inlying])
+    best, distances = corners.posed(camera, pose)
+    poses, square = [best], float((distances**2).sum())
+    other, _ = max(found, key=lambda one: turn_between(one[0], best))
+    second, off = corners.posed(camera, other)
+    ahead = second.translation_m[2] > 0.0 and turn_between(second, best) > _SAME_RAD
+    if ahead and float((off**2).sum()) < _SECOND_POSE**2 * square:
+        poses.append(second)
+    return _SeenView(view.name, "", corners, tuple(poses), square, len(ids) - int(inlying.sum()))
+
+
+def _weights(view: BoardView, seen: np.ndarray) -> np.ndarray:
+    """(N,) of the corners' residuals: what is less certain than the median corner counts less."""
+    if view.covariance_px2 is None:
+        return np.ones(int(seen.sum()))
+    variance = np.trace(view.covariance_px2[seen], axis1=1, axis2=2)
+    middle = max(float(np.median(variance)), 1e-12)
+    # besides the picture's noise all corners have errors of print, blur and lens
+    return np.sqrt(2.0 * middle / (variance + middle))
+
 
 _MOUNTS = ("hand", "fixed")
 _LEAST_VIEWS = 3
@@ -227,14 +293,14 @@ def _distance_m(pose: Pose, measured: bool) -> float:
 
 def _seen_corners(
     views: Sequence[BoardView], board_points: np.ndarray | None, camera: Camera | None
-) -> tuple[np.ndarray, list[SeenView]]:
+) -> tuple[np.ndarray, list[_SeenView]]:
     if board_points is None or camera is None:
         raise InputError("corners need the board's points and a camera", remedy="give both, or poses T_camera_board")
     points = _checked_points(board_points)
-    return points, [seen_view(view, points, camera) for view in views]
+    return points, [_seen_view(view, points, camera) for view in views]
 
 
-def _seen_poses(views: Sequence[tuple[str, Pose]], count: int) -> tuple[np.ndarray, list[SeenView]]:
+def _seen_poses(views: Sequence[tuple[str, Pose]], count: int) -> tuple[np.ndarray, list[_SeenView]]:
     """Points of a board about the origin, as large as a tenth of its distance, and the views of it."""
     if len(views) < count:
         raise InputError("views are partly poses and partly corners", remedy="give one kind")
@@ -242,7 +308,7 @@ def _seen_poses(views: Sequence[tuple[str, Pose]], count: int) -> tuple[np.ndarr
     size_m = max(_POINT_SHARE * float(np.median([_distance_m(pose, True) for _, pose in poses])), _LEAST_SIZE_M)
     points = size_m * np.vstack([np.eye(3), -np.eye(3)])
     ones = np.ones(len(points))
-    return points, [SeenView(name, "", ViewCorners(points, pose @ points, ones), (pose,)) for name, pose in poses]
+    return points, [_SeenView(name, "", ViewCorners(points, pose @ points, ones), (pose,)) for name, pose in poses]
 
 
 def _checked_points(board_points: np.ndarray) -> np.ndarray:
@@ -291,7 +357,7 @@ def _refuse_one_axis(poses: Sequence[Pose]) -> None:
 def _start(
     rows: list[Pose],
     used: np.ndarray,
-    seen: Sequence[SeenView],
+    seen: Sequence[_SeenView],
     points: np.ndarray,
     in_hand: bool,
     how: tuple[Mapping[str, Sequence[Pose]], bool],
@@ -382,7 +448,7 @@ def _refuse_loose(found: HandEyeSolution, tools: Sequence[Pose], reach_m: float)
 
 
 def _result(
-    solved: HandEyeSolution, kept: np.ndarray, off: Misfits, problem: HandEyeProblem, seen: Sequence[SeenView]
+    solved: HandEyeSolution, kept: np.ndarray, off: Misfits, problem: HandEyeProblem, seen: Sequence[_SeenView]
 ) -> HandEye:
     views, index = [], 0
     for one in seen:
