@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from estimator.table.contacts import LOCATED, Contact, Measured
 from vbaa_calib.core.errors import Diagnosis
@@ -22,7 +23,7 @@ class WatchSettings:
 
     without_contact: int = 40  # last frames without a contact
     with_contact: int = 20  # last frames with one
-    every: int = 8  # frames after which they are judged again
+    every: int = 6  # frames after which they are judged again
     confirmed: int = 2  # successive judgements that name the same part before it is an alarm
     least_log_odds: float = 16.0  # of a change over "as calibrated": 1e-7 where that is right
     share: float = 0.1  # of one core's time that judging may take, where frames do not wait for it
@@ -94,7 +95,16 @@ class RigWatch:
         begin_s, watch = time.monotonic(), RecordingWatch(self.rig)
         for _, measured, contact in frames:
             watch.push(measured, contact)
-        return watch.verdict(), time.monotonic() - begin_s
+        found = watch.verdict()
+        # of the stream's frames, not of those that are judged
+        named = [
+            replace(
+                one,
+                words=re.sub(r"from row (\d+) on", lambda row: f"from frame {frames[int(row[1])][0]} on", one.words),
+            )
+            for one in found.verdict.findings
+        ]
+        return replace(found, verdict=replace(found.verdict, findings=tuple(named))), time.monotonic() - begin_s
 
     def _news(self, found: RecordingVerdict) -> list[Diagnosis]:
         sure = found.log_odds >= self.settings.least_log_odds
