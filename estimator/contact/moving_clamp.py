@@ -111,22 +111,23 @@ def clamp_tracks(
     rigs = {name: replace(rig.of_antenna(name), clamp=None) for name in lines}
     found = {name: _places(own, measured_lines(own, frames, lines[name]), settings) for name, own in rigs.items()}
     limits = {name: _limit_m(each, settings) for name, each in found.items()}
-    states = {name: each[:, :3] / [limits[name], limits[name], settings.turn_rad] for name, each in found.items()}
+    units = {name: np.array([limit, limit, settings.turn_rad, limit]) for name, limit in limits.items()}
+    states = {name: each[:, :4] / units[name] for name, each in found.items()}
     kept = {name: _kept(states[name], settings) for name in found}
     return {
-        name: _track(rig, rigs[name], (frames, lines[name]), each, _doubts(name, states, kept, limits[name]), settings)
+        name: _track(rig, rigs[name], (frames, lines[name]), each, _doubts(name, states, kept, limits), settings)
         for name, each in found.items()
     }
 
 
 def _places(rig: Rig, several: Iterator[Measured], settings: ClampSettings) -> np.ndarray:
-    """(F, 7) of each frame: x, y, m, and angle, rad, of the clamp in plane C, their standard deviations across the
-    antenna, m, and of the angle, rad, metres a pixel, and the whole line's mean curvature, 1/m."""
-    return np.array([_place(rig, each, settings) for each in several]).reshape(-1, 7)
+    """(F, 8) of each frame: x, y, m, and angle, rad, of the clamp in plane C, the length of the line, m, standard
+    deviations of place, across the antenna, and angle, metres a pixel, and the line's mean curvature, 1/m."""
+    return np.array([_place(rig, each, settings) for each in several]).reshape(-1, 8)
 
 
 def _place(rig: Rig, measured: Measured, settings: ClampSettings) -> np.ndarray:
-    nothing = np.full(7, np.nan)
+    nothing = np.full(8, np.nan)
     pixels = measured.points_px[np.isfinite(measured.points_px).all(axis=1)]
     if len(pixels) < settings.fewest:
         return nothing
@@ -154,7 +155,9 @@ def _place(rig: Rig, measured: Measured, settings: ClampSettings) -> np.ndarray:
     std = noise_m * np.sqrt(np.diag(np.linalg.inv(normal)))
     angle = math.atan2(along[1], along[0]) + math.atan(slope / scale)
     place = first + offset * across
-    return np.array([*place, angle, std[0], std[1] / scale, m_per_px, _curvature(points, along)])
+    coarse = points[np.r_[0 : len(points) : 8, len(points) - 1]]
+    length = float(np.linalg.norm(np.diff(coarse, axis=0), axis=1).sum())
+    return np.array([*place, angle, length, std[0], std[1] / scale, m_per_px, _curvature(points, along)])
 
 
 def _curvature(points: np.ndarray, along: np.ndarray) -> float:
@@ -174,7 +177,7 @@ def _limit_m(found: np.ndarray, settings: ClampSettings) -> float:
         return 1.0
     off = _off_motion(found[known, :2], known, settings)
     usual = 1.4826 * float(np.median(off)) if len(off) else 0.0
-    return max(settings.jump_std * usual, settings.jump_px * float(np.median(found[known, 5])))
+    return max(settings.jump_std * usual, settings.jump_px * float(np.median(found[known, 6])))
 
 
 def _off_motion(points: np.ndarray, frame: np.ndarray, settings: ClampSettings) -> np.ndarray:
@@ -189,10 +192,11 @@ def _off_motion(points: np.ndarray, frame: np.ndarray, settings: ClampSettings) 
 
 
 def _kept(states: np.ndarray, settings: ClampSettings) -> np.ndarray:
-    """(F,) whether a frame's first point is the clamp. `states` (F, 3): place over the limit of a jump, and angle over
-    that within which places are compared.
+    """(F,) whether a frame's first point is the clamp. `states` (F, 4): place and line's length over the limit of a
+    jump, and angle over that within which places are compared.
 
-    The longest run without a jump counts, and every run that goes on from one that counts or comes back to it.
+    The longest run without a jump counts, and every run that goes on from one that counts, or comes back to a place
+    where the clamp was at that angle, or to where it can have moved, with as long a line.
     """
     from scipy.spatial import cKDTree
 
@@ -204,43 +208,46 @@ def _kept(states: np.ndarray, settings: ClampSettings) -> np.ndarray:
     runs = np.split(known, 1 + np.flatnonzero((off > 1.0) | (np.diff(known) > settings.gap)))
     main = int(np.argmax([len(each) for each in runs]))
     kept[runs[main]] = True
+    steps = np.linalg.norm(np.diff(states[runs[main], :2], axis=0), axis=1)
+    speed = 1.5 * float(np.median(steps)) if len(steps) else 0.0
     # outwards from the longest run, the nearest first
     for index in sorted(set(range(len(runs))) - {main}, key=lambda index: abs(index - main)):
         run, counted = runs[index], np.flatnonzero(kept)
         nearest = counted[np.argmin(np.abs(counted[:, None] - [run[0], run[-1]]), axis=0)]
         gaps = np.abs(nearest - [run[0], run[-1]])
         end = int(np.argmin(gaps))
-        joins = gaps[end] <= settings.gap and np.linalg.norm(states[nearest[end], :2] - states[run[-end], :2]) <= 1.0
-        kept[run] = joins or float(np.median(cKDTree(states[counted]).query(states[run])[0])) <= 1.0
+        apart = float(np.linalg.norm(states[nearest[end], :2] - states[run[-end], :2]))
+        whole = abs(float(np.median(states[run, 3]) - np.median(states[counted, 3]))) <= 1.0
+        joins = apart <= 1.0 if gaps[end] <= settings.gap else whole and apart <= 1.0 + speed * gaps[end]
+        kept[run] = joins or float(np.median(cKDTree(states[counted, :3]).query(states[run, :3])[0])) <= 1.0
     return kept
 
 
-def _doubts(name: str, states: Mapping[str, np.ndarray], kept: Mapping[str, np.ndarray], limit_m: float) -> list[str]:
+def _doubts(
+    name: str, states: Mapping[str, np.ndarray], kept: Mapping[str, np.ndarray], limits: Mapping[str, float]
+) -> list[str]:
     """Why each frame's first points are not the clamp of an antenna; "" where they are."""
     from scipy.spatial import cKDTree
 
-    own, counted = states[name], states[name][kept[name]]
-    doubts = [""] * len(own)
-    wrong = np.flatnonzero(np.isfinite(own).all(axis=1) & ~kept[name])
+    own, counted = states[name][:, :2], states[name][kept[name], :2]
+    doubts, angle = [""] * len(own), ClampSettings.turn_rad * states[name][:, 2]
     others = {other: states[other][kept[other]] for other in states if other != name and kept[other].any()}
-    trees = {other: cKDTree(each) for other, each in others.items()}
-    for other, tree in trees.items():
-        if len(counted) and float(np.median(tree.query(counted)[0])) <= 1.0:
+    for other, each in others.items():
+        each[:, :2] *= limits[other] / limits[name]
+        if len(counted) and float(np.median(cKDTree(each[:, :3]).query(states[name][kept[name], :3])[0])) <= 1.0:
             return [f"its clamp is where that of {other} is: one of the two was tracked twice"] * len(own)
-    mine = cKDTree(counted) if len(counted) else None
-    for row in wrong:
+    trees = {other: cKDTree(each[:, :2]) for other, each in others.items()}
+    for row in np.flatnonzero(np.isfinite(states[name]).all(axis=1) & ~kept[name]):
+        apart, at = cKDTree(counted).query(own[row])
         nearest = {other: float(tree.query(own[row])[0]) for other, tree in trees.items()}
         other = min(nearest, key=lambda each: nearest[each], default="")
-        if other and nearest[other] <= 1.0:
+        if other and nearest[other] < 0.5 * apart:
             doubts[row] = f"its line begins where that of {other} does: the two were exchanged"
             continue
-        assert mine is not None
-        at = counted[mine.query(own[row])[1]]
-        off_m, angle = limit_m * (own[row, :2] - at[:2]), float(own[row, 2]) * ClampSettings.turn_rad
-        along = float(off_m @ [math.cos(angle), math.sin(angle)])
-        lost = along > 0.7 * float(np.linalg.norm(off_m))
+        off = own[row] - counted[at]
+        lost = off @ [math.cos(angle[row]), math.sin(angle[row])] > 0.7 * apart
         how = "farther along the antenna: its first points are missing" if lost else "from where the clamp can be"
-        doubts[row] = f"its line begins {1e3 * np.linalg.norm(off_m):.1f} mm {how}"
+        doubts[row] = f"its line begins {1e3 * limits[name] * apart:.1f} mm {how}"
     return doubts
 
 
@@ -258,7 +265,7 @@ def _track(
     assert clamp is not None
     if not usable.any():
         return ClampTrack(rig, found[:, :3], doubts, 0.0, 0)
-    across_m, turn_rad = settings.prior * np.quantile(found[usable, 3:5], 0.95, axis=0)
+    across_m, turn_rad = settings.prior * np.quantile(found[usable, 4:6], 0.95, axis=0)
     # what depth and turn out of the plane do to a picture off the lens's axis
     oblique = (
         settings.oblique * math.hypot(*rig.camera.image_size) / (rig.camera.matrix[0, 0] + rig.camera.matrix[1, 1])
@@ -269,7 +276,7 @@ def _track(
     covariance = rig.covariance.copy()
     covariance[range(first, first + 4), range(first, first + 4)] += std**2
     track = ClampTrack(rig.with_covariance(covariance), found[:, :3], doubts, 0.0, 0)
-    track = _with_bow(track, seen, np.flatnonzero(usable), (std, found[:, 6]), settings)
+    track = _with_bow(track, seen, np.flatnonzero(usable), (std, found[:, 7]), settings)
     bow_std = track.rig.std("bow_about_z_per_m")
     if bow_std * rig.antenna.length_m > settings.bow_rad:
         why = f"its bow is known only to {bow_std:.2g} /m: too few frames show it free, or state bow_per_m"
