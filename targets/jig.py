@@ -20,9 +20,6 @@ import numpy as np
 
 Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 """First and last x, y and z."""
-_CLAMP_MM, _PLAY_MM, _WALL_MM = (16.0, 24.0, 14.0), 0.15, 3.0
-_PILOT_MM, _SCREW_MM = 2.5, 8.0
-_GAP_MM = 8.0  # from the clamp's front to the board's plate
 
 
 def _mesh(added: Sequence[Box], removed: Sequence[Box] = ()) -> np.ndarray:
@@ -64,32 +61,39 @@ def _stl(triangles: np.ndarray) -> bytes:
     return b"solid of vbaa-calib, mm".ljust(80) + struct.pack("<I", len(rows)) + facets
 
 
-def _clamp(wire_mm: float) -> dict[str, np.ndarray]:
-    """The block that carries the antenna in a groove half as deep as it is thick, and its cap, which presses on it."""
-    length, width, height = _CLAMP_MM
+def _clamp_mm() -> tuple[float, float, float]:
+    """Length, width and height of the clamp's block."""
+    return 16.0, 24.0, 14.0
+
+
+def _clamp(wire_mm: float, screws_mm: float = 8.0, pilot_mm: float = 2.5) -> dict[str, np.ndarray]:
+    """The block that carries the antenna in a groove half as deep as it is thick, and its cap, which presses on it;
+    with pilot holes of two screws, so far off the antenna."""
+    length, width, height = _clamp_mm()
     sides = (-length, 0.0), (-0.5 * width, 0.5 * width)
     groove = (-length, 0.0), (-0.5 * wire_mm - 0.05, 0.5 * wire_mm + 0.05)
-    half = 0.5 * _PILOT_MM
+    half = 0.5 * pilot_mm
     holes = [
         ((-0.5 * length - half, -0.5 * length + half), (y - half, y + half), (-height, 8.0))
-        for y in (-_SCREW_MM, _SCREW_MM)
+        for y in (-screws_mm, screws_mm)
     ]
     block = _mesh([(*sides, (-height, 0.0))], [(*groove, (-0.5 * wire_mm, 0.0)), *holes])
     return {"clamp": block, "cap": _mesh([(*sides, (0.0, 6.0))], [(*groove, (0.0, 0.35 * wire_mm)), *holes])}
 
 
-def _tray(plate_mm: tuple[float, float], back_mm: float) -> np.ndarray:
-    """A tray whose floor carries the plate's back at a height, two walls stop it, and a fork goes round the clamp."""
-    length, width, height = _CLAMP_MM
-    across, half = 0.5 * width + _PLAY_MM, 0.5 * plate_mm[1]
-    floor = (back_mm - _WALL_MM, back_mm)
-    end, outer = _GAP_MM + plate_mm[0], max(half, across) + _WALL_MM
+def _tray(plate_mm: tuple[float, float], back_mm: float, gap_mm: float, wall_mm: float = 3.0) -> np.ndarray:
+    """A tray with a floor that carries the plate's back at a height, a gap off the clamp's front, two walls that stop
+    it, and a fork that goes round the clamp with 0.15 mm of play."""
+    length, width, height = _clamp_mm()
+    across, half = 0.5 * width + 0.15, 0.5 * plate_mm[1]
+    floor = (back_mm - wall_mm, back_mm)
+    end, outer = gap_mm + plate_mm[0], max(half, across) + wall_mm
     boxes: list[Box] = [
         ((0.0, end), (-outer, outer), floor),
-        ((_GAP_MM - _WALL_MM, _GAP_MM), (-outer, outer), (floor[0], back_mm + _WALL_MM)),
-        ((0.0, end), (half, outer), (floor[0], back_mm + _WALL_MM)),
+        ((gap_mm - wall_mm, gap_mm), (-outer, outer), (floor[0], back_mm + wall_mm)),
+        ((0.0, end), (half, outer), (floor[0], back_mm + wall_mm)),
     ]
-    boxes += [((-length, 0.0), (side - _WALL_MM, side), floor) for side in (-across, across + _WALL_MM)]
+    boxes += [((-length, 0.0), (side - wall_mm, side), floor) for side in (-across, across + wall_mm)]
     assert floor[0] > -height
     return _mesh(boxes)
 
@@ -105,12 +109,12 @@ def write_jig(
     if not (0.2 <= wire_mm <= 3.0 and min(outline_mm) >= 20.0 and margin_mm >= 0.0 and 0.0 <= thickness_mm <= 6.0):
         raise ValueError("a wire of 0.2 to 3 mm, a board of 20 mm or more on a plate of up to 6 mm are needed")
     # the printed face stays below the antenna
-    back_mm = -(thickness_mm + wire_mm + 1.0)
+    back_mm, gap_mm = -(thickness_mm + wire_mm + 1.0), 8.0
     plate = (outline_mm[0] + 2.0 * margin_mm, outline_mm[1] + 2.0 * margin_mm)
     folder.mkdir(parents=True, exist_ok=True)
-    for name, triangles in ({"jig": _tray(plate, back_mm)} | _clamp(wire_mm)).items():
+    for name, triangles in ({"jig": _tray(plate, back_mm, gap_mm)} | _clamp(wire_mm)).items():
         (folder / f"{name}.stl").write_bytes(_stl(triangles))
-    corner = (_GAP_MM + margin_mm, 0.5 * outline_mm[1], back_mm)
+    corner = (gap_mm + margin_mm, 0.5 * outline_mm[1], back_mm)
     place = ", ".join(f"{1e-3 * value:.6g}" for value in corner)
     text = (
         "jig:   # of session.yaml; printed sizes are good to about 0.2 mm: measure x, y, z with a caliper\n"

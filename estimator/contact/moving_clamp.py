@@ -52,7 +52,7 @@ class ClampSettings:
     gap: int = 5  # frames across which the clamp goes on as before; beyond, it must come back to where it was
     turn_rad: float = 0.05  # clamps whose angles differ by less should be at the same place
     undetected: float = 3.0  # jumps up to the limit are not seen: so many deviations along the antenna
-    free_frames: int = 256  # frames that are searched for the free antenna
+    free_frames: int = 120  # frames that are searched for the free antenna
     fewest_free: int = 8  # of these that must be free for the bow to be learnt
     crowd: float = 0.2  # part of the frames that crowd about the free antenna's curvature
     rounds: int = 3  # linearisations of the bow

@@ -71,7 +71,7 @@ class _FileTip:
 class _Antenna:
     length_m: AnyLength
     diameter_m: Diameter
-    stiffness_Nm2: Annotated[Number, Field(ge=1e-9, le=1e4, description="EI")]
+    stiffness_Nm2: Annotated[Number, Field(ge=1e-12, le=1e4, description="EI")]
     stiffness_std_Nm2: Deviation
     mass_per_length_kg_m: Annotated[Number, Field(ge=1e-9, le=100)]
     noload: _Noload
