@@ -69,7 +69,8 @@ class ClampTrack:
     rig : of this antenna; its covariance holds the priors of the clamp in each frame, about `places`.
     places : (F, 3) the clamp in plane C, x and y in m and the angle from x, rad; NaN where the line has too few points.
     doubts : (F,) why a frame's first points are not the clamp; "" where they are.
-    along_std_m : standard deviation of the first point's place along the antenna.
+    along_std_m : standard deviation of the first point's place along the antenna, jumps that are not seen included;
+        scatter_m : by how much of it successive frames differ.
     free_frames : frames by which the bow was learnt; 0: it is as the rig says.
     """
 
@@ -77,6 +78,7 @@ class ClampTrack:
     places: np.ndarray
     doubts: Sequence[str]
     along_std_m: float
+    scatter_m: float
     free_frames: int
 
     @property
@@ -236,9 +238,9 @@ def _doubts(
         each[:, :2] *= limits[other] / limits[name]
         if len(counted) and float(np.median(cKDTree(each[:, :3]).query(states[name][kept[name], :3])[0])) <= 1.0:
             return [f"its clamp is where that of {other} is: one of the two was tracked twice"] * len(own)
-    trees = {other: cKDTree(each[:, :2]) for other, each in others.items()}
+    mine, trees = cKDTree(counted), {other: cKDTree(each[:, :2]) for other, each in others.items()}
     for row in np.flatnonzero(np.isfinite(states[name]).all(axis=1) & ~kept[name]):
-        apart, at = cKDTree(counted).query(own[row])
+        apart, at = mine.query(own[row])
         nearest = {other: float(tree.query(own[row])[0]) for other, tree in trees.items()}
         other = min(nearest, key=lambda each: nearest[each], default="")
         if other and nearest[other] < 0.5 * apart:
@@ -264,7 +266,7 @@ def _track(
     clamp, first = whole.clamp, len(POSE_PARAMETERS)
     assert clamp is not None
     if not usable.any():
-        return ClampTrack(rig, found[:, :3], doubts, 0.0, 0)
+        return ClampTrack(rig, found[:, :3], doubts, 0.0, 0.0, 0)
     across_m, turn_rad = settings.prior * np.quantile(found[usable, 4:6], 0.95, axis=0)
     # what depth and turn out of the plane do to a picture off the lens's axis
     oblique = (
@@ -275,7 +277,7 @@ def _track(
     std = np.array([across_m, clamp.depth_std_m, clamp.elevation_std_rad, turn_rad])
     covariance = rig.covariance.copy()
     covariance[range(first, first + 4), range(first, first + 4)] += std**2
-    track = ClampTrack(rig.with_covariance(covariance), found[:, :3], doubts, 0.0, 0)
+    track = ClampTrack(rig.with_covariance(covariance), found[:, :3], doubts, 0.0, 0.0, 0)
     track = _with_bow(track, seen, np.flatnonzero(usable), (std, found[:, 7]), settings)
     bow_std = track.rig.std("bow_about_z_per_m")
     if bow_std * rig.antenna.length_m > settings.bow_rad:
@@ -284,8 +286,9 @@ def _track(
     covariance, bow = track.rig.covariance.copy(), track.rig.antenna.parameters[4:6]
     # about its own axis the antenna turns the two bows into one another
     covariance[[_bow() - 1, _bow()], [_bow() - 1, _bow()]] += (clamp.roll_std_rad * bow[::-1]) ** 2
-    along_m = max(_along_m(found[:, :3], usable), _limit_m(found, settings) / settings.undetected)
-    return replace(track, rig=track.rig.with_covariance(covariance), along_std_m=along_m)
+    scatter_m = _along_m(found[:, :3], usable)
+    along_m = max(scatter_m, _limit_m(found, settings) / settings.undetected)
+    return replace(track, rig=track.rig.with_covariance(covariance), along_std_m=along_m, scatter_m=scatter_m)
 
 
 def _along_m(places: np.ndarray, usable: np.ndarray) -> float:
@@ -425,7 +428,10 @@ def _estimated(
             rig = track.at(row)
             estimator = ContactEstimator(rig, model, friction=friction, jobs=1)
             part = estimator._contacts(Batch.of(rig, [measured]), beam)
-            found = replace(moving(rig, [measured], part), contacts=[_widened(part[0], track)])
+            found = moving(rig, [measured], part)
+            # places along the antenna are counted from its first point
+            shapes = replace(found.shapes, std_m=np.hypot(found.shapes.std_m, track.scatter_m))
+            found = replace(found, contacts=[_widened(part[0], track)], shapes=shapes)
         yield from finished(motion.push(found))
     yield from finished(motion.finish())
 
