@@ -54,7 +54,9 @@ def refuse_target(path: Path, force: bool, marker: str = "session.yaml") -> None
         raise InputError("exists already", where=path, remedy="give --force to replace it, or another name")
     ours = path.is_dir() and not path.is_symlink()
     if not ours or not ((path / marker).is_file() or not any(path.iterdir())):
-        raise InputError(f"holds no {marker}, it is not replaced", where=path, remedy="take another name")
+        raise InputError(
+            f"is not a session, with {marker} in it: it is not replaced", where=path, remedy="take another name"
+        )
 
 
 def write_session(
