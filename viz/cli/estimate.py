@@ -344,6 +344,8 @@ def _of_moving_clamps(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstima
             remedy = "leave it out: there are no pictures, only lines"
             raise InputError(f"--{name}", where="vbaa estimate", remedy=remedy)
     frames, lines = streams.tracked_antennas(args)
+    if len(lines) == len(rig.antennas) == 1:
+        lines = dict(zip(rig.antennas, lines.values(), strict=True))
     known = {name: each for name, each in lines.items() if not rig.antennas or name in rig.antennas}
     if not known:
         what = f"has lines of {', '.join(lines)}, the rig antennas {', '.join(rig.antennas)}"
