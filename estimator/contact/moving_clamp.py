@@ -30,7 +30,7 @@ from .estimate import ContactEstimator
 from .inputs import Batch
 from .motion import PIECES, Beam, Shapes
 from .recording import FrameContact, measured_lines
-from .status import FAILED, NO_ANTENNA
+from .status import FAILED, LOW, NO_ANTENNA
 
 
 def _bow() -> int:
@@ -53,6 +53,7 @@ class ClampSettings:
     turn_rad: float = 0.05  # clamps whose angles differ by less should be at the same place
     undetected: float = 3.0  # jumps up to the limit are not seen: so many deviations along the antenna
     free_frames: int = 120  # frames that are searched for the free antenna
+    low_signal: float = 0.035  # of the length: less certain distances are withheld, as first order fails beyond
     fewest_free: int = 8  # of these that must be free for the bow to be learnt
     crowd: float = 0.2  # part of the frames that crowd about the free antenna's curvature
     rounds: int = 3  # linearisations of the bow
@@ -445,4 +446,8 @@ def _widened(contact: Contact, track: ClampTrack) -> Contact:
         return contact
     # turned out of the picture's plane the antenna looks shorter, to second order: not in the linear covariance
     shortened = contact.distance_m * math.sqrt(0.75) * float(track.rig.std("clamp_about_y_rad")) ** 2
-    return replace(contact, distance_std_m=math.hypot(contact.distance_std_m, track.along_std_m, shortened))
+    std_m = math.hypot(contact.distance_std_m, track.along_std_m, shortened)
+    if std_m > ClampSettings.low_signal * track.rig.antenna.length_m:
+        why = f"the contact distance is known only to {1e3 * std_m:.1f} mm"
+        return Contact(status=LOW, reason=why, model=contact.model, in_contact=True)
+    return replace(contact, distance_std_m=std_m)
