@@ -365,6 +365,50 @@ def floors() -> Sheet:
     return sheet
 
 
+def circuit() -> Sheet:
+    """From the strain gauges at the clamp to `vbaa live`."""
+    sheet = Sheet(820, 330, "From the bridge to vbaa live")
+    corners = [(130, 50), (210, 130), (130, 210), (50, 130)]
+    for index, (start, end) in enumerate(zip(corners, [*corners[1:], corners[0]], strict=True)):
+        middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
+        sheet.line(start, end)
+        sheet.box(middle[0] - 22, middle[1] - 8, 44, 16, "#ffffff", 45 if index % 2 == 0 else -45)
+    for corner in corners:
+        sheet.dot(*corner, INK, 3)
+    sheet.text(130, 128, "four gauges", INK, "middle", 13)
+    sheet.text(130, 144, "350 Ω", GREY, "middle", 13)
+    sheet.text(20, 250, "two on either side of a thin web behind", GREY, size=13)
+    sheet.text(20, 268, "the clamp, which bends about the antenna's y", GREY, size=13)
+    sheet.box(330, 40, 150, 180)
+    sheet.text(405, 118, "HX711", INK, "middle", 17)
+    sheet.text(405, 140, "amplifier, 24 bit", GREY, "middle", 13)
+    wires = (
+        ("E+", 56, (130, 50), (130, 34), (300, 34), (300, 56)),
+        ("A+", 112, (210, 130), (240, 130), (240, 112)),
+        ("A−", 160, (50, 130), (24, 130), (24, 228), (270, 228), (270, 160)),
+        ("E−", 204, (130, 210), (130, 218), (300, 218), (300, 204)),
+    )
+    for name, y, *way in wires:
+        colour = BLUE if name[0] == "A" else ORANGE
+        sheet.line(*way, (330, y), colour=colour)
+        sheet.text(336, y + 5, name, colour, size=13)
+    sheet.box(570, 40, 130, 180)
+    sheet.text(645, 88, "Arduino,", INK, "middle")
+    sheet.text(645, 136, "ESP32, Teensy", INK, "middle", 13)
+    for pin, other, y in (("VCC", "5 / 3.3 V", 60), ("DT", "2", 112), ("SCK", "3", 152), ("GND", "GND", 204)):
+        sheet.line((480, y), (570, y), colour=GREEN)
+        sheet.text(474, y + 5, pin, GREEN, "end", 13)
+        sheet.text(576, y + 5, other, GREEN, size=13)
+    sheet.line((700, 130), (780, 130), colour=INK, arrow=True)
+    sheet.text(706, 120, "USB: JSON", INK, size=13)
+    sheet.text(706, 150, "vbaa live", BLUE, size=15)
+    rate = "RATE of the HX711 to VCC: 80 readings a second, else 10. A shielded cable, as short as you can."
+    sheet.text(20, 294, rate, size=14)
+    other = "Or an instrumentation amplifier (gain 500) with A+ and A− in, and an ADC of 16 bits."
+    sheet.text(20, 316, other, GREY, size=14)
+    return sheet
+
+
 DRAWINGS: dict[str, Callable[[], Sheet]] = {
     "idea": idea,
     "rig": rig,
@@ -372,6 +416,7 @@ DRAWINGS: dict[str, Callable[[], Sheet]] = {
     "bench": bench,
     "light": light,
     "load": load,
+    "circuit": circuit,
     "sign": sign,
     "floors": floors,
 }

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.cli.joints import add_antenna
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_overwrite, write_json
@@ -19,6 +20,7 @@ _GOALS = ("surface", "friction", "stiffness")  # as `estimator.object.next_touch
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet of one object that stands still")
+    add_antenna(parser)
     parser.add_argument("--rig", type=Path, required=True, help="rig.json that the contacts were made with")
     parser.add_argument(
         "--goal", choices=_GOALS, default=_GOALS[0], help="what is to be known better (default: surface)"
@@ -46,7 +48,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if args.output.suffix != ".json":
             raise InputError("is not a .json", where=args.output, remedy="name it next.json")
     pan, tilt = (_limits(args, name) for name in ("pan", "tilt"))
-    table, rig = read_contacts(args.contacts), usable_rig(args.rig)
+    table, rig = read_contacts(args.contacts, antenna=args.antenna), usable_rig(args.rig)
     with about(args.contacts):
         recorded = JointLimits.of(table, rig)
         one = next_touch(table, rig, args.goal, JointLimits(pan or recorded.pan_rad, tilt or recorded.tilt_rad))

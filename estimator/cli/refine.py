@@ -8,6 +8,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.cli.joints import add_antenna
 from vbaa_calib.cli.usable_rig import configure as add_accept_rig
 from vbaa_calib.cli.usable_rig import usable_rig
 from vbaa_calib.core.console import progress, say
@@ -27,6 +28,7 @@ _SAME_MOMENT_S = 1e-3  # pictures of two cameras that are farther apart in time 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet, as vbaa estimate writes it")
+    add_antenna(parser)
     parser.add_argument("--rig", type=Path, required=True, help="rig.json that the contacts were made with")
     parser.add_argument("--session", type=Path, required=True, help="the session folder that they were made of")
     parser.add_argument("-o", "--output", type=Path, required=True, help="refined.csv to write, or .parquet")
@@ -66,7 +68,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     check_format(args.output)
     if args.update_rig is not None and args.update_rig.suffix != ".json":
         raise InputError("is not a .json", where=args.update_rig, remedy="name it something.json")
-    table = read_contacts(args.contacts)
+    table = read_contacts(args.contacts, antenna=args.antenna)
     rig, session, recording = _recording(table, args.rig, args.session, args.accept_rig)
     others = [_recording(table, path, folder, args.accept_rig, _SAME_MOMENT_S) for path, folder in args.view]
     with about(args.contacts):

@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.cli.joints import add_antenna
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_outputs, write_text
@@ -25,6 +26,7 @@ _MOST_EVENTS = 20  # that are printed; --json has all
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet, as vbaa estimate writes it")
+    add_antenna(parser)
     parser.add_argument(
         "--rig", type=Path, help="rig.json of the contacts: separates noise from the calibration's errors"
     )
@@ -53,7 +55,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if args.rig is None:
             remedy = "give the rig.json that the contacts were made with"
             raise InputError("--smooth needs --rig to separate noise from the calibration's errors", remedy=remedy)
-    table = read_contacts(args.contacts)
+    table = read_contacts(args.contacts, antenna=args.antenna)
     rig = None if args.rig is None else usable_rig(args.rig)
     shared = None if rig is None else shared_errors(rig, table)
     track = follow(table, rig, shared)

@@ -64,6 +64,9 @@ class ContactEstimator:
             raise InputError(f"model is {shown(model)}", remedy=f"one of auto, {', '.join(RUNGS)} is needed")
         if not isinstance(rig, Rig):
             raise InputError(f"rig is {shown(rig)}", remedy="give what Rig.load returns")
+        if rig.clamp is not None:
+            remedy = "estimate lines of its antennas: vbaa estimate --centrelines FILE, or clamp_tracks"
+            raise InputError("the rig's clamp moves, which no single frame shows", remedy=remedy)
         in_rad = "give the angle's deviation in rad, 0 to 1"
         if not 0.0 <= as_float(friction, "friction", in_rad) <= 1.0:
             raise InputError(f"friction is {friction}", remedy=in_rad)

@@ -62,12 +62,16 @@ class FrameContact:
     ----------
     line : what was seen in its picture; None where ready centrelines took the place of pictures.
     measured : what the contact was fitted to.
+    antenna : its name, where there are several, or its clamp moves; then clamp (4,) is where that is: world, m, and its
+        angle in plane C, rad.
     """
 
     frame: Frame
     contact: Contact
     measured: Measured
     line: Centreline | None = None
+    antenna: str = ""
+    clamp: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -237,6 +237,9 @@ class _Columns(_Common[Number, Flag, Text], Generic[Whole, Number, Flag, Text]):
     pan_rad: Number = _column("rad", "joint angle, from the recording")
     tilt_rad: Number = _column("rad", "joint angle, from the recording")
     contact: Whole = _column("–", "which of the frame's contacts: 0; 1 and more where others give several", 0)
+    antenna: Text = _column("–", "its name, in recordings of several antennas or of clamps that move", "")
+    clamp_world_m: np.ndarray = _vector("m", "where its clamp is, world frame", "clamp_X_m clamp_Y_m clamp_Z_m")
+    clamp_angle_rad: Number = _column("rad", "where it points: its angle from the rig's x axis in plane C")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -295,6 +298,11 @@ class ContactTable(_Columns[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Row
         return float(np.median(known)) if len(known) else FRICTION_RAD
 
     @property
+    def clamp_moves(self) -> bool:
+        """Whether the antenna's frame is one of its own in every frame, at its clamp, and not the rig's."""
+        return bool(np.isfinite(self.clamp_angle_rad).any())
+
+    @property
     def located(self) -> np.ndarray:
         """(B,) bool: the contact point of this frame may be used."""
         return np.isin(self.status, LOCATED)
@@ -310,10 +318,16 @@ OPTIONAL = (
     *("force_world_N", "friction_angle_rad", "friction_angle_std_rad", "bias_std", "condition"),
     *("pan_rad", "tilt_rad", "evidence", "friction_prior_rad", "tangent_world"),
     *("distance_shared_std_m", "point_shared_std_m", "force_covariance_yz_N2", "force_shared_std_N", "contact"),
+    *("antenna", "clamp_world_m", "clamp_angle_rad"),
 )
-"""What ours has after that; optional when read."""
+"""What ours has after that; optional when read. The last three only where antennas are named."""
 COLUMNS: dict[str, Column] = {name: declared(_Columns)[name] for name in (*REQUIRED, *OPTIONAL)}
 """Field → its declaration, in the order of the file."""
+
+
+def columns_of(named: bool) -> tuple[str, ...]:
+    """The file's columns; those of antennas with names and moving clamps among them or not."""
+    return column_names(tuple(COLUMNS)[: None if named else -3])
 
 
 def column_names(which: Sequence[str] = tuple(COLUMNS)) -> tuple[str, ...]:
@@ -428,6 +442,9 @@ def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarra
     ------
     InputError : the contacts are not of this rig.
     """
+    if table.clamp_moves:
+        what = "the clamp moved in this recording, which needs none of the rig's joints"
+        raise InputError(what, remedy="leave out --rig; refine, next and track need a clamp that does not move")
     recorded = np.isfinite(table.pan_rad) & np.isfinite(table.tilt_rad)
     pan, tilt = from_points(kinematics, table.point_antenna_m, table.point_world_m)
     pan, tilt = np.where(recorded, table.pan_rad, pan), np.where(recorded, table.tilt_rad, tilt)

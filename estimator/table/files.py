@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
-from itertools import count, islice
+from itertools import chain, count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,7 @@ from .contacts import (
     ContactRow,
     ContactTable,
     column_names,
+    columns_of,
 )
 
 if TYPE_CHECKING:
@@ -45,7 +46,16 @@ _DIGITS = {name: column.digits for field, column in COLUMNS.items() for name in 
 _FORMATS = [f"%.{digits}g" if digits else "%r" for digits in _DIGITS.values()]
 _SPECIAL = re.compile(r'[",\r\n]')
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
-_TEXTS = ("frame", "time_s", "status", "in_contact", "model", "reason", "contact")  # are read in a way of their own
+_TEXTS = (
+    "frame",
+    "time_s",
+    "status",
+    "in_contact",
+    "model",
+    "reason",
+    "contact",
+    "antenna",
+)  # are read in a way of their own
 
 
 def check_format(path: Path) -> None:
@@ -68,8 +78,9 @@ def write_contacts(
 
     Raises InputError when the file exists and `force` is off.
     """
-    path = Path(path)
-    cells = map(cells_of, rows)
+    path, rows = Path(path), iter(rows)
+    first = list(islice(rows, 1))
+    cells = map(cells_of, chain(first, rows))
     with ExitStack() as open_files:
         temporary = open_files.enter_context(replacing(path, force))
         if path.suffix == _PARQUET:
@@ -84,7 +95,7 @@ def write_contacts(
                 parquet.add_key_value_metadata(about)
             return
         stream = open_files.enter_context(temporary.open("w", encoding="utf-8", newline=""))
-        stream.write(header_line())
+        stream.write(header_line(any(row.antenna for row in first)))
         while several := list(islice(cells, _ROWS_TOGETHER)):
             stream.write("".join(map(row_line, several)))
 
@@ -98,9 +109,9 @@ def _parquet_writer(path: Path, schema: pyarrow.Schema) -> ParquetWriter:
     return ParquetWriter(path, schema, use_dictionary=texts)
 
 
-def header_line() -> str:
-    """The first line of contacts.csv."""
-    return ",".join(_DIGITS) + "\n"
+def header_line(named: bool = False) -> str:
+    """The first line of contacts.csv, of antennas with names or without."""
+    return ",".join(columns_of(named)) + "\n"
 
 
 def row_line(cells: Mapping[str, Any]) -> str:
@@ -108,7 +119,7 @@ def row_line(cells: Mapping[str, Any]) -> str:
     of their column."""
     written = [
         form % value if type(value) is float and math.isfinite(value) else _quoted(_text(value, digits))
-        for form, digits, value in zip(_FORMATS, _DIGITS.values(), cells.values(), strict=True)
+        for form, digits, value in zip(_FORMATS, _DIGITS.values(), cells.values(), strict=False)
     ]
     return ",".join(written) + "\n"
 
@@ -119,10 +130,11 @@ def _quoted(text: str) -> str:
 
 
 @gate
-def read_contacts(path: Path, several: bool = False) -> ContactTable:
+def read_contacts(path: Path, several: bool = False, antenna: str | None = None) -> ContactTable:
     """Read contacts from a CSV, or from a Parquet file by its suffix.
 
     several : whether a frame may have several contacts, one row each, with numbers of their own in the column contact.
+    antenna : the one to take of a table of several antennas.
 
     Raises
     ------
@@ -130,16 +142,20 @@ def read_contacts(path: Path, several: bool = False) -> ContactTable:
         times that run backwards, a matrix that is no covariance; with file, line and remedy.
     """
     path = Path(path)
-    if path.suffix != _PARQUET and (quick := _plain_table(path)) is not None:
+    if path.suffix != _PARQUET and antenna is None and (quick := _plain_table(path)) is not None:
         return quick
     read = _parquet_rows if path.suffix == _PARQUET else csv_rows
     rows: list[ContactRow] = []
     parts: list[ContactTable] = []
-    lines: dict[tuple[int, int], str] = {}
+    lines: dict[tuple[int, int, str], str] = {}
+    names: dict[str, int] = {}
     time_s = -np.inf
     for record in read(path, column_names(REQUIRED), column_names(OPTIONAL)):
         row, where = _row_of(record, path), f"{path} line {record['line']}"
-        key = row.frame, row.contact
+        names[row.antenna] = names.get(row.antenna, 0) + 1
+        if antenna is not None and row.antenna != antenna:
+            continue
+        key = row.frame, row.contact, row.antenna
         if row.contact and not several:
             raise InputError(
                 f"is contact {row.contact} of frame {row.frame}: only one contact of a frame is supported here",
@@ -158,6 +174,11 @@ def read_contacts(path: Path, several: bool = False) -> ContactTable:
             rows.clear()
     if rows:
         parts.append(ContactTable.from_rows(rows))
+    if len(names) > 1 and antenna is None:
+        what = f"has contacts of {len(names)} antennas, {', '.join(names)}: only one is supported here"
+        raise InputError(what, where=path, remedy="name one: --antenna NAME")
+    if names and not parts:
+        raise InputError(f"has no antenna {antenna}", where=path, remedy=f"there are {', '.join(filter(None, names))}")
     if not parts:
         raise InputError("has no rows", where=path, remedy="one for every frame is needed")
     return ContactTable.joined(parts)
@@ -173,7 +194,13 @@ def _plain_table(path: Path) -> ContactTable | None:
         return None
     header = data.partition(b"\n")[0].decode("utf-8", "replace").rstrip("\r").split(",")
     needed, known = column_names(REQUIRED), set(column_names(REQUIRED)) | set(column_names(OPTIONAL))
-    if len(set(header)) < len(header) or not set(needed) <= set(header) or b"\n#" in data or b"\0" in data:
+    if (
+        "antenna" in header
+        or len(set(header)) < len(header)
+        or not set(needed) <= set(header)
+        or b"\n#" in data
+        or b"\0" in data
+    ):
         return None
     import pyarrow
     from pyarrow import csv as arrow_csv
@@ -198,6 +225,7 @@ def _plain_table(path: Path) -> ContactTable | None:
         if field not in texts
     }
     values["contact"] = np.nan_to_num(values["contact"])
+    values["antenna"] = np.full(len(table), "")
     lower = np.char.lower(words["in_contact"])
     upper = values.pop("covariance_world_m2")
     matrices = np.empty((len(table), 3, 3))
@@ -293,7 +321,7 @@ def cells_of(row: ContactRow) -> dict[str, int | float | bool | str]:
     if not isinstance(row, ContactRow):
         raise InputError(f"a row is {shown(row)}", remedy="give a ContactRow for each frame")
     cells: dict[str, int | float | bool | str] = {}
-    for field, names in _NAMES.items():
+    for field, names in islice(_NAMES.items(), None if row.antenna else len(_NAMES) - 3):
         value = getattr(row, field)
         if len(names) == 1:  # most of them: NumPy would take longer than all else
             cells[names[0]] = value.item() if isinstance(value, np.generic | np.ndarray) else value
@@ -383,6 +411,7 @@ def _row_of(record: Mapping[str, str], path: Path) -> ContactRow:
         model=record["model"],
         reason=record["reason"],
         contact=whole_number(record, "contact", path) if record.get("contact") else 0,
+        antenna=record.get("antenna", ""),
         **values,
     )
 

@@ -29,6 +29,10 @@ def _bundled(name: str) -> tuple[Scene, Plan]:
     return scene, plan(scene)
 
 
+SESSIONS = ["demo", "steep_sphere", "upright_knife"]
+"""Bundled scenes of sessions; whiskers have none."""
+
+
 def _small(**changes: Any) -> dict[str, Any]:
     """The demo scene with few and small pictures."""
     data = yaml.safe_load(bundled_scene("demo").read_text())
@@ -175,8 +179,8 @@ def test_centrelines_stand_in_for_the_recordings_pictures(written: Path, tmp_pat
 
 
 def test_every_bundled_scene_can_be_carried_out() -> None:
-    assert bundled_names() == ["demo", "steep_sphere", "upright_knife"]
-    for name in bundled_names():
+    assert bundled_names() == [*SESSIONS, "whiskers"]
+    for name in SESSIONS:
         scene, planned = _bundled(name)
         frames = planned.truth["frames"]
         touching = [frame for frame in frames if frame["in_contact"]]
@@ -188,7 +192,7 @@ def test_every_bundled_scene_can_be_carried_out() -> None:
 
 
 def test_the_whole_antenna_is_in_every_picture_of_the_bundled_scenes() -> None:
-    for name in bundled_names():
+    for name in SESSIONS:
         scene, planned = _bundled(name)
         for shot in planned.shots:
             if isinstance(shot, AntennaShot):

@@ -1,4 +1,4 @@
-"""--pan and --tilt in radians, or in degrees with --degrees."""
+"""--pan and --tilt in radians, or in degrees with --degrees; and --antenna."""
 
 from __future__ import annotations
 
@@ -15,6 +15,11 @@ def add_joints(parser: argparse._ActionsContainer, of: str = "joint angle") -> N
     for name in _ANGLES:
         parser.add_argument(f"--{name}", type=float, metavar="RAD", help=f"{of}, rad (default: 0)")
     parser.add_argument("--degrees", action="store_true", help="--pan, --tilt and a bag's joints are in degrees")
+
+
+def add_antenna(parser: argparse._ActionsContainer) -> None:
+    """Add --antenna, for contacts of several."""
+    parser.add_argument("--antenna", metavar="NAME", help="which antenna's contacts, where the table has several")
 
 
 def joints_rad(args: argparse.Namespace) -> dict[str, float]:

@@ -66,7 +66,7 @@ VERBS = {
     "convert": ("vbaa_calib.cli.convert", "the camera to and from ROS, OpenCV, Kalibr, mrcal and COLMAP files"),
     "export": ("vbaa_calib.cli.export", "the antenna as calibrated for MuJoCo, Newton, PyElastica, URDF"),
     "completion": ("vbaa_calib.cli.completion", "a script that completes verbs and options in bash, zsh or fish"),
-    "schema": ("vbaa_calib.cli.schema", "print the JSON Schema of session.yaml or rig.json"),
+    "schema": ("vbaa_calib.cli.schema", "print the JSON Schema of session.yaml, rig.json or whiskers.yaml"),
     "bench": ("vbaa_calib.cli.bench", "speed against error, with the alternatives in the same run"),
 }
 """Name → (module with `configure` and `run`, one line of help), in the order of use; imported when needed."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_yaml
 
 if TYPE_CHECKING:
     from vbaa_calib.simulate.plan import Plan
@@ -60,6 +61,19 @@ def _written(args: argparse.Namespace, scene: Scene, folder: Path) -> Plan:
     )
 
 
+def _whiskers(args: argparse.Namespace, path: Path) -> dict[str, Any]:
+    """Write a recording of whiskers. Raises InputError for options that it has no place for."""
+    from vbaa_calib.simulate.whiskers import write_whiskers
+
+    if args.output is None or args.bag is not None or args.labels or args.render != "drawn":
+        remedy = "give -o FOLDER and nothing about pictures: whiskers are written as lines"
+        raise InputError("a scene of whiskers has no pictures", where=path, remedy=remedy)
+    frames = write_whiskers(path, args.output, force=args.force, seed=args.seed)["frames"]
+    touching = sum(frame["in_contact"] for frame in frames)
+    say(f"{args.output}: scene {path.stem}, {len(frames)} lines of which {touching} in contact")
+    return {"session": str(args.output), "scene": path.stem, "frames": len(frames), "frames_in_contact": touching}
+
+
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the session, and its recording as a bag. Returns their names and counts.
 
@@ -71,7 +85,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     started = time.perf_counter()
     given = Path(args.scene)
-    scene = load_scene(given if given.is_file() or given.suffix else bundled_scene(args.scene))
+    path = given if given.is_file() or given.suffix else bundled_scene(args.scene)
+    if read_yaml(path).get("schema") == "vbaa.whisking/1":
+        return _whiskers(args, path)
+    scene = load_scene(path)
     if args.seed is not None:
         if args.seed < 0:
             raise InputError(f"--seed is {args.seed}", where="vbaa simulate", remedy="give a whole number from 0")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -113,6 +113,10 @@ class Antenna:
                 "clamp_give_m": float(self.parameters[8]),
             },
         }
+
+
+NamedAntennas = Mapping[str, tuple[Antenna, np.ndarray]]
+"""Antennas that share a camera, by name: each with the standard deviations (9,) of its parameters."""
 
 
 _Weight = Annotated[float, Within(ge=-100, le=100)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from vbaa_calib.core.errors import InputError, Verdict, shown
 from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
 from vbaa_calib.geometry.independent_axes import is_covariance
-from vbaa_calib.session import DRIFTS, Drift, MomentSensor
+from vbaa_calib.session import DRIFTS, Drift, MomentSensor, MovingClamp
 
 from .parts import (
     ANTENNA_PARAMETERS,
@@ -25,6 +26,7 @@ from .parts import (
     SCHEMA,
     Antenna,
     AntennaImage,
+    NamedAntennas,
     Tip,
     kinematics_to_dict,
 )
@@ -46,6 +48,13 @@ def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.
             remedy="run vbaa calibrate again",
         )
     return np.array(rows, float)
+
+
+def _named(name: str, one: tuple[Antenna, np.ndarray]) -> tuple[str, dict[str, Any]]:
+    """Of `antennas` in rig.json."""
+    antenna, std = one
+    by_name = dict(zip(ANTENNA_PARAMETERS, std.tolist(), strict=True))
+    return name, antenna.to_dict(by_name.__getitem__) | {"parameters_std": std.tolist()}
 
 
 _NEAREST_M = 1e-3  # what comes nearer to the camera's plane counts as not in front of it
@@ -83,6 +92,8 @@ class Rig:
         gain and offset count as exact.
     drift : what may have changed since; it is not in the covariance.
     tip : where the antenna's visible end lies; None where that is not known.
+    clamp : what is known of a clamp that moves and turns between frames; None for one that does not.
+    antennas : by name, where several in the same picture differ; each in the place of `antenna` (`of_antenna`).
     verdict : what its calibration found, and whether it may be used.
 
     Raises InputError for other shapes, for what is no number, and for a matrix that is no covariance.
@@ -99,6 +110,8 @@ class Rig:
     second_moment_sensor: MomentSensor | None = None
     drift: Drift = DRIFTS["none"]
     tip: Tip | None = None
+    clamp: MovingClamp | None = None
+    antennas: NamedAntennas = field(default_factory=dict)
     verdict: Verdict = field(default_factory=Verdict)
 
     def __post_init__(self) -> None:
@@ -263,6 +276,24 @@ class Rig:
         )
 
     @gate
+    def of_antenna(self, name: str) -> Rig:
+        """The rig with one antenna, that of the name; all are alike where the rig names none. Raises InputError."""
+        if not self.antennas:
+            return self
+        if name not in self.antennas:
+            names = ", ".join(self.antennas)
+            raise InputError(f"there is no antenna {name}", where="rig", remedy=f"it has {names}")
+        (antenna, std), size = self.antennas[name], len(self.covariance)
+        own = slice(len(POSE_PARAMETERS), len(POSE_PARAMETERS) + len(ANTENNA_PARAMETERS))
+        others = np.setdiff1d(np.arange(size), np.arange(size)[own])
+        covariance = np.zeros((size, size))
+        covariance[np.ix_(others, others)], covariance[own, own] = (
+            self.covariance[np.ix_(others, others)],
+            np.diag(std**2),
+        )
+        return replace(self, antenna=antenna, covariance=covariance, tip=None, antennas={})
+
+    @gate
     def camera_on_plane(self, plane: Plane = PLANE_C) -> CameraOnPlane:
         """The metric layer: pixels to metric coordinates on a plane of the antenna frame, plane C by default."""
         from vbaa_calib.camera import CameraOnPlane  # loads torch
@@ -307,8 +338,12 @@ class Rig:
     @staticmethod
     @gate
     def load(path: str | Path) -> Rig:
-        """Read rig.json. Raises InputError naming what is wrong in it."""
+        """Read rig.json, or a YAML file of a rig that is stated. Raises InputError naming what is wrong in it."""
         path = Path(path)
+        if path.suffix.lower() in (".yaml", ".yml"):
+            from .stated import stated_rig
+
+            return Rig.from_dict(stated_rig(path), path)
         return Rig.from_dict(read_json(path), path)
 
     @staticmethod
@@ -345,6 +380,8 @@ class Rig:
                 second_moment_sensor=read.second_moment_sensor,
                 drift=read.drift,
                 tip=None if tip is None else Tip(tip.offset_m, tip.std_m, np.array(tip.covariance, float)),
+                clamp=read.clamp,
+                antennas={name: (each.antenna(), each.parameters_std) for name, each in read.antennas.items()},
                 verdict=read.verdict,
             )
         except InputError as error:
@@ -373,6 +410,8 @@ class Rig:
             "gravity_world": self.gravity_world_m_s2.tolist(),
             "image": asdict(self.image),
             "drift": asdict(self.drift),
+            **({} if self.clamp is None else {"clamp": asdict(self.clamp)}),
+            **({} if not self.antennas else {"antennas": dict(starmap(_named, self.antennas.items()))}),
             "verdict": self.verdict.to_dict(),
             "joint": {"parameters": list(self.parameter_names), "covariance": self.covariance.tolist()},
         }

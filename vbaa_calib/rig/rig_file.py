@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, Verdict
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber, checked
-from vbaa_calib.session import DRIFTS, LAB, FileDrift, MomentSensor
+from vbaa_calib.session import DRIFTS, LAB, FileDrift, MomentSensor, MovingClamp
 from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, Gravity
 
 from .parts import SCHEMA, Antenna, AntennaImage
@@ -71,12 +71,17 @@ class _FileTip:
 class _Antenna:
     length_m: AnyLength
     diameter_m: Diameter
-    stiffness_Nm2: Annotated[Number, Field(ge=1e-9, le=1e4, description="EI")]
+    stiffness_Nm2: Annotated[Number, Field(ge=1e-12, le=1e4, description="EI")]
     stiffness_std_Nm2: Deviation
     mass_per_length_kg_m: Annotated[Number, Field(ge=1e-9, le=100)]
     noload: _Noload
     mass_per_length_std_kg_m: Number | None = None
     tip: _FileTip | None = None
+    parameters_std: Annotated[
+        np.ndarray,
+        ArrayOf(9, ge=0, le=1e3),
+        Field(description="of one of several, in the order of joint.parameters"),
+    ] = field(default_factory=lambda: np.zeros(9))
 
     def antenna(self) -> Antenna:
         free = self.noload
@@ -146,6 +151,13 @@ class RigFile(FileModel):
     image: AntennaImage
     joint: Joint
     drift: Annotated[FileDrift, Field(description="what may change between calibration and recording")] = DRIFTS[LAB]
+    clamp: Annotated[
+        MovingClamp | None,
+        Field(description="of antennas whose clamp moves and turns: what no picture shows; null: one that does not"),
+    ] = None
+    antennas: Annotated[dict[str, _Antenna], Field(description="by name, where several in the same picture differ")] = (
+        Field(default_factory=dict)
+    )
     verdict: Verdict = Field(default_factory=Verdict, description="of the calibration: as bad as its worst finding")
     inputs_sha256: dict[str, str] | None = None
     versions: dict[str, Any] | None = None

@@ -5,11 +5,12 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from .clamp import MovingClamp
 from .drift import DRIFTS, LAB, Drift, drift_of
 from .moment_sensor import MomentSensor
 
 if TYPE_CHECKING:
-    from .centrelines import Centrelines, centrelines_of, read_centrelines
+    from .centrelines import Centrelines, antennas_of, centrelines_of, read_centrelines
     from .settings import (
         SCHEMA,
         STANDARD_GRAVITY_M_S2,

@@ -17,14 +17,22 @@ import struct
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
 import numpy as np
 
 from vbaa_calib.core.arrays import FARTHEST_PX
-from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, loaded, number, places_of, plain_rows, whole_number
+from vbaa_calib.core.csv_rows import (
+    MOST_WHOLE,
+    csv_rows,
+    header_of,
+    loaded,
+    number,
+    places_of,
+    plain_rows,
+    whole_number,
+)
 from vbaa_calib.core.errors import InputError, require_extra
 from vbaa_calib.core.files import read_bytes, require_file
 
@@ -46,11 +54,16 @@ def centrelines_of(path: Path, which: str | None = None) -> Centrelines:
     """As `read_centrelines`, of any file; also one of DeepLabCut (CSV, HDF5), WhiskerToolbox (CSV, or a folder of
     them), Janelia's whisk (.whiskers, or .measurements next to it) or NWB.
 
-    which : of several lines in a frame: an individual, a whisker's label, a line's place from 0 on.
+    which : of several lines in a frame: an individual, a whisker's label, a line's place from 0 on; the name in the
+        column antenna of a table of ours.
     """
-    foreign = _foreign(path, which)
+    if (named := _by_antenna(path)) is not None:
+        return named[_chosen(list(named), which, path)]
+    foreign = _foreign(path)
     if foreign is not None:
-        return _as_ours(path, *foreign)
+        return _as_ours(path, *foreign[_chosen(list(foreign), which, path)])
+    if which is not None:
+        raise InputError("--line is of another tracker's table", where=path, remedy="leave it out")
     require_file(path)
     found = None
     with suppress(OSError), path.open("rb") as stream:
@@ -62,6 +75,38 @@ def centrelines_of(path: Path, which: str | None = None) -> Centrelines:
     found = _indexed(copy)
     assert found is not None
     return Centrelines(path, copy, *found)
+
+
+def antennas_of(path: Path, which: str | None = None) -> dict[str, Centrelines]:
+    """The lines of all antennas in a file, by the names that `which` chooses one of, or of that one. Raises InputError
+    as `centrelines_of` does."""
+    named = _by_antenna(path)
+    if named is None and (foreign := _foreign(path)) is not None:
+        named = {name: _as_ours(path, *found) for name, found in foreign.items() if which in (None, name)}
+    if named is None or which is not None:
+        return {which or "antenna": centrelines_of(path, which)}
+    return named
+
+
+def _by_antenna(path: Path) -> dict[str, Centrelines] | None:
+    """Of a table of ours with the column antenna, the lines of each; None for any other file."""
+    if path.suffix.lower() != ".csv" or not path.is_file() or "antenna" not in header_of(path):
+        return None
+    copies: dict[str, BinaryIO] = {}
+    for row, columns, values in _plain_rows(path, ("antenna",)):
+        if not row["antenna"]:
+            raise wrong(row, path, "antenna is empty", "name the antenna that the point is of")
+        if row["antenna"] not in copies:
+            copies[row["antenna"]] = tempfile.TemporaryFile()  # noqa: SIM115 - it is read for as long as the mapping lives
+            copies[row["antenna"]].write(",".join(columns).encode() + b"\n")
+        copies[row["antenna"]].write(values)
+    found = {}
+    for name, copy in copies.items():
+        copy.seek(0)
+        indexed = _indexed(copy)
+        assert indexed is not None
+        found[name] = Centrelines(path, copy, *indexed)
+    return found
 
 
 def _as_ours(path: Path, points: np.ndarray, note: str) -> Centrelines:
@@ -77,12 +122,8 @@ def _as_ours(path: Path, points: np.ndarray, note: str) -> Centrelines:
     return Centrelines(path, copy, *found, note)
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """Number of cells in a row, and the columns of frame, u, v and, if given, sigma."""
-
-    count: int
-    places: tuple[int, ...]
+_Layout = tuple[int, tuple[int, ...]]
+"""Number of cells in a row, and the columns of frame, u, v and, if they are there, sigma."""
 
 
 class Centrelines(Mapping[int, np.ndarray]):
@@ -154,7 +195,7 @@ class Centrelines(Mapping[int, np.ndarray]):
                 stream.seek(begin)
                 rows.append(stream.read(end - begin).rstrip(b"\n") + b"\n")
             if _state(stream) == self._state:
-                table = loaded(b"".join(rows), self._layout.count, self._layout.places)
+                table = loaded(b"".join(rows), *self._layout)
         if len(table) == 0:
             remedy = "start again once nothing writes to it"
             raise InputError("has changed since it was checked", where=self._path, remedy=remedy)
@@ -173,7 +214,7 @@ def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, np.ndarray] | 
     state, line = _state(stream), stream.readline(BLOCK)
     try:
         header = [name.strip() for name in line.decode("utf-8-sig").split(",")]
-        layout = _Layout(len(header), tuple(places_of(header, _COLUMNS, (_DEVIATION,), Path()).values()))
+        layout = len(header), tuple(places_of(header, _COLUMNS, (_DEVIATION,), Path()).values())
     except (UnicodeDecodeError, InputError):
         return None
     runs, at = [np.empty((0, 3), np.int64)], len(line)
@@ -190,7 +231,7 @@ def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, np.ndarray] | 
 
 def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
     """(R, 3) runs of whole lines, in bytes of the block; None unless they are plain and correct."""
-    rows = plain_rows(block, layout.count, layout.places) if block else None
+    rows = plain_rows(block, *layout) if block else None
     if rows is None:
         return None
     cells, begins, ends = rows
@@ -207,34 +248,42 @@ def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
 
 def _copy_plainly(path: Path, copy: BinaryIO) -> None:
     """Write the numbers as a plain file. Raises InputError naming the first wrong line."""
-    columns: tuple[str, ...] = ()
-    for row in csv_rows(path, _COLUMNS, (_DEVIATION,)):
-        if not columns:
-            columns = tuple(name for name in row if name != "line")
-            copy.write(",".join(columns).encode() + b"\n")
+    for line, (_, columns, values) in enumerate(_plain_rows(path)):
+        copy.write(values if line else ",".join(columns).encode() + b"\n" + values)
+    copy.seek(0)
+
+
+def _plain_rows(path: Path, more: tuple[str, ...] = ()) -> Iterator[tuple[dict[str, str], tuple[str, ...], bytes]]:
+    """Rows of a table, checked: their cells, the names of their numbers, and these as a line of a plain file; each with
+    `more` columns of text. Raises InputError naming the first wrong line."""
+    for row in csv_rows(path, _COLUMNS + more, (_DEVIATION,)):
+        columns = tuple(name for name in row if name not in ("line", *more))
         if _DEVIATION in row and number(row, _DEVIATION, path) <= 0:
             raise wrong(row, path, "sigma_px is not positive", "give a standard deviation in pixels")
         frame, values = whole_number(row, "frame", path), [number(row, name, path) for name in columns[1:]]
         for name, value in zip(columns[1:], values, strict=True):
             if abs(value) > FARTHEST_PX:
                 raise wrong(row, path, f"{name} is {row[name]}", "give pixels: no picture is that large")
-        copy.write(f"{frame},{','.join(map(repr, values))}\n".encode())
-    copy.seek(0)
+        yield row, columns, f"{frame},{','.join(map(repr, values))}\n".encode()
 
 
 _LEAST_LIKELIHOOD = 0.6
 """Points that a network is less sure of are left out: pcutoff of DeepLabCut."""
 
 
-def _foreign(path: Path, which: str | None) -> tuple[np.ndarray, str] | None:
-    """Points (N, 3) of frame, u, v, px, frame by frame, and a note; None for a table of ours. Raises InputError."""
+_Lines = dict[str, tuple[np.ndarray, str]]
+"""Of another tracker's file, by name: points (N, 3) of frame, u, v, px, frame by frame, and a note on them."""
+
+
+def _foreign(path: Path) -> _Lines | None:
+    """The lines of another tracker's file; None for a table of ours. Raises InputError."""
     suffix = path.suffix.lower()
     if os.path.isdir(path):
         return _numbered_tables(path)
     if suffix in (".whiskers", ".measurements"):
-        return _whisk(path, which)
+        return _whisk(path)
     if suffix in (".h5", ".hdf5", ".nwb"):
-        return _hdf5(path, which)
+        return _hdf5(path)
     require_file(path)
     try:
         with path.open(encoding="utf-8-sig") as stream:
@@ -243,11 +292,9 @@ def _foreign(path: Path, which: str | None) -> tuple[np.ndarray, str] | None:
         return None
     names = [name.strip().lower() for name in first.split(",")]
     if names[0] in ("scorer", "individuals", "bodyparts"):
-        return _of_parts(path, which, *_network_table(path))
+        return _of_parts(path, *_network_table(path))
     if names == ["frame", "x", "y"]:
-        return _lists(path, which)
-    if which is not None:
-        raise InputError("--line is of another tracker's table", where=path, remedy="leave it out")
+        return _lists(path)
     return None
 
 
@@ -289,25 +336,25 @@ def _network_table(path: Path) -> tuple[list[tuple[str, ...]], np.ndarray, np.nd
     return list(parts), np.array(frames), np.array(values)
 
 
-def _of_parts(
-    path: Path, which: str | None, columns: Sequence[tuple[str, ...]], frames: np.ndarray, values: np.ndarray
-) -> tuple[np.ndarray, str]:
-    """The points that a network is sure of, of one individual."""
+def _of_parts(path: Path, columns: Sequence[tuple[str, ...]], frames: np.ndarray, values: np.ndarray) -> _Lines:
+    """The points that a network is sure of, of each individual."""
     individuals = list(dict.fromkeys(each[0] for each in columns))
-    chosen = _chosen([name for name in individuals if name != "single" or len(individuals) == 1], which, path)
-    place = {(part, coordinate): at for at, (who, part, coordinate) in enumerate(columns) if who == chosen}
-    parts = list(dict.fromkeys(part for part, _ in place))
-    if any((part, coordinate) not in place for part in parts for coordinate in "xy"):
-        raise InputError("has a part without x and y", where=path, remedy="export it again")
-    u, v = (values[:, [place[part, coordinate] for part in parts]] for coordinate in "xy")
-    sure = np.isfinite(u) & np.isfinite(v)
-    known = sure.sum()
-    for at, part in enumerate(parts):
-        if (part, "likelihood") in place:
-            sure[:, at] &= values[:, place[part, "likelihood"]] >= _LEAST_LIKELIHOOD
-    points = np.stack([np.broadcast_to(frames[:, None], u.shape)[sure], u[sure], v[sure]], axis=1)
-    note = f"{len(parts)} parts a frame ({', '.join(parts)[:80]}); {known - sure.sum()} of {known} points"
-    return points, f"{note} are left out: a likelihood below {_LEAST_LIKELIHOOD:g}"
+    found: _Lines = {}
+    for name in [each for each in individuals if each != "single" or len(individuals) == 1]:
+        place = {(part, coordinate): at for at, (who, part, coordinate) in enumerate(columns) if who == name}
+        parts = list(dict.fromkeys(part for part, _ in place))
+        if any((part, coordinate) not in place for part in parts for coordinate in "xy"):
+            raise InputError("has a part without x and y", where=path, remedy="export it again")
+        u, v = (values[:, [place[part, coordinate] for part in parts]] for coordinate in "xy")
+        sure = np.isfinite(u) & np.isfinite(v)
+        known = sure.sum()
+        for at, part in enumerate(parts):
+            if (part, "likelihood") in place:
+                sure[:, at] &= values[:, place[part, "likelihood"]] >= _LEAST_LIKELIHOOD
+        points = np.stack([np.broadcast_to(frames[:, None], u.shape)[sure], u[sure], v[sure]], axis=1)
+        note = f"{len(parts)} parts a frame ({', '.join(parts)[:80]}); {known - sure.sum()} of {known} points"
+        found[name] = points, f"{note} are left out: a likelihood below {_LEAST_LIKELIHOOD:g}"
+    return found
 
 
 def _chosen(names: Sequence[str], which: str | None, path: Path) -> str:
@@ -320,15 +367,17 @@ def _chosen(names: Sequence[str], which: str | None, path: Path) -> str:
     return which if which is not None else names[0]
 
 
-def _picked(path: Path, which: str | None, lines: Sequence[tuple[str, int, np.ndarray]]) -> tuple[np.ndarray, str]:
-    """Points (N, 3) of the lines (name, frame, (n, 2) px) of one name."""
-    chosen = _chosen(sorted({name for name, _, _ in lines}, key=lambda name: (len(name), name)), which, path)
-    kept = sorted(((frame, line) for name, frame, line in lines if name == chosen), key=lambda each: each[0])
-    points = [np.column_stack([np.full(len(line), frame), line]) for frame, line in kept]
-    return np.concatenate([np.empty((0, 3)), *points]), f"{len(kept)} lines"
+def _picked(lines: Sequence[tuple[str, int, np.ndarray]], more: str = "") -> _Lines:
+    """Lines (name, frame, (n, 2) px) by name, with more words in their notes."""
+    found: _Lines = {}
+    for name in sorted({name for name, _, _ in lines}, key=lambda name: (len(name), name)):
+        kept = sorted(((frame, line) for who, frame, line in lines if who == name), key=lambda each: each[0])
+        points = [np.column_stack([np.full(len(line), frame), line]) for frame, line in kept]
+        found[name] = np.concatenate([np.empty((0, 3)), *points]), f"{len(kept)} lines{more}"
+    return found
 
 
-def _lists(path: Path, which: str | None) -> tuple[np.ndarray, str]:
+def _lists(path: Path) -> _Lines:
     """WhiskerToolbox's lines in one file: a frame, then all x and all y, each in quotes."""
     lines, count = [], dict[int, int]()
     for line, cells in _rows(path):
@@ -341,10 +390,10 @@ def _lists(path: Path, which: str | None) -> tuple[np.ndarray, str]:
         number = count.get(int(frame), 0)
         count[int(frame)] = number + 1
         lines.append((str(number), int(frame), np.column_stack([x, y])))
-    return _picked(path, which, lines)
+    return _picked(lines)
 
 
-def _numbered_tables(path: Path) -> tuple[np.ndarray, str]:
+def _numbered_tables(path: Path) -> _Lines:
     """WhiskerToolbox's lines in a file each, named by the frame: x,y."""
     lines = []
     for each in sorted(path.glob("*.csv")):
@@ -355,34 +404,33 @@ def _numbered_tables(path: Path) -> tuple[np.ndarray, str]:
     if not lines:
         remedy = "a folder of 000001.csv and so on is needed, with x,y"
         raise InputError("is a folder that holds no lines", where=path, remedy=remedy)
-    return _picked(path, None, lines)
+    return _picked(lines)
 
 
-def _whisk(path: Path, which: str | None) -> tuple[np.ndarray, str]:
+def _whisk(path: Path) -> _Lines:
     """The lines of Janelia's whisk, by the labels of the measurements next to them."""
     traces, measured = path.with_suffix(".whiskers"), path.with_suffix(".measurements")
     if not traces.is_file():
         what = "holds where whiskers begin and end, not their lines"
         raise InputError(what, where=path, remedy=f"put {traces.name} next to it, or export lines")
-    return _labelled(traces, which, _traces(traces), _labels(measured) if measured.is_file() else {})
+    return _labelled(traces, _traces(traces), _labels(measured) if measured.is_file() else {})
 
 
 def _labelled(
-    path: Path, which: str | None, lines: Sequence[tuple[int, int, np.ndarray]], labels: Mapping[tuple[int, int], int]
-) -> tuple[np.ndarray, str]:
-    """Points (N, 3) of the lines (whisker, frame, (n, 2) px) of one label (frame, whisker) → label; of one of whisk's
-    own numbers where labels tell no lines apart."""
+    path: Path, lines: Sequence[tuple[int, int, np.ndarray]], labels: Mapping[tuple[int, int], int]
+) -> _Lines:
+    """The lines (whisker, frame, (n, 2) px) of each label (frame, whisker) → label; by whisk's own numbers where labels
+    tell no lines apart."""
     found = [(labels.get((frame, whisker), -1), frame, points) for whisker, frame, points in lines]
     named = [(str(label), frame, points) for label, frame, points in found if label >= 0]
     if named and len({each[:2] for each in named}) == len(named):
-        points, note = _picked(path, which, named)
-        note += f" by label; {len(found) - len(named)} without one are left out"
+        more = f" by label; {len(found) - len(named)} without one are left out"
     else:
-        points, note = _picked(path, which, [(str(whisker), frame, points) for whisker, frame, points in lines])
-        note += f" by whisk's own number in each frame{': its labels tell no lines apart' if labels else ''}"
+        named = [(str(whisker), frame, points) for whisker, frame, points in lines]
+        more = f" by whisk's own number in each frame{': its labels tell no lines apart' if labels else ''}"
     if path.suffix == ".whiskers" and read_bytes(path)[:10] == b"bwhiskpoly":
-        note += "; whiskpoly1 stores parabolas: bends are lost that whiskbin1 has"
-    return points, note
+        more += "; whiskpoly1 stores parabolas: bends are lost that whiskbin1 has"
+    return _picked(named, more)
 
 
 def _traces(path: Path) -> list[tuple[int, int, np.ndarray]]:
@@ -459,7 +507,7 @@ def _labels(path: Path) -> dict[tuple[int, int], int]:
     return {(frame, whisker): label for _, frame, whisker, label in heads}
 
 
-def _hdf5(path: Path, which: str | None) -> tuple[np.ndarray, str]:
+def _hdf5(path: Path) -> _Lines:
     """DeepLabCut's HDF5, or the poses of an NWB file."""
     from vbaa_calib.convert.child import read_in_child  # which needs sessions
 
@@ -470,12 +518,12 @@ def _hdf5(path: Path, which: str | None) -> tuple[np.ndarray, str]:
     except ValueError as error:
         raise InputError(f"cannot be read ({error!s:.200})", where=path, remedy="export it as CSV") from None
     if "whiskers" in found:
-        return _whisk_tables(path, which, found)
+        return _whisk_tables(path, found)
     columns = [tuple(each) for each in json.loads(str(found["columns"]))]
-    return _of_parts(path, which, columns, found["frames"], found["values"])
+    return _of_parts(path, columns, found["frames"], found["values"])
 
 
-def _whisk_tables(path: Path, which: str | None, found: Mapping[str, np.ndarray]) -> tuple[np.ndarray, str]:
+def _whisk_tables(path: Path, found: Mapping[str, np.ndarray]) -> _Lines:
     """The lines of whiskers (W, 3) of frame, number and label in an HDF5 file, or of the .whiskers file next to it."""
     labels = {(frame, number): label for frame, number, label in found["whiskers"].tolist()}
     if "points" in found:
@@ -483,12 +531,12 @@ def _whisk_tables(path: Path, which: str | None, found: Mapping[str, np.ndarray]
         lines = [
             (number, frame, part) for (frame, number, _), part in zip(found["whiskers"].tolist(), parts, strict=True)
         ]
-        return _labelled(path, which, lines, labels)
+        return _labelled(path, lines, labels)
     traces = path.with_suffix(".whiskers")
     if not traces.is_file():
         what = "its WhiskerMeasurementTable (ndx-whisk) has follicle and tip, not lines"
         raise InputError(what, where=path, remedy=f"put {traces.name}, which it was made of, next to it")
-    return _labelled(traces, which, _traces(traces), labels)
+    return _labelled(traces, _traces(traces), labels)
 
 
 def _read_hdf5(path: Path) -> dict[str, np.ndarray]:

@@ -44,16 +44,19 @@ _SWEEP = 1_000_000
 """The sweep's pictures take their noise after all those of the plan."""
 
 
-def _refuse_target(path: Path, force: bool) -> None:
-    """Raises InputError unless a session may be written to `path`; only sessions and empty folders are replaced."""
+def refuse_target(path: Path, force: bool, marker: str = "session.yaml") -> None:
+    """Raises InputError unless a session may be written to `path`; only folders with a `marker`, as sessions have, and
+    empty ones are replaced."""
     refuse_folder_of(path)
     if not os.path.lexists(path):
         return
     if not force:
         raise InputError("exists already", where=path, remedy="give --force to replace it, or another name")
     ours = path.is_dir() and not path.is_symlink()
-    if not ours or not ((path / "session.yaml").is_file() or not any(path.iterdir())):
-        raise InputError("is not a session, it is not replaced", where=path, remedy="take another name")
+    if not ours or not ((path / marker).is_file() or not any(path.iterdir())):
+        raise InputError(
+            f"is not a session, with {marker} in it: it is not replaced", where=path, remedy="take another name"
+        )
 
 
 def write_session(
@@ -78,7 +81,7 @@ def write_session(
     InputError : the folder is in the way, the scene cannot be carried out, or mitsuba is not installed.
     """
     folder = Path(folder)
-    _refuse_target(folder, force)
+    refuse_target(folder, force)
     place, sheet = studio(scene.lens, scene.picture, stream(scene, "bench")), print_sheet(scene.board)
     photographer = TracedPictures(scene, place, sheet, stream(scene, "bench")) if traced else None
     take = photographer.shot if photographer else drawn_pictures(scene, place, sheet)
@@ -95,9 +98,9 @@ def write_session(
         write_json(root / "truth.json", truth)
         for name, rows in planned.tables.items():
             drop = () if recording_pictures or name != "recording/recording.csv" else ("image",)
-            _write_rows(root / name, [{k: v for k, v in row.items() if k not in drop} for row in rows])
+            write_rows(root / name, [{k: v for k, v in row.items() if k not in drop} for row in rows])
         if not recording_pictures:
-            _write_rows(root / "recording/centrelines.csv", list(_centrelines(scene, place, planned)))
+            write_rows(root / "recording/centrelines.csv", list(_centrelines(scene, place, planned)))
         taken = [recording_pictures or not shot.path.startswith("recording/") for shot in planned.shots]
         _write_pictures(scene, take, planned, taken, root, 1 if traced else os.cpu_count())
         if labels:
@@ -109,8 +112,8 @@ def _write_picture(path: Path, picture: np.ndarray) -> None:
     path.write_bytes(cv2.imencode(".png", picture, _PNG)[1].tobytes())
 
 
-def _write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """At least one row; the columns are the first one's keys."""
+def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write a CSV of at least one row; the columns are the first one's keys."""
     with path.open("w", encoding="utf-8", newline="") as table:
         writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
         writer.writeheader()
@@ -156,9 +159,9 @@ def _write_labels(scene: Scene, place: Studio, planned: Plan, taken: Sequence[bo
     for shot in shots:
         _write_picture(root / "labels" / shot.path, antenna_mask(scene, place, shot))
     rows = [row for shot in shots for row in centreline_rows(scene, place, shot)]
-    _write_rows(root / "labels/centrelines.csv", rows)
+    write_rows(root / "labels/centrelines.csv", rows)
     contacts = [contact_row(scene, place, shot, truths.get(shot.path, {})) for shot in shots]
-    _write_rows(root / "labels/contacts.csv", contacts)
+    write_rows(root / "labels/contacts.csv", contacts)
 
 
 def write_sweep(scene: Scene, take: Take, sheet: Sheet, root: Path) -> Pose:
@@ -175,7 +178,7 @@ def write_sweep(scene: Scene, take: Take, sheet: Sheet, root: Path) -> Pose:
         shot = BoardShot(f"sweep/{name}", at, scene.T_world_camera(at).inverse() @ T_world_board)
         _write_picture(folder / name, take(shot, None, stream(scene, "pictures", _SWEEP + index)))
         rows.append({"image": name, "pan_rad": at.pan_rad, "tilt_rad": at.tilt_rad})
-    _write_rows(folder / "sweep.csv", rows)
+    write_rows(folder / "sweep.csv", rows)
     return T_world_board
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -88,6 +89,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "DeepLabCut, WhiskerToolbox, whisk or NWB have them; --readings: frame,time_s,pan_rad,tilt_rad[,moment_Nm]",
     )
     parser.add_argument("--line", metavar="NAME", help="which of several lines or individuals there is the antenna")
+    parser.add_argument("--rate", type=float, metavar="HZ", help="frames a second, where --readings do not say when")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json of `vbaa calibrate`")
     parser.add_argument("-o", "--output", type=Path, required=True, help="contacts.csv to write, or contacts.parquet")
     add_estimator_options(parser)
@@ -120,6 +122,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError("what is to be estimated is not named, or twice", where="vbaa estimate", remedy=remedy)
     if args.line is not None and args.centrelines is None:
         raise InputError("--line", where="vbaa estimate", remedy="it is of --centrelines")
+    if args.rate is not None and (args.centrelines is None or args.readings is not None or not 0.0 < args.rate < 1e9):
+        raise InputError("--rate", where="vbaa estimate", remedy="it is of --centrelines without --readings, in Hz")
     if args.clock_offset != "0" and (args.session is None or _is_session(args.session)):
         remedy = "leave it out: here every reading stands beside its picture"
         raise InputError("--clock-offset is for a bag, a video or a table of pictures", remedy=remedy)
@@ -139,6 +143,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     result, ground, verdict = _estimate(args)
     from viz.report.make import Sources, make_report
 
+    if len(names := result["antennas"] or ()) > 1:
+        plain = [re.sub(r"[^\w.-]", "_", name) for name in names]
+        pages = [output.with_name(f"{output.stem}-{name}{output.suffix}") for name in plain]
+        for name, page in zip(names, pages, strict=True):
+            title = f"Contacts of {name}: {args.centrelines.resolve().name}"
+            make_report(page, Sources(args.output, antenna=name), title=title, argv=args.argv, force=args.force)
+        say(f"wrote {', '.join(map(str, pages))}")
+        return {**result, "report": list(map(str, pages))}
     session = args.session if args.session is not None and _is_session(args.session) else None
     about = {name: result[name] for name in ("drift", "readings")}
     sources = Sources(args.output, args.rig, session, ground=ground, verdict=verdict, **about)
@@ -166,7 +178,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
     estimator, given = recording(args, rig)
     if given.words:
         say(f"background: {given.words}")
-    watch, verdict = RecordingWatch(estimator.rig), RecordingVerdict()
+    watch, verdict = None if given.antennas else RecordingWatch(estimator.rig), RecordingVerdict()
     overview = Overview(estimator.rig.second_moment_sensor is not None)
     models, std_m = Counter[str](), array("d")
 
@@ -181,16 +193,21 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
 
                 found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force, remarks))
             for item in found:
-                watch.push(item.measured, item.contact)
+                if watch is not None:
+                    watch.push(item.measured, item.contact)
                 if item.frame.image is not None and item.frame.image.parent == args.unpacked:
                     item.frame.image.unlink()
                 row = ContactRow.of(item.frame, item.contact)
+                if item.clamp is not None:
+                    place, angle = item.clamp[:3], float(item.clamp[3])
+                    row = replace(row, antenna=item.antenna, clamp_world_m=place, clamp_angle_rad=angle)
                 overview.add_readings(item.frame, item.measured, item.contact)
                 overview.add_result(row.frame, row.status, row.reason)
                 models[row.model] += 1
                 std_m.append(row.distance_std_m)
                 yield row
-            verdict = with_unused(watch.verdict(), overview.unused, overview.frames)
+            if watch is not None:
+                verdict = with_unused(watch.verdict(), overview.unused, overview.frames)
             remarks += verdict.verdict.lines
 
     write_contacts(args.output, rows(), args.force)
@@ -226,6 +243,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
         "drift": drift,
         "background": given.words or None,
         "stream": dict(given.counts) or None,
+        "antennas": list(given.antennas) or None,
         "outside_points": overview.outside["points"],
         "outside_frames": overview.outside["frames"],
         "exit_code": int(verdict.verdict.severity == "wrong"),
@@ -235,7 +253,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
 
 @dataclass(frozen=True, eq=False)
 class _Recording:
-    """Frames that are estimated as they are asked for, how many where that is known, and what came with them."""
+    """Frames that are estimated as they are asked for, how many where that is known, and what came with them; where
+    clamps move, the antennas' names."""
 
     items: Iterable[FrameContact]
     count: int | None
@@ -243,6 +262,7 @@ class _Recording:
     words: str = ""
     notes: Callable[[], list[str]] = list
     counts: Mapping[str, int] = field(default_factory=dict)
+    antennas: Sequence[str] = ()
 
 
 def _is_session(path: Path) -> bool:
@@ -283,6 +303,8 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     from vbaa_calib.session import without_moments
     from vbaa_calib.streams import Synchronizer, taken_frames
 
+    if args.centrelines is not None and rig.clamp is not None:
+        return _of_moving_clamps(args, rig)
     estimator = _estimator(args, rig, None)
     if args.centrelines is not None:
         if args.background is not None:
@@ -311,6 +333,31 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     return estimator, _Recording(
         items, None, ground, words, lambda: [*source.notes, *synchronizer.left_out()], synchronizer.counts
     )
+
+
+def _of_moving_clamps(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
+    """Centrelines of antennas with moving clamps, all that the file and the rig have. Raises InputError."""
+    from estimator.contact.moving_clamp import clamp_tracks, estimate_antennas
+
+    for name in ("background", "overlay"):
+        if getattr(args, name) is not None:
+            remedy = "leave it out: there are no pictures, only lines"
+            raise InputError(f"--{name}", where="vbaa estimate", remedy=remedy)
+    frames, lines = streams.tracked_antennas(args)
+    if len(lines) == len(rig.antennas) == 1:
+        lines = dict(zip(rig.antennas, lines.values(), strict=True))
+    known = {name: each for name, each in lines.items() if not rig.antennas or name in rig.antennas}
+    if not known:
+        what = f"has lines of {', '.join(lines)}, the rig antennas {', '.join(rig.antennas)}"
+        raise InputError(what, where=args.centrelines, remedy="give the antennas in the rig the names of the lines")
+    if left := sorted(lines.keys() - known.keys()):
+        say(f"left out, as the rig does not have them: {', '.join(left)}")
+    tracks = clamp_tracks(rig, frames, known)
+    for name, track in tracks.items():
+        say(f"{name}: {track.words}")
+    items = estimate_antennas(tracks, frames, known, model=args.model, friction=args.friction)
+    estimator = _estimator(args, replace(rig, clamp=None, antennas={}), None)
+    return estimator, _Recording(items, len(frames) * len(known), None, antennas=list(known))
 
 
 def _say_silent(frames: Sequence[Frame], rig: Rig) -> None:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from vbaa_calib.cli.joints import add_antenna
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from viz.files.outputs import refuse_output
@@ -13,6 +14,7 @@ from viz.files.outputs import refuse_output
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
+    add_antenna(parser)
     why = "rig.json: its antenna's radius lies between contact and object, its errors are common to all contacts"
     parser.add_argument("--rig", type=Path, help=why)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OBJECT", help="a .vtp, .ply or .glb")
@@ -26,7 +28,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from viz.files.object_file import SUFFIXES, write_object
 
     refuse_output(args.output, SUFFIXES, args.force, (args.contacts, args.rig))
-    table = read_contacts(args.contacts)
+    table = read_contacts(args.contacts, antenna=args.antenna)
     if not table.located.any():
         raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
     radius, shared = 0.0, None
@@ -40,7 +42,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         from vbaa_calib.cli.usable_rig import usable_rig
 
         rig = usable_rig(args.rig)
-        radius, shared = rig.antenna.diameter_m / 2, shared_errors(rig, table)
+        radius = rig.of_antenna(str(table.antenna[0])).antenna.diameter_m / 2
+        shared = None if table.clamp_moves else shared_errors(rig, table)
     surface = reconstruct(touches_of(table, shared), radius)
     write_object(surface, args.output, force=args.force)
     patches, soft = int(surface.patch.max()) + 1, surface.compliance

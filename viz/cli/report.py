@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from vbaa_calib.cli.joints import add_antenna
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from viz.files.outputs import PAGES, refuse_output, report_beside
@@ -13,6 +14,7 @@ from viz.files.outputs import PAGES, refuse_output, report_beside
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
+    add_antenna(parser)
     parser.add_argument("--rig", type=Path, help="rig.json: friction, stiffness, and the rig in the picture need it")
     parser.add_argument("--framewise", type=Path, help="contacts.csv that vbaa refine made these of: drawn beside them")
     parser.add_argument("--session", type=Path, help="the session folder: adds a picture of its recording; needs --rig")
@@ -29,7 +31,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError("--session needs --rig", where="vbaa report", remedy="give the rig.json it was recorded with")
     from viz.report.make import Sources, make_report
 
-    sources = Sources(args.contacts, args.rig, args.session, args.truth, framewise=args.framewise)
+    more = {"framewise": args.framewise, "antenna": args.antenna}
+    sources = Sources(args.contacts, args.rig, args.session, args.truth, **more)
     make_report(output, sources, title=args.title, argv=args.argv, force=args.force)
     say(f"{output}: {output.stat().st_size / 1e6:.1f} MB, opens offline in any browser")
     return {"report": str(output)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -186,20 +186,39 @@ def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> 
 
 
 def tracked(args: argparse.Namespace) -> tuple[Sequence[Frame], Centrelines]:
-    """Frames and their centrelines (N, 3) from one's own tracker. Raises InputError with file, line and remedy.
+    """Frames and their centrelines (N, 3) from one's own tracker. Raises InputError with file, line and remedy."""
+    from vbaa_calib.session import centrelines_of
 
-    Without readings: vision alone, the joints as --pan and --tilt say, a second from frame to frame, so that none is
-    tested for motion.
+    lines = centrelines_of(args.centrelines, args.line)
+    return _frames_of(args, {"": lines}), lines
+
+
+def tracked_antennas(args: argparse.Namespace) -> tuple[Sequence[Frame], Mapping[str, Centrelines]]:
+    """Frames and the centrelines of several antennas by name. Raises InputError as `tracked` does."""
+    from vbaa_calib.session import antennas_of
+
+    lines = antennas_of(args.centrelines, args.line)
+    return _frames_of(args, lines), lines
+
+
+def _frames_of(args: argparse.Namespace, lines: Mapping[str, Centrelines]) -> Sequence[Frame]:
+    """The frames that lines by name are of.
+
+    Without readings: vision alone, the joints as --pan and --tilt say, times by --rate, or else a second from frame to
+    frame, so that none is tested for motion.
     """
     from vbaa_calib.core.console import say
-    from vbaa_calib.session import Frame, centrelines_of, recording_of
+    from vbaa_calib.session import Frame, recording_of
 
     path, readings, joints = args.centrelines, args.readings, pan_tilt_rad(args)
-    lines = centrelines_of(path, args.line)
-    if lines.note:
-        say(f"read {path}: {lines.note}")
+    for name, each in lines.items():
+        if each.note:
+            say(f"read {path}{f', {name}' if name else ''}: {each.note}")
     if readings is None:
         first = Frame(None, *joints, math.nan, frame=0, time_s=0.0, joints_read=(False, False))
-        return [replace(first, frame=frame, time_s=float(frame)) for frame in lines], lines
+        numbers = sorted(set().union(*(each.frames.tolist() for each in lines.values())))
+        return [replace(first, frame=frame, time_s=frame / (args.rate or 1.0)) for frame in numbers]
     frames = recording_of(readings, with_images=False)
-    return frames, lines.checked(frames, str(readings))
+    for each in lines.values():
+        each.checked(frames, str(readings))
+    return frames

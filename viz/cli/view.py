@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.cli.joints import add_antenna
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
@@ -28,6 +29,7 @@ _OUTPUTS = {
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
+    add_antenna(parser)
     parser.add_argument("--rig", type=Path, help="rig.json: draws the antenna, plane C and the camera, too")
     parser.add_argument("--framewise", type=Path, help="contacts.csv that vbaa refine made these of: drawn beside them")
     parser.add_argument("--object", type=Path, help="object.vtp, .ply or .glb, instead of estimating it")
@@ -58,7 +60,7 @@ def _in_rerun(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.table.files import read_contacts
     from viz.files.rerun_log import RerunLog
 
-    table = read_contacts(args.contacts)
+    table = read_contacts(args.contacts, antenna=args.antenna)
     log = RerunLog(args.rerun, args.force)
     try:
         for row in table.rows():
@@ -133,7 +135,7 @@ def scene_of(args: argparse.Namespace) -> tuple[Scene, int]:
     from viz.scene.scene import build_scene, framewise, refuse_out_of_reach
     from viz.scene.truth import true_object
 
-    table = read_contacts(args.contacts)
+    table = read_contacts(args.contacts, antenna=args.antenna)
     if not table.located.any():
         raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
     refuse_out_of_reach(table, args.contacts)

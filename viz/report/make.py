@@ -53,6 +53,7 @@ class Sources:
     framewise : contacts.csv that the contacts were refined from, drawn beside them.
     readings : what was read with the frames (`estimator.table.overview.Overview.numbers`).
     verdict : on the recording.
+    antenna : the one of several that it is about.
     """
 
     contacts: Path
@@ -64,6 +65,7 @@ class Sources:
     framewise: Path | None = None
     readings: Mapping[str, Any] | None = None
     verdict: Verdict | None = None
+    antenna: str | None = None
 
 
 def make_report(
@@ -81,8 +83,8 @@ def make_report(
     Raises InputError when a source cannot be read, or the page exists and `force` is off.
     """
     refuse_output(path, PAGES, force)
-    table = read_contacts(sources.contacts)
-    rig = None if sources.rig is None else Rig.load(sources.rig)
+    table = read_contacts(sources.contacts, antenna=sources.antenna)
+    rig = None if sources.rig is None or table.clamp_moves else Rig.load(sources.rig)
     if rig is not None:
         joint_angles(rig.kinematics, table)  # refuses another rig's contacts
     contents = None if sources.truth is None else read_json(sources.truth)

@@ -1,0 +1,81 @@
+"""whiskers.yaml: antennas that clamps of their own hold under one camera, stated instead of calibrated."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from vbaa_calib.core.models import FileModel, Number, WholeNumber
+
+from .clamp import MovingClamp
+from .settings import AnyLength, Diameter, Gravity
+
+_Relative = Annotated[Number, Field(ge=0, le=1)]
+_Side = Annotated[WholeNumber, Field(ge=16, le=100_000)]
+_Curvature = Annotated[Number, Field(ge=-1000, le=1000, description="natural curvature in the picture")]
+
+
+@dataclass(frozen=True)
+class StraightView:
+    """A camera that looks straight at the plane in which the antennas move. What the scale is off by counts; the
+    distance hardly does."""
+
+    image_size: tuple[_Side, _Side]
+    mm_per_px: Annotated[Number, Field(gt=0, le=10, description="in the antennas' plane")]
+    distance_m: Annotated[Number, Field(ge=0.01, le=10, description="from the lens to that plane")]
+    scale_std: Annotated[_Relative, Field(description="how well mm_per_px is known, relative")] = 0.005
+    distortion: list[Number] = field(default_factory=list)
+
+    @property
+    def focal_px(self) -> float:
+        """Of the lens that gives this scale at this distance."""
+        return 1e3 * self.distance_m / self.mm_per_px
+
+    @property
+    def centre_px(self) -> tuple[float, float]:
+        """The picture's middle, above which the world's origin is."""
+        return (self.image_size[0] - 1) / 2, (self.image_size[1] - 1) / 2
+
+
+@dataclass(frozen=True)
+class StatedAntenna:
+    """An antenna by its material. Its bow is learnt from the frames in which nothing touches it."""
+
+    length_m: AnyLength
+    diameter_m: Diameter
+    youngs_modulus_Pa: Annotated[Number, Field(ge=1e5, le=2e12)]
+    density_kg_m3: Annotated[Number, Field(ge=10, le=3e4)]
+    stiffness_std: Annotated[_Relative, Field(description="how well EI is known, relative")] = 0.2
+    mass_std: Annotated[_Relative, Field(description="how well the weight is known, relative")] = 0.1
+    bow_per_m: _Curvature = 0.0
+    bow_std_per_m: Annotated[
+        Number | None, Field(gt=0, le=1000, description="how well the bow is known; null: hardly, 1/length_m")
+    ] = None
+
+    @property
+    def stiffness_Nm2(self) -> float:
+        """E·πd⁴/64."""
+        return self.youngs_modulus_Pa * math.pi * self.diameter_m**4 / 64
+
+    @property
+    def mass_per_length_kg_m(self) -> float:
+        """ρ·πd²/4."""
+        return self.density_kg_m3 * math.pi * self.diameter_m**2 / 4
+
+
+class StatedFile(FileModel):
+    """whiskers.yaml."""
+
+    VERSION = "vbaa.whiskers/1"
+    version: Annotated[str, Field(alias="schema")]
+    camera: StraightView
+    antennas: Annotated[dict[str, StatedAntenna], Field(min_length=1)]
+    gravity_world: Annotated[
+        Gravity, Field(description="m/s²; x runs to the right in the picture, y up, z to the camera; zero: weightless")
+    ] = Field(default_factory=lambda: np.array([0.0, 0.0, -9.80665]))
+    clamp: Annotated[MovingClamp, Field(description="what no picture shows of the clamps")] = MovingClamp()
+    noise_px: Annotated[Number, Field(gt=0, le=100, description="of points whose scatter cannot be measured")] = 0.3
