@@ -153,7 +153,7 @@ def error_budget(
     if not 0.0 <= friction <= 1.0:
         raise InputError(f"friction is {friction}", remedy="give the angle's deviation in rad, 0 to 1")
     touches = ordinary_touches(rig) if touches is None else touches
-    with_moment = with_moment and any(rig.moment_noise_Nm)
+    with_moment = with_moment and any(rig.reading_noise)
     rig_arrays = RigArrays.from_rig(rig, float(friction), drift=False)
     space = ErrorSpace.of(rig_arrays)
     with np.errstate(all="ignore"):  # what leaves the domain of the model is left out below

@@ -184,7 +184,7 @@ class Linearization(Rows):
 
 def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_moment: bool = True) -> Linearization:
     """Linearise contacts about their noise-free frames."""
-    available = np.ones((len(touches), 2)) * (with_moment & (rig_arrays.gain != 0.0))
+    available = np.full(len(touches), with_moment)
     unknowns = unknowns_of(rig_arrays, touches)
     frames = noise_free_frames(_empty(rig_arrays, touches), _RUNG, unknowns, available, point_per_px=True)
     there = linearised(frames, _RUNG, unknowns)

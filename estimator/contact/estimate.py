@@ -85,6 +85,7 @@ class ContactEstimator:
         tilt: float,
         sigma_px: np.ndarray | float | None = None,
         moment_z: float | None = None,
+        readings: Mapping[str, float | None] | None = None,
         **plane: Unpack[PlanePoints],
     ) -> Contact:
         """One frame.
@@ -96,6 +97,7 @@ class ContactEstimator:
         pan, tilt : joint angles, rad.
         sigma_px : standard deviation across the antenna, one or (N,); by default what the rig's own pictures showed.
         moment_z : reading of a second sensor about z, if the rig has one.
+        readings : further ones of a wrench sensor, by the columns of `session.READINGS`.
         plane_xy_m : in place of centreline_px, (N, 2) m on plane C as `rig.camera_on_plane()` gives them of one
             camera's pixels, NumPy or tensor: the contact is that of the pixels. What the layer cannot give
             (behind the camera, beyond its lens, grazing) counts among the points outside the picture.
@@ -124,7 +126,14 @@ class ContactEstimator:
         sigma = sigma[None] if sigma is not None and sigma.ndim else sigma
         pixels = lines.pop("centreline_px")
         return self.estimate_batch(
-            pixels, [moment], [pan], [tilt], sigma_px=sigma, moments_z=[moment_z], **cast(PlanePoints, lines)
+            pixels,
+            [moment],
+            [pan],
+            [tilt],
+            sigma_px=sigma,
+            moments_z=[moment_z],
+            readings={name: [value] for name, value in (readings or {}).items()},
+            **cast(PlanePoints, lines),
         )[0]
 
     def estimate_batch(
@@ -136,6 +145,7 @@ class ContactEstimator:
         *,
         sigma_px: np.ndarray | float | None = None,
         moments_z: Sequence[float | None] | np.ndarray | None = None,
+        readings: Mapping[str, Sequence[float | None] | np.ndarray | None] | None = None,
         **plane: Unpack[PlanePoints],
     ) -> Contacts:
         """B frames at once: a sequence of `Contact`, and its columns as arrays.
@@ -144,6 +154,7 @@ class ContactEstimator:
         ----------
         centrelines_px : (B, N, 2), or B arrays (N_i, 2) of their own lengths; rows with NaN are ignored.
         moments, moments_z : (B,) N·m, None or an entry None or NaN for vision alone. pans, tilts : (B,) rad.
+        readings : (B,) of each further column of `session.READINGS`.
         sigma_px : one, (B, 1) or (B, N); by default what the rig's own pictures showed.
         plane_xy_m, covariance_m2 : in place of pixels, (B, N, 2) m and (B, N, 2, 2) m², or B of their own lengths, as
             for `estimate`; `Measured.on_plane` makes the frames of `run` of them.
@@ -152,9 +163,9 @@ class ContactEstimator:
         ------
         InputError : as `estimate`, or when not everything is there for every frame.
         """
-        readings: dict[str, Values] = {"moments": moments, "moments_z": moments_z}
+        read: dict[str, Values] = {"moments": moments, "moments_z": moments_z, **(readings or {})}
         joints: dict[str, Values] = {"pans": pans, "tilts": tilts}
-        return self._contacts(Batch.checked(self.rig, centrelines_px, readings, joints, sigma_px, plane))
+        return self._contacts(Batch.checked(self.rig, centrelines_px, read, joints, sigma_px, plane))
 
     @gate
     def run(self, recording: Iterable[Measured], *, live: bool = False) -> Iterator[Contact]:
@@ -281,7 +292,7 @@ class ContactEstimator:
         if not odd.any():
             return frames
         rows, tip_std = np.flatnonzero(odd), fitted.tip_std[odd]
-        frames = replace(frames, available=frames.available * np.column_stack([np.ones((len(fitted), 2)), ~odd]))
+        frames = frames.with_available(frames.available[:, frames.rig_arrays.sensors], frames.ends * ~odd)
         fitted.put(rows, self._solved(frames.picked(rows), None, beam))
         fitted.tip_std[rows] = tip_std
         return frames
@@ -297,7 +308,7 @@ class ContactEstimator:
         """Fit frames that no contact explains once more by the picture alone: does it contradict the readings?"""
         if len(rows):
             alone = frames.picked(rows)
-            silent = replace(alone, available=alone.available * [0.0, 0.0, 1.0])
+            silent = alone.with_available(0.0, alone.ends)
             fitted.explained_alone[rows] = ~unexplained(self._solved(silent))
 
 

@@ -84,7 +84,7 @@ class _Stream:
     def taken(self) -> Iterator[tuple[Frame, np.ndarray]]:
         """Its frames with pictures (H, W[, 3]), in order."""
         source = self.opened()
-        timing = replace(self.options.timing, moment_std_Nm=self.rig.moment_noise_Nm)
+        timing = replace(self.options.timing, reading_std=self.rig.reading_noise)
         synchronizer = Synchronizer(timing, source.channels, self.rig.camera.image_size, source.notes, live=False)
         yield from taken_frames(source.messages(), synchronizer)
         std_s = timing.offset_std_s

@@ -129,8 +129,7 @@ class Fitted:
 
     def _moments(self, rows: np.ndarray, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         weak, free, arrays = 1e-6, self.free[rows, None], frames.rig_arrays
-        tips = frames.available[:, 2]
-        frames = replace(frames, available=np.column_stack([np.full((len(rows), 2), weak), tips]))
+        frames = frames.with_available(weak, frames.ends)
         size, std = UNKNOWNS + arrays.steps, arrays.std[0]
         unknowns = np.where(free, [0.5, 0.0, 0.0, 0.0], self.numbers.unknowns[rows])
         found = linearised(frames, RUNGS[-1], unknowns)

@@ -11,6 +11,7 @@ import numpy as np
 
 from vbaa_calib.core.errors import Diagnosis, Severity
 from vbaa_calib.diagnose.decision import Explanation, Hypothesis
+from vbaa_calib.rig import WrenchSensor
 
 from .changes import CHANGES, Change, axes_of, fitted
 from .evidence import Case, Recorded
@@ -46,16 +47,18 @@ def _moments(change: Callable[[np.ndarray], np.ndarray], recorded: Recorded) -> 
     readings = recorded.batch.readings_Nm
     if not np.isfinite(readings[:, 0]).any():
         return None
-    return recorded.with_readings(readings_Nm=np.column_stack([change(readings[:, 0]), readings[:, 1]]))
+    return recorded.with_readings(readings_Nm=np.column_stack([change(readings[:, 0]), readings[:, 1:]]))
 
 
 def _axis(sign: float, recorded: Recorded) -> Recorded | None:
     """The moment is about z."""
     rig, readings = recorded.rig, recorded.batch.readings_Nm
-    if rig.second_moment_sensor is not None or not np.isfinite(readings[:, 0]).any():
+    if rig.wrench_sensor is not None or not np.isfinite(readings[:, 0]).any():
         return None
-    other = np.column_stack([np.full(len(readings), np.nan), sign * readings[:, 0]])
-    return recorded.with_rig(replace(rig, second_moment_sensor=rig.moment_sensor)).with_readings(readings_Nm=other)
+    other = np.full_like(readings, np.nan)
+    other[:, 1] = sign * readings[:, 0]
+    about_z = replace(rig, wrench_sensor=WrenchSensor.about_z(rig.moment_sensor))
+    return recorded.with_rig(about_z).with_readings(readings_Nm=other)
 
 
 def _absolute(recorded: Recorded) -> Recorded | None:
@@ -64,9 +67,10 @@ def _absolute(recorded: Recorded) -> Recorded | None:
     one_sided = readings[:, 0][np.isfinite(readings[:, 0])]
     if len(one_sided) < 3 or (one_sided.min() < 0.0 < one_sided.max()):
         return None
-    turned = recorded.with_readings(readings_Nm=readings * [-1.0, 1.0])
+    turn = np.array([-1.0, *np.ones(readings.shape[1] - 1)])
+    turned = recorded.with_readings(readings_Nm=readings * turn)
     better = turned.fit.cost < recorded.fit.cost
-    return recorded.with_readings(readings_Nm=np.where(better[:, None], readings * [-1.0, 1.0], readings))
+    return recorded.with_readings(readings_Nm=np.where(better[:, None], readings * turn, readings))
 
 
 def _joints(turn: np.ndarray, recorded: Recorded) -> Recorded | None:
@@ -101,12 +105,12 @@ def _neighbour(row: int, which: tuple[str, ...], recorded: Recorded) -> Recorded
     if "moments" in which:
         if not np.isfinite(batch.readings_Nm[:, 0]).any():
             return None
-        columns["readings_Nm"] = around[:, :2]
+        columns["readings_Nm"] = around[:, :-2]
     if "joints" in which:
         if np.ptp(np.stack([batch.pan_rad, batch.tilt_rad]), axis=1).max() < RecordingSettings.varies_rad:
             return None
-        columns |= {"pan_rad": around[:, 2], "tilt_rad": around[:, 3]}
-    known = np.isfinite(around[:, 2])
+        columns |= {"pan_rad": around[:, -2], "tilt_rad": around[:, -1]}
+    known = np.isfinite(around[:, -2])
     columns = {
         name: np.where(known.reshape(-1, *[1] * (values.ndim - 1)), values, getattr(batch, name))
         for name, values in columns.items()
@@ -371,7 +375,7 @@ def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[Rea
         f"the moment sensor's zero walks by {walk / noise:+.0f} standard deviations of its noise during the recording"
     )
     row = Reading("moment_drift", words, "let it warm up, or give --track-zero", lambda _: None)
-    readings = recorded.batch.readings_Nm - np.column_stack([walk * share, 0.0 * share])
+    readings = recorded.batch.readings_Nm - np.pad((walk * share)[:, None], ((0, 0), (0, 5)))
     return row, recorded.with_readings(readings_Nm=readings)
 
 

@@ -281,7 +281,7 @@ def _untested(case: Case) -> list[Diagnosis]:
 
 
 def _readings(measured: Measured) -> np.ndarray:
-    return np.array([measured.moment_Nm, measured.moment_z_Nm, measured.pan_rad, measured.tilt_rad])
+    return np.array([*measured.readings, measured.pan_rad, measured.tilt_rad])
 
 
 def _same_picture(measured: Measured, before: Measured) -> bool:

@@ -19,7 +19,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.least_squares import disagreement_p
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
-from vbaa_calib.session import Frame
+from vbaa_calib.session import READINGS, Frame
 
 _POSE, _ANTENNA = len(POSE_PARAMETERS), slice(len(POSE_PARAMETERS), len(RIG_PARAMETERS) - 2)
 _OF_ANTENNA = slice(_POSE, len(RIG_PARAMETERS))  # with its sensor
@@ -98,7 +98,7 @@ def beside(first: Rig, axes: np.ndarray, other: Rig) -> tuple[Rig, np.ndarray]:
     step = np.zeros(len(covariance))
     step[own] = slopes @ apart
     moved = replace(wide, tip=None).moved(step)
-    same = {name: getattr(first, name) for name in ("antenna", "moment_sensor", "second_moment_sensor", "kinematics")}
+    same = {name: getattr(first, name) for name in ("antenna", "moment_sensor", "wrench_sensor", "kinematics")}
     return replace(moved, **same, gravity_world_m_s2=first.gravity_world_m_s2, tip=tip), whole
 
 
@@ -122,8 +122,7 @@ def completed(contacts: ContactTable, recording: Sequence[Measured], views: Sequ
         seen = (
             replace(
                 view.recording[index],
-                moment_Nm=recording[index].moment_Nm,
-                moment_z_Nm=recording[index].moment_z_Nm,
+                **{name: getattr(recording[index], name) for name in READINGS.values()},
                 time_s=np.nan,
             )
             for index in open_rows

@@ -59,7 +59,8 @@ class Calibration:
 def stills_prior(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
     """What lens and plane C say before the stills are solved."""
     readings, drift = session.load_readings, session.possible_drift
-    return prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, readings, drift)
+    known = readings, drift, session.wrench_sensor
+    return prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, *known)
 
 
 _Solved = TypeVar("_Solved")

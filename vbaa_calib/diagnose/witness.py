@@ -229,7 +229,10 @@ class Witness:
         prior_std[6] = min(prior_std[6], settings.log_stiffness_std)
         std_Nm = session.moment_std_Nm
         whole = Problem.of(
-            observations, replace(before, std=prior_std), session.antenna.length_m, settings.sensor_off * std_Nm
+            observations,
+            replace(before, std=prior_std, sensor=None, sensor_std=np.zeros(0)),
+            session.antenna.length_m,
+            settings.sensor_off * std_Nm,
         )
         whole = _with_tips(whole, before.camera)
         witness = Witness(session, kinematics, whole, whole, std_Nm, (whole.begin,), settings)
@@ -417,7 +420,7 @@ class Witness:
         """The moment sensor's readings, and what a fit predicts."""
         problem, observations = replace(fit.problem, moment_std_Nm=self.moment_std_Nm), fit.problem.observations
         evaluated = problem.evaluate(fit.parameters)
-        slopes = problem.moment_slopes(fit.parameters, evaluated.moments) / fit.parameters[GAIN]
+        slopes = problem.moment_slopes(fit.parameters, evaluated.moments, evaluated.wrenches) / fit.parameters[GAIN]
         slopes[:, [GAIN, OFFSET]] = 0.0
         root = slopes @ fit.solution.covariance_root()[: len(fit.parameters)]
         # what no model of antenna and sensor is better than

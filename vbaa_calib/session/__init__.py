@@ -6,7 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from .drift import DRIFTS, LAB, Drift, drift_of
-from .moment_sensor import MomentSensor
+from .moment_sensor import READINGS, SILENT, MomentSensor
 
 if TYPE_CHECKING:
     from .centrelines import Centrelines, centrelines_of, read_centrelines
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         LoadReadings,
         NominalAntenna,
         NominalTip,
+        NominalWrenchSensor,
         OverBoard,
         Session,
         Shutter,

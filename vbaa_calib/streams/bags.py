@@ -23,6 +23,7 @@ from vbaa_calib.convert.child import is_bag, says_rectified
 from vbaa_calib.core.errors import InputError, clipped, require_extra, shown
 from vbaa_calib.core.files import read_yaml, require_file
 from vbaa_calib.core.images import as_levels, read_picture
+from vbaa_calib.session import READINGS
 
 from .messages import ONE_CLOCK_S, Messages, Reading, Source, Taken
 from .unpacking import bound_unpacking, check_bag, refuse_bombs
@@ -435,6 +436,12 @@ def readings_of(message: Any, topics: Topics, arrived_s: float) -> Iterator[Read
         axis = topics.moment_axis
         moment_Nm = float(getattr(wrench.torque, axis.removeprefix("-")))
         yield Reading(time_s, "moment_Nm", -moment_Nm if axis.startswith("-") else moment_Nm, arrived_s)
+        if axis.endswith("y"):
+            # a sensor of one axis leaves the other components zero
+            parts = {"m": wrench.torque, "f": wrench.force}
+            others = [float(getattr(parts[name[0]], name[1])) for name in list(READINGS)[1:]]
+            for channel, value in zip(list(READINGS.values())[1:], others if any(others) else (), strict=False):
+                yield Reading(time_s, channel, value, arrived_s)
     elif hasattr(message, "data"):
         yield Reading(time_s, "moment_Nm", float(message.data), arrived_s)
     else:

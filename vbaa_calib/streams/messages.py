@@ -11,10 +11,11 @@ import numpy as np
 
 from vbaa_calib.core.arrays import LARGEST_NM, LARGEST_RAD, as_float
 from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.session import READINGS
 
-CHANNELS = ("moment_Nm", "moment_z_Nm", "pan_rad", "tilt_rad")
+CHANNELS = (*READINGS.values(), "pan_rad", "tilt_rad")
 """What is read beside the pictures, named as the columns of recording.csv are."""
-_MOST = {name: LARGEST_NM if name.endswith("_Nm") else LARGEST_RAD for name in CHANNELS}
+_MOST = {name: LARGEST_NM if name in READINGS.values() else LARGEST_RAD for name in CHANNELS}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -140,7 +141,7 @@ class Source:
 
         def messages() -> Messages:
             for each in self.messages():
-                if not (isinstance(each, Reading) and each.channel.startswith("moment")):
+                if not (isinstance(each, Reading) and each.channel in READINGS.values()):
                     yield each
 
-        return replace(self, messages=messages, channels=self.channels - {"moment_Nm", "moment_z_Nm"})
+        return replace(self, messages=messages, channels=self.channels - {*READINGS.values()})

@@ -119,7 +119,7 @@ def timing_of(args: argparse.Namespace, rig: Rig | None = None) -> Timing:
         if not least <= value <= most:  # NaN is not, either
             raise InputError(f"--{name} is {value}", remedy=f"give a number from {least:g} to {most:g}")
     timing = Timing(offset_s, args.gap, args.wait, pan_tilt_rad(args))
-    return timing if rig is None else replace(timing, moment_std_Nm=rig.moment_noise_Nm)
+    return timing if rig is None else replace(timing, reading_std=rig.reading_noise)
 
 
 def clocked(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -22,12 +23,13 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks
 from vbaa_calib.detect.whisker.stretches import stretches, why_lost
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
+from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig, WrenchSensor
 from vbaa_calib.session import (
     Drift,
     Load,
     LoadReadings,
     NominalAntenna,
+    NominalWrenchSensor,
     Session,
     Still,
     gravity_antenna,
@@ -256,7 +258,7 @@ CLAMP_GIVE_STD_M = 5e-4
 _LOG_STIFFNESS_STD = 0.5
 LOG_MASS_STD = 0.03
 _GAIN_STD = 0.5
-_OFFSET_STD_NM = 0.02
+_OFFSET_STD_NM, _OFFSET_STD_N, _LEAST_TURN_RAD = 0.02, 2.0, 1e-6
 """Priors of bundle adjustment: what a careful builder can be trusted with. Stiffness and sensor are left all but free;
 the mass is not, for sag is what weight over stiffness gives, and a kitchen scale knows the mass to a few per cent."""
 _DEFINED = 1e-3  # part of the clamp's priors in plane C that is left where the antenna itself defines its frame
@@ -280,6 +282,7 @@ def prior(
     own_frame: bool = False,
     readings: LoadReadings = EXACT,
     drift: Drift | None = None,
+    sensor: NominalWrenchSensor | None = None,
 ) -> Prior:
     """What is known before the stills; own_frame : plane C was found by the antenna alone, so that its clamp lies on
     and along the x axis by definition."""
@@ -291,12 +294,30 @@ def prior(
         poses=tuple(poses),
         start=fused(poses),
         camera=camera,
-        mean=np.concatenate([nominal_parameters(antenna), [1.0, 0.0]]),
+        mean=np.concatenate([nominal_parameters(antenna), [_sign_about_y(sensor), 0.0]]),
         std=np.array([*clamp, *rest]),
         readings=readings,
         tip_std_m=antenna.tip_std_m,
         drift=Drift() if drift is None else drift,
+        **_other_readings(sensor),
     )
+
+
+def _sign_about_y(sensor: NominalWrenchSensor | None) -> float:
+    """The expected gain on the moment x·f_z − z·f_x, which is minus the right-handed moment about y."""
+    return 1.0 if sensor is None else -sensor.signs.get("my", -1.0)
+
+
+def _other_readings(sensor: NominalWrenchSensor | None) -> dict[str, Any]:
+    """The part of a `Prior` with what is read beside the moment about y."""
+    if sensor is None:
+        return {}
+    names = [name for name in sensor.signs if name != "my"]
+    gain, std = (np.array([of(name) for name in names], float) for of in (sensor.signs.get, sensor.std))
+    offset_std = np.array([_OFFSET_STD_N if name.startswith("f") else _OFFSET_STD_NM for name in names], float)
+    turn = np.full(3, max(sensor.rotation_std_rad, _LEAST_TURN_RAD))
+    known = WrenchSensor(tuple(names), gain, np.zeros(len(names)), std, sensor.T_antenna_sensor)
+    return {"sensor": known, "sensor_std": np.concatenate([turn, np.full(len(names), _GAIN_STD), offset_std])}
 
 
 def solve_antenna(session: Session, observations: Sequence[Observation], before: Prior) -> BundleAdjustment:
@@ -314,10 +335,17 @@ def make_rig(
 ) -> Rig:
     """The rig out of a bundle adjustment."""
     sensor, covariance = MomentSensor(*joint.sensor_gain_offset, joint.problem.moment_std_Nm), joint.covariance
+    several = joint.sensor
     if not session.with_sensor:
         # its parameters, which nothing shows, are none of the rig's
         sensor, covariance = MomentSensor.none(), covariance.copy()
         covariance[GAIN : OFFSET + 1] = covariance[:, GAIN : OFFSET + 1] = 0.0
+        if several is not None:
+            common = several.covariance.copy()
+            common[:, GAIN : OFFSET + 1] = 0.0
+            several = replace(several, covariance=common)
+    if session.second_moment_sensor is not None:
+        several = WrenchSensor.about_z(session.second_moment_sensor)
     paint = observations[0].paint
     heights = [one.height for one in observations if not isinstance(one.still, Load) and one.height > 0]
     # where it changes along the antenna it changes with the light as well
@@ -339,7 +367,7 @@ def make_rig(
             both_edges=paint.both_edges,
         ),
         covariance=covariance,
-        second_moment_sensor=session.second_moment_sensor,
+        wrench_sensor=several,
         drift=session.possible_drift,
         tip=joint.tip,
     )

@@ -210,7 +210,8 @@ bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative
             try_mirrors(rig, frame, search.few, rung, best.unknowns, best, other, work);
         uncertainty(best, found, work);
         const double least = MarginalSettings().worthless;
-        const bool read = frame.available[0] > least || frame.available[1] > least;
+        bool read = false;
+        for (int k = 0; k < rig.readings; ++k) read = read || (k != END && frame.available[k] > least);
         if (!read && best.converged) marginalise(rig, frame, rung, best, other, found, marginal, work);
         if (!marginal.known) widen_by_profile(rig, frame, rung, best, found, work);
     }
