@@ -421,7 +421,7 @@ class Problem:
         parts = [
             (points[:, 0] / self.noise_scale, self.by_all(points) / self.noise_scale),
             (self._in_std(misfit[self.kept]), rows[self.kept] / self.moment_std_Nm),
-            self._other_readings(parameters, evaluated.wrenches[self.kept]),
+            self.other_readings(parameters, evaluated.wrenches[self.kept]),
         ]
         parts += [self._pose_prior(estimate, parameters) for estimate in self.prior.poses]
         parts.append(self._tip_rows(evaluated))
@@ -483,7 +483,7 @@ class Problem:
             rows[:, turns] = parameters[GAIN] * by_turn * self.prior.sensor_std[:3]
         return rows
 
-    def _other_readings(self, parameters: np.ndarray, wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def other_readings(self, parameters: np.ndarray, wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (F·C,) of a wrench sensor's readings beside the moment about y, of the kept stills, and their
         slopes."""
         sensor = self.wrench_sensor(parameters)
