@@ -29,7 +29,7 @@ class Recorded:
     ----------
     rig : as calibrated, or as a hypothesis has it.
     batch : the F frames.
-    around : (F, 2, 4) moments about y and z, pan and tilt of the row before, and of the row after; NaN where there is
+    around : (F, 2, 8) all readings, pan and tilt of the row before, and of the row after; NaN where there is
         none.
     order : (F,) number of each frame in the recording.
     later : from which frame on the rig is another one, and that rig.
