@@ -69,7 +69,7 @@ def adjusted(
 def test_turn_gains_and_zeros_are_found_as_well_as_stated(components: tuple[str, ...]) -> None:
     square = []
     for seed in range(4):
-        _, joint, sensor, rig = adjusted(components, seed)
+        _, _, sensor, rig = adjusted(components, seed)
         found = rig.wrench_sensor
         assert found is not None
         turn = Rotation.from_matrix(found.T_antenna_sensor.rotation @ STATED.rotation.T).as_rotvec() - TURN_RAD

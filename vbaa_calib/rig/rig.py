@@ -144,12 +144,14 @@ class Rig:
         """Plane C, stiffness and sensor as text, ± one standard deviation."""
         sensor, off = self.moment_sensor, 1e3 * np.sqrt(np.diag(self.covariance)[:6])
         (x, y, z), EI = 1e3 * self.T_antenna_camera.translation_m, self.antenna.stiffness_Nm2
+        more = self.wrench_sensor
+        several = [] if more is None else [more.words]
         gain = f"gain {sensor.gain:.4f} ± {self.std('moment_gain'):.4f}, offset {1e3 * sensor.offset_Nm:.3f} mN·m"
         return {
             "plane C": f"camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame, ± {off[3:].max():.2g} mm, "
             f"± {off[:3].max():.2g} mrad",
             "stiffness": f"EI = {EI:.5g} ± {EI * self.std('log_stiffness_Nm2'):.2g} N·m²",
-            "sensor": gain if sensor.exists else "none: vision alone",
+            "sensor": "; ".join([gain] * sensor.exists + several) or "none: vision alone",
         }
 
     def summary(self) -> str:

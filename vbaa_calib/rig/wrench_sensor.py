@@ -76,6 +76,15 @@ class WrenchSensor:
         return (*_TURNS, *(f"{name}_gain" for name in self.components), *(f"{name}_offset" for name in self.components))
 
     @property
+    def words(self) -> str:
+        """Gains, and how well its axes are known."""
+        gains = ", ".join(f"{name} {gain:.3f}" for name, gain in zip(self.components, self.gain, strict=True))
+        known = (
+            f"; axes ± {1e3 * np.sqrt(np.diag(self.own_covariance)[:3]).max():.2g} mrad" if len(self.covariance) else ""
+        )
+        return f"gains {gains}{known}"
+
+    @property
     def own_covariance(self) -> np.ndarray:
         """(W, W) of its own parameters."""
         return self.covariance[:, self.covariance.shape[1] - len(self.covariance) :]

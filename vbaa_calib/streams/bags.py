@@ -82,7 +82,7 @@ class Topics:
 
     pan, tilt : names of the joints. moment_axis : the component of a wrench's torque that is the moment, such as y or
     -y: of the right-handed torque about the antenna's y, the moment x·f_z − z·f_x is the negative. degrees : whether
-    joints are in degrees, against ROS' rule.
+    joints are in degrees, against ROS' rule. wrench : whether all components of a wrench are read.
     """
 
     image: str = ""
@@ -93,6 +93,7 @@ class Topics:
     tilt: str = ""
     moment_axis: str = "y"
     degrees: bool = False
+    wrench: bool = False
 
     @staticmethod
     def of(named: Mapping[str, str], *, degrees: bool = False) -> Topics:
@@ -436,12 +437,10 @@ def readings_of(message: Any, topics: Topics, arrived_s: float) -> Iterator[Read
         axis = topics.moment_axis
         moment_Nm = float(getattr(wrench.torque, axis.removeprefix("-")))
         yield Reading(time_s, "moment_Nm", -moment_Nm if axis.startswith("-") else moment_Nm, arrived_s)
-        if axis.endswith("y"):
-            # a sensor of one axis leaves the other components zero
+        if topics.wrench:
             parts = {"m": wrench.torque, "f": wrench.force}
-            others = [float(getattr(parts[name[0]], name[1])) for name in list(READINGS)[1:]]
-            for channel, value in zip(list(READINGS.values())[1:], others if any(others) else (), strict=False):
-                yield Reading(time_s, channel, value, arrived_s)
+            for name, channel in list(READINGS.items())[1:]:
+                yield Reading(time_s, channel, float(getattr(parts[name[0]], name[1])), arrived_s)
     elif hasattr(message, "data"):
         yield Reading(time_s, "moment_Nm", float(message.data), arrived_s)
     else:

@@ -36,7 +36,8 @@ class Timing:
     gap_s : a picture between two readings further apart, or beside the only one at such a distance, has none.
     wait_s : how long a picture waits for the readings after it, by the source's clock.
     joints_rad : pan and tilt of a rig whose joints are not read, or NaN: they must be.
-    offset_std_s : deviation of the offset. reading_std : (6,) noise of the readings, as `session.READINGS`.
+    offset_std_s : deviation of the offset. moment_std_Nm : noise of the moments about y and
+        z, and of what else `session.READINGS` has, as far as it is given.
     jump_s : a stamp that steps further ahead of arrival, or back, waits for the next ones to bear it out: queues and
         networks delay by less, clocks are set by more.
     agreeing : so many such stamps in a row are a clock that was set, not errors.
@@ -47,7 +48,7 @@ class Timing:
     wait_s: float = 0.25
     joints_rad: tuple[float, float] = (0.0, 0.0)
     offset_std_s: float = 0.0
-    reading_std: tuple[float, ...] = (0.0,) * len(READINGS)
+    moment_std_Nm: tuple[float, ...] = (0.0, 0.0)
     jump_s: float = 1.0
     agreeing: int = 3
 
@@ -56,18 +57,18 @@ class Timing:
         if not math.isfinite(self.offset_s):
             raise InputError(f"offset_s is {self.offset_s}", remedy="give seconds")
         pan_tilt = as_floats(self.joints_rad, "joints_rad", ANGLE_REMEDY)
-        std = as_floats(self.reading_std, "reading_std", "give N·m and N")
-        for name, several, count in (("joints_rad", pan_tilt, 2), ("reading_std", std, len(READINGS))):
-            if several.shape != (count,):
-                raise InputError(f"{name} is {shown(getattr(self, name))}", remedy=f"give {count} numbers")
+        std_Nm = as_floats(self.moment_std_Nm, "moment_std_Nm", "give N·m")
+        for name, several, most in (("joints_rad", pan_tilt, 2), ("moment_std_Nm", std_Nm, len(READINGS))):
+            if several.ndim != 1 or not 2 <= len(several) <= most:
+                raise InputError(f"{name} is {shown(getattr(self, name))}", remedy="give two numbers")
         check_each(pan_tilt, LARGEST_RAD, "joints_rad", ANGLE_REMEDY)
         for name in ("gap_s", "wait_s", "offset_std_s", "jump_s"):
             if not getattr(self, name) >= 0.0:
                 raise InputError(f"{name} is {getattr(self, name)}", remedy="give seconds, 0 or more")
         if not (isinstance(self.agreeing, int) and self.agreeing >= 2):
             raise InputError(f"agreeing is {shown(self.agreeing)}", remedy="give a whole number, 2 or more")
-        if not (std >= 0.0).all():
-            raise InputError(f"reading_std is {self.reading_std}", remedy="give deviations in N·m and N")
+        if not (std_Nm >= 0.0).all():
+            raise InputError(f"moment_std_Nm is {self.moment_std_Nm}", remedy="give deviations in N·m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -391,9 +392,12 @@ class Synchronizer:
         self._given_s, self._number = taken.time_s, self._number + 1
         ages = [age for _, age in read.values()]
         # joint angles count as free of noise
+        stds = dict(zip(CHANNELS, self._timing.moment_std_Nm, strict=False))
         errors = [
-            self._channels[name].error(taken.time_s, self._timing, std) if name in self._channels else 0.0
-            for name, std in zip(CHANNELS, (*self._timing.reading_std, 0.0, 0.0), strict=True)
+            self._channels[name].error(taken.time_s, self._timing, stds.get(name, 0.0))
+            if name in self._channels
+            else 0.0
+            for name in CHANNELS
         ]
         values["moment_errors_Nm"], values["joint_errors_rad"] = tuple(errors[:-2]), tuple(errors[-2:])
         values["joints_read"] = tuple(name in read for name in _ANGLES)
