@@ -36,7 +36,6 @@ class ContactEstimator(estimate.ContactEstimator):
         tilt: float,
         sigma_px: np.ndarray | float | None = None,
         moment_z: float | None = None,
-        readings: Mapping[str, float | None] | None = None,
         **plane: Unpack[PlanePoints],
     ) -> Contact:
         """One frame: its picture, pixels of the antenna, or points on plane C.
@@ -58,17 +57,19 @@ class ContactEstimator(estimate.ContactEstimator):
         InputError : not one of them; wrong shapes, what is no number, angles beyond a turn, moments and pixels that
             cannot be, a picture that cannot be read or has another size than the rig's.
         """
+        read = plane.pop("readings", None)
         if image is None and centreline_px is None and not plane:
             raise InputError("nothing was seen", remedy="give one of image, centreline_px and plane_xy_m")
         if image is None:
-            read: Any = {"moment": moment, "pan": pan, "tilt": tilt, "moment_z": moment_z, "readings": readings}
-            return super().estimate(centreline_px, **read, sigma_px=sigma_px, **plane)
+            readings: Any = {"moment": moment, "pan": pan, "tilt": tilt, "moment_z": moment_z}
+            more: Any = {} if read is None else {"readings": read}
+            return super().estimate(centreline_px, **readings, sigma_px=sigma_px, **plane, **more)
         if centreline_px is not None or sigma_px is not None or plane:
             remedy = "give one of image, centreline_px and plane_xy_m, and sigma_px with centreline_px"
             raise InputError("image stands for the pixels", remedy=remedy)
         from estimator.contact.recording import detect_again, frame_contact  # loads the detector
 
-        first = self._seen(0, image, moment=moment, pan=pan, tilt=tilt, moment_z=moment_z, readings=readings)
+        first = self._seen(0, image, moment=moment, pan=pan, tilt=tilt, moment_z=moment_z, readings=read)
         (seen,) = detect_again(self, [first])
         return frame_contact(first.frame, seen, self.measure(seen.measured)).contact
 
@@ -140,9 +141,9 @@ class ContactEstimator(estimate.ContactEstimator):
         read |= {name: [value] for name, value in (readings or {}).items()}
         checked = Batch.checked(self.rig, np.full((1, 1, 2), np.nan), read, {"pans": [pan], "tilts": [tilt]}, None, {})
         of_y, *others = checked.readings_Nm[0].tolist()
-        beside = dict(zip(list(READINGS.values())[1:], others, strict=True))
+        more = dict(zip(list(READINGS.values())[1:], others, strict=True))
         time_s = as_float(time_s, "time_s", "give seconds")
-        frame = Frame(None, float(pan), float(tilt), of_y, frame=number, time_s=time_s, **beside)
+        frame = Frame(None, float(pan), float(tilt), of_y, frame=number, time_s=time_s, **more)
         if isinstance(image, str | os.PathLike):
             return first_look(self, frame, read_own(self.rig, Path(image)))
         width, height = self.rig.camera.image_size

@@ -22,7 +22,6 @@ from .parts import (
     MOMENT_NOISE,
     PIXELS,
     RESULTS,
-    SENSOR_AXES,
     ErrorSpace,
     Linearization,
     Touches,
@@ -69,7 +68,7 @@ CAUSES = {
     "mass": _Cause("mass", "#fda4af", _WEIGH),
     "moment_gain": _Cause("moment gain", "#f97316", _LOADS),
     "moment_offset": _Cause("moment offset", "#fdba74", "take more readings without a load"),
-    SENSOR_AXES: _Cause("sensor axes", "#fed7aa", _LOADS),
+    "sensor_axes": _Cause("sensor axes", "#fed7aa", _LOADS),
     JOINT_AXES: _Cause("joint axes", "#78716c", _AXES),
     FORCE_PRIOR: _Cause("likely force", "#cbd5e1", _FORCE),
 }
@@ -171,7 +170,9 @@ def error_budget(
     linear = every.picked(determined)
     now = propagate(linear, space)
     by_cause = {cause: part for cause, part in variance_by_cause(space, now).items() if part.any()}
-    aside = (FORCE_PRIOR,) if with_moment else (FORCE_PRIOR, MOMENT_NOISE, "moment_gain", "moment_offset", SENSOR_AXES)
+    without = () if with_moment else (MOMENT_NOISE, "moment_gain", "moment_offset")
+    several = with_moment and rig.wrench_sensor is not None
+    aside = (FORCE_PRIOR, *without, *([] if several else ["sensor_axes"]))
     whole, shared = _mean(now.variance), _mean(correlated_variance(space, now))
     parts: dict[str, dict[str, Part]] = {name: {} for name in RESULTS}
     for cause, rows in by_cause.items():

@@ -30,7 +30,7 @@ _RUNG = "rod"  # what a fit on a lower rung would say is as good as the same whe
 _DISTANCES, _SLOPES_DEG, _DIRECTIONS, _STRONGEST_AT = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95), (5.0, 15.0, 30.0), 8, 0.5
 _STEEPEST_RAD = np.radians(45.0)  # slopes beyond it are not compared with the rod
 _FORCE_TOLERANCE, _FORCE_STEPS = 1e-6, 6
-LENS, SENSOR_AXES, JOINT_AXES = "lens", "sensor_axes", "joint_axes"
+LENS, JOINT_AXES = "lens", "joint_axes"
 RIG_CAUSES = {
     "camera_rotation": POSE_PARAMETERS[:3],
     "camera_position": POSE_PARAMETERS[3:],
@@ -136,7 +136,7 @@ class ErrorSpace:
         first, sensor = len(rig_arrays.rig.covariance), rig_arrays.rig.wrench_sensor
         after = first + (0 if sensor is None else len(sensor.covariance))
         lens = np.vstack([rig_rows[len(RIG_PARAMETERS) : first], rig_rows[after:]])
-        rows |= {LENS: lens, SENSOR_AXES: rig_rows[first:after], JOINT_AXES: axes}
+        rows |= {LENS: lens, "sensor_axes": rig_rows[first:after], JOINT_AXES: axes}
         rows = {cause: part for cause, part in rows.items() if part.any()}
         determined = subsets(list(rows.values()), axes.shape[1])
         single = [1 << index for index in range(len(rows))]

@@ -85,7 +85,6 @@ class ContactEstimator:
         tilt: float,
         sigma_px: np.ndarray | float | None = None,
         moment_z: float | None = None,
-        readings: Mapping[str, float | None] | None = None,
         **plane: Unpack[PlanePoints],
     ) -> Contact:
         """One frame.
@@ -124,6 +123,8 @@ class ContactEstimator:
         if sigma is not None and sigma.shape not in ((), points.shape[:1]):
             raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
         sigma = sigma[None] if sigma is not None and sigma.ndim else sigma
+        if read := lines.pop("readings", None):
+            lines["readings"] = {name: [value] for name, value in read.items()}
         pixels = lines.pop("centreline_px")
         return self.estimate_batch(
             pixels,
@@ -132,7 +133,6 @@ class ContactEstimator:
             [tilt],
             sigma_px=sigma,
             moments_z=[moment_z],
-            readings={name: [value] for name, value in (readings or {}).items()},
             **cast(PlanePoints, lines),
         )[0]
 
@@ -145,7 +145,6 @@ class ContactEstimator:
         *,
         sigma_px: np.ndarray | float | None = None,
         moments_z: Sequence[float | None] | np.ndarray | None = None,
-        readings: Mapping[str, Sequence[float | None] | np.ndarray | None] | None = None,
         **plane: Unpack[PlanePoints],
     ) -> Contacts:
         """B frames at once: a sequence of `Contact`, and its columns as arrays.
@@ -163,7 +162,7 @@ class ContactEstimator:
         ------
         InputError : as `estimate`, or when not everything is there for every frame.
         """
-        read: dict[str, Values] = {"moments": moments, "moments_z": moments_z, **(readings or {})}
+        read: dict[str, Values] = {"moments": moments, "moments_z": moments_z, **(plane.pop("readings", None) or {})}
         joints: dict[str, Values] = {"pans": pans, "tilts": tilts}
         return self._contacts(Batch.checked(self.rig, centrelines_px, read, joints, sigma_px, plane))
 

@@ -43,10 +43,12 @@ Values = Sequence[float | None] | np.ndarray | None
 
 
 class PlanePoints(TypedDict, total=False):
-    """Centrelines in metres, in place of pixels: (N, 2) on plane C, and (N, 2, 2) m² or (2, 2) of all points."""
+    """Centrelines in metres, in place of pixels: (N, 2) on plane C, and (N, 2, 2) m² or (2, 2) of all points; and what
+    a wrench sensor reads other than the moments about y and z, by columns."""
 
     plane_xy_m: Any
     covariance_m2: Any
+    readings: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +140,7 @@ class Batch(Rows):
         plane: PlanePoints,
     ) -> Batch:
         """Frames as users give them, with moments about y and z, further readings, pan and tilt. Raises InputError."""
-        points, own, shape = _lines(rig, centrelines_px, sigma_px, **plane)
+        points, own, shape = _lines(rig, centrelines_px, sigma_px, plane.get("plane_xy_m"), plane.get("covariance_m2"))
         moments = {name: _column(name, values, len(points)) for name, values in readings.items()}
         angles = {name: _column(name, values, len(points)) for name, values in joints.items()}
         for name, values in angles.items():
@@ -153,7 +155,7 @@ class Batch(Rows):
         for place, (name, values) in enumerate(moments.items()):
             known = list(READINGS.values())
             if place > 1 and name not in known:
-                raise InputError(f"readings has {shown(name)}", remedy=f"one of {', '.join(known)} is needed")
+                raise InputError(f"there is no reading {name!r}", remedy=f"one of {', '.join(known)} is needed")
             columns[:, known.index(name) if place > 1 else place] = values
         if not rig.moment_sensor.exists:
             columns[:, 0] = np.nan

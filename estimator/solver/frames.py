@@ -10,7 +10,7 @@ from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.native import core
 
-from .rig_arrays import _END, RigArrays
+from .rig_arrays import RigArrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +43,13 @@ class Frames(Rows):
         """The readings weighted by numbers, or (B, S), as `RigArrays.sensors`, the antenna's end by one, or (B,)."""
         available, slots = self.available.copy(), self.rig_arrays.sensors
         available[:, slots] = sensors
-        available[:, _END] = ends
+        available[:, core.solver.END] = ends
         return replace(self, available=available)
 
     @property
     def ends(self) -> np.ndarray:
         """(B,) `available` of the antenna's end."""
-        return self.available[:, _END]
+        return self.available[:, core.solver.END]
 
 
 def frames_from_pixels(
@@ -72,7 +72,7 @@ def frames_from_pixels(
     slots, own = rig_arrays.sensors, readings_Nm[:, : len(rig_arrays.sensors)]
     read = np.isfinite(own) & rig_arrays.exists
     reading, available = np.zeros((2, len(points), len(rig_arrays.std)))
-    reading[:, slots], available[:, slots], available[:, _END] = np.where(read, own, 0.0), read, with_tip
+    reading[:, slots], available[:, slots], available[:, core.solver.END] = np.where(read, own, 0.0), read, with_tip
     gravity = np.ascontiguousarray(gravity_m_s2, float)
     return Frames(rig_arrays, points, covariance, usable, reading, tip, tip_covariance, available, gravity)
 

@@ -22,7 +22,6 @@ UNKNOWNS = 4
 """Distance in antenna lengths, lateral force (y, z of the clamp's frame) in `RigArrays.force_unit_N`, friction angle in
 standard deviations of its prior."""
 LINE_ERRORS = 3
-_END, _OF_MOMENT = 2, 2
 _NEGLIGIBLE = 1e-9
 """Axes of the joint covariance below this fraction of the largest are dropped."""
 
@@ -87,7 +86,7 @@ class RigArrays:
             with_tip=rig.tip is not None,
             with_wrench=rig.wrench_sensor is not None,
             readings=len(self.std),
-            std=np.append(self.std, np.ones(_END + 5 - len(self.std))),
+            std=np.append(self.std, np.ones(core.solver.END + 5 - len(self.std))),
             with_lens=bool(rig.with_lens),
             antenna_parameters=np.array(rig.antenna.parameters, float),
             antenna_steps=np.array(RIG_STEPS[POSES : POSES + ANTENNA], float),
@@ -109,7 +108,7 @@ class RigArrays:
     @property
     def sensors(self) -> np.ndarray:
         """(S,) where the readings of `session.READINGS` are among the core's, as far as the rig has room for them."""
-        return np.delete(np.arange(len(self.std)), _END)
+        return np.delete(np.arange(len(self.std)), core.solver.END)
 
     @property
     def exists(self) -> np.ndarray:
@@ -141,11 +140,11 @@ def _reading(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """`RigArrays.std`, `by_wrench` and `by_sensor` of a rig. About the moment about y alone there is room for one more
     moment and the antenna's end; a wrench sensor has room for all."""
     noise, sensor, more = np.array(rig.reading_noise), rig.moment_sensor, rig.wrench_sensor
-    gain, slots = sensor.gain if sensor.exists else 0.0, np.delete(np.arange(len(noise) + 1), _END)
+    gain, slots = sensor.gain if sensor.exists else 0.0, np.delete(np.arange(len(noise) + 1), core.solver.END)
     std = np.where(noise > 0.0, noise, 1.0)
     axes = np.zeros((len(noise), 7))
     axes[:, :6] = (WrenchSensor.about_z(MomentSensor(1.0, 0.0, 1.0)) if more is None else more).axes
-    own = np.zeros((_OF_MOMENT, *axes.shape))
+    own = np.zeros((2, *axes.shape))
     # the moment about y is x·f_z − z·f_x
     own[0, 0], own[1, 0, 6] = -axes[0] * (gain != 0.0), 1.0
     by_wrench = np.zeros_like(axes)
@@ -159,4 +158,4 @@ def _reading(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     whole = np.zeros((len(own) + 1, len(noise) + 1, 7))
     whole[:, slots] = np.concatenate([by_wrench[None], own]) / std[:, None]
     used = slots[: 2 if more is None else None]
-    return np.insert(std[: len(used)], _END, 1.0), whole[0], whole[1:]
+    return np.insert(std[: len(used)], core.solver.END, 1.0), whole[0], whole[1:]

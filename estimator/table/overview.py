@@ -15,8 +15,6 @@ from vbaa_calib.streams.messages import CHANNELS
 
 from .contacts import LOCATED, Contact, Measured
 
-_JOINTS = CHANNELS[-2:]
-
 
 @dataclass(eq=False)
 class Overview:
@@ -58,7 +56,7 @@ class Overview:
         if measured is not None and measured.outside_points:
             used = len(measured.points_px)
             self.outside.update({"frames": 1, "points": measured.outside_points, "used": used})
-        joints = dict(zip(_JOINTS, frame.joints_read, strict=True))
+        joints = dict(zip(CHANNELS[-2:], frame.joints_read, strict=True))
         for name in self._named:
             value = getattr(frame, name)
             if not joints.get(name, True):
@@ -69,7 +67,7 @@ class Overview:
     @property
     def _named(self) -> list[str]:
         """The channels that are counted: moment and joints, and what else the rig reads."""
-        return [name for name in CHANNELS if name in (CHANNELS[0], *_JOINTS, *self.columns)]
+        return [name for name in CHANNELS if name in (CHANNELS[0], *CHANNELS[-2:], *self.columns)]
 
     def add_result(self, frame: int, status: str, reason: str) -> None:
         """What became of a frame."""
@@ -221,7 +219,7 @@ def readings_in_words(readings: Mapping[str, Any]) -> str:
             words[name] = "none" if not count else "all frames" if count == whole else f"{count} of {whole} frames"
         if name in readings["assumed_rad"]:
             words[name] += f", {'else ' if readings[name] else ''}taken as {readings['assumed_rad'][name]:.4g}"
-    pan, tilt = (words.pop(name) for name in _JOINTS)
+    pan, tilt = (words.pop(name) for name in CHANNELS[-2:])
     about = {"moment_Nm": "moment", "moment_z_Nm": "moment about z", "moment_x_Nm": "moment about x"}
     about |= {f"sensor_force_{axis}_N": f"force along {axis}" for axis in "xyz"}
     joints = f"joints: {pan}" if pan == tilt else f"pan: {pan}; tilt: {tilt}"

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation
-from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, solve_antenna
+from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, read_by, solve_antenna
 from vbaa_calib.calibrate.check.antenna import check_stills
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.diagnose.session import still_diagnoses
@@ -36,7 +36,7 @@ def session_of(components: tuple[str, ...]) -> Session:
     return replace(SESSION, wrench_sensor=nominal, moment_std_Nm=std_Nm)
 
 
-def read_by(sensor: WrenchSpec, observations: list[Observation], rng: np.random.Generator) -> list[Observation]:
+def felt(sensor: WrenchSpec, observations: list[Observation], rng: np.random.Generator) -> list[Observation]:
     """The same with what a sensor reads under the true loads, which the session notes exactly."""
     gravity = np.array([one.gravity_m_s2 for one in observations])
     loads = np.array([[0.0, *one.load_N] for one in observations])
@@ -57,10 +57,10 @@ def adjusted(
 ) -> tuple[Session, BundleAdjustment, WrenchSpec, Rig]:
     rng, session = np.random.default_rng(seed), session_of(components)
     sensor = WrenchSpec(components, std_N=1e-3, T_antenna_sensor=STATED, turn_rad=TURN_RAD)
-    observations = read_by(sensor, observed(TRUE, rng), rng)
+    observations = felt(sensor, observed(TRUE, rng), rng)
     observations = [replace(one, still=fault(one.still)) for one in observations]
     estimate = PoseEstimate("jig", start_pose(rng), POSE_COVARIANCE, np.zeros((6, 8)))
-    before = prior(NOMINAL, CAMERA, [estimate], sensor=session.wrench_sensor)
+    before = read_by(session.wrench_sensor, prior(NOMINAL, CAMERA, [estimate]))
     joint = solve_antenna(session, observations, before)
     return session, joint, sensor, make_rig(session, Kinematics(), joint, observations)
 

@@ -12,7 +12,7 @@ import numpy as np
 from vbaa_calib.core.errors import Diagnosis, Severity
 from vbaa_calib.session import STANDARD_GRAVITY_M_S2 as _G
 
-from .decision import Explanation
+from .decision import Explanation, diagnose
 from .settings import SETTINGS, SessionSettings
 
 _UNITS = (
@@ -206,12 +206,6 @@ TABLE = (_dead, _sign_and_unit, _own_gain, _other_axis, _drift, _one_reading, _n
 
 Channels = dict[str, MomentReadings]
 """What the channels of a wrench sensor read, by their columns; forces in N for N·m."""
-_FORCE_UNITS = (
-    ("mN", 1e3, "divide them by 1000"),
-    ("gf", 1e3 / _G, "divide them by 101.97"),
-    ("kgf", 1 / _G, "multiply them by 9.80665"),
-    ("lbf", 0.224809, "multiply them by 4.44822"),
-)
 
 
 def _better(channels: Channels, changed: Mapping[str, tuple[MomentReadings, float, float]]) -> float:
@@ -255,7 +249,13 @@ def _exchanged_channels(channels: Channels, s: SessionSettings = SETTINGS) -> It
 
 def _units_of_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterator[Explanation[Channels]]:
     """All forces, or all moments, in another unit."""
-    for kind, units in (("_N", _FORCE_UNITS), ("_Nm", _UNITS)):
+    forces = (
+        ("mN", 1e3, "divide them by 1000"),
+        ("gf", 1e3 / _G, "divide them by 101.97"),
+        ("kgf", 1 / _G, "multiply them by 9.80665"),
+        ("lbf", 0.224809, "multiply them by 4.44822"),
+    )
+    for kind, units in (("_N", forces), ("_Nm", _UNITS)):
         names = [name for name in channels if name.endswith(kind)]
         for unit, factor, remedy in units if names else ():
             changed = {name: (channels[name], factor, s.unit_std * factor) for name in names}
@@ -278,5 +278,7 @@ def _dead_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterato
         yield Explanation(diagnosis, odds, partial(dict, right))
 
 
-CHANNELS = (_turned_channels, _exchanged_channels, _units_of_channels, _dead_channels)
-"""What may be wrong with a sensor of several axes."""
+def channel_diagnoses(channels: Channels, s: SessionSettings = SETTINGS) -> list[Diagnosis]:
+    """What is wrong with a sensor of several axes, the likeliest first."""
+    read = {name: one for name, one in channels.items() if np.isfinite(one.read).all() and len(one.read) >= s.fewest}
+    return diagnose(read, (_turned_channels, _exchanged_channels, _units_of_channels, _dead_channels))

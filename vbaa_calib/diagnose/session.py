@@ -21,8 +21,8 @@ from vbaa_calib.session import STANDARD_GRAVITY_M_S2 as G
 from vbaa_calib.session import Load, Session, Still, gravity_antenna
 
 from .decision import DecisionSettings, Explanation, diagnose, explained, joined
-from .sensor import CHANNELS, Channels, MomentReadings
 from .sensor import TABLE as SENSOR
+from .sensor import MomentReadings, channel_diagnoses
 from .settings import SETTINGS, SessionSettings
 from .typed_loads import FORCE_UNITS, LENGTH_UNITS, rows_name, typed_load_diagnoses, weighed
 from .witness import Alteration, RigFit, Witness, name_of
@@ -740,12 +740,6 @@ def _sensor_diagnoses(readings: MomentReadings, s: SessionSettings = SETTINGS) -
     return diagnose(readings, SENSOR)
 
 
-def _channel_diagnoses(channels: Channels, s: SessionSettings = SETTINGS) -> list[Diagnosis]:
-    """What is wrong with a sensor of several axes, the likeliest first."""
-    read = {name: one for name, one in channels.items() if np.isfinite(one.read).all() and len(one.read) >= s.fewest}
-    return diagnose(read, CHANNELS)
-
-
 def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
     """What is wrong with a session's numbers, rows, antenna, clamp and moment sensor, the likeliest first; joint : of
     all its pictures, from `solve_antenna`."""
@@ -766,7 +760,7 @@ def session_diagnoses(
     if fit is None or fit.scale > SETTINGS.fits:
         return [_contradiction(right, np.inf if fit is None else fit.scale), *found]
     if channels := right.channels(fit):
-        return [*found, *_channel_diagnoses(channels)]
+        return [*found, *channel_diagnoses(channels)]
     return [*found, *_sensor_diagnoses(right.moments(fit))]
 
 

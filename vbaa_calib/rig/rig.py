@@ -80,7 +80,7 @@ class Rig:
     covariance : (17 + P, 17 + P) joint covariance of `RIG_PARAMETERS` and the P parameters of the lens, in
         `parameter_names` order; (17, 17) where the lens counts as exact.
     moment_sensor : about y; `MomentSensor.none()` for a rig without, with zero covariance at gain and offset.
-    wrench_sensor : what is read beside the moment about y; None where a rig has nothing of it.
+    wrench_sensor : what is read other than the moment about y; None where a rig has nothing of it.
     drift : what may have changed since; it is not in the covariance.
     tip : where the antenna's visible end lies; None where that is not known.
     verdict : what its calibration found, and whether it may be used.
@@ -119,7 +119,7 @@ class Rig:
         whole, sensor = covariance, self.wrench_sensor
         if sensor is not None and len(own := sensor.covariance):
             fits = own.shape[1] == len(covariance) + len(own)
-            whole = sensor.beside(covariance)
+            whole = sensor.joined(covariance)
             if not (fits and _is_covariance(whole.tobytes(), len(whole))):
                 what = f"wrench_sensor.covariance is none with the {len(covariance)} joint.parameters"
                 raise InputError(what, remedy=again)
@@ -200,18 +200,18 @@ class Rig:
 
     def _with_joint(self, covariance: np.ndarray) -> Rig:
         """With another joint covariance, (17 + P, 17 + P) or (17, 17); a lens that counted as exact has nothing in
-        common with what is known beside it."""
-        tip, sensor, size, beside = self.tip, self.wrench_sensor, len(covariance), self._beside - (self.tip is not None)
+        common with the other parameters."""
+        tip, sensor, size, extra = self.tip, self.wrench_sensor, len(covariance), self._extra - (self.tip is not None)
 
-        def beside_joint(rows: np.ndarray) -> np.ndarray:
-            own = rows.shape[-1] - beside
+        def extended(rows: np.ndarray) -> np.ndarray:
+            own = rows.shape[-1] - extra
             lens = np.zeros((*rows.shape[:-1], max(size - own, 0)))
             return np.concatenate([rows[..., :own][..., :size], lens, rows[..., own:]], axis=-1)
 
         if tip is not None:
-            tip = replace(tip, covariance=beside_joint(tip.covariance))
-        if sensor is not None and beside:
-            sensor = replace(sensor, covariance=beside_joint(sensor.covariance))
+            tip = replace(tip, covariance=extended(tip.covariance))
+        if sensor is not None and extra:
+            sensor = replace(sensor, covariance=extended(sensor.covariance))
         lens = slice(len(RIG_PARAMETERS), None)
         camera = self.camera
         if size > len(RIG_PARAMETERS):
@@ -219,8 +219,8 @@ class Rig:
         return replace(self, covariance=covariance, camera=camera, tip=tip, wrench_sensor=sensor)
 
     @property
-    def _beside(self) -> int:
-        """How many parameters `covariance_with_tip` has beside the joint ones: the wrench sensor's W, and the tip's."""
+    def _extra(self) -> int:
+        """How many parameters `covariance_with_tip` has after the joint ones: the wrench sensor's W, and the tip's."""
         return (self.tip is not None) + (0 if self.wrench_sensor is None else len(self.wrench_sensor.covariance))
 
     def _joint(self, size: int) -> int:
@@ -229,7 +229,7 @@ class Rig:
         every = first + len(self.camera.parameter_names)
         whole = every if self.with_lens else first
         for joint in (whole, every, first):
-            if size in (joint, joint + self._beside):
+            if size in (joint, joint + self._extra):
                 return joint
         return size
 
@@ -238,7 +238,7 @@ class Rig:
         """(17 + P + W + 1, …) the joint covariance with the wrench sensor's parameters and the tip's offset as its last
         ones; without these where None."""
         sensor = self.wrench_sensor
-        covariance = self.covariance if sensor is None else sensor.beside(self.covariance)
+        covariance = self.covariance if sensor is None else sensor.joined(self.covariance)
         return covariance if self.tip is None else self.tip.beside(covariance)
 
     @gate
@@ -278,8 +278,8 @@ class Rig:
     @gate
     def moved(self, step: np.ndarray) -> Rig:
         """With its parameters a step (17 + P,), or (17,), away, or one of all of `covariance_with_tip`; that stays."""
-        tip, every, beside = self.tip, len(RIG_PARAMETERS) + len(self.camera.parameter_names), self._beside
-        allowed = {len(RIG_PARAMETERS), every, every + beside, len(RIG_PARAMETERS) + beside}
+        tip, every, extra = self.tip, len(RIG_PARAMETERS) + len(self.camera.parameter_names), self._extra
+        allowed = {len(RIG_PARAMETERS), every, every + extra, len(RIG_PARAMETERS) + extra}
         if step.ndim != 1 or len(step) not in allowed:
             raise InputError(f"step has shape {step.shape}", remedy=f"give one of {sorted(allowed)} numbers")
         joint, wrench = self._joint(len(step)), self.wrench_sensor

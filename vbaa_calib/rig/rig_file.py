@@ -103,7 +103,7 @@ _PerChannel = Annotated[list[Annotated[Number, Field(ge=-1e9, le=1e9)]], Field(m
 
 @dataclass(frozen=True, eq=False)
 class _FileWrenchSensor:
-    """What is read beside the moment about y; a number for each of components, in N or N·m."""
+    """What is read other than the moment about y; a number for each of components, in N or N·m."""
 
     components: Annotated[list[Literal["mz", "mx", "fx", "fy", "fz"]], Field(min_length=1, max_length=5)]
     gain: _PerChannel
@@ -183,7 +183,7 @@ class RigFile(FileModel):
 
     @property
     def wrench(self) -> WrenchSensor | None:
-        """What is read beside the moment about y."""
+        """What is read other than the moment about y."""
         if self.wrench_sensor is not None:
             return self.wrench_sensor.sensor()
         second = self.second_moment_sensor

@@ -13,16 +13,13 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import READINGS, MomentSensor
 
-_WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
-_TURNS = tuple(f"sensor_about_{axis}_rad" for axis in "xyz")
-
 
 @dataclass(frozen=True, eq=False)
 class WrenchSensor:
-    """What a rig's sensor reads beside the moment about y, in the sensor's own, right-handed axes.
+    """What a rig's sensor reads other than the moment about y, in the sensor's own, right-handed axes.
 
     reading = gain · component + offset + noise, of force and moment of contact and antenna's weight about the sensor's
-    origin. Where it reads the moment about its y, too, that is the rig's `moment_sensor`, whose gain is on the moment
+    origin. Where it reads the moment about its y, too, that is the rig's `moment_sensor`, with a gain on the moment
     x·f_z − z·f_x: about −1 for a sensor that reads right-handed.
 
     Attributes
@@ -57,14 +54,14 @@ class WrenchSensor:
                 which = self.components[int(np.argmax(bad))]
                 raise InputError(f"{name} of {which} is {getattr(self, name)[bad][0]:g}", remedy="give another than 0")
         rows = np.shape(self.covariance)
-        if rows != (0, 0) and (len(rows) != 2 or rows[0] != len(_TURNS) + 2 * count or rows[1] < rows[0]):
+        if rows != (0, 0) and (len(rows) != 2 or rows[0] != 3 + 2 * count or rows[1] < rows[0]):
             remedy = "run vbaa calibrate again"
             raise InputError(f"covariance of the wrench sensor has shape {rows}", remedy=remedy)
         object.__setattr__(self, "covariance", fixed(self.covariance, rows, "covariance of the wrench sensor"))
 
     @staticmethod
     def about_z(sensor: MomentSensor) -> WrenchSensor:
-        """A second moment sensor, about the antenna frame's z, whose gain and offset count as exact."""
+        """A second moment sensor, about the antenna frame's z, its gain and offset exact."""
         gain, offset, std = (np.array([value]) for value in (sensor.gain, sensor.offset_Nm, sensor.std_Nm))
         return WrenchSensor(("mz",), gain, offset, std)
 
@@ -73,7 +70,11 @@ class WrenchSensor:
         """(W,) what the rows of its covariance are."""
         if not len(self.covariance):
             return ()
-        return (*_TURNS, *(f"{name}_gain" for name in self.components), *(f"{name}_offset" for name in self.components))
+        return (
+            *(f"sensor_about_{axis}_rad" for axis in "xyz"),
+            *(f"{name}_gain" for name in self.components),
+            *(f"{name}_offset" for name in self.components),
+        )
 
     @property
     def words(self) -> str:
@@ -89,7 +90,7 @@ class WrenchSensor:
         """(W, W) of its own parameters."""
         return self.covariance[:, self.covariance.shape[1] - len(self.covariance) :]
 
-    def beside(self, covariance: np.ndarray) -> np.ndarray:
+    def joined(self, covariance: np.ndarray) -> np.ndarray:
         """(N + W, N + W) the rig's covariance (N, N), the tip's offset in it, with its own parameters as the last."""
         size = len(self.covariance)
         if not size:
@@ -102,7 +103,7 @@ class WrenchSensor:
 
     def moved(self, step: np.ndarray) -> WrenchSensor:
         """With its parameters a step (W,) away."""
-        turns, count = len(_TURNS), len(self.components)
+        turns, count = 3, len(self.components)
         turned = self.T_antenna_sensor.retract(np.append(step[:turns], np.zeros(3)))
         gain, offset = self.gain + step[turns : turns + count], self.offset + step[turns + count :]
         return replace(self, T_antenna_sensor=turned, gain=gain, offset=offset)
@@ -122,11 +123,11 @@ class WrenchSensor:
         """(W, 6, 7) of the readings by force, moment and 1, by its own parameters; gain_y : of the rig's moment sensor,
         0 where there is none."""
         count, of = len(self.components), [list(READINGS).index(name) for name in self.components]
-        slopes = np.zeros((len(_TURNS) + 2 * count, len(READINGS), 7))
+        slopes = np.zeros((3 + 2 * count, len(READINGS), 7))
         gains = np.zeros(len(READINGS))
         gains[of], gains[0] = self.gain, -gain_y
-        slopes[: len(_TURNS), :, :6] = gains[:, None] * self.turns
-        for row, reading in enumerate(of, len(_TURNS)):
+        slopes[:3, :, :6] = gains[:, None] * self.turns
+        for row, reading in enumerate(of, 3):
             slopes[row, reading, :6] = self.axes[reading]
             slopes[row + count, reading, 6] = 1.0
         return slopes if len(self.covariance) else slopes[:0]
@@ -150,4 +151,4 @@ def _by_wrench(rotation: np.ndarray, origin_m: np.ndarray) -> np.ndarray:
     x, y, z = origin_m
     moved = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     whole = np.block([[rotation.T, np.zeros((3, 3))], [-rotation.T @ moved, rotation.T]])
-    return whole[[_WRENCH.index(name) for name in READINGS]]
+    return whole[[3 * (name[0] == "m") + "xyz".index(name[1]) for name in READINGS]]

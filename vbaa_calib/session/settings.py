@@ -218,7 +218,6 @@ class _Noise:
 
 
 _Component = Annotated[str, Field(pattern="^-?[fm][xyz]$")]
-_TURN_STD_RAD = 0.035
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,7 +240,7 @@ class NominalWrenchSensor:
     ] = field(default_factory=Pose.identity)
     rotation_std_rad: Annotated[
         Number, Field(ge=0, le=0.5, description="how well its axes are known before the calibration, per axis")
-    ] = _TURN_STD_RAD
+    ] = 0.035
 
     def __post_init__(self) -> None:
         names = [name.removeprefix("-") for name in self.components]

@@ -166,8 +166,6 @@ def check_pictures(
 
 
 _Row = TypeVar("_Row", SweepPicture, Still, Load)
-_MOMENTS = tuple(READINGS.values())
-"""Columns of a recording that may be missing."""
 _ANGLES = ("pan_rad", "tilt_rad")
 _IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
 """Columns in degrees that may stand in their place."""
@@ -207,11 +205,11 @@ def _pictures(
     _require(path, why)
     of_antenna = issubclass(kind, Still)
     values = (*session.columns, *values) if of_antenna else values
-    if of_antenna and not session.sensor_stated and _MOMENTS[0] in header_of(path):
-        what = f"column {_MOMENTS[0]} is there, but session.yaml says nothing of a moment sensor"
+    if of_antenna and not session.sensor_stated and "moment_Nm" in header_of(path):
+        what = "column moment_Nm is there, but session.yaml says nothing of a moment sensor"
         remedy = "give moment_sensor: {std_Nm: …} in session.yaml, or moment_sensor: null to leave the readings aside"
         raise InputError(what, where=path, remedy=remedy)
-    unread = {_MOMENTS[0]: np.nan} if of_antenna else {}
+    unread = {"moment_Nm": np.nan} if of_antenna else {}
     columns, optional = ("image", *_ANGLES, *values), ("time_s",) if of_antenna else ()
     for row in read_csv(path, columns, optional, _IN_DEGREES):
         view = _view(row, path)
@@ -236,17 +234,17 @@ def read_recording(session: Session) -> Sequence[Frame]:
 def recording_of(path: Path, *, with_images: bool) -> Sequence[Frame]:
     """As `read_recording`, of any file. Raises InputError with file, line and remedy."""
     columns = ("frame", "time_s", *(("image",) if with_images else ()), *_ANGLES)
-    plain = None if with_images else plain_columns(path, columns, _MOMENTS)
-    if plain is not None and _MOMENTS[0] in plain and _is_sound(plain):
-        unread = dict.fromkeys(_MOMENTS, np.full(len(plain["frame"]), np.nan))
+    plain = None if with_images else plain_columns(path, columns, tuple(SILENT))
+    if plain is not None and "moment_Nm" in plain and _is_sound(plain):
+        unread = dict.fromkeys(SILENT, np.full(len(plain["frame"]), np.nan))
         return FrameColumns(**unread | plain | {"frame": plain["frame"].astype(np.int64)})
-    rows = csv_rows(path, columns, _MOMENTS, _IN_DEGREES)
+    rows = csv_rows(path, columns, tuple(SILENT), _IN_DEGREES)
     first = next(rows)
-    _refuse_misspelt(path, _MOMENTS[0], (*columns, *_MOMENTS))
+    _refuse_misspelt(path, "moment_Nm", (*columns, *SILENT))
     frames: list[Frame] = []
     seen: set[int] = set()
     for row in chain([first], rows):
-        moments: dict[str, Any] = {name: number(row, name, path) if row.get(name) else np.nan for name in _MOMENTS}
+        moments: dict[str, Any] = {name: number(row, name, path) if row.get(name) else np.nan for name in SILENT}
         frame = Frame(**_view(row, path, with_images), **moments, frame=whole_number(row, "frame", path))
         if frame.frame in seen:
             raise wrong(row, path, f"frame {frame.frame} stands twice", "every frame needs its own number")

@@ -37,7 +37,7 @@ class Timing:
     wait_s : how long a picture waits for the readings after it, by the source's clock.
     joints_rad : pan and tilt of a rig whose joints are not read, or NaN: they must be.
     offset_std_s : deviation of the offset. moment_std_Nm : noise of the moments about y and
-        z, and of what else `session.READINGS` has, as far as it is given.
+        z, and of what else `session.READINGS` has, as far as it is known.
     jump_s : a stamp that steps further ahead of arrival, or back, waits for the next ones to bear it out: queues and
         networks delay by less, clocks are set by more.
     agreeing : so many such stamps in a row are a clock that was set, not errors.

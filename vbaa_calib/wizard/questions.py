@@ -267,27 +267,22 @@ _JOINTS = (
     Question("tilt_deg", "", "Tilt angle", unit="degrees", default=0.0, low=-360.0, high=360.0),
 )
 _MOMENT = Question("moment_mNm", "", "Moment sensor's reading", unit="mN·m", low=-1e5, high=1e5)
-_SENSED = {
-    "moment_Nm": _MOMENT,
-    **{
-        f"moment_{axis}_Nm": Question(
-            f"moment_{axis}_mNm", "", f"Moment about the sensor's {axis}", unit="mN·m", low=-1e5, high=1e5
-        )
-        for axis in "zx"
-    },
-    **{
-        f"sensor_force_{axis}_N": Question(
-            f"sensor_force_{axis}_mN", "", f"Force along the sensor's {axis}", unit="mN", low=-1e6, high=1e6
-        )
-        for axis in "xyz"
-    },
-}
 _LOAD = (
     Question("mass_g", "", "Mass on the antenna", unit="g", low=1e-6, high=1e6),
     Question("distance_mm", "", "Where it hangs, from the clamp along the antenna", unit="mm", low=0.01, high=10_000.0),
 )
 _FREE_POSES_DEG = ((0.0, 0.0), (0.0, 20.0), (0.0, -20.0), (20.0, 0.0), (-20.0, 0.0))
 _ASKED = {"sweep": _JOINTS, "noload": _JOINTS, "loads": (*_LOAD, *_JOINTS)}
+
+
+def _sensed(column: str) -> Question:
+    """What is asked for a column of the sensor's readings."""
+    if column == "moment_Nm":
+        return _MOMENT
+    quantity, axis, _ = column.rsplit("_", 2)
+    if quantity == "moment":
+        return Question(f"moment_{axis}_mNm", "", f"Moment about the sensor's {axis}", unit="mN·m", low=-1e5, high=1e5)
+    return Question(f"sensor_force_{axis}_mN", "", f"Force along the sensor's {axis}", unit="mN", low=-1e6, high=1e6)
 
 
 def free_pose_deg(taken: int) -> tuple[float, float]:
@@ -305,7 +300,7 @@ def asked(
     """
     questions = list(_ASKED.get(folder, ()))
     if folder in ("noload", "loads"):
-        questions += [_SENSED[name] for name in columns]
+        questions += map(_sensed, columns)
     angles = {}
     if folder == "noload":
         angles = dict(zip(("pan_deg", "tilt_deg"), free_pose_deg(len(taken)), strict=True))

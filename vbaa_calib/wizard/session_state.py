@@ -73,8 +73,6 @@ _UNITS = {
     },
 }
 """Section and key of session.yaml → the answer, and the size of its unit in SI."""
-_COMPONENTS = {"two-axis": ["my", "mz"], "wrench": ["fx", "fy", "fz", "mx", "my", "mz"]}
-"""What sensors of several axes read."""
 _PASSING = {"antenna_length_mm": 100.0, "antenna_diameter_mm": 1.0}
 """Taken until they are answered, since they have no default."""
 
@@ -223,11 +221,12 @@ class SessionState:
         if axes or not value["moment_sensor"]:
             # without an answer what the session says of its axes stays
             std_Nm = read["moment_sensor"]["std_Nm"]
+            reads = {"two-axis": ["my", "mz"], "wrench": ["fx", "fy", "fz", "mx", "my", "mz"]}
             noise = {"std_Nm": std_Nm} | ({"std_N": 1e-3 * value["force_std_mN"]} if axes == "wrench" else {})
-            several = dict(before.get("wrench_sensor") or {}) | {"components": _COMPONENTS.get(axes), **noise}
+            several = dict(before.get("wrench_sensor") or {}) | {"components": reads.get(axes), **noise}
             sensor = dict(before.get("moment_sensor") or {}) | read["moment_sensor"]
             data["moment_sensor"] = sensor if axes == "one" else None
-            data["wrench_sensor"] = several if axes in _COMPONENTS else None
+            data["wrench_sensor"] = several if axes in reads else None
         if {"distance_std_mm", "mass_std_percent"} & set(answers) or "load_readings" not in before:
             data["load_readings"] = read["load_readings"]
         # a board that came with the session is as that says

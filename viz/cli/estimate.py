@@ -327,4 +327,4 @@ def _say_silent(frames: Sequence[Frame], rig: Rig) -> None:
     others = [name for name in list(READINGS.values())[1:] if name not in rig.columns]
     unused = [name for name in others if not all(np.isnan(getattr(frame, name)) for frame in frames)]
     if unused:
-        say(f"{', '.join(unused)} {'is' if len(unused) == 1 else 'are'} left aside: rig.json has no such sensor")
+        say(f"{', '.join(unused)} {'is' if len(unused) == 1 else 'are'} not used: rig.json has no such sensor")

@@ -174,7 +174,7 @@ class BundleAdjustment:
     scatter : ratio, at least 1, of the pictures' contradictions to what their noise explains; in the covariance.
     point_rms : (F,) per observation, in units of the scaled deviations.
     moment_residuals_Nm : (F,) reading less prediction.
-    sensor : as solved, what is read beside the moment about y, with its covariance; None without any.
+    sensor : as solved, what is read other than the moment about y, with its covariance; None without any.
     tip : where the antenna's visible end lies, from the pictures; None where it was not seen, or not used.
     tip_gap_std : by how many deviations the ends lie off the length, as everything else has it; NaN without any.
     tip_gap_m : the same in metres, positive beyond the length.

@@ -139,7 +139,7 @@ class Prior:
     tip_std_m: float | None = None  # how well the visible end is known to lie at the antenna's length; None: not used
     drift: Drift = field(default_factory=Drift)  # of which lines' errors count here: line_px, light_px and lock_px
     lens_share: float = 1.0  # part of its standard deviations by which the lens may be off in the solve
-    sensor: WrenchSensor | None = None  # what is read beside the moment about y, as it is thought to be
+    sensor: WrenchSensor | None = None  # what is read other than the moment about y, as stated
     sensor_std: np.ndarray = field(default_factory=lambda: np.zeros(0))  # (W,) of its parameters
     fixed_axes: np.ndarray | None = None  # (P, P) for `lens_axes`, in place of those of the lens' covariance
 

@@ -484,17 +484,17 @@ class Problem:
         return rows
 
     def other_readings(self, parameters: np.ndarray, wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (F·C,) of a wrench sensor's readings beside the moment about y, of the kept stills, and their
-        slopes."""
+        """Residuals (F·C,) of a wrench sensor's readings other than the moment about y, of the kept observations,
+        and their slopes."""
         sensor = self.wrench_sensor(parameters)
         if sensor is None:
             return np.zeros(0), np.zeros((0, len(parameters)))
         names, first, count = list(READINGS), self.sensor.start, len(sensor.components)
         which = [names.index(name) for name in sensor.components]
-        stills = [one.still for one, kept in zip(self.observations, self.kept, strict=True) if kept]
-        read = np.array([[still.readings[index] for index in which] for still in stills]).reshape(len(stills), count)
+        used = [one for one, kept in zip(self.observations, self.kept, strict=True) if kept]
+        read = np.array([[one.still.readings[index] for index in which] for one in used]).reshape(len(used), count)
         values = np.moveaxis(wrenches @ sensor.axes[which].T, 2, 1)
-        rows = np.zeros((len(stills), count, len(parameters)))
+        rows = np.zeros((len(used), count, len(parameters)))
         rows[:, :, ANTENNA] = (values[:, :, 1:_BENT] - values[:, :, :1]) / RIG_STEPS[6:]
         rows[:, :, self.readings] = values[:, :, _BENT:]
         rows[:, :, first : first + 3] = np.einsum("fw,kcw->fck", wrenches[:, 0], sensor.turns[:, which])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -258,7 +257,7 @@ CLAMP_GIVE_STD_M = 5e-4
 _LOG_STIFFNESS_STD = 0.5
 LOG_MASS_STD = 0.03
 _GAIN_STD = 0.5
-_OFFSET_STD_NM, _OFFSET_STD_N, _LEAST_TURN_RAD = 0.02, 2.0, 1e-6
+_OFFSET_STD_NM = 0.02
 """Priors of bundle adjustment: what a careful builder can be trusted with. Stiffness and sensor are left all but free;
 the mass is not, for sag is what weight over stiffness gives, and a kitchen scale knows the mass to a few per cent."""
 _DEFINED = 1e-3  # part of the clamp's priors in plane C that is left where the antenna itself defines its frame
@@ -282,7 +281,6 @@ def prior(
     own_frame: bool = False,
     readings: LoadReadings = EXACT,
     drift: Drift | None = None,
-    sensor: NominalWrenchSensor | None = None,
 ) -> Prior:
     """What is known before the stills; own_frame : plane C was found by the antenna alone, so that its clamp lies on
     and along the x axis by definition."""
@@ -294,30 +292,28 @@ def prior(
         poses=tuple(poses),
         start=fused(poses),
         camera=camera,
-        mean=np.concatenate([nominal_parameters(antenna), [_sign_about_y(sensor), 0.0]]),
+        mean=np.concatenate([nominal_parameters(antenna), [1.0, 0.0]]),
         std=np.array([*clamp, *rest]),
         readings=readings,
         tip_std_m=antenna.tip_std_m,
         drift=Drift() if drift is None else drift,
-        **_other_readings(sensor),
     )
 
 
-def _sign_about_y(sensor: NominalWrenchSensor | None) -> float:
-    """The expected gain on the moment x·f_z − z·f_x, which is minus the right-handed moment about y."""
-    return 1.0 if sensor is None else -sensor.signs.get("my", -1.0)
-
-
-def _other_readings(sensor: NominalWrenchSensor | None) -> dict[str, Any]:
-    """The part of a `Prior` with what is read beside the moment about y."""
+def read_by(sensor: NominalWrenchSensor | None, before: Prior) -> Prior:
+    """What is known beforehand, of a sensor of several axes; None: of one about y."""
     if sensor is None:
-        return {}
-    names = [name for name in sensor.signs if name != "my"]
+        return before
+    mean, names = before.mean.copy(), [name for name in sensor.signs if name != "my"]
+    # x·f_z − z·f_x is minus the right-handed moment about y
+    mean[GAIN - 6] = -sensor.signs.get("my", -1.0)
     gain, std = (np.array([of(name) for name in names], float) for of in (sensor.signs.get, sensor.std))
-    offset_std = np.array([_OFFSET_STD_N if name.startswith("f") else _OFFSET_STD_NM for name in names], float)
-    turn = np.full(3, max(sensor.rotation_std_rad, _LEAST_TURN_RAD))
+    # a force acts at a lever of a hundredth of a metre
+    offset_std = np.array([(100.0 if name.startswith("f") else 1.0) * _OFFSET_STD_NM for name in names], float)
+    turn = np.full(3, max(sensor.rotation_std_rad, 1e-6))
     known = WrenchSensor(tuple(names), gain, np.zeros(len(names)), std, sensor.T_antenna_sensor)
-    return {"sensor": known, "sensor_std": np.concatenate([turn, np.full(len(names), _GAIN_STD), offset_std])}
+    own = np.concatenate([turn, np.full(len(names), _GAIN_STD), offset_std])
+    return replace(before, mean=mean, sensor=known, sensor_std=own)
 
 
 def solve_antenna(session: Session, observations: Sequence[Observation], before: Prior) -> BundleAdjustment:

@@ -224,6 +224,7 @@ void bind_solver(nb::module_& module) {
     room.attr("SMALL_BIAS") = solver::SMALL_BIAS;
     room.attr("PIECES") = solver::PIECES;
     room.attr("NODES") = solver::NODES;
+    room.attr("END") = static_cast<int>(solver::END);
 }
 
 }  // namespace vbaa
