@@ -217,7 +217,7 @@ class _Noise:
     std_Nm: Annotated[Number, Field(ge=1e-12, le=1e6)]
 
 
-_Component = Annotated[str, Field(pattern="^-?[fm][xyz]$")]
+_Component = Literal["fx", "fy", "fz", "mx", "my", "mz", "-fx", "-fy", "-fz", "-mx", "-my", "-mz"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,8 +227,6 @@ class NominalWrenchSensor:
     components: Annotated[
         list[_Component],
         Field(
-            min_length=1,
-            max_length=6,
             description="what it reads of force (fx, fy, fz) and moment (mx, my, mz) that act on the antenna, in its "
             "own right-handed axes; -my where a channel reads with the other sign",
         ),
@@ -244,11 +242,16 @@ class NominalWrenchSensor:
 
     def __post_init__(self) -> None:
         names = [name.removeprefix("-") for name in self.components]
+        if not names:
+            raise InputError(
+                "components of wrench_sensor are none", remedy="name those that it reads, such as my and mz"
+            )
         if len({*names}) < len(names):
-            raise InputError("components name one twice", remedy="name each component of the wrench once")
+            raise InputError("components of wrench_sensor name one twice", remedy="name each of them once")
         for kind, std, key in (("f", self.std_N, "std_N"), ("m", self.std_Nm, "std_Nm")):
             if std is None and any(name.startswith(kind) for name in names):
-                what = f"{key} is missing, the noise of {', '.join(name for name in names if name[0] == kind)}"
+                own = ", ".join(name for name in names if name[0] == kind)
+                what = f"wrench_sensor: {key} is missing, the noise of {own}"
                 raise InputError(
                     what, remedy=f"give {key} as the sensor's data sheet has it, or as it scatters at rest"
                 )
@@ -439,7 +442,10 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
     board = data.get("board")
     if isinstance(board, str) or (isinstance(board, Mapping) and "target_type" in board):
         data = {**data, "board": with_ids(board, path, "board").to_dict()}
-    read = checked(SessionFile, data, path, "`vbaa schema session` prints what is expected")
+    try:
+        read = checked(SessionFile, data, path, "`vbaa schema session` prints what is expected")
+    except InputError as error:
+        raise error if error.where else InputError(error.what, where=path, remedy=error.remedy) from None
     several = read.wrench_sensor
     if several is not None and (read.moment_sensor is not None or read.second_moment_sensor is not None):
         other = "moment_sensor" if read.moment_sensor is not None else "second_moment_sensor"
