@@ -22,9 +22,9 @@ constexpr int POSES = 6, ANTENNA = 9;                          // parameters of 
 constexpr int NODES = antenna::CURVE_NODES, LAST = NODES - 1;  // of a curve, and the tip's
 constexpr int WIDE_NODES = whole_lanes(NODES);
 // Readings of a frame: those that every rig may have, then those of a sensor of more axes.
-enum Reading : int { ABOUT_Y, ABOUT_Z, END, ABOUT_X, ALONG_X, ALONG_Y, ALONG_Z, READINGS, USUAL_READINGS = ABOUT_X };
+enum Reading : int { ABOUT_Y, ABOUT_Z, END, ABOUT_X, ALONG_X, ALONG_Y, ALONG_Z, READINGS };
 // What readings are linear in: force and moment at the clamp, and 1. Parameters of the sensor about y: gain and offset.
-enum : int { WRENCH = 7, OF_MOMENT = 2 };
+enum : int { WRENCH = 7, OF_MOMENT = 2, USUAL_READINGS = ABOUT_X };
 constexpr int GRID = 3 * LANES;  // distances that are tried before a fit begins
 constexpr int STARTS = 2;        // minima that are searched for each frame
 // Evaluations of the model after which a frame is given up: sound frames take 3 to 30, by vision alone up to 200.
