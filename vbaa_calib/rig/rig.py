@@ -194,9 +194,9 @@ class Rig:
         if tip is not None:
             tip = replace(tip, std_m=float(np.sqrt(covariance[-1, -1])), covariance=covariance[-1, :-1])
             covariance = covariance[:-1, :-1]
-        if sensor is not None:
+        if sensor is not None and len(sensor.covariance):
             sensor = replace(sensor, covariance=covariance[joint:])
-        return replace(self, wrench_sensor=sensor, tip=tip)._with_joint(covariance[:joint, :joint])
+        return self._with(covariance[:joint, :joint], sensor, tip)
 
     def _with_joint(self, covariance: np.ndarray) -> Rig:
         """With another joint covariance, (17 + P, 17 + P) or (17, 17); a lens that counted as exact has nothing in
@@ -212,9 +212,13 @@ class Rig:
             tip = replace(tip, covariance=extended(tip.covariance))
         if sensor is not None and extra:
             sensor = replace(sensor, covariance=extended(sensor.covariance))
+        return self._with(covariance, sensor, tip)
+
+    def _with(self, covariance: np.ndarray, sensor: WrenchSensor | None, tip: Tip | None) -> Rig:
+        """With a joint covariance, and what is correlated with it, all at once."""
         lens = slice(len(RIG_PARAMETERS), None)
         camera = self.camera
-        if size > len(RIG_PARAMETERS):
+        if len(covariance) > len(RIG_PARAMETERS):
             camera = replace(camera, covariance=covariance[lens, lens])
         return replace(self, covariance=covariance, camera=camera, tip=tip, wrench_sensor=sensor)
 
