@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache, partial
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from vbaa_calib.core.errors import Diagnosis, Severity
 from vbaa_calib.diagnose.decision import Explanation, Hypothesis
 from vbaa_calib.rig import WrenchSensor
+from vbaa_calib.session import READINGS as SENSED
 
 from .changes import CHANGES, Change, axes_of, fitted
 from .evidence import Case, Recorded
@@ -71,6 +73,15 @@ def _absolute(recorded: Recorded) -> Recorded | None:
     turned = recorded.with_readings(readings_Nm=readings * turn)
     better = turned.fit.cost < recorded.fit.cost
     return recorded.with_readings(readings_Nm=np.where(better[:, None], readings * turn, readings))
+
+
+def _channels(first: int, second: int, sign: float, recorded: Recorded) -> Recorded | None:
+    """Two channels of a sensor of several axes exchanged, or one with its sign turned round."""
+    readings = recorded.batch.readings_Nm.copy()
+    if recorded.rig.wrench_sensor is None or not np.isfinite(readings[:, [first, second]]).any(axis=0).all():
+        return None
+    readings[:, [first, second]] = sign * readings[:, [second, first]]
+    return recorded.with_readings(readings_Nm=readings)
 
 
 def _joints(turn: np.ndarray, recorded: Recorded) -> Recorded | None:
@@ -191,6 +202,16 @@ READINGS = (
             partial(_axis, sign),
         )
         for sign in (1.0, -1.0)
+    ),
+    *(
+        Reading(
+            "moment_channels",
+            f"{first} and {second} are exchanged" if first != second else f"{first} has the wrong sign",
+            "put each channel into its column as in the calibration",
+            partial(_channels, a, b, -1.0 if a == b else 1.0),
+        )
+        for (a, first), (b, second) in combinations_with_replacement(enumerate(SENSED.values()), 2)
+        if first.endswith("_Nm") == second.endswith("_Nm") and (a, b) != (0, 0)
     ),
     Reading(
         "moment_late",
