@@ -366,8 +366,8 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         if corrected is None or not _differs(corrected, recorded):
             continue
         moments = corrected.batch.readings_Nm[:, 0]
-        if not np.isfinite(moments).any():
-            # about another axis the pictures' moments say nothing
+        if not np.isfinite(moments).any() or row.name == "moment_channels":
+            # about other axes the pictures' moments say nothing
             likely += [] if case.sound else [(np.inf, row, corrected)]
         elif (gained := reported - cost(moments)) > RecordingSettings.hinted or not (gained or case.sound):
             likely.append((gained, row, corrected))
