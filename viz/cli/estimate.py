@@ -320,9 +320,9 @@ def _say_silent(frames: Sequence[Frame], rig: Rig) -> None:
     from vbaa_calib.session import READINGS
 
     silent = sum(bool(np.isnan(frame.moment_Nm)) for frame in frames)
-    if not rig.moment_sensor.exists:
+    if not rig.columns:
         say("vision alone: the rig has no moment sensor" + ", moment_Nm is left aside" * (silent < len(frames)))
-    elif silent:
+    elif silent and rig.columns == ("moment_Nm",):
         say(f"{silent} of {len(frames)} frames have no moment reading: vision alone there")
     others = [name for name in list(READINGS.values())[1:] if name not in rig.columns]
     unused = [name for name in others if not all(np.isnan(getattr(frame, name)) for frame in frames)]
