@@ -45,7 +45,7 @@ class _EstimatedContacts(torch.autograd.Function):
             jacobian=any(ctx.needs_input_grad),
         )
         if found.jacobian is not None:
-            slopes = (found.jacobian.by_pixels, found.jacobian.by_moments, found.jacobian.by_joints)
+            slopes = (found.jacobian.by_pixels, found.jacobian.by_readings[..., :2], found.jacobian.by_joints)
             ctx.save_for_backward(*(pixels.new_tensor(np.nan_to_num(each)) for each in slopes))
         located = np.isin(found.status, LOCATED)
         values = np.column_stack([found.distance_m, found.force_N, found.point_world_m])
@@ -55,13 +55,13 @@ class _EstimatedContacts(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: FunctionCtx, gradient: Tensor) -> tuple[Tensor | None, ...]:
         """Gradients by pixels, moments and joints."""
-        by_pixels, by_moments, by_joints = ctx.saved_tensors
+        by_pixels, by_readings, by_joints = ctx.saved_tensors
         gradient = torch.nan_to_num(gradient)
         return (
             None,
             None,
             torch.einsum("br,brnj->bnj", gradient, by_pixels),
-            torch.einsum("br,brj->bj", gradient, by_moments),
+            torch.einsum("br,brj->bj", gradient, by_readings),
             torch.einsum("br,brj->bj", gradient, by_joints),
         )
 

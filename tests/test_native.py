@@ -106,15 +106,15 @@ def _calls() -> dict[str, tuple[object, ...]]:
     found = core.search.crossings(image, path, 9, 1.0)
     free = _fields(clamp_m=(3,), axes=np.eye(3), segments_m=np.array([[0.05, 0.0, 0.0]] * 6))
     rig_numbers = dict.fromkeys(("length_m", "force_unit_N", "unit_load", "stiffness_Nm2", "focal"), 1.0)
-    flags, known = dict.fromkeys(("with_tip", "with_second_sensor", "with_lens"), True), {"axes": (26, 3), "line": (3,)}
+    flags, known = dict.fromkeys(("with_tip", "with_wrench", "with_lens"), True), {"axes": (26, 3), "line": (3,)}
     small = dict.fromkeys(("friction_rad", "tip_offset_m"), 0.1)
     pose = {"pose_lanes": (3, 4, 8), "by_pose_step": (8,), "rotation": np.eye(3), "translation_m": (3,)}
     more = {"antenna_parameters": (9,), "antenna_steps": (9,), "to_camera": (2,), "eye_m": (3,)}
-    sensors = dict.fromkeys(("gain", "offset", "std"), (2,))
-    fields = _fields(**rig_numbers, **small, **flags, **known, **pose, **more, **sensors)
+    sensors = {"std": (7,), "by_wrench": (7, 7), "by_sensor": (2, 7, 7)}
+    fields = _fields(**rig_numbers, **small, **flags, **known, **pose, **more, **sensors, readings=3)
     rig, exact = core.solver.Rig(fields, LENS), core.solver.Rig(_fields(**vars(fields) | {"axes": (26, 0)}), LENS)
     frames = _fields(
-        usable=(3, 9), points=(3, 9, 2), covariance=(3, 9, 3), moment_Nm=(3, 2), tip=(3, 2), tip_covariance=(3, 3)
+        usable=(3, 9), points=(3, 9, 2), covariance=(3, 9, 3), reading=(3, 3), tip=(3, 2), tip_covariance=(3, 3)
     )
     frames.available, frames.gravity_m_s2 = np.ones((3, 3)), _a(3, 3)
     planes = RNG.uniform(0.0, 255.0, (3, 36, 40)).astype(np.float32)

@@ -20,7 +20,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.geometry.independent_axes import is_covariance
-from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig, Tip
+from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig, Tip, WrenchSensor
 from vbaa_calib.session import DRIFTS
 
 SIZE = len(RIG_PARAMETERS)
@@ -136,7 +136,7 @@ def fate(path: Path, pixels: np.ndarray) -> Contact | None:
 @pytest.mark.parametrize("count", [20, pytest.param(60, marks=pytest.mark.slow)])
 def test_a_rig_out_of_this_world_is_refused_or_leads_to_an_honest_contact(count: int, tmp_path: Path) -> None:
     """Rigs with one to three values changed: an InputError or a status, never a traceback or a NaN in a contact."""
-    rig = replace(rig_of((320, 240)), second_moment_sensor=MomentSensor(1.0, 0.0, 2e-5))
+    rig = replace(rig_of((320, 240)), wrench_sensor=WrenchSensor.about_z(MomentSensor(1.0, 0.0, 2e-5)))
     pixels, data, rng = path_px(rig, shape(rig))[::20], rig.to_dict(), np.random.default_rng(6)
     places = np.array(leaves(data), object)
     path, refusals = tmp_path / "rig.json", 0

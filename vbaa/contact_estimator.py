@@ -49,6 +49,7 @@ class ContactEstimator(estimate.ContactEstimator):
         sigma_px : standard deviation across the antenna, one or (N,), of centreline_px; by default what the rig's own
             pictures showed.
         moment_z : reading of a second sensor about z, if the rig has one.
+        readings : further ones of a wrench sensor, by the columns of `session.READINGS`.
         jacobian : whether the contact gets its derivatives by pixels, moments, joints and rig; not of an image.
         plane_xy_m, covariance_m2 : (N, 2) m on plane C as `rig.camera_on_plane()` gives them, and (N, 2, 2) m².
 
@@ -57,17 +58,18 @@ class ContactEstimator(estimate.ContactEstimator):
         InputError : not one of them; wrong shapes, what is no number, angles beyond a turn, moments and pixels that
             cannot be, a picture that cannot be read or has another size than the rig's.
         """
-        if image is None and centreline_px is None and not options.keys() - {"jacobian"}:
+        if image is None and centreline_px is None and not options.keys() - {"jacobian", "readings"}:
             raise InputError("nothing was seen", remedy="give one of image, centreline_px and plane_xy_m")
         if image is None:
             readings: Any = {"moment": moment, "pan": pan, "tilt": tilt, "moment_z": moment_z}
             return super().estimate(centreline_px, **readings, sigma_px=sigma_px, **options)
+        read = options.pop("readings", None)
         if centreline_px is not None or sigma_px is not None or options:
             remedy = "give one of image, centreline_px and plane_xy_m, and sigma_px and jacobian with the latter two"
             raise InputError("image stands for the pixels", remedy=remedy)
         from estimator.contact.recording import detect_again, frame_contact  # loads the detector
 
-        first = self._seen(0, image, moment=moment, pan=pan, tilt=tilt, moment_z=moment_z)
+        first = self._seen(0, image, moment=moment, pan=pan, tilt=tilt, moment_z=moment_z, readings=read)
         (seen,) = detect_again(self, [first])
         return frame_contact(first.frame, seen, self.measure(seen.measured)).contact
 
@@ -87,7 +89,7 @@ class ContactEstimator(estimate.ContactEstimator):
         source = open_source(Path(path), self.rig, no_moment)
         rig = replace(self.rig, drift=drift_of(None, source.drift, self.rig.drift))
         own = estimate.ContactEstimator(rig, self.model, friction=self.friction_rad, jobs=self.jobs)
-        watch, overview, rows = RecordingWatch(rig), Overview(rig.second_moment_sensor is not None), list[ContactRow]()
+        watch, overview, rows = RecordingWatch(rig), Overview(rig.columns), list[ContactRow]()
         for item in estimate_source(own, source):
             watch.push(item.measured, item.contact)
             overview.add_readings(item.frame, item.measured, item.contact)
@@ -104,8 +106,8 @@ class ContactEstimator(estimate.ContactEstimator):
     def live(self, frames: Iterable[Mapping[str, Any]]) -> Iterator[Contact]:
         """Each frame's contact as it comes, by this frame and those before it: motion and the rig's drift count.
 
-        frames : mappings with image, moment, pan, tilt and, where they are known, moment_z and time_s, as `estimate`
-            takes them. For readings at other instants than the pictures': `estimator.live`.
+        frames : mappings with image, moment, pan, tilt and, where they are known, moment_z, readings and time_s, as
+            `estimate` takes them. For readings at other instants than the pictures': `estimator.live`.
         """
         from estimator.contact.recording import after, detect_again, frame_contact
 
@@ -128,19 +130,20 @@ class ContactEstimator(estimate.ContactEstimator):
         pan: Any,
         tilt: Any,
         moment_z: Any = None,
+        readings: Any = None,
         time_s: Any = np.nan,
     ) -> _FirstDetection:
         """A first look at a picture and what was read with it. Raises InputError."""
         from estimator.contact.recording import first_look, read_own
-        from vbaa_calib.session import Frame
+        from vbaa_calib.session import READINGS, Frame
 
-        readings: Any = {"moments": [moment], "moments_z": [moment_z]}
-        checked = Batch.checked(
-            self.rig, np.full((1, 1, 2), np.nan), readings, {"pans": [pan], "tilts": [tilt]}, None, {}
-        )
-        of_y, of_z = checked.readings_Nm[0].tolist()
+        read: Any = {"moments": [moment], "moments_z": [moment_z]}
+        read |= {name: [value] for name, value in (readings or {}).items()}
+        checked = Batch.checked(self.rig, np.full((1, 1, 2), np.nan), read, {"pans": [pan], "tilts": [tilt]}, None, {})
+        of_y, *others = checked.readings_Nm[0].tolist()
+        more = dict(zip(list(READINGS.values())[1:], others, strict=True))
         time_s = as_float(time_s, "time_s", "give seconds")
-        frame = Frame(None, float(pan), float(tilt), of_y, frame=number, time_s=time_s, moment_z_Nm=of_z)
+        frame = Frame(None, float(pan), float(tilt), of_y, frame=number, time_s=time_s, **more)
         if isinstance(image, str | os.PathLike):
             return first_look(self, frame, read_own(self.rig, Path(image)))
         width, height = self.rig.camera.image_size

@@ -68,6 +68,7 @@ CAUSES = {
     "mass": _ErrorCause("mass", "#fda4af", _WEIGH),
     "moment_gain": _ErrorCause("moment gain", "#f97316", _LOADS),
     "moment_offset": _ErrorCause("moment offset", "#fdba74", "take more readings without a load"),
+    "sensor_axes": _ErrorCause("sensor axes", "#fed7aa", _LOADS),
     JOINT_AXES: _ErrorCause("joint axes", "#78716c", _AXES),
     FORCE_PRIOR: _ErrorCause("likely force", "#cbd5e1", _FORCE),
 }
@@ -153,7 +154,7 @@ def error_budget(
     if not 0.0 <= friction <= 1.0:
         raise InputError(f"friction is {friction}", remedy="give the angle's deviation in rad, 0 to 1")
     touches = ordinary_touches(rig) if touches is None else touches
-    with_moment = with_moment and any(rig.moment_noise_Nm)
+    with_moment = with_moment and any(rig.reading_noise)
     rig_arrays = RigArrays.from_rig(rig, float(friction), drift=False)
     space = ErrorSpace.of(rig_arrays)
     with np.errstate(all="ignore"):  # what leaves the domain of the model is left out below
@@ -169,7 +170,9 @@ def error_budget(
     linear = every.picked(determined)
     now = propagate(linear, space)
     by_cause = {cause: part for cause, part in variance_by_cause(space, now).items() if part.any()}
-    aside = (FORCE_PRIOR,) if with_moment else (FORCE_PRIOR, MOMENT_NOISE, "moment_gain", "moment_offset")
+    without = () if with_moment else (MOMENT_NOISE, "moment_gain", "moment_offset")
+    several = with_moment and rig.wrench_sensor is not None
+    aside = (FORCE_PRIOR, *without, *([] if several else ["sensor_axes"]))
     whole, shared = _mean(now.variance), _mean(correlated_variance(space, now))
     parts: dict[str, dict[str, CausePart]] = {name: {} for name in RESULTS}
     for cause, rows in by_cause.items():

@@ -133,7 +133,10 @@ class ErrorSpace:
         axes = np.hstack([kinematics.axes_by_pose @ rig_axes[: len(POSE_PARAMETERS)], own])
         rig_rows = np.hstack([rig_axes, np.zeros((len(rig_axes), own.shape[1]))])
         rows = {cause: rig_rows[[RIG_PARAMETERS.index(name) for name in names]] for cause, names in RIG_CAUSES.items()}
-        rows |= {LENS: rig_rows[len(RIG_PARAMETERS) :], JOINT_AXES: axes}
+        first, sensor = len(rig_arrays.rig.covariance), rig_arrays.rig.wrench_sensor
+        after = first + (0 if sensor is None else len(sensor.covariance))
+        lens = np.vstack([rig_rows[len(RIG_PARAMETERS) : first], rig_rows[after:]])
+        rows |= {LENS: lens, "sensor_axes": rig_rows[first:after], JOINT_AXES: axes}
         rows = {cause: part for cause, part in rows.items() if part.any()}
         determined = subsets(list(rows.values()), axes.shape[1])
         single = [1 << index for index in range(len(rows))]
@@ -186,7 +189,7 @@ def linearize(
     rig_arrays: RigArrays, space: ErrorSpace, touches: BudgetContacts, with_moment: bool = True
 ) -> Linearization:
     """Linearise contacts about their noise-free frames."""
-    available = np.ones((len(touches), 2)) * (with_moment & (rig_arrays.gain != 0.0))
+    available = np.full(len(touches), with_moment)
     unknowns = unknowns_of(rig_arrays, touches)
     frames = noise_free_frames(_empty(rig_arrays, touches), _RUNG, unknowns, available, point_per_px=True)
     there = linearised(frames, _RUNG, unknowns)

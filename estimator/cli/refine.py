@@ -100,7 +100,7 @@ def _recording(
 
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import measured_recording
-    from vbaa_calib.session import check_pictures, load_session, read_recording
+    from vbaa_calib.session import SILENT, check_pictures, load_session, read_recording
 
     rig, session = usable_rig(rig_json, accept_rig), load_session(folder)
     if session.drift is not None:
@@ -118,11 +118,9 @@ def _recording(
         raise InputError(what, where=where, remedy=remedy)
     pictures = [frame.image for frame in chosen if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
-    if rig.second_moment_sensor is None:
-        chosen = [replace(frame, moment_z_Nm=np.nan) for frame in chosen]
     # with --no-moment the readings were left aside
-    silent = np.isnan(table.moment_residual_Nm) & table.located
-    chosen = [replace(frame, moment_Nm=np.nan) if quiet else frame for frame, quiet in zip(chosen, silent, strict=True)]
+    silent = np.isnan(table.moment_residual_Nm) & table.located & rig.moment_sensor.exists
+    chosen = [replace(frame, **SILENT) if quiet else frame for frame, quiet in zip(chosen, silent, strict=True)]
     measured = measured_recording(ContactEstimator(rig), session, chosen)
     return rig, session, list(progress(measured, "frames", len(chosen)) if pictures else measured)
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from estimator.table.contacts import Measured
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.session import SILENT
 from vbaa_calib.streams import MessageSource, Reading, Synchronizer, Taken, Timing, taken_frames
 from vbaa_calib.streams.messages import Messages
 
@@ -277,7 +278,7 @@ def _windows(estimator: ContactEstimator, several: Sequence[Measured], moments_N
     Raises InputError where they are too few.
     """
     given = zip(several, moments_Nm, strict=True)
-    silent = [replace(each, moment_Nm=float(moment), moment_z_Nm=np.nan) for each, moment in given]
+    silent = [replace(each, **SILENT | {"moment_Nm": float(moment)}) for each, moment in given]
     numbers = estimator.measure_batch(silent).numbers if silent else None
     usable = np.zeros(0, bool) if numbers is None else numbers.finite & np.isfinite(numbers.unknowns[:, :3]).all(axis=1)
     if numbers is None or usable.sum() < 3 * ClockSettings.window_frames:

@@ -12,6 +12,7 @@ from estimator.solver.rig_arrays import ANTENNA, POSES, UNKNOWNS, RigArrays
 from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
+from vbaa_calib.session import READINGS
 
 _RUNG = "elastica"
 _CHUNK = 256
@@ -93,8 +94,9 @@ def _moved(
     gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
     frames = empty_frames(rig_arrays, gravity)
     unknowns = unknowns_of(frames, table, rows)
-    read = np.isfinite(table.moment_residual_Nm[rows]) & (rig_arrays.gain[0] != 0.0)
-    seen = noise_free_frames(frames, _RUNG, unknowns, np.stack([read, 0.0 * read], axis=1), point_per_px=False)
+    # without a sensor about y the table does not say what was read
+    read = np.isfinite(table.moment_residual_Nm[rows]) | ~rig_arrays.exists[0]
+    seen = noise_free_frames(frames, _RUNG, unknowns, read, point_per_px=False)
     by_error = _errors(seen, unknowns, table.distance_std_m[rows] / rig_arrays.length_m)
     by_error = np.concatenate([0.0 * by_error[:, :1], by_error], axis=1)  # the contacts themselves first
     by_antenna = by_error[..., UNKNOWNS:] @ rig_arrays.axes[POSES : POSES + ANTENNA].T
@@ -174,14 +176,15 @@ def empty_frames(rig_arrays: RigArrays, gravity_m_s2: np.ndarray) -> Frames:
 
 
 def _silent(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """No readings (B, 2), and no antenna's end (B, 3)."""
-    return np.full((count, 2), np.nan), np.full((count, 3), np.nan)
+    """No readings (B, 6), and no antenna's end (B, 3)."""
+    return np.full((count, len(READINGS)), np.nan), np.full((count, 3), np.nan)
 
 
 def noise_free_frames(
     empty: Frames, rung: str, unknowns: np.ndarray, sensor_available: np.ndarray, *, point_per_px: bool
 ) -> Frames:
-    """Frames that show contacts with these unknowns (B, 4), with the readings that are available (B, 2).
+    """Frames that show contacts with these unknowns (B, 4), with the readings that are available (B,), or (B, S)
+    as `RigArrays.sensors`.
 
     All have the points of the longest, about one a pixel but not more than `MOST_POINTS`; with `point_per_px` each
     point's deviation makes up for it, so that they weigh as much as one a pixel.
@@ -207,7 +210,7 @@ def noise_free_frames(
     pixels, sigma = np.where(inside[..., None], pixels, np.nan), np.repeat(sigma[:, None], count, axis=1)
     seen = frames_from_pixels(rig_arrays, pixels, sigma, *_silent(len(pixels)), empty.gravity_m_s2)
     # what is read of nothing, less what is predicted
-    read = replace(empty, available=np.ones_like(empty.available), moment_Nm=np.zeros_like(empty.moment_Nm))
-    moment = -linearised(read, rung, unknowns).residual[:, :2] * rig_arrays.std
-    available = np.column_stack([sensor_available * 1.0, np.zeros(len(pixels))])
-    return replace(seen, available=available, moment_Nm=moment)
+    read = replace(empty, available=np.ones_like(empty.available), reading=np.zeros_like(empty.reading))
+    reading = -linearised(read, rung, unknowns).residual * rig_arrays.std
+    which = sensor_available if sensor_available.ndim > 1 else sensor_available[:, None] * rig_arrays.exists
+    return replace(seen, reading=reading).with_available(which * 1.0, 0.0)

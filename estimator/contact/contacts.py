@@ -107,7 +107,7 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
         # of a force that is not known in all directions nothing mixes its components
         whole = located & known.all(axis=1)
         components = np.column_stack([whole, located[:, None] & known])
-        moment = numbers.residual[:, 0] * rig.moment_noise_Nm[0] / rig.moment_sensor.gain
+        moment = numbers.residual[:, 0] * rig.reading_noise[0] / rig.moment_sensor.gain
         return Contacts(
             rig=rig,
             numbers=numbers,

@@ -100,6 +100,7 @@ class ContactEstimator:
         pan, tilt : joint angles, rad.
         sigma_px : standard deviation across the antenna, one or (N,); by default what the rig's own pictures showed.
         moment_z : reading of a second sensor about z, if the rig has one.
+        readings : further ones of a wrench sensor, by the columns of `session.READINGS`.
         jacobian : whether the contact gets its derivatives, `Contact.jacobian`.
         plane_xy_m : in place of centreline_px, (N, 2) m on plane C as `rig.camera_on_plane()` gives them of one
             camera's pixels, NumPy or tensor: the contact is that of the pixels. What the layer cannot give
@@ -127,6 +128,8 @@ class ContactEstimator:
         if sigma is not None and sigma.shape not in ((), points.shape[:1]):
             raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
         sigma = sigma[None] if sigma is not None and sigma.ndim else sigma
+        if read := lines.pop("readings", None):
+            lines["readings"] = {name: [value] for name, value in read.items()}
         pixels = lines.pop("centreline_px")
         return self.estimate_batch(
             pixels, [moment], [pan], [tilt], sigma_px=sigma, moments_z=[moment_z], **cast(FrameOptions, lines)
@@ -149,6 +152,7 @@ class ContactEstimator:
         ----------
         centrelines_px : (B, N, 2), or B arrays (N_i, 2) of their own lengths; rows with NaN are ignored.
         moments, moments_z : (B,) N·m, None or an entry None or NaN for vision alone. pans, tilts : (B,) rad.
+        readings : (B,) of each further column of `session.READINGS`.
         sigma_px : one, (B, 1) or (B, N); by default what the rig's own pictures showed.
         jacobian : whether the contacts get their derivatives, `Contacts.jacobian`.
         plane_xy_m, covariance_m2 : in place of pixels, (B, N, 2) m and (B, N, 2, 2) m², or B of their own lengths, as
@@ -158,10 +162,9 @@ class ContactEstimator:
         ------
         InputError : as `estimate`, or when not everything is there for every frame.
         """
-        readings: dict[str, Values] = {"moments": moments, "moments_z": moments_z}
+        read: dict[str, Values] = {"moments": moments, "moments_z": moments_z, **(options.get("readings") or {})}
         joints: dict[str, Values] = {"pans": pans, "tilts": tilts}
-        plane = {name: each for name, each in options.items() if name != "jacobian"}
-        batch = Batch.checked(self.rig, centrelines_px, readings, joints, sigma_px, plane)
+        batch = Batch.checked(self.rig, centrelines_px, read, joints, sigma_px, options)
         contacts = self._contacts(batch)
         if not options.get("jacobian", False):
             return contacts
@@ -293,7 +296,7 @@ class ContactEstimator:
         if not odd.any():
             return frames
         rows, tip_std = np.flatnonzero(odd), fitted.tip_std[odd]
-        frames = replace(frames, available=frames.available * np.column_stack([np.ones((len(fitted), 2)), ~odd]))
+        frames = frames.with_available(frames.available[:, frames.rig_arrays.sensors], frames.ends * ~odd)
         fitted.put(rows, self._solved(frames.picked(rows), None, beam))
         fitted.tip_std[rows] = tip_std
         return frames
@@ -309,7 +312,7 @@ class ContactEstimator:
         """Fit frames that no contact explains once more by the picture alone: does it contradict the readings?"""
         if len(rows):
             alone = frames.picked(rows)
-            silent = replace(alone, available=alone.available * [0.0, 0.0, 1.0])
+            silent = alone.with_available(0.0, alone.ends)
             fitted.explained_alone[rows] = ~unexplained(self._solved(silent))
 
 

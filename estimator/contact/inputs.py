@@ -32,6 +32,7 @@ from vbaa_calib.detect.whisker.antenna import pixels
 from vbaa_calib.detect.whisker.crossings import too_short
 from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
+from vbaa_calib.session import READINGS
 
 from .status import CONTACT_EVIDENCE, unexplained
 
@@ -42,11 +43,12 @@ Values = Sequence[float | None] | np.ndarray | None
 
 
 class FrameOptions(TypedDict, total=False):
-    """Centrelines in metres, in place of pixels: (N, 2) on plane C, and (N, 2, 2) m² or (2, 2) of all points; whether
-    contacts get their derivatives."""
+    """Centrelines in metres, in place of pixels: (N, 2) on plane C, and (N, 2, 2) m² or (2, 2) of all points; what a
+    wrench sensor reads other than the moments about y and z, by columns; and whether contacts get their derivatives."""
 
     plane_xy_m: Any
     covariance_m2: Any
+    readings: Any
     jacobian: bool
 
 
@@ -57,12 +59,12 @@ class Batch(Rows):
     Attributes
     ----------
     points_px, sigma_px : (B, N, 2), (B, N) along the longer side of each frame's points, missing ones last.
-    readings_Nm : (B, 2) about y and z; NaN where there is none.
+    readings_Nm : (B, 6) as `session.READINGS`, N·m or N; NaN where there is none.
     tip_px : (B, 3) the antenna's end and its deviation along the antenna; NaN where it is not known.
     pan_rad, tilt_rad : (B,) joint angles.
     outside_points : (B,) number of points that are left out because they lie outside the picture.
     start : (B, 4) initial unknowns, NaN where there are none; None without any.
-    errors_Nm : (B, 2) deviations of the readings beside the sensors' noise; None without any.
+    errors_Nm : (B, 6) deviations of the readings beside the sensors' noise; None without any.
     joint_errors_rad : (B, 2) deviations of pan and tilt; None without any.
     covariance_shape : (B, N, 2, 2) covariance of each point over sigma_px²; None: the same in every direction.
     order : (B, N) where each point was listed; None: as it is here.
@@ -82,8 +84,9 @@ class Batch(Rows):
     order: np.ndarray | None = None
 
     def weights(self, rig_arrays: RigArrays) -> np.ndarray | None:
-        """(B, 2) the sensors' noise by all of the readings' deviation; None where there is nothing but noise."""
-        return None if self.errors_Nm is None else rig_arrays.std / np.hypot(rig_arrays.std, self.errors_Nm)
+        """(B, S) the sensors' noise by all of the readings' deviation; None where there is nothing but noise."""
+        std = rig_arrays.std[rig_arrays.sensors]
+        return None if self.errors_Nm is None else std / np.hypot(std, self.errors_Nm[:, : len(std)])
 
     def frames(self, rig_arrays: RigArrays) -> Frames:
         """As the solver takes them, for one rig."""
@@ -97,7 +100,9 @@ class Batch(Rows):
             frames.covariance[...] = np.where(frames.usable[..., None] > 0.0, spread, frames.covariance)
         weights = self.weights(rig_arrays)
         if weights is not None:
-            frames.available[:, :2] *= weights  # each residual, and its derivatives, in its own deviations
+            frames.available[:, rig_arrays.sensors] *= (
+                weights  # each residual, and its derivatives, in its own deviations
+            )
         return frames
 
     @staticmethod
@@ -107,7 +112,7 @@ class Batch(Rows):
         steps = [1 + len(each.points_px) // (4 * sum(rig.camera.image_size)) for each in several]
         points = _padded([each.points_px[::n] for each, n in zip(several, steps, strict=True)], np.nan)
         sigma = _padded([each.sigma_px[::n] for each, n in zip(several, steps, strict=True)], 1.0)
-        numbers = np.array([[each.moment_Nm, each.moment_z_Nm, each.pan_rad, each.tilt_rad] for each in several])
+        numbers = np.array([[*each.readings, each.pan_rad, each.tilt_rad] for each in several])
         if not rig.moment_sensor.exists:
             numbers[:, 0] = np.nan
         starts = np.array([each.start for each in several])
@@ -125,8 +130,8 @@ class Batch(Rows):
         tips = np.array([_end(each.tip_px) for each in several])
         columns = ([each.moment_errors_Nm for each in several], [each.joint_errors_rad for each in several])
         errors, joint_errors = (column if column.any() else None for column in map(np.array, columns))
-        angles, start = (numbers[:, 2], numbers[:, 3]), starts if known else None
-        numbers = numbers[:, :2]
+        angles, start = (numbers[:, -2], numbers[:, -1]), starts if known else None
+        numbers = numbers[:, :-2]
         return Batch(points, sigma, numbers, tips, *angles, outside, start, errors, joint_errors, shape, order)
 
     @staticmethod
@@ -138,8 +143,8 @@ class Batch(Rows):
         sigma_px: np.ndarray | float | None,
         plane: Mapping[str, Any],
     ) -> Batch:
-        """Frames as users give them, with readings about y and z, and pan and tilt, by name. Raises InputError."""
-        points, own, shape = _lines(rig, centrelines_px, sigma_px, **plane)
+        """Frames as users give them, with moments about y and z, further readings, pan and tilt. Raises InputError."""
+        points, own, shape = _lines(rig, centrelines_px, sigma_px, plane.get("plane_xy_m"), plane.get("covariance_m2"))
         moments = {name: _column(name, values, len(points)) for name, values in readings.items()}
         angles = {name: _column(name, values, len(points)) for name, values in joints.items()}
         for name, values in angles.items():
@@ -150,7 +155,12 @@ class Batch(Rows):
         no_tips = np.full((len(points), 3), np.nan)
         points, sigma, shape, outside, order = _in_order(rig, points, sigma, shape)
         pan, tilt = angles.values()
-        columns = np.stack(list(moments.values()), axis=-1)
+        columns = np.full((len(points), len(READINGS)), np.nan)
+        for place, (name, values) in enumerate(moments.items()):
+            known = list(READINGS.values())
+            if place > 1 and name not in known:
+                raise InputError(f"there is no reading {name!r}", remedy=f"one of {', '.join(known)} is needed")
+            columns[:, known.index(name) if place > 1 else place] = values
         if not rig.moment_sensor.exists:
             columns[:, 0] = np.nan
         return Batch(points, sigma, columns, no_tips, pan, tilt, outside, covariance_shape=shape, order=order)

@@ -43,4 +43,5 @@ def jacobian(batch: Batch, rig_arrays: RigArrays, rung: str, fitted: FitNumbers,
     by_joints = in_world(by_gravity @ gravity)
     by_joints[:, 4:] += np.einsum("kbij,bj->bik", turned, fitted.point_m) + np.moveaxis(shifted, 0, -1)
     names = len(rig.parameter_names)
-    return Jacobian(by_pixels, in_world(by_readings), by_joints, in_world(by_rig)[..., :names])
+    by_readings = in_world(by_readings)[..., rig_arrays.sensors]
+    return Jacobian(by_pixels, by_readings, by_joints, in_world(by_rig)[..., :names])

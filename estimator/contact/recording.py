@@ -26,7 +26,7 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import without_other_things
 from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Frame, Session, Still, read_centrelines
+from vbaa_calib.session import READINGS, Frame, Session, Still, read_centrelines
 
 from .contacts import RoughFit
 from .estimate import STREAM, ContactEstimator
@@ -119,7 +119,7 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more:
         frame.moment_Nm,
         frame.pan_rad,
         frame.tilt_rad,
-        moment_z_Nm=frame.moment_z_Nm,
+        **{name: getattr(frame, name) for name in list(READINGS.values())[1:]},
         time_s=frame.time_s,
         moment_errors_Nm=np.array(frame.moment_errors_Nm),
         joint_errors_rad=np.array(frame.joint_errors_rad),

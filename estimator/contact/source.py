@@ -78,13 +78,14 @@ class _Stream:
         table = beside if beside.is_file() and not is_bag(self.path) else None
         timing = self.options.timing
         known_s = None if self.options.estimate_offset and timing.offset_std_s == 0.0 else timing.offset_s
-        found = open_recorded(self.path, self.rig.camera, table, known_s, self.options.topics)
+        topics = replace(self.options.topics, wrench=self.rig.wrench_sensor is not None)
+        found = open_recorded(self.path, self.rig.camera, table, known_s, topics)
         return found.without_moments() if self.no_moment else found
 
     def taken(self) -> Iterator[tuple[Frame, np.ndarray]]:
         """Its frames with pictures (H, W[, 3]), in order."""
         source = self.opened()
-        timing = replace(self.options.timing, moment_std_Nm=self.rig.moment_noise_Nm)
+        timing = replace(self.options.timing, moment_std_Nm=self.rig.reading_noise)
         synchronizer = Synchronizer(timing, source.channels, self.rig.camera.image_size, source.notes, live=False)
         yield from taken_frames(source.messages(), synchronizer)
         std_s = timing.offset_std_s

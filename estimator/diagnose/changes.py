@@ -195,7 +195,8 @@ CHANGES = (
 def axes_of(rig: Rig, rows: Sequence[Change]) -> tuple[np.ndarray, list[np.ndarray]]:
     """(18 + P, Q) the parameters' steps by one standard deviation of each row's, and the columns (K,) of each; an
     empty one where the rig does not have the parameter."""
-    names = list(rig.parameter_names) + (["tip_offset_m"] if rig.tip is not None else [])
+    more = () if rig.wrench_sensor is None else rig.wrench_sensor.parameter_names
+    names = [*rig.parameter_names, *more, *["tip_offset_m"] * (rig.tip is not None)]
     sensor = rig.moment_sensor
     units = {"moment_gain": abs(sensor.gain), "moment_offset_Nm": sensor.std_Nm} if sensor.exists else {}
     columns: list[np.ndarray] = []

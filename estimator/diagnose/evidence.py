@@ -29,7 +29,7 @@ class Recorded:
     ----------
     rig : as calibrated, or as a hypothesis has it.
     batch : the F frames.
-    around : (F, 2, 4) moments about y and z, pan and tilt of the row before, and of the row after; NaN where there is
+    around : (F, 2, 8) all readings, pan and tilt of the row before, and of the row after; NaN where there is
         none.
     order : (F,) number of each frame in the recording.
     later : from which frame on the rig is another one, and that rig.
@@ -129,8 +129,7 @@ class Fitted:
 
     def _moments(self, rows: np.ndarray, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         weak, free, arrays = 1e-6, self.free[rows, None], frames.rig_arrays
-        tips = frames.available[:, 2]
-        frames = replace(frames, available=np.column_stack([np.full((len(rows), 2), weak), tips]))
+        frames = frames.with_available(weak, frames.ends)
         size, std = UNKNOWNS + arrays.steps, arrays.std[0]
         unknowns = np.where(free, [0.5, 0.0, 0.0, 0.0], self.numbers.unknowns[rows])
         found = linearised(frames, RUNGS[-1], unknowns)

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache, partial
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
 
 from vbaa_calib.core.errors import Diagnosis, Severity
 from vbaa_calib.diagnose.decision import Explanation, Hypothesis
+from vbaa_calib.rig import WrenchSensor
+from vbaa_calib.session import READINGS as SENSED
 
 from .changes import CHANGES, Change, axes_of, fitted
 from .evidence import Case, Recorded
@@ -46,16 +49,18 @@ def _moments(change: Callable[[np.ndarray], np.ndarray], recorded: Recorded) -> 
     readings = recorded.batch.readings_Nm
     if not np.isfinite(readings[:, 0]).any():
         return None
-    return recorded.with_readings(readings_Nm=np.column_stack([change(readings[:, 0]), readings[:, 1]]))
+    return recorded.with_readings(readings_Nm=np.column_stack([change(readings[:, 0]), readings[:, 1:]]))
 
 
 def _axis(sign: float, recorded: Recorded) -> Recorded | None:
     """The moment is about z."""
     rig, readings = recorded.rig, recorded.batch.readings_Nm
-    if rig.second_moment_sensor is not None or not np.isfinite(readings[:, 0]).any():
+    if rig.wrench_sensor is not None or not np.isfinite(readings[:, 0]).any():
         return None
-    other = np.column_stack([np.full(len(readings), np.nan), sign * readings[:, 0]])
-    return recorded.with_rig(replace(rig, second_moment_sensor=rig.moment_sensor)).with_readings(readings_Nm=other)
+    other = np.full_like(readings, np.nan)
+    other[:, 1] = sign * readings[:, 0]
+    about_z = replace(rig, wrench_sensor=WrenchSensor.about_z(rig.moment_sensor))
+    return recorded.with_rig(about_z).with_readings(readings_Nm=other)
 
 
 def _absolute(recorded: Recorded) -> Recorded | None:
@@ -64,9 +69,19 @@ def _absolute(recorded: Recorded) -> Recorded | None:
     one_sided = readings[:, 0][np.isfinite(readings[:, 0])]
     if len(one_sided) < 3 or (one_sided.min() < 0.0 < one_sided.max()):
         return None
-    turned = recorded.with_readings(readings_Nm=readings * [-1.0, 1.0])
+    turn = np.array([-1.0, *np.ones(readings.shape[1] - 1)])
+    turned = recorded.with_readings(readings_Nm=readings * turn)
     better = turned.fit.cost < recorded.fit.cost
-    return recorded.with_readings(readings_Nm=np.where(better[:, None], readings * [-1.0, 1.0], readings))
+    return recorded.with_readings(readings_Nm=np.where(better[:, None], readings * turn, readings))
+
+
+def _channels(first: int, second: int, sign: float, recorded: Recorded) -> Recorded | None:
+    """Two channels of a sensor of several axes exchanged, or one with its sign turned round."""
+    readings = recorded.batch.readings_Nm.copy()
+    if recorded.rig.wrench_sensor is None or not np.isfinite(readings[:, [first, second]]).any(axis=0).all():
+        return None
+    readings[:, [first, second]] = sign * readings[:, [second, first]]
+    return recorded.with_readings(readings_Nm=readings)
 
 
 def _joints(turn: np.ndarray, recorded: Recorded) -> Recorded | None:
@@ -101,12 +116,12 @@ def _neighbour(row: int, which: tuple[str, ...], recorded: Recorded) -> Recorded
     if "moments" in which:
         if not np.isfinite(batch.readings_Nm[:, 0]).any():
             return None
-        columns["readings_Nm"] = around[:, :2]
+        columns["readings_Nm"] = around[:, :-2]
     if "joints" in which:
         if np.ptp(np.stack([batch.pan_rad, batch.tilt_rad]), axis=1).max() < RecordingSettings.varies_rad:
             return None
-        columns |= {"pan_rad": around[:, 2], "tilt_rad": around[:, 3]}
-    known = np.isfinite(around[:, 2])
+        columns |= {"pan_rad": around[:, -2], "tilt_rad": around[:, -1]}
+    known = np.isfinite(around[:, -2])
     columns = {
         name: np.where(known.reshape(-1, *[1] * (values.ndim - 1)), values, getattr(batch, name))
         for name, values in columns.items()
@@ -187,6 +202,16 @@ READINGS = (
             partial(_axis, sign),
         )
         for sign in (1.0, -1.0)
+    ),
+    *(
+        Reading(
+            "moment_channels",
+            f"{first} and {second} are exchanged" if first != second else f"{first} has the wrong sign",
+            "put each channel into its column as in the calibration",
+            partial(_channels, a, b, -1.0 if a == b else 1.0),
+        )
+        for (a, first), (b, second) in combinations_with_replacement(enumerate(SENSED.values()), 2)
+        if first.endswith("_Nm") == second.endswith("_Nm") and (a, b) != (0, 0)
     ),
     Reading(
         "moment_late",
@@ -341,8 +366,8 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         if corrected is None or not _differs(corrected, recorded):
             continue
         moments = corrected.batch.readings_Nm[:, 0]
-        if not np.isfinite(moments).any():
-            # about another axis the pictures' moments say nothing
+        if not np.isfinite(moments).any() or row.name == "moment_channels":
+            # about other axes the pictures' moments say nothing
             likely += [] if case.sound else [(np.inf, row, corrected)]
         elif (gained := reported - cost(moments)) > RecordingSettings.hinted or not (gained or case.sound):
             likely.append((gained, row, corrected))
@@ -371,7 +396,7 @@ def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[Rea
         f"the moment sensor's zero walks by {walk / noise:+.0f} standard deviations of its noise during the recording"
     )
     row = Reading("moment_drift", words, "let it warm up, or give --track-zero", lambda _: None)
-    readings = recorded.batch.readings_Nm - np.column_stack([walk * share, 0.0 * share])
+    readings = recorded.batch.readings_Nm - np.pad((walk * share)[:, None], ((0, 0), (0, 5)))
     return row, recorded.with_readings(readings_Nm=readings)
 
 

@@ -51,7 +51,7 @@ class RecordingVerdict:
 
 @dataclass(frozen=True, eq=False)
 class _Witness:
-    """A frame that is kept: its number, and the readings (2, 4) of the rows before and after."""
+    """A frame that is kept: its number, and the readings (2, 8) of the rows before and after."""
 
     order: int
     measured: Measured
@@ -95,7 +95,7 @@ class RecordingWatch:
         if before is not None and measured.time_s > before.time_s:
             self._apart_s.append(measured.time_s - before.time_s)
         if len(measured.points_px) >= self.settings.fewest_points:
-            around = np.full((2, 4), np.nan)
+            around = np.full((2, 8), np.nan)
             if before is not None:
                 around[0] = _readings(before)
             self._keep(_Witness(self.count, measured, around))
@@ -136,7 +136,7 @@ class RecordingWatch:
         drift = self.rig.drift
         # what may have changed is in the covariance from here on
         rig = replace(self.rig.drifted(), drift=Drift(line_px=drift.line_px, light_px=drift.light_px))
-        found = Recorded(rig, batch, around.reshape(-1, 2, 4), order)
+        found = Recorded(rig, batch, around.reshape(-1, 2, 8), order)
         seen = np.isfinite(batch.points_px).all(axis=-1).sum(axis=-1)
         return found.picked(np.flatnonzero(seen >= self.settings.fewest_points))
 
@@ -283,7 +283,7 @@ def _untested(case: Case) -> list[Diagnosis]:
 
 
 def _readings(measured: Measured) -> np.ndarray:
-    return np.array([measured.moment_Nm, measured.moment_z_Nm, measured.pan_rad, measured.tilt_rad])
+    return np.array([*measured.readings, measured.pan_rad, measured.tilt_rad])
 
 
 def _same_picture(measured: Measured, before: Measured) -> bool:

@@ -20,7 +20,7 @@ from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
-from vbaa_calib.session import KnownObject
+from vbaa_calib.session import SILENT, KnownObject
 
 from .coulomb import as_estimated, by_coulomb, contradicted
 from .problem import RUNG, FrictionPrior, Problem, State
@@ -239,7 +239,7 @@ def begun(
         other, axes = beside(rig, placed[0][1], view.rig)
         more = ((0, 0), (0, axes.shape[1] - placed[0][1].shape[1]))
         placed = [(each, np.pad(before, more)) for each, before in placed] + [(other, axes)]
-        several.append([replace(each, moment_Nm=np.nan, moment_z_Nm=np.nan) for each in view.recording])
+        several.append([replace(each, **SILENT) for each in view.recording])
     pictures = tuple(
         pictures_of(contacts, rows, seen, replace(RigArrays.from_rig(each, FRICTION_RAD), axes=axes), each)
         for seen, (each, axes) in zip(several, placed, strict=True)
@@ -359,7 +359,7 @@ def _table(contacts: ContactTable, problem: Problem, found: Solution, rows: np.n
         "force_world_N": np.einsum("bij,bj->bi", rotation, equations.touch[:, 3:]),
         "tangent_world": np.einsum("bij,bj->bi", rotation, equations.tangent),
         "moment_residual_Nm": np.where(
-            np.isfinite(batch.readings_Nm[:, 0]), equations.reading * rig.moment_noise_Nm[0] / sensor.gain, np.nan
+            np.isfinite(batch.readings_Nm[:, 0]), equations.reading * rig.reading_noise[0] / sensor.gain, np.nan
         ),
         "friction_angle_rad": problem.friction_rad * unknowns[:, 3],
         "friction_angle_std_rad": angle_std,

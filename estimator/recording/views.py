@@ -19,7 +19,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.least_squares import disagreement_p
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
-from vbaa_calib.session import Frame
+from vbaa_calib.session import READINGS, Frame
 
 _POSE, _ANTENNA = len(POSE_PARAMETERS), slice(len(POSE_PARAMETERS), len(RIG_PARAMETERS) - 2)
 _OF_ANTENNA = slice(_POSE, len(RIG_PARAMETERS))  # with its sensor
@@ -88,18 +88,24 @@ def beside(first: Rig, axes: np.ndarray, other: Rig) -> tuple[Rig, np.ndarray]:
     slopes = across @ _inverse(covariance[_ANTENNA, _ANTENNA])
     left = independent_axes(covariance[np.ix_(own, own)] - slopes @ across.T)
     left = left[:, np.abs(left).max(axis=0) > 0.0]
-    count, tip = axes.shape[1], first.tip
-    whole = np.zeros((len(covariance) + (tip is not None), count + left.shape[1]))
+    count, tip, sensor = axes.shape[1], first.tip, first.wrench_sensor
+    # sensor and tip, after pose, antenna and lens, are the first rig's
+    more = axes[len(near.covariance) :]
+    whole = np.zeros((len(covariance) + len(more), count + left.shape[1]))
     whole[_OF_ANTENNA, :count] = axes[_OF_ANTENNA]
     whole[own, :count], whole[own, count:] = slopes @ axes[_ANTENNA], left
+    whole[len(covariance) :, :count] = more
+    if sensor is not None:
+        apart_from = np.zeros((len(sensor.covariance), len(covariance)))
+        exact = not len(sensor.covariance)
+        sensor = sensor if exact else replace(sensor, covariance=np.hstack([apart_from, sensor.own_covariance]))
     if tip is not None:
-        whole[-1, :count] = axes[-1]
-        tip = replace(tip, covariance=np.zeros(len(covariance)))
+        tip = replace(tip, covariance=np.zeros(len(whole) - 1))
     step = np.zeros(len(covariance))
     step[own] = slopes @ apart
     moved = replace(wide, tip=None).moved(step)
-    same = {name: getattr(first, name) for name in ("antenna", "moment_sensor", "second_moment_sensor", "kinematics")}
-    return replace(moved, **same, gravity_world_m_s2=first.gravity_world_m_s2, tip=tip), whole
+    same = {name: getattr(first, name) for name in ("antenna", "moment_sensor", "kinematics")}
+    return replace(moved, **same, gravity_world_m_s2=first.gravity_world_m_s2, wrench_sensor=sensor, tip=tip), whole
 
 
 def _inverse(covariance: np.ndarray) -> np.ndarray:
@@ -122,8 +128,7 @@ def completed(contacts: ContactTable, recording: Sequence[Measured], views: Sequ
         seen = (
             replace(
                 view.recording[index],
-                moment_Nm=recording[index].moment_Nm,
-                moment_z_Nm=recording[index].moment_z_Nm,
+                **{name: getattr(recording[index], name) for name in READINGS.values()},
                 time_s=np.nan,
             )
             for index in open_rows

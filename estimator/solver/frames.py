@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,10 +22,10 @@ class Frames(Rows):
     points : (B, N, 2) in ideal normalized coordinates (the plane one unit before the camera).
     covariance : (B, N, 3) of each point: xx, xy, yy.
     usable : (B, N) 1 for a point, 0 for padding and missing points, whose values are finite.
-    moment_Nm : (B, 2) read by the sensors about y and z.
+    reading : (B, K) as `RigArrays.std`, in N·m or N; that of the end is not used.
     tip : (B, 2) the antenna's end, as the points. tip_covariance : (B, 3) likewise.
-    available : (B, 3) 1 where there is a reading about y, about z, and an end, else 0; less where the deviation of the
-        reading is more than the noise: its residual is multiplied by it.
+    available : (B, K) 1 where there is such a reading, and an end, else 0; less where the deviation of the reading is
+        more than the noise: its residual is multiplied by it.
     gravity_m_s2 : (B, 3) antenna frame.
     """
 
@@ -33,34 +33,48 @@ class Frames(Rows):
     points: np.ndarray
     covariance: np.ndarray
     usable: np.ndarray
-    moment_Nm: np.ndarray
+    reading: np.ndarray
     tip: np.ndarray
     tip_covariance: np.ndarray
     available: np.ndarray
     gravity_m_s2: np.ndarray
+
+    def with_available(self, sensors: np.ndarray | float, ends: np.ndarray | float) -> Frames:
+        """The readings weighted by numbers, or (B, S), as `RigArrays.sensors`, the antenna's end by one, or (B,)."""
+        available, slots = self.available.copy(), self.rig_arrays.sensors
+        available[:, slots] = sensors
+        available[:, core.solver.END] = ends
+        return replace(self, available=available)
+
+    @property
+    def ends(self) -> np.ndarray:
+        """(B,) `available` of the antenna's end."""
+        return self.available[:, core.solver.END]
 
 
 def frames_from_pixels(
     rig_arrays: RigArrays,
     points_px: np.ndarray,
     sigma_px: np.ndarray,
-    moment_Nm: np.ndarray,
+    readings_Nm: np.ndarray,
     tip_px: np.ndarray,
     gravity_m_s2: np.ndarray,
 ) -> Frames:
     """Frames of pixels (B, N, 2) with deviations (B, N) across the antenna; what is not finite counts as missing.
 
-    `moment_Nm` (B, 2): NaN where there is no reading. `tip_px` (B, 3): the antenna's end and its deviation along it.
-    `gravity_m_s2` (B, 3) in the antenna frame.
+    `readings_Nm` (B, 6) as `session.READINGS`: NaN where there is none. `tip_px` (B, 3): the antenna's end and its
+    deviation along it. `gravity_m_s2` (B, 3) in the antenna frame.
     """
     if rig_arrays.rig.tip is None:
         tip_px = np.full_like(tip_px, np.nan)
     points, covariance, usable = _ideal(rig_arrays, points_px, sigma_px)
     tip, tip_covariance, with_tip = _ideal(rig_arrays, tip_px[:, :2], tip_px[:, 2])
-    read = np.isfinite(moment_Nm) & (rig_arrays.gain != 0.0)
-    available = np.column_stack([read, with_tip])
-    moment_Nm, gravity = np.where(read, moment_Nm, 0.0), np.ascontiguousarray(gravity_m_s2, float)
-    return Frames(rig_arrays, points, covariance, usable, moment_Nm, tip, tip_covariance, available, gravity)
+    slots, own = rig_arrays.sensors, readings_Nm[:, : len(rig_arrays.sensors)]
+    read = np.isfinite(own) & rig_arrays.exists
+    reading, available = np.zeros((2, len(points), len(rig_arrays.std)))
+    reading[:, slots], available[:, slots], available[:, core.solver.END] = np.where(read, own, 0.0), read, with_tip
+    gravity = np.ascontiguousarray(gravity_m_s2, float)
+    return Frames(rig_arrays, points, covariance, usable, reading, tip, tip_covariance, available, gravity)
 
 
 def _ideal(

@@ -21,7 +21,7 @@ class Linearised(NamedTuple):
     ----------
     tangents : (B, 3, M) of the nodes, antenna frame.
     point_force : (B, 6) contact point, m, and force, N, antenna frame. columns : (B, 6, K) their derivatives.
-    residual : (B, 3) of the readings, in deviations. readings : (B, 3, K) derivatives of what is predicted of them.
+    residual : (B, 3 or 7) of the readings, in deviations. readings : (B, 3 or 7, K) derivatives of the prediction.
     information, side, prior : (B, K, K), (B, K), (B, K) normal equations about the contacts, and what of the diagonal
         is prior.
     excess : (B,) Σψ²/Σw of the points' Huber ψ and weights, about 1 where they scatter as their deviations say.
@@ -41,7 +41,8 @@ class Linearised(NamedTuple):
 def linearised(frames: Frames, rung: str, unknowns: np.ndarray) -> Linearised:
     """The frames at unknowns (B, 4), the rig as calibrated."""
     count, size = len(frames), UNKNOWNS + frames.rig_arrays.steps
-    shapes = ((3, core.solver.NODES), (6,), (6, size), (3,), (3, size), (size, size), (size,), (size,), ())
+    read = len(frames.rig_arrays.std)
+    shapes = ((3, core.solver.NODES), (6,), (6, size), (read,), (read, size), (size, size), (size,), (size,), ())
     found = Linearised(*(np.empty((count, *shape)) for shape in shapes))
     rig, at = frames.rig_arrays.core, np.ascontiguousarray(unknowns, float)
     core.solver.linearise(rig, frames, RUNGS.index(rung), at, found)

@@ -33,8 +33,8 @@ class FitNumbers:
     tip_std : (B,) how far the antenna's end lies off its place, in the deviations that are expected of that; NaN
         without one.
     cost : (B,) half the robust sum of squares with the priors, the points' deviations multiplied by `scatter`.
-    residual, residual_std : (B, 2) whitened residuals of the readings, and their expected standard deviations.
-    sensor_available : (B, 2) bool, whether there was a reading.
+    residual, residual_std : (B, 6) whitened residuals of the readings, and their expected standard deviations.
+    sensor_available : (B, 6) bool, whether there was a reading.
     rig_chi_square : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
     evidence : (B,) for a contact, see `uncertainty.hpp`. condition : (B,) likewise.
     converged, at_tip, scatter : (B,) see `structs.hpp`.
@@ -72,9 +72,9 @@ class FitNumbers:
     friction_share: np.ndarray = _each()
     tip_std: np.ndarray = _each()
     cost: np.ndarray = _each()
-    residual: np.ndarray = _each(2)
-    residual_std: np.ndarray = _each(2)
-    sensor_available: np.ndarray = _each(2, dtype=bool)
+    residual: np.ndarray = _each(6)
+    residual_std: np.ndarray = _each(6)
+    sensor_available: np.ndarray = _each(6, dtype=bool)
     rig_chi_square: np.ndarray = _each()
     rig_axes: np.ndarray = _each(dtype=int)
     evidence: np.ndarray = _each()

@@ -14,7 +14,8 @@ from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.native import core
-from vbaa_calib.rig import POSE_PARAMETERS, RIG_STEPS, Rig
+from vbaa_calib.rig import POSE_PARAMETERS, RIG_STEPS, MomentSensor, Rig, WrenchSensor
+from vbaa_calib.session import READINGS
 
 POSES, ANTENNA = len(POSE_PARAMETERS), len(ANTENNA_PARAMETERS)
 UNKNOWNS = 4
@@ -34,7 +35,10 @@ class RigArrays:
     friction_rad : standard deviation of the contact force's angle from the antenna's normal; 0: no friction.
     axes : (17 + P, R) independent steps of the rig's parameters and the lens, each of unit standard deviation:
         axes @ axes.T is their covariance. R is 0 for a rig without uncertainty. (18 + P, R) with the tip's offset.
-    gain, offset, std : (2,) of the moment sensors about y and z; a missing one has the gain 0.
+    std : (K,) of the readings, as `sensors` and the antenna's end; 1 for a missing one.
+    by_wrench : (7, 7) the readings, in their deviations, by force and moment at the clamp, and 1; 0 for a missing one.
+    by_sensor : (2 + W, 7, 7) the same by a unit of the sensors' parameters: the moment's gain and offset, and the W of
+        a wrench sensor.
     line : (L,) deviations of the found line's errors that neighbours share, in the ideal picture: its offset, slope and
         curvature, or none. They are the last of the R + L steps of each frame, and each frame has its own.
     """
@@ -42,9 +46,9 @@ class RigArrays:
     rig: Rig
     friction_rad: float
     axes: np.ndarray
-    gain: np.ndarray
-    offset: np.ndarray
     std: np.ndarray
+    by_wrench: np.ndarray
+    by_sensor: np.ndarray
     line: np.ndarray
 
     @staticmethod
@@ -55,13 +59,10 @@ class RigArrays:
         axes = independent_axes(rig.covariance_with_tip)
         size = np.abs(axes).max(axis=0)
         axes = axes[:, size > _NEGLIGIBLE * max(float(size.max()), 1e-300)]
-        sensors = (rig.moment_sensor, rig.second_moment_sensor)
-        known = [(s.gain, s.offset_Nm, s.std_Nm) if s and s.exists else (0.0, 0.0, 1.0) for s in sensors]
-        gain, offset, std = np.array(known).T
         focal = np.sqrt(np.prod(np.diag(rig.camera.matrix)[:2]))
         line_px = np.hypot(rig.drift.line_px, rig.drift.light_px) if drift else 0.0
         own = np.full(LINE_ERRORS if line_px > 0.0 else 0, line_px / focal)
-        return RigArrays(rig, friction_rad, *map(np.ascontiguousarray, (axes, gain, offset, std, own)))
+        return RigArrays(rig, friction_rad, *map(np.ascontiguousarray, (axes, *_reading(rig), own)))
 
     @cached_property
     def core(self) -> Any:
@@ -76,14 +77,16 @@ class RigArrays:
         T_antenna_clamp = Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y_m, z_m]))
         side = rig.T_antenna_camera.translation_m[1:]
         fields = SimpleNamespace(
-            **{name: getattr(self, name) for name in ("friction_rad", "axes", "gain", "offset", "std", "line")},
+            **{name: getattr(self, name) for name in ("friction_rad", "axes", "by_wrench", "by_sensor", "line")},
             length_m=self.length_m,
             force_unit_N=self.force_unit_N,
             unit_load=self.unit_load,
             tip_offset_m=0.0 if rig.tip is None else rig.tip.offset_m,
             stiffness_Nm2=rig.antenna.stiffness_Nm2,
             with_tip=rig.tip is not None,
-            with_second_sensor=rig.second_moment_sensor is not None,
+            with_wrench=rig.wrench_sensor is not None,
+            readings=len(self.std),
+            std=np.append(self.std, np.ones(core.solver.END + 5 - len(self.std))),
             with_lens=bool(rig.with_lens),
             antenna_parameters=np.array(rig.antenna.parameters, float),
             antenna_steps=np.array(RIG_STEPS[POSES : POSES + ANTENNA], float),
@@ -101,6 +104,16 @@ class RigArrays:
     def exact(self) -> RigArrays:
         """The same rig as if it were known exactly."""
         return replace(self, axes=self.axes[:, :0], line=self.line[:0])
+
+    @property
+    def sensors(self) -> np.ndarray:
+        """(S,) where the readings of `session.READINGS` are among the core's, as far as the rig has room for them."""
+        return np.delete(np.arange(len(self.std)), core.solver.END)
+
+    @property
+    def exists(self) -> np.ndarray:
+        """(S,) bool, which of `sensors` the rig has."""
+        return np.asarray(self.by_wrench[self.sensors].any(axis=1))
 
     @property
     def steps(self) -> int:
@@ -121,3 +134,28 @@ class RigArrays:
     def unit_load(self) -> float:
         """F·l²/EI of a unit force at the tip."""
         return self.force_unit_N * self.length_m**2 / self.rig.antenna.stiffness_Nm2
+
+
+def _reading(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`RigArrays.std`, `by_wrench` and `by_sensor` of a rig. About the moment about y alone there is room for one more
+    moment and the antenna's end; a wrench sensor has room for all."""
+    noise, sensor, more = np.array(rig.reading_noise), rig.moment_sensor, rig.wrench_sensor
+    gain, slots = sensor.gain if sensor.exists else 0.0, np.delete(np.arange(len(noise) + 1), core.solver.END)
+    std = np.where(noise > 0.0, noise, 1.0)
+    axes = np.zeros((len(noise), 7))
+    axes[:, :6] = (WrenchSensor.about_z(MomentSensor(1.0, 0.0, 1.0)) if more is None else more).axes
+    own = np.zeros((2, *axes.shape))
+    # the moment about y is x·f_z − z·f_x
+    own[0, 0], own[1, 0, 6] = -axes[0] * (gain != 0.0), 1.0
+    by_wrench = np.zeros_like(axes)
+    by_wrench[0] = -gain * axes[0]
+    by_wrench[0, 6] = sensor.offset_Nm if gain else 0.0
+    if more is not None:
+        which = [list(READINGS).index(name) for name in more.components]
+        by_wrench[which] = more.gain[:, None] * axes[which]
+        by_wrench[which, 6] = more.offset
+        own = np.concatenate([own, more.slopes(gain)])
+    whole = np.zeros((len(own) + 1, len(noise) + 1, 7))
+    whole[:, slots] = np.concatenate([by_wrench[None], own]) / std[:, None]
+    used = slots[: 2 if more is None else None]
+    return np.insert(std[: len(used)], core.solver.END, 1.0), whole[0], whole[1:]

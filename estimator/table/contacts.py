@@ -27,6 +27,7 @@ from vbaa_calib.core.arrays import (
 )
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
+from vbaa_calib.session import READINGS
 
 if TYPE_CHECKING:
     from vbaa_calib.rig import Rig
@@ -166,13 +167,14 @@ class Jacobian(Rows):
 
     Attributes
     ----------
-    by_pixels : (B, 7, N, 2) per px, of the points as they were listed. by_moments : (B, 7, 2) per N·m, about y and z.
+    by_pixels : (B, 7, N, 2) per px, of the points as they were listed.
+    by_readings : (B, 7, 2) per N·m about y and z; (B, 7, 6) of a wrench sensor, as `session.READINGS`.
     by_joints : (B, 7, 2) per rad of pan and tilt, gravity included.
     by_rig : (B, 7, P) by the rig's parameters, `Rig.parameter_names`, as if they were mistaken.
     """
 
     by_pixels: np.ndarray
-    by_moments: np.ndarray
+    by_readings: np.ndarray
     by_joints: np.ndarray
     by_rig: np.ndarray
 
@@ -350,12 +352,12 @@ class Measured:
     Attributes
     ----------
     points_px, sigma_px : (N, 2) on the centreline, and their deviations (N,) across the antenna.
-    moment_Nm : about y, NaN without a sensor. moment_z_Nm : about z, NaN without a second one.
+    moment_Nm and the like : as `session.READINGS`, NaN where nothing is read.
     pan_rad, tilt_rad : joint angles.
     time_s : NaN where not known; a recording's frames are then taken as static.
     start : (4,) initial unknowns, as `ContactEstimator.rough` gives them; NaN where there are none.
     tip_px : (3,) the antenna's visible end, and its deviation along the antenna; NaN where it is not known.
-    moment_errors_Nm : (2,) deviations of the moments beside the sensors' noise.
+    moment_errors_Nm : (6,) deviations of the moments beside the sensors' noise.
     joint_errors_rad : (2,) deviations of pan and tilt.
     outside_points : number of points that were left out because they lie outside the picture.
     sigma_factor : by which `sigma_px` was widened, as the recording's points scatter more than was stated.
@@ -368,10 +370,14 @@ class Measured:
     pan_rad: float
     tilt_rad: float
     moment_z_Nm: float = np.nan
+    moment_x_Nm: float = np.nan
+    sensor_force_x_N: float = np.nan
+    sensor_force_y_N: float = np.nan
+    sensor_force_z_N: float = np.nan
     time_s: float = np.nan
     start: np.ndarray = field(default_factory=lambda: np.full(4, np.nan))
     tip_px: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
-    moment_errors_Nm: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    moment_errors_Nm: np.ndarray = field(default_factory=lambda: np.zeros(len(READINGS)))
     joint_errors_rad: np.ndarray = field(default_factory=lambda: np.zeros(2))
     outside_points: int = 0
     sigma_factor: float = 1.0
@@ -393,6 +399,11 @@ class Measured:
             own = as_floats(rig.image.noise_px if sigma_px is None else sigma_px, "sigma_px", "give px")
             own = own if own.ndim else np.full(points.shape[:1], own)
         return Measured(points, own, covariance_shape=shape, **readings)
+
+    @property
+    def readings(self) -> list[float]:
+        """(6,) as `session.READINGS`."""
+        return [getattr(self, name) for name in READINGS.values()]
 
     def __post_init__(self) -> None:
         """Raises InputError for what is no number, or in another unit."""
@@ -423,12 +434,12 @@ class Measured:
 
 
 _GIVEN = {
-    **dict.fromkeys(("moment_Nm", "moment_z_Nm"), (LARGEST_NM, MOMENT_REMEDY)),
+    **dict.fromkeys(READINGS.values(), (LARGEST_NM, MOMENT_REMEDY)),
     **dict.fromkeys(("pan_rad", "tilt_rad"), (LARGEST_RAD, ANGLE_REMEDY)),
     "time_s": (np.inf, "give seconds"),
 }
 """Of `Measured`: the largest that there is, and what to give."""
-_BESIDE = {"start": 4, "tip_px": 3, "moment_errors_Nm": 2, "joint_errors_rad": 2}
+_BESIDE = {"start": 4, "tip_px": 3, "moment_errors_Nm": len(READINGS), "joint_errors_rad": 2}
 """Of `Measured`: arrays, and how many numbers they have."""
 
 

@@ -20,7 +20,7 @@ from .contacts import LOCATED, Contact, Measured
 class Overview:
     """Frames of a recording, or of several, counted as they come.
 
-    second : whether the rig has a moment sensor about z; without one its readings are not used.
+    columns : of the rig's sensors; what else is read is not used.
     frames, read : how many there are, and with how many each channel was read. assumed_rad : joint angles that were not
         read, as they are taken to be.
     status : how many frames have each. reasons : of those without a contact point, kinds of reasons that differ in
@@ -31,7 +31,7 @@ class Overview:
     partly : contacts whose force is not known in all directions.
     """
 
-    second: bool = False
+    columns: tuple[str, ...] = ()
     frames: int = 0
     read: Counter[str] = field(default_factory=Counter)
     assumed_rad: dict[str, float] = field(default_factory=dict)
@@ -56,12 +56,18 @@ class Overview:
         if measured is not None and measured.outside_points:
             used = len(measured.points_px)
             self.outside.update({"frames": 1, "points": measured.outside_points, "used": used})
-        for name, joint in zip(CHANNELS, (True, True, *frame.joints_read), strict=True):
+        joints = dict(zip(CHANNELS[-2:], frame.joints_read, strict=True))
+        for name in self._named:
             value = getattr(frame, name)
-            if not joint:
+            if not joints.get(name, True):
                 self.assumed_rad[name] = value
-            elif value == value and (self.second or name != "moment_z_Nm"):
+            elif value == value:
                 self.read[name] += 1
+
+    @property
+    def _named(self) -> list[str]:
+        """The channels that are counted: moment and joints, and what else the rig reads."""
+        return [name for name in CHANNELS if name in (CHANNELS[0], *CHANNELS[-2:], *self.columns)]
 
     def add_result(self, frame: int, status: str, reason: str) -> None:
         """What became of a frame."""
@@ -97,7 +103,7 @@ class Overview:
         readings = numbers["readings"]
         self.frames += readings["frames"]
         self.read.update({name: readings[name] for name in CHANNELS if readings.get(name)})
-        self.second |= "moment_z_Nm" in readings
+        self.columns = tuple(name for name in CHANNELS if name in self.columns or name in readings)
         self.assumed_rad |= readings["assumed_rad"]
         unused = numbers.get("set_aside", {})
         self.outside["frames"] += unused.get("outside_frames", 0)
@@ -111,7 +117,7 @@ class Overview:
     def numbers(self) -> dict[str, Any]:
         """For `--json`: `status`, `readings`, `set_aside`, `forces_partly_known`, and `reasons` with the commonest kind
         first."""
-        read = {name: self.read[name] for name in CHANNELS if self.second or name != "moment_z_Nm"}
+        read = {name: self.read[name] for name in self._named}
         return {
             "status": dict(self.status.most_common()),
             "readings": {"frames": self.frames, **read, "assumed_rad": dict(self.assumed_rad)},
@@ -213,7 +219,8 @@ def readings_in_words(readings: Mapping[str, Any]) -> str:
             words[name] = "none" if not count else "all frames" if count == whole else f"{count} of {whole} frames"
         if name in readings["assumed_rad"]:
             words[name] += f", {'else ' if readings[name] else ''}taken as {readings['assumed_rad'][name]:.4g}"
-    pan, tilt = (words.pop(name) for name in CHANNELS[2:])
-    about = {"moment_Nm": "moment", "moment_z_Nm": "moment about z"}
+    pan, tilt = (words.pop(name) for name in CHANNELS[-2:])
+    about = {"moment_Nm": "moment", "moment_z_Nm": "moment about z", "moment_x_Nm": "moment about x"}
+    about |= {f"sensor_force_{axis}_N": f"force along {axis}" for axis in "xyz"}
     joints = f"joints: {pan}" if pan == tilt else f"pan: {pan}; tilt: {tilt}"
     return "; ".join([*(f"{about[name]}: {each}" for name, each in words.items()), joints])

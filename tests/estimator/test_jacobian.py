@@ -72,12 +72,12 @@ class TestAgainstDifferences:
             by = np.einsum("brni,bni->br", found.jacobian.by_pixels, step)
             assert off_std(by, seen, {"centrelines_px": step}, found) < OFF_STD
 
-    def test_by_moments_and_joints(self) -> None:
+    def test_by_readings_and_joints(self) -> None:
         seen = scene()
         found = ESTIMATOR.estimate_batch(**seen, jacobian=True)
         assert found.jacobian is not None
         noise = WORLD.sensor.std_Nm
-        assert off_std(found.jacobian.by_moments[..., 0] * noise, seen, {"moments": noise}, found) < OFF_STD
+        assert off_std(found.jacobian.by_readings[..., 0] * noise, seen, {"moments": noise}, found) < OFF_STD
         for index, name in enumerate(("pans", "tilts")):
             assert off_std(found.jacobian.by_joints[..., index] * 1e-3, seen, {name: 1e-3}, found) < OFF_STD
 

@@ -26,7 +26,7 @@ def seen(count: int) -> tuple[list[Measured], np.ndarray]:
 
 
 def estimated(several: list[Measured], error_Nm: float) -> Contacts:
-    given = [replace(each, moment_errors_Nm=np.array([error_Nm, 0.0])) for each in several]
+    given = [replace(each, moment_errors_Nm=np.array([error_Nm, *np.zeros(5)])) for each in several]
     return ContactEstimator(WORLD.rig(0.25 * RIG_STD), jobs=1).measure_batch(given)
 
 

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.estimator.scenes import Scenes
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
-from vbaa_calib.rig import Rig
+from vbaa_calib.rig import Rig, WrenchSensor
 from vbaa_calib.session import MomentSensor
 
 from ..rod_scenes import World, camera_pose
@@ -116,7 +116,9 @@ def test_a_second_sensor_does_what_the_first_one_would() -> None:
     """Camera from the side, 𝒟 near the xz plane: only the sensor about z tells which way the antenna leans to the
     camera."""
     second = MomentSensor(0.98, 1e-4, 2e-5)
-    side = replace(World(camera_pose(np.pi / 2, np.pi / 2)).rig(np.zeros(17)), second_moment_sensor=second)
+    side = replace(
+        World(camera_pose(np.pi / 2, np.pi / 2)).rig(np.zeros(17)), wrench_sensor=WrenchSensor.about_z(second)
+    )
     rng, count = np.random.default_rng(2), 24
     roll = np.where(np.arange(count) % 2 == 0, 1.0, np.pi - 1.0) + rng.uniform(-0.3, 0.3, count)
     given = rubbed(side, rng.uniform(0.4, 0.85, count), [5.0] * count, 0.0, roll).noisy(rng)

@@ -67,6 +67,11 @@ SESSION: tuple[Row, ...] = (
         "known_object.std_m",
     ),
     ("a second sensor without gain", d.at("second_moment_sensor", {"gain": 0, "offset_Nm": 0, "std_Nm": 1}), "gain"),
+    ("two sensors", d.at("wrench_sensor", {"components": ["my"], "std_Nm": 2e-5}), "wrench_sensor and moment_sensor"),
+    ("a force without its noise", d.at("wrench_sensor", {"components": ["fy"], "std_Nm": 2e-5}), "std_N is missing"),
+    ("no such component", d.at("wrench_sensor", {"components": ["my", "tz"], "std_Nm": 2e-5}), "wrench_sensor"),
+    ("one component twice", d.at("wrench_sensor", {"components": ["my", "-my"], "std_Nm": 2e-5}), "twice"),
+    ("none at all", d.at("wrench_sensor", {"components": [], "std_Nm": 2e-5}), "components of wrench_sensor are none"),
 )
 BOARD: tuple[Row, ...] = (
     ("colour", d.content("colour: red\n"), "unknown key colour"),

@@ -239,6 +239,11 @@ def test_the_moment_of_a_right_handed_torque(tmp_path: Path) -> None:
     for axis in "xyz":
         for sign, value in (("", torque[axis]), ("-", -torque[axis])):
             assert [each.value for each in readings_of(wrench, Topics(moment_axis=sign + axis), 1.0)] == [value]
+    wrench.wrench.force = SimpleNamespace(x=1.0, y=2.0, z=3.0)
+    every = {each.channel: each.value for each in readings_of(wrench, Topics(wrench=True), 1.0)}
+    forces = {f"sensor_force_{axis}_N": value for axis, value in zip("xyz", (1.0, 2.0, 3.0), strict=True)}
+    moments = {"moment_Nm": torque["y"], "moment_z_Nm": torque["z"], "moment_x_Nm": torque["x"]}
+    assert every == moments | forces
     (_, reading), _ = read(path, Topics(moment_axis="-y"))
     assert reading.value == pytest.approx(point_m[0] * force_N[2] - point_m[2] * force_N[0], rel=1e-12)
     number = small_bag(tmp_path / "number.mcap", image, ("/moment", "std_msgs/msg/Float64", {"data": 0.25}))

@@ -168,6 +168,19 @@ def test_without_a_moment_sensor_no_moment_is_asked_for(source: Path, tmp_path: 
     assert SessionState.answers_of(tmp_path / "session" / "session.yaml")["moment_sensor"] is False
 
 
+def test_a_sensor_of_several_axes_is_asked_for_all_its_channels(source: Path, tmp_path: Path) -> None:
+    (source / "noload" / "noload.csv").unlink()
+    answers = until(source, "antenna_diameter_mm") | {"sensor_axes": "wrench"}
+    script: list[tuple[str | int, Any]] = [(3, "!enough"), (1, "!enough"), ("moment_sensor", ENTER)]
+    script += [("readings", "0 0 1 2 3 4 5 6"), ("readings", "0 20 1 2 3 4 5 6"), (2, QUIT)]
+    walked(tmp_path / "session", answers, script)
+    session = load_session(tmp_path / "session")
+    assert session.wrench_sensor is not None
+    assert session.wrench_sensor.std_N == pytest.approx(3e-3)
+    first, _ = read_noload(session)
+    assert first.readings == pytest.approx([1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3])
+
+
 def test_a_mended_answer_offers_the_antennas_pictures_again(tmp_path: Path) -> None:
     """They may have been left for the wrong one; the same answer again changes nothing."""
     given = {"material": "steel", "antenna_diameter_mm": 0.8}

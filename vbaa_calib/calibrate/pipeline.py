@@ -17,7 +17,7 @@ from targets.board import Board
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.residual_checks import Checks, check
-from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, prior, solve_antenna
+from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, prior, read_by, solve_antenna
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.core.arrays import gate
@@ -59,7 +59,8 @@ class Calibration:
 def stills_prior(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
     """What lens and plane C say before the stills are solved."""
     readings, drift = session.load_readings, session.possible_drift
-    return prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, readings, drift)
+    before = prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, readings, drift)
+    return read_by(session.wrench_sensor, before)
 
 
 _Solved = TypeVar("_Solved")

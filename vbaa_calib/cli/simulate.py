@@ -42,6 +42,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="mitsuba: path-traced pictures with materials, lights, shadows and clutter as the scene's `traced` says",
     )
     parser.add_argument("--no-moment", action="store_true", help="a rig without a moment sensor")
+    parser.add_argument(
+        "--sensor",
+        choices=("two-axis", "wrench"),
+        help="in place of the scene's: moments about y and z, or all six components of a wrench",
+    )
     parser.add_argument("--samples", type=int, help="light paths for each path-traced pixel in place of the scene's")
     parser.add_argument(
         "--labels", action="store_true", help="labels/: masks, centrelines and contacts in the pictures"
@@ -79,7 +84,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for a wrong scene, or a file or folder in the way.
     """
-    from vbaa_calib.simulate.scene.scene import bundled_scene
+    from vbaa_calib.simulate.scene.scene import WrenchSpec, bundled_scene
     from vbaa_calib.simulate.scene.scene_file import load_scene
     from vbaa_calib.streams.bag_of_session import BagLens, refuse_bag, write_recording
 
@@ -94,7 +99,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise InputError(f"--seed is {args.seed}", where="vbaa simulate", remedy="give a whole number from 0")
         scene = replace(scene, seed=args.seed)
     if args.no_moment:
-        scene = replace(scene, moment=None)
+        if args.sensor:
+            raise InputError("--no-moment --sensor", where="vbaa simulate", remedy="give one of them")
+        scene = replace(scene, moment=None, wrench=None)
+    if args.sensor:
+        scene = replace(
+            scene, moment=None, wrench=WrenchSpec(("my", "mz")) if args.sensor == "two-axis" else WrenchSpec()
+        )
     if args.samples is not None:
         if not 1 <= args.samples <= 65536:
             what = f"--samples is {args.samples}"

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import combinations, product
 
 import numpy as np
 
 from vbaa_calib.core.errors import Diagnosis, Severity
 from vbaa_calib.session import STANDARD_GRAVITY_M_S2 as _G
 
-from .decision import Explanation
+from .decision import Explanation, diagnose
 from .settings import SETTINGS, SessionSettings
 
 _UNITS = (
@@ -49,6 +50,7 @@ class MomentReadings:
     when: np.ndarray
     per: str
     names: tuple[str, ...]
+    offset_std_Nm: float = SETTINGS.offset_std_Nm  # of its zero before a calibration; of a force in N
     drift: np.ndarray | None = None  # (F,) an unknown error that is known of, in its standard deviation
 
     @cached_property
@@ -62,13 +64,14 @@ class MomentReadings:
         gain_std: float,
         noise: float | None = None,
         column: np.ndarray | None = None,
-        offset_std_Nm: float = SETTINGS.offset_std_Nm,
+        offset_std_Nm: float | None = None,
     ) -> tuple[float, float]:
         """Of a sensor of this gain, and its noise over the stated one: the likeliest where not fixed.
 
         column : (F,) of a further, unknown error in its standard deviation.
         """
-        parts = [gain * self.root, gain_std * self.true[:, None], np.full((len(self.read), 1), offset_std_Nm)]
+        offset = self.offset_std_Nm if offset_std_Nm is None else offset_std_Nm
+        parts = [gain * self.root, gain_std * self.true[:, None], np.full((len(self.read), 1), offset)]
         parts += [one[:, None] for one in (column, self.drift) if one is not None]
         known = np.hstack(parts) / self.std_Nm
         off = (self.read - gain * self.true) / self.std_Nm
@@ -199,3 +202,83 @@ def _noise(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[
 
 TABLE = (_dead, _sign_and_unit, _own_gain, _other_axis, _drift, _one_reading, _noise)
 """What may be wrong with a moment sensor."""
+
+
+Channels = dict[str, MomentReadings]
+"""What the channels of a wrench sensor read, by their columns; forces in N for N·m."""
+
+
+def _better(channels: Channels, changed: Mapping[str, tuple[MomentReadings, float, float]]) -> float:
+    """Log odds of other readings of some channels, with their gains and these' deviations, over those reported."""
+    now = sum(one.log_likelihood(gain, std)[0] for one, gain, std in changed.values())
+    return now - sum(channels[name].reported for name in changed)
+
+
+def _turned_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterator[Explanation[Channels]]:
+    """A channel with its sign turned round."""
+    for name, one in channels.items():
+        odds = _better(channels, {name: (one, -1.0, s.own_gain_std)}) + s.sensor_fault
+        words = f"{name} reads with the wrong sign: gain {one.gain()[0]:.3g} ± {one.gain()[1]:.2g} of what is expected"
+        remedy = "name its component with the other sign in wrench_sensor.components, or turn the column's sign round"
+        right = {**channels, name: replace(one, read=-one.read)}
+        diagnosis = Diagnosis("sensor_sign", words, remedy, "wrong")
+        yield Explanation(diagnosis, odds, partial(dict, right))
+
+
+def _exchanged_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterator[Explanation[Channels]]:
+    """Two channels of a kind exchanged, with either sign: columns, wires, or a sensor mounted a quarter turn round."""
+    for first, second in combinations(channels, 2):
+        if first.endswith("_Nm") != second.endswith("_Nm"):
+            continue
+        a, b = channels[first], channels[second]
+        for signs in product((1.0, -1.0), repeat=2):
+            as_first, as_second = replace(a, read=signs[0] * b.read), replace(b, read=signs[1] * a.read)
+            std = s.own_gain_std
+            odds = _better(channels, {first: (as_first, 1.0, std), second: (as_second, 1.0, std)}) + s.sensor_fault
+            turned = [
+                f", {name} with its sign turned round"
+                for name, sign in zip((second, first), signs, strict=True)
+                if sign < 0
+            ]
+            words = f"{first} and {second} are exchanged{''.join(turned)}"
+            remedy = "exchange the two columns in all tables, or turn the sensor (wrench_sensor.T_antenna_sensor)"
+            right = {**channels, first: as_first, second: as_second}
+            diagnosis = Diagnosis("sensor_exchanged", words, remedy, "wrong")
+            yield Explanation(diagnosis, odds - float(sum(sign < 0 for sign in signs)), partial(dict, right))
+
+
+def _units_of_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterator[Explanation[Channels]]:
+    """All forces, or all moments, in another unit."""
+    forces = (
+        ("mN", 1e3, "divide them by 1000"),
+        ("gf", 1e3 / _G, "divide them by 101.97"),
+        ("kgf", 1 / _G, "multiply them by 9.80665"),
+        ("lbf", 0.224809, "multiply them by 4.44822"),
+    )
+    for kind, units in (("_N", forces), ("_Nm", _UNITS)):
+        names = [name for name in channels if name.endswith(kind)]
+        for unit, factor, remedy in units if names else ():
+            changed = {name: (channels[name], factor, s.unit_std * factor) for name in names}
+            odds = _better(channels, changed) + s.sensor_fault - 1.0
+            words = f"{', '.join(names)} are as if they were read in {unit}"
+            right = channels | {name: replace(channels[name], read=channels[name].read / factor) for name in names}
+            diagnosis = Diagnosis("sensor_unit", words, f"{remedy}: they are in N·m or N", "wrong")
+            yield Explanation(diagnosis, odds, partial(dict, right))
+
+
+def _dead_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterator[Explanation[Channels]]:
+    """A channel that does not follow the load."""
+    for name, one in channels.items():
+        if np.ptp(one.true) < s.seen_std * one.std_Nm:
+            continue
+        odds = _better(channels, {name: (one, 0.0, 0.0)}) + s.sensor_fault
+        words = f"{name} does not follow the loads: gain {one.gain()[0]:.3g} ± {one.gain()[1]:.2g} of what is expected"
+        diagnosis = Diagnosis("sensor_not_connected", words, "check that channel's wires", "wrong")
+        right = {other: each for other, each in channels.items() if other != name}
+        yield Explanation(diagnosis, odds, partial(dict, right))
+
+
+def channel_diagnoses(channels: Channels, s: SessionSettings = SETTINGS) -> list[Diagnosis]:
+    """What is wrong with a sensor of several axes, the likeliest first."""
+    read = {name: one for name, one in channels.items() if np.isfinite(one.read).all() and len(one.read) >= s.fewest}
+    return diagnose(read, (_turned_channels, _exchanged_channels, _units_of_channels, _dead_channels))

@@ -22,7 +22,7 @@ from vbaa_calib.session import Load, Session, Still, gravity_antenna
 
 from .decision import DecisionSettings, Explanation, diagnose, explained, joined
 from .sensor import TABLE as SENSOR
-from .sensor import MomentReadings
+from .sensor import MomentReadings, channel_diagnoses
 from .settings import SETTINGS, SessionSettings
 from .typed_loads import FORCE_UNITS, LENGTH_UNITS, rows_name, typed_load_diagnoses, weighed
 from .witness import Alteration, RigFit, Witness, name_of
@@ -759,6 +759,8 @@ def session_diagnoses(
     fit = right.reported
     if fit is None or fit.scale > SETTINGS.fits:
         return [_contradiction(right, np.inf if fit is None else fit.scale), *found]
+    if channels := right.channels(fit):
+        return [*found, *channel_diagnoses(channels)]
     return [*found, *_sensor_diagnoses(right.moments(fit))]
 
 

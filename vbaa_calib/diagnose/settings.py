@@ -50,6 +50,7 @@ class SessionSettings:
     own_gain_std: float = 0.2  # of one with a gain of its own
     any_gain_std: float = 2.0  # of one that was never calibrated
     offset_std_Nm: float = 0.02
+    offset_std_N: float = 2.0
     sensor_fault: float = -2.0
     noisy: float = -3.0  # that it scatters more than its stated noise
     seen_std: float = 30.0  # range of the moments, in its noise, from which it can be judged

@@ -19,7 +19,7 @@ from vbaa_calib.core.least_squares import SQUARES, Linearised, Loss, Rules, mini
 from vbaa_calib.core.robust import huber_weights, mad_std
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, feet, image_curves, see
-from vbaa_calib.session import Load, Session, Still
+from vbaa_calib.session import READINGS, Load, Session, Still
 
 from .sensor import MomentReadings
 from .settings import SETTINGS, SessionSettings
@@ -205,7 +205,8 @@ class Witness:
     """A session's reports, and its pictures.
 
     whole : the reports, the moment sensor left out. problem : with its pictures condensed.
-    moment_std_Nm : of that sensor. starts : (17 + P + K,) parameters from which a rig is sought.
+    moment_std_Nm : of that sensor. before : what was known before, the sensor included.
+    starts : (17 + P + K,) parameters from which a rig is sought.
     """
 
     session: Session
@@ -214,6 +215,7 @@ class Witness:
     problem: Problem
     moment_std_Nm: float
     starts: tuple[np.ndarray, ...]
+    before: Prior
     settings: SessionSettings = SETTINGS
 
     @staticmethod
@@ -229,10 +231,13 @@ class Witness:
         prior_std[6] = min(prior_std[6], settings.log_stiffness_std)
         std_Nm = session.moment_std_Nm
         whole = Problem.of(
-            observations, replace(before, std=prior_std), session.antenna.length_m, settings.sensor_off * std_Nm
+            observations,
+            replace(before, std=prior_std, sensor=None, sensor_std=np.zeros(0)),
+            session.antenna.length_m,
+            settings.sensor_off * std_Nm,
         )
         whole = _with_tips(whole, before.camera)
-        witness = Witness(session, kinematics, whole, whole, std_Nm, (whole.begin,), settings)
+        witness = Witness(session, kinematics, whole, whole, std_Nm, (whole.begin,), before, settings)
         free = np.array([not isinstance(one.still, Load) for one in observations])
         try:
             if free.any() and not free.all():
@@ -413,28 +418,69 @@ class Witness:
             return None
         return _with_values(replace(now, parameters=at), columns, none, std)
 
+    def channels(self, fit: RigFit) -> dict[str, MomentReadings]:
+        """What each channel of a wrench sensor reads, and what a fit predicts of a sensor in its stated place."""
+        sensor, before = self.session.wrench_sensor, self.before
+        if sensor is None or before.sensor is None:
+            return {}
+        prior = replace(fit.problem.prior, sensor=before.sensor, sensor_std=before.sensor_std)
+        every = np.ones(len(fit.problem.kept), bool)
+        problem = replace(fit.problem, prior=prior, kept=every, moment_std_Nm=self.moment_std_Nm)
+        at = np.append(fit.parameters, np.zeros(len(before.sensor_std)))
+        evaluated = problem.evaluate(at)
+        count, root = len(before.sensor.components), fit.solution.covariance_root()[: len(fit.parameters)]
+        off, slopes = problem.other_readings(at, evaluated.wrenches)
+        off, slopes = off.reshape(-1, count), slopes.reshape(len(off) // max(count, 1), count, -1)
+        found, turned = {}, slice(problem.sensor.start, problem.sensor.start + 3)
+        for name in sensor.signs:
+            column = READINGS[name]
+            read = np.array([getattr(one.still, column) for one in problem.observations])
+            if name == "my":
+                gain = float(prior.mean[GAIN - 6])
+                true = gain * evaluated.moments[:, 0]
+                rows = problem.moment_slopes(at, evaluated.moments, evaluated.wrenches) * gain / at[GAIN]
+                rows[:, [GAIN, OFFSET]] = 0.0
+            else:
+                channel = before.sensor.components.index(name)
+                true = read + before.sensor.std[channel] * off[:, channel]
+                rows = slopes[:, channel] * before.sensor.std[channel]
+            known = [rows[:, : len(root)] @ root, rows[:, turned], self.settings.moment_relative * np.diag(true)]
+            whole = self._readings(problem.observations, read, true, np.hstack(known), sensor.std(name))
+            force = name.startswith("f")
+            found[column] = replace(whole, offset_std_Nm=self.settings.offset_std_N) if force else whole
+        return found
+
     def moments(self, fit: RigFit) -> MomentReadings:
         """The moment sensor's readings, and what a fit predicts."""
+        if READINGS["my"] in (channels := self.channels(fit)):
+            return channels[READINGS["my"]]
         problem, observations = replace(fit.problem, moment_std_Nm=self.moment_std_Nm), fit.problem.observations
         evaluated = problem.evaluate(fit.parameters)
-        slopes = problem.moment_slopes(fit.parameters, evaluated.moments) / fit.parameters[GAIN]
+        slopes = problem.moment_slopes(fit.parameters, evaluated.moments, evaluated.wrenches) / fit.parameters[GAIN]
         slopes[:, [GAIN, OFFSET]] = 0.0
         root = slopes @ fit.solution.covariance_root()[: len(fit.parameters)]
         # what no model of antenna and sensor is better than
         root = np.hstack([root, self.settings.moment_relative * np.diag(evaluated.moments[:, 0])])
+        read, true = np.array([one.still.moment_Nm for one in observations]), evaluated.moments[:, 0]
+        about_z = _about_z(problem.curves(fit.parameters[None, ANTENNA]), observations, fit.parameters)
+        return replace(self._readings(observations, read, true, root, self.moment_std_Nm), about_z=about_z)
+
+    @staticmethod
+    def _readings(
+        observations: Sequence[Observation], read: np.ndarray, true: np.ndarray, root: np.ndarray, std: float
+    ) -> MomentReadings:
         times = [one.still.time_s for one in observations]
         timed = not any(time is None for time in times)
-        found = MomentReadings(
-            np.array([one.still.moment_Nm for one in observations]),
-            evaluated.moments[:, 0],
-            _about_z(problem.curves(fit.parameters[None, ANTENNA]), observations, fit.parameters),
+        return MomentReadings(
+            read,
+            true,
+            np.zeros_like(true),
             root,
-            self.moment_std_Nm,
+            std,
             np.array(times, float) if timed else np.arange(len(times), dtype=float),
             "s" if timed else "row",
             tuple(name_of(observations, index) for index in range(len(observations))),
         )
-        return found
 
 
 def _about_z(curves: Curves, observations: Sequence[Observation], parameters: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from vbaa_calib.session import MomentSensor
 
 from .parts import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, SCHEMA, Antenna, AntennaImage, Tip
 from .rig import Rig
+from .wrench_sensor import WrenchSensor
 
 __all__ = [
     "POSE_PARAMETERS",
@@ -15,4 +16,5 @@ __all__ = [
     "MomentSensor",
     "Rig",
     "Tip",
+    "WrenchSensor",
 ]

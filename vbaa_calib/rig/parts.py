@@ -34,7 +34,7 @@ class Tip:
     """Where the antenna's visible end lies.
 
     offset_m : how far beyond `length_m` along the antenna. std_m : its standard deviation.
-    covariance : (17 + P,) with the parameters of the rig's joint covariance.
+    covariance : (17 + P + W,) with the parameters of the rig's joint covariance, and of its wrench sensor.
     """
 
     offset_m: float
@@ -46,7 +46,7 @@ class Tip:
         object.__setattr__(self, "covariance", fixed(self.covariance, size, "covariance of the tip", finite=False))
 
     def beside(self, covariance: np.ndarray) -> np.ndarray:
-        """(18 + P, 18 + P) the rig's joint covariance (17 + P, 17 + P) with the offset as its last parameter."""
+        """(18 + P + W, …) the rig's covariance (17 + P + W, …) with the offset as its last parameter."""
         across = self.covariance[:, None]
         return np.block([[covariance, across], [across.T, np.array([[self.std_m**2]])]])
 

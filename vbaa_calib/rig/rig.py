@@ -17,7 +17,7 @@ from vbaa_calib.core.errors import InputError, Verdict, shown
 from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
 from vbaa_calib.geometry.independent_axes import is_covariance
-from vbaa_calib.session import DRIFTS, Drift, MomentSensor, MovingClamp
+from vbaa_calib.session import DRIFTS, READINGS, Drift, MomentSensor, MovingClamp
 
 from .parts import (
     ANTENNA_PARAMETERS,
@@ -30,6 +30,7 @@ from .parts import (
     Tip,
     kinematics_to_dict,
 )
+from .wrench_sensor import WrenchSensor
 
 if TYPE_CHECKING:
     from vbaa_calib.camera import CameraOnPlane
@@ -88,8 +89,7 @@ class Rig:
     covariance : (17 + P, 17 + P) joint covariance of `RIG_PARAMETERS` and the P parameters of the lens, in
         `parameter_names` order; (17, 17) where the lens counts as exact.
     moment_sensor : about y; `MomentSensor.none()` for a rig without, with zero covariance at gain and offset.
-    second_moment_sensor : about z, of x·f_y − y·f_x of force and weight (antenna frame); None where a rig has none. Its
-        gain and offset count as exact.
+    wrench_sensor : what is read other than the moment about y; None where a rig has nothing of it.
     drift : what may have changed since; it is not in the covariance.
     tip : where the antenna's visible end lies; None where that is not known.
     clamp : what is known of a clamp that moves and turns between frames; None for one that does not.
@@ -107,7 +107,7 @@ class Rig:
     gravity_world_m_s2: np.ndarray
     image: AntennaImage
     covariance: np.ndarray
-    second_moment_sensor: MomentSensor | None = None
+    wrench_sensor: WrenchSensor | None = None
     drift: Drift = DRIFTS["none"]
     tip: Tip | None = None
     clamp: MovingClamp | None = None
@@ -129,13 +129,17 @@ class Rig:
             raise InputError(f"joint.covariance has shape {covariance.shape}", remedy=remedy)
         if not (np.isfinite(covariance).all() and _is_covariance(covariance.tobytes(), len(covariance))):
             raise InputError("joint.covariance is not a covariance", remedy=again)
+        whole, sensor = covariance, self.wrench_sensor
+        if sensor is not None and len(own := sensor.covariance):
+            fits = own.shape[1] == len(covariance) + len(own)
+            whole = sensor.joined(covariance)
+            if not (fits and _is_covariance(whole.tobytes(), len(whole))):
+                what = f"wrench_sensor.covariance is none with the {len(covariance)} joint.parameters"
+                raise InputError(what, remedy=again)
         if tip is not None and not (
-            len(tip.covariance) == len(covariance)
-            and _is_covariance(tip.beside(covariance).tobytes(), len(covariance) + 1)
+            len(tip.covariance) == len(whole) and _is_covariance(tip.beside(whole).tobytes(), len(whole) + 1)
         ):
-            raise InputError(
-                f"antenna.tip.covariance is none with the {len(covariance)} joint.parameters", remedy=again
-            )
+            raise InputError(f"antenna.tip.covariance is none with the {len(whole)} joint.parameters", remedy=again)
         try:
             gravity = real_gravity(fixed(self.gravity_world_m_s2, (3,), "gravity_world"))
         except ValueError as error:
@@ -153,12 +157,14 @@ class Rig:
         """Plane C, stiffness and sensor as text, ± one standard deviation."""
         sensor, off = self.moment_sensor, 1e3 * np.sqrt(np.diag(self.covariance)[:6])
         (x, y, z), EI = 1e3 * self.T_antenna_camera.translation_m, self.antenna.stiffness_Nm2
+        more = self.wrench_sensor
+        several = [] if more is None else [more.words]
         gain = f"gain {sensor.gain:.4f} ± {self.std('moment_gain'):.4f}, offset {1e3 * sensor.offset_Nm:.3f} mN·m"
         return {
             "plane C": f"camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame, ± {off[3:].max():.2g} mm, "
             f"± {off[:3].max():.2g} mrad",
             "stiffness": f"EI = {EI:.5g} ± {EI * self.std('log_stiffness_Nm2'):.2g} N·m²",
-            "sensor": gain if sensor.exists else "none: vision alone",
+            "sensor": "; ".join([gain] * sensor.exists + several) or "none: vision alone",
         }
 
     def summary(self) -> str:
@@ -176,38 +182,81 @@ class Rig:
         return "\n".join([*lines, *(f"{one.label:10s} {one}" for one in self.verdict.findings)])
 
     @property
-    def moment_noise_Nm(self) -> tuple[float, float]:
-        """Standard deviations of both moment sensors' readings, 0 for one that the rig does not have."""
-        first, second = self.moment_sensor, self.second_moment_sensor
-        return first.std_Nm if first.exists else 0.0, 0.0 if second is None else second.std_Nm
+    def reading_noise(self) -> tuple[float, ...]:
+        """Standard deviations of the readings, as `session.READINGS`, 0 for one that the rig does not have."""
+        more = self.wrench_sensor
+        known = {} if more is None else dict(zip(more.components, more.std.tolist(), strict=True))
+        if self.moment_sensor.exists:
+            known["my"] = self.moment_sensor.std_Nm
+        return tuple(known.get(name, 0.0) for name in READINGS)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of our tables with what its sensors read."""
+        return tuple(name for name, std in zip(READINGS.values(), self.reading_noise, strict=True) if std > 0.0)
 
     @gate
     def with_covariance(self, covariance: np.ndarray) -> Rig:
-        """With another joint covariance, (17 + P, 17 + P), or `covariance_with_tip`, (18 + P, 18 + P)."""
-        tip, size = self.tip, len(covariance) if covariance.ndim == 2 else 0
+        """With another joint covariance, (17 + P, 17 + P), or `covariance_with_tip`, (17 + P + W + 1, …)."""
+        size = len(covariance) if covariance.ndim == 2 else 0
         if size < len(RIG_PARAMETERS) or covariance.shape != (size, size):
             raise InputError(f"covariance has shape {covariance.shape}", remedy="give (17 + P, 17 + P)")
-        if tip is not None and self._holds_tip(size):
+        joint, tip, sensor = self._joint(size), self.tip, self.wrench_sensor
+        if joint == size:
+            return self._with_joint(covariance)
+        if tip is not None:
             tip = replace(tip, std_m=float(np.sqrt(covariance[-1, -1])), covariance=covariance[-1, :-1])
             covariance = covariance[:-1, :-1]
-        elif tip is not None:
-            # a lens that counted as exact has nothing in common with the tip
-            tip = replace(tip, covariance=np.pad(tip.covariance, (0, max(size - len(tip.covariance), 0)))[:size])
+        if sensor is not None and len(sensor.covariance):
+            sensor = replace(sensor, covariance=covariance[joint:])
+        return self._with(covariance[:joint, :joint], sensor, tip)
+
+    def _with_joint(self, covariance: np.ndarray) -> Rig:
+        """With another joint covariance, (17 + P, 17 + P) or (17, 17); a lens that counted as exact has nothing in
+        common with the other parameters."""
+        tip, sensor, size, extra = self.tip, self.wrench_sensor, len(covariance), self._extra - (self.tip is not None)
+
+        def extended(rows: np.ndarray) -> np.ndarray:
+            own = rows.shape[-1] - extra
+            lens = np.zeros((*rows.shape[:-1], max(size - own, 0)))
+            return np.concatenate([rows[..., :own][..., :size], lens, rows[..., own:]], axis=-1)
+
+        if tip is not None:
+            tip = replace(tip, covariance=extended(tip.covariance))
+        if sensor is not None and extra:
+            sensor = replace(sensor, covariance=extended(sensor.covariance))
+        return self._with(covariance, sensor, tip)
+
+    def _with(self, covariance: np.ndarray, sensor: WrenchSensor | None, tip: Tip | None) -> Rig:
+        """With a joint covariance, and what is correlated with it, all at once."""
         lens = slice(len(RIG_PARAMETERS), None)
         camera = self.camera
         if len(covariance) > len(RIG_PARAMETERS):
             camera = replace(camera, covariance=covariance[lens, lens])
-        return replace(self, covariance=covariance, camera=camera, tip=tip)
+        return replace(self, covariance=covariance, camera=camera, tip=tip, wrench_sensor=sensor)
 
-    def _holds_tip(self, size: int) -> bool:
-        """Whether so many parameters hold the tip's offset."""
+    @property
+    def _extra(self) -> int:
+        """How many parameters `covariance_with_tip` has after the joint ones: the wrench sensor's W, and the tip's."""
+        return (self.tip is not None) + (0 if self.wrench_sensor is None else len(self.wrench_sensor.covariance))
+
+    def _joint(self, size: int) -> int:
+        """How many of so many parameters are joint ones."""
         first = len(RIG_PARAMETERS)
-        return self.tip is not None and size in (first + 1, first + len(self.camera.parameter_names) + 1)
+        every = first + len(self.camera.parameter_names)
+        whole = every if self.with_lens else first
+        for joint in (whole, every, first):
+            if size in (joint, joint + self._extra):
+                return joint
+        return size
 
     @property
     def covariance_with_tip(self) -> np.ndarray:
-        """(18 + P, 18 + P) the joint covariance with the tip's offset as its last parameter; without it where None."""
-        return self.covariance if self.tip is None else self.tip.beside(self.covariance)
+        """(17 + P + W + 1, …) the joint covariance with the wrench sensor's parameters and the tip's offset as its last
+        ones; without these where None."""
+        sensor = self.wrench_sensor
+        covariance = self.covariance if sensor is None else sensor.joined(self.covariance)
+        return covariance if self.tip is None else self.tip.beside(covariance)
 
     @gate
     def drifted(self, part: float = 1.0) -> Rig:
@@ -218,7 +267,15 @@ class Rig:
             return self
         covariance = self._drift_covariance(self.drift.times(part))
         covariance[: len(self.covariance), : len(self.covariance)] += self.covariance
-        return self.with_covariance(covariance)
+        drifted = self._with_joint(covariance)
+        sensor = drifted.wrench_sensor
+        if sensor is None or not len(sensor.covariance):
+            return drifted
+        drift = self.drift.times(part)
+        off = np.concatenate([np.zeros(3), drift.moment_gain * np.abs(sensor.gain), drift.moment_zero * sensor.std])
+        own = sensor.covariance.copy()
+        own[:, -len(off) :] += np.diag(off**2)
+        return replace(drifted, wrench_sensor=replace(sensor, covariance=own))
 
     def _drift_covariance(self, drift: Drift) -> np.ndarray:
         lens, first, pose = self.camera.parameter_names, len(RIG_PARAMETERS), len(POSE_PARAMETERS)
@@ -237,17 +294,18 @@ class Rig:
 
     @gate
     def moved(self, step: np.ndarray) -> Rig:
-        """With its parameters a step (17 + P,), or (17,), away, or (18 + P,) with the tip; the covariance stays."""
-        tip, every = self.tip, len(RIG_PARAMETERS) + len(self.camera.parameter_names)
-        allowed = (
-            {len(RIG_PARAMETERS), every}
-            if tip is None
-            else {len(RIG_PARAMETERS), every, every + 1, len(RIG_PARAMETERS) + 1}
-        )
+        """With its parameters a step (17 + P,), or (17,), away, or one of all of `covariance_with_tip`; that stays."""
+        tip, every, extra = self.tip, len(RIG_PARAMETERS) + len(self.camera.parameter_names), self._extra
+        allowed = {len(RIG_PARAMETERS), every, every + extra, len(RIG_PARAMETERS) + extra}
         if step.ndim != 1 or len(step) not in allowed:
             raise InputError(f"step has shape {step.shape}", remedy=f"give one of {sorted(allowed)} numbers")
-        if tip is not None and self._holds_tip(len(step)):
-            tip, step = replace(tip, offset_m=tip.offset_m + float(step[-1])), step[:-1]
+        joint, wrench = self._joint(len(step)), self.wrench_sensor
+        if len(step) > joint:
+            if tip is not None:
+                tip, step = replace(tip, offset_m=tip.offset_m + float(step[-1])), step[:-1]
+            if wrench is not None and len(wrench.covariance):
+                wrench = wrench.moved(step[joint:])
+            step = step[:joint]
         first, pose, antenna = len(RIG_PARAMETERS), len(POSE_PARAMETERS), self.antenna.parameters
         sensor = self.moment_sensor
         return replace(
@@ -258,6 +316,7 @@ class Rig:
             moment_sensor=replace(
                 sensor, gain=sensor.gain + float(step[first - 2]), offset_Nm=sensor.offset_Nm + float(step[first - 1])
             ),
+            wrench_sensor=wrench,
             tip=tip,
         )
 
@@ -377,7 +436,7 @@ class Rig:
                 gravity_world_m_s2=read.gravity_world,
                 image=read.image,
                 covariance=covariance,
-                second_moment_sensor=read.second_moment_sensor,
+                wrench_sensor=read.wrench,
                 drift=read.drift,
                 tip=None if tip is None else Tip(tip.offset_m, tip.std_m, np.array(tip.covariance, float)),
                 clamp=read.clamp,
@@ -394,7 +453,7 @@ class Rig:
 
     def to_dict(self) -> dict[str, Any]:
         """The part of rig.json that describes the rig; the provenance is added by who writes it."""
-        first, second = self.moment_sensor, self.second_moment_sensor
+        first, more = self.moment_sensor, self.wrench_sensor
         std = {"gain_std": self.std("moment_gain"), "offset_std_Nm": self.std("moment_offset_Nm")}
         return {
             "schema": SCHEMA,
@@ -405,7 +464,7 @@ class Rig:
                 **({} if self.tip is None else {"tip": self.tip.to_dict()}),
             },
             "moment_sensor": asdict(first) | std if first.exists else None,
-            **({} if second is None else {"second_moment_sensor": asdict(second)}),
+            **({} if more is None else {"wrench_sensor": more.to_dict()}),
             "kinematics": kinematics_to_dict(self.kinematics),
             "gravity_world": self.gravity_world_m_s2.tolist(),
             "image": asdict(self.image),

@@ -15,6 +15,7 @@ from vbaa_calib.session import DRIFTS, LAB, FileDrift, MomentSensor, MovingClamp
 from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, Gravity
 
 from .parts import SCHEMA, Antenna, AntennaImage
+from .wrench_sensor import WrenchSensor
 
 _Side = Annotated[WholeNumber, Field(ge=1, le=100_000)]
 _Focal = Annotated[Number, Field(ge=1, le=1e7)]
@@ -102,6 +103,33 @@ class _MomentSensor(MomentSensor):
     offset_std_Nm: Deviation | None = None
 
 
+_PerChannel = Annotated[list[Annotated[Number, Field(ge=-1e9, le=1e9)]], Field(min_length=1, max_length=5)]
+
+
+@dataclass(frozen=True, eq=False)
+class _FileWrenchSensor:
+    """What is read other than the moment about y; a number for each of components, in N or N·m."""
+
+    components: Annotated[list[Literal["mz", "mx", "fx", "fy", "fz"]], Field(min_length=1, max_length=5)]
+    gain: _PerChannel
+    offset: _PerChannel
+    std: _PerChannel
+    T_antenna_sensor: FilePose
+    covariance: Annotated[
+        _Covariance, Field(description="of turn, gains and offsets with joint.parameters, and then with themselves")
+    ]
+    parameters_std: dict[str, Number] | None = None
+
+    def sensor(self) -> WrenchSensor:
+        gain, offset, std = (np.array(values, float) for values in (self.gain, self.offset, self.std))
+        if len({len(row) for row in self.covariance}) > 1:
+            raise InputError(
+                "covariance of the wrench sensor has rows of different lengths", remedy="run vbaa calibrate again"
+            )
+        covariance = np.array(self.covariance, float) if self.covariance else np.zeros((0, 0))
+        return WrenchSensor(tuple(self.components), gain, offset, std, self.T_antenna_sensor, covariance)
+
+
 @dataclass(frozen=True, eq=False)
 class _AxesUncertainty:
     """Of axis_skew_rad, axis_offset_m and tilt_zero_rad."""
@@ -144,8 +172,9 @@ class RigFile(FileModel):
     moment_sensor: Annotated[_MomentSensor | None, Field(description="about y; null: a rig without")]
     second_moment_sensor: Annotated[
         MomentSensor | None,
-        Field(description="about z: reads gain · (x·f_y − y·f_x of force and weight) + offset; counts as exact"),
+        Field(description="of older files: about z, as a wrench_sensor of mz that counts as exact"),
     ] = None
+    wrench_sensor: _FileWrenchSensor | None = None
     kinematics: _Kinematics
     gravity_world: Gravity
     image: AntennaImage
@@ -163,3 +192,11 @@ class RigFile(FileModel):
     versions: dict[str, Any] | None = None
     command: list[str] | None = None
     quality: dict[str, Any] | None = None
+
+    @property
+    def wrench(self) -> WrenchSensor | None:
+        """What is read other than the moment about y."""
+        if self.wrench_sensor is not None:
+            return self.wrench_sensor.sensor()
+        second = self.second_moment_sensor
+        return None if second is None else WrenchSensor.about_z(second)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from .clamp import MovingClamp
 from .drift import DRIFTS, LAB, Drift, drift_of
-from .moment_sensor import MomentSensor
+from .moment_sensor import READINGS, SILENT, MomentSensor
 
 if TYPE_CHECKING:
     from .centrelines import Centrelines, antennas_of, centrelines_of, read_centrelines
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         LoadReadings,
         NominalAntenna,
         NominalTip,
+        NominalWrenchSensor,
         OverBoard,
         Session,
         Shutter,

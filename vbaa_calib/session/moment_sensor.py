@@ -1,13 +1,27 @@
-"""The moment sensor."""
+"""The moment sensor, and the columns of a sensor of more axes."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from vbaa_calib.core.arrays import Within, as_float
 from vbaa_calib.core.errors import InputError
+
+READINGS = {
+    "my": "moment_Nm",
+    "mz": "moment_z_Nm",
+    "mx": "moment_x_Nm",
+    "fx": "sensor_force_x_N",
+    "fy": "sensor_force_y_N",
+    "fz": "sensor_force_z_N",
+}
+"""Components of the wrench at the clamp, in the order of all readings, and the columns of our tables with what a sensor
+reads of each."""
+
+SILENT: dict[str, Any] = dict.fromkeys(READINGS.values(), math.nan)
+"""Nothing was read."""
 
 
 def _not_zero(gain: float) -> float:

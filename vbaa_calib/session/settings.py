@@ -23,7 +23,7 @@ from vbaa_calib.detect.board.board_file import with_ids
 from vbaa_calib.geometry import Kinematics, Pose
 
 from .drift import DRIFTS, LAB, Drift
-from .moment_sensor import MomentSensor
+from .moment_sensor import READINGS, MomentSensor
 
 if TYPE_CHECKING:
     from .tables import Still
@@ -217,6 +217,57 @@ class _Noise:
     std_Nm: Annotated[Number, Field(ge=1e-12, le=1e6)]
 
 
+_Component = Literal["fx", "fy", "fz", "mx", "my", "mz", "-fx", "-fy", "-fz", "-mx", "-my", "-mz"]
+
+
+@dataclass(frozen=True, eq=False)
+class NominalWrenchSensor:
+    """A sensor of several axes between base and clamp, such as a two-axis strain gauge or a six-axis force sensor."""
+
+    components: Annotated[
+        list[_Component],
+        Field(
+            description="what it reads of force (fx, fy, fz) and moment (mx, my, mz) that act on the antenna, in its "
+            "own right-handed axes; -my where a channel reads with the other sign",
+        ),
+    ]
+    std_N: Annotated[Annotated[Number, Field(ge=1e-12, le=1e6)] | None, Field(description="noise of the forces")] = None
+    std_Nm: Annotated[Annotated[Number, Field(ge=1e-12, le=1e6)] | None, Field(description="of the moments")] = None
+    T_antenna_sensor: Annotated[
+        FilePose, Field(description="its origin and axes; the turn is solved for, the place counts as exact")
+    ] = field(default_factory=Pose.identity)
+    rotation_std_rad: Annotated[
+        Number, Field(ge=0, le=0.5, description="how well its axes are known before the calibration, per axis")
+    ] = 0.035
+
+    def __post_init__(self) -> None:
+        names = [name.removeprefix("-") for name in self.components]
+        if not names:
+            raise InputError(
+                "components of wrench_sensor are none", remedy="name those that it reads, such as my and mz"
+            )
+        if len({*names}) < len(names):
+            raise InputError("components of wrench_sensor name one twice", remedy="name each of them once")
+        for kind, std, key in (("f", self.std_N, "std_N"), ("m", self.std_Nm, "std_Nm")):
+            if std is None and any(name.startswith(kind) for name in names):
+                own = ", ".join(name for name in names if name[0] == kind)
+                what = f"wrench_sensor: {key} is missing, the noise of {own}"
+                raise InputError(
+                    what, remedy=f"give {key} as the sensor's data sheet has it, or as it scatters at rest"
+                )
+
+    @property
+    def signs(self) -> dict[str, float]:
+        """1 or −1 for each component, in the order of `READINGS`."""
+        known = {name.removeprefix("-"): -1.0 if name.startswith("-") else 1.0 for name in self.components}
+        return {name: known[name] for name in READINGS if name in known}
+
+    def std(self, name: str) -> float:
+        """Noise of a component's readings."""
+        std = self.std_N if name.startswith("f") else self.std_Nm
+        return math.inf if std is None else std
+
+
 @dataclass(frozen=True)
 class _SessionLoads(LoadReadings):
     """How well places and forces of the known loads are known, as standard deviations; 0: exactly."""
@@ -294,6 +345,9 @@ class SessionFile(FileModel):
         MomentSensor | None,
         Field(description="about z: reads gain · (x·f_y − y·f_x of force and weight) + offset; counts as exact"),
     ] = None
+    wrench_sensor: Annotated[
+        NominalWrenchSensor | None, Field(description="in place of moment_sensor: a sensor of more axes")
+    ] = None
     load_readings: _SessionLoads | None = None
     print_scale_std: Annotated[
         Number, Field(ge=0, le=0.05, description="how well the board's printed size is known, relative; 0: exactly")
@@ -317,7 +371,8 @@ class Session:
     print_scale_std : relative, of the board's printed size, as far as it was measured.
     over : how the antenna is held over the board in over/, or None where session.yaml does not say.
     moment_std_Nm : noise of the moment sensor, infinite where there is none.
-    sensor_stated : whether session.yaml says that there is a moment sensor, or none.
+    sensor_stated : whether session.yaml says that there is a sensor, or none.
+    wrench_sensor : of several axes; then moment_std_Nm is that of its moment about y.
     second_moment_sensor : about z, calibrated elsewhere; None where there is none.
     drift : what may change between calibration and recording; None where session.yaml does not say.
     shutter : of the recording's camera, as far as session.yaml says it.
@@ -342,11 +397,18 @@ class Session:
     shutter: Shutter = Shutter()
     known_object: KnownObject | None = None
     sensor_stated: bool = True
+    wrench_sensor: NominalWrenchSensor | None = None
 
     @property
     def with_sensor(self) -> bool:
-        """Whether there is a moment sensor."""
+        """Whether the moment about y is read."""
         return math.isfinite(self.moment_std_Nm)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns with what its sensor reads, which noload.csv and loads.csv must have."""
+        names = ["my"] * self.with_sensor if self.wrench_sensor is None else self.wrench_sensor.signs
+        return tuple(READINGS[name] for name in names)
 
     @property
     def possible_drift(self) -> Drift:
@@ -380,7 +442,18 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
     board = data.get("board")
     if isinstance(board, str) or (isinstance(board, Mapping) and "target_type" in board):
         data = {**data, "board": with_ids(board, path, "board").to_dict()}
-    read = checked(SessionFile, data, path, "`vbaa schema session` prints what is expected")
+    try:
+        read = checked(SessionFile, data, path, "`vbaa schema session` prints what is expected")
+    except InputError as error:
+        raise error if error.where else InputError(error.what, where=path, remedy=error.remedy) from None
+    several = read.wrench_sensor
+    if several is not None and (read.moment_sensor is not None or read.second_moment_sensor is not None):
+        other = "moment_sensor" if read.moment_sensor is not None else "second_moment_sensor"
+        what = f"wrench_sensor and {other} are both there: one sensor of several axes, or one of the moment about y"
+        raise InputError(what, where=path, remedy=f"leave {other} out, or wrench_sensor")
+    moment_std_Nm = (read.moment_sensor or MomentSensor.none()).std_Nm
+    if several is not None and "my" in several.signs:
+        moment_std_Nm = several.std("my")
     kinematics, jig = read.kinematics or _SessionKinematics(), read.jig
     # The jig holds the board's back; the printed face lies one thickness nearer to the viewer, along −z.
     face = Pose(np.eye(3), np.array([0.0, 0.0, -read.board.thickness_m]))
@@ -392,7 +465,7 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
         T_antenna_board=jig.T_antenna_board @ face if jig else None,
         kinematics=kinematics.kinematics(),
         gravity_world_m_s2=np.zeros(3) if read.gravity_world is None else read.gravity_world,
-        moment_std_Nm=(read.moment_sensor or MomentSensor.none()).std_Nm,
+        moment_std_Nm=moment_std_Nm,
         jig_translation_std_m=jig.translation_std_m if jig else 0.0,
         jig_rotation_std_rad=jig.rotation_std_rad if jig else 0.0,
         tilt_zero_std_rad=kinematics.tilt_zero_std_rad,
@@ -403,7 +476,8 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
         drift=read.drift,
         shutter=read.camera or Shutter(),
         known_object=read.known_object,
-        sensor_stated="moment_sensor" in data,
+        sensor_stated="moment_sensor" in data or several is not None,
+        wrench_sensor=several,
     )
 
 

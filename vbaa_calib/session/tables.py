@@ -18,6 +18,7 @@ from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, header_of, number, pl
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import SUFFIXES, picture_size
 
+from .moment_sensor import READINGS, SILENT
 from .settings import Session
 
 
@@ -32,7 +33,8 @@ class SweepPicture:
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """One picture of the antenna with the joints at rest. `moment_Nm` is the sensor's reading, NaN without a sensor.
+    """One picture of the antenna with the joints at rest. `moment_Nm` and the like are the sensor's readings, NaN where
+    nothing was read.
 
     `time_s` is when it was taken, from any start, for the sensor's drift; None if not recorded.
     """
@@ -42,6 +44,16 @@ class Still:
     tilt_rad: float
     moment_Nm: float
     time_s: float | None = field(default=None, kw_only=True)
+    moment_z_Nm: float = field(default=np.nan, kw_only=True)
+    moment_x_Nm: float = field(default=np.nan, kw_only=True)
+    sensor_force_x_N: float = field(default=np.nan, kw_only=True)
+    sensor_force_y_N: float = field(default=np.nan, kw_only=True)
+    sensor_force_z_N: float = field(default=np.nan, kw_only=True)
+
+    @property
+    def readings(self) -> list[float]:
+        """(6,) as `READINGS`."""
+        return [getattr(self, name) for name in READINGS.values()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,17 +67,16 @@ class Load(Still):
 
 @dataclass(frozen=True, slots=True)
 class Frame(Still):
-    """One frame of a recording. `moment_Nm`, and `moment_z_Nm` of a second axis, are NaN where nothing was read.
+    """One frame of a recording.
 
-    moment_errors_Nm, joint_errors_rad : deviations of the moments (beside the sensor's noise) and of pan and tilt, by
+    moment_errors_Nm, joint_errors_rad : deviations of the readings (beside the sensor's noise) and of pan and tilt, by
         interpolation and by the clocks' offset.
     joints_read : whether pan and tilt were read; else they are what a rig without them is taken to have.
     """
 
     frame: int
     time_s: float = field(kw_only=True)
-    moment_z_Nm: float = field(default=np.nan, kw_only=True)
-    moment_errors_Nm: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
+    moment_errors_Nm: tuple[float, ...] = field(default=(0.0,) * len(READINGS), kw_only=True)
     joint_errors_rad: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
     joints_read: tuple[bool, bool] = field(default=(True, True), kw_only=True)
 
@@ -80,6 +91,10 @@ class FrameColumns(Rows, Sequence[Frame]):
     tilt_rad: np.ndarray
     moment_Nm: np.ndarray
     moment_z_Nm: np.ndarray
+    moment_x_Nm: np.ndarray
+    sensor_force_x_N: np.ndarray
+    sensor_force_y_N: np.ndarray
+    sensor_force_z_N: np.ndarray
 
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
@@ -106,8 +121,8 @@ def without_moments(frames: Sequence[Frame]) -> Sequence[Frame]:
     """Frames for vision alone."""
     if isinstance(frames, FrameColumns):
         nothing = np.full(len(frames), np.nan)
-        return replace(frames, moment_Nm=nothing, moment_z_Nm=nothing)
-    return [replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan) for frame in frames]
+        return replace(frames, **dict.fromkeys(SILENT, nothing))
+    return [replace(frame, **SILENT) for frame in frames]
 
 
 def wrong(row: Mapping[str, str], path: Path, what: str, remedy: str) -> InputError:
@@ -151,8 +166,6 @@ def check_pictures(
 
 
 _Row = TypeVar("_Row", SweepPicture, Still, Load)
-_MOMENTS = ("moment_Nm", "moment_z_Nm")
-"""Columns of a recording that may be missing."""
 _ANGLES = ("pan_rad", "tilt_rad")
 _IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
 """Columns in degrees that may stand in their place."""
@@ -191,12 +204,12 @@ def _pictures(
     path, lines = session.root / name / f"{name}.csv", dict[Path, str]()
     _require(path, why)
     of_antenna = issubclass(kind, Still)
-    values = (_MOMENTS[0], *values) if of_antenna and session.with_sensor else values
-    if of_antenna and not session.sensor_stated and _MOMENTS[0] in header_of(path):
-        what = f"column {_MOMENTS[0]} is there, but session.yaml says nothing of a moment sensor"
+    values = (*session.columns, *values) if of_antenna else values
+    if of_antenna and not session.sensor_stated and "moment_Nm" in header_of(path):
+        what = "column moment_Nm is there, but session.yaml says nothing of a moment sensor"
         remedy = "give moment_sensor: {std_Nm: …} in session.yaml, or moment_sensor: null to leave the readings aside"
         raise InputError(what, where=path, remedy=remedy)
-    unread = {_MOMENTS[0]: np.nan} if of_antenna else {}
+    unread = {"moment_Nm": np.nan} if of_antenna else {}
     columns, optional = ("image", *_ANGLES, *values), ("time_s",) if of_antenna else ()
     for row in read_csv(path, columns, optional, _IN_DEGREES):
         view = _view(row, path)
@@ -221,17 +234,17 @@ def read_recording(session: Session) -> Sequence[Frame]:
 def recording_of(path: Path, *, with_images: bool) -> Sequence[Frame]:
     """As `read_recording`, of any file. Raises InputError with file, line and remedy."""
     columns = ("frame", "time_s", *(("image",) if with_images else ()), *_ANGLES)
-    plain = None if with_images else plain_columns(path, columns, _MOMENTS)
-    if plain is not None and _MOMENTS[0] in plain and _is_sound(plain):
-        plain[_MOMENTS[1]] = plain.get(_MOMENTS[1], np.full(len(plain["frame"]), np.nan))
-        return FrameColumns(**plain | {"frame": plain["frame"].astype(np.int64)})
-    rows = csv_rows(path, columns, _MOMENTS, _IN_DEGREES)
+    plain = None if with_images else plain_columns(path, columns, tuple(SILENT))
+    if plain is not None and "moment_Nm" in plain and _is_sound(plain):
+        unread = dict.fromkeys(SILENT, np.full(len(plain["frame"]), np.nan))
+        return FrameColumns(**unread | plain | {"frame": plain["frame"].astype(np.int64)})
+    rows = csv_rows(path, columns, tuple(SILENT), _IN_DEGREES)
     first = next(rows)
-    _refuse_misspelt(path, _MOMENTS[0], (*columns, *_MOMENTS))
+    _refuse_misspelt(path, "moment_Nm", (*columns, *SILENT))
     frames: list[Frame] = []
     seen: set[int] = set()
     for row in chain([first], rows):
-        moments: dict[str, Any] = {name: number(row, name, path) if row.get(name) else np.nan for name in _MOMENTS}
+        moments: dict[str, Any] = {name: number(row, name, path) if row.get(name) else np.nan for name in SILENT}
         frame = Frame(**_view(row, path, with_images), **moments, frame=whole_number(row, "frame", path))
         if frame.frame in seen:
             raise wrong(row, path, f"frame {frame.frame} stands twice", "every frame needs its own number")

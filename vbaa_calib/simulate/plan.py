@@ -14,6 +14,7 @@ from targets.board import BoardWithIds
 from vbaa_calib.antenna.rod import Rod, RodShape, solve_rod
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
+from vbaa_calib.session import READINGS
 from vbaa_calib.simulate.contact.touch import Touch, touch_strokes
 from vbaa_calib.simulate.scene.lens import Lens, normalise, project
 from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, Joints, KnownLoad, Scene, true_rod
@@ -89,6 +90,8 @@ def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
             "natural_curvature_per_m": rod.natural_curvature_per_m.tolist(),
         },
         "moment_sensor": scene.moment and _plain(scene.moment),
+        "wrench_sensor": scene.wrench
+        and _plain(scene.wrench) | {"T_antenna_sensor": scene.wrench.T_antenna_sensor.to_dict()},
         "object": _plain(scene.object) | {"bumps": [_plain(bump) for bump in scene.object.bumps]},
     }
 
@@ -163,19 +166,26 @@ def plan(scene: Scene, readout: float = 0.0) -> Plan:
     return Plan([*boards, *noload, *loads, *frames], tables, truth)
 
 
-def _measured(scene: Scene, shape: RodShape, noise: np.random.Generator) -> tuple[list[float], list[Any]]:
-    """The true moments, x·f_z − z·f_x (the paper's τ_y), and the sensor's readings, None without one."""
+def _measured(
+    scene: Scene, rod: Rod, shape: RodShape, force_N: np.ndarray, gravity_m_s2: np.ndarray, noise: np.random.Generator
+) -> tuple[list[float], list[dict[str, float]]]:
+    """The true moments, x·f_z − z·f_x (the paper's τ_y), of forces (B, 3) and the weight, and what the sensor reads, by
+    columns."""
     # minus the right-handed y moment
-    true_Nm, sensor = -shape.clamp_moment_Nm[:, 1], scene.moment
+    true_Nm, sensor, several = -shape.clamp_moment_Nm[:, 1], scene.moment, scene.wrench
+    if several is not None:
+        weight = rod.mass_per_length_kg_m * rod.length_m * gravity_m_s2
+        read = several.read(several.true(force_N + weight, shape.clamp_moment_Nm), noise)
+        columns = [READINGS[name] for name in several.components]
+        return true_Nm.tolist(), [dict(zip(columns, row, strict=True)) for row in read.tolist()]
     if sensor is None:
-        return true_Nm.tolist(), [None] * len(true_Nm)
+        return true_Nm.tolist(), [{}] * len(true_Nm)
     readings = sensor.gain * true_Nm + sensor.offset_Nm + sensor.std_Nm * noise.standard_normal(len(true_Nm))
-    return true_Nm.tolist(), readings.tolist()
+    return true_Nm.tolist(), [{"moment_Nm": reading} for reading in readings.tolist()]
 
 
-def _row(image: str, joints: Joints, reading_Nm: float | None) -> dict[str, Any]:
-    row = {"image": image, "pan_rad": joints.pan_rad, "tilt_rad": joints.tilt_rad}
-    return row if reading_Nm is None else row | {"moment_Nm": reading_Nm}
+def _row(image: str, joints: Joints, readings: Mapping[str, float]) -> dict[str, Any]:
+    return {"image": image, "pan_rad": joints.pan_rad, "tilt_rad": joints.tilt_rad, **readings}
 
 
 def _held(
@@ -197,7 +207,7 @@ def _held(
         where = f"scene {scene.name}: {folder}"
         raise InputError(str(error), where=where, remedy="take a smaller load or a stiffer antenna") from error
     shots, rows, truth = [], [], []
-    for i, (moment, reading) in enumerate(zip(*_measured(scene, shape, noise), strict=True)):
+    for i, (moment, reading) in enumerate(zip(*_measured(scene, rod, shape, force, gravity, noise), strict=True)):
         image, points = f"{folder}_{i:03d}.png", shape.points_m[i]
         shots.append(AntennaShot(f"{folder}/{image}", cases[i], shape.arclength_m[i], points))
         rows.append(_row(image, cases[i], reading) | loads[i])
@@ -234,7 +244,10 @@ def _recording(
     truth: list[dict[str, Any]] = []
     start_s = 0.0
     for joints, touched in _pressed(scene, rod):
-        for i, (moment, reading) in enumerate(zip(*_measured(scene, touched.shape, noise), strict=True)):
+        gravity = np.array([scene.T_world_antenna(at).rotation.T @ scene.gravity_world_m_s2 for at in joints])
+        force = np.where(touched.in_contact[:, None], touched.force_antenna_N, 0.0)
+        measured = _measured(scene, rod, touched.shape, force, gravity, noise)
+        for i, (moment, reading) in enumerate(zip(*measured, strict=True)):
             frame, image, at = len(rows), f"frame_{len(rows):04d}.png", joints[i]
             facts = _frame_truth(scene, touched, i, scene.T_world_antenna(at))
             time_s = round(start_s + i / scene.recording.rate_hz, 6)

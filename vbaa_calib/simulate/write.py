@@ -211,6 +211,17 @@ def _centrelines(scene: Scene, place: Studio, planned: Plan) -> Iterator[dict[st
             yield {"frame": row["frame"]} | pixel | {"sigma_px": _CENTRELINE_STD_PX}
 
 
+def _sensor(scene: Scene) -> dict[str, Any]:
+    """What session.yaml says of the sensor."""
+    several = scene.wrench
+    if several is None:
+        return {"moment_sensor": scene.moment and {"std_Nm": scene.moment.std_Nm}}
+    std = {"f": ("std_N", several.std_N), "m": ("std_Nm", several.std_Nm)}
+    noise = dict(std[name[0]] for name in several.components)
+    pose = several.T_antenna_sensor.to_dict()
+    return {"wrench_sensor": {"components": list(several.components), **noise, "T_antenna_sensor": pose}}
+
+
 def session_yaml(scene: Scene) -> str:
     """session.yaml: what the user of such a rig would know, not what is true of it."""
     antenna, over = scene.antenna, scene.over
@@ -225,7 +236,7 @@ def session_yaml(scene: Scene) -> str:
         },
         **({} if over is None else {"over": {"height_m": over.height_m, **vars(over.joints)}}),
         "gravity_world": scene.gravity_world_m_s2.tolist() if scene.gravity_world_m_s2.any() else None,
-        "moment_sensor": scene.moment and {"std_Nm": scene.moment.std_Nm},
+        **_sensor(scene),
         # nobody reads a ruler here
         "load_readings": {"distance_std_m": 0.0, "force_std_relative": 0.0},
     }

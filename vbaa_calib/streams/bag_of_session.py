@@ -13,7 +13,7 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite, replacing
 from vbaa_calib.core.folders import replacing_folder
-from vbaa_calib.session import Frame, load_session, read_recording
+from vbaa_calib.session import READINGS, Frame, load_session, read_recording
 
 from .bags import BagWriter, Logged
 
@@ -76,9 +76,12 @@ def _logged(frame: Frame, lens: BagLens) -> Iterator[Logged]:
     """What is logged of a frame: the readings first, as they come while the picture is still read out."""
     assert frame.image is not None
     time_ns = _START_NS + round(1e9 * frame.time_s)
-    torque = {axis: value for axis, value in (("y", frame.moment_Nm), ("z", frame.moment_z_Nm)) if np.isfinite(value)}
-    if torque:
-        yield Logged("/antenna/moment", "geometry_msgs/msg/WrenchStamped", {"wrench": {"torque": torque}}, time_ns)
+    wrench: dict[str, dict[str, float]] = {"torque": {}, "force": {}}
+    for name, value in zip(READINGS, frame.readings, strict=True):
+        if np.isfinite(value):
+            wrench["torque" if name[0] == "m" else "force"][name[1]] = value
+    if any(wrench.values()):
+        yield Logged("/antenna/moment", "geometry_msgs/msg/WrenchStamped", {"wrench": wrench}, time_ns)
     joints = {"name": ["pan", "tilt"], "position": [frame.pan_rad, frame.tilt_rad]}
     yield Logged("/joint_states", "sensor_msgs/msg/JointState", joints, time_ns)
     width, height = lens.image_size

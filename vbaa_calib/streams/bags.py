@@ -23,6 +23,7 @@ from vbaa_calib.convert.child import is_bag, says_rectified
 from vbaa_calib.core.errors import InputError, clipped, require_extra, shown
 from vbaa_calib.core.files import read_yaml, require_file
 from vbaa_calib.core.images import as_levels, read_picture
+from vbaa_calib.session import READINGS
 
 from .messages import ONE_CLOCK_S, Messages, MessageSource, Reading, Taken
 from .unpacking import bound_unpacking, check_bag, refuse_bombs
@@ -81,7 +82,7 @@ class Topics:
 
     pan, tilt : names of the joints. moment_axis : the component of a wrench's torque that is the moment, such as y or
     -y: of the right-handed torque about the antenna's y, the moment x·f_z − z·f_x is the negative. degrees : whether
-    joints are in degrees, against ROS' rule.
+    joints are in degrees, against ROS' rule. wrench : whether all components of a wrench are read.
     """
 
     image: str = ""
@@ -92,6 +93,7 @@ class Topics:
     tilt: str = ""
     moment_axis: str = "y"
     degrees: bool = False
+    wrench: bool = False
 
     @staticmethod
     def of(named: Mapping[str, str], *, degrees: bool = False) -> Topics:
@@ -435,6 +437,10 @@ def readings_of(message: Any, topics: Topics, arrived_s: float) -> Iterator[Read
         axis = topics.moment_axis
         moment_Nm = float(getattr(wrench.torque, axis.removeprefix("-")))
         yield Reading(time_s, "moment_Nm", -moment_Nm if axis.startswith("-") else moment_Nm, arrived_s)
+        if topics.wrench:
+            parts = {"m": wrench.torque, "f": wrench.force}
+            for name, channel in list(READINGS.items())[1:]:
+                yield Reading(time_s, channel, float(getattr(parts[name[0]], name[1])), arrived_s)
     elif hasattr(message, "data"):
         yield Reading(time_s, "moment_Nm", float(message.data), arrived_s)
     else:

@@ -11,10 +11,10 @@ import numpy as np
 
 from vbaa_calib.core.arrays import LARGEST_NM, LARGEST_RAD, as_float
 from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.session import SILENT
 
-CHANNELS = ("moment_Nm", "moment_z_Nm", "pan_rad", "tilt_rad")
+CHANNELS = (*SILENT, "pan_rad", "tilt_rad")
 """What is read beside the pictures, named as the columns of recording.csv are."""
-_MOST = {name: LARGEST_NM if name.endswith("_Nm") else LARGEST_RAD for name in CHANNELS}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -62,7 +62,8 @@ class Reading:
     @property
     def possible(self) -> bool:
         """Whether it is a number that such a channel may have, at a time that may be."""
-        return abs(self.value) <= _MOST[self.channel] and abs(self.time_s) < 1e12
+        most = LARGEST_NM if self.channel in SILENT else LARGEST_RAD
+        return abs(self.value) <= most and abs(self.time_s) < 1e12
 
 
 ONE_CLOCK_S = 10.0
@@ -140,7 +141,7 @@ class MessageSource:
 
         def messages() -> Messages:
             for each in self.messages():
-                if not (isinstance(each, Reading) and each.channel.startswith("moment")):
+                if not (isinstance(each, Reading) and each.channel in SILENT):
                     yield each
 
-        return replace(self, messages=messages, channels=self.channels - {"moment_Nm", "moment_z_Nm"})
+        return replace(self, messages=messages, channels=self.channels - {*SILENT})

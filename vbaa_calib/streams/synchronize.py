@@ -14,7 +14,7 @@ import numpy as np
 
 from vbaa_calib.core.arrays import ANGLE_REMEDY, LARGEST_RAD, as_floats, check_each, gate
 from vbaa_calib.core.errors import InputError, shown
-from vbaa_calib.session import Frame
+from vbaa_calib.session import READINGS, Frame
 
 from .messages import CHANNELS, Reading, Taken
 
@@ -36,7 +36,8 @@ class Timing:
     gap_s : a picture between two readings further apart, or beside the only one at such a distance, has none.
     wait_s : how long a picture waits for the readings after it, by the source's clock.
     joints_rad : pan and tilt of a rig whose joints are not read, or NaN: they must be.
-    offset_std_s : deviation of the offset. moment_std_Nm : noise of the moment sensors about y and z.
+    offset_std_s : deviation of the offset. moment_std_Nm : noise of the moments about y and
+        z, and of what else `session.READINGS` has, as far as it is known.
     jump_s : a stamp that steps further ahead of arrival, or back, waits for the next ones to bear it out: queues and
         networks delay by less, clocks are set by more.
     agreeing : so many such stamps in a row are a clock that was set, not errors.
@@ -47,7 +48,7 @@ class Timing:
     wait_s: float = 0.25
     joints_rad: tuple[float, float] = (0.0, 0.0)
     offset_std_s: float = 0.0
-    moment_std_Nm: tuple[float, float] = (0.0, 0.0)
+    moment_std_Nm: tuple[float, ...] = (0.0, 0.0)
     jump_s: float = 1.0
     agreeing: int = 3
 
@@ -57,8 +58,8 @@ class Timing:
             raise InputError(f"offset_s is {self.offset_s}", remedy="give seconds")
         pan_tilt = as_floats(self.joints_rad, "joints_rad", ANGLE_REMEDY)
         std_Nm = as_floats(self.moment_std_Nm, "moment_std_Nm", "give N·m")
-        for name, pair in (("joints_rad", pan_tilt), ("moment_std_Nm", std_Nm)):
-            if pair.shape != (2,):
+        for name, several, most in (("joints_rad", pan_tilt, 2), ("moment_std_Nm", std_Nm, len(READINGS))):
+            if several.ndim != 1 or not 2 <= len(several) <= most:
                 raise InputError(f"{name} is {shown(getattr(self, name))}", remedy="give two numbers")
         check_each(pan_tilt, LARGEST_RAD, "joints_rad", ANGLE_REMEDY)
         for name in ("gap_s", "wait_s", "offset_std_s", "jump_s"):
@@ -391,11 +392,14 @@ class Synchronizer:
         self._given_s, self._number = taken.time_s, self._number + 1
         ages = [age for _, age in read.values()]
         # joint angles count as free of noise
+        stds = dict(zip(CHANNELS, self._timing.moment_std_Nm, strict=False))
         errors = [
-            self._channels[name].error(taken.time_s, self._timing, std) if name in self._channels else 0.0
-            for name, std in zip(CHANNELS, (*self._timing.moment_std_Nm, 0.0, 0.0), strict=True)
+            self._channels[name].error(taken.time_s, self._timing, stds.get(name, 0.0))
+            if name in self._channels
+            else 0.0
+            for name in CHANNELS
         ]
-        values["moment_errors_Nm"], values["joint_errors_rad"] = (errors[0], errors[1]), (errors[2], errors[3])
+        values["moment_errors_Nm"], values["joint_errors_rad"] = tuple(errors[:-2]), tuple(errors[-2:])
         values["joints_read"] = tuple(name in read for name in _ANGLES)
         time_s = taken.time_s + self._set_back_s
         frame = Frame(image=None, frame=self._number - 1, time_s=time_s, **values)

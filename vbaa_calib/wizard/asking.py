@@ -16,7 +16,7 @@ from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.files import read_text, sha256, write_text
 from vbaa_calib.core.images import list_images, read_gray, read_picture
 from vbaa_calib.detect.board.board_file import load_board
-from vbaa_calib.session import Session, load_session, read_loads, read_noload, read_sweep
+from vbaa_calib.session import SILENT, Session, load_session, read_loads, read_noload, read_sweep
 from vbaa_calib.session.jig import jig_doubts
 from vbaa_calib.sources import Picture
 
@@ -215,7 +215,7 @@ def change(state: SessionState, ui: Ui, key: str, value: str) -> bool:
 def _retype(state: SessionState, ui: Ui, step: str, number: int, line: str) -> bool:
     """Replace the readings of a step's picture, counted from 1, by a line like the one that is typed for a new one."""
     taken, folder = state.taken(step), state.store.folder(step)
-    questions = asked(folder, [one.readings for one in taken[: number - 1]], state.session.with_sensor)
+    questions = asked(folder, [one.readings for one in taken[: number - 1]], state.session.columns)
     if not questions or not 0 < number <= len(taken):
         return False
     numbers = Question("readings", "", "", kind="numbers")
@@ -290,7 +290,7 @@ _READERS: Mapping[str, Callable[[Session], Sequence[Any]]] = {
     "loads": read_loads,
     "sweep": read_sweep,
 }
-_COLUMNS = ("pan_rad", "tilt_rad", "moment_Nm", "distance_m", "force_y_N", "force_z_N", "time_s")
+_COLUMNS = ("pan_rad", "tilt_rad", *SILENT, "distance_m", "force_y_N", "force_z_N", "time_s")
 
 
 def adopt(store: Store, ui: Ui) -> None:

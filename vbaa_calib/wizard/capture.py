@@ -227,8 +227,7 @@ class Capture:
         Raises InputError for a wrong row, and for missing readings where nobody answers; Interrupted for a command.
         """
         step, ui, taken = self.step.name, self.ui, self.state.taken(self.step.name)
-        sensor = self.state.session.with_sensor
-        questions = asked(self.store.folder(step), [one.readings for one in taken], sensor)
+        questions = asked(self.store.folder(step), [one.readings for one in taken], self.state.session.columns)
         if not questions:
             return {}
         where = f"{self.table.where or step} {picture.name}"

@@ -15,6 +15,7 @@ import yaml
 from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.core.csv_rows import read_csv
 from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.session import SILENT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -180,8 +181,8 @@ PICTURES = {"lens": "for the lens", "plane": "for plane C", "noload": "of the fr
 """Steps that take pictures, and of what those are."""
 READINGS: Mapping[str, tuple[str, ...]] = {
     "sweep": ("pan_rad", "tilt_rad"),
-    "noload": ("pan_rad", "tilt_rad", "moment_Nm"),
-    "loads": ("pan_rad", "tilt_rad", "moment_Nm", "distance_m", "force_y_N", "force_z_N"),
+    "noload": ("pan_rad", "tilt_rad", *SILENT),
+    "loads": ("pan_rad", "tilt_rad", *SILENT, "distance_m", "force_y_N", "force_z_N"),
 }
 """Folder → what is read with each of its pictures."""
 
@@ -248,6 +249,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "pan": {"pan_rad": 1.0, "pan_deg": _DEGREES},
     "tilt": {"tilt_rad": 1.0, "tilt_deg": _DEGREES},
     "moment": {"moment_Nm": 1.0, "moment_mNm": 1e-3},
+    **{f"moment_{axis}": {f"moment_{axis}_Nm": 1.0, f"moment_{axis}_mNm": 1e-3} for axis in "xz"},
+    **{f"sensor_{axis}": {f"sensor_force_{axis}_N": 1.0, f"sensor_force_{axis}_mN": 1e-3} for axis in "xyz"},
     "time": {"time_s": 1.0},
     "distance": {"distance_m": 1.0, "distance_mm": 1e-3},
     "mass": {"mass_kg": 1.0, "mass_g": 1e-3},
@@ -269,7 +272,17 @@ _LOAD = (
     Question("distance_mm", "", "Where it hangs, from the clamp along the antenna", unit="mm", low=0.01, high=10_000.0),
 )
 _FREE_POSES_DEG = ((0.0, 0.0), (0.0, 20.0), (0.0, -20.0), (20.0, 0.0), (-20.0, 0.0))
-_ASKED = {"sweep": _JOINTS, "noload": (*_JOINTS, _MOMENT), "loads": (*_LOAD, *_JOINTS, _MOMENT)}
+_ASKED = {"sweep": _JOINTS, "noload": _JOINTS, "loads": (*_LOAD, *_JOINTS)}
+
+
+def _sensed(column: str) -> Question:
+    """What is asked for a column of the sensor's readings."""
+    if column == "moment_Nm":
+        return _MOMENT
+    quantity, axis, _ = column.rsplit("_", 2)
+    if quantity == "moment":
+        return Question(f"moment_{axis}_mNm", "", f"Moment about the sensor's {axis}", unit="mN·m", low=-1e5, high=1e5)
+    return Question(f"sensor_force_{axis}_mN", "", f"Force along the sensor's {axis}", unit="mN", low=-1e6, high=1e6)
 
 
 def free_pose_deg(taken: int) -> tuple[float, float]:
@@ -277,12 +290,17 @@ def free_pose_deg(taken: int) -> tuple[float, float]:
     return _FREE_POSES_DEG[min(taken, len(_FREE_POSES_DEG) - 1)]
 
 
-def asked(folder: str, taken: Sequence[Mapping[str, float]] = (), sensor: bool = True) -> list[Question]:
-    """The readings of each picture of a folder. taken : those of the pictures before. sensor : whether there is one.
+def asked(
+    folder: str, taken: Sequence[Mapping[str, float]] = (), columns: Sequence[str] = ("moment_Nm",)
+) -> list[Question]:
+    """The readings of each picture of a folder. taken : those of the pictures before. columns : of the
+    sensor.
 
     Angles that are not typed are those that the step asks for, where it asks for some; else those of the last picture.
     """
-    questions = [one for one in _ASKED.get(folder, ()) if sensor or one is not _MOMENT]
+    questions = list(_ASKED.get(folder, ()))
+    if folder in ("noload", "loads"):
+        questions += map(_sensed, columns)
     angles = {}
     if folder == "noload":
         angles = dict(zip(("pan_deg", "tilt_deg"), free_pose_deg(len(taken)), strict=True))
@@ -384,16 +402,16 @@ def complete(
     gravity_antenna_m_s2: np.ndarray,
     length_m: float,
     where: object,
-    sensor: bool = True,
+    columns: Sequence[str] = ("moment_Nm",),
 ) -> dict[str, float]:
     """Readings of a picture as the session's tables hold them. Raises InputError naming what is missing or wrong.
 
-    gravity_antenna_m_s2 : (3,) at these joint angles. length_m : of the antenna. sensor : whether moments are read.
+    gravity_antenna_m_s2 : (3,) at these joint angles. length_m : of the antenna. columns : of the sensor.
     """
     readings = in_si(typed, where)
-    if not sensor:
-        readings.pop("moment_Nm", None)
-    for question in asked(folder, sensor=sensor):
+    for name in set(SILENT) - {*columns}:
+        readings.pop(name, None)
+    for question in asked(folder, columns=columns):
         names = next(tuple(each) for each in UNITS.values() if question.key in each)
         if names[0] not in readings and names[0] != "mass_kg":
             raise InputError(f"{names[0]} is missing", where=where, remedy=f"give {' or '.join(names)}")

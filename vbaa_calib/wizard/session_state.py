@@ -38,6 +38,7 @@ from vbaa_calib.diagnose.session import failure_causes, still_diagnoses
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import (
     SCHEMA,
+    SILENT,
     STANDARD_GRAVITY_M_S2,
     Load,
     NominalAntenna,
@@ -108,7 +109,7 @@ def _jig(value: Mapping[str, Any]) -> dict[str, Any]:
 def _write_table(path: Path, taken: Sequence[AcceptedPicture]) -> None:
     """Write the table of a folder of pictures, numbers in full precision, unless it is the same already."""
     timed = ["time_s"] if all("time_s" in one.readings for one in taken) else []
-    read = [name for name in READINGS[path.stem] if name != "moment_Nm" or all(name in one.readings for one in taken)]
+    read = [name for name in READINGS[path.stem] if name not in SILENT or all(name in one.readings for one in taken)]
     columns, text = ["image", *read, *timed], io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
@@ -145,7 +146,7 @@ class SessionState:
             for key, (name, size) in keys.items()
             if section != "moment_sensor" or session.with_sensor
         }
-        found["moment_sensor"] = session.with_sensor
+        found["moment_sensor"] = bool(session.columns)
         for axis, length_m in zip("xy", session.board.size_m, strict=True):
             found |= {f"measure_{axis}_mm": 1e3 * length_m, f"board_along_{axis}_mm": 1e3 * length_m}
         ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
@@ -216,8 +217,16 @@ class SessionState:
         if "material" in answers:
             antenna["material"] = answers["material"] if answers["material"] in MATERIALS else None
         data = dict(before) | {"schema": SCHEMA, "board": board.to_dict(), "antenna": antenna}
-        sensor = dict(before.get("moment_sensor") or {}) | read["moment_sensor"]
-        data["moment_sensor"] = sensor if value["moment_sensor"] else None
+        axes = answers.get("sensor_axes", "" if before.get("wrench_sensor") else "one") * bool(value["moment_sensor"])
+        if axes or not value["moment_sensor"]:
+            # without an answer what the session says of its axes stays
+            std_Nm = read["moment_sensor"]["std_Nm"]
+            reads = {"two-axis": ["my", "mz"], "wrench": ["fx", "fy", "fz", "mx", "my", "mz"]}
+            noise = {"std_Nm": std_Nm} | ({"std_N": 1e-3 * value["force_std_mN"]} if axes == "wrench" else {})
+            several = dict(before.get("wrench_sensor") or {}) | {"components": reads.get(axes), **noise}
+            sensor = dict(before.get("moment_sensor") or {}) | read["moment_sensor"]
+            data["moment_sensor"] = sensor if axes == "one" else None
+            data["wrench_sensor"] = several if axes in reads else None
         if {"distance_std_mm", "mass_std_percent"} & set(answers) or "load_readings" not in before:
             data["load_readings"] = read["load_readings"]
         # a board that came with the session is as that says
@@ -261,8 +270,7 @@ class SessionState:
         session, si = self.session, in_si(typed, where)
         still = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
         pull = session.gravity_antenna([still])[0]
-        length_m, sensor = session.antenna.length_m, session.with_sensor
-        return complete(self.store.folder(step), typed, pull, length_m, where, sensor)
+        return complete(self.store.folder(step), typed, pull, session.antenna.length_m, where, session.columns)
 
     def _view(self, taken: AcceptedPicture) -> BoardView:
         path, spec = self.store.path(taken), self.board
@@ -396,5 +404,5 @@ class SessionState:
 
 def still_of(step: str, path: Path | None, readings: Mapping[str, float]) -> Still:
     """A still with its readings; a `Load` in the step of loads."""
-    values = {"moment_Nm": np.nan, **{name: readings[name] for name in READINGS[step] if name in readings}}
+    values = {**SILENT, **{name: readings[name] for name in READINGS[step] if name in readings}}
     return (Load if step == "loads" else Still)(path, **values, time_s=readings.get("time_s"))

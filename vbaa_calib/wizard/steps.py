@@ -365,19 +365,27 @@ def _loads_progress(state: SessionState) -> Progress:
 
 
 def _sensor_progress(state: SessionState) -> Progress:
-    if not state.session.with_sensor:
+    if not state.session.columns:
         return Progress(("there is none: vision alone",), (), "", enough=True, usable=True)
     joint = state.joint()
+    diagnoses = [one for one in state.still_diagnoses() if "sensor" in one.name or "moment" in one.name]
+    remedy = diagnoses[0].remedy if diagnoses else ""
+    if (several := joint.sensor) is not None:
+        turn_std = 1e3 * np.sqrt(np.diag(several.own_covariance)[:3]).max()
+        numbers = tuple(
+            Number(name, f"gain {gain:.3f}, zero {zero:.3g}")
+            for name, gain, zero in zip(several.components, several.gain, several.offset, strict=True)
+        )
+        seen = f"its axes are known to {turn_std:.2g} mrad"
+        return Progress((seen,), (), remedy, enough=True, usable=True, numbers=numbers, diagnoses=tuple(diagnoses))
     gain, offset = joint.sensor_gain_offset
     std = np.sqrt(np.diag(joint.covariance))[[GAIN, OFFSET]]
     scatter = float(np.sqrt(np.mean(joint.moment_residuals_Nm**2)))
-    diagnoses = [one for one in state.still_diagnoses() if "sensor" in one.name or "moment" in one.name]
     numbers = (
         Number("gain", f"{gain:.4f} ± {std[0]:.4f}"),
         Number("zero", f"{1e3 * offset:.3f} ± {1e3 * std[1]:.3f} mN·m"),
     )
     seen = f"{len(joint.moment_residuals_Nm)} readings, {1e3 * scatter:.3g} mN·m off the model (rms)"
-    remedy = diagnoses[0].remedy if diagnoses else ""
     return Progress((seen,), (), remedy, enough=True, usable=True, numbers=numbers, diagnoses=tuple(diagnoses))
 
 

@@ -92,7 +92,7 @@ def _estimated(recording: Recording, settings: BatchSettings, results: Results, 
     estimator = ContactEstimator(rig, settings.model, friction=settings.friction, jobs=settings.threads)
     with TemporaryDirectory(prefix="vbaa-stills-") as folder:
         ground, _ = surroundings(rig, settings.background, lambda: source.stills(rig, Path(folder)))
-    source, overview = source.clocked(estimator, ground), Overview(rig.second_moment_sensor is not None)
+    source, overview = source.clocked(estimator, ground), Overview(rig.columns)
     watch = RecordingWatch(rig)
 
     def rows() -> Iterator[ContactRow]:

@@ -179,7 +179,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
     if given.words:
         say(f"background: {given.words}")
     watch, verdict = None if given.antennas else RecordingWatch(estimator.rig), RecordingVerdict()
-    overview = Overview(estimator.rig.second_moment_sensor is not None)
+    overview = Overview(estimator.rig.columns)
     models, std_m = Counter[str](), array("d")
 
     def rows() -> Iterator[ContactRow]:
@@ -364,10 +364,14 @@ def _say_silent(frames: Sequence[Frame], rig: Rig) -> None:
     """A word about readings that are missing, or left aside."""
     import numpy as np
 
+    from vbaa_calib.session import READINGS
+
     silent = sum(bool(np.isnan(frame.moment_Nm)) for frame in frames)
-    if not rig.moment_sensor.exists:
+    if not rig.columns:
         say("vision alone: the rig has no moment sensor" + ", moment_Nm is left aside" * (silent < len(frames)))
-    elif silent:
+    elif silent and rig.columns == ("moment_Nm",):
         say(f"{silent} of {len(frames)} frames have no moment reading: vision alone there")
-    if rig.second_moment_sensor is None and not all(np.isnan(frame.moment_z_Nm) for frame in frames):
-        say("moment_z_Nm is left aside: rig.json has no second_moment_sensor")
+    others = [name for name in list(READINGS.values())[1:] if name not in rig.columns]
+    unused = [name for name in others if not all(np.isnan(getattr(frame, name)) for frame in frames)]
+    if unused:
+        say(f"{', '.join(unused)} {'is' if len(unused) == 1 else 'are'} not used: rig.json has no such sensor")

@@ -298,7 +298,7 @@ class _Monitor:
     def __post_init__(self) -> None:
         from estimator.table.overview import Overview
 
-        self.overview = Overview(self.live.estimator.rig.second_moment_sensor is not None)
+        self.overview = Overview(self.live.estimator.rig.columns)
 
     @property
     def stopped(self) -> bool:

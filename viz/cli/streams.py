@@ -130,7 +130,7 @@ def timing_of(args: argparse.Namespace, rig: Rig | None = None) -> Timing:
         if not least <= value <= most:  # NaN is not, either
             raise InputError(f"--{name} is {value}", remedy=f"give a number from {least:g} to {most:g}")
     timing = Timing(offset_s, args.gap, args.wait, pan_tilt_rad(args))
-    return timing if rig is None else replace(timing, moment_std_Nm=rig.moment_noise_Nm)
+    return timing if rig is None else replace(timing, moment_std_Nm=rig.reading_noise)
 
 
 def clocked(
@@ -181,7 +181,8 @@ def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> 
     if table is None and not is_bag(path) and path.suffix.lower() == ".csv":
         table = path
     known_s = None if args.clock_offset == ESTIMATE and timing.offset_std_s == 0.0 else timing.offset_s
-    source = open_recorded(path, rig.camera, table, known_s, _topics_of(args))
+    topics = replace(_topics_of(args), wrench=rig.wrench_sensor is not None)
+    source = open_recorded(path, rig.camera, table, known_s, topics)
     return source.without_moments() if args.no_moment else source
 
 

@@ -176,6 +176,8 @@ def origin(files: Mapping[str, Path | None], rig: Rig | None, argv: Sequence[str
         camera = "camera of {} × {} px".format(*rig.camera.image_size)
         sensor = rig.moment_sensor
         noise = f"moment sensor's noise {1e6 * sensor.std_Nm:.3g} µN·m" if sensor.exists else "no moment sensor"
+        if rig.wrench_sensor is not None:
+            noise += f"; {', '.join(rig.wrench_sensor.components)} are read, too"
         rows.append(("antenna and camera", "; ".join([antenna, camera, noise])))
     versions = f"vbaa-calib {vbaa_calib.__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
     return [*rows, ("versions", versions), ("written", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")]

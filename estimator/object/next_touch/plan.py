@@ -161,7 +161,7 @@ class _Offered:
 def _offered(contacts: ContactTable, arrays: RigArrays, made: np.ndarray, reach: Reach) -> _Offered:
     """The touches that the estimator would locate, and how well."""
     empty = reach.frames(arrays)
-    available = np.ones((len(reach), 2)) * (arrays.gain != 0.0) * np.isfinite(contacts.moment_residual_Nm[made]).any()
+    available = np.ones(len(reach)) * np.isfinite(contacts.moment_residual_Nm[made]).any()
     frames = noise_free_frames(empty, RUNG, reach.unknowns, available, point_per_px=True)
     there = linearised(frames, RUNG, reach.unknowns)
     length = arrays.length_m

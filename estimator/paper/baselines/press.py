@@ -158,12 +158,13 @@ def press_from_recording(
     ------
     InputError : arrays that do not fit together, or too few points of the free antenna.
     """
-    layer, sensor, second = rig.camera_on_plane(), rig.moment_sensor, rig.second_moment_sensor
+    layer, sensor, more = rig.camera_on_plane(), rig.moment_sensor, rig.wrench_sensor
+    about_z = None if more is None or "mz" not in more.components else more.gain[more.components.index("mz")]
     bent, lines = (layer.project(np.asarray(pixels, float))[0] for pixels in (pictures[0], free[0]))
     if len(lines) not in (1, len(bent)):
         raise InputError(f"{len(lines)} free antennas for {len(bent)} frames", remedy="give one, or one for each")
     lines = np.broadcast_to(lines, (len(bent), *lines.shape[1:]))
-    gain = np.array([sensor.gain if second is None else second.gain, sensor.gain])
+    gain = np.array([sensor.gain if about_z is None else about_z, sensor.gain])
     rotations, _ = rig.kinematics.world_antenna(*(np.asarray(angle, float) for angle in joints_rad))
     stiffness, mass = rig.antenna.stiffness_Nm2, rig.antenna.mass_per_length_kg_m
     deviations = stiffness * rig.std("log_stiffness_Nm2"), mass * rig.std("log_mass_per_length_kg_m")

@@ -21,7 +21,7 @@ from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.least_squares import CHANCE_SCATTER, Linearised, Rules, disagreement, disagreement_p, minimise
 from vbaa_calib.core.robust import MAD_SCALE, huber_weights, mad_std
 from vbaa_calib.geometry import Pose
-from vbaa_calib.rig import Tip
+from vbaa_calib.rig import Tip, WrenchSensor
 from vbaa_calib.rig.reprojection import see
 
 from .inputs import Observation, Prior
@@ -174,6 +174,7 @@ class BundleAdjustment:
     scatter : ratio, at least 1, of the pictures' contradictions to what their noise explains; in the covariance.
     point_rms : (F,) per observation, in units of the scaled deviations.
     moment_residuals_Nm : (F,) reading less prediction.
+    sensor : as solved, what is read other than the moment about y, with its covariance; None without any.
     tip : where the antenna's visible end lies, from the pictures; None where it was not seen, or not used.
     tip_gap_std : by how many deviations the ends lie off the length, as everything else has it; NaN without any.
     tip_gap_m : the same in metres, positive beyond the length.
@@ -190,6 +191,7 @@ class BundleAdjustment:
     scatter: float
     point_rms: np.ndarray
     moment_residuals_Nm: np.ndarray
+    sensor: WrenchSensor | None = None
     tip: Tip | None = None
     tip_gap_std: float = np.nan
     tip_gap_m: float = np.nan
@@ -318,10 +320,13 @@ def _solved(
     # the lens may be off by all its standard deviation, whatever share the solve had: the solution follows its prior
     rest = root @ root[lens].T * np.sqrt(prior.lens_shares**-2 - 1.0)
     root = np.hstack([root, rest])
-    # the lens in its own units
+    # lens and wrench sensor in their own units
     axes = block_diag(np.eye(RIG), prior.lens_axes)
-    scaled = axes @ root[: lens.stop]
+    scaled, own = axes @ root[: lens.stop], prior.sensor_std[:, None] * root[problem.sensor]
     covariance, whole = scaled @ scaled.T, root @ root.T
+    sensor = problem.wrench_sensor(parameters)
+    if sensor is not None:
+        sensor = replace(sensor, covariance=own @ np.vstack([scaled, own]).T)
     camera = problem.camera(parameters)
     return BundleAdjustment(
         problem=problem,
@@ -341,6 +346,7 @@ def _solved(
         scatter=scatter,
         point_rms=rms,
         moment_residuals_Nm=problem.moment_residuals_Nm(parameters, evaluated.moments),
+        sensor=sensor,
         tip=_tip(problem, evaluated, whole, axes),
         tip_gap_std=gap_std,
         tip_gap_m=gap_m,
@@ -392,8 +398,8 @@ def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Lineari
 
 
 def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: np.ndarray) -> Tip | None:
-    """Where the visible end lies by its pictures, and its covariance with the rig, from that of all parameters; `axes`
-    (17 + P, 17 + P) give the lens its own units."""
+    """Where the visible end lies by its pictures, and its covariance with rig and wrench sensor, from that of all
+    parameters; `axes` (17 + P, 17 + P) give the lens its own units."""
     std_m = problem.prior.tip_std_m
     if not len(problem.tips) or std_m is None:
         return None
@@ -403,8 +409,8 @@ def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: 
     offset = -variance * by_length @ evaluated.tips[:, 0]
     by_rig = -variance * by_length @ problem.by_all(evaluated.tips)
     across = by_rig @ covariance
-    lens = slice(0, problem.lens.stop)
-    return Tip(float(offset), float(np.sqrt(variance + across @ by_rig)), axes @ across[lens])
+    common = np.append(axes @ across[: problem.lens.stop], problem.prior.sensor_std * across[problem.sensor])
+    return Tip(float(offset), float(np.sqrt(variance + across @ by_rig)), common)
 
 
 def noise_scale(residuals: Sequence[np.ndarray]) -> float:

@@ -14,6 +14,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.detect.whisker.locking import locking_std
 from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.geometry import Pose
+from vbaa_calib.rig import WrenchSensor
 from vbaa_calib.session import Drift, Load, LoadReadings, Still
 
 DISTANCE_STEP_M, LOG_FORCE_STEP = 1e-4, 1e-3  # finite differences of a load's place, towards the clamp, and log force
@@ -138,6 +139,8 @@ class Prior:
     tip_std_m: float | None = None  # how well the visible end is known to lie at the antenna's length; None: not used
     drift: Drift = field(default_factory=Drift)  # of which lines' errors count here: line_px, light_px and lock_px
     lens_share: float = 1.0  # part of its standard deviations by which the lens may be off in the solve
+    sensor: WrenchSensor | None = None  # what is read other than the moment about y, as stated
+    sensor_std: np.ndarray = field(default_factory=lambda: np.zeros(0))  # (W,) of its parameters
     fixed_axes: np.ndarray | None = None  # (P, P) for `lens_axes`, in place of those of the lens' covariance
 
     @cached_property

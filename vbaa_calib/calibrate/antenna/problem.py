@@ -16,7 +16,7 @@ from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.least_squares import Linearised
 from vbaa_calib.detect.whisker.locking import LINE_MODES
 from vbaa_calib.geometry import Pose
-from vbaa_calib.rig import RIG_PARAMETERS, RIG_STEPS
+from vbaa_calib.rig import RIG_PARAMETERS, RIG_STEPS, WrenchSensor
 from vbaa_calib.rig.reprojection import (
     SeenPoints,
     image_curves,
@@ -27,7 +27,7 @@ from vbaa_calib.rig.reprojection import (
     whitened_with_lens,
     with_slopes_on_curves,
 )
-from vbaa_calib.session import Drift, Load
+from vbaa_calib.session import READINGS, Drift, Load
 
 from .inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, Prior, ReadingGroups
 
@@ -103,14 +103,16 @@ class Evaluation(NamedTuple):
     # per observation (N, 16 + P + K + L) whitened distances, slopes by pose, antenna, lens, readings, light
     points: list[np.ndarray]
     moments: np.ndarray  # (F, 10 + K) of the antenna, with a step along each of its parameters; slopes by readings
+    wrenches: np.ndarray  # (F, 10 + K, 6) force and moment of the same; (F, 10 + K, 0) without a wrench sensor
     tips: np.ndarray  # (T, 16 + P + K + L) as `points`, along the antenna
     by_length: np.ndarray  # (T,) slopes of the tips by the visible length, per m
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """All residuals, for parameters (17 + P + K + L,): `RIG_PARAMETERS`, steps along `lens_axes`, errors of the loads'
-    readings in deviations, errors that the lines of all pictures share in deviations.
+    """All residuals, for parameters (17 + P + K + L + W,): `RIG_PARAMETERS`, steps along `lens_axes`, errors of the
+    loads' readings, errors that the lines of all pictures share, and those of a wrench sensor's parameters, each in
+    deviations.
     """
 
     observations: Sequence[Observation]  # F, with the loads as the parameters had them at the last `relinearised`
@@ -162,7 +164,7 @@ class Problem:
     @property
     def upper(self) -> np.ndarray:
         """(17 + P + K + L,) upper ends of the parameters: no load hangs beyond the tip."""
-        ends = np.full(self.light.stop, np.inf)
+        ends = np.full(self.size, np.inf)
         ends[self.readings] = self.groups.ends(
             [one.still for one in self.observations], self.readings_at, _INSIDE * self.length_m
         )
@@ -171,7 +173,7 @@ class Problem:
     @property
     def begin(self) -> np.ndarray:
         """(17 + P + K + L,) parameters before anything was seen."""
-        return np.concatenate([np.zeros(6), self.prior.mean, np.zeros(self.light.stop - RIG)])
+        return np.concatenate([np.zeros(6), self.prior.mean, np.zeros(self.size - RIG)])
 
     @property
     def lens(self) -> slice:
@@ -185,9 +187,24 @@ class Problem:
 
     @property
     def light(self) -> slice:
-        """Where the errors that all lines share are among the parameters, the last ones."""
+        """Where the errors that all lines share are among the parameters."""
         shared = self.prior.drift.light_px > 0.0 or self.prior.drift.lock_px > 0.0
         return slice(self.readings.stop, self.readings.stop + LINE_MODES * shared)
+
+    @property
+    def sensor(self) -> slice:
+        """Where the errors of a wrench sensor's parameters are among the parameters, the last ones."""
+        return slice(self.light.stop, self.light.stop + len(self.prior.sensor_std))
+
+    @property
+    def size(self) -> int:
+        """How many parameters there are."""
+        return self.sensor.stop
+
+    def wrench_sensor(self, parameters: np.ndarray) -> WrenchSensor | None:
+        """The wrench sensor of these parameters."""
+        known = self.prior.sensor
+        return None if known is None else known.moved(self.prior.sensor_std * parameters[self.sensor])
 
     def relinearised(self, parameters: np.ndarray) -> Problem:
         """With points seen through the lens, and loads, of these parameters.
@@ -222,7 +239,7 @@ class Problem:
     @property
     def certain(self) -> int:
         """How many residuals, the last ones, are the priors': these are never weighed down."""
-        return len(self.tips) + 6 * len(self.prior.poses) + len(self.prior.mean) + self.light.stop - RIG
+        return len(self.tips) + 6 * len(self.prior.poses) + len(self.prior.mean) + self.size - RIG
 
     def pose(self, parameters: np.ndarray) -> Pose:
         """Camera pose in the antenna frame."""
@@ -263,6 +280,11 @@ class Problem:
             by_readings = [self.groups.columns(index, *slopes.T) for index, slopes in enumerate(by_load)]
             blocks = [np.hstack([block, rows[:-1]]) for block, rows in zip(blocks, by_readings, strict=True)]
             moments = np.hstack([moments, [rows[-1] for rows in by_readings]])
+        wrenches = np.zeros((*moments.shape, 0))
+        if (sensor := self.wrench_sensor(parameters)) is not None:
+            wrenches = here._wrenches(curves, parameters)
+            moments = -wrenches @ sensor.axes[0]
+        if self.groups.count:
             by_own = here.tips_by_load(parameters, ends) if ends else {}
             tips = {i: np.hstack([row, self.groups.columns(i, *by_own[i].T)]) for i, row in tips.items()}
         if len(light := parameters[self.light]):
@@ -271,7 +293,24 @@ class Problem:
             blocks = [np.hstack([block[:, :1] + (by @ light)[:, None], block[:, 1:], by]) for block, by in pairs]
             tips = {index: np.hstack([row, np.zeros((1, len(light)))]) for index, row in tips.items()}
         width = len(RIG_STEPS) + self.light.stop - RIG + 1
-        return Evaluation(blocks, moments, np.vstack([np.zeros((0, width)), *tips.values()]), np.array(by_length))
+        return Evaluation(
+            blocks, moments, wrenches, np.vstack([np.zeros((0, width)), *tips.values()]), np.array(by_length)
+        )
+
+    def _wrenches(self, curves: Curves, parameters: np.ndarray) -> np.ndarray:
+        """(F, 10 + K, 6) as in an `Evaluation`; curves : of F observations, with a step along each parameter."""
+        antennas = np.repeat(parameters[None, ANTENNA], _BENT, axis=0)
+        antennas[1:] += np.diag(RIG_STEPS[6:])
+        every = range(len(self.observations))
+        found = _wrenches_of(curves, self.observations, np.tile(antennas, (len(every), 1)))
+        found = found.reshape(len(every), _BENT, 6)
+        if not self.groups.count:
+            return found
+        three = [each for one in self.observations for each in (one, *one.with_readings_altered())]
+        loaded = _wrenches_of(self._by_load(parameters, every)[0], three, parameters[None, ANTENNA])
+        slopes = [_by_step(each.T) for each in loaded.reshape(len(every), 3, 6)]
+        by_readings = [self.groups.columns(index, *each.T).T for index, each in enumerate(slopes)]
+        return np.concatenate([found, by_readings], axis=1)
 
     def _with_slopes(self, residuals: np.ndarray, by_lens: np.ndarray) -> np.ndarray:
         """(N, 16 + P) residuals, and their slopes by pose, antenna and lens, from those (N, 16) of all steps."""
@@ -363,23 +402,26 @@ class Problem:
 
     def by_still(self, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Per observation the residuals (N + 1,) of points and moment, and their slopes (N + 1, 17 + P + K + L)."""
-        distances, moments, *_ = self.evaluate(parameters)
+        distances, moments, wrenches, *_ = self.evaluate(parameters)
         read = -self.moment_residuals_Nm(parameters, moments) / self.moment_std_Nm
-        rows = self.moment_slopes(parameters, moments) / self.moment_std_Nm
+        rows = self.moment_slopes(parameters, moments, wrenches) / self.moment_std_Nm
         points = [(block[:, 0] / self.noise_scale, self.by_all(block) / self.noise_scale) for block in distances]
         together = zip(points, read, rows, strict=True)
         return [(np.append(off, own), np.vstack([slopes, row])) for (off, slopes), own, row in together]
 
     def residuals(self, parameters: np.ndarray, evaluated: Evaluation | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """All residuals (R,) and their Jacobian (R, 17 + P + K + L): points, whitened of their lines' common errors,
-        moments, poses, tips, antenna to readings. evaluated : `evaluate` there, if known."""
+        """All residuals (R,) and their Jacobian (R, 17 + P + K + L + W): points, whitened of their lines' common
+        errors, moments, a wrench sensor's other readings, poses, tips, antenna to sensor. evaluated : `evaluate` there,
+        if known."""
         evaluated = self.evaluate(parameters) if evaluated is None else evaluated
         moments = evaluated.moments
         points = np.vstack([self.without_line(i, evaluated.points[i]) for i in np.flatnonzero(self.kept).tolist()])
-        misfit, rows = -self.moment_residuals_Nm(parameters, moments), self.moment_slopes(parameters, moments)
+        misfit = -self.moment_residuals_Nm(parameters, moments)
+        rows = self.moment_slopes(parameters, moments, evaluated.wrenches)
         parts = [
             (points[:, 0] / self.noise_scale, self.by_all(points) / self.noise_scale),
             (self._in_std(misfit[self.kept]), rows[self.kept] / self.moment_std_Nm),
+            self.other_readings(parameters, evaluated.wrenches[self.kept]),
         ]
         parts += [self._pose_prior(estimate, parameters) for estimate in self.prior.poses]
         parts.append(self._tip_rows(evaluated))
@@ -390,7 +432,7 @@ class Problem:
         return np.concatenate([part for part, _ in parts]), np.vstack([rows for _, rows in parts])
 
     def misfits(self, parameters: np.ndarray) -> np.ndarray:
-        """(R − F,) `residuals` without the moments', and without slopes."""
+        """`residuals` without those of the sensors' readings, and without slopes."""
         here = self._loaded(parameters)
         images = image_curves(here.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse())
         seen, ends = self.seen(parameters), self._ends(parameters)
@@ -415,7 +457,7 @@ class Problem:
     def _tip_rows(self, evaluated: Evaluation) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (T,) and their Jacobian; how far all ends together are off the length is marginalised."""
         if not len(self.tips):
-            return np.zeros(0), np.zeros((0, self.light.stop))
+            return np.zeros(0), np.zeros((0, self.size))
         whiten = self._common_whitening(evaluated.by_length)
         return whiten @ evaluated.tips[:, 0], whiten @ self.by_all(evaluated.tips)
 
@@ -424,18 +466,44 @@ class Problem:
         common = (self.prior.tip_std_m or 0.0) * by_length
         return np.asarray(np.linalg.inv(np.linalg.cholesky(np.eye(len(common)) + np.outer(common, common))))
 
-    @staticmethod
-    def by_all(rows: np.ndarray) -> np.ndarray:
-        """Slopes by all parameters, of rows of an `Evaluation`; those of the sensor move no point."""
-        return np.hstack([rows[:, 1 : 1 + GAIN], np.zeros((len(rows), 2)), rows[:, 1 + GAIN :]])
+    def by_all(self, rows: np.ndarray) -> np.ndarray:
+        """Slopes by all parameters, of rows of an `Evaluation`; those of the sensors move no point."""
+        none = np.zeros((len(rows), 2)), np.zeros((len(rows), len(self.prior.sensor_std)))
+        return np.hstack([rows[:, 1 : 1 + GAIN], none[0], rows[:, 1 + GAIN :], none[1]])
 
-    def moment_slopes(self, parameters: np.ndarray, moments: np.ndarray) -> np.ndarray:
-        """(F, 17 + P + K + L) of the predicted readings by the parameters, from an `Evaluation`'s moments."""
+    def moment_slopes(self, parameters: np.ndarray, moments: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
+        """(F, 17 + P + K + L + W) of the predicted readings by the parameters, from an `Evaluation`."""
         rows = np.zeros((len(moments), len(parameters)))
         rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:_BENT] - moments[:, :1]) / RIG_STEPS[6:]
         rows[:, self.readings] = parameters[GAIN] * moments[:, _BENT:]
         rows[:, GAIN], rows[:, OFFSET] = moments[:, 0], 1.0
+        if (sensor := self.wrench_sensor(parameters)) is not None:
+            turns = slice(self.sensor.start, self.sensor.start + 3)
+            by_turn = -wrenches[:, 0] @ sensor.turns[:, 0].T
+            rows[:, turns] = parameters[GAIN] * by_turn * self.prior.sensor_std[:3]
         return rows
+
+    def other_readings(self, parameters: np.ndarray, wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (F·C,) of a wrench sensor's readings other than the moment about y, of the kept observations,
+        and their slopes."""
+        sensor = self.wrench_sensor(parameters)
+        if sensor is None:
+            return np.zeros(0), np.zeros((0, len(parameters)))
+        names, first, count = list(READINGS), self.sensor.start, len(sensor.components)
+        which = [names.index(name) for name in sensor.components]
+        used = [one for one, kept in zip(self.observations, self.kept, strict=True) if kept]
+        read = np.array([[one.still.readings[index] for index in which] for one in used]).reshape(len(used), count)
+        values = np.moveaxis(wrenches @ sensor.axes[which].T, 2, 1)
+        rows = np.zeros((len(used), count, len(parameters)))
+        rows[:, :, ANTENNA] = (values[:, :, 1:_BENT] - values[:, :, :1]) / RIG_STEPS[6:]
+        rows[:, :, self.readings] = values[:, :, _BENT:]
+        rows[:, :, first : first + 3] = np.einsum("fw,kcw->fck", wrenches[:, 0], sensor.turns[:, which])
+        rows *= sensor.gain[:, None]
+        own = np.arange(count)
+        rows[:, own, first + 3 + own], rows[:, own, first + 3 + count + own] = values[:, :, 0], 1.0
+        rows[:, :, self.sensor] *= self.prior.sensor_std
+        off = (sensor.gain * values[:, :, 0] + sensor.offset - read) / sensor.std
+        return off.ravel(), (rows / sensor.std[:, None]).reshape(-1, len(parameters))
 
     def moment_residuals_Nm(self, parameters: np.ndarray, moments: np.ndarray) -> np.ndarray:
         """(F,) the sensor's readings less what the parameters predict; NaN without a sensor."""
@@ -461,6 +529,21 @@ class Problem:
         if len(self.prior.lens_axes):
             away = away - estimate.lens_sensitivity @ self.prior.lens_axes @ parameters[self.lens]
         return whiten, whiten @ away
+
+
+def _wrenches_of(curves: Curves, observations: Sequence[Observation], antennas: np.ndarray) -> np.ndarray:
+    """(B, 6) force and moment about the antenna's origin of loads and weight, of as many curves of every observation as
+    of antennas (A, 9) in turn."""
+    each = len(curves.points_m) // len(observations)
+    gravity = np.repeat([one.gravity_m_s2 for one in observations], each, axis=0)
+    load = np.repeat([[0.0, *one.load_N] for one in observations], each, axis=0)
+    mass = np.exp(np.resize(antennas[:, 7], len(load)))[:, None]
+    points, step = curves.points_m, np.diff(curves.arclength_m)
+    middle = np.einsum("bn,bni->bi", step, 0.5 * (points[:, 1:] + points[:, :-1]))
+    force = load + mass * gravity * curves.arclength_m[:, -1:]
+    moment = np.cross(curves.contact_m, load) + mass * np.cross(middle, gravity)
+    moment[:, 1] = -curves.moment_Nm
+    return np.hstack([force, moment])
 
 
 def _by_step(three: np.ndarray) -> np.ndarray:

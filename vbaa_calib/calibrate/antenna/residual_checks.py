@@ -70,7 +70,8 @@ def _one_more(joint: BundleAdjustment, points: np.ndarray, moments: np.ndarray) 
 
 
 def _point_rows(joint: BundleAdjustment) -> int:
-    return len(joint.solution.residuals) - int(joint.kept.sum()) - joint.problem.certain
+    read = 1 + (0 if joint.sensor is None else len(joint.sensor.components))
+    return len(joint.solution.residuals) - read * int(joint.kept.sum()) - joint.problem.certain
 
 
 def _anisotropy(joint: BundleAdjustment) -> Estimate | None:

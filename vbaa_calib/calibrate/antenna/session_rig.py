@@ -22,12 +22,13 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks
 from vbaa_calib.detect.whisker.stretches import stretches, why_lost
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
+from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig, WrenchSensor
 from vbaa_calib.session import (
     Drift,
     Load,
     LoadReadings,
     NominalAntenna,
+    NominalWrenchSensor,
     Session,
     Still,
     gravity_antenna,
@@ -299,6 +300,22 @@ def prior(
     )
 
 
+def read_by(sensor: NominalWrenchSensor | None, before: Prior) -> Prior:
+    """What is known beforehand, of a sensor of several axes; None: of one about y."""
+    if sensor is None:
+        return before
+    mean, names = before.mean.copy(), [name for name in sensor.signs if name != "my"]
+    # x·f_z − z·f_x is minus the right-handed moment about y
+    mean[GAIN - 6] = -sensor.signs.get("my", -1.0)
+    gain, std = (np.array([of(name) for name in names], float) for of in (sensor.signs.get, sensor.std))
+    # a force acts at a lever of a hundredth of a metre
+    offset_std = np.array([(100.0 if name.startswith("f") else 1.0) * _OFFSET_STD_NM for name in names], float)
+    turn = np.full(3, max(sensor.rotation_std_rad, 1e-6))
+    known = WrenchSensor(tuple(names), gain, np.zeros(len(names)), std, sensor.T_antenna_sensor)
+    own = np.concatenate([turn, np.full(len(names), _GAIN_STD), offset_std])
+    return replace(before, mean=mean, sensor=known, sensor_std=own)
+
+
 def solve_antenna(session: Session, observations: Sequence[Observation], before: Prior) -> BundleAdjustment:
     """Bundle adjustment of a session's stills. A moment sensor that scatters clearly more than the session says is
     weighted by its own scatter."""
@@ -314,10 +331,17 @@ def make_rig(
 ) -> Rig:
     """The rig out of a bundle adjustment."""
     sensor, covariance = MomentSensor(*joint.sensor_gain_offset, joint.problem.moment_std_Nm), joint.covariance
+    several = joint.sensor
     if not session.with_sensor:
         # its parameters, which nothing shows, are none of the rig's
         sensor, covariance = MomentSensor.none(), covariance.copy()
         covariance[GAIN : OFFSET + 1] = covariance[:, GAIN : OFFSET + 1] = 0.0
+        if several is not None:
+            common = several.covariance.copy()
+            common[:, GAIN : OFFSET + 1] = 0.0
+            several = replace(several, covariance=common)
+    if session.second_moment_sensor is not None:
+        several = WrenchSensor.about_z(session.second_moment_sensor)
     paint = observations[0].paint
     heights = [one.height for one in observations if not isinstance(one.still, Load) and one.height > 0]
     # where it changes along the antenna it changes with the light as well
@@ -339,7 +363,7 @@ def make_rig(
             both_edges=paint.both_edges,
         ),
         covariance=covariance,
-        second_moment_sensor=session.second_moment_sensor,
+        wrench_sensor=several,
         drift=session.possible_drift,
         tip=joint.tip,
     )

@@ -76,7 +76,10 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     unit = np.eye(len(rig.camera.parameter_names))
     lens = replace(rig.camera, covariance=unit)
     drift = Drift(line_px=rig.drift.line_px)
+    several = rig.wrench_sensor
     prior = Prior((), rig.T_antenna_camera, lens, mean, np.ones(len(mean)), drift=drift, fixed_axes=unit)
+    if several is not None:
+        prior = replace(prior, sensor=several, sensor_std=np.ones(3 + 2 * len(several.gain)))
     problem = Problem.of(observations, prior, rig.antenna.length_m, sensor.std_Nm)
     problem, at = replace(problem, noise_scale=noise), problem.begin
     curves = problem.curves(at[None, ANTENNA])
@@ -104,7 +107,7 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
                 arclength_m=foot,
                 residual_mm=1e3 * residuals[_POINTS] * across * depth,
                 residuals=residuals,
-                jacobian=sign * slopes[near],
+                jacobian=sign * slopes[near][:, : problem.lens.stop],
                 by_readings=by_readings,
                 by_line=np.vstack([problem.line_modes(index)[near[_POINTS]], np.zeros(3)]),
                 moment_residual_Nm=float(residuals[-1]) * sensor.std_Nm,

@@ -227,7 +227,8 @@ def _sensor(rig: Rig) -> Finding:
         f"gain {sensor.gain:.4f} ± {std:.2g}, offset {1e3 * sensor.offset_Nm:.3f} ± "
         f"{1e3 * rig.std('moment_offset_Nm'):.2g} mN·m"
     )
-    if sensor.gain <= 0:
+    # a sensor of several axes reads the right-handed moment, the negative
+    if sensor.gain <= 0 and rig.wrench_sensor is None:
         return Finding("sensor_known", FAILS, words, "its sign is turned round: check the wiring, calibrate again")
     remedy = "add known loads that leave plane C (force_z_N)"
-    return _graded("sensor_known", std / sensor.gain, (_GAIN_LOOK, _GAIN_FAIL), words, remedy)
+    return _graded("sensor_known", std / abs(sensor.gain), (_GAIN_LOOK, _GAIN_FAIL), words, remedy)

@@ -161,8 +161,9 @@ class _StiffnessForecast:
         # as noted: corrected numbers cannot be shared with another load
         loads = [one.still for one in joint.noted if isinstance(one.still, Load)] + [one.load for one in candidates]
         names = [key for key in dict.fromkeys(key for one in loads for key in reading_keys(one)) if known[key[0]] > 0]
-        jacobian, light = solution.jacobian * solution.weights[:, None], joint.problem.light
-        # what all lines share is marginalised
+        jacobian = solution.jacobian * solution.weights[:, None]
+        light = slice(joint.problem.light.start, None)
+        # what all lines share, and a wrench sensor's parameters, are marginalised
         basis = np.linalg.qr(jacobian[:, light])[0]
         jacobian = (jacobian - basis @ (basis.T @ jacobian))[:, : light.start]
         size = joint.problem.lens.stop

@@ -17,6 +17,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.models import ArrayOf, Number, ReadAs, WholeNumber
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import NominalAntenna
+from vbaa_calib.session.settings import FilePose
 
 from .lens import Lens
 from .objects import TouchObject
@@ -76,6 +77,43 @@ class MomentSensor:
     std_Nm: Annotated[Number, Field(ge=1e-12, le=10)]
     gain: Annotated[Number, Field(ge=0.1, le=10)] = 1.0
     offset_Nm: Number = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchSpec:
+    """A sensor of several axes: as session.yaml describes it, and what is true of it.
+
+    Each component reads gain · component + offset + noise, right-handed, in the sensor's axes.
+
+    Attributes
+    ----------
+    turn_rad : (3,) rotation vector, antenna frame, by which its axes are off those of T_antenna_sensor.
+    offset_N, offset_Nm : of every force, and of every moment.
+    """
+
+    components: tuple[Literal["fx", "fy", "fz", "mx", "my", "mz"], ...] = ("fx", "fy", "fz", "mx", "my", "mz")
+    std_N: Annotated[Number, Field(ge=1e-12, le=10)] = 3e-3
+    std_Nm: Annotated[Number, Field(ge=1e-12, le=10)] = 2e-5
+    T_antenna_sensor: FilePose = field(default_factory=Pose.identity)
+    turn_rad: Annotated[np.ndarray, ArrayOf(3, ge=-0.5, le=0.5)] = field(
+        default_factory=lambda: np.array([0.02, -0.024, 0.015])
+    )
+    gain: Annotated[Number, Field(ge=0.1, le=10)] = 1.02
+    offset_N: Number = 0.05
+    offset_Nm: Number = 3e-4
+
+    def true(self, force_N: np.ndarray, moment_Nm: np.ndarray) -> np.ndarray:
+        """(B, C) components of forces and moments (B, 3) about the antenna frame's origin."""
+        turned = Rotation.from_rotvec(self.turn_rad).as_matrix() @ self.T_antenna_sensor.rotation
+        about = moment_Nm - np.cross(self.T_antenna_sensor.translation_m, force_N)
+        both = {"f": force_N @ turned, "m": about @ turned}
+        return np.stack([both[name[0]][:, "xyz".index(name[1])] for name in self.components], axis=1)
+
+    def read(self, true: np.ndarray, noise: np.random.Generator) -> np.ndarray:
+        """(B, C) readings of them."""
+        forces = np.array([name.startswith("f") for name in self.components])
+        std, offset = np.where(forces, self.std_N, self.std_Nm), np.where(forces, self.offset_N, self.offset_Nm)
+        return np.asarray(self.gain * true + offset + std * noise.standard_normal(true.shape))
 
 
 _Share = Annotated[Number, Field(ge=0, le=1)]
@@ -273,6 +311,7 @@ class Scene:
     antenna: NominalAntenna
     true: TrueAntenna
     moment: MomentSensor | None
+    wrench: WrenchSpec | None
     kinematics: Kinematics
     gravity_world_m_s2: np.ndarray
     object: TouchObject

@@ -32,6 +32,7 @@ from .scene import (
     Scene,
     TraceSpec,
     TrueAntenna,
+    WrenchSpec,
     camera_pose,
 )
 
@@ -186,6 +187,7 @@ class _SceneFile(FileModel):
     jig: _Jig
     antenna: Annotated[tuple[NominalAntenna, TrueAntenna], ReadAs(_Antenna, _nominal_and_true)]
     moment_sensor: MomentSensor | None = None
+    wrench_sensor: WrenchSpec | None = None
     kinematics: Annotated[Kinematics, ReadAs(_Kinematics, lambda read: Kinematics(**vars(read)))] = Field(
         default_factory=Kinematics
     )
@@ -218,7 +220,8 @@ def load_scene(path: Path) -> Scene:
         "jig_pictures": read.jig.pictures,
         "antenna": nominal,
         "true": true,
-        "moment": read.moment_sensor,
+        "moment": None if read.wrench_sensor else read.moment_sensor,
+        "wrench": read.wrench_sensor,
         "gravity_world_m_s2": read.gravity_world,
     }
     return Scene(**same | made)

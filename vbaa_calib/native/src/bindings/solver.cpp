@@ -50,15 +50,21 @@ Rig rig_of(nb::handle object, const lens::Lens& lens) {
     rig.lens = &lens;
     read_numbers(object, "length_m", rig.length_m, "friction_rad", rig.friction_rad, "force_unit_N", rig.force_unit_N,
                  "unit_load", rig.unit_load, "tip_offset_m", rig.tip_offset_m, "stiffness_Nm2", rig.stiffness_Nm2,
-                 "focal", rig.focal, "with_tip", rig.with_tip, "with_second_sensor", rig.with_second_sensor,
-                 "with_lens", rig.with_lens);
+                 "focal", rig.focal, "with_tip", rig.with_tip, "with_wrench", rig.with_wrench, "with_lens",
+                 rig.with_lens, "readings", rig.readings);
     read_copies(object, "antenna_parameters", rig.antenna_parameters, "antenna_steps", rig.antenna_steps, "pose_lanes",
                 rig.pose_lanes, "by_pose_step", rig.by_pose_step, "rotation", rig.rotation, "translation_m",
-                rig.translation_m, "gain", rig.gain, "offset", rig.offset, "std", rig.std, "to_camera", rig.to_camera,
-                "eye_m", rig.eye_m);
+                rig.translation_m, "std", rig.std, "by_wrench", rig.by_wrench, "to_camera", rig.to_camera, "eye_m",
+                rig.eye_m);
+    require(rig.readings == solver::USUAL_READINGS || rig.readings == solver::READINGS, "readings must be 3 or 7");
+    rig.by_sensor = Array<double, 3>(attribute<const double, 3>(object, "by_sensor"));
+    require(rig.by_sensor.shape[0] >= solver::OF_MOMENT && rig.by_sensor.shape[1] == solver::READINGS &&
+                rig.by_sensor.shape[2] == solver::WRENCH,
+            "by_sensor must be (S, 7, 7)");
     const ConstMatrix axes = attribute<const double, 2>(object, "axes");
     const int parameters = solver::POSES + solver::ANTENNA + 2 + (rig.with_lens ? lens.parameters() : 0);
-    require(axes.shape[0] == parameters + rig.with_tip, "axes are not those of the rig's parameters");
+    require(axes.shape[0] == parameters + rig.with_tip + rig.sensor_parameters(),
+            "axes are not those of the rig's parameters");
     rig.shared = axes.shape[1];
     rig.axes = Array<double, 2>(axes.shape[0], whole_lanes(rig.shared));
     for (int q = 0; q < axes.shape[0]; ++q) std::copy_n(axes.row(q).data, rig.shared, rig.axes.row(q).data);
@@ -66,15 +72,15 @@ Rig rig_of(nb::handle object, const lens::Lens& lens) {
     return rig;
 }
 
-Frames frames_of(nb::handle object) {
+Frames frames_of(const Rig& rig, nb::handle object) {
     Frames frames;
     frames.usable = attribute<const double, 2>(object, "usable");
     const int count = frames.size(), points = frames.usable.shape[1];
     read(object, std::array{count, points, 2}, "points", frames.points);
     read(object, std::array{count, points, 3}, "covariance", frames.covariance);
-    read(object, std::array{count, 2}, "moment_Nm", frames.moment_Nm, "tip", frames.tip);
-    read(object, std::array{count, 3}, "tip_covariance", frames.tip_covariance, "available", frames.available,
-         "gravity_m_s2", frames.gravity_m_s2);
+    read(object, std::array{count, 2}, "tip", frames.tip);
+    read(object, std::array{count, rig.readings}, "reading", frames.reading, "available", frames.available);
+    read(object, std::array{count, 3}, "tip_covariance", frames.tip_covariance, "gravity_m_s2", frames.gravity_m_s2);
     return frames;
 }
 
@@ -88,8 +94,8 @@ solver::Numbers numbers_of(nb::handle object, int count) {
          "second_gain", n.second_gain, "second_place", n.second_place, "second_shift", n.second_shift, "edge_on_rad",
          n.edge_on_rad, "drift_px", n.drift_px, "drift_readings", n.drift_readings, "left_px", n.left_px, "farthest",
          n.farthest);
-    read(object, std::array{count, 2}, "sensor_available", n.sensor_available, "residual", n.residual, "residual_std",
-         n.residual_std);
+    read(object, std::array{count, solver::READINGS - 1}, "sensor_available", n.sensor_available, "residual",
+         n.residual, "residual_std", n.residual_std);
     read(object, std::array{count, 3}, "point_m", n.point_m, "force_N", n.force_N, "tangent", n.tangent, "deflection_m",
          n.deflection_m);
     read(object, std::array{count, UNKNOWNS}, "unknowns", n.unknowns, "std", n.std, "alternative_unknowns",
@@ -103,7 +109,7 @@ solver::Numbers numbers_of(nb::handle object, int count) {
 
 void solve(const Rig& rig, const Rig& exact, nb::handle frames_, int begin, int end, int rung, InMatrix warm,
            InVector pieces_m, nb::handle numbers_) {
-    const Frames frames = frames_of(frames_);
+    const Frames frames = frames_of(rig, frames_);
     const solver::Numbers numbers = numbers_of(numbers_, frames.size());
     require(0 <= begin && end <= frames.size(), "begin and end must be frames");
     require(solver::AUTO <= rung && rung <= solver::ROD, "no such rung");
@@ -114,7 +120,7 @@ void solve(const Rig& rig, const Rig& exact, nb::handle frames_, int begin, int 
 }
 
 void rough(const Rig& rig, nb::handle frames_, OutMatrix unknowns, OutCube points_m) {
-    const Frames frames = frames_of(frames_);
+    const Frames frames = frames_of(rig, frames_);
     require(view(unknowns).shape == std::array{frames.size(), UNKNOWNS}, "unknowns must be (B, 4)");
     require(view(points_m).shape == std::array{frames.size(), solver::NODES, 3}, "points must be (B, M, 3)");
     Released released;
@@ -122,14 +128,14 @@ void rough(const Rig& rig, nb::handle frames_, OutMatrix unknowns, OutCube point
 }
 
 void linearise(const Rig& rig, nb::handle frames_, int rung, InMatrix unknowns, nb::handle found_) {
-    const Frames frames = frames_of(frames_);
+    const Frames frames = frames_of(rig, frames_);
     const int count = frames.size(), size = UNKNOWNS + rig.steps();
     solver::Linearised found;
     read(found_, std::array{count, 3, solver::NODES}, "tangents", found.tangents);
     read(found_, std::array{count, 6}, "point_force", found.point_force);
     read(found_, std::array{count, 6, size}, "columns", found.columns);
-    read(found_, std::array{count, 3}, "residual", found.residual);
-    read(found_, std::array{count, 3, size}, "readings", found.readings);
+    read(found_, std::array{count, rig.readings}, "residual", found.residual);
+    read(found_, std::array{count, rig.readings, size}, "readings", found.readings);
     read(found_, std::array{count, size, size}, "information", found.information);
     read(found_, std::array{count, size}, "side", found.side, "prior", found.prior);
     read(found_, std::array{count}, "excess", found.excess);
@@ -141,14 +147,14 @@ void linearise(const Rig& rig, nb::handle frames_, int rung, InMatrix unknowns, 
 
 auto gradients(const Rig& rig, nb::handle frames_, int rung, InMatrix unknowns, InVector scatter,
                Numpy<const bool, 1> at_tip) {
-    const Frames frames = frames_of(frames_);
+    const Frames frames = frames_of(rig, frames_);
     const int count = frames.size(), results = solver::RESULTS;
     require(solver::PAPER <= rung && rung <= solver::ROD, "no such rung");
     require(view(unknowns).shape == std::array{count, UNKNOWNS}, "unknowns must be (B, 4)");
     require(view(scatter).shape == std::array{count} && view(at_tip).shape == std::array{count},
             "scatter and at_tip must be (B,)");
     auto by_points = room<double>(count, results, frames.usable.shape[1], 2);
-    auto by_readings = room<double>(count, results, 2), by_gravity = room<double>(count, results, 3);
+    auto by_readings = room<double>(count, results, rig.readings), by_gravity = room<double>(count, results, 3);
     auto by_rig = room<double>(count, results, rig.axes.shape[0]);
     const solver::Gradients found = {view(by_points), view(by_readings), view(by_gravity), view(by_rig)};
     {
@@ -159,7 +165,7 @@ auto gradients(const Rig& rig, nb::handle frames_, int rung, InMatrix unknowns, 
 }
 
 void free_antennas(const Rig& rig, nb::handle frames_, InMatrix steps, double farthest_std, nb::handle found_) {
-    const Frames frames = frames_of(frames_);
+    const Frames frames = frames_of(rig, frames_);
     const int count = frames.size(), size = rig.steps();
     solver::FreeAntennas found;
     read(found_, std::array{count, size, size}, "information", found.information);
@@ -240,6 +246,7 @@ void bind_solver(nb::module_& module) {
     room.attr("SMALL_BIAS") = solver::SMALL_BIAS;
     room.attr("PIECES") = solver::PIECES;
     room.attr("NODES") = solver::NODES;
+    room.attr("END") = static_cast<int>(solver::END);
 }
 
 }  // namespace vbaa

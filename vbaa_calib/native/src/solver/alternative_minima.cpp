@@ -8,6 +8,7 @@
 #include "solver/convergence.hpp"
 #include "solver/initialization.hpp"
 #include "solver/normal_equations.hpp"
+#include "solver/prediction.hpp"
 
 namespace vbaa::solver {
 namespace {
@@ -120,7 +121,7 @@ double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unkn
         const bool again = turn >= COUNT;
         const int k = again ? static_cast<int>(std::min_element(lefts.begin(), lefts.end()) - lefts.begin()) : turn;
         fit.unknowns = starts[k];
-        if (turn == 1) std::fill_n(frame.available, 3, 0.0);
+        if (turn == 1) std::fill_n(frame.available, READINGS, 0.0);
         coarse_minimum(exact, frame, ELASTICA, fit, work, false, error.scatter, again ? MORE : FIRST);
         const double left = most_distance(exact, frame, fit, 1, unmoved);
         starts[k] = fit.unknowns;
@@ -136,14 +137,18 @@ double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unkn
 
 bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit) {
     const double along = along_sight(rig, fit.unknowns);
-    for (int about = 0; about < 2; ++about) {
-        // the sensor about y responds to f_z, the one about z to f_y
-        const double response = rig.force_unit_N * rig.length_m * fit.unknowns[0] * rig.gain[about] / rig.std[about];
+    const double distance_m = rig.length_m * fit.unknowns[0];
+    for (int reading = 0; reading < rig.readings; ++reading) {
+        if (reading == END) continue;
+        double response = 0.0;
+        for (int axis = 0; axis < 2; ++axis) {
+            response += rig.force_unit_N * by_force(rig, reading, axis, distance_m) * rig.to_camera[axis];
+        }
         double variance = 1.0;  // noise and calibration
         for (int k = UNKNOWNS; k < fit.size; ++k) {
-            variance += fit.reading_columns(about, k) * fit.reading_columns(about, k);
+            variance += fit.reading_columns(reading, k) * fit.reading_columns(reading, k);
         }
-        const double change = std::abs(2.0 * response * along * rig.to_camera[1 - about]) * frame.available[about];
+        const double change = std::abs(2.0 * response * along) * frame.available[reading];
         if (!(change / std::sqrt(variance) < DISTINGUISHABLE)) return false;
     }
     return true;

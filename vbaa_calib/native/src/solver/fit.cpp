@@ -6,7 +6,7 @@ namespace vbaa::solver {
 
 Work::Work(const Rig& rig, int points)
     : bent(rig),
-      free(points, rig.steps()),
+      free(points, rig),
       best(free),
       found(free),
       other(free),

@@ -33,15 +33,15 @@ Frame frame_of(const Frames& frames, int index) {
     for (int i = 0; i < usable.size(); ++i) {
         if (usable[i] > 0.0) rows.push_back(i);
     }
-    Frame frame;
+    Frame frame = {};
     put_points(frame, static_cast<int>(rows.size()), [&](int i) -> std::array<double, 5> {
         const double *point = &frames.points(index, rows[i], 0), *spread = &frames.covariance(index, rows[i], 0);
         return {point[0], point[1], spread[0], spread[1], spread[2]};
     });
-    std::copy_n(frames.moment_Nm.row(index).data, 2, frame.moment_Nm);
+    std::copy_n(frames.reading.row(index).data, frames.reading.shape[1], frame.reading);
     std::copy_n(frames.tip.row(index).data, 2, frame.tip);
     std::copy_n(frames.tip_covariance.row(index).data, 3, frame.tip_covariance);
-    std::copy_n(frames.available.row(index).data, 3, frame.available);
+    std::copy_n(frames.available.row(index).data, frames.available.shape[1], frame.available);
     std::copy_n(frames.gravity_m_s2.row(index).data, 3, frame.gravity_m_s2);
     return frame;
 }

@@ -9,7 +9,8 @@ namespace vbaa::solver {
 struct Frames {
     ConstCube points, covariance;  // (B, N, 2) in the ideal picture, (B, N, 3) xx, xy, yy
     ConstMatrix usable;            // (B, N) 1 for a point, 0 for what is missing
-    ConstMatrix moment_Nm, tip, tip_covariance, available, gravity_m_s2;  // (B, 2), (B, 2), (B, 3), (B, 3), (B, 3)
+    ConstMatrix reading, tip, tip_covariance, available,
+        gravity_m_s2;  // (B, readings), (B, 2), (B, 3), (B, readings), (B, 3)
 
     int size() const { return usable.shape[0]; }
 };

@@ -15,13 +15,13 @@ constexpr int ROUNDS = 8;              // of the rig's steps at a known contact
 constexpr double GRAVITY_STEP = 1e-2;  // m/s²
 static_assert(RESULTS <= LANES);
 
-// What changes of the prediction with C quantities: along the normals (M, C′), readings in σ (3, C′), contact point and
-// force (6, C′), C′ being C rounded up to whole vectors.
+// What changes of the prediction with C quantities: along the normals (M, C′), readings in σ (READINGS, C′), contact
+// point and force (6, C′), C′ being C rounded up to whole vectors.
 struct Changes {
     Array<double, 2> shift, reading, touch;
 
     explicit Changes(int count)
-        : shift(NODES, whole_lanes(count)), reading(3, whole_lanes(count)), touch(6, whole_lanes(count)) {}
+        : shift(NODES, whole_lanes(count)), reading(READINGS, whole_lanes(count)), touch(6, whole_lanes(count)) {}
 };
 
 // The rig's likeliest steps at the fit's unknowns; what lies in the flat part of the Huber loss gets no weight.
@@ -32,7 +32,7 @@ void solve_rig_steps(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
     for (int i = 0; i < fit.points; ++i) {
         if (std::abs(fit.distance[i]) * std::sqrt(fit.precision[i]) > HUBER * fit.scatter) fit.precision[i] = 0.0;
     }
-    for (int reading = 0; reading < 3; ++reading) {
+    for (int reading = 0; reading < fit.readings; ++reading) {
         if (std::abs(fit.residual[reading]) <= HUBER) continue;
         std::fill_n(fit.reading_columns.row(reading).data, fit.reading_columns.shape[1], 0.0);
     }
@@ -62,7 +62,7 @@ void by_changes(const Fit& fit, ConstMatrix response, const Changes& changes, Ma
         for (int a = 0; a < fit.size; ++a) {
             double pull = 0.0;
             for (int j = 0; j < NODES; ++j) pull += fit.columns(j, a) * weighted(j, c);
-            for (int k = 0; k < 3; ++k) pull += fit.reading_columns(k, a) * changes.reading(k, c);
+            for (int k = 0; k < fit.readings; ++k) pull += fit.reading_columns(k, a) * changes.reading(k, c);
             total -= pull * load(response.row(a).data);
         }
         for (int q = 0; q < RESULTS; ++q) found(q, c) = total[q] + (q > 0 ? changes.touch(q - 1, c) : 0.0);
@@ -101,7 +101,7 @@ Changes changes_by_rig(const Rig& rig, const Frame& frame, const Bent& bent) {
     const int count = rig.axes.shape[0];
     Changes changes(count);
     for (int j = 0; j < NODES; ++j) std::copy_n(bent.raw.row(j).data, count, changes.shift.row(j).data);
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < rig.readings; ++k) {
         for (int q = 0; q < count; ++q) changes.reading(k, q) = bent.raw_readings(k, q) * frame.available[k];
     }
     for (int k = 0; k < 6; ++k) std::copy_n(bent.raw_point_force.row(k).data, count, changes.touch.row(k).data);
@@ -123,12 +123,13 @@ Changes changes_by_gravity(const Rig& rig, const Frame& frame, int rung, const F
                 const double u = bent.u[j][0] - fit.u[j], v = bent.v[j][0] - fit.v[j];
                 changes.shift(j, axis) += scale * (u * fit.normal_u[j] + v * fit.normal_v[j]);
             }
-            for (int about = 0; about < 2; ++about) {
-                const double read = predicted_moment(rig, moved, bent, 0, about) * frame.available[about];
-                changes.reading(about, axis) += scale * read;
+            const ClampWrench wrench = clamp_wrench(rig, moved, bent, 0);
+            for (int k = 0; k < rig.readings; ++k) {
+                if (k != END)
+                    changes.reading(k, axis) += scale * read_by(rig.by_wrench[k], wrench) * frame.available[k];
             }
             const double u = bent.u[LAST][0] - fit.u[LAST], v = bent.v[LAST][0] - fit.v[LAST];
-            changes.reading(2, axis) += scale * (u * end.u + v * end.v) * frame.available[2];
+            changes.reading(END, axis) += scale * (u * end.u + v * end.v) * frame.available[END];
             for (int k = 0; k < 3; ++k) {
                 changes.touch(k, axis) += scale * bent.points_m[k][CONTACT][0];
                 changes.touch(3 + k, axis) += scale * bent.force_N[k][0];
@@ -159,13 +160,11 @@ void gradients(const Rig& rig, const Frames& frames, int rung, ConstMatrix unkno
         by_changes(fit, response, by_rig, found.by_rig.row(index));
         by_changes(fit, response, by_gravity, found.by_gravity.row(index));
         by_points(fit, response, frames.usable.row(index), found.by_points.row(index));
-        for (int about = 0; about < 2; ++about) {
+        for (int k = 0; k < rig.readings; ++k) {
             Lanes total = {};
-            for (int a = 0; a < fit.size; ++a) {
-                total += fit.reading_columns(about, a) * load(response.row(a).data);
-            }
-            const double scale = frame.available[about] / rig.std[about];
-            for (int q = 0; q < RESULTS; ++q) found.by_readings(index, q, about) = total[q] * scale;
+            for (int a = 0; a < fit.size; ++a) total += fit.reading_columns(k, a) * load(response.row(a).data);
+            const double scale = k == END ? 0.0 : frame.available[k] / rig.std[k];
+            for (int q = 0; q < RESULTS; ++q) found.by_readings(index, q, k) = total[q] * scale;
         }
     }
 }

@@ -8,8 +8,9 @@ namespace vbaa::solver {
 // Results: the contact's distance, m, its point (3), m, and force (3), N, antenna frame.
 constexpr int RESULTS = 7;
 
-// Derivatives of the results of B frames: (B, 7, N, 2) by the ideal points, 0 for those that do not count; (B, 7, 2)
-// per N·m that is read; (B, 7, 3) by gravity in the antenna frame; (B, 7, Q) by the rig's parameters.
+// Derivatives of the results of B frames: (B, 7, N, 2) by the ideal points, 0 for those that do not count;
+// (B, 7, readings) by what is read, 0 for the end; (B, 7, 3) by gravity in the antenna frame; (B, 7, Q) by the rig's
+// parameters.
 struct Gradients {
     View<double, 4> by_points;
     Cube by_readings, by_gravity, by_rig;

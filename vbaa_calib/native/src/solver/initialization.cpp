@@ -70,6 +70,17 @@ void cross(const Fit& free, Grid& grid, ConstMatrix product, int a) {
             z[c][k] = by_z * load(grid.moment[1] + k * LANES);
         }
     }
+    for (int reading = 0; free.readings > USUAL_READINGS && reading < free.readings; ++reading) {
+        if (reading == END) continue;
+        for (int c = 0; c < COUNT; ++c) {
+            const double by = free.reading_columns(reading, a + c);
+            if (reading > END) rest[c] += by * free.residual[reading];
+            for (int k = 0; k < vectors; ++k) {
+                y[c][k] += by * load(grid.more[0][reading] + k * LANES);
+                z[c][k] += by * load(grid.more[1][reading] + k * LANES);
+            }
+        }
+    }
     for (int j = 0; j < NODES; ++j) {
         for (int c = 0; c < COUNT; ++c) {
             rest[c] += free.columns(j, a + c) * free.pull[j];
@@ -114,6 +125,15 @@ void every_force(const Rig& rig, const Fit& free, Grid& grid) {
         // a force along y acts about z, and one along z about y
         Lanes by_y = load(grid.moment[0] + first), by_z = load(grid.moment[1] + first);
         ForceSums sums = {by_y * by_y, spread(0.0), by_z * by_z, free.residual[1] * by_y, free.residual[0] * by_z};
+        for (int reading = 0; free.readings > USUAL_READINGS && reading < free.readings; ++reading) {
+            if (reading == END) continue;
+            by_y = load(grid.more[0][reading] + first), by_z = load(grid.more[1][reading] + first);
+            sums.yy += by_y * by_y;
+            sums.yz += by_y * by_z;
+            sums.zz += by_z * by_z;
+            sums.y += free.residual[reading] * by_y;
+            sums.z += free.residual[reading] * by_z;
+        }
         Lanes bent = load(BENT.of[0] + first);
         for (int j = 0; j < NODES; ++j) {
             const double y = image_y[j], z = image_z[j];
@@ -169,6 +189,10 @@ int best_forces(const Rig& rig, Fit& free, int every, Grid& grid, Work& work) {
     for (a = UNKNOWNS; a < size; ++a) {
         double* row = &free.information(a, 0);
         for (int b = a; b < size; ++b) row[b] += by_y[a] * by_y[b] + by_z[a] * by_z[b];
+        for (int reading = USUAL_READINGS; reading < free.readings; ++reading) {
+            const double* by = &free.reading_columns(reading, 0);
+            for (int b = a; b < size; ++b) row[b] += by[a] * by[b];
+        }
         row[a] += 1.0;
     }
     const int steps = free.steps.size();
@@ -193,7 +217,7 @@ void free_antenna(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
     rig_jacobian(rig, frame, LINEAR, work.bent, fit);
     feet_along_chord(rig, frame, fit);
     point_residuals(rig, frame, fit);
-    std::copy_n(fit.predicted_residual, 3, fit.residual);
+    std::copy_n(fit.predicted_residual, READINGS, fit.residual);
 }
 
 // For small deflections the picture is linear in the force once the distance is known, so force and rig are profiled
@@ -213,8 +237,15 @@ Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, int every, Work&
     for (int g = 0; g < GRID; ++g) {
         grid.distance[g] = grid_distance(g);
         const double moment = grid.distance[g] * rig.force_unit_N * rig.length_m;
-        grid.moment[0][g] = rig.gain[1] / rig.std[1] * moment * frame.available[1];
-        grid.moment[1][g] = rig.gain[0] / rig.std[0] * moment * frame.available[0];
+        const bool usual = rig.readings == USUAL_READINGS;
+        grid.moment[0][g] = usual ? rig.by_wrench[1][5] * moment * frame.available[1] : 0.0;
+        grid.moment[1][g] = usual ? -rig.by_wrench[0][4] * moment * frame.available[0] : 0.0;
+        for (int reading = 0; !usual && reading < READINGS; ++reading) {
+            for (int axis = 0; axis < 2; ++axis) {
+                const double per_N = by_force(rig, reading, axis, grid.distance[g] * rig.length_m);
+                grid.more[axis][reading][g] = per_N * rig.force_unit_N * frame.available[reading];
+            }
+        }
     }
     for (int k = 0; k < count; ++k) grid.weight[k] = free.precision[k * every];
     for (int round = 0; round < ROUNDS; ++round) {

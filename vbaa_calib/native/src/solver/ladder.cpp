@@ -81,7 +81,7 @@ class Room {
     bool fits(const Rig& rig, int points) const {
         const Fit& fit = work->best;
         const Array<double, 2>& axes = work->bent.axes;
-        if (fit.points != points || fit.size != UNKNOWNS + rig.steps()) return false;
+        if (fit.points != points || fit.size != UNKNOWNS + rig.steps() || fit.readings != rig.readings) return false;
         if (axes.shape[0] != rig.axes.shape[0] || axes.shape[1] != whole_lanes(UNKNOWNS + rig.shared)) return false;
         for (int q = 0; q < axes.shape[0]; ++q) {
             const double* own = rig.axes.row(q).begin();
@@ -210,7 +210,8 @@ bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative
             try_mirrors(rig, frame, search.few, rung, best.unknowns, best, other, work);
         uncertainty(best, found, work);
         const double least = MarginalSettings().worthless;
-        const bool read = frame.available[0] > least || frame.available[1] > least;
+        bool read = false;
+        for (int k = 0; k < rig.readings; ++k) read = read || (k != END && frame.available[k] > least);
         if (!read && best.converged) marginalise(rig, frame, rung, best, other, found, marginal, work);
         if (!marginal.known) widen_by_profile(rig, frame, rung, best, found, work);
     }

@@ -34,7 +34,7 @@ void linearise_frames(const Rig& rig, const Frames& frames, int rung, ConstMatri
         normal_equations(rig, fit, 0, work.product);
         copy_part(view(fit.tangents), 0, 0, found.tangents.row(index));
         std::copy_n(fit.point_force, 6, found.point_force.row(index).data);
-        std::copy_n(fit.residual, 3, found.residual.row(index).data);
+        std::copy_n(fit.residual, fit.readings, found.residual.row(index).data);
         std::copy_n(fit.side.begin(), fit.size, found.side.row(index).data);
         copy_part(fit.point_force_columns, 0, 0, found.columns.row(index));
         copy_part(fit.reading_columns, 0, 0, found.readings.row(index));
@@ -53,10 +53,10 @@ void free_frames(const Rig& rig, const Frames& frames, ConstMatrix steps, double
         free_antenna(rig, frame, fit, work);
         found.gain[index] = largest_gain(grid_search(rig, frame, fit, 1, work));
         double variance = 1.0;
-        double* end = fit.reading_columns.row(2).data;
+        double* end = fit.reading_columns.row(END).data;
         for (int k = UNKNOWNS; k < fit.size; ++k) variance += end[k] * end[k];
-        if (!(std::abs(fit.residual[2]) <= farthest_std * std::sqrt(variance))) {
-            fit.predicted_residual[2] = 0.0;
+        if (!(std::abs(fit.residual[END]) <= farthest_std * std::sqrt(variance))) {
+            fit.predicted_residual[END] = 0.0;
             std::fill_n(end, fit.reading_columns.shape[1], 0.0);
         }
         std::copy_n(steps.row(index).data, rig.steps(), fit.steps.begin());

@@ -159,12 +159,12 @@ void shift_by_steps(const Fit& fit, int first, const double* steps, int count, d
 }
 
 void residuals_with_rig(Fit& fit, double (&shift)[NODES]) {
-    std::copy_n(fit.predicted_residual, 3, fit.residual);
+    std::copy_n(fit.predicted_residual, READINGS, fit.residual);
     const int count = fit.steps.size();
     if (count == 0) return;
     shift_by_steps(fit, UNKNOWNS, fit.steps.begin(), count, shift);
     take_out(fit, shift);
-    for (int reading = 0; reading < 3; ++reading) {
+    for (int reading = 0; reading < fit.readings; ++reading) {
         for (int k = 0; k < count; ++k) {
             fit.residual[reading] -= fit.reading_columns(reading, UNKNOWNS + k) * fit.steps[k];
         }
@@ -175,7 +175,7 @@ void step_linearly(Fit& fit, const double* step, double (&shift)[NODES]) {
     shift_by_steps(fit, 0, step, fit.size, shift);
     take_out(fit, shift);
     for (int k = 0; k < fit.size; ++k) {
-        for (int reading = 0; reading < 3; ++reading) {
+        for (int reading = 0; reading < fit.readings; ++reading) {
             const double change = fit.reading_columns(reading, k) * step[k];
             fit.residual[reading] -= change;
             if (k < UNKNOWNS) fit.predicted_residual[reading] -= change;
@@ -236,12 +236,12 @@ void times_tridiagonal(const Fit& fit, ConstMatrix columns, Matrix product) {
 }
 
 void normal_equations(const Rig& rig, Fit& fit, int first, Matrix product) {
-    double cost = points_cost(fit), weight[3];
+    double cost = points_cost(fit), weight[READINGS];
     times_tridiagonal(fit, fit.columns, product);
     inner_products(fit.columns, product, fit.information);
     const int size = fit.size, wide = fit.side.size();
     by_vectors(wide, [&](auto count, int k) { pull_along<count>(fit, k); });
-    for (int reading = 0; reading < 3; ++reading) {
+    for (int reading = 0; reading < fit.readings; ++reading) {
         weight[reading] = huber_weight(fit.residual[reading]);
         cost += huber_loss(fit.residual[reading]);
     }
@@ -253,6 +253,16 @@ void normal_equations(const Rig& rig, Fit& fit, int first, Matrix product) {
         double* row = &fit.information(a, 0);
         for (int b = a / LANES * LANES; b < wide; b += LANES) {
             store(row + b, load(row + b) + y * load(by_y + b) + z * load(by_z + b) + end * load(by_end + b));
+        }
+    }
+    for (int reading = USUAL_READINGS; reading < fit.readings; ++reading) {
+        const double* by = &fit.reading_columns(reading, 0);
+        for (int a = first; a < size; ++a) {
+            const double weighted = weight[reading] * by[a];
+            fit.side[a] += weighted * fit.residual[reading];
+            double* row = &fit.information(a, 0);
+            for (int b = a / LANES * LANES; b < wide; b += LANES)
+                store(row + b, load(row + b) + weighted * load(by + b));
         }
     }
     for (int a = first; a < size; ++a) {
@@ -284,7 +294,7 @@ double total_cost(const Rig& rig, const Fit& fit) {
         costs += huber_losses(absolute(distance) * sqrt(precision) * (1.0 / fit.scatter));
     }
     double cost = sum(costs);
-    for (double residual : fit.residual) cost += huber_loss(residual);
+    for (int reading = 0; reading < fit.readings; ++reading) cost += huber_loss(fit.residual[reading]);
     for (int a = 1; a < fit.size; ++a) {
         const double at = state_of(fit, a);
         cost += 0.5 * prior_of(rig, fit, a) * at * at;
@@ -305,7 +315,7 @@ double least_cost(const Rig& rig, Fit& fit, int first, int rounds, Work& work) {
         take_out(fit, work.shift);
         for (int k = 0; k < size; ++k) {
             const int a = first + k;
-            for (int reading = 0; reading < 3; ++reading) {
+            for (int reading = 0; reading < fit.readings; ++reading) {
                 fit.residual[reading] -= fit.reading_columns(reading, a) * step[k];
             }
             (a < UNKNOWNS ? fit.unknowns[a] : fit.steps[a - UNKNOWNS]) += step[k];

@@ -102,7 +102,8 @@ void write_drift(const Rig& rig, const Fit& fit, const Numbers& numbers, int row
         const double shift = moved(fit.columns.row(j).data);
         square += shift * shift;
     }
-    for (int reading = 0; reading < 2; ++reading) {
+    for (int reading = 0; reading < fit.readings; ++reading) {
+        if (reading == END) continue;
         most = std::max(most, std::abs(moved(fit.reading_columns.row(reading).data)));
     }
     numbers.drift_px[row] = rig.focal * std::sqrt(square / NODES);
@@ -136,13 +137,14 @@ void write_push(const Rig& rig, const Frame& frame, const Fit& fit, ConstVector 
                 const Numbers& numbers, int row, Work& work) {
     constexpr int FORCES = 2 * PIECES;
     const double width = rig.length_m / PIECES;
-    double bent[NODES][PIECES], lever[PIECES], columns[NODES][FORCES], weighted[NODES][FORCES], readings[3][FORCES];
-    for (int g = 0; g < PIECES; ++g) lever[g] = pieces_m[g] * width;
+    double bent[NODES][PIECES], force_N[PIECES], lever[PIECES];
+    double columns[NODES][FORCES], weighted[NODES][FORCES], readings[READINGS][FORCES];
+    for (int g = 0; g < PIECES; ++g) force_N[g] = width, lever[g] = pieces_m[g] * width;
     for (int j = 0; j < NODES; ++j) {
         const double at = arclength_of_node(fit, rig.length_m, j);
         for (int g = 0; g < PIECES; ++g) bent[j][g] = deflection(at, pieces_m[g]) / rig.stiffness_Nm2 * width;
     }
-    force_columns(rig, frame, fit, view(bent), view(lever), view(columns), view(readings));
+    force_columns(rig, frame, fit, view(bent), view(force_N), view(lever), view(columns), view(readings));
     times_tridiagonal(fit, view(columns), view(weighted));
     factorise(fit.information, 0, fit.size, 0.0, work.factor, work.scale);
     // of each pull only the distance's answer is wanted: the first row of the inverse
@@ -156,7 +158,8 @@ void write_push(const Rig& rig, const Frame& frame, const Fit& fit, ConstVector 
         for (int k = 0; k < FORCES; ++k) moved[k] += weight * response * pulls[k];
     };
     for (int j = 0; j < NODES; ++j) add(fit.columns.row(j).data, 1.0, weighted[j]);
-    for (int k = 0; k < 3; ++k) add(fit.reading_columns.row(k).data, huber_weight(fit.residual[k]), readings[k]);
+    for (int k = 0; k < fit.readings; ++k)
+        add(fit.reading_columns.row(k).data, huber_weight(fit.residual[k]), readings[k]);
     for (int k = 0; k < FORCES; ++k) numbers.push(row, k / 2, k % 2) = moved[k] / distance_std;
 }
 
@@ -225,8 +228,8 @@ void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found,
     const double distance_std = std::sqrt(found.covariance[0][0]);
     const double friction = found.covariance[0][3] / (distance_std * std::sqrt(found.covariance[3][3]));
     numbers.friction_share[row] = friction * friction;
-    const bool with_end = frame.available[2] > 0.0 && findings.left_px != findings.left_px;
-    numbers.tip_std[row] = with_end ? fit.residual[2] / found.reading_std[2] : NOT_KNOWN;
+    const bool with_end = frame.available[END] > 0.0 && findings.left_px != findings.left_px;
+    numbers.tip_std[row] = with_end ? fit.residual[END] / found.reading_std[END] : NOT_KNOWN;
     numbers.cost[row] = fit.cost;
     bool finite = std::isfinite(fit.cost);
     for (int a = 0; a < UNKNOWNS; ++a) {
@@ -235,10 +238,12 @@ void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found,
         finite = finite && std::isfinite(unknowns[a]);
     }
     numbers.finite[row] = finite;
-    for (int reading = 0; reading < 2; ++reading) {
-        numbers.residual(row, reading) = fit.residual[reading];
-        numbers.residual_std(row, reading) = found.reading_std[reading];
-        numbers.sensor_available(row, reading) = frame.available[reading] > 0.0;
+    for (int reading = 0; reading < READINGS; ++reading) {
+        if (reading == END) continue;
+        const int column = reading - (reading > END);
+        numbers.residual(row, column) = fit.residual[reading];
+        numbers.residual_std(row, column) = found.reading_std[reading];
+        numbers.sensor_available(row, column) = frame.available[reading] > 0.0;
     }
     double chi_square = 0.0, largest = 0.0;
     for (double step : fit.steps) chi_square += step * step;

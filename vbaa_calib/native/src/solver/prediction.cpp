@@ -13,22 +13,6 @@ namespace {
 constexpr double STEP = 1e-4;              // finite difference of each unknown
 constexpr double BEFORE_TIP = 1.0 - 1e-6;  // in antenna lengths: the last two nodes stay apart
 
-// x·f_y − y·f_x of force and weight about the antenna frame's origin, N·m.
-double moment_about_z(const Rig& rig, const Frame& frame, const Bent& bent, int lane) {
-    const auto &x = bent.points_m[0], &y = bent.points_m[1];
-    const double contact = std::min(bent.contact_m[lane], BEFORE_TIP * rig.length_m);
-    const double inner = 0.5 * contact / CONTACT, outer = 0.5 * (rig.length_m - contact) / NODES_BEYOND;
-    double centre_x = 0.0, centre_y = 0.0;
-    for (int j = 0; j < LAST; ++j) {
-        const double half_width = j < CONTACT ? inner : outer;
-        centre_x += half_width * (x[j][lane] + x[j + 1][lane]);
-        centre_y += half_width * (y[j][lane] + y[j + 1][lane]);
-    }
-    const double mass = std::exp(rig.antenna_parameters[7]);
-    const double by_force = x[CONTACT][lane] * bent.force_N[1][lane] - y[CONTACT][lane] * bent.force_N[0][lane];
-    return by_force + mass * (centre_x * frame.gravity_m_s2[1] - centre_y * frame.gravity_m_s2[0]);
-}
-
 // The first lane's picture: nodes, normals, and the cubics between them.
 void curve(const Rig& rig, const Bent& bent, Fit& fit) {
     fit.contact_m = std::min(fit.unknowns[0], BEFORE_TIP) * rig.length_m;
@@ -73,15 +57,23 @@ void by_unknowns(const Bent& bent, Fit& fit, int free) {
 }
 
 // By friction on the rungs whose shapes do not depend on it: only the force turns.
-void friction_column(const Rig& rig, Fit& fit) {
+void friction_column(const Rig& rig, const double* available, Fit& fit) {
     constexpr int friction = UNKNOWNS - 1;
     for (int j = 0; j < NODES; ++j) fit.columns(j, friction) = 0.0;
-    for (int reading = 0; reading < 3; ++reading) fit.reading_columns(reading, friction) = 0.0;
     const double* force = fit.point_force + 3;
     const double size = std::sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2]) * rig.friction_rad;
     for (int axis = 0; axis < 3; ++axis) {
         fit.point_force_columns(axis, friction) = 0.0;
         fit.point_force_columns(3 + axis, friction) = -size * fit.tangents[axis][CONTACT];
+    }
+    // the moment about y is that of small deflections, on which friction has no part
+    const auto turned = [&](int axis) { return fit.point_force_columns(3 + axis, friction); };
+    const double *at = fit.point_force, x = turned(0), y = turned(1), z = turned(2);
+    const ClampWrench change = {{x, y, z, at[1] * z - at[2] * y, 0.0, at[0] * y - at[1] * x, 0.0}};
+    for (int reading = 0; reading < fit.readings; ++reading) {
+        const bool read = rig.readings > USUAL_READINGS && reading != END;
+        fit.reading_columns(reading, friction) =
+            read ? read_by(rig.by_wrench[reading], change) * available[reading] : 0.0;
     }
 }
 
@@ -91,7 +83,7 @@ Bent::Bent(const Rig& rig)
     : by_step{},
       axes(rig.axes.shape[0], whole_lanes(UNKNOWNS + rig.shared)),
       raw(NODES, whole_lanes(rig.axes.shape[0]) + LANES),
-      raw_readings(3, whole_lanes(rig.axes.shape[0]) + LANES),
+      raw_readings(rig.reading_rows(), whole_lanes(rig.axes.shape[0]) + LANES),
       raw_point_force(6, whole_lanes(rig.axes.shape[0]) + LANES) {
     for (int q = 0; q < axes.shape[0]; ++q) std::copy_n(rig.axes.row(q).begin(), rig.shared, &axes(q, UNKNOWNS));
 }
@@ -150,11 +142,39 @@ void point_jacobian(const Rig& rig, const Fit& fit, double (&image)[2][NODES]) {
     }
 }
 
-double predicted_moment(const Rig& rig, const Frame& frame, const Bent& bent, int lane, int about) {
-    double moment = 0.0;
-    if (about == 0) moment = bent.moment_Nm[lane];
-    if (about == 1 && rig.with_second_sensor) moment = moment_about_z(rig, frame, bent, lane);
-    return (rig.gain[about] * moment + rig.offset[about]) / rig.std[about];
+ClampWrench clamp_wrench(const Rig& rig, const Frame& frame, const Bent& bent, int lane) {
+    ClampWrench wrench = {{0.0, 0.0, 0.0, 0.0, -bent.moment_Nm[lane], 0.0, 1.0}};
+    if (!rig.with_wrench) return wrench;
+    const double contact = std::min(bent.contact_m[lane], BEFORE_TIP * rig.length_m);
+    const double inner = 0.5 * contact / CONTACT, outer = 0.5 * (rig.length_m - contact) / NODES_BEYOND;
+    const double mass = std::exp(rig.antenna_parameters[7]);
+    double centre[3] = {}, at[3], force[3];
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto& place = bent.points_m[axis];
+        for (int j = 0; j < LAST; ++j) {
+            const double half_width = j < CONTACT ? inner : outer;
+            centre[axis] += half_width * (place[j][lane] + place[j + 1][lane]);
+        }
+        at[axis] = place[CONTACT][lane], force[axis] = bent.force_N[axis][lane];
+        wrench.values[axis] = force[axis] + mass * rig.length_m * frame.gravity_m_s2[axis];
+    }
+    const auto moment = [&](int a, int b) {
+        const double by_weight = centre[a] * frame.gravity_m_s2[b] - centre[b] * frame.gravity_m_s2[a];
+        return at[a] * force[b] - at[b] * force[a] + mass * by_weight;
+    };
+    wrench.values[3] = moment(1, 2), wrench.values[5] = moment(0, 1);
+    return wrench;
+}
+
+double read_by(const double (&row)[WRENCH], const ClampWrench& wrench) {
+    double read = 0.0;
+    for (int k = 0; k < WRENCH; ++k) read += row[k] * wrench.values[k];
+    return read;
+}
+
+double by_force(const Rig& rig, int reading, int axis, double distance_m) {
+    const auto& row = rig.by_wrench[reading];
+    return row[1 + axis] + (axis == 0 ? row[5] : -row[4]) * distance_m;
 }
 
 void predict(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit, bool derivatives) {
@@ -176,13 +196,15 @@ void predict(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit,
         return bent.u[LAST][lane] * end.u + bent.v[LAST][lane] * end.v + rig.tip_offset_m * end.per_m;
     };
     const double* available = frame.available;
-    double base[3];
-    for (int about = 0; about < 2; ++about) {
-        base[about] = predicted_moment(rig, frame, bent, 0, about);
-        fit.predicted_residual[about] = (frame.moment_Nm[about] / rig.std[about] - base[about]) * available[about];
+    double base[READINGS];
+    const ClampWrench wrench = clamp_wrench(rig, frame, bent, 0);
+    for (int reading = 0; reading < rig.readings; ++reading) {
+        const bool tip = reading == END;
+        const double read =
+            tip ? frame.tip[0] * end.u + frame.tip[1] * end.v : frame.reading[reading] / rig.std[reading];
+        base[reading] = tip ? tip_of(0) : read_by(rig.by_wrench[reading], wrench);
+        fit.predicted_residual[reading] = (read - base[reading]) * available[reading];
     }
-    base[2] = tip_of(0);
-    fit.predicted_residual[2] = (frame.tip[0] * end.u + frame.tip[1] * end.v - base[2]) * available[2];
     for (int axis = 0; axis < 3; ++axis) {
         fit.point_force[axis] = bent.points_m[axis][CONTACT][0];
         fit.point_force[3 + axis] = bent.force_N[axis][0];
@@ -190,11 +212,11 @@ void predict(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit,
     for (int k = 0; k < free; ++k) {
         const double by_step = 1.0 / (k == 0 ? back : STEP);
         bent.by_step[1 + k] = by_step;
-        for (int about = 0; about < 2; ++about) {
-            const double change = predicted_moment(rig, frame, bent, k + 1, about) - base[about];
-            fit.reading_columns(about, k) = change * by_step * available[about];
+        const ClampWrench moved = clamp_wrench(rig, frame, bent, k + 1);
+        for (int reading = 0; reading < rig.readings; ++reading) {
+            const double there = reading == END ? tip_of(k + 1) : read_by(rig.by_wrench[reading], moved);
+            fit.reading_columns(reading, k) = (there - base[reading]) * by_step * available[reading];
         }
-        fit.reading_columns(2, k) = (tip_of(k + 1) - base[2]) * by_step * available[2];
         for (int axis = 0; axis < 3; ++axis) {
             const auto &point = bent.points_m[axis][CONTACT], &force = bent.force_N[axis];
             fit.point_force_columns(axis, k) = (point[k + 1] - point[0]) * by_step;
@@ -202,7 +224,7 @@ void predict(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit,
         }
     }
     if (free) by_unknowns(bent, fit, free);
-    if (free == UNKNOWNS - 1) friction_column(rig, fit);
+    if (free == UNKNOWNS - 1) friction_column(rig, available, fit);
 }
 
 }  // namespace vbaa::solver

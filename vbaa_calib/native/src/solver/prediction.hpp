@@ -26,8 +26,18 @@ TipAxis fitted_tip_axis(const Rig& rig, const Frame& frame, const Fit& fit);
 // (2, M) displacement along the picture's normals per metre that a node moves along y and z, antenna frame.
 void point_jacobian(const Rig& rig, const Fit& fit, double (&image)[2][NODES]);
 
-// What the sensor about y (0) or z (1) would read of a lane's shape, in its σ.
-double predicted_moment(const Rig& rig, const Frame& frame, const Bent& bent, int lane, int about);
+// Force and moment of contact and weight on a lane's shape about the antenna frame's origin, and 1; of a rig that reads
+// the moment about y alone only that.
+struct ClampWrench {
+    double values[WRENCH];
+};
+ClampWrench clamp_wrench(const Rig& rig, const Frame& frame, const Bent& bent, int lane);
+
+// A reading of them by its row of coefficients.
+double read_by(const double (&row)[WRENCH], const ClampWrench& wrench);
+
+// Readings by a force of 1 N along y (0) or z (1) at a distance from the clamp, in their σ.
+double by_force(const Rig& rig, int reading, int axis, double distance_m);
 
 // The prediction at the fit's unknowns; without `derivatives` its columns by the unknowns stay as they are.
 void predict(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit, bool derivatives);

@@ -13,8 +13,8 @@ namespace {
 
 constexpr int PLACE = 2;         // of the antenna's parameters the first ones are the clamp's place, y and z
 constexpr int BASE = LANES - 1;  // the lane of the antenna as it is
-constexpr int SENSOR = POSES + ANTENNA, LENS = SENSOR + 2;   // where these parameters of the rig begin
-constexpr double OF_UNKNOWNS[LANES] = {1.0, 1.0, 1.0, 1.0};  // the columns of a fit before the axes
+constexpr int SENSOR = POSES + ANTENNA, LENS = SENSOR + OF_MOMENT;  // where these parameters of the rig begin
+constexpr double OF_UNKNOWNS[LANES] = {1.0, 1.0, 1.0, 1.0};         // the columns of a fit before the axes
 static_assert(ANTENNA - PLACE <= BASE && UNKNOWNS == 4);
 
 // Raw derivatives by the pose's tangent, of the fit's points.
@@ -31,12 +31,13 @@ void by_pose(const Rig& rig, Bent& bent, const Fit& fit, const TipAxis& end) {
         const Lanes by_depth = 1.0 / ahead;
         const Lanes u = (seen(0) * by_depth - fit.u[j]) * by_step, v = (seen(1) * by_depth - fit.v[j]) * by_step;
         store(&bent.raw(j, 0), u * fit.normal_u[j] + v * fit.normal_v[j]);
-        if (j == LAST) store(&bent.raw_readings(2, 0), u * end.u + v * end.v);
+        if (j == LAST) store(&bent.raw_readings(END, 0), u * end.u + v * end.v);
     }
 }
 
-// Raw derivatives by all of the antenna's parameters but its place: as many as fit next to the antenna as it is.
-void by_antenna(const Rig& rig, const Frame& frame, int rung, Bent& bent, const Fit& fit, const TipAxis& end) {
+// Raw derivatives by all of the antenna's parameters but its place: as many as fit next to the antenna as it is. Gives
+// what acts on that.
+ClampWrench by_antenna(const Rig& rig, const Frame& frame, int rung, Bent& bent, const Fit& fit, const TipAxis& end) {
     constexpr int count = ANTENNA - PLACE, first = POSES + PLACE;
     lay(rig, bent, fit.unknowns);
     bent.by_step[BASE] = 0.0;
@@ -46,27 +47,30 @@ void by_antenna(const Rig& rig, const Frame& frame, int rung, Bent& bent, const 
     }
     bend_and_see(rig, frame, rung, bent, false);
     const Lanes by_step = load(bent.by_step);
+    const ClampWrench base = clamp_wrench(rig, frame, bent, BASE);
     const auto change = [&](const double (&values)[LANES]) { return load(values) - values[BASE]; };
     for (int j = 0; j < NODES; ++j) {
         const Lanes u = change(bent.u[j]) * (by_step * fit.normal_u[j]);
         store(&bent.raw(j, first), u + change(bent.v[j]) * (by_step * fit.normal_v[j]));
     }
-    store(&bent.raw_readings(2, first), (change(bent.u[LAST]) * end.u + change(bent.v[LAST]) * end.v) * by_step);
-    for (int about = 0; about < 2; ++about) {
-        const double base = predicted_moment(rig, frame, bent, BASE, about);
-        for (int lane = 0; lane < count; ++lane) {
-            const double moment = predicted_moment(rig, frame, bent, lane, about);
-            bent.raw_readings(about, first + lane) = (moment - base) * bent.by_step[lane];
+    store(&bent.raw_readings(END, first), (change(bent.u[LAST]) * end.u + change(bent.v[LAST]) * end.v) * by_step);
+    for (int lane = 0; lane < count; ++lane) {
+        ClampWrench moved = clamp_wrench(rig, frame, bent, lane);
+        for (int k = 0; k < WRENCH; ++k) moved.values[k] = (moved.values[k] - base.values[k]) * bent.by_step[lane];
+        for (int reading = 0; reading < rig.readings; ++reading) {
+            if (reading != END) bent.raw_readings(reading, first + lane) = read_by(rig.by_wrench[reading], moved);
         }
     }
     for (int axis = 0; axis < 3; ++axis) {
         store(&bent.raw_point_force(axis, first), change(bent.points_m[axis][CONTACT]) * by_step);
         store(&bent.raw_point_force(3 + axis, first), change(bent.force_N[axis]) * by_step);
     }
+    return base;
 }
 
 // Raw derivatives by where the clamp stands across the antenna frame's x axis: the whole antenna goes with it.
-void by_place(const Rig& rig, const Frame& frame, int rung, Bent& bent, const Fit& fit, const TipAxis& end) {
+void by_place(const Rig& rig, const Frame& frame, int rung, const ClampWrench& wrench, Bent& bent, const Fit& fit,
+              const TipAxis& end) {
     const auto& turn = rig.rotation;
     double image[2][NODES];
     point_jacobian(rig, fit, image);
@@ -81,20 +85,31 @@ void by_place(const Rig& rig, const Frame& frame, int rung, Bent& bent, const Fi
         const int column = POSES + k;
         for (int j = 0; j < NODES; ++j) bent.raw(j, column) = image[k][j];
         const double ahead = (end.u * fit.u[LAST] + end.v * fit.v[LAST]) * turn[2][1 + k];
-        bent.raw_readings(2, column) = (end.u * turn[0][1 + k] + end.v * turn[1][1 + k] - ahead) / fit.depth[LAST];
+        bent.raw_readings(END, column) = (end.u * turn[0][1 + k] + end.v * turn[1][1 + k] - ahead) / fit.depth[LAST];
         for (int q = 0; q < 6; ++q) bent.raw_point_force(q, column) = q == 1 + k ? 1.0 : 0.0;
     }
-    const double about_z = rig.with_second_sensor ? -(pull + weight) : 0.0;
-    bent.raw_readings(0, POSES) = bent.raw_readings(1, POSES + 1) = 0.0;
-    bent.raw_readings(0, POSES + 1) = -(lever + weight) * rig.gain[0] / rig.std[0];
-    bent.raw_readings(1, POSES) = about_z * rig.gain[1] / rig.std[1];
+    const double *force = wrench.values, about_z = rig.with_wrench ? -(pull + weight) : 0.0;
+    const ClampWrench moved[PLACE] = {{{0.0, 0.0, 0.0, force[2], 0.0, about_z, 0.0}},
+                                      {{0.0, 0.0, 0.0, -force[1], lever + weight, 0.0, 0.0}}};
+    for (int reading = 0; reading < rig.readings; ++reading) {
+        if (reading == END) continue;
+        for (int k = 0; k < PLACE; ++k) {
+            bent.raw_readings(reading, POSES + k) = read_by(rig.by_wrench[reading], moved[k]);
+        }
+    }
 }
 
-// Raw derivatives of what is read, in σ, by gain and offset of the sensor about y.
-void by_sensor(const Rig& rig, Bent& bent) {
-    const double gain = rig.gain[0] != 0.0 ? rig.gain[0] : 1.0;
-    bent.raw_readings(0, SENSOR) = bent.moment_Nm[BASE] * rig.gain[0] / gain / rig.std[0];
-    bent.raw_readings(0, SENSOR + 1) = 1.0 / rig.std[0];
+// Raw derivatives of what is read, in σ, by the sensor's parameters.
+void by_sensor(const Rig& rig, const ClampWrench& wrench, Bent& bent) {
+    const int own = rig.axes.shape[0] - rig.with_tip - rig.sensor_parameters();
+    for (int k = 0; k < rig.by_sensor.shape[0]; ++k) {
+        const int column = k < OF_MOMENT ? SENSOR + k : own + k - OF_MOMENT;
+        for (int reading = 0; reading < rig.readings; ++reading) {
+            double change = 0.0;
+            for (int c = 0; c < WRENCH; ++c) change += rig.by_sensor(k, reading, c) * wrench.values[c];
+            bent.raw_readings(reading, column) = change;
+        }
+    }
 }
 
 // Raw derivatives by the lens, which moves the seen points, not the curve.
@@ -117,7 +132,7 @@ void by_lens(const Rig& rig, Bent& bent, const Fit& fit, const TipAxis& end) {
     }
     constexpr int last = LAST % LANES;
     for (int k = 0; k < count; ++k) {
-        bent.raw_readings(2, LENS + k) = -(end.u * bent.by_lens[0][k][last] + end.v * bent.by_lens[1][k][last]);
+        bent.raw_readings(END, LENS + k) = -(end.u * bent.by_lens[0][k][last] + end.v * bent.by_lens[1][k][last]);
     }
 }
 
@@ -161,7 +176,7 @@ void by_line(const Rig& rig, Fit& fit) {
             const double shape = k == 0 ? 1.0 : k == 1 ? along : 1.5 * along * along - 0.5;
             fit.columns(j, column) = shape * rig.line[k];
         }
-        for (int reading = 0; reading < 3; ++reading) fit.reading_columns(reading, column) = 0.0;
+        for (int reading = 0; reading < rig.readings; ++reading) fit.reading_columns(reading, column) = 0.0;
         for (int q = 0; q < 6; ++q) fit.point_force_columns(q, column) = 0.0;
     }
 }
@@ -173,11 +188,11 @@ void rig_derivatives(const Rig& rig, const Frame& frame, int rung, Bent& bent, c
     const TipAxis end = fitted_tip_axis(rig, frame, fit);
     // each writes whole vectors, whose ends the next one overwrites
     by_pose(rig, bent, fit, end);
-    by_antenna(rig, frame, rung, bent, fit, end);
-    by_place(rig, frame, rung, bent, fit, end);
-    by_sensor(rig, bent);
+    const ClampWrench wrench = by_antenna(rig, frame, rung, bent, fit, end);
+    by_place(rig, frame, rung, wrench, bent, fit, end);
     if (rig.with_lens) by_lens(rig, bent, fit, end);
-    if (rig.with_tip) bent.raw_readings(2, rig.axes.shape[0] - 1) = end.per_m;
+    if (rig.with_tip) bent.raw_readings(END, rig.axes.shape[0] - 1) = end.per_m;
+    by_sensor(rig, wrench, bent);
 }
 
 void rig_jacobian(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit) {
@@ -186,7 +201,7 @@ void rig_jacobian(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit&
     along_axes(bent.axes, bent.raw, fit.columns);
     along_axes(bent.axes, bent.raw_readings, fit.reading_columns);
     along_axes(bent.axes, bent.raw_point_force, fit.point_force_columns);
-    for (int reading = 0; reading < 3; ++reading) {
+    for (int reading = 0; reading < rig.readings; ++reading) {
         for (int k = 0; k < rig.shared; ++k) fit.reading_columns(reading, UNKNOWNS + k) *= frame.available[reading];
     }
     by_line(rig, fit);

@@ -74,7 +74,7 @@ double neighbour_scatter(const Fit& fit) {
 
 // Forces at PLACES: their columns and what all that contact, friction and rig can do about them explains.
 struct Forces {
-    double columns[NODES][FORCES], weighted[NODES][FORCES], readings[3][FORCES];
+    double columns[NODES][FORCES], weighted[NODES][FORCES], readings[READINGS][FORCES];
     double side[FORCES] = {};
     Array<double, 2> crossed, explained;  // (FORCES, K) sums with the fit's columns, and their solutions
 };
@@ -82,10 +82,11 @@ struct Forces {
 // The deflections by small forces at all places, scaled to a metre at the tip.
 void small_forces(const Rig& rig, const Frame& frame, const Fit& fit, Forces& forces) {
     const double contact = std::min(fit.contact_m / rig.length_m, 1.0 - 1e-6);
-    double lever[PLACES], bent[NODES][PLACES];
+    double lever[PLACES], force_N[PLACES], bent[NODES][PLACES];
     for (int g = 0; g < PLACES; ++g) {
         const double place = (g + 1.0) / PLACES;
         lever[g] = 6.0 * rig.stiffness_Nm2 / (place * (3.0 - place) * rig.length_m * rig.length_m);
+        force_N[g] = lever[g] / (place * rig.length_m);
         for (int j = 0; j < NODES; ++j) {
             const double along = j < NODES_TO_CONTACT
                                      ? contact * j / (NODES_TO_CONTACT - 1)
@@ -93,11 +94,11 @@ void small_forces(const Rig& rig, const Frame& frame, const Fit& fit, Forces& fo
             bent[j][g] = 6.0 * deflection(along, place) / (place * place * (3.0 - place));
         }
     }
-    force_columns(rig, frame, fit, view(bent), view(lever), view(forces.columns), view(forces.readings));
+    force_columns(rig, frame, fit, view(bent), view(force_N), view(lever), view(forces.columns), view(forces.readings));
 }
 
 // Products of the forces with the residuals and the fit's columns, and what these explain.
-void project_out(const Fit& fit, const double (&weight)[3], Work& work, Forces& forces) {
+void project_out(const Fit& fit, const double (&weight)[READINGS], Work& work, Forces& forces) {
     const int size = fit.size;
     forces.crossed = forces.explained = Array<double, 2>(FORCES, size);
     times_tridiagonal(fit, view(forces.columns), view(forces.weighted));
@@ -109,7 +110,7 @@ void project_out(const Fit& fit, const double (&weight)[3], Work& work, Forces& 
             forces.side[k] += forces.columns[j][k] * fit.pull[j];
             for (int a = 0; a < size; ++a) crossed[a] += forces.weighted[j][k] * fit.columns(j, a);
         }
-        for (int reading = 0; reading < 3; ++reading) {
+        for (int reading = 0; reading < fit.readings; ++reading) {
             const double pull = weight[reading] * forces.readings[reading][k];
             forces.side[k] += pull * fit.residual[reading];
             for (int a = 0; a < size; ++a) crossed[a] += pull * fit.reading_columns(reading, a);
@@ -124,8 +125,8 @@ void project_out(const Fit& fit, const double (&weight)[3], Work& work, Forces& 
 SecondForce score_test(const Rig& rig, const Frame& frame, const Fit& fit, double distance_std, Work& work) {
     Forces forces;
     small_forces(rig, frame, fit, forces);
-    double weight[3];
-    for (int reading = 0; reading < 3; ++reading) weight[reading] = huber_weight(fit.residual[reading]);
+    double weight[READINGS];
+    for (int reading = 0; reading < fit.readings; ++reading) weight[reading] = huber_weight(fit.residual[reading]);
     project_out(fit, weight, work, forces);
     int most = 0;
     Force best = {0.0, 0.0, -std::numeric_limits<double>::infinity()};
@@ -134,7 +135,7 @@ SecondForce score_test(const Rig& rig, const Frame& frame, const Fit& fit, doubl
         for (int pair = 0; pair < 3; ++pair) {
             const int a = 2 * g + (pair == 2), b = 2 * g + (pair > 0);
             for (int j = 0; j < NODES; ++j) own[pair] += forces.columns[j][a] * forces.weighted[j][b];
-            for (int reading = 0; reading < 3; ++reading) {
+            for (int reading = 0; reading < fit.readings; ++reading) {
                 own[pair] += weight[reading] * forces.readings[reading][a] * forces.readings[reading][b];
             }
             left[pair] = own[pair];
@@ -161,8 +162,8 @@ SecondForce second_force(const Rig& rig, const Frame& frame, int rung, const Fit
     return score_test(rig, frame, work.other, distance_std, work);
 }
 
-void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, ConstMatrix bent, ConstVector lever,
-                   Matrix columns, Matrix readings) {
+void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, ConstMatrix bent, ConstVector force_N,
+                   ConstVector lever, Matrix columns, Matrix readings) {
     const int places = lever.size();
     double image[2][NODES];
     point_jacobian(rig, fit, image);
@@ -175,14 +176,16 @@ void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, ConstMatr
     const TipAxis end = tip_axis(frame, fit.normal_v[LAST], -fit.normal_u[LAST]);
     const double ahead = end.u * fit.u[LAST] + end.v * fit.v[LAST];
     for (int axis = 0; axis < 2; ++axis) {
-        const int about = 1 - axis;  // a force along z acts about y, one along y about z
         const double along =
             end.u * rig.rotation[0][1 + axis] + end.v * rig.rotation[1][1 + axis] - ahead * rig.rotation[2][1 + axis];
         for (int g = 0; g < places; ++g) {
             const int k = 2 * g + axis;
-            readings(about, k) = rig.gain[about] / rig.std[about] * lever[g] * frame.available[about];
-            readings(1 - about, k) = 0.0;
-            readings(2, k) = bent(LAST, g) * along / fit.depth[LAST] * frame.available[2];
+            for (int reading = 0; reading < rig.readings; ++reading) {
+                const auto& row = rig.by_wrench[reading];
+                const double turns = (axis == 0 ? row[5] : -row[4]) * lever[g], pulls = row[1 + axis] * force_N[g];
+                readings(reading, k) = (turns + pulls) * frame.available[reading];
+            }
+            readings(END, k) = bent(LAST, g) * along / fit.depth[LAST] * frame.available[END];
         }
     }
 }

@@ -16,9 +16,9 @@ struct SecondForce {
 SecondForce second_force(const Rig& rig, const Frame& frame, int rung, const Fit& fit, const Fit& problem,
                          double distance_std, Work& work);
 
-// What forces along y and z at G places do: displacement (M, 2 G), and what is read (3, 2 G), in σ.
-// bent: (M, G) how far each deflects the antenna, m. lever: (G,) its moment at the clamp, N·m.
-void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, ConstMatrix bent, ConstVector lever,
-                   Matrix columns, Matrix readings);
+// What forces along y and z at G places do: displacement (M, 2 G), and what is read (READINGS, 2 G), in σ.
+// bent: (M, G) how far each deflects the antenna, m. force_N, lever: (G,) each, and its moment at the clamp, N·m.
+void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, ConstMatrix bent, ConstVector force_N,
+                   ConstVector lever, Matrix columns, Matrix readings);
 
 }  // namespace vbaa::solver

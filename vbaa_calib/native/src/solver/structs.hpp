@@ -21,6 +21,10 @@ constexpr int UNKNOWNS = 4;
 constexpr int POSES = 6, ANTENNA = 9;                          // parameters of the camera's pose and of the antenna
 constexpr int NODES = antenna::CURVE_NODES, LAST = NODES - 1;  // of a curve, and the tip's
 constexpr int WIDE_NODES = whole_lanes(NODES);
+// Readings of a frame: those that every rig may have, then those of a sensor of more axes.
+enum Reading : int { ABOUT_Y, ABOUT_Z, END, ABOUT_X, ALONG_X, ALONG_Y, ALONG_Z, READINGS };
+// What readings are linear in: force and moment at the clamp, and 1. Parameters of the sensor about y: gain and offset.
+enum : int { WRENCH = 7, OF_MOMENT = 2, USUAL_READINGS = ABOUT_X };
 constexpr int GRID = 3 * LANES;  // distances that are tried before a fit begins
 constexpr int STARTS = 2;        // minima that are searched for each frame
 // Evaluations of the model after which a frame is given up: sound frames take 3 to 30, by vision alone up to 200.
@@ -49,15 +53,19 @@ View<T, 3> view(T (&values)[A][B][C]) {
 // What is known before a frame is seen, see `RigArrays` in Python.
 struct Rig {
     double length_m, friction_rad, force_unit_N, unit_load, tip_offset_m, stiffness_Nm2;
-    // whether the rig knows the antenna's end, a sensor about z, and the lens' uncertainty
-    bool with_tip, with_second_sensor, with_lens;
+    // whether the rig knows the antenna's end, reads more than the moment about y, and the lens' uncertainty
+    bool with_tip, with_wrench, with_lens;
+    int readings;  // how many of READINGS are in use: USUAL_READINGS or all
     const lens::Lens* lens;
     double antenna_parameters[ANTENNA], antenna_steps[ANTENNA];
     double pose_lanes[3][4][LANES];  // rotation and translation into the camera of poses moved along each tangent axis
     double by_pose_step[LANES];      // one over those steps, zeros after the sixth
     double rotation[3][3], translation_m[3];  // antenna frame to camera
-    double gain[2], offset[2], std[2];        // of the sensors about y and z; a missing one has the gain 0
-    int shared;                               // R independent axes of the rig's errors, which all frames share
+    double std[READINGS];                     // of the readings; 1 for a missing one
+    double by_wrench[READINGS][WRENCH];       // the readings, in σ, by force, moment and 1; 0 for a missing one
+    // (S, READINGS, WRENCH) that by a unit of the sensor's parameters: OF_MOMENT, and then those before the tip's
+    Array<double, 3> by_sensor;
+    int shared;             // R independent axes of the rig's errors, which all frames share
     Array<double, 2> axes;  // (Q, R) steps of the Q parameters of unit σ, each row filled with zeros to whole vectors
     Array<double, 1> line;  // (L,) σ of the found line's own errors: offset, slope, curvature; or none
     double to_camera[2];    // unit direction across the antenna's x axis to the camera
@@ -65,6 +73,10 @@ struct Rig {
     double focal;           // mean focal length, px
 
     int steps() const { return shared + line.size(); }
+    // rows of the arrays that hold readings: whole threes
+    int reading_rows() const { return (readings + 2) / 3 * 3; }
+    // parameters of the sensor between the lens' and the tip's
+    int sensor_parameters() const { return by_sensor.shape[0] - OF_MOMENT; }
 };
 
 // Small deflection of the tip by a unit force at a distance, both in antenna lengths.
@@ -74,12 +86,12 @@ inline double tip_deflection(const Rig& rig, double distance) {
 
 // One frame: its usable points in the ideal picture and what the sensors read.
 struct Frame {
-    int count;                // N points
-    Array<double, 2> points;  // (5, N′) u, v and covariance xx, xy, yy; what fills the rows to whole vectors is finite
-    double moment_Nm[2];      // read about y and z
+    int count;                 // N points
+    Array<double, 2> points;   // (5, N′) u, v and covariance xx, xy, yy; what fills the rows to whole vectors is finite
+    double reading[READINGS];  // N·m or N; that of the end is not used
     double tip[2], tip_covariance[3];  // the antenna's end, as the points
-    double available[3];     // 1 where there is a reading about y, about z, an end; less where it is noisier; 0 without
-    double gravity_m_s2[3];  // antenna frame
+    double available[READINGS];        // 1 where there is such a reading; less where it is noisier; 0 without
+    double gravity_m_s2[3];            // antenna frame
 
     const double* u() const { return points.begin(); }
     const double* v() const { return points.begin() + points.shape[1]; }
@@ -111,28 +123,30 @@ struct State {
 // A fit of N points in K unknowns and rig steps. Rows are whole vectors: K′ and N′ are K and N rounded up, and what
 // fills them is zero, or finite and without weight. Assignment copies one fit into another of the same sizes.
 struct Fit : State {
-    int points, size;                               // N, K
+    int points, size, readings;                     // N, K, of READINGS
     double points_m[3][NODES], tangents[3][NODES];  // of the predicted antenna, antenna frame
     double u[NODES], v[NODES], depth[NODES];        // its ideal picture
     double normal_u[NODES], normal_v[NODES];        // unit normals there
     double cubics[NODES][8];   // the picture between nodes: four coefficients of u, then of v, by the share of the way
     Array<double, 2> columns;  // (M, K′) displacement along the normals by unknowns and rig steps
-    Array<double, 2> reading_columns;  // (3, K′) of the predicted readings, in σ: moments about y and z, and the end
-    double point_force[6];             // contact point, m, and force, N, antenna frame
-    Array<double, 2> point_force_columns;       // (6, K′)
-    double predicted_residual[3], residual[3];  // what was read less what is predicted, in σ; with the rig's steps
-    Array<int, 1> node;                         // (N′,) the node before each foot
-    Array<double, 1> share;                     // (N′,) the part of the way to the next one
+    Array<double, 2> reading_columns;      // (reading_rows, K′) of the predicted readings, in σ
+    double point_force[6];                 // contact point, m, and force, N, antenna frame
+    Array<double, 2> point_force_columns;  // (6, K′)
+    // what was read less what is predicted, in σ; with the rig's steps
+    double predicted_residual[READINGS], residual[READINGS];
+    Array<int, 1> node;          // (N′,) the node before each foot
+    Array<double, 1> share;      // (N′,) the part of the way to the next one
     Array<double, 1> distance;   // (N′,) of the points from the curve along its normal, the rig's steps taken out
     Array<double, 1> precision;  // (N′,) one over the variance of that
     // weighted sums of the points over nodes, a tridiagonal information and its right side. For values c on the nodes,
     // linear between them: Σ w c² = Σ diagonal·c² + 2 Σ off_diagonal·c·c₊₁ and Σ w c·r = Σ pull·c
     double diagonal[NODES], off_diagonal[NODES], pull[NODES];
 
-    Fit(int count, int rig_steps)
-        : State(count, rig_steps),
+    Fit(int count, const Rig& rig)
+        : State(count, rig.steps()),
           points(count),
-          size(UNKNOWNS + rig_steps),
+          size(UNKNOWNS + rig.steps()),
+          readings(rig.readings),
           points_m{},
           tangents{},
           u{},
@@ -142,7 +156,7 @@ struct Fit : State {
           normal_v{},
           cubics{},
           columns(NODES, whole_lanes(size)),
-          reading_columns(3, whole_lanes(size)),
+          reading_columns(rig.reading_rows(), whole_lanes(size)),
           point_force{},
           point_force_columns(6, whole_lanes(size)),
           predicted_residual{},
@@ -187,7 +201,8 @@ struct alignas(LANES * sizeof(double)) Bent {
     double by_step[LANES];  // one over each lane's step
     double by_lens[2][18][LANES], seen[6][LANES];
     Array<double, 2> axes;  // (Q, K′) the rig's, in the columns that a fit has for them, zeros elsewhere
-    // derivatives (M, Q′), (3, Q′), (6, Q′) by the rig's Q parameters, with room to write whole vectors anywhere
+    // derivatives (M, Q′), (reading_rows, Q′), (6, Q′) by the rig's Q parameters, with room to write whole vectors
+    // anywhere
     Array<double, 2> raw, raw_readings, raw_point_force;
 
     explicit Bent(const Rig& rig);
@@ -216,11 +231,12 @@ struct Grid {
     double image[2][NODES];  // displacement of the picture by a unit force along y and z, per deflection of a unit beam
     double moment[2][GRID];  // response, in σ, of the sensor about z to a unit force along y; of that about y to one
                              // along z
-    double force[GRID][2];   // the best ones
-    double gain[GRID];       // the cost that each explains
-    Array<double, 1> best_steps;  // (R + L,) of the rig, at the best force
-    Array<double, 1> weight;      // (N,) of the points
-    Array<double, 2> crossed;     // (R + L, 2 G + LANES) what rig steps and unit forces have in common
+    double more[2][READINGS][GRID];  // of a wrench sensor's readings to both, which then are not in `moment`
+    double force[GRID][2];           // the best ones
+    double gain[GRID];               // the cost that each explains
+    Array<double, 1> best_steps;     // (R + L,) of the rig, at the best force
+    Array<double, 1> weight;         // (N,) of the points
+    Array<double, 2> crossed;        // (R + L, 2 G + LANES) what rig steps and unit forces have in common
 };
 
 // First-order uncertainty of a fit with R rig steps.
@@ -228,10 +244,10 @@ struct Uncertainty {
     double covariance[UNKNOWNS][UNKNOWNS];  // from noise and rig together; infinite where not observable
     Array<double, 2> rig_response;          // (R, 4) how the rig's likeliest steps go with the unknowns
     double touch[6][UNKNOWNS];              // contact point and force by the unknowns, the rig's steps going with them
-    Array<double, 2> rig_touch;  // (R, 6) covariance of the rig's steps, for a known contact, with point and force
-    double touch_by_rig[6][6];   // what the rig's steps, for a known contact, make of their covariance
-    double condition;            // of the contact's own information, scaled to a unit diagonal
-    double reading_std[3];       // σ of each reading's whitened residual, below one as far as the moment was fitted
+    Array<double, 2> rig_touch;    // (R, 6) covariance of the rig's steps, for a known contact, with point and force
+    double touch_by_rig[6][6];     // what the rig's steps, for a known contact, make of their covariance
+    double condition;              // of the contact's own information, scaled to a unit diagonal
+    double reading_std[READINGS];  // σ of each reading's whitened residual, below one as far as the moment was fitted
 
     explicit Uncertainty(int steps) : rig_response(steps, UNKNOWNS), rig_touch(steps, 6) {}
 };

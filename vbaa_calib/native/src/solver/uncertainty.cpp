@@ -24,22 +24,22 @@ constexpr double BEYOND_DOUBT = 100.0;
 constexpr double SINGULAR = 1e14;
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
-// Changes of what is observed and found: along the normals (M, ·), of the readings in σ (3, ·), of contact point and
-// force (6, ·); a column for each row of Errors.
+// Changes of what is observed and found: along the normals (M, ·), of the readings in σ (READINGS, ·), of contact point
+// and force (6, ·); a column for each row of Errors.
 struct Changes {
-    double shift[NODES][LANES] = {}, reading[3][LANES] = {}, touch[6][LANES] = {};
+    double shift[NODES][LANES] = {}, reading[READINGS][LANES] = {}, touch[6][LANES] = {};
 };
 
 // What the rig's steps do for a known contact, and how they go with it; gives what they make of the readings'
 // variances.
-std::array<double, 3> rig_part(const Fit& fit, Uncertainty& found, Work& work) {
+std::array<double, READINGS> rig_part(const Fit& fit, Uncertainty& found, Work& work) {
     const int steps = fit.size - UNKNOWNS;
-    std::array<double, 3> fitted = {};
-    Array<double, 2> sides(steps, 2 * LANES);
+    std::array<double, READINGS> fitted = {};
+    Array<double, 2> sides(steps, whole_lanes(UNKNOWNS + 6 + fit.readings));
     for (int k = 0; k < steps; ++k) {
         for (int a = 0; a < UNKNOWNS; ++a) sides(k, a) = -fit.information(UNKNOWNS + k, a);
         for (int q = 0; q < 6; ++q) sides(k, UNKNOWNS + q) = fit.point_force_columns(q, UNKNOWNS + k);
-        for (int reading = 0; reading < 3; ++reading) {
+        for (int reading = 0; reading < fit.readings; ++reading) {
             sides(k, UNKNOWNS + 6 + reading) = fit.reading_columns(reading, UNKNOWNS + k);
         }
     }
@@ -51,7 +51,7 @@ std::array<double, 3> rig_part(const Fit& fit, Uncertainty& found, Work& work) {
     }
     for (int k = 0; k < steps; ++k) {
         for (int a = 0; a < UNKNOWNS; ++a) found.rig_response(k, a) = sides(k, a);
-        for (int reading = 0; reading < 3; ++reading) {
+        for (int reading = 0; reading < fit.readings; ++reading) {
             fitted[reading] += fit.reading_columns(reading, UNKNOWNS + k) * sides(k, UNKNOWNS + 6 + reading);
         }
         for (int p = 0; p < 6; ++p) {
@@ -65,8 +65,8 @@ std::array<double, 3> rig_part(const Fit& fit, Uncertainty& found, Work& work) {
 }
 
 // How much of each reading's residual was fitted; `fitted` is the rig's part of that.
-void reading_std(const Fit& fit, const std::array<double, 3>& fitted, Uncertainty& found) {
-    for (int reading = 0; reading < 3; ++reading) {
+void reading_std(const Fit& fit, const std::array<double, READINGS>& fitted, Uncertainty& found) {
+    for (int reading = 0; reading < fit.readings; ++reading) {
         double total[UNKNOWNS], own = fitted[reading];
         for (int a = 0; a < UNKNOWNS; ++a) {
             total[a] = fit.reading_columns(reading, a);
@@ -89,13 +89,14 @@ void compare(const Rig& rig, const Frame& frame, const Fit& fit, const Bent& ben
         const double u = bent.u[j][0] - fit.u[j], v = bent.v[j][0] - fit.v[j];
         changes.shift[j][column] = sign * (u * fit.normal_u[j] + v * fit.normal_v[j]);
     }
-    for (int about = 0; about < 2; ++about) {
-        const double apart = predicted_moment(rig, frame, bent, 0, about) - frame.moment_Nm[about] / rig.std[about];
-        changes.reading[about][column] = sign * (apart * frame.available[about] + fit.predicted_residual[about]);
+    const ClampWrench wrench = clamp_wrench(rig, frame, bent, 0);
+    for (int k = 0; k < rig.readings; ++k) {
+        const double apart = read_by(rig.by_wrench[k], wrench) - frame.reading[k] / rig.std[k];
+        changes.reading[k][column] = sign * (apart * frame.available[k] + fit.predicted_residual[k]);
     }
     const TipAxis end = fitted_tip_axis(rig, frame, fit);
     const double along = (bent.u[LAST][0] - fit.u[LAST]) * end.u + (bent.v[LAST][0] - fit.v[LAST]) * end.v;
-    changes.reading[2][column] = sign * along * frame.available[2];
+    changes.reading[END][column] = sign * along * frame.available[END];
     for (int axis = 0; axis < 3; ++axis) {
         changes.touch[axis][column] = sign * (bent.points_m[axis][CONTACT][0] - fit.point_force[axis]);
         changes.touch[3 + axis][column] = sign * (bent.force_N[axis][0] - fit.point_force[3 + axis]);
@@ -110,7 +111,7 @@ Array<double, 2> linear_shifts(const Fit& fit, const Changes& changes, Work& wor
     for (int a = 0; a < fit.size; ++a) {
         Lanes total = {};
         for (int j = 0; j < NODES; ++j) total += fit.columns(j, a) * load(product[j]);
-        for (int k = 0; k < 3; ++k) {
+        for (int k = 0; k < fit.readings; ++k) {
             total += huber_weight(fit.residual[k]) * fit.reading_columns(k, a) * load(changes.reading[k]);
         }
         store(sides.row(a).data, total);
@@ -133,7 +134,7 @@ Changes changes_by_shape(const Rig& rig, const Frame& frame, int rung, const Fit
         if (!(rig.friction_rad > 0.0)) return changes;
         constexpr int FRICTION = UNKNOWNS - 1;
         for (int j = 0; j < NODES; ++j) changes.shift[j][BY_FRICTION] = fit.columns(j, FRICTION);
-        for (int k = 0; k < 3; ++k) changes.reading[k][BY_FRICTION] = fit.reading_columns(k, FRICTION);
+        for (int k = 0; k < fit.readings; ++k) changes.reading[k][BY_FRICTION] = fit.reading_columns(k, FRICTION);
         for (int q = 0; q < 6; ++q) changes.touch[q][BY_FRICTION] = fit.point_force_columns(q, FRICTION);
         return changes;
     }
@@ -150,7 +151,7 @@ Changes changes_by_shape(const Rig& rig, const Frame& frame, int rung, const Fit
 }  // namespace
 
 void uncertainty(const Fit& fit, Uncertainty& found, Work& work) {
-    const std::array<double, 3> fitted = rig_part(fit, found, work);
+    const std::array<double, READINGS> fitted = rig_part(fit, found, work);
     double own[UNKNOWNS][UNKNOWNS], scale[UNKNOWNS], values[UNKNOWNS], vectors[UNKNOWNS][UNKNOWNS];
     bool regular = true;
     for (int a = 0; a < UNKNOWNS; ++a) {
@@ -163,7 +164,7 @@ void uncertainty(const Fit& fit, Uncertainty& found, Work& work) {
     }
     for (int a = 0; a < UNKNOWNS; ++a) regular = regular && own[a][a] > 0.0;
     std::fill_n(found.covariance[0], UNKNOWNS * UNKNOWNS, INFINITE);
-    std::fill_n(found.reading_std, 3, 1.0);
+    std::fill_n(found.reading_std, READINGS, 1.0);
     found.condition = INFINITE;
     if (!regular) return;
     for (int a = 0; a < UNKNOWNS; ++a) scale[a] = 1.0 / std::sqrt(own[a][a]);

@@ -1,0 +1,134 @@
+"""A sensor of several axes in the joint solve: its turn, gains and zeros, and what its channels do wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from vbaa_calib.antenna.rod import solve_rod
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
+from vbaa_calib.calibrate.antenna.inputs import Observation
+from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, read_by, solve_antenna
+from vbaa_calib.calibrate.check.antenna import check_stills
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate
+from vbaa_calib.diagnose.session import still_diagnoses
+from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import READINGS, Load, NominalWrenchSensor, Session, Still
+from vbaa_calib.simulate.scene.scene import WrenchSpec
+
+from ..rod_scenes import LENGTH_M
+from .still_faults import NOMINAL, POSE_COVARIANCE
+from .test_joint import CAMERA, SESSION, TRUE, observed, start_pose
+
+STATED = Pose(Rotation.from_rotvec([0.0, -np.pi / 2, 0.0]).as_matrix(), np.array([-0.01, 0.002, 0.0]))
+TURN_RAD = np.array([0.02, -0.024, 0.016])
+ALL = ("fx", "fy", "fz", "mx", "my", "mz")
+
+
+def session_of(components: tuple[str, ...]) -> Session:
+    nominal = NominalWrenchSensor(list(components), 1e-3, 2e-5, STATED)
+    std_Nm = 2e-5 if {"my", "-my"} & {*components} else np.inf
+    return replace(SESSION, wrench_sensor=nominal, moment_std_Nm=std_Nm)
+
+
+def felt(sensor: WrenchSpec, observations: list[Observation], rng: np.random.Generator) -> list[Observation]:
+    """The same with what a sensor reads under the true loads, which the session notes exactly."""
+    gravity = np.array([one.gravity_m_s2 for one in observations])
+    loads = np.array([[0.0, *one.load_N] for one in observations])
+    hung = [one.still.distance_m if isinstance(one.still, Load) else 0.5 * LENGTH_M for one in observations]
+    shape, rod = solve_rod(TRUE.rod, gravity, np.array(hung), loads), TRUE.rod
+    force = loads + rod.mass_per_length_kg_m * rod.length_m * gravity
+    read = sensor.read(sensor.true(force, shape.clamp_moment_Nm), rng)
+    columns = [READINGS[name] for name in sensor.components]
+    nothing = {"moment_Nm": np.nan}
+    return [
+        replace(one, still=replace(one.still, **nothing | dict(zip(columns, row, strict=True))))
+        for one, row in zip(observations, read.tolist(), strict=True)
+    ]
+
+
+def adjusted(
+    components: tuple[str, ...], seed: int, fault: Callable[[Still], Still] = lambda still: still
+) -> tuple[Session, BundleAdjustment, WrenchSpec, Rig]:
+    rng, session = np.random.default_rng(seed), session_of(components)
+    sensor = WrenchSpec(components, std_N=1e-3, T_antenna_sensor=STATED, turn_rad=TURN_RAD)
+    observations = felt(sensor, observed(TRUE, rng), rng)
+    observations = [replace(one, still=fault(one.still)) for one in observations]
+    estimate = PoseEstimate("jig", start_pose(rng), POSE_COVARIANCE, np.zeros((6, 8)))
+    before = read_by(session.wrench_sensor, prior(NOMINAL, CAMERA, [estimate]))
+    joint = solve_antenna(session, observations, before)
+    return session, joint, sensor, make_rig(session, Kinematics(), joint, observations)
+
+
+@pytest.mark.parametrize("components", [ALL, ("my", "mz"), ("fy", "fz")], ids=lambda names: "-".join(names))
+def test_turn_gains_and_zeros_are_found_as_well_as_stated(components: tuple[str, ...]) -> None:
+    square = []
+    for seed in range(4):
+        _, _, sensor, rig = adjusted(components, seed)
+        found = rig.wrench_sensor
+        assert found is not None
+        turn = Rotation.from_matrix(found.T_antenna_sensor.rotation @ STATED.rotation.T).as_rotvec() - TURN_RAD
+        forces = np.array([name.startswith("f") for name in found.components])
+        zero = np.where(forces, sensor.offset_N, sensor.offset_Nm)
+        off = np.concatenate([turn, found.gain - sensor.gain, found.offset - zero])
+        std = np.sqrt(np.diag(found.own_covariance))
+        assert (np.abs(off) < 3.5 * std).all(), off / std
+        square.append((off / std) ** 2)
+        whole = np.sqrt(np.diag(rig.covariance_with_tip))
+        scaled = rig.covariance_with_tip / np.outer(whole, whole).clip(1e-300)
+        assert np.linalg.eigvalsh(scaled)[0] > -1e-9
+        if "my" in components:
+            assert rig.moment_sensor.gain == pytest.approx(-sensor.gain, abs=4.0 * rig.std("moment_gain"))
+        else:
+            assert not rig.moment_sensor.exists
+    assert 0.3 < np.mean(square) < 2.0
+
+
+def test_the_sensors_turn_is_known_to_a_fraction_of_its_prior() -> None:
+    """Six axes show the turn about all three axes, to less than a fifth of 2°."""
+    _, joint, _, _ = adjusted(ALL, 5)
+    assert joint.sensor is not None
+    assert np.sqrt(np.diag(joint.sensor.own_covariance))[:3].max() < 0.2 * np.linalg.norm(TURN_RAD)
+
+
+def test_a_rig_that_did_not_change_passes_the_check() -> None:
+    _, joint, _, rig = adjusted(ALL, 6)
+    checked = check_stills(rig, joint.noted)
+    off = np.array([one.moment_residual_Nm for one in checked])
+    assert np.abs(off).max() < 5.0 * 2e-5
+    assert {one.jacobian.shape[1] for one in checked} == {17 + 8}
+
+
+def exchanged(first: str, second: str) -> Callable[[Still], Still]:
+    a, b = READINGS[first], READINGS[second]
+    return lambda still: replace(still, **{a: getattr(still, b), b: getattr(still, a)})
+
+
+def turned(name: str) -> Callable[[Still], Still]:
+    return lambda still: replace(still, **{READINGS[name]: -getattr(still, READINGS[name])})
+
+
+@pytest.mark.parametrize(
+    ("fault", "name", "words"),
+    [
+        (lambda still: still, "", ()),
+        (exchanged("fx", "fy"), "sensor_exchanged", ("sensor_force_x_N", "sensor_force_y_N")),
+        (exchanged("my", "mz"), "sensor_exchanged", ("moment_Nm", "moment_z_Nm")),
+        (turned("fy"), "sensor_sign", ("sensor_force_y_N",)),
+        (turned("my"), "sensor_sign", ("moment_Nm",)),
+    ],
+    ids=["none", "fx for fy", "my for mz", "−fy", "−my"],
+)
+def test_exchanged_channels_and_signs_are_named(
+    fault: Callable[[Still], Still], name: str, words: tuple[str, ...]
+) -> None:
+    session, joint, _, _ = adjusted(ALL, 7, fault)
+    found = [one for one in still_diagnoses(session, Kinematics(), joint) if one.name.startswith("sensor")]
+    assert [one.name for one in found[:1]] == [name] * bool(name)
+    for word in words:
+        assert word in found[0].words

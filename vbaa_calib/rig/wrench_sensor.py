@@ -1,0 +1,154 @@
+"""A sensor of more than the moment about y: components of the wrench at the clamp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from vbaa_calib.core.arrays import as_floats, fixed
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry import Pose
+from vbaa_calib.session import READINGS, MomentSensor
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchSensor:
+    """What a rig's sensor reads other than the moment about y, in the sensor's own, right-handed axes.
+
+    reading = gain · component + offset + noise, of force and moment of contact and antenna's weight about the sensor's
+    origin. Where it reads the moment about its y, too, that is the rig's `moment_sensor`, with a gain on the moment
+    x·f_z − z·f_x: about −1 for a sensor that reads right-handed.
+
+    Attributes
+    ----------
+    components : C of `session.READINGS`, in that order, without my.
+    gain, offset, std : (C,) of each; offset and noise in N or N·m.
+    T_antenna_sensor : pose of the sensor's axes in the antenna frame.
+    covariance : (W, N + W) of its own parameters with the rig's N, of `Rig.covariance` and the tip's offset, and then
+        with its own; (0, 0) where they count as exact.
+    """
+
+    components: tuple[str, ...]
+    gain: np.ndarray
+    offset: np.ndarray
+    std: np.ndarray
+    T_antenna_sensor: Pose = field(default_factory=Pose.identity)
+    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        """Raises InputError for other components, and for numbers that no sensor has."""
+        count, known = len(self.components), [name for name in READINGS if name != "my"]
+        if list(self.components) != [name for name in known if name in self.components]:
+            remedy = f"name each once, in the order {', '.join(known)}"
+            raise InputError(f"components of the wrench sensor are {', '.join(self.components)}", remedy=remedy)
+        for name in ("gain", "offset", "std"):
+            values = fixed(
+                as_floats(getattr(self, name), name, "give numbers"), (count,), f"{name} of the wrench sensor"
+            )
+            object.__setattr__(self, name, values)
+        for name, bad in (("gain", np.abs(self.gain) < 1e-9), ("std", self.std <= 0.0)):
+            if bad.any():
+                which = self.components[int(np.argmax(bad))]
+                raise InputError(f"{name} of {which} is {getattr(self, name)[bad][0]:g}", remedy="give another than 0")
+        rows = np.shape(self.covariance)
+        if rows != (0, 0) and (len(rows) != 2 or rows[0] != 3 + 2 * count or rows[1] < rows[0]):
+            remedy = "run vbaa calibrate again"
+            raise InputError(f"covariance of the wrench sensor has shape {rows}", remedy=remedy)
+        object.__setattr__(self, "covariance", fixed(self.covariance, rows, "covariance of the wrench sensor"))
+
+    @staticmethod
+    def about_z(sensor: MomentSensor) -> WrenchSensor:
+        """A second moment sensor, about the antenna frame's z, its gain and offset exact."""
+        gain, offset, std = (np.array([value]) for value in (sensor.gain, sensor.offset_Nm, sensor.std_Nm))
+        return WrenchSensor(("mz",), gain, offset, std)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """(W,) what the rows of its covariance are."""
+        if not len(self.covariance):
+            return ()
+        return (
+            *(f"sensor_about_{axis}_rad" for axis in "xyz"),
+            *(f"{name}_gain" for name in self.components),
+            *(f"{name}_offset" for name in self.components),
+        )
+
+    @property
+    def words(self) -> str:
+        """Gains, and how well its axes are known."""
+        gains = ", ".join(f"{name} {gain:.3f}" for name, gain in zip(self.components, self.gain, strict=True))
+        known = (
+            f"; axes ± {1e3 * np.sqrt(np.diag(self.own_covariance)[:3]).max():.2g} mrad" if len(self.covariance) else ""
+        )
+        return f"gains {gains}{known}"
+
+    @property
+    def own_covariance(self) -> np.ndarray:
+        """(W, W) of its own parameters."""
+        return self.covariance[:, self.covariance.shape[1] - len(self.covariance) :]
+
+    def joined(self, covariance: np.ndarray) -> np.ndarray:
+        """(N + W, N + W) the rig's covariance (N, N), the tip's offset in it, with its own parameters as the last."""
+        size = len(self.covariance)
+        if not size:
+            return covariance
+        across = np.zeros((size, len(covariance)))
+        # of a lens that counted as exact nothing is in common
+        known = min(self.covariance.shape[1] - size, len(covariance))
+        across[:, :known] = self.covariance[:, :known]
+        return np.block([[covariance, across.T], [across, self.own_covariance]])
+
+    def moved(self, step: np.ndarray) -> WrenchSensor:
+        """With its parameters a step (W,) away."""
+        turns, count = 3, len(self.components)
+        turned = self.T_antenna_sensor.retract(np.append(step[:turns], np.zeros(3)))
+        gain, offset = self.gain + step[turns : turns + count], self.offset + step[turns + count :]
+        return replace(self, T_antenna_sensor=turned, gain=gain, offset=offset)
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """(6, 6) every component by name of `READINGS` as a row on force and moment about the antenna's origin."""
+        return _by_wrench(self.T_antenna_sensor.rotation, self.T_antenna_sensor.translation_m)
+
+    @cached_property
+    def turns(self) -> np.ndarray:
+        """(3, 6, 6) derivatives of `axes` by the sensor's turn about the antenna's axes."""
+        pose = self.T_antenna_sensor
+        return np.stack([_by_wrench(np.cross(axis, pose.rotation.T).T, pose.translation_m) for axis in np.eye(3)])
+
+    def slopes(self, gain_y: float) -> np.ndarray:
+        """(W, 6, 7) of the readings by force, moment and 1, by its own parameters; gain_y : of the rig's moment sensor,
+        0 where there is none."""
+        count, of = len(self.components), [list(READINGS).index(name) for name in self.components]
+        slopes = np.zeros((3 + 2 * count, len(READINGS), 7))
+        gains = np.zeros(len(READINGS))
+        gains[of], gains[0] = self.gain, -gain_y
+        slopes[:3, :, :6] = gains[:, None] * self.turns
+        for row, reading in enumerate(of, 3):
+            slopes[row, reading, :6] = self.axes[reading]
+            slopes[row + count, reading, 6] = 1.0
+        return slopes if len(self.covariance) else slopes[:0]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The mapping `wrench_sensor` of rig.json."""
+        numbers = {name: getattr(self, name).tolist() for name in ("gain", "offset", "std")}
+        deviations = np.sqrt(np.clip(np.diag(self.own_covariance), 0.0, None)).tolist()
+        return {
+            "components": list(self.components),
+            **numbers,
+            "T_antenna_sensor": self.T_antenna_sensor.to_dict(),
+            "parameters_std": dict(zip(self.parameter_names, deviations, strict=True)),
+            "covariance": self.covariance.tolist(),
+        }
+
+
+def _by_wrench(rotation: np.ndarray, origin_m: np.ndarray) -> np.ndarray:
+    """(6, 6) components in the order of `READINGS`, about an origin and along the columns of a rotation, as rows on
+    force and moment about the antenna's origin."""
+    x, y, z = origin_m
+    moved = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    whole = np.block([[rotation.T, np.zeros((3, 3))], [-rotation.T @ moved, rotation.T]])
+    return whole[[3 * (name[0] == "m") + "xyz".index(name[1]) for name in READINGS]]
