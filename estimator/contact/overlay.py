@@ -100,7 +100,7 @@ class _Marks:
 
 def corridor_of(rig: Rig, frame: Frame) -> Corridor | None:
     """Where the antenna may be in a frame's picture; None where the lens shows too little of it."""
-    free = free_curve(rig.antenna.parameters, rig.antenna.length_m, gravity(rig, frame))
+    free = free_curve(rig.antenna.parameters, rig.antenna.length_m, gravity(rig, frame), rig.antenna.taper)
     where = corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m)
     return where if len(where.axis_px) >= LEAST_AXIS else None
 
@@ -180,7 +180,8 @@ def _bent(estimator: ContactEstimator, item: FrameContact) -> np.ndarray | None:
     rung = RUNGS[-1] if estimator.model == "auto" else estimator.model
     pull, contact_m = gravity(estimator.rig, item.frame)[None], np.array([contact.distance_m])
     parameters, length_m = antenna.parameters[None], antenna.length_m
-    return curves(rung, parameters, length_m, pull, contact_m, normal_N[None], np.array([angle])).points_m[0]
+    pushed = pull, contact_m, normal_N[None], np.array([angle])
+    return curves(rung, parameters, length_m, *pushed, antenna.taper).points_m[0]
 
 
 def ellipse(rig: Rig, contact: Contact, rotation_world_antenna: np.ndarray) -> np.ndarray:

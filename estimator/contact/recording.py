@@ -148,7 +148,7 @@ def _finder(rig: Rig, pull_m_s2: tuple[float, ...], paths_m_s2: tuple[float, ...
 
 
 def _corridor(rig: Rig, pull_m_s2: tuple[float, ...]) -> Corridor:
-    free = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.array(pull_m_s2))
+    free = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.array(pull_m_s2), rig.antenna.taper)
     return corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m)
 
 
@@ -161,7 +161,9 @@ def _tabled(rig: Rig, pull_m_s2: tuple[float, ...]) -> AntennaFinder | None:
 def _same_paths_m_s2(rig: Rig) -> float:
     """The step of gravity within which the same paths will do."""
     where = _corridor(rig, (0.0, 0.0, 0.0))
-    return max(same_paths_m_s2(where, rig.antenna.parameters, rig.antenna.length_m), _GRAVITY_STEP_M_S2)
+    return max(
+        same_paths_m_s2(where, rig.antenna.parameters, rig.antenna.length_m, rig.antenna.taper), _GRAVITY_STEP_M_S2
+    )
 
 
 def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]) -> list[Detection]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
+from vbaa_calib.antenna.taper import Profile, Taper, profiles_to_dict
 from vbaa_calib.core.arrays import Within, as_float, fixed
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
@@ -56,28 +58,37 @@ class Tip:
 
 @dataclass(frozen=True, eq=False)
 class Antenna:
-    """The antenna as calibrated: `parameters` (9,) in the order of `antenna.shape.PARAMETERS`."""
+    """The antenna as calibrated: `parameters` (9,) in the order of `antenna.shape.PARAMETERS`. Diameter, EI and mass per
+    length are the clamp's; `profile`, m, and `stiffness_profile`, in any unit, say how they change along it."""
 
     length_m: float
     diameter_m: float
     parameters: np.ndarray
+    profile: Profile | None = None
+    stiffness_profile: Profile | None = None
 
     def __post_init__(self) -> None:
-        """Raises InputError for lengths that are not positive, and parameters that are no numbers."""
+        """Raises InputError for lengths that are not positive, parameters that are no numbers, and no profile."""
         for name in ("length_m", "diameter_m"):
             if not 0.0 < as_float(getattr(self, name), name, "give metres") < np.inf:
                 raise InputError(f"{name} of the antenna is {getattr(self, name)}", remedy="give metres, more than 0")
         names = (len(ANTENNA_PARAMETERS),)
         object.__setattr__(self, "parameters", fixed(self.parameters, names, "parameters of the antenna", finite=False))
+        _ = self.taper
+
+    @cached_property
+    def taper(self) -> Taper:
+        """How the antenna changes from its clamp to its tip."""
+        return Taper.of(self.profile, self.stiffness_profile, self.length_m)
 
     @property
     def stiffness_Nm2(self) -> float:
-        """EI."""
+        """EI, at the clamp."""
         return float(np.exp(self.parameters[6]))
 
     @property
     def mass_per_length_kg_m(self) -> float:
-        """ρA."""
+        """ρA, at the clamp."""
         return float(np.exp(self.parameters[7]))
 
     def to_dict(self, std: Callable[[str], float]) -> dict[str, Any]:
@@ -85,6 +96,7 @@ class Antenna:
         return {
             "length_m": self.length_m,
             "diameter_m": self.diameter_m,
+            **profiles_to_dict(self),
             "stiffness_Nm2": self.stiffness_Nm2,
             "stiffness_std_Nm2": self.stiffness_Nm2 * std("log_stiffness_Nm2"),
             "mass_per_length_kg_m": self.mass_per_length_kg_m,

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS, Curves, bend
+from vbaa_calib.antenna.taper import UNIFORM, Taper
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
@@ -42,6 +43,7 @@ def still_curves(
     changes: np.ndarray | None = None,
     uneven: np.ndarray | None = None,
     loaded: bool = True,
+    taper: Taper = UNIFORM,
 ) -> Curves:
     """Shapes of A antennas (A, 9) in each of F observations, one by one: (F·A) curves.
 
@@ -65,6 +67,7 @@ def still_curves(
         load * factor,
         dead=True,
         sweeps=_SWEEPS,
+        taper=taper,
     )
     if not uneven.any():
         return curves
@@ -235,7 +238,14 @@ class Problem:
 
     def curves(self, antennas: np.ndarray) -> Curves:
         """`still_curves` of A antennas (A, 9) in its observations."""
-        return still_curves(self.observations, antennas, self.length_m, changes=self.changes, uneven=self.uneven)
+        return still_curves(
+            self.observations,
+            antennas,
+            self.length_m,
+            changes=self.changes,
+            uneven=self.uneven,
+            taper=self.prior.taper,
+        )
 
     def evaluate(self, parameters: np.ndarray) -> Evaluation:
         """What the parameters predict."""

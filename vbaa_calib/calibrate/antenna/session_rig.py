@@ -132,7 +132,7 @@ class ExpectedAntenna:
 
     def _aside(self, seen: Observation) -> tuple[np.ndarray, np.ndarray]:
         """Where points (N,) of a free antenna lie along and beside the expected one, in lengths of its picture."""
-        free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2)
+        free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2, self.antenna.taper)
         where = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m)
         along, aside = where.aside(seen.points_px)
         length = arc_lengths(where.axis_px)[-1]
@@ -152,13 +152,19 @@ class ExpectedAntenna:
     def _finder(self, still: Still, gravity_m_s2: np.ndarray, deviations: float | None) -> AntennaFinder:
         """What looks for the antenna where it should be, to so many deviations; None: all around."""
         length, reach = self.antenna.length_m, REACH_PER_LENGTH
-        shape = free_curve(self.parameters, length, gravity_m_s2)
+        shape = free_curve(self.parameters, length, gravity_m_s2, self.antenna.taper)
         if deviations is not None:
             aside = _ASIDE if self.course is None else _COURSE_ASIDE
             if isinstance(still, Load):
                 free, force = shape.points_m[0, -1], np.array([[still.force_y_N, still.force_z_N]])
                 shape = bend(
-                    self.parameters[None], length, gravity_m_s2[None], np.array([still.distance_m]), force, dead=True
+                    self.parameters[None],
+                    length,
+                    gravity_m_s2[None],
+                    np.array([still.distance_m]),
+                    force,
+                    dead=True,
+                    taper=self.antenna.taper,
                 )
                 # the stiffness may be anything within a factor of two
                 aside += float(np.linalg.norm(shape.points_m[0, -1] - free)) / length / 3.0
@@ -296,6 +302,7 @@ def prior(
         readings=readings,
         tip_std_m=antenna.tip_std_m,
         drift=Drift() if drift is None else drift,
+        taper=antenna.taper,
     )
 
 
@@ -326,7 +333,13 @@ def make_rig(
     return Rig(
         camera=joint.camera,
         T_antenna_camera=joint.T_antenna_camera,
-        antenna=Antenna(session.antenna.length_m, session.antenna.diameter_m, joint.parameters[ANTENNA]),
+        antenna=Antenna(
+            session.antenna.length_m,
+            session.antenna.diameter_m,
+            joint.parameters[ANTENNA],
+            session.antenna.profile,
+            session.antenna.stiffness_profile,
+        ),
         moment_sensor=sensor,
         kinematics=kinematics,
         gravity_world_m_s2=session.gravity_world_m_s2,

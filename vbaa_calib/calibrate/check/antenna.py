@@ -77,10 +77,11 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     lens = replace(rig.camera, covariance=unit)
     drift = Drift(line_px=rig.drift.line_px)
     prior = Prior((), rig.T_antenna_camera, lens, mean, np.ones(len(mean)), drift=drift, fixed_axes=unit)
+    prior = replace(prior, taper=rig.antenna.taper)
     problem = Problem.of(observations, prior, rig.antenna.length_m, sensor.std_Nm)
     problem, at = replace(problem, noise_scale=noise), problem.begin
     curves = problem.curves(at[None, ANTENNA])
-    free = still_curves(observations, at[None, ANTENNA], rig.antenna.length_m, loaded=False)
+    free = still_curves(observations, at[None, ANTENNA], rig.antenna.length_m, loaded=False, taper=rig.antenna.taper)
     deflections_m = np.linalg.norm(curves.points_m[:, CONTACT] - free.points_m[:, CONTACT], axis=1)
     std, checked = np.array([readings.distance_std_m, readings.force_std_relative]), []
     rows = zip(observations, problem.by_still(at), problem.whitened_by_load(at), strict=True)
@@ -215,7 +216,9 @@ def _tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
 def _free_points_m(rig: Rig, steps: np.ndarray) -> np.ndarray:
     """(S, nodes, 3) of the weightless free antenna, its parameters off by steps (S, 9)."""
     zero, parameters = np.zeros((len(steps), 3)), rig.antenna.parameters + steps
-    return bend(parameters, rig.antenna.length_m, zero, np.full(len(steps), 0.1), zero[:, 1:]).points_m
+    return bend(
+        parameters, rig.antenna.length_m, zero, np.full(len(steps), 0.1), zero[:, 1:], taper=rig.antenna.taper
+    ).points_m
 
 
 def _number_finding(

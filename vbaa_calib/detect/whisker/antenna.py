@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from vbaa_calib.antenna.shape import Curves, bend
+from vbaa_calib.antenna.taper import UNIFORM, Taper
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.polyline import arc_lengths, followed
 from vbaa_calib.geometry import Pose
@@ -21,9 +22,10 @@ LEAST_AXIS, LEAST_LENGTH_PX = 4, 10.0
 """Least number of the free antenna's points that the lens must show, and least length: end on, there is no line."""
 
 
-def free_curve(parameters: np.ndarray, length_m: float, gravity_m_s2: np.ndarray) -> Curves:
+def free_curve(parameters: np.ndarray, length_m: float, gravity_m_s2: np.ndarray, taper: Taper = UNIFORM) -> Curves:
     """The free antenna under its weight: parameters (9,), gravity (3,) antenna frame; a batch of one."""
-    return bend(parameters[None], length_m, gravity_m_s2[None], np.array([0.5 * length_m]), np.zeros((1, 2)))
+    middle, nothing = np.array([0.5 * length_m]), np.zeros((1, 2))
+    return bend(parameters[None], length_m, gravity_m_s2[None], middle, nothing, taper=taper)
 
 
 def pixels(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray) -> np.ndarray:
@@ -66,13 +68,14 @@ def _shows(where: Corridor) -> bool:
     return len(where.axis_px) >= LEAST_AXIS and bool(arc_lengths(where.axis_px)[-1] >= LEAST_LENGTH_PX)
 
 
-def same_paths_m_s2(where: Corridor, parameters: np.ndarray, length_m: float) -> float:
+def same_paths_m_s2(where: Corridor, parameters: np.ndarray, length_m: float, taper: Taper = UNIFORM) -> float:
     """The step of gravity within which the same paths will do: it moves the free antenna's tip by half of what lies
     between two paths. To table them takes ten times as long as all else."""
     if not _shows(where):
         return 0.0
     _, spacing_px = sampled_axis(where)
-    tips = [free_curve(parameters, length_m, np.array([0.0, pull, 0.0])).points_m[0, -1] for pull in (0.0, 10.0)]
+    pulls = np.array([[0.0, 0.0, 0.0], [0.0, 10.0, 0.0]])
+    tips = [free_curve(parameters, length_m, pull, taper).points_m[0, -1] for pull in pulls]
     sag_px = float(np.linalg.norm(tips[1] - tips[0])) / length_m * arc_lengths(where.axis_px)[-1]
     return 10.0 * float(min(0.5 * spacing_px / max(sag_px, 1e-9), 1.0))
 

@@ -16,13 +16,126 @@ struct ClampTurn {
     Lanes y, z;
 };
 
+// Where integrals go.
+auto into(Vectors* field) {
+    return [=](std::size_t row, const Vectors& v) { field[row] = v; };
+}
+
+// The nodes of a uniform antenna.
+class Even {
+  public:
+    static constexpr int MOST = NODES;
+    static constexpr bool UNIFORM = true;
+
+    explicit Even(const Loads& bent) : loads(bent) {}
+
+    static int count() { return NODES; }
+    // of those before the contact, which is the last of them
+    static int inner() { return INNER_NODES; }
+    Lanes along(int node) const { return loads.length_m - beyond(node); }
+    // Length beyond the node.
+    Lanes beyond(int node) const {
+        const NodeTables& tables = node_tables();
+        if (node < INNER_NODES) return loads.length_m - loads.contact_m * spread(tables.inner[node]);
+        return (loads.length_m - loads.contact_m) * spread(1.0 - tables.outer[node - INNER_NODES]);
+    }
+    // Length of the side of the contact that the node lies on.
+    Lanes side(int node) const { return node < INNER_NODES ? loads.contact_m : loads.length_m - loads.contact_m; }
+    // How the weight bends a straight antenna before a node, and its moment at the clamp.
+    Lanes weighed(int node) const {
+        Lanes length = loads.length_m, rest = beyond(node);
+        return (length * length * length - rest * rest * rest) / 6.0;
+    }
+    Lanes weighed_at_clamp() const { return 0.5 * loads.length_m * loads.length_m; }
+
+    static void from_tip(const Vectors* integrand, Vectors* found) {
+        const NodeTables& tables = node_tables();
+        integrated(tables.outer_from_tip, integrand + INNER_NODES, Vectors{}, into(found + INNER_NODES));
+        // the first node beyond the contact is the contact itself
+        integrated(tables.inner_from_tip, integrand, found[INNER_NODES], into(found));
+    }
+    static void from_contact(const Vectors* integrand, Vectors at_contact, Vectors* found) {
+        const NodeTables& tables = node_tables();
+        integrated(tables.inner_from_contact, integrand, at_contact, into(found));
+        integrated(tables.outer_from_contact, integrand + INNER_NODES, at_contact, into(found + INNER_NODES));
+    }
+
+  private:
+    const Loads& loads;
+};
+
+// Integrals over a part's nodes, from its end backwards and from its start on; an integrand is multiplied by the width.
+template <class T>
+void to_end(const T* integrand, T at_end, T* found) {
+    for (int i = 0; i < PANEL_NODES; ++i) {
+        T total = at_end;
+        for (int j = 0; j < PANEL_NODES; ++j) total = total + node_tables().panel_from_end[i][j] * integrand[j];
+        found[i] = total;
+    }
+}
+template <class T>
+void from_start(const T* integrand, T at_start, T* found) {
+    for (int i = 0; i < PANEL_NODES; ++i) {
+        T total = at_start;
+        for (int j = 0; j < PANEL_NODES; ++j) total = total + node_tables().panel_from_start[i][j] * integrand[j];
+        found[i] = total;
+    }
+}
+
+// The nodes of one that is not.
+class Uneven {
+  public:
+    static constexpr int MOST = MOST_NODES;
+    static constexpr bool UNIFORM = false;
+
+    explicit Uneven(const PanelNodes& of) : nodes(of) {}
+
+    int count() const { return nodes.count * PANEL_NODES; }
+    int inner() const { return nodes.inner * PANEL_NODES; }
+    Lanes along(int node) const {
+        const Part& part = nodes.parts[node / PANEL_NODES];
+        return part.start_m + node_tables().panel[node % PANEL_NODES] * part.width_m;
+    }
+    Lanes beyond(int node) const { return nodes.beyond_m[node]; }
+    Lanes side(int node) const { return nodes.parts[node / PANEL_NODES].width_m; }
+    Lanes weighed(int node) const { return nodes.weighed_m3[node]; }
+    Lanes weighed_at_clamp() const { return nodes.weighed_m2[0]; }
+    Lanes flexibility(int node) const { return nodes.flexibility[node]; }
+
+    void from_tip(const Vectors* integrand, Vectors* found) const {
+        Vectors at_end = {};
+        for (int first = count() - PANEL_NODES; first >= 0; first -= PANEL_NODES) {
+            to_end(integrand + first, at_end, found + first);
+            at_end = found[first];
+        }
+    }
+    void from_contact(const Vectors* integrand, Vectors at_contact, Vectors* found) const {
+        Vectors at = at_contact;
+        for (int first = inner() - PANEL_NODES; first >= 0; first -= PANEL_NODES) {
+            std::array<Vectors, PANEL_NODES> back;
+            to_end(integrand + first, Vectors{}, back.data());
+            for (int i = 0; i < PANEL_NODES; ++i) found[first + i] = at - back[i];
+            at = found[first];
+        }
+        at = at_contact;
+        for (int first = inner(); first < count(); first += PANEL_NODES) {
+            from_start(integrand + first, at, found + first);
+            at = found[first + PANEL_NODES - 1];
+        }
+    }
+
+  private:
+    const PanelNodes& nodes;
+};
+
 // The fields of one equilibrium.
+template <int COUNT>
 struct Work {
-    Hinge hinge;
-    Field field;      // g
-    Field local;      // τ
-    Field moments;    // M
-    Field integrand;  // scratch
+    HingeAt<COUNT> hinge;
+    std::array<Vectors, COUNT> field;      // g
+    std::array<Vectors, COUNT> local;      // τ
+    std::array<Vectors, COUNT> moments;    // M
+    std::array<Vectors, COUNT> integrand;  // scratch
 };
 
 // What the turns make of the loads: Q(0)·R₀ᵀ as a Cayley vector, the contact force along the contact's axes.
@@ -30,31 +143,16 @@ struct State {
     Vectors seen, force;
 };
 
-// Where integrals go.
-auto into(Vectors* field) {
-    return [=](std::size_t row, const Vectors& v) { field[row] = v; };
-}
-
-// Length beyond the node.
-Lanes beyond(const Loads& loads, int node) {
-    const NodeTables& tables = node_tables();
-    if (node < INNER_NODES) return loads.length_m - loads.contact_m * spread(tables.inner[node]);
-    return (loads.length_m - loads.contact_m) * spread(1.0 - tables.outer[node - INNER_NODES]);
-}
-
-// Length of the side of the contact that the node lies on.
-Lanes side(const Loads& loads, int node) {
-    return node < INNER_NODES ? loads.contact_m : loads.length_m - loads.contact_m;
-}
-
 // H·v.
-Vectors hinged(const Hinge& hinge, int node, Vectors v) {
+template <int COUNT>
+Vectors hinged(const HingeAt<COUNT>& hinge, int node, Vectors v) {
     Lanes sine = hinge.sine[node], cosine = hinge.cosine[node];
     return {cosine * v.x - sine * v.y, sine * v.x + cosine * v.y, v.z};
 }
 
 // Hᵀ·v.
-Vectors hinged_back(const Hinge& hinge, int node, Vectors v) {
+template <int COUNT>
+Vectors hinged_back(const HingeAt<COUNT>& hinge, int node, Vectors v) {
     Lanes sine = hinge.sine[node], cosine = hinge.cosine[node];
     return {cosine * v.x + sine * v.y, cosine * v.y - sine * v.x, v.z};
 }
@@ -72,8 +170,7 @@ Vectors turned_x(Vectors g) {
 }
 
 // Cayley vector of Q(0)·R₀ᵀ.
-Vectors seen_from_contact(const Field& field, ClampTurn clamp) {
-    Vectors g = field[0];
+Vectors seen_from_contact(Vectors g, ClampTurn clamp) {
     Vectors found = {g.x + g.z * clamp.y - g.y * clamp.z, g.y - clamp.y + g.x * clamp.z, g.z - clamp.z - g.x * clamp.y};
     return 1.0 / (1.0 + g.y * clamp.y + g.z * clamp.z) * found;
 }
@@ -104,7 +201,7 @@ void hinge_in_closed_form(Lanes amounts, Lanes frictions, Hinge& hinge) {
 }
 
 // The elastica's rotations from the contact's section to those at the nodes: −ψ.
-void elastica_hinge(const Loads& loads, Hinge& hinge) {
+void elastica_hinge(const Loads& loads, const Even&, Hinge& hinge) {
     SineCosine friction = sine_and_cosine(loads.friction_rad);
     Lanes force = loads.push_per_m2 / friction.cosine, steepness = force * loads.contact_m;
     Lanes amounts = steepness * loads.contact_m, small = amounts;
@@ -122,58 +219,116 @@ void elastica_hinge(const Loads& loads, Hinge& hinge) {
     }
 }
 
+// How far a tangent lags the contact's, and the moment there over EI.
+struct Pendulum {
+    Lanes psi, moment;
+};
+
+// Of ψ: in so many turns it changes by less at last, and no antenna lags by more.
+constexpr int MOST_TURNS = 40;
+constexpr double SAME_PSI = 1e-12, MOST_PSI = 3.0;
+
+// The elastica on a part from its end back, ψ′ = c·m and m′ = F cos(ψ + α), by Picard's iteration; gives its start.
+Pendulum hinge_of_part(const Uneven& nodes, int first, Lanes force, Lanes friction_rad, Pendulum end,
+                       HingeAt<MOST_NODES>& hinge) {
+    std::array<Lanes, PANEL_NODES> psi, moment, integrand;
+    Lanes width = nodes.side(first);
+    // straight at first
+    psi.fill(end.psi);
+    for (int turn = 0; turn < MOST_TURNS; ++turn) {
+        for (int i = 0; i < PANEL_NODES; ++i) {
+            SineCosine half = sine_and_cosine(0.5 * (psi[i] + friction_rad));
+            integrand[i] = width * force * (1.0 - 2.0 * half.sine * half.sine);
+        }
+        to_end(integrand.data(), end.moment, moment.data());
+        for (int i = 0; i < PANEL_NODES; ++i) {
+            integrand[i] = width * nodes.flexibility(first + i) * moment[i];
+        }
+        std::array<Lanes, PANEL_NODES> next;
+        to_end(integrand.data(), end.psi, next.data());
+        bool still = true;
+        for (int i = 0; i < PANEL_NODES; ++i) {
+            // what is far beyond any antenna must stay a number
+            next[i] = where_positive(next[i] - MOST_PSI, MOST_PSI, next[i]);
+            next[i] = where_positive(-MOST_PSI - next[i], -MOST_PSI, next[i]);
+            const Lanes change = absolute(next[i] - psi[i]);
+            for (int lane = 0; lane < LANES; ++lane) still = still && !(change[lane] > SAME_PSI);
+        }
+        psi = next;
+        if (still) break;
+    }
+    for (int i = 0; i < PANEL_NODES; ++i) {
+        SineCosine half = sine_and_cosine(0.5 * psi[i]);
+        hinge.sine[first + i] = -2.0 * half.sine * half.cosine;
+        hinge.cosine[first + i] = 1.0 - 2.0 * half.sine * half.sine;
+        hinge.slope[first + i] = nodes.flexibility(first + i) * moment[i];
+    }
+    return {psi[0], moment[0]};
+}
+
+// The same of an antenna that is not uniform.
+void elastica_hinge(const Loads& loads, const Uneven& nodes, HingeAt<MOST_NODES>& hinge) {
+    Lanes force = loads.push_per_m2 / sine_and_cosine(loads.friction_rad).cosine;
+    Pendulum at = {};
+    for (int first = nodes.inner() - PANEL_NODES; first >= 0; first -= PANEL_NODES)
+        at = hinge_of_part(nodes, first, force, loads.friction_rad, at, hinge);
+    for (int node = nodes.inner(); node < nodes.count(); ++node) {
+        hinge.sine[node] = hinge.slope[node] = Lanes{};
+        hinge.cosine[node] = spread(1.0);
+    }
+}
+
 // The sections turned about their own axes until the clamp's turn to the contact's axes has no roll in it.
-void roll_out(Work& work, ClampTurn clamp) {
-    Vectors seen = seen_from_contact(work.field, clamp);
+template <int COUNT>
+void roll_out(Work<COUNT>& work, int count, ClampTurn clamp) {
+    Vectors seen = seen_from_contact(work.field[0], clamp);
     Lanes roll = work.hinge.sine[0] / (1.0 + work.hinge.cosine[0]) * seen.y - seen.x;
-    for (Vectors& g : work.field) g.x += roll;
+    for (int node = 0; node < count; ++node) work.field[node].x += roll;
 }
 
 // Half the turns about y and z of a straight antenna that weight and bow bend a little.
-ClampTurn bent_a_little(const Loads& loads, int node) {
-    Lanes length = loads.length_m;
-    Lanes rest = beyond(loads, node), along = length - rest;
-    Lanes by_weight = (length * length * length - rest * rest * rest) / 6.0;
+template <class Nodes>
+ClampTurn bent_a_little(const Loads& loads, const Nodes& nodes, int node) {
+    Lanes along = nodes.along(node), by_weight = nodes.weighed(node);
     return {0.5 * (along * loads.bow_y_per_m - by_weight * loads.weight_per_m3.z),
             0.5 * (along * loads.bow_z_per_m + by_weight * loads.weight_per_m3.y)};
 }
 
 // The turns of a straight antenna that weight, bow and its clamp's give bend a little.
-ClampTurn first_turns(const Loads& loads, Work& work) {
-    ClampTurn contact = bent_a_little(loads, INNER_NODES - 1);
-    for (int node = 0; node < NODES; ++node) {
-        ClampTurn here = bent_a_little(loads, node);
+template <class Nodes>
+ClampTurn first_turns(const Loads& loads, const Nodes& nodes, Work<Nodes::MOST>& work) {
+    ClampTurn contact = bent_a_little(loads, nodes, nodes.inner() - 1);
+    for (int node = 0; node < nodes.count(); ++node) {
+        ClampTurn here = bent_a_little(loads, nodes, node);
         work.field[node] = {-work.hinge.sine[node] * contact.y, here.y - work.hinge.cosine[node] * contact.y,
                             here.z - contact.z};
     }
-    Lanes half_give = 0.5 * loads.give_m, half_square = 0.5 * loads.length_m * loads.length_m;
+    Lanes half_give = 0.5 * loads.give_m, half_square = nodes.weighed_at_clamp();
     ClampTurn clamp = {-half_give * (half_square * loads.weight_per_m3.z),
                        half_give * (half_square * loads.weight_per_m3.y + loads.contact_m * loads.push_per_m2)};
-    roll_out(work, clamp);
+    roll_out(work, nodes.count(), clamp);
     return clamp;
 }
 
 // The moments of the present turns; writes τ, t and M.
-State state_of(const Loads& loads, Work& work, ClampTurn clamp, Field& tangents) {
-    const Hinge& hinge = work.hinge;
-    Vectors seen = seen_from_contact(work.field, clamp);
+template <class Nodes>
+State state_of(const Loads& loads, const Nodes& nodes, Work<Nodes::MOST>& work, ClampTurn clamp,
+               std::array<Vectors, Nodes::MOST>& tangents) {
+    const auto& hinge = work.hinge;
+    Vectors seen = seen_from_contact(work.field[0], clamp);
     Vectors weight = hinged(hinge, 0, turned(seen, loads.weight_per_m3));
     SineCosine friction = sine_and_cosine(loads.friction_rad);
     Vectors force = {-loads.push_per_m2 * (friction.sine / friction.cosine), loads.push_per_m2, Lanes{}};
     if (loads.dead)
         force = hinged(hinge, 0, turned(seen, Vectors{loads.dead_along_per_m2, loads.push_per_m2, Lanes{}}));
-    for (int node = 0; node < NODES; ++node) {
+    for (int node = 0; node < nodes.count(); ++node) {
         work.local[node] = turned_x(work.field[node]);
         tangents[node] = hinged(hinge, node, work.local[node]);
-        Vectors internal = beyond(loads, node) * weight;
-        if (node < INNER_NODES) internal = internal + force;
-        work.integrand[node] = side(loads, node) * cross(tangents[node], internal);
+        Vectors internal = nodes.beyond(node) * weight;
+        if (node < nodes.inner()) internal = internal + force;
+        work.integrand[node] = nodes.side(node) * cross(tangents[node], internal);
     }
-    const NodeTables& tables = node_tables();
-    Field& moments = work.moments;
-    integrated(tables.outer_from_tip, &work.integrand[INNER_NODES], Vectors{}, into(&moments[INNER_NODES]));
-    // the first node beyond the contact is the contact itself
-    integrated(tables.inner_from_tip, work.integrand.data(), moments[INNER_NODES], into(moments.data()));
+    nodes.from_tip(work.integrand.data(), work.moments.data());
     return {seen, force};
 }
 
@@ -186,40 +341,102 @@ Vectors rate(const Loads& loads, Vectors g, Vectors local, Vectors m, Lanes curv
 }
 
 // The turns under the moments of the present ones: writes g, gives the clamp's.
-ClampTurn swept(const Loads& loads, Work& work, Vectors seen) {
-    const Hinge& hinge = work.hinge;
+template <class Nodes>
+ClampTurn swept(const Loads& loads, const Nodes& nodes, Work<Nodes::MOST>& work, Vectors seen) {
+    const auto& hinge = work.hinge;
     Vectors at_clamp = turned(-seen, hinged_back(hinge, 0, work.moments[0]));
     Lanes half_give = 0.5 * loads.give_m;
-    for (int node = 0; node < NODES; ++node) {
+    for (int node = 0; node < nodes.count(); ++node) {
         Vectors m = hinged_back(hinge, node, work.moments[node]);
+        if constexpr (!Nodes::UNIFORM) m = nodes.flexibility(node) * m;
         Vectors change = rate(loads, work.field[node], work.local[node], m, hinge.slope[node]);
-        work.integrand[node] = 0.5 * side(loads, node) * change;
+        work.integrand[node] = 0.5 * nodes.side(node) * change;
     }
-    const NodeTables& tables = node_tables();
-    Field& field = work.field;
-    Vectors at_contact = {field[INNER_NODES - 1].x, Lanes{}, Lanes{}};
-    integrated(tables.inner_from_contact, work.integrand.data(), at_contact, into(field.data()));
-    integrated(tables.outer_from_contact, &work.integrand[INNER_NODES], at_contact, into(&field[INNER_NODES]));
+    Vectors at_contact = {work.field[nodes.inner() - 1].x, Lanes{}, Lanes{}};
+    nodes.from_contact(work.integrand.data(), at_contact, work.field.data());
     ClampTurn clamp = {half_give * at_clamp.y, half_give * at_clamp.z};
-    roll_out(work, clamp);
+    roll_out(work, nodes.count(), clamp);
     return clamp;
 }
 
-}  // namespace
-
-Equilibrium equilibrium(const Loads& loads, int sweeps, Field& tangents) {
-    Work work;
-    elastica_hinge(loads, work.hinge);
-    ClampTurn clamp = first_turns(loads, work);
-    State state = state_of(loads, work, clamp, tangents);
+template <class Nodes>
+Equilibrium found_by_sweeps(const Loads& loads, const Nodes& nodes, int sweeps,
+                            std::array<Vectors, Nodes::MOST>& tangents) {
+    Work<Nodes::MOST> work;
+    elastica_hinge(loads, nodes, work.hinge);
+    ClampTurn clamp = first_turns(loads, nodes, work);
+    State state = state_of(loads, nodes, work, clamp, tangents);
     for (int sweep = 0; sweep < sweeps; ++sweep) {
-        clamp = swept(loads, work, state.seen);
-        state = state_of(loads, work, clamp, tangents);
+        clamp = swept(loads, nodes, work, state.seen);
+        state = state_of(loads, nodes, work, clamp, tangents);
     }
     Lanes sine = work.hinge.sine[0], cosine = work.hinge.cosine[0];
     Vectors x_axis = turned(-state.seen, Vectors{cosine, -sine, Lanes{}});
     Vectors y_axis = turned(-state.seen, Vectors{sine, cosine, Lanes{}});
     return {{x_axis, y_axis, cross(x_axis, y_axis)}, state.force, work.moments[0]};
+}
+
+}  // namespace
+
+Equilibrium equilibrium(const Loads& loads, int sweeps, Field& tangents) {
+    return found_by_sweeps(loads, Even(loads), sweeps, tangents);
+}
+
+Equilibrium equilibrium(const Loads& loads, const PanelNodes& nodes, int sweeps, PanelField& tangents) {
+    return found_by_sweeps(loads, Uneven(nodes), sweeps, tangents);
+}
+
+PanelNodes panel_nodes(const Taper& taper, Lanes contact_m, double length_m) {
+    PanelNodes nodes;
+    nodes.count = 0;
+    // what is not a number in the second is none
+    const auto nearer = [](Lanes a, Lanes b) { return where_positive(b - a, a, b); };
+    const auto farther = [](Lanes a, Lanes b) { return where_positive(a - b, a, b); };
+    const auto add = [&](int k, Lanes start, Lanes end, bool always) {
+        const Lanes width = end - start;
+        bool empty = true;
+        for (int lane = 0; lane < LANES; ++lane) empty = empty && width[lane] == 0.0;
+        if (!empty || always) nodes.parts[nodes.count++] = {k, start, width};
+    };
+    for (int k = 0; k < taper.count; ++k) {
+        const Lanes start = spread(taper.panels[k].start * length_m), end = spread(taper.panels[k].end * length_m);
+        add(k, nearer(start, contact_m), nearer(end, contact_m), k == 0);
+    }
+    nodes.inner = nodes.count;
+    for (int k = 0; k < taper.count; ++k) {
+        const Lanes start = spread(taper.panels[k].start * length_m), end = spread(taper.panels[k].end * length_m);
+        add(k, farther(start, contact_m), farther(end, contact_m), k == taper.count - 1);
+    }
+    for (int p = 0; p < nodes.count; ++p) {
+        const Part& part = nodes.parts[p];
+        const Panel& panel = taper.panels[part.panel];
+        for (int i = 0; i < PANEL_NODES; ++i) {
+            Lanes place = (part.start_m + node_tables().panel[i] * part.width_m) / length_m;
+            place = farther(nearer(place, spread(panel.end)), spread(panel.start));
+            nodes.flexibility[p * PANEL_NODES + i] = flexibility(panel, place);
+            nodes.weight[p * PANEL_NODES + i] = weight_at(panel, place);
+        }
+    }
+    std::array<Lanes, PANEL_NODES> integrand;
+    Lanes beyond = {}, weighed = {};
+    for (int first = (nodes.count - 1) * PANEL_NODES; first >= 0; first -= PANEL_NODES) {
+        const Lanes width = nodes.parts[first / PANEL_NODES].width_m;
+        for (int i = 0; i < PANEL_NODES; ++i) integrand[i] = width * nodes.weight[first + i];
+        to_end(integrand.data(), beyond, &nodes.beyond_m[first]);
+        for (int i = 0; i < PANEL_NODES; ++i) integrand[i] = width * nodes.beyond_m[first + i];
+        to_end(integrand.data(), weighed, &nodes.weighed_m2[first]);
+        beyond = nodes.beyond_m[first];
+        weighed = nodes.weighed_m2[first];
+    }
+    Lanes bent = {};
+    for (int first = 0; first < nodes.count * PANEL_NODES; first += PANEL_NODES) {
+        const Lanes width = nodes.parts[first / PANEL_NODES].width_m;
+        for (int i = 0; i < PANEL_NODES; ++i)
+            integrand[i] = width * nodes.flexibility[first + i] * nodes.weighed_m2[first + i];
+        from_start(integrand.data(), bent, &nodes.weighed_m3[first]);
+        bent = nodes.weighed_m3[first + PANEL_NODES - 1];
+    }
+    return nodes;
 }
 
 }  // namespace vbaa::antenna

@@ -5,7 +5,9 @@
 #include <string>
 
 #include "lens_bindings.hpp"
+#include "rod.hpp"
 #include "solver/convergence.hpp"
+#include "solver/initialization.hpp"
 #include "solver/ladder.hpp"
 #include "solver/linearised.hpp"
 #include "solver/motion.hpp"
@@ -55,6 +57,8 @@ Rig rig_of(nb::handle object, const lens::Lens& lens) {
                 rig.pose_lanes, "by_pose_step", rig.by_pose_step, "rotation", rig.rotation, "translation_m",
                 rig.translation_m, "gain", rig.gain, "offset", rig.offset, "std", rig.std, "to_camera", rig.to_camera,
                 "eye_m", rig.eye_m);
+    rig.taper = read_taper(attribute<const double, 2>(object, "taper"));
+    rig.unit_deflection = solver::unit_deflections(rig.taper);
     const ConstMatrix axes = attribute<const double, 2>(object, "axes");
     const int parameters = solver::POSES + solver::ANTENNA + 2 + (rig.with_lens ? lens.parameters() : 0);
     require(axes.shape[0] == parameters + rig.with_tip, "axes are not those of the rig's parameters");

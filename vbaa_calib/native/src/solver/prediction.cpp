@@ -20,7 +20,11 @@ double moment_about_z(const Rig& rig, const Frame& frame, const Bent& bent, int 
     const double inner = 0.5 * contact / CONTACT, outer = 0.5 * (rig.length_m - contact) / NODES_BEYOND;
     double centre_x = 0.0, centre_y = 0.0;
     for (int j = 0; j < LAST; ++j) {
-        const double half_width = j < CONTACT ? inner : outer;
+        double half_width = j < CONTACT ? inner : outer;
+        if (rig.taper) {
+            const double past = j < CONTACT ? 0.0 : j - CONTACT, middle = 2.0 * (j - past) * inner + 2.0 * past * outer;
+            half_width *= antenna::weight_at(rig.taper, (middle + half_width) / rig.length_m);
+        }
         centre_x += half_width * (x[j][lane] + x[j + 1][lane]);
         centre_y += half_width * (y[j][lane] + y[j + 1][lane]);
     }
@@ -106,7 +110,7 @@ void lay(const Rig& rig, Bent& bent, const Unknowns& unknowns) {
 
 void bend_and_see(const Rig& rig, const Frame& frame, int rung, Bent& bent, bool with_tangents) {
     const Cube tangents(bent.tangents[0], {3, with_tangents ? WIDE_NODES / LANES : 0, LANES});
-    antenna::bend_lanes(rung, view(bent.parameters), rig.length_m, frame.gravity_m_s2, view(bent.contact_m),
+    antenna::bend_lanes(rung, view(bent.parameters), rig.length_m, rig.taper, frame.gravity_m_s2, view(bent.contact_m),
                         view(bent.push_N), view(bent.friction_rad), view(bent.points_m), tangents, view(bent.force_N),
                         view(bent.moment_Nm));
     const auto& turn = rig.rotation;
