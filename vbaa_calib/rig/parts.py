@@ -58,8 +58,8 @@ class Tip:
 
 @dataclass(frozen=True, eq=False)
 class Antenna:
-    """The antenna as calibrated: `parameters` (9,) in the order of `antenna.shape.PARAMETERS`. Diameter, EI and mass per
-    length are the clamp's; `profile`, m, and `stiffness_profile`, in any unit, say how they change along it."""
+    """The antenna as calibrated: `parameters` (9,) in the order of `antenna.shape.PARAMETERS`. Diameter, EI and mass
+    per length are the clamp's; `profile`, m, and `stiffness_profile`, in any unit, say how they change along it."""
 
     length_m: float
     diameter_m: float
