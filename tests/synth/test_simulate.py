@@ -175,7 +175,7 @@ def test_centrelines_stand_in_for_the_recordings_pictures(written: Path, tmp_pat
 
 
 def test_every_bundled_scene_can_be_carried_out() -> None:
-    assert bundled_names() == ["demo", "steep_sphere", "upright_knife"]
+    assert bundled_names() == ["cone", "demo", "steep_sphere", "upright_knife"]
     for name in bundled_names():
         scene, planned = _bundled(name)
         frames = planned.truth["frames"]
