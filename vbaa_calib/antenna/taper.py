@@ -140,3 +140,13 @@ def profiles_to_dict(antenna: Any) -> dict[str, Any]:
     """The keys `profile` and `stiffness_profile` of an antenna in session.yaml or rig.json, as far as it has them."""
     profiles = {name: getattr(antenna, name) for name in ("profile", "stiffness_profile")}
     return {name: [list(row) for row in rows] for name, rows in profiles.items() if rows is not None}
+
+
+def thinned_profiles(antenna: Any, log_tip: float) -> tuple[Profile | None, Profile | None]:
+    """The profiles of an antenna in session.yaml with the tip's diameter changed as `Taper.thinned` does."""
+    powers = (1.0, 4.0)
+    tables = (antenna.profile, antenna.stiffness_profile)
+    return tuple(  # type: ignore[return-value]
+        rows and tuple((s, value * float(np.exp(power * log_tip * s / antenna.length_m))) for s, value in rows)
+        for rows, power in zip(tables, powers, strict=True)
+    )

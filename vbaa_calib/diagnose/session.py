@@ -589,13 +589,17 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
         # beyond the loads hardly anything bends it
         clamp, half = np.clip([1.0 - fit.values[0] + fit.values[1], 1.0 - 0.5 * fit.values[1]], 0.05, None)
         side, ratio = "softer" if half > clamp else "stiffer", max(half / clamp, clamp / half)
-        return Diagnosis(
-            "stiffness_varies",
-            f"the antenna is about {ratio:.1f} times {side} half way to its tip than at its clamp: tapered, or of two "
-            "materials",
-            "use a whisker of one diameter and material: contacts are solved for one EI all along",
-            "wrong" if ratio > 1.3 else "doubt",
-        )
+        words = f"the antenna is about {ratio:.1f} times {side} half way to its tip than"
+        if witness.problem.prior.taper:
+            words += " its profile says"
+            remedy = "measure its diameters again and correct antenna.profile, or give antenna.stiffness_profile"
+        else:
+            words += " at its clamp: tapered, or of two materials"
+            remedy = (
+                "measure its diameters from clamp to tip and give them as antenna.profile (of two materials: "
+                "antenna.stiffness_profile), or use a whisker of one diameter and material"
+            )
+        return Diagnosis("stiffness_varies", words, remedy, "wrong" if ratio > 1.3 else "doubt")
 
     yield Mistake(
         lambda problem, v: replace(problem, uneven=_uneven(problem, [0, *v])),

@@ -93,6 +93,7 @@ POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
 GAIN, OFFSET = ANTENNA.stop, ANTENNA.stop + 1
 _BENT = 1 + len(PARAMETERS)  # curves in each still: the antenna, and one a step further along each of its parameters
 RIG = len(RIG_PARAMETERS)
+_TAPER_STEP = 0.01  # of the taper's error, in its deviations
 _INSIDE = 1.0 - 1e-5  # part of the length beyond which a load counts as on the tip
 
 
@@ -113,7 +114,8 @@ class Evaluation(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Problem:
     """All residuals, for parameters (17 + P + K + L,): `RIG_PARAMETERS`, steps along `lens_axes`, errors of the loads'
-    readings in deviations, errors that the lines of all pictures share in deviations.
+    readings and (one of the K, where it has a deviation) of the antenna's taper in deviations, errors that the lines of
+    all pictures share in deviations.
     """
 
     observations: Sequence[Observation]  # F, with the loads as the parameters had them at the last `relinearised`
@@ -132,6 +134,7 @@ class Problem:
     # (3,) logarithm of the compliance to z over that to y, and how it changes along the antenna: see `_unevenly_bent`
     uneven: np.ndarray | None = None
     places: np.ndarray | None = None  # (N,) of every picture's points along its line, −1 to 1; None: evenly
+    thinner: float = 0.0  # error of the taper, in deviations, with which shapes are bent
     # as `line_axes` gives them, where they are known
     known_axes: list[tuple[np.ndarray, np.ndarray]] | None = None
 
@@ -190,7 +193,16 @@ class Problem:
     def light(self) -> slice:
         """Where the errors that all lines share are among the parameters, the last ones."""
         shared = self.prior.drift.light_px > 0.0 or self.prior.drift.lock_px > 0.0
-        return slice(self.readings.stop, self.readings.stop + LINE_MODES * shared)
+        return slice(self.taper.stop, self.taper.stop + LINE_MODES * shared)
+
+    @property
+    def taper(self) -> slice:
+        """Where the error of the antenna's taper is among the parameters, if it has one."""
+        return slice(self.readings.stop, self.readings.stop + (self.prior.log_tip_std > 0.0))
+
+    def log_tip(self, parameters: np.ndarray) -> float:
+        """Logarithm of the tip's diameter over the stated one."""
+        return self.prior.log_tip_std * float(parameters[self.taper].sum())
 
     def relinearised(self, parameters: np.ndarray) -> Problem:
         """With points seen through the lens, and loads, of these parameters.
@@ -244,7 +256,7 @@ class Problem:
             self.length_m,
             changes=self.changes,
             uneven=self.uneven,
-            taper=self.prior.taper,
+            taper=self.prior.taper.thinned(self.prior.log_tip_std * self.thinner),
         )
 
     def evaluate(self, parameters: np.ndarray) -> Evaluation:
@@ -275,6 +287,11 @@ class Problem:
             moments = np.hstack([moments, [rows[-1] for rows in by_readings]])
             by_own = here.tips_by_load(parameters, ends) if ends else {}
             tips = {i: np.hstack([row, self.groups.columns(i, *by_own[i].T)]) for i, row in tips.items()}
+        if self.prior.log_tip_std > 0.0:
+            by_taper, by_end = here._by_taper(parameters, blocks, moments[:, 0], seen, ends, tips)
+            blocks = [np.hstack([block, rows[:-1]]) for block, rows in zip(blocks, by_taper, strict=True)]
+            moments = np.hstack([moments, [rows[-1] for rows in by_taper]])
+            tips = {index: np.hstack([row, by_end[index]]) for index, row in tips.items()}
         if len(light := parameters[self.light]):
             by_light = map(self.light_modes, range(len(blocks)))
             pairs = zip(blocks, by_light, strict=True)
@@ -298,6 +315,8 @@ class Problem:
     def _loaded(self, parameters: np.ndarray) -> Problem:
         """With the loads as the parameters have them."""
         errors = parameters[self.readings] - self.readings_at
+        if self.thinner != (thinner := float(parameters[self.taper].sum())):
+            return replace(self, thinner=thinner)._loaded(parameters)
         if not errors.any():
             return self
         stills = self.groups.corrected([one.still for one in self.observations], errors)
@@ -311,6 +330,26 @@ class Problem:
         projected, three = image_curves(curves, view), [slice(3 * index, 3 * index + 3) for index in range(len(seen))]
         every = [whitened_residuals(one, projected.picked(own)) for one, own in zip(seen, three, strict=True)]
         return [_by_step(np.vstack([one, curves.moment_Nm[own]])) for one, own in zip(every, three, strict=True)]
+
+    def _by_taper(
+        self,
+        parameters: np.ndarray,
+        blocks: Sequence[np.ndarray],
+        moments_Nm: np.ndarray,
+        seen: Sequence[SeenPoints],
+        ends: Mapping[int, SeenPoints],
+        tips: Mapping[int, np.ndarray],
+    ) -> tuple[list[np.ndarray], dict[int, np.ndarray]]:
+        """Per observation (N + 1, 1) slopes of the whitened distances and of the moment by the taper's error, and
+        (1, 1) of the antenna's end along it, from what they are without more of it."""
+        curves = replace(self, thinner=self.thinner + _TAPER_STEP).curves(parameters[None, ANTENNA])
+        images, found = image_curves(curves, self.pose(parameters).inverse()), []
+        own = [images.picked(slice(index, index + 1)) for index in range(len(seen))]
+        for points, image, block, before, after in zip(seen, own, blocks, moments_Nm, curves.moment_Nm, strict=True):
+            moved = np.append(whitened_residuals(points, image)[:, 0] - block[:, 0], after - before)
+            found.append(moved[:, None] / _TAPER_STEP)
+        along = {index: whitened_along(end, own[index])[0] - tips[index][:, :1] for index, end in ends.items()}
+        return found, {index: moved / _TAPER_STEP for index, moved in along.items()}
 
     def _modes(self, index: int) -> np.ndarray:
         """(N, 3) how an observation's whitened distances move with offset, slope and curvature of its line, per px."""
@@ -443,7 +482,7 @@ class Problem:
         """(F, 17 + P + K + L) of the predicted readings by the parameters, from an `Evaluation`'s moments."""
         rows = np.zeros((len(moments), len(parameters)))
         rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:_BENT] - moments[:, :1]) / RIG_STEPS[6:]
-        rows[:, self.readings] = parameters[GAIN] * moments[:, _BENT:]
+        rows[:, self.readings.start : self.taper.stop] = parameters[GAIN] * moments[:, _BENT:]
         rows[:, GAIN], rows[:, OFFSET] = moments[:, 0], 1.0
         return rows
 

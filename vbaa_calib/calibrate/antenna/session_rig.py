@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vbaa_calib.antenna.shape import bend
+from vbaa_calib.antenna.taper import thinned_profiles
 from vbaa_calib.calibrate.pose.board_pose import require_size
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate, fused
 from vbaa_calib.camera import Camera
@@ -303,6 +304,7 @@ def prior(
         tip_std_m=antenna.tip_std_m,
         drift=Drift() if drift is None else drift,
         taper=antenna.taper,
+        log_tip_std=antenna.log_tip_std,
     )
 
 
@@ -337,8 +339,7 @@ def make_rig(
             session.antenna.length_m,
             session.antenna.diameter_m,
             joint.parameters[ANTENNA],
-            session.antenna.profile,
-            session.antenna.stiffness_profile,
+            *thinned_profiles(session.antenna, joint.log_tip),
         ),
         moment_sensor=sensor,
         kinematics=kinematics,
