@@ -230,7 +230,7 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "profile.shapes": (4.0, 0.8, 11),
         "profile.fit": (core.profile.expected(4.0, 0.8, 11), found, np.zeros(len(found.along))),
         "profile.stiffened": (path,),
-        "profile.measured": (image, path, 4.0, 9, 1, 0.6, core.profile.shapes(4.0, 0.8, 11)),
+        "profile.measured": (image, path, 4.0, 9, 1, -0.5, 0.6, core.profile.shapes(4.0, 0.8, 11)),
         "profile.measured_ribbon": (colour, path, 4.0, 0.8, 9, RibbonSettings()),
         "profile.shades": (4.0, 0.8, 11),
         "profile.normal_equations": (found, np.zeros(len(found.along)), 4.0, 0.8, _a(len(found.along), 4), 11),

@@ -195,7 +195,8 @@ def _drawn(rig: Rig) -> Iterator[tuple[Frame, np.ndarray]]:
         pull = gravity(rig, still)[None]
         curve = bend(antenna.parameters[None], antenna.length_m, pull, contact_m, force, taper=antenna.taper)
         line = pixels(rig.camera, T_camera_antenna, curve.points_m[0])
-        thick = max(1, round(width_px(rig.camera, T_camera_antenna, curve.points_m[0], antenna.diameter_m)))
+        middle_m = antenna.diameter_m * antenna.taper.middle
+        thick = max(1, round(width_px(rig.camera, T_camera_antenna, curve.points_m[0], middle_m)))
         ink = np.zeros(noise.shape, np.uint8)
         cv2.polylines(ink, [np.rint(16.0 * line).astype(np.int32)], False, 255, thick, cv2.LINE_AA, 4)
         drawn = noise + height / 255.0 * cv2.GaussianBlur(ink, (0, 0), 0.7)

@@ -63,6 +63,11 @@ class Taper:
         """Relative diameter (N,) at places (N,) in antenna lengths."""
         return self._between(place, 2)
 
+    @property
+    def middle(self) -> float:
+        """Relative diameter half way."""
+        return float(self.diameter(np.array([0.5]))[0])
+
     def stiffness(self, place: np.ndarray) -> np.ndarray:
         """Relative EI (N,) at places (N,) in antenna lengths."""
         power = self.pieces[self._piece(place), 6] if self else 1.0

@@ -585,10 +585,9 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
         lambda problem, v: replace(problem, uneven=_uneven(problem, [v[0], 0, 0])), uneven, (s.uneven,), s.rare
     )
 
-    def varies(fit: RigFit) -> Diagnosis:
-        # beyond the loads hardly anything bends it
-        clamp, half = np.clip([1.0 - fit.values[0] + fit.values[1], 1.0 - 0.5 * fit.values[1]], 0.05, None)
-        side, ratio = "softer" if half > clamp else "stiffer", max(half / clamp, clamp / half)
+    def changes(softer: float) -> Diagnosis:
+        """softer : half way to its tip than at its clamp."""
+        side, ratio = "softer" if softer > 1.0 else "stiffer", max(softer, 1.0 / softer)
         words = f"the antenna is about {ratio:.1f} times {side} half way to its tip than"
         if witness.problem.prior.taper:
             words += " its profile says"
@@ -600,6 +599,23 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
                 "antenna.stiffness_profile), or use a whisker of one diameter and material"
             )
         return Diagnosis("stiffness_varies", words, remedy, "wrong" if ratio > 1.3 else "doubt")
+
+    def varies(fit: RigFit) -> Diagnosis:
+        # beyond the loads hardly anything bends it
+        clamp, half = np.clip([1.0 - fit.values[0] + fit.values[1], 1.0 - 0.5 * fit.values[1]], 0.05, None)
+        return changes(half / clamp)
+
+    def thinned(problem: Problem, v: np.ndarray) -> Problem:
+        log_tip = float(np.clip(v[0], -s.thinnest, s.thinnest))
+        return replace(problem, prior=replace(problem.prior, taper=problem.prior.taper.thinned(log_tip)))
+
+    yield Mistake(
+        thinned,
+        lambda fit: changes((0.5 + 0.5 * float(np.exp(fit.values[0]))) ** -4),
+        (s.cone,),
+        s.rare,
+        within=lambda fit: bool(abs(fit.values[0]) < s.thinnest),
+    )
 
     yield Mistake(
         lambda problem, v: replace(problem, uneven=_uneven(problem, [0, *v])),

@@ -134,7 +134,9 @@ class ExpectedAntenna:
     def _aside(self, seen: Observation) -> tuple[np.ndarray, np.ndarray]:
         """Where points (N,) of a free antenna lie along and beside the expected one, in lengths of its picture."""
         free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2, self.antenna.taper)
-        where = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m)
+        where = corridor(
+            self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m, taper=self.antenna.taper
+        )
         along, aside = where.aside(seen.points_px)
         length = arc_lengths(where.axis_px)[-1]
         return along / length, aside / length
@@ -170,7 +172,9 @@ class ExpectedAntenna:
                 # the stiffness may be anything within a factor of two
                 aside += float(np.linalg.norm(shape.points_m[0, -1] - free)) / length / 3.0
             reach = min(deviations * aside, REACH_PER_LENGTH)
-        path = corridor(self.camera, self.T_antenna_camera.inverse(), shape, self.antenna.diameter_m, reach)
+        path = corridor(
+            self.camera, self.T_antenna_camera.inverse(), shape, self.antenna.diameter_m, reach, self.antenna.taper
+        )
         if len(path.axis_px) > 1:
             along = arc_lengths(path.axis_px)
             assert path.free is not None

@@ -45,13 +45,23 @@ def width_px(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray, diame
 
 
 def corridor(
-    camera: Camera, T_camera_antenna: Pose, free: Curves, diameter_m: float, reach: float = REACH_PER_LENGTH
+    camera: Camera,
+    T_camera_antenna: Pose,
+    free: Curves,
+    diameter_m: float,
+    reach: float = REACH_PER_LENGTH,
+    taper: Taper = UNIFORM,
 ) -> Corridor:
-    """Where in the picture an antenna may be whose free shape is known: by `reach` of the way from the clamp aside."""
+    """Where in the picture an antenna may be whose free shape is known: by `reach` of the way from the clamp aside.
+
+    diameter_m : at its clamp, from where it changes by the taper.
+    """
     points = free.points_m[0]
     axis, shape = pixels(camera, T_camera_antenna, points), FreeShape.of(camera, T_camera_antenna @ points)
-    width = width_px(camera, T_camera_antenna, points, diameter_m)
-    return Corridor(axis, CLAMP_REACH_PX + reach * arc_lengths(axis), width, free=shape)
+    width = width_px(camera, T_camera_antenna, points, diameter_m * taper.middle)
+    thick, thin = taper.diameter(np.array([0.0, 1.0]))
+    broader = float((thin - thick) / (0.5 * (thin + thick)))
+    return Corridor(axis, CLAMP_REACH_PX + reach * arc_lengths(axis), width, free=shape, taper=broader)
 
 
 def finder(where: Corridor, camera: Camera, alike: AntennaFinder | None = None) -> AntennaFinder | None:
