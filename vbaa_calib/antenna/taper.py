@@ -83,11 +83,18 @@ class Taper:
 
     def yielding(self, place: np.ndarray) -> np.ndarray:
         """How far a force at each place (N,) moves the antenna there, over a uniform one; small deflections."""
+        return self._softened(place, 2)
+
+    def turning(self, place: np.ndarray) -> np.ndarray:
+        """As `yielding`, how far it turns the antenna there."""
+        return self._softened(place, 1)
+
+    def _softened(self, place: np.ndarray, power: int) -> np.ndarray:
         if not self:
             return np.ones(np.shape(place))
         share = (np.arange(_PARTS) + 0.5) / _PARTS
-        softer = 1.0 / self.stiffness(share * np.asarray(place, float)[:, None])
-        return np.asarray((3.0 * softer * (1.0 - share) ** 2).mean(axis=1))
+        softer = 1.0 / self.stiffness(share * np.asarray(place, float)[..., None])
+        return np.asarray(((1 + power) * softer * (1.0 - share) ** power).mean(axis=-1))
 
     def _piece(self, place: np.ndarray) -> np.ndarray:
         return np.clip(np.searchsorted(self.pieces[:, 0], place, side="right") - 1, 0, len(self.pieces) - 1)

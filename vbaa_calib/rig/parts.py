@@ -81,6 +81,18 @@ class Antenna:
         """How the antenna changes from its clamp to its tip."""
         return Taper.of(self.profile, self.stiffness_profile, self.length_m)
 
+    def radius_at(self, distance_m: np.ndarray) -> np.ndarray:
+        """Half its diameter at arc lengths."""
+        return 0.5 * self.diameter_m * self.taper.diameter(distance_m / self.length_m)
+
+    @property
+    def thickness(self) -> str:
+        """Its diameter in words."""
+        thick, thin = 2e3 * self.radius_at(np.array([0.0, self.length_m]))
+        stiffness = float(self.taper.stiffness(np.ones(1))[0])
+        words = f"{thick:.2f} mm"
+        return f"{words} (at the tip {thin:.2f} mm and {stiffness:.2g} of EI)" if self.taper else words
+
     @property
     def stiffness_Nm2(self) -> float:
         """EI, at the clamp."""

@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     table = read_contacts(args.contacts)
     if not table.located.any():
         raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
-    radius, shared = 0.0, None
+    rig, shared = None, None
     if args.rig is None:
         say(
             "without --rig the antenna's radius is not known: the surface runs through the antenna's centreline; and "
@@ -40,8 +40,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         from vbaa_calib.cli.usable_rig import usable_rig
 
         rig = usable_rig(args.rig)
-        radius, shared = rig.antenna.diameter_m / 2, shared_errors(rig, table)
-    surface = reconstruct(touches_of(table, shared), radius)
+        shared = shared_errors(rig, table)
+    touches = touches_of(table, shared)
+    surface = reconstruct(touches, 0.0 if rig is None else rig.antenna.radius_at(touches.distance_m))
     write_object(surface, args.output, force=args.force)
     patches, soft = int(surface.patch.max()) + 1, surface.compliance
     say(
