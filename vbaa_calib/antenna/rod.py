@@ -24,7 +24,6 @@ from vbaa_calib.native import core
 
 from .taper import UNIFORM, Taper
 
-_MOST_TURN_RAD = 3.0  # of the tip of a rod that is not uniform
 STEPS_PER_SEGMENT: int = core.antenna.STEPS_PER_SEGMENT
 
 
@@ -159,8 +158,8 @@ def solve_rod(
         start = guess_moment_Nm - np.cross(lever, force + weight)
     # no lever is longer than the arc, so no component of the clamp moment exceeds the load's
     limits = np.stack([load, np.maximum(load, 1e-6 * unit)], axis=1)
-    if rod.taper:  # the tip's turn stands for it
-        start, limits = np.zeros_like(start), np.tile([_MOST_TURN_RAD * unit, unit], (len(load), 1))
+    if rod.taper:  # the tip's turn, of 3 rad at most, stands for it
+        start, limits = np.zeros_like(start), np.tile([3.0 * unit, unit], (len(load), 1))
     loads = np.column_stack([gravity, force, contact])
     nodes, moment, left = core.antenna.solve_rods(rod.numbers, loads, unit, limits, start, STEPS_PER_SEGMENT)
     if not (left <= core.antenna.ROD_TOLERANCE).all():

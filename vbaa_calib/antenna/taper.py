@@ -10,12 +10,17 @@ import numpy as np
 
 from vbaa_calib.core.errors import InputError
 
-Profile = Sequence[tuple[float, float]]
+Profile = tuple[tuple[float, float], ...]
 """Rows of arc length from the clamp, m, and a value there; linear between rows, and two rows at one place a step."""
 
-LARGEST_RATIO = 20.0  # of the thickest diameter to the thinnest
-_MOST_ROWS, _PARTS = 12, 400
-_UNIFORM = np.zeros((0, 7))
+
+@dataclass(frozen=True)
+class _Limits:
+    """What profiles may be."""
+
+    ratio: float = 20.0  # of the thickest diameter to the thinnest
+    rows: int = 12
+    parts: int = 400  # of the antenna, for its small deflections
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,22 +33,24 @@ class Taper:
         follows the diameter, the first where it is known itself. (0, 7) for a uniform antenna.
     """
 
-    pieces: np.ndarray = field(default_factory=lambda: _UNIFORM)
+    pieces: np.ndarray = field(default_factory=lambda: np.zeros((0, 7)))
 
     def __bool__(self) -> bool:
         """Whether the antenna is not uniform."""
         return len(self.pieces) > 0
 
     @staticmethod
-    def of(profile: Profile | None, stiffness_profile: Profile | None, length_m: float) -> Taper:
+    def of(
+        profile: Sequence[Sequence[float]] | None, stiffness_profile: Sequence[Sequence[float]] | None, length_m: float
+    ) -> Taper:
         """Of diameters, m, and EI, in any unit, along an antenna; one alone: the other follows, EI as the diameter's
         fourth power. Raises InputError for what is no profile of an antenna of this length."""
         if profile is None and stiffness_profile is None:
             return Taper()
-        bounds = (LARGEST_RATIO, LARGEST_RATIO**4)
+        names, bounds = ("profile", "stiffness_profile"), (_Limits.ratio, _Limits.ratio**4)
         tables = [
             np.array([[0.0, 1.0], [1.0, 1.0]]) if rows is None else _relative(rows, name, length_m, largest)
-            for rows, name, largest in zip((profile, stiffness_profile), _NAMES, bounds, strict=True)
+            for rows, name, largest in zip((profile, stiffness_profile), names, bounds, strict=True)
         ]
         ends = np.unique(np.concatenate([table[:, 0] for table in tables]))
         sides = [np.column_stack(_both_sides(table, ends)) for table in tables]
@@ -53,6 +60,8 @@ class Taper:
 
     def thinned(self, log_tip: float) -> Taper:
         """With the diameters changed by a factor that grows evenly from 1 at the clamp to exp(log_tip) at the tip."""
+        if log_tip == 0.0:
+            return self
         pieces = self.pieces.copy() if self else np.array([[0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 4.0]])
         factor = np.exp(log_tip * pieces[:, :2])
         pieces[:, 2:4] *= factor
@@ -92,7 +101,7 @@ class Taper:
     def _softened(self, place: np.ndarray, power: int) -> np.ndarray:
         if not self:
             return np.ones(np.shape(place))
-        share = (np.arange(_PARTS) + 0.5) / _PARTS
+        share = (np.arange(_Limits.parts) + 0.5) / _Limits.parts
         softer = 1.0 / self.stiffness(share * np.asarray(place, float)[..., None])
         return np.asarray(((1 + power) * softer * (1.0 - share) ** power).mean(axis=-1))
 
@@ -109,15 +118,14 @@ class Taper:
 
 
 UNIFORM = Taper()
-_NAMES = ("profile", "stiffness_profile")
 
 
-def _relative(rows: Profile, name: str, length_m: float, largest: float) -> np.ndarray:
+def _relative(rows: Sequence[Sequence[float]], name: str, length_m: float, largest: float) -> np.ndarray:
     """(K, 2) of a profile: places in antenna lengths, values over the first. Raises InputError for no profile."""
     what = f"antenna.{name}"
     table = np.array([tuple(row) for row in rows], float)
-    if table.ndim != 2 or not 2 <= len(table) <= _MOST_ROWS or table.shape[1] != 2 or not np.isfinite(table).all():
-        raise InputError(f"{what} is not of 2 to {_MOST_ROWS} rows of two numbers", remedy="give [[s_m, value], …]")
+    if table.ndim != 2 or not 2 <= len(table) <= _Limits.rows or table.shape[1] != 2 or not np.isfinite(table).all():
+        raise InputError(f"{what} is not of 2 to {_Limits.rows} rows of two numbers", remedy="give [[s_m, value], …]")
     s, values = table.T
     if (np.diff(s) < 0.0).any() or (s[2:] == s[:-2]).any():
         raise InputError(f"{what}: places do not grow", remedy="two rows at one place are a step, three nothing")
@@ -156,9 +164,9 @@ def profiles_to_dict(antenna: Any) -> dict[str, Any]:
 
 def thinned_profiles(antenna: Any, log_tip: float) -> tuple[Profile | None, Profile | None]:
     """The profiles of an antenna in session.yaml with the tip's diameter changed as `Taper.thinned` does."""
-    powers = (1.0, 4.0)
-    tables = (antenna.profile, antenna.stiffness_profile)
-    return tuple(  # type: ignore[return-value]
-        rows and tuple((s, value * float(np.exp(power * log_tip * s / antenna.length_m))) for s, value in rows)
-        for rows, power in zip(tables, powers, strict=True)
-    )
+
+    def changed(rows: Profile | None, power: float) -> Profile | None:
+        by_m = power * log_tip / antenna.length_m
+        return None if rows is None else tuple((s, value * float(np.exp(by_m * s))) for s, value in rows)
+
+    return changed(antenna.profile, 1.0), changed(antenna.stiffness_profile, 4.0)

@@ -19,8 +19,6 @@ from .render.object import object_patch, obstacle, pressed_in
 from .render.picture import LAMP_WORLD, Patch, Studio, behind, composed, digitise, expose, surroundings
 from .scene.scene import Joints, OverSpec, Scene, true_rod
 
-_HOLDER_PAINT = 0.07
-
 
 @dataclass(frozen=True, eq=False)
 class Wire:
@@ -59,7 +57,7 @@ def wires_of(scene: Scene, arclength_m: np.ndarray, points_m: np.ndarray) -> lis
         return [antenna]
     s = np.linspace(-length, 0.0, 8)
     points = scene.true.clamp_offset_m + s[:, None] * np.array([1.0, 0.0, 0.0])
-    return [antenna, Wire(s, points, np.full(len(s), radius), _HOLDER_PAINT)]
+    return [antenna, Wire(s, points, np.full(len(s), radius), paint=0.07)]
 
 
 def free_wires(scene: Scene, joints: Joints) -> list[Wire]:

@@ -209,16 +209,14 @@ def _centrelines(scene: Scene, place: Studio, planned: Plan) -> Iterator[dict[st
             yield {"frame": row["frame"]} | pixel | {"sigma_px": _CENTRELINE_STD_PX}
 
 
-_KNOWN = ("length_m", "diameter_m", "youngs_modulus_Pa", "density_kg_m3")
-
-
 def session_yaml(scene: Scene) -> str:
     """session.yaml: what the user of such a rig would know, not what is true of it."""
     antenna, over = scene.antenna, scene.over
+    numbers = ("length_m", "diameter_m", "youngs_modulus_Pa", "density_kg_m3")
     data = {
         "schema": SCHEMA,
         "board": scene.board.to_dict(),
-        "antenna": {name: float(getattr(antenna, name)) for name in _KNOWN} | profiles_to_dict(antenna),
+        "antenna": {name: float(getattr(antenna, name)) for name in numbers} | profiles_to_dict(antenna),
         "jig": {"T_antenna_board": scene.T_antenna_board.to_dict()},
         "kinematics": {
             "T_actuator_antenna": scene.kinematics.T_actuator_antenna.to_dict(),

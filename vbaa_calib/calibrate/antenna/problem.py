@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS, Curves, bend
-from vbaa_calib.antenna.taper import UNIFORM, Taper
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
@@ -35,45 +34,6 @@ from .inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, Prior, 
 _SWEEPS = 4  # of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing
 
 
-def still_curves(
-    observations: Sequence[Observation],
-    antennas: np.ndarray,
-    length_m: float,
-    *,
-    changes: np.ndarray | None = None,
-    uneven: np.ndarray | None = None,
-    loaded: bool = True,
-    taper: Taper = UNIFORM,
-) -> Curves:
-    """Shapes of A antennas (A, 9) in each of F observations, one by one: (F·A) curves.
-
-    changes : (F, 9) by which the antenna differs in each. uneven : see `Problem`. loaded : False takes the loads off,
-    node `CONTACT` stays where they hang.
-    """
-    count, each = len(observations), len(antennas)
-    parameters = np.tile(antennas, (count, 1))
-    if changes is not None:
-        parameters = parameters + np.repeat(changes, each, axis=0)
-    uneven = np.zeros(3) if uneven is None else uneven
-    factor = np.exp(uneven[0] * np.array([-0.5, 0.5]))
-    gravity = np.repeat([one.gravity_m_s2 for one in observations], each, axis=0)
-    load = np.repeat([one.load_N if loaded else np.zeros(2) for one in observations], each, axis=0)
-    contact = [one.still.distance_m if isinstance(one.still, Load) else 0.5 * length_m for one in observations]
-    curves = bend(
-        parameters,
-        length_m,
-        gravity * [1.0, *factor],
-        np.repeat(contact, each),
-        load * factor,
-        dead=True,
-        sweeps=_SWEEPS,
-        taper=taper,
-    )
-    if not uneven.any():
-        return curves
-    return _unevenly_bent(replace(curves, moment_Nm=curves.moment_Nm / factor[1]), parameters, uneven[1:])
-
-
 def _unevenly_bent(curves: Curves, parameters: np.ndarray, profile: np.ndarray) -> Curves:
     """Curves of antennas (B, 9) whose compliance is 1 + `profile` (2,) times the first Legendre polynomials, to first
     order: what bends them stays."""
@@ -93,7 +53,6 @@ POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
 GAIN, OFFSET = ANTENNA.stop, ANTENNA.stop + 1
 _BENT = 1 + len(PARAMETERS)  # curves in each still: the antenna, and one a step further along each of its parameters
 RIG = len(RIG_PARAMETERS)
-_TAPER_STEP = 0.01  # of the taper's error, in its deviations
 _INSIDE = 1.0 - 1e-5  # part of the length beyond which a load counts as on the tip
 
 
@@ -249,15 +208,30 @@ class Problem:
         return [points.with_lens_moved(step) for points in self.seen_at_lens]
 
     def curves(self, antennas: np.ndarray) -> Curves:
-        """`still_curves` of A antennas (A, 9) in its observations."""
-        return still_curves(
-            self.observations,
-            antennas,
+        """Shapes of A antennas (A, 9) in each of F observations, one by one: (F·A) curves."""
+        count, each = len(self.observations), len(antennas)
+        parameters = np.tile(antennas, (count, 1))
+        if self.changes is not None:
+            parameters = parameters + np.repeat(self.changes, each, axis=0)
+        uneven = np.zeros(3) if self.uneven is None else self.uneven
+        factor = np.exp(uneven[0] * np.array([-0.5, 0.5]))
+        gravity = np.repeat([one.gravity_m_s2 for one in self.observations], each, axis=0)
+        load = np.repeat([one.load_N for one in self.observations], each, axis=0)
+        stills = [one.still for one in self.observations]
+        contact = [one.distance_m if isinstance(one, Load) else 0.5 * self.length_m for one in stills]
+        curves = bend(
+            parameters,
             self.length_m,
-            changes=self.changes,
-            uneven=self.uneven,
+            gravity * [1.0, *factor],
+            np.repeat(contact, each),
+            load * factor,
+            dead=True,
+            sweeps=_SWEEPS,
             taper=self.prior.taper.thinned(self.prior.log_tip_std * self.thinner),
         )
+        if not uneven.any():
+            return curves
+        return _unevenly_bent(replace(curves, moment_Nm=curves.moment_Nm / factor[1]), parameters, uneven[1:])
 
     def evaluate(self, parameters: np.ndarray) -> Evaluation:
         """What the parameters predict."""
@@ -342,14 +316,15 @@ class Problem:
     ) -> tuple[list[np.ndarray], dict[int, np.ndarray]]:
         """Per observation (N + 1, 1) slopes of the whitened distances and of the moment by the taper's error, and
         (1, 1) of the antenna's end along it, from what they are without more of it."""
-        curves = replace(self, thinner=self.thinner + _TAPER_STEP).curves(parameters[None, ANTENNA])
+        step = 0.01
+        curves = replace(self, thinner=self.thinner + step).curves(parameters[None, ANTENNA])
         images, found = image_curves(curves, self.pose(parameters).inverse()), []
         own = [images.picked(slice(index, index + 1)) for index in range(len(seen))]
         for points, image, block, before, after in zip(seen, own, blocks, moments_Nm, curves.moment_Nm, strict=True):
             moved = np.append(whitened_residuals(points, image)[:, 0] - block[:, 0], after - before)
-            found.append(moved[:, None] / _TAPER_STEP)
+            found.append(moved[:, None] / step)
         along = {index: whitened_along(end, own[index])[0] - tips[index][:, :1] for index, end in ends.items()}
-        return found, {index: moved / _TAPER_STEP for index, moved in along.items()}
+        return found, {index: moved / step for index, moved in along.items()}
 
     def _modes(self, index: int) -> np.ndarray:
         """(N, 3) how an observation's whitened distances move with offset, slope and curvature of its line, per px."""

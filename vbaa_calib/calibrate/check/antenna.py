@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior, reading_keys
-from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, Problem, still_curves
+from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, Problem
 from vbaa_calib.calibrate.antenna.problem import RIG as LENS
 from vbaa_calib.core.least_squares import ScoreTest, change_test, products
 from vbaa_calib.core.robust import finite_or_none, mad_std
@@ -68,6 +68,12 @@ class CheckedStill:
         return {"image": name, "rms_std": float(np.sqrt((self.residuals[_POINTS] ** 2).mean()))}
 
 
+def _without_load(one: Observation) -> Observation:
+    """Its node `CONTACT` stays where the load hangs."""
+    bare = replace(one.still, force_y_N=0.0, force_z_N=0.0) if isinstance(one.still, Load) else one.still
+    return replace(one, still=bare)
+
+
 def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = EXACT) -> list[CheckedStill]:
     """Every still against the rig's prediction; readings : how well loads' places and weights are known."""
     sensor, noise, view = rig.moment_sensor, rig.image.noise_scale, rig.T_antenna_camera.inverse()
@@ -81,7 +87,7 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     problem = Problem.of(observations, prior, rig.antenna.length_m, sensor.std_Nm)
     problem, at = replace(problem, noise_scale=noise), problem.begin
     curves = problem.curves(at[None, ANTENNA])
-    free = still_curves(observations, at[None, ANTENNA], rig.antenna.length_m, loaded=False, taper=rig.antenna.taper)
+    free = replace(problem, observations=list(map(_without_load, observations))).curves(at[None, ANTENNA])
     deflections_m = np.linalg.norm(curves.points_m[:, CONTACT] - free.points_m[:, CONTACT], axis=1)
     std, checked = np.array([readings.distance_std_m, readings.force_std_relative]), []
     rows = zip(observations, problem.by_still(at), problem.whitened_by_load(at), strict=True)

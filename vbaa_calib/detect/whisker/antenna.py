@@ -52,7 +52,7 @@ def corridor(
     reach: float = REACH_PER_LENGTH,
     taper: Taper = UNIFORM,
 ) -> Corridor:
-    """Where in the picture an antenna may be whose free shape is known: by `reach` of the way from the clamp aside.
+    """Where in the picture an antenna of known free shape may be: by `reach` of the way from the clamp to either side.
 
     diameter_m : at its clamp, from where it changes by the taper.
     """

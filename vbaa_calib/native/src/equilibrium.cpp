@@ -67,17 +67,17 @@ class Even {
 // Integrals over a part's nodes, from its end backwards and from its start on; an integrand is multiplied by the width.
 template <class T>
 void to_end(const T* integrand, T at_end, T* found) {
-    for (int i = 0; i < PANEL_NODES; ++i) {
+    for (int i = 0; i < NodeTables::PANEL; ++i) {
         T total = at_end;
-        for (int j = 0; j < PANEL_NODES; ++j) total = total + node_tables().panel_from_end[i][j] * integrand[j];
+        for (int j = 0; j < NodeTables::PANEL; ++j) total = total + node_tables().panel_from_end[i][j] * integrand[j];
         found[i] = total;
     }
 }
 template <class T>
 void from_start(const T* integrand, T at_start, T* found) {
-    for (int i = 0; i < PANEL_NODES; ++i) {
+    for (int i = 0; i < NodeTables::PANEL; ++i) {
         T total = at_start;
-        for (int j = 0; j < PANEL_NODES; ++j) total = total + node_tables().panel_from_start[i][j] * integrand[j];
+        for (int j = 0; j < NodeTables::PANEL; ++j) total = total + node_tables().panel_from_start[i][j] * integrand[j];
         found[i] = total;
     }
 }
@@ -85,42 +85,42 @@ void from_start(const T* integrand, T at_start, T* found) {
 // The nodes of one that is not.
 class Uneven {
   public:
-    static constexpr int MOST = MOST_NODES;
+    static constexpr int MOST = PanelNodes::NODES;
     static constexpr bool UNIFORM = false;
 
     explicit Uneven(const PanelNodes& of) : nodes(of) {}
 
-    int count() const { return nodes.count * PANEL_NODES; }
-    int inner() const { return nodes.inner * PANEL_NODES; }
+    int count() const { return nodes.count * NodeTables::PANEL; }
+    int inner() const { return nodes.inner * NodeTables::PANEL; }
     Lanes along(int node) const {
-        const Part& part = nodes.parts[node / PANEL_NODES];
-        return part.start_m + node_tables().panel[node % PANEL_NODES] * part.width_m;
+        const Part& part = nodes.parts[node / NodeTables::PANEL];
+        return part.start_m + node_tables().panel[node % NodeTables::PANEL] * part.width_m;
     }
     Lanes beyond(int node) const { return nodes.beyond_m[node]; }
-    Lanes side(int node) const { return nodes.parts[node / PANEL_NODES].width_m; }
+    Lanes side(int node) const { return nodes.parts[node / NodeTables::PANEL].width_m; }
     Lanes weighed(int node) const { return nodes.weighed_m3[node]; }
     Lanes weighed_at_clamp() const { return nodes.weighed_m2[0]; }
     Lanes flexibility(int node) const { return nodes.flexibility[node]; }
 
     void from_tip(const Vectors* integrand, Vectors* found) const {
         Vectors at_end = {};
-        for (int first = count() - PANEL_NODES; first >= 0; first -= PANEL_NODES) {
+        for (int first = count() - NodeTables::PANEL; first >= 0; first -= NodeTables::PANEL) {
             to_end(integrand + first, at_end, found + first);
             at_end = found[first];
         }
     }
     void from_contact(const Vectors* integrand, Vectors at_contact, Vectors* found) const {
         Vectors at = at_contact;
-        for (int first = inner() - PANEL_NODES; first >= 0; first -= PANEL_NODES) {
-            std::array<Vectors, PANEL_NODES> back;
+        for (int first = inner() - NodeTables::PANEL; first >= 0; first -= NodeTables::PANEL) {
+            std::array<Vectors, NodeTables::PANEL> back;
             to_end(integrand + first, Vectors{}, back.data());
-            for (int i = 0; i < PANEL_NODES; ++i) found[first + i] = at - back[i];
+            for (int i = 0; i < NodeTables::PANEL; ++i) found[first + i] = at - back[i];
             at = found[first];
         }
         at = at_contact;
-        for (int first = inner(); first < count(); first += PANEL_NODES) {
+        for (int first = inner(); first < count(); first += NodeTables::PANEL) {
             from_start(integrand + first, at, found + first);
-            at = found[first + PANEL_NODES - 1];
+            at = found[first + NodeTables::PANEL - 1];
         }
     }
 
@@ -224,40 +224,39 @@ struct Pendulum {
     Lanes psi, moment;
 };
 
-// Of ψ: in so many turns it changes by less at last, and no antenna lags by more.
-constexpr int MOST_TURNS = 40;
-constexpr double SAME_PSI = 1e-12, MOST_PSI = 3.0;
-
 // The elastica on a part from its end back, ψ′ = c·m and m′ = F cos(ψ + α), by Picard's iteration; gives its start.
 Pendulum hinge_of_part(const Uneven& nodes, int first, Lanes force, Lanes friction_rad, Pendulum end,
-                       HingeAt<MOST_NODES>& hinge) {
-    std::array<Lanes, PANEL_NODES> psi, moment, integrand;
+                       HingeAt<PanelNodes::NODES>& hinge) {
+    // in so many turns ψ changes by less at last, and no antenna lags by more
+    constexpr int MOST_TURNS = 40;
+    constexpr double SAME_PSI = 1e-12, MOST_PSI = 3.0;
+    std::array<Lanes, NodeTables::PANEL> psi, moment, integrand;
     Lanes width = nodes.side(first);
     // straight at first
     psi.fill(end.psi);
     for (int turn = 0; turn < MOST_TURNS; ++turn) {
-        for (int i = 0; i < PANEL_NODES; ++i) {
+        for (int i = 0; i < NodeTables::PANEL; ++i) {
             SineCosine half = sine_and_cosine(0.5 * (psi[i] + friction_rad));
             integrand[i] = width * force * (1.0 - 2.0 * half.sine * half.sine);
         }
         to_end(integrand.data(), end.moment, moment.data());
-        for (int i = 0; i < PANEL_NODES; ++i) {
+        for (int i = 0; i < NodeTables::PANEL; ++i) {
             integrand[i] = width * nodes.flexibility(first + i) * moment[i];
         }
-        std::array<Lanes, PANEL_NODES> next;
+        std::array<Lanes, NodeTables::PANEL> next;
         to_end(integrand.data(), end.psi, next.data());
-        bool still = true;
-        for (int i = 0; i < PANEL_NODES; ++i) {
+        bool same = true;
+        for (int i = 0; i < NodeTables::PANEL; ++i) {
             // what is far beyond any antenna must stay a number
             next[i] = where_positive(next[i] - MOST_PSI, MOST_PSI, next[i]);
             next[i] = where_positive(-MOST_PSI - next[i], -MOST_PSI, next[i]);
             const Lanes change = absolute(next[i] - psi[i]);
-            for (int lane = 0; lane < LANES; ++lane) still = still && !(change[lane] > SAME_PSI);
+            for (int lane = 0; lane < LANES; ++lane) same = same && !(change[lane] > SAME_PSI);
         }
         psi = next;
-        if (still) break;
+        if (same) break;
     }
-    for (int i = 0; i < PANEL_NODES; ++i) {
+    for (int i = 0; i < NodeTables::PANEL; ++i) {
         SineCosine half = sine_and_cosine(0.5 * psi[i]);
         hinge.sine[first + i] = -2.0 * half.sine * half.cosine;
         hinge.cosine[first + i] = 1.0 - 2.0 * half.sine * half.sine;
@@ -267,10 +266,10 @@ Pendulum hinge_of_part(const Uneven& nodes, int first, Lanes force, Lanes fricti
 }
 
 // The same of an antenna that is not uniform.
-void elastica_hinge(const Loads& loads, const Uneven& nodes, HingeAt<MOST_NODES>& hinge) {
+void elastica_hinge(const Loads& loads, const Uneven& nodes, HingeAt<PanelNodes::NODES>& hinge) {
     Lanes force = loads.push_per_m2 / sine_and_cosine(loads.friction_rad).cosine;
     Pendulum at = {};
-    for (int first = nodes.inner() - PANEL_NODES; first >= 0; first -= PANEL_NODES)
+    for (int first = nodes.inner() - NodeTables::PANEL; first >= 0; first -= NodeTables::PANEL)
         at = hinge_of_part(nodes, first, force, loads.friction_rad, at, hinge);
     for (int node = nodes.inner(); node < nodes.count(); ++node) {
         hinge.sine[node] = hinge.slope[node] = Lanes{};
@@ -410,31 +409,31 @@ PanelNodes panel_nodes(const Taper& taper, Lanes contact_m, double length_m) {
     for (int p = 0; p < nodes.count; ++p) {
         const Part& part = nodes.parts[p];
         const Panel& panel = taper.panels[part.panel];
-        for (int i = 0; i < PANEL_NODES; ++i) {
+        for (int i = 0; i < NodeTables::PANEL; ++i) {
             Lanes place = (part.start_m + node_tables().panel[i] * part.width_m) / length_m;
             place = farther(nearer(place, spread(panel.end)), spread(panel.start));
-            nodes.flexibility[p * PANEL_NODES + i] = flexibility(panel, place);
-            nodes.weight[p * PANEL_NODES + i] = weight_at(panel, place);
+            nodes.flexibility[p * NodeTables::PANEL + i] = flexibility(panel, place);
+            nodes.weight[p * NodeTables::PANEL + i] = weight_at(panel, place);
         }
     }
-    std::array<Lanes, PANEL_NODES> integrand;
+    std::array<Lanes, NodeTables::PANEL> integrand;
     Lanes beyond = {}, weighed = {};
-    for (int first = (nodes.count - 1) * PANEL_NODES; first >= 0; first -= PANEL_NODES) {
-        const Lanes width = nodes.parts[first / PANEL_NODES].width_m;
-        for (int i = 0; i < PANEL_NODES; ++i) integrand[i] = width * nodes.weight[first + i];
+    for (int first = (nodes.count - 1) * NodeTables::PANEL; first >= 0; first -= NodeTables::PANEL) {
+        const Lanes width = nodes.parts[first / NodeTables::PANEL].width_m;
+        for (int i = 0; i < NodeTables::PANEL; ++i) integrand[i] = width * nodes.weight[first + i];
         to_end(integrand.data(), beyond, &nodes.beyond_m[first]);
-        for (int i = 0; i < PANEL_NODES; ++i) integrand[i] = width * nodes.beyond_m[first + i];
+        for (int i = 0; i < NodeTables::PANEL; ++i) integrand[i] = width * nodes.beyond_m[first + i];
         to_end(integrand.data(), weighed, &nodes.weighed_m2[first]);
         beyond = nodes.beyond_m[first];
         weighed = nodes.weighed_m2[first];
     }
     Lanes bent = {};
-    for (int first = 0; first < nodes.count * PANEL_NODES; first += PANEL_NODES) {
-        const Lanes width = nodes.parts[first / PANEL_NODES].width_m;
-        for (int i = 0; i < PANEL_NODES; ++i)
+    for (int first = 0; first < nodes.count * NodeTables::PANEL; first += NodeTables::PANEL) {
+        const Lanes width = nodes.parts[first / NodeTables::PANEL].width_m;
+        for (int i = 0; i < NodeTables::PANEL; ++i)
             integrand[i] = width * nodes.flexibility[first + i] * nodes.weighed_m2[first + i];
         from_start(integrand.data(), bent, &nodes.weighed_m3[first]);
-        bent = nodes.weighed_m3[first + PANEL_NODES - 1];
+        bent = nodes.weighed_m3[first + NodeTables::PANEL - 1];
     }
     return nodes;
 }

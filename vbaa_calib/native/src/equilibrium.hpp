@@ -68,18 +68,19 @@ struct Part {
     int panel;
     Lanes start_m, width_m;
 };
-constexpr int MOST_PARTS = 2 * MOST_PANELS, MOST_NODES = MOST_PARTS * PANEL_NODES;
 // Nodes of an antenna that is not uniform: those of its parts, from the clamp to the tip.
 struct PanelNodes {
+    static constexpr int PARTS = 2 * Taper::PANELS, NODES = PARTS * NodeTables::PANEL;
+
     int inner, count;  // parts before the contact, and all
-    std::array<Part, MOST_PARTS> parts;
+    std::array<Part, PARTS> parts;
     // flexibility, the weight per length and that beyond, as a uniform antenna's length
-    std::array<Lanes, MOST_NODES> flexibility, weight, beyond_m;
+    std::array<Lanes, NODES> flexibility, weight, beyond_m;
     // of the weight beyond a node about it, as of a uniform antenna's, and how far that bends the antenna before it
-    std::array<Lanes, MOST_NODES> weighed_m2, weighed_m3;
+    std::array<Lanes, NODES> weighed_m2, weighed_m3;
 };
 PanelNodes panel_nodes(const Taper& taper, Lanes contact_m, double length_m);
-using PanelField = std::array<Vectors, MOST_NODES>;
+using PanelField = std::array<Vectors, PanelNodes::NODES>;
 
 // The same for an antenna that is not uniform.
 Equilibrium equilibrium(const Loads& loads, const PanelNodes& nodes, int sweeps, PanelField& tangents);

@@ -80,10 +80,10 @@ Weights<COUNT, COUNT> powers() {
 
 NodeTables made() {
     NodeTables tables;
-    tables.panel = chebyshev<PANEL_NODES>();
-    tables.panel_from_start = integrals_from<PANEL_NODES>(tables.panel, 0.0, 1.0);
-    tables.panel_from_end = integrals_from<PANEL_NODES>(tables.panel, 1.0, -1.0);
-    tables.panel_powers = powers<PANEL_NODES>();
+    tables.panel = chebyshev<NodeTables::PANEL>();
+    tables.panel_from_start = integrals_from<NodeTables::PANEL>(tables.panel, 0.0, 1.0);
+    tables.panel_from_end = integrals_from<NodeTables::PANEL>(tables.panel, 1.0, -1.0);
+    tables.panel_powers = powers<NodeTables::PANEL>();
     tables.inner = chebyshev<INNER_NODES>();
     tables.outer = chebyshev<OUTER_NODES>();
     tables.inner_from_contact = integrals_from<INNER_NODES>(tables.inner, 1.0, 1.0);

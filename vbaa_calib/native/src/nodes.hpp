@@ -19,8 +19,6 @@ constexpr int NODE_ROWS = whole_lanes(CURVE_NODES) / LANES, INNER_ROWS = NODES_T
 static_assert(NODES_TO_CONTACT % LANES == 0);
 // Nodes at which a shape is computed, from the clamp to the contact and from there to the tip.
 constexpr int INNER_NODES = 12, OUTER_NODES = 8, NODES = INNER_NODES + OUTER_NODES;
-// Nodes of each panel of an antenna that is not uniform, see taper.hpp.
-constexpr int PANEL_NODES = 9;
 // Contacts are kept this part of the length from the tip: there nothing would be left beyond them.
 constexpr double NEAREST_TO_TIP = 1e-6;
 
@@ -28,6 +26,8 @@ template <int ROWS, int COLUMNS>
 using Weights = std::array<std::array<double, COLUMNS>, ROWS>;
 
 struct NodeTables {
+    static constexpr int PANEL = 9;  // nodes of each panel of an antenna that is not uniform, see taper.hpp
+
     // Chebyshev-Lobatto nodes from 0 to 1, ends included
     std::array<double, INNER_NODES> inner;
     std::array<double, OUTER_NODES> outer;
@@ -35,8 +35,8 @@ struct NodeTables {
     Weights<INNER_NODES, INNER_NODES> inner_from_contact, inner_from_tip;
     Weights<OUTER_NODES, OUTER_NODES> outer_from_contact, outer_from_tip;
     // the same on a panel: from its start to each node, from each node to its end, and to powers of x from −1 to 1
-    std::array<double, PANEL_NODES> panel;
-    Weights<PANEL_NODES, PANEL_NODES> panel_from_start, panel_from_end, panel_powers;
+    std::array<double, PANEL> panel;
+    Weights<PANEL, PANEL> panel_from_start, panel_from_end, panel_powers;
     // to the curve's nodes: values, and values times their side's length to integrals from the side's start
     Weights<NODES_TO_CONTACT, INNER_NODES> at_inner_curve, to_inner_curve;
     Weights<NODES_BEYOND, OUTER_NODES> at_outer_curve, to_outer_curve;

@@ -11,9 +11,6 @@ namespace vbaa::antenna {
 
 namespace {
 
-// Where the antenna is not uniform its soft end turns more between sweeps.
-constexpr int UNEVEN_SWEEPS = 2;
-
 // LANES antennas and what bends them, see vbaa_calib/antenna/shape.py.
 struct Pressed {
     Lanes clamp_y_m, clamp_z_m, about_y_rad, about_z_rad, bow_y_per_m, bow_z_per_m, stiffness_Nm2, mass_kg_m, give_m;
@@ -152,17 +149,17 @@ void put_curve(const Pressed& press, const PanelNodes& nodes, const PanelField& 
         const Part& part = nodes.parts[p];
         const bool last = p == nodes.count - 1;
         // by powers of x from −1 to 1
-        std::array<Vectors, PANEL_NODES> slope;
-        std::array<Vectors, PANEL_NODES + 1> place;
-        for (int power = 0; power < PANEL_NODES; ++power) {
+        std::array<Vectors, NodeTables::PANEL> slope;
+        std::array<Vectors, NodeTables::PANEL + 1> place;
+        for (int power = 0; power < NodeTables::PANEL; ++power) {
             Vectors total = {};
-            for (int j = 0; j < PANEL_NODES; ++j)
-                total = total + node_tables().panel_powers[power][j] * tangents[p * PANEL_NODES + j];
+            for (int j = 0; j < NodeTables::PANEL; ++j)
+                total = total + node_tables().panel_powers[power][j] * tangents[p * NodeTables::PANEL + j];
             slope[power] = total;
             place[power + 1] = 0.5 / (power + 1) * part.width_m * total;
         }
         place[0] = at;
-        for (int power = 1; power <= PANEL_NODES; ++power)
+        for (int power = 1; power <= NodeTables::PANEL; ++power)
             place[0] = power % 2 ? place[0] + place[power] : place[0] - place[power];
         const Lanes end = part.start_m + part.width_m;
         const Lanes by_width = where_positive(part.width_m, 1.0 / part.width_m, part.width_m);
@@ -174,10 +171,10 @@ void put_curve(const Pressed& press, const PanelNodes& nodes, const PanelField& 
                 p ? ~(s < part.start_m)
                   : Lanes::Mask::each([](int) { return Lanes::Mask::Part{} == Lanes::Mask::Part{}; });
             const Lanes x = 2.0 * (s - part.start_m) * by_width - 1.0;
-            Vectors point = place[PANEL_NODES], tangent = slope[PANEL_NODES - 1];
-            for (int power = PANEL_NODES - 1; power >= 0; --power) {
+            Vectors point = place[NodeTables::PANEL], tangent = slope[NodeTables::PANEL - 1];
+            for (int power = NodeTables::PANEL - 1; power >= 0; --power) {
                 point = x * point + place[power];
-                if (power < PANEL_NODES - 1) tangent = x * tangent + slope[power];
+                if (power < NodeTables::PANEL - 1) tangent = x * tangent + slope[power];
             }
             const auto kept = [&](Lanes value, const double* before) { return choose(here, value, load(before)); };
             put(made.points_m, node,
@@ -189,8 +186,8 @@ void put_curve(const Pressed& press, const PanelNodes& nodes, const PanelField& 
             if (made.tangents.shape[1] == CURVE_NODES || here[0]) put_tangent(made.tangents, node, tangent);
             if (!last && node == next && !any(~(s < end))) ++next;
         }
-        for (int power = 1; power <= PANEL_NODES; power += 2) place[0] = place[0] + place[power];
-        for (int power = 2; power <= PANEL_NODES; power += 2) place[0] = place[0] + place[power];
+        for (int power = 1; power <= NodeTables::PANEL; power += 2) place[0] = place[0] + place[power];
+        for (int power = 2; power <= NodeTables::PANEL; power += 2) place[0] = place[0] + place[power];
         at = place[0];
     }
 }
@@ -226,10 +223,11 @@ void bend_far(int sweeps, const Pressed& press, const Made& made) {
         for (int node = 0; node < count; ++node) tangents[node] = frame.turned(tangents[node]);
     };
     if (press.taper) {
+        constexpr int FURTHER_SWEEPS = 2;  // its soft end turns more between sweeps
         const PanelNodes panels = panel_nodes(press.taper, press.contact_m, press.length_m);
         PanelField tangents;
-        found = equilibrium(loads, panels, sweeps + UNEVEN_SWEEPS, tangents);
-        turn(tangents.data(), panels.count * PANEL_NODES);
+        found = equilibrium(loads, panels, sweeps + FURTHER_SWEEPS, tangents);
+        turn(tangents.data(), panels.count * NodeTables::PANEL);
         put_curve(press, panels, tangents, made);
     } else {
         Field nodes;

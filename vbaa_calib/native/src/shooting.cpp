@@ -10,9 +10,6 @@ namespace vbaa::antenna {
 namespace {
 
 // Shares of the load, one after the other, where the whole is too much at once.
-// Of the logarithm of the stiffness in a slice.
-constexpr double LARGEST_CHANGE = 0.15;
-
 constexpr double LOAD_LADDER[] = {0.1, 0.25, 0.45, 0.7, 1.0};
 
 // d1', d2' and M'.
@@ -130,6 +127,7 @@ RodLoads load_of(ConstMatrix loads, int b, double share) {
 }  // namespace
 
 std::vector<Slice> slices_of(ConstMatrix pieces, double length_m) {
+    constexpr double LARGEST_CHANGE = 0.15;  // of the logarithm of the stiffness in a slice
     std::vector<Slice> slices;
     for (int p = 0; p < pieces.shape[0]; ++p) {
         const double* piece = pieces.row(p).data;
@@ -178,7 +176,7 @@ Lanes diameter_at(const Rod& rod, const Lanes& arclength_m) {
 
 namespace {
 
-// From the tip back, whose turn from the clamp is supposed.
+// From the tip, of a supposed turn from the clamp, back.
 Shots shoot_back(const Rod& rod, const RodLoads& loads, Vectors turn, int steps, double* nodes) {
     const Lanes length = spread(rod.length_m);
     const auto at_tip = loads.contact_m >= length;

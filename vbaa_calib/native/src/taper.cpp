@@ -7,41 +7,40 @@ namespace vbaa::antenna {
 
 namespace {
 
-// A panel's flexibility, diameters apart, changes by less than this factor's power.
-constexpr double MOST_RATIO = 1.7;
-constexpr double LONGEST = 0.5;
-
 template <std::size_t COUNT>
 using Values = std::array<double, COUNT>;
 
 double node_of(const Panel& panel, int j) { return panel.start + (panel.end - panel.start) * node_tables().panel[j]; }
 
 // Powers of x from −1 to 1 on a panel, of the integral from its start of the polynomial through its nodes' values.
-Values<PANEL_NODES + 1> integrated_series(const Panel& panel, const Values<PANEL_NODES>& values, double start) {
-    Values<PANEL_NODES + 1> found = {};
+Values<NodeTables::PANEL + 1> integrated_series(const Panel& panel, const Values<NodeTables::PANEL>& values,
+                                                double start) {
+    Values<NodeTables::PANEL + 1> found = {};
     const double half = 0.5 * (panel.end - panel.start);
-    for (int power = 0; power < PANEL_NODES; ++power) {
+    for (int power = 0; power < NodeTables::PANEL; ++power) {
         double coefficient = 0.0;
-        for (int j = 0; j < PANEL_NODES; ++j) coefficient += node_tables().panel_powers[power][j] * values[j];
+        for (int j = 0; j < NodeTables::PANEL; ++j) coefficient += node_tables().panel_powers[power][j] * values[j];
         found[power + 1] = half * coefficient / (power + 1);
     }
     found[0] = start;
-    for (int power = 1; power <= PANEL_NODES; ++power) found[0] -= (power % 2 ? -1.0 : 1.0) * found[power];
+    for (int power = 1; power <= NodeTables::PANEL; ++power) found[0] -= (power % 2 ? -1.0 : 1.0) * found[power];
     return found;
 }
 
 // The integral from a panel's node to its end.
-Values<PANEL_NODES> to_end(const Panel& panel, const Values<PANEL_NODES>& values, double at_end) {
-    Values<PANEL_NODES> found;
-    for (int i = 0; i < PANEL_NODES; ++i) {
+Values<NodeTables::PANEL> to_end(const Panel& panel, const Values<NodeTables::PANEL>& values, double at_end) {
+    Values<NodeTables::PANEL> found;
+    for (int i = 0; i < NodeTables::PANEL; ++i) {
         found[i] = at_end;
-        for (int j = 0; j < PANEL_NODES; ++j)
+        for (int j = 0; j < NodeTables::PANEL; ++j)
             found[i] += (panel.end - panel.start) * node_tables().panel_from_end[i][j] * values[j];
     }
     return found;
 }
 
 void add_panels(const double* piece, Taper& taper) {
+    // of diameters at a panel's ends; of a panel
+    constexpr double MOST_RATIO = 1.7, LONGEST = 0.5;
     const double start = piece[0], end = piece[1];
     const int power = static_cast<int>(piece[6]);
     const double ratio = std::max(piece[4] / piece[5], piece[5] / piece[4]);
@@ -51,7 +50,7 @@ void add_panels(const double* piece, Taper& taper) {
     const double diameter_slope = (piece[3] - piece[2]) / (end - start),
                  root_slope = (piece[5] - piece[4]) / (end - start);
     double from = start;
-    for (int k = 1; k <= parts && taper.count < MOST_PANELS; ++k) {
+    for (int k = 1; k <= parts && taper.count < Taper::PANELS; ++k) {
         double to = end;
         if (k < parts) {
             // equal ratios of the root, equal lengths where it hardly changes
@@ -78,7 +77,7 @@ void add_panels(const double* piece, Taper& taper) {
 bool sound_taper(ConstMatrix pieces) {
     const int count = pieces.shape[0];
     if (count == 0) return true;
-    if (count > MOST_PIECES || pieces.shape[1] != PIECE_COLUMNS) return false;
+    if (count > Taper::PIECES || pieces.shape[1] != 7) return false;
     for (int k = 0; k < count; ++k) {
         const double* piece = pieces.row(k).data;
         if (!(piece[0] < piece[1])) return false;
@@ -94,13 +93,13 @@ Taper taper_of(ConstMatrix pieces) {
     Taper taper;
     for (int k = 0; k < pieces.shape[0]; ++k) add_panels(pieces.row(k).data, taper);
     // from the tip: the weight beyond each node, and its moment
-    std::array<Values<PANEL_NODES>, MOST_PANELS> moments;
+    std::array<Values<NodeTables::PANEL>, Taper::PANELS> moments;
     double beyond = 0.0, moment = 0.0;
     for (int k = taper.count - 1; k >= 0; --k) {
         const Panel& panel = taper.panels[k];
-        Values<PANEL_NODES> weights;
-        for (int j = 0; j < PANEL_NODES; ++j) weights[j] = weight_at(panel, node_of(panel, j));
-        const Values<PANEL_NODES> heavy = to_end(panel, weights, beyond);
+        Values<NodeTables::PANEL> weights;
+        for (int j = 0; j < NodeTables::PANEL; ++j) weights[j] = weight_at(panel, node_of(panel, j));
+        const Values<NodeTables::PANEL> heavy = to_end(panel, weights, beyond);
         moments[k] = to_end(panel, heavy, moment);
         beyond = heavy[0];
         moment = moments[k][0];
@@ -115,15 +114,15 @@ Taper taper_of(ConstMatrix pieces) {
     for (int k = 0; k < taper.count; ++k) {
         const Panel& panel = taper.panels[k];
         for (int field = 0; field < 5; ++field) {
-            Values<PANEL_NODES> values;
-            for (int j = 0; j < PANEL_NODES; ++j) {
+            Values<NodeTables::PANEL> values;
+            for (int j = 0; j < NodeTables::PANEL; ++j) {
                 const double x = node_of(panel, j), c = flexibility(panel, x);
                 const double factors[] = {1.0, x, x * x, moments[k][j], x * moments[k][j]};
                 values[j] = c * factors[field];
             }
             const auto series = integrated_series(panel, values, start.*FIELDS[field]);
             double at_end = 0.0;
-            for (int power = 0; power <= PANEL_NODES; ++power) {
+            for (int power = 0; power <= NodeTables::PANEL; ++power) {
                 taper.series[k][power].*FIELDS[field] = series[power];
                 at_end += series[power];
             }
@@ -147,8 +146,8 @@ Integrals integrals_at(const Taper& taper, double place) {
     const int k = panel_at(taper, place);
     const Panel& panel = taper.panels[k];
     const double x = (2.0 * place - panel.start - panel.end) / (panel.end - panel.start);
-    Integrals found = taper.series[k][PANEL_NODES];
-    for (int power = PANEL_NODES - 1; power >= 0; --power) {
+    Integrals found = taper.series[k][NodeTables::PANEL];
+    for (int power = NodeTables::PANEL - 1; power >= 0; --power) {
         const Integrals& next = taper.series[k][power];
         found = {found.c * x + next.c, found.cx * x + next.cx, found.cxx * x + next.cxx,
                  found.weighed * x + next.weighed, found.weighed_x * x + next.weighed_x};

@@ -9,11 +9,6 @@
 
 namespace vbaa::antenna {
 
-// Columns of a piece: start, end, diameter at both, root of the stiffness at both, which root.
-constexpr int PIECE_COLUMNS = 7, MOST_PIECES = 24;
-// Pieces are divided until a polynomial on PANEL_NODES describes their flexibility.
-constexpr int MOST_PANELS = 32;
-
 struct Panel {
     double start, end;
     double diameter, diameter_slope;  // at the start, and along it
@@ -28,10 +23,14 @@ struct Integrals {
 };
 
 struct Taper {
+    // Pieces are (P, 7): start, end, diameter at both, root of the stiffness at both, and which root; they are divided
+    // into panels until a polynomial on the nodes of each describes its flexibility.
+    static constexpr int PIECES = 24, PANELS = 32;
+
     int count = 0;  // of panels; 0: the antenna is uniform
-    std::array<Panel, MOST_PANELS> panels;
+    std::array<Panel, PANELS> panels;
     double weight = 1.0, weight_moment = 0.5;  // of all, and at the clamp, for a uniform antenna's weight of one
-    std::array<std::array<Integrals, PANEL_NODES + 1>, MOST_PANELS>
+    std::array<std::array<Integrals, NodeTables::PANEL + 1>, PANELS>
         series;  // by powers of x from −1 to 1 on each panel
 
     explicit operator bool() const { return count > 0; }

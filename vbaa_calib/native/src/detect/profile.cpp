@@ -35,7 +35,6 @@ constexpr int NEAR_POINTS = 41;   // neighbours whose scatter is compared with t
 constexpr int RUN = 16;           // neighbours whose mean shows what they share
 constexpr double LIKELY_POINTS = 20.0, LIKELY_RUNS = 4.0;  // that scatter as predicted are added to those that are seen
 constexpr double ORDINARY_BLUR_PX = 0.8;                   // of a lens in focus, standard deviation
-constexpr double FULL_WIDTH = 2.355;                       // of a blur at half its height, over its deviation
 
 // The fitted lines.
 struct Lines {
@@ -58,6 +57,7 @@ Numbers widths(const Crossings& found, const Measuring& how) {
 // Distances in widths of its line, which blur keeps from becoming as thin as the antenna.
 Crossings in_widths(const Crossings& found, const Measuring& how) {
     Crossings scaled = found;
+    constexpr double FULL_WIDTH = 2.355;  // of a blur at half its height, over its deviation
     const double blur_px = FULL_WIDTH * std::hypot(ORDINARY_BLUR_PX, PIXEL_BLUR_PX);
     const double middle = std::hypot(how.width_px, blur_px);
     const Numbers width_px = widths(found, how);
