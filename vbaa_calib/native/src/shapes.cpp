@@ -118,14 +118,14 @@ void put_points(const Pressed& press, Field& field, Cube points_m) {
 }
 
 // Arc lengths of a node of the curve.
-Lanes arclength_at(const Pressed& press, int node) {
+[[gnu::always_inline]] inline Lanes arclength_at(const Pressed& press, int node) {
     const Lanes length = spread(press.length_m);
     Lanes s = spread(curve_share(node)) * (node <= CONTACT ? press.contact_m : length - press.contact_m);
     if (node > CONTACT) s += press.contact_m;
     return where_positive(s - length, length, s);
 }
 
-void put_tangent(Cube tangents, int node, Vectors tangent) {
+[[gnu::always_inline]] inline void put_tangent(Cube tangents, int node, const Vectors& tangent) {
     if (tangents.shape[1] == CURVE_NODES) {
         put(tangents, node, tangent);
     } else if (tangents.shape[1]) {
@@ -299,7 +299,7 @@ void bend_little(bool paper, const Pressed& press, const Made& made) {
         Lanes near = where_positive(contact - s, s, contact), far = where_positive(contact - s, contact, s);
         Lanes by_push = (3.0 * far - near) * near * near * compliance / 6.0;
         Lanes by_weight = s * s * (6.0 * length * length - 4.0 * length * s + s * s) * compliance / 24.0;
-        Unit uneven = {};
+        Unit uneven;
         if (press.taper) {
             uneven = bent_by_unit(press, s);
             by_push = uneven.by_push * compliance;
