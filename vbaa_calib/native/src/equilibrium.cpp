@@ -2,6 +2,8 @@
 
 namespace vbaa::antenna {
 
+using sweep::found_by_sweeps;
+
 namespace {
 
 // Where integrals go.

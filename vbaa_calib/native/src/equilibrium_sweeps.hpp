@@ -7,9 +7,7 @@
 #include "equilibrium.hpp"
 #include "pendulum.hpp"
 
-namespace vbaa::antenna {
-
-namespace {
+namespace vbaa::antenna::sweep {
 
 // EI/GJ of a round wire, 1 + ν. Torsion turns the section, and with it the bow: hundredths of a millimetre.
 constexpr double TORSION_RATIO = 1.3;
@@ -49,19 +47,19 @@ Vectors hinged_back(const HingeAt<COUNT>& hinge, int node, Vectors v) {
 }
 
 // Q·v of the Cayley vector g.
-Vectors turned(Vectors g, Vectors v) {
+inline Vectors turned(Vectors g, Vectors v) {
     Vectors once = cross(g, v);
     return v + 2.0 / (1.0 + dot(g, g)) * (once + cross(g, once));
 }
 
 // Q e_x of the Cayley vector g.
-Vectors turned_x(Vectors g) {
+inline Vectors turned_x(Vectors g) {
     Lanes across = g.y * g.y + g.z * g.z, scale = 2.0 / (1.0 + g.x * g.x + across);
     return {1.0 - scale * across, scale * (g.x * g.y + g.z), scale * (g.x * g.z - g.y)};
 }
 
 // Cayley vector of Q(0)·R₀ᵀ.
-Vectors seen_from_contact(Vectors g, ClampTurn clamp) {
+inline Vectors seen_from_contact(Vectors g, ClampTurn clamp) {
     Vectors found = {g.x + g.z * clamp.y - g.y * clamp.z, g.y - clamp.y + g.x * clamp.z, g.z - clamp.z - g.x * clamp.y};
     return 1.0 / (1.0 + g.y * clamp.y + g.z * clamp.z) * found;
 }
@@ -121,7 +119,7 @@ State state_of(const Loads& loads, const Nodes& nodes, Work<Nodes::MOST>& work, 
 }
 
 // 2 g′.
-Vectors rate(const Loads& loads, Vectors g, Vectors local, Vectors m, Lanes curvature_per_m) {
+inline Vectors rate(const Loads& loads, Vectors g, Vectors local, Vectors m, Lanes curvature_per_m) {
     Vectors delta = {m.x, m.y, m.z - curvature_per_m};
     Vectors b = {(TORSION_RATIO - 1.0) * dot(local, m), loads.bow_y_per_m, loads.bow_z_per_m};
     Vectors both = delta + b;
@@ -164,6 +162,4 @@ Equilibrium found_by_sweeps(const Loads& loads, const Nodes& nodes, int sweeps,
     return {{x_axis, y_axis, cross(x_axis, y_axis)}, state.force, work.moments[0]};
 }
 
-}  // namespace
-
-}  // namespace vbaa::antenna
+}  // namespace vbaa::antenna::sweep

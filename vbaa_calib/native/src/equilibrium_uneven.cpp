@@ -2,6 +2,8 @@
 
 namespace vbaa::antenna {
 
+using sweep::found_by_sweeps;
+
 namespace {
 
 // Integrals over a part's nodes, from its end backwards and from its start on; an integrand is multiplied by the width.

@@ -24,7 +24,7 @@ struct Sections {
 
 // What a part of a rod may be softer than at its clamp: nothing where it is uniform.
 struct Uniform {
-    const Vectors& of(const Vectors& moment) const { return moment; }
+    Vectors of(const Vectors& moment) const { return moment; }
 };
 struct Softer {
     Lanes flexibility;
@@ -34,7 +34,7 @@ struct Softer {
 template <class Soft>
 [[gnu::always_inline]] inline Rates rates(const Rod& rod, const Soft& soft, const Vectors& d1, const Vectors& d2,
                                           const Vectors& moment, const Vectors& internal) {
-    const Vectors& bent = soft.of(moment);
+    const Vectors bent = soft.of(moment);
     Vectors turn = rod.bend * bent + (rod.twist - rod.bend) * dot(d1, bent) * d1;
     turn = turn + rod.curvature_y * d2 + rod.curvature_z * cross(d1, d2);
     return {cross(turn, d1), cross(turn, d2), cross(internal, d1)};
