@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from scipy.linalg import eigh
 
 from vbaa_calib.antenna.taper import UNIFORM, Taper
 from vbaa_calib.core.arrays import Rows
@@ -215,6 +214,8 @@ def _wave_numbers() -> np.ndarray:
 
 def _wave_numbers_of(taper: Taper) -> np.ndarray:
     """(T,) the same of an antenna that is not uniform, its frequency over that of a uniform one, by finite elements."""
+    from scipy.linalg import eigh  # slow to load
+
     count, width = _TABLE - 1, 1.0 / (_TABLE - 1)
     h, stiff, heavy = width, np.zeros((2 * _TABLE, 2 * _TABLE)), np.zeros((2 * _TABLE, 2 * _TABLE))
     bend = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h]])
