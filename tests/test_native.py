@@ -94,10 +94,11 @@ def _calls() -> dict[str, tuple[object, ...]]:
     priors, state = _fields(mean=(5,), std=(5,), **numbers), _fields(fisheye=False, lens=(8,), shape=(5,), poses=(2, 6))
     rules = _fields(iterations=4, tolerance=1e-6, damping=1e-3, growth=10.0, may_rise_share=0.1)
     column = np.arange(13)
-    presses = (_a(3, 9), 0.2, _a(3, 3), 0.1 * _a(3), _a(3, 2), _a(3))
-    lanes = (_a(9, 8), 0.2, _a(3), 0.1 * _a(8), _a(2, 8), _a(8))
+    taper = np.array([[0.0, 0.4, 1.0, 0.7, 1.0, 0.7, 4.0], [0.4, 1.0, 0.5, 0.3, 0.2, 0.1, 1.0]])
+    presses = (_a(3, 9), 0.2, taper, _a(3, 3), 0.1 * _a(3), _a(3, 2), _a(3))
+    lanes = (_a(9, 8), 0.2, taper, _a(3), 0.1 * _a(8), _a(2, 8), _a(8))
     kept = dict.fromkeys(("length_m", "bend", "twist", "mass_per_length_kg_m", "curvature_y", "curvature_z"), 0.2)
-    rod = _fields(clamp=np.eye(3), **kept)
+    rod = _fields(clamp=np.eye(3), pieces=taper, **kept)
     object_ = _fields(kind=1, center_m=(3,), axis=(3,), wedge=(3,), radius_m=0.5, bumps=(2, 5))
     body = _fields(object=object_, sides=(2, 4), across=(3, 3), reach_m=1.0, steepest=1.0)
     image, path = RNG.integers(0, 255, (60, 80), np.uint8), np.linspace([5.0, 30.0], [70.0, 33.0], 9)
@@ -111,6 +112,7 @@ def _calls() -> dict[str, tuple[object, ...]]:
     pose = {"pose_lanes": (3, 4, 8), "by_pose_step": (8,), "rotation": np.eye(3), "translation_m": (3,)}
     more = {"antenna_parameters": (9,), "antenna_steps": (9,), "to_camera": (2,), "eye_m": (3,)}
     sensors = {"std": (7,), "by_wrench": (7, 7), "by_sensor": (2, 7, 7)}
+    more["taper"] = taper
     fields = _fields(**rig_numbers, **small, **flags, **known, **pose, **more, **sensors, readings=3)
     rig, exact = core.solver.Rig(fields, LENS), core.solver.Rig(_fields(**vars(fields) | {"axes": (26, 0)}), LENS)
     frames = _fields(
@@ -157,13 +159,13 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "simulate.rough_distances": (object_, _a(3, 3)),
         "simulate.elevations": (_a(3, 3), 1.0, _a(2, 5)),
         "simulate.surface_radii": (_a(3, 3), 1.0, _a(2, 5)),
-        "simulate.first_within": (object_, _a(2, 3, 3), _a(2, 3), _a(4, 3), 0.1),
+        "simulate.first_within": (object_, _a(2, 3, 3), _a(2, 3), _a(4, 3), _a(4)),
         "simulate.cast_rays": (body, _a(3), _a(4, 3)),
         "simulate.shade": (_a(3), _a(3), _a(4, 3), _a(4), _a(4)),
         "simulate.rays_between": (_a(5, 6, 2), _a(4, 2)),
         "simulate.bench_texels": (_a(5, 6, 2), np.eye(3), 64, 1.0),
         "simulate.tube_pixels": (9.0 * _a(5, 7), 20, 10, _a(4, 2), 2, 0.1),
-        "simulate.touch_at_once": (rod, (1.0, 1.0, 1.0, 1.0), _a(2, 9, 3), _a(2, 2, 7), _a(2, 7)),
+        "simulate.touch_at_once": (rod, (1.0,) * 5, _a(2, 9, 3), _a(2, 2, 7), _a(2, 7)),
         "simulate.advance": (rod, object_, (1.0,) * 5, _a(2, 7, 3), _a(2, 2, 23)),
         "simulate.gripped": (_a(2), _a(2), _a(2, 2), 1.0, _a(2), 0.3),
         "solver.Rig": (fields, LENS),
@@ -229,7 +231,7 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "profile.shapes": (4.0, 0.8, 11),
         "profile.fit": (core.profile.expected(4.0, 0.8, 11), found, np.zeros(len(found.along))),
         "profile.stiffened": (path,),
-        "profile.measured": (image, path, 4.0, 9, 1, 0.6, core.profile.shapes(4.0, 0.8, 11)),
+        "profile.measured": (image, path, 4.0, 9, 1, -0.5, 0.6, core.profile.shapes(4.0, 0.8, 11)),
         "profile.measured_ribbon": (colour, path, 4.0, 0.8, 9, RibbonSettings()),
         "profile.shades": (4.0, 0.8, 11),
         "profile.normal_equations": (found, np.zeros(len(found.along)), 4.0, 0.8, _a(len(found.along), 4), 11),

@@ -99,7 +99,7 @@ def one_contact(scenes: Scenes, index: int) -> np.ndarray:
     def residuals(unknowns: np.ndarray) -> np.ndarray:
         contact = np.clip(unknowns[:1] * _DISTANCE_SCALE_M, 1e-3, antenna.length_m)
         force = unknowns[None, 1:] * _FORCE_SCALE_N
-        shape = curves("elastica", parameters, antenna.length_m, gravity, contact, force)
+        shape = curves("elastica", parameters, antenna.length_m, gravity, contact, force, taper=antenna.taper)
         pixels, _ = rig.camera.project(to_camera @ shape.points_m[0])
         curve = CubicSpline(pixels[:, 0], pixels[:, 1])
         across = (v - curve(u)) / np.sqrt(1.0 + curve(u, 1) ** 2)

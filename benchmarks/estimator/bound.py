@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.stats import norm
 
-from benchmarks.estimator.scenes import Scenes, Shapes, Touches, rod_shapes, seen
+from benchmarks.estimator.scenes import Scenes, Shapes, Touches, bending_at, rod_shapes, seen
 from benchmarks.harness import concatenated
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.geometry.independent_axes import independent_axes
@@ -110,7 +110,7 @@ def _touch_steps(rig: Rig, touches: Touches) -> tuple[list[Touches], list[Touche
     """Touches a little below and above, and how far apart (B,), for distance, both pushes and friction."""
     distance, push, friction = touches.distance_m, touches.push_N, touches.friction_rad
     further = np.minimum(distance * (1 + STEP), rig.antenna.length_m)
-    size = STEP * rig.antenna.stiffness_Nm2 / distance**2
+    size = STEP * bending_at(rig, distance) / distance**2
     ends: list[tuple[str, np.ndarray, np.ndarray]] = [
         ("distance_m", further - 2 * STEP * distance, further),
         *(("push_N", push - size[:, None] * way, push + size[:, None] * way) for way in np.eye(2)),

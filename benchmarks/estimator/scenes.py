@@ -89,8 +89,8 @@ def rod_shapes(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shapes:
     unit = rod.bending_stiffness_Nm2 / rod.length_m
 
     # a straight antenna's moment, and a lean by the slope that the load alone would give
-    load = size * touches.distance_m**2 / rod.bending_stiffness_Nm2
-    weight = rod.mass_per_length_kg_m * rod.length_m * touches.gravity_m_s2
+    load = size * touches.distance_m**2 / bending_at(rig, touches.distance_m)
+    weight = rod.mass_kg * touches.gravity_m_s2
     lean = touches.friction_rad + load / (2.0 + 0.5 * load)
     force = size[:, None] * _leaning(lean, toward)
     straight = np.cross(
@@ -104,16 +104,21 @@ def rod_shapes(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shapes:
         columns = [touches.gravity_m_s2[which], size[which, None] * direction, touches.distance_m[which]]
         nodes = core.antenna.shoot_rods(rod.numbers, np.column_stack(columns), unit * x[:, :3], STEPS_PER_SEGMENT)
         angle = (direction * nodes[np.arange(len(x)), contact[which], 1]).sum(axis=1)
-        return nodes, np.column_stack([nodes[:, -1, 3] / unit, angle + np.sin(touches.friction_rad[which])])
+        left = nodes[:, -1, 3] / unit
+        if rod.taper:  # from the tip on: how far the clamp's directors are off
+            reached, turn = nodes[:, 0, 1:3], rod.T_antenna_clamp.rotation
+            reached = np.concatenate([reached, np.cross(reached[:, 0], reached[:, 1])[:, None]], axis=1)
+            left = 0.5 * np.cross(reached, turn.T).sum(axis=1)
+        return nodes, np.column_stack([left, angle + np.sin(touches.friction_rad[which])])
 
-    state = np.concatenate([straight / unit, lean[:, None]], axis=1)
+    state = np.concatenate([0.0 * straight if rod.taper else straight / unit, lean[:, None]], axis=1)
     left = _solved(lambda x, which: shot(x, which)[1], state)
     nodes = shot(state, np.arange(len(size)))[0]
     if not (left <= _TOLERANCE).all():
         worst = int(np.argmax(left))
         raise SolveError(f"no equilibrium for a push of {size[worst]:.3g} N at {touches.distance_m[worst]:.4f} m")
     force = size[:, None] * _leaning(state[:, 3], toward)
-    moment = state[:, :3] * unit + np.cross(rod.T_antenna_clamp.translation_m, force + weight)
+    moment = nodes[:, 0, 3] + np.cross(rod.T_antenna_clamp.translation_m, force + weight)
     shape = shape_of(rod, touches.distance_m, nodes, moment)
     points = sample_shape(shape, np.broadcast_to(arclength_m, (len(size), len(arclength_m))))[0]
     at = np.arange(len(size)), contact
@@ -308,7 +313,7 @@ def random_scenes(
     distance = rig.antenna.length_m * rng.uniform(*reach, count)
     friction = friction_std_rad * rng.normal(size=count)
     roll = rng.uniform(-np.pi, np.pi, count)
-    size = push_for_slope(rng.uniform(*slope_rad, count), distance, rig.antenna.stiffness_Nm2)
+    size = push_for_slope(rng.uniform(*slope_rad, count), distance, bending_at(rig, distance))
     joints = rng.uniform(-1.0, 1.0, (2, count))
     return scenes(
         rig,
@@ -322,12 +327,19 @@ def random_scenes(
     )
 
 
+def bending_at(rig: Rig, distance_m: np.ndarray) -> np.ndarray:
+    """(B,) EI of a uniform antenna that a small force at each distance would give the same slope there."""
+    taper, share = rig.antenna.taper, (np.arange(400) + 0.5) / 400
+    softer = 1.0 / taper.stiffness(share * distance_m[:, None] / rig.antenna.length_m)
+    return rig.antenna.stiffness_Nm2 / (2.0 * softer * (1.0 - share)).mean(axis=1)
+
+
 def rolled(size_N: np.ndarray, roll_rad: np.ndarray | float) -> np.ndarray:
     """(B, 2) pushes of that size in the deformation plane of roll ξ."""
     return np.stack(np.broadcast_arrays(size_N * np.cos(roll_rad), size_N * np.sin(roll_rad)), axis=-1)
 
 
-def push_for_slope(slope_rad: np.ndarray, distance_m: np.ndarray, stiffness_Nm2: float) -> np.ndarray:
+def push_for_slope(slope_rad: np.ndarray, distance_m: np.ndarray, stiffness_Nm2: np.ndarray | float) -> np.ndarray:
     """(B,) size of the frictionless push that gives the antenna that slope at the contact; up to 75°."""
     loads, _, slopes = _single_loads()
     return np.interp(slope_rad, slopes, loads) * stiffness_Nm2 / distance_m**2

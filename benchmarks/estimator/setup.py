@@ -44,6 +44,7 @@ class Setup:
     swing_m : the picture holds the box of the straight antenna and so much beside it, along y and z.
     real : with weight, bow and a clamp that is off; otherwise straight, weightless and clamped along x.
     exact : the rig is known exactly; otherwise as well as `RIG_STD` says.
+    tip : diameter at the antenna's tip over that at its clamp.
     """
 
     lens: str = "brown"
@@ -53,6 +54,7 @@ class Setup:
     swing_m: float = 0.03
     real: bool = False
     exact: bool = True
+    tip: float = 1.0
 
     @property
     def camera(self) -> Camera:
@@ -71,10 +73,11 @@ class Setup:
         if self.real:
             parameters[:6] = REAL
         camera = self.camera
+        profile = None if self.tip == 1.0 else ((0.0, DIAMETER_M), (LENGTH_M, self.tip * DIAMETER_M))
         return Rig(
             camera=camera,
             T_antenna_camera=filling_pose(camera, self.tilt_rad, self.azimuth_rad, self.swing_m),
-            antenna=Antenna(LENGTH_M, DIAMETER_M, parameters),
+            antenna=Antenna(LENGTH_M, DIAMETER_M, parameters, profile),
             moment_sensor=SENSOR,
             kinematics=Kinematics(),
             gravity_world_m_s2=GRAVITY_WORLD_M_S2 if self.real else np.zeros(3),

@@ -67,7 +67,7 @@ def ordinary_touches(rig: Rig, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> B
     grid = np.meshgrid(np.array(_DISTANCES) * rig.antenna.length_m, np.radians(_SLOPES_DEG), around, indexing="ij")
     distance, slope, angle = (part.reshape(-1) for part in grid)
     lever = np.maximum(distance, _STRONGEST_AT * rig.antenna.length_m)
-    size = 2.0 * rig.antenna.stiffness_Nm2 * slope / lever**2
+    size = 2.0 * rig.antenna.stiffness_Nm2 * slope / lever**2 / rig.antenna.taper.turning(lever / rig.antenna.length_m)
     return BudgetContacts(distance, size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), pan_rad, tilt_rad)
 
 

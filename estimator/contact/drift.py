@@ -298,5 +298,5 @@ def _moved_px(rig: Rig, now: Rig) -> float | None:
 
 def _free_pixels(rig: Rig) -> np.ndarray:
     """(M, 2) the free antenna in the picture, weightless; NaN where the lens cannot show it."""
-    nodes = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.zeros(3))
+    nodes = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.zeros(3), rig.antenna.taper)
     return rig.camera.project(rig.T_antenna_camera.inverse() @ nodes.points_m[0])[0]

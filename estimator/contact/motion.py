@@ -13,6 +13,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
+from vbaa_calib.antenna.taper import UNIFORM, Taper
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
@@ -34,12 +35,13 @@ class Beam:
     length_m: float
     stiffness_Nm2: float
     mass_per_length_kg_m: float
+    taper: Taper = UNIFORM
 
     @staticmethod
     def of(rig: Rig) -> Beam:
         """The rig's antenna."""
         antenna = rig.antenna
-        return Beam(antenna.length_m, antenna.stiffness_Nm2, antenna.mass_per_length_kg_m)
+        return Beam(antenna.length_m, antenna.stiffness_Nm2, antenna.mass_per_length_kg_m, antenna.taper)
 
     @property
     def pieces_m(self) -> np.ndarray:
@@ -51,6 +53,10 @@ class Beam:
         """Angular frequency of the free antenna's first bending mode."""
         return float(self.first_mode_rad_s(np.zeros(())))
 
+    @cached_property
+    def _wave_numbers(self) -> np.ndarray:
+        return _wave_numbers_of(self.taper) if self.taper else _wave_numbers()
+
     def first_mode_rad_s(self, contact: np.ndarray) -> np.ndarray:
         """(...) angular frequency of the first bending mode, clamped and touched at fractions (...) of the length.
 
@@ -58,7 +64,7 @@ class Beam:
         """
         place = (_TABLE - 1) * np.clip(np.where(np.isnan(contact), 0.0, contact), 0.0, 1.0)
         left = np.clip(place.astype(np.intp), 0, _TABLE - 2)
-        table = _wave_numbers()
+        table = self._wave_numbers
         wave = table[left] + (place - left) * (table[left + 1] - table[left])
         return wave**2 * (math.sqrt(self.stiffness_Nm2 / self.mass_per_length_kg_m) / self.length_m**2)
 
@@ -132,7 +138,7 @@ def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bo
     else:
         among = np.where(rows, np.cumsum(rows) - 1, -1)
         acceleration, std, response = (np.append(one, np.full((1, *one.shape[1:]), np.nan), 0)[among] for one in each)
-    density = beam.mass_per_length_kg_m
+    density = beam.mass_per_length_kg_m * beam.taper.diameter(beam.pieces_m / beam.length_m)[:, None] ** 2
     return Inertia(-density * acceleration, density * std, response)
 
 
@@ -204,3 +210,27 @@ def _wave_numbers() -> np.ndarray:
         same = np.sign(moment(middle)) == sign
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     return np.where(contact > 0.0, 0.5 * (low + high), _CLAMPED_FREE)
+
+
+def _wave_numbers_of(taper: Taper) -> np.ndarray:
+    """(T,) the same of an antenna that is not uniform, its frequency over that of a uniform one, by finite elements."""
+    from scipy.linalg import eigh  # slow to load
+
+    count, width = _TABLE - 1, 1.0 / (_TABLE - 1)
+    h, stiff, heavy = width, np.zeros((2 * _TABLE, 2 * _TABLE)), np.zeros((2 * _TABLE, 2 * _TABLE))
+    bend = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h]])
+    bend = np.vstack([bend, [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]) / h**3
+    weigh = np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h]])
+    weigh = np.vstack([weigh, [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]]) * h / 420
+    middle = (np.arange(count) + 0.5) * width
+    for k, (soft, thick) in enumerate(zip(taper.stiffness(middle), taper.diameter(middle) ** 2, strict=True)):
+        own = slice(2 * k, 2 * k + 4)
+        stiff[own, own] += soft * bend
+        heavy[own, own] += thick * weigh
+    found = []
+    for contact in range(_TABLE):
+        # the clamp's place and turn, and the contact's place, are kept
+        free = np.setdiff1d(np.arange(2, 2 * _TABLE), [2 * contact])
+        both = stiff[np.ix_(free, free)], heavy[np.ix_(free, free)]
+        found.append(eigh(*both, eigvals_only=True, subset_by_index=[0, 0])[0])
+    return np.asarray(np.sqrt(np.sqrt(np.array(found))))

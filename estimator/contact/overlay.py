@@ -100,8 +100,9 @@ class _Marks:
 
 def corridor_of(rig: Rig, frame: Frame) -> Corridor | None:
     """Where the antenna may be in a frame's picture; None where the lens shows too little of it."""
-    free = free_curve(rig.antenna.parameters, rig.antenna.length_m, gravity(rig, frame))
-    where = corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m)
+    antenna = rig.antenna
+    free = free_curve(antenna.parameters, antenna.length_m, gravity(rig, frame), antenna.taper)
+    where = corridor(rig.camera, rig.T_antenna_camera.inverse(), free, antenna.diameter_m, taper=antenna.taper)
     return where if len(where.axis_px) >= LEAST_AXIS else None
 
 
@@ -159,7 +160,8 @@ def marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
     fitted = None if contact.status in _UNFITTED else _bent(estimator, item)
     points = np.empty((0, 3)) if fitted is None else fitted[np.isfinite(fitted).all(axis=1)]
     shape = pixels(rig.camera, T_camera_antenna, points) if len(points) else np.empty((0, 2))
-    width = width_px(rig.camera, T_camera_antenna, points, rig.antenna.diameter_m) if len(points) else 0.0
+    antenna_m = rig.antenna.diameter_m * rig.antenna.taper.middle
+    width = width_px(rig.camera, T_camera_antenna, points, antenna_m) if len(points) else 0.0
     if contact.status not in LOCATED:
         return _Marks(shape, width, np.full(2, np.nan), np.empty((0, 2)), np.full(2, np.nan))
     force_N = np.nan_to_num(contact.force_N)
@@ -181,7 +183,8 @@ def _bent(estimator: ContactEstimator, item: FrameContact) -> np.ndarray | None:
     rung = RUNGS[-1] if estimator.model == "auto" else estimator.model
     pull, contact_m = gravity(estimator.rig, item.frame)[None], np.array([contact.distance_m])
     parameters, length_m = antenna.parameters[None], antenna.length_m
-    return curves(rung, parameters, length_m, pull, contact_m, normal_N[None], np.array([angle])).points_m[0]
+    pushed = pull, contact_m, normal_N[None], np.array([angle])
+    return curves(rung, parameters, length_m, *pushed, antenna.taper).points_m[0]
 
 
 def ellipse(rig: Rig, contact: Contact, rotation_world_antenna: np.ndarray) -> np.ndarray:

@@ -152,8 +152,9 @@ def _finder(rig: Rig, pull_m_s2: tuple[float, ...], paths_m_s2: tuple[float, ...
 
 
 def _corridor(rig: Rig, pull_m_s2: tuple[float, ...]) -> Corridor:
-    free = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.array(pull_m_s2))
-    return corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m)
+    free = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.array(pull_m_s2), rig.antenna.taper)
+    antenna = rig.antenna
+    return corridor(rig.camera, rig.T_antenna_camera.inverse(), free, antenna.diameter_m, taper=antenna.taper)
 
 
 @lru_cache(maxsize=64)
@@ -165,7 +166,9 @@ def _tabled(rig: Rig, pull_m_s2: tuple[float, ...]) -> AntennaFinder | None:
 def _same_paths_m_s2(rig: Rig) -> float:
     """The step of gravity within which the same paths will do."""
     where = _corridor(rig, (0.0, 0.0, 0.0))
-    return max(same_paths_m_s2(where, rig.antenna.parameters, rig.antenna.length_m), _GRAVITY_STEP_M_S2)
+    return max(
+        same_paths_m_s2(where, rig.antenna.parameters, rig.antenna.length_m, rig.antenna.taper), _GRAVITY_STEP_M_S2
+    )
 
 
 def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]) -> list[Detection]:
@@ -184,7 +187,7 @@ def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]
 
 def _along(rig: Rig, glance: _FirstDetection, rough: RoughFit) -> Detection:
     seen_from = (rig.camera, rig.T_antenna_camera.inverse(), rough.points_m)
-    guide, width = pixels(*seen_from), width_px(*seen_from, rig.antenna.diameter_m)
+    guide, width = pixels(*seen_from), width_px(*seen_from, rig.antenna.diameter_m * rig.antenna.taper.middle)
     assert glance.looking is not None
     picture = glance.image if glance.bare else glance.picture
     again = glance.looking.along(glance.image, guide, width, glance.bright, picture, glance.line.odds)

@@ -198,12 +198,14 @@ def _drawn(rig: Rig) -> Iterator[tuple[Frame, np.ndarray]]:
     line_level = 150.0 if rig.image.looks is None else float(np.mean(rig.image.looks, axis=0)[:3].mean())
     height = -(rig.image.height or 70.0) if rig.image.bright is False else rig.image.height or 70.0
     noise = np.random.default_rng(0).normal(line_level - height, 2.0, rig.camera.image_size[::-1])
-    force_N = antenna.stiffness_Nm2 / antenna.length_m**2
+    force_N = antenna.stiffness_Nm2 / antenna.length_m**2 / antenna.taper.yielding(np.ones(1))[0]
     for load_N in (0.0, 0.3 * force_N, -0.3 * force_N):
         contact_m, force = np.array([0.6 * antenna.length_m]), np.array([[0.0, load_N]])
-        curve = bend(antenna.parameters[None], antenna.length_m, gravity(rig, still)[None], contact_m, force)
+        pull = gravity(rig, still)[None]
+        curve = bend(antenna.parameters[None], antenna.length_m, pull, contact_m, force, taper=antenna.taper)
         line = pixels(rig.camera, T_camera_antenna, curve.points_m[0])
-        thick = max(1, round(width_px(rig.camera, T_camera_antenna, curve.points_m[0], antenna.diameter_m)))
+        middle_m = antenna.diameter_m * antenna.taper.middle
+        thick = max(1, round(width_px(rig.camera, T_camera_antenna, curve.points_m[0], middle_m)))
         ink = np.zeros(noise.shape, np.uint8)
         cv2.polylines(ink, [np.rint(16.0 * line).astype(np.int32)], False, 255, thick, cv2.LINE_AA, 4)
         drawn = noise + height / 255.0 * cv2.GaussianBlur(ink, (0, 0), 0.7)

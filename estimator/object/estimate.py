@@ -92,8 +92,8 @@ def estimate_object(
     touches_of(table)  # says what is missing before any work
     friction_rad = table.assumed_friction_rad if friction_rad is None else friction_rad
     shared = CommonErrors.none(table) if rig is None else shared_errors(rig, table, friction_rad)
-    radius_m = 0.0 if rig is None else rig.antenna.diameter_m / 2
-    surface = reconstruct(touches_of(table, shared), radius_m)
+    touches = touches_of(table, shared)
+    surface = reconstruct(touches, 0.0 if rig is None else rig.antenna.radius_at(touches.distance_m))
     # the shape's normals where it determines them, NaN elsewhere
     known = (
         Normals(surface.touched_normal, surface.touched_normal_covariance).std_rad < FrictionSettings.normal_known_rad

@@ -68,6 +68,7 @@ def bend(frames: Frames, rung: str, unknowns: np.ndarray, steps: np.ndarray | No
         flat[:, 0] * rig_arrays.length_m,
         flat[:, 1:3] * rig_arrays.force_unit_N,
         flat[:, 3] * rig_arrays.friction_rad,
+        rig_arrays.rig.antenna.taper,
     )
 
 

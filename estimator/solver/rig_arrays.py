@@ -83,6 +83,7 @@ class RigArrays:
             unit_load=self.unit_load,
             tip_offset_m=0.0 if rig.tip is None else rig.tip.offset_m,
             stiffness_Nm2=rig.antenna.stiffness_Nm2,
+            taper=rig.antenna.taper.pieces,
             with_tip=rig.tip is not None,
             with_wrench=rig.wrench_sensor is not None,
             readings=len(self.std),
@@ -128,7 +129,8 @@ class RigArrays:
     @property
     def force_unit_N(self) -> float:
         """A force that bends the tip by about a hundredth of the length."""
-        return 0.03 * self.rig.antenna.stiffness_Nm2 / self.rig.antenna.length_m**2
+        antenna = self.rig.antenna
+        return 0.03 * antenna.stiffness_Nm2 / (float(antenna.taper.yielding(np.ones(1))[0]) * antenna.length_m**2)
 
     @property
     def unit_load(self) -> float:

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from tests.antenna.test_shape import LENGTH, cases
 from vbaa_calib.antenna.nodes import CONTACT, aligned_arclength
 from vbaa_calib.antenna.rungs import RUNGS, curves
+from vbaa_calib.antenna.taper import UNIFORM
 from vbaa_calib.native import core
 
 LANES, NODES = 8, core.antenna.NODES_TO_CONTACT + core.antenna.NODES_BEYOND
@@ -32,7 +33,8 @@ def bent(rung: int, press: dict[str, np.ndarray]) -> list[np.ndarray]:
     """Points, tangents, force and moment, as whole batches are bent: the last axis is the batch."""
     parameters, force = press["parameters"].T, press["force_N"].T
     gravity = np.tile(GRAVITY, (LANES, 1))
-    made = core.antenna.curves(rung, parameters, LENGTH, gravity, press["contact_m"], force, press["friction_rad"])
+    given = LENGTH, UNIFORM.pieces, gravity, press["contact_m"], force, press["friction_rad"]
+    made = core.antenna.curves(rung, parameters, *given)
     return [each.T for each in made]
 
 
@@ -41,8 +43,8 @@ def lanes(
 ) -> list[np.ndarray]:
     """The same as the solver has it."""
     made = [np.full(shape, 7.0) for shape in ((3, NODES, LANES), (3, rows, LANES), (3, LANES), (LANES,))]
-    given = press["parameters"], LENGTH, gravity_m_s2, press["contact_m"], press["force_N"], press["friction_rad"]
-    core.antenna.bend_lanes(rung, *given, *made)
+    given = gravity_m_s2, press["contact_m"], press["force_N"], press["friction_rad"]
+    core.antenna.bend_lanes(rung, press["parameters"], LENGTH, UNIFORM.pieces, *given, *made)
     return made
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
+from vbaa_calib.antenna.taper import UNIFORM, Taper
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.session_rig import prior
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
@@ -45,6 +46,7 @@ class Truth:
     since: int = 10_000
     softer: tuple[float, float] = (1.0, 1.0)
     profile: Callable[[np.ndarray], np.ndarray] | None = None
+    taper: Taper = UNIFORM
     touched: Mapping[int, tuple[float, float, float]] = field(default_factory=dict)
     points: int = 200
     sigma_px: float = 0.05
@@ -131,7 +133,7 @@ def bent(truth: Truth, index: int, gravity: np.ndarray, at_m: float, force_N: np
     y, z, about_y, about_z, *bow, log_stiffness, log_mass, _ = truth.parameters_of(index)
     clamp = Pose(Rotation.from_rotvec([0.0, about_y, about_z]).as_matrix(), np.array([0.0, y, z]))
     stiffness = np.exp(log_stiffness)
-    rod = Rod(truth.antenna.length_m, stiffness, stiffness / 1.3, np.exp(log_mass), clamp, np.array(bow))
+    rod = Rod(truth.antenna.length_m, stiffness, stiffness / 1.3, np.exp(log_mass), clamp, np.array(bow), truth.taper)
     uniform = solve_rod(rod, gravity[None], np.array([at_m]), force_N[None])
     if truth.profile is None and truth.softer == (1.0, 1.0) and index not in truth.touched:
         return uniform
@@ -176,6 +178,20 @@ def _uneven(truth: Truth, rod: Rod, gravity: np.ndarray, load: tuple[float, np.n
         if change < 1e-9:
             break
     return RodShape(s[None], points[None], tangents[None], at_clamp[None])
+
+
+def coned(truth: Truth, tip: float) -> Truth:
+    """A cone so much thinner at its tip, under lighter loads."""
+
+    def lighter(still: Still) -> Still:
+        if not isinstance(still, Load):
+            return still
+        part = (1.0 - (1.0 - tip) * 0.9 * still.distance_m / truth.antenna.length_m) ** 3
+        forces = float(f"{part * still.force_y_N:.4g}"), float(f"{part * still.force_z_N:.4g}")
+        return replace(still, force_y_N=forces[0], force_z_N=forces[1])
+
+    stills = [lighter(one) for one in truth.stills]
+    return replace(truth, stills=stills, taper=Taper().thinned(float(np.log(tip))))
 
 
 def reported(truth: Truth, rng: np.random.Generator) -> Reported:
@@ -483,6 +499,7 @@ MISTAKES: dict[str, Mistake] = {
         ("stiffness_varies",),
         before=lambda rng, truth: replace(truth, profile=lambda x: (1.0 - 0.3 * x) ** -4),
     ),
+    "cone": Mistake(("stiffness_varies",), before=lambda rng, truth: coned(truth, 0.5)),
     "two materials": Mistake(
         ("stiffness_varies",), before=lambda rng, truth: replace(truth, profile=lambda x: np.where(x < 0.5, 1.0, 1.6))
     ),

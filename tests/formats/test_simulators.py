@@ -134,10 +134,15 @@ def at_rest(links: list[Link], angles: dict[str, float], gravity: np.ndarray, fo
     return place.translation_m
 
 
+@pytest.mark.parametrize("tapers", [False, True])
 @pytest.mark.parametrize(("to", "links_of"), [("mujoco", links_of_mjcf), ("urdf-beam", links_of_urdf)])
-def test_a_chain_hangs_and_bends_as_the_rod(to: str, links_of: object, tmp_path: Path) -> None:
-    """Clamp and its give, bow, weight, EI, GJ, length and joints: the tip is the rod's to 1/(4N²) of its deflection."""
+def test_a_chain_hangs_and_bends_as_the_rod(to: str, links_of: object, tapers: bool, tmp_path: Path) -> None:
+    """Clamp and its give, bow, weight, EI, GJ, length, taper and joints: the tip is the rod's to 1/(4N²) of its
+    deflection."""
     rig, angles = a_rig(), {"pan": 0.4, "tilt": -0.3}
+    if tapers:
+        rows = ((0.0, 0.8e-3), (0.1, 0.7e-3), (0.1, 0.6e-3), (rig.antenna.length_m, 0.5e-3))
+        rig = replace(rig, antenna=replace(rig.antenna, profile=rows))  # which bends about twice as far
     carried = rig.kinematics.T_world_antenna(angles["pan"], angles["tilt"])
     force = np.array([0.002, 0.03, -0.02])
     for segments, most in ((10, 1.5e-3), (20, 4e-4)):
@@ -145,11 +150,11 @@ def test_a_chain_hangs_and_bends_as_the_rod(to: str, links_of: object, tmp_path:
         vbaa.export(rig, to, path, segments=segments)
         links = list(links_of(path))  # type: ignore[operator]
         weight = sum(link.mass_kg for link in links if link.name.startswith(("piece", "hinge")))
-        np.testing.assert_allclose(weight, rig.antenna.length_m * rig.antenna.mass_per_length_kg_m)
+        np.testing.assert_allclose(weight, rig.antenna.rod.mass_kg, rtol=1e-3 if tapers else 1e-7)
         tip = at_rest(links, angles, rig.gravity_world_m_s2, carried.rotation @ force)
         gravity = rig.gravity_world_m_s2 @ carried.rotation
         ours = public_rod.solve(rig, force, gravity_m_s2=gravity).points_m[-1]
-        assert np.linalg.norm(tip - carried @ ours) < most * rig.antenna.length_m
+        assert np.linalg.norm(tip - carried @ ours) < (1 + tapers) * most * rig.antenna.length_m
 
 
 def test_a_clamp_that_gives_is_the_estimators() -> None:
@@ -222,6 +227,9 @@ def test_a_clamp_stiffer_than_a_segment_and_another_simulator_are_refused(tmp_pa
     vbaa.export(stiff, "mujoco", tmp_path / "a.xml", segments=39)
     with pytest.raises(InputError, match="give 40 segments or fewer"):
         vbaa.export(stiff, "mujoco", tmp_path / "b.xml", segments=80)
+    tapered = replace(rig, antenna=replace(rig.antenna, profile=((0.0, 0.8e-3), (rig.antenna.length_m, 0.4e-3))))
+    with pytest.raises(InputError, match="not uniform"):
+        vbaa.export(tapered, "pyelastica", tmp_path / "c.py")
     with pytest.raises(InputError, match="give one of mujoco"):
         vbaa.export(rig, "newton", tmp_path / "c.xml")
 

@@ -29,7 +29,7 @@ def _bundled(name: str) -> tuple[Scene, Plan]:
     return scene, plan(scene)
 
 
-SESSIONS = ["demo", "steep_sphere", "upright_knife"]
+SESSIONS = ["cone", "demo", "steep_sphere", "upright_knife"]
 """Bundled scenes of sessions; whiskers have none."""
 
 

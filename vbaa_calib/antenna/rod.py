@@ -24,6 +24,8 @@ from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
 
+from .taper import UNIFORM, Taper
+
 STEPS_PER_SEGMENT: int = core.antenna.STEPS_PER_SEGMENT
 TORSION_RATIO = 1.3  # EI/GJ = 1 + ν of a round wire of metal, ν = 0.3
 
@@ -32,12 +34,14 @@ class _RodNumbers(NamedTuple):
     """A rod as the core reads it.
 
     length_m : from the clamp to the tip. bend, twist : 1/EI and 1/GJ. mass_per_length_kg_m : as the rod's.
+    pieces : as the taper's.
     curvature_y, curvature_z : natural curvature, 1/m. clamp : (3, 3) the clamp's place, d1 and d2 there.
     """
 
     length_m: float
     bend: float
     twist: float
+    pieces: np.ndarray
     mass_per_length_kg_m: float
     curvature_y: float
     curvature_z: float
@@ -58,6 +62,7 @@ class Rod:
     natural_curvature_per_m : (2,) curvature of the unloaded, weightless rod about its own y and z axes, constant along
         it: a positive one about z bends it towards +y, a positive one about y towards −z.
     clamp_give_m : how long a piece of the rod would bend as much as the clamp turns; 0 for a rigid clamp.
+    taper : how stiffnesses and mass per length, which are the clamp's, change along it.
     """
 
     length_m: float
@@ -67,6 +72,7 @@ class Rod:
     T_antenna_clamp: Pose = field(default_factory=Pose.identity)
     natural_curvature_per_m: np.ndarray = field(default_factory=lambda: np.zeros(2))
     clamp_give_m: float = 0.0
+    taper: Taper = UNIFORM
 
     def __post_init__(self) -> None:
         for name in ("length_m", "bending_stiffness_Nm2", "torsional_stiffness_Nm2"):
@@ -82,6 +88,16 @@ class Rod:
             )
 
     @property
+    def mass_kg(self) -> float:
+        """Of all of it."""
+        return self.mass_per_length_kg_m * self.taper.weight * self.length_m
+
+    def yielding_m(self, distance_m: np.ndarray) -> np.ndarray:
+        """(B,) small deflection at arc lengths (B,) by a force of 1 N there."""
+        uniform = distance_m**3 / (3.0 * self.bending_stiffness_Nm2)
+        return uniform * self.taper.yielding(distance_m / self.length_m)
+
+    @property
     def numbers(self) -> _RodNumbers:
         """As the core reads it."""
         curvature_y, curvature_z = self.natural_curvature_per_m
@@ -90,6 +106,7 @@ class Rod:
             length_m=float(self.length_m),
             bend=1.0 / self.bending_stiffness_Nm2,
             twist=1.0 / self.torsional_stiffness_Nm2,
+            pieces=self.taper.pieces,
             mass_per_length_kg_m=float(self.mass_per_length_kg_m),
             curvature_y=float(curvature_y),
             curvature_z=float(curvature_z),
@@ -149,7 +166,7 @@ def solve_rod(
         turned = Rotation.from_rotvec(turn).as_matrix()
         seen_gravity, seen_force = (np.einsum("bij,bi->bj", turned, load) for load in (gravity, force))
         nodes, moment = _rigidly_clamped(rigid, seen_gravity, contact, seen_force, guess)
-        total_N = rod.mass_per_length_kg_m * rod.length_m * seen_gravity + seen_force
+        total_N = rod.mass_kg * seen_gravity + seen_force
         at_clamp = np.einsum("bij,bj->bi", turned, moment - np.cross(lever, total_N))
         before, turn, guess = turn, at_clamp @ per_moment, moment
         if np.abs(turn - before).max() < 1e-12:
@@ -167,7 +184,7 @@ def _rigidly_clamped(
     """Nodes (B, N, 4, 3) and moment (B, 3) about the antenna frame's origin. Raises SolveError."""
     lever = rod.T_antenna_clamp.translation_m
     unit = rod.bending_stiffness_Nm2 / rod.length_m
-    weight = rod.mass_per_length_kg_m * rod.length_m * gravity
+    weight = rod.mass_kg * gravity
     load = np.linalg.norm(force, axis=1) * contact + np.linalg.norm(weight, axis=1) * rod.length_m / 2
     tangent = rod.T_antenna_clamp.rotation[:, 0]
     # the lever shortens as the rod bends: this follows the elastica's up to ten times the force of EI/contact²
@@ -177,6 +194,8 @@ def _rigidly_clamped(
         start = guess_moment_Nm - np.cross(lever, force + weight)
     # no lever is longer than the arc, so no component of the clamp moment exceeds the load's
     limits = np.stack([load, np.maximum(load, 1e-6 * unit)], axis=1)
+    if rod.taper:  # the tip's turn, of 3 rad at most, stands for it
+        start, limits = np.zeros_like(start), np.tile([3.0 * unit, unit], (len(load), 1))
     loads = np.column_stack([gravity, force, contact])
     nodes, moment, left = core.antenna.solve_rods(rod.numbers, loads, unit, limits, start, STEPS_PER_SEGMENT)
     if not (left <= core.antenna.ROD_TOLERANCE).all():
@@ -185,6 +204,8 @@ def _rigidly_clamped(
             f"rod {worst} of {len(left)} found no equilibrium: force {force[worst]} N at {contact[worst]:.4f} m"
             f" leaves {left[worst]:.1e} of its moment at the tip"
         )
+    if rod.taper:
+        moment = nodes[:, 0, 3]
     return nodes, moment + np.cross(lever, force + weight)
 
 

@@ -15,6 +15,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.native import core
 
 from .shape import Curves, curves_of
+from .taper import UNIFORM, Taper
 
 RUNGS = ("paper", "linear", "elastica", "rod")
 """Lowest first, in the order of the core's."""
@@ -29,6 +30,7 @@ def curves(
     contact_m: np.ndarray,
     force_N: np.ndarray,
     friction_rad: np.ndarray | None = None,
+    taper: Taper = UNIFORM,
 ) -> Curves:
     """Shapes of B antennas as a rung of the ladder sees them.
 
@@ -42,6 +44,7 @@ def curves(
         before it is turned with the antenna.
     friction_rad : (B,) angle of the contact force from that normal, positive towards the clamp, see `shape.bend`. What
         it does to the shape is of second order: `linear` has it in its force alone, `paper` not at all.
+    taper : how the antennas' stiffness and weight, which are the clamp's, change along them.
     """
     if rung not in RUNGS:
         raise InputError(f"rung is {rung!r}", remedy=f"one of {', '.join(RUNGS)} is needed")
@@ -53,5 +56,7 @@ def curves(
         if values is not None and values.shape != shape:
             raise InputError(f"{name} has shape {values.shape}", remedy=f"give {shape}")
     friction_rad = np.zeros(count) if friction_rad is None else friction_rad
-    bent = core.antenna.curves(RUNGS.index(rung), parameters, length_m, gravity_m_s2, contact_m, force_N, friction_rad)
+    bent = core.antenna.curves(
+        RUNGS.index(rung), parameters, length_m, taper.pieces, gravity_m_s2, contact_m, force_N, friction_rad
+    )
     return curves_of(contact_m, length_m, bent)

@@ -10,6 +10,7 @@ from vbaa_calib.core.arrays import Rows
 from vbaa_calib.native import core
 
 from .nodes import CONTACT, NEAREST_TO_TIP, aligned_arclength
+from .taper import UNIFORM, Taper
 
 PARAMETERS = (
     "clamp_y_m",
@@ -62,6 +63,7 @@ def bend(
     dead: bool = False,
     sweeps: int = 2,
     friction_rad: np.ndarray | None = None,
+    taper: Taper = UNIFORM,
 ) -> Curves:
     """Shapes of antennas under weight and one point force each.
 
@@ -79,13 +81,16 @@ def bend(
     friction_rad : (B,) within ±π/2, angle of the contact force from the antenna's normal at the contact; positive leans
         towards the clamp. `force_N` stays the component along the normal: the whole force is |force_N|/cos of the
         angle. None is a contact without friction. Nothing to a dead force.
+    taper : how the antennas' stiffness and weight, which are the clamp's, change along them.
 
     Notes
     -----
     Without weight, bow and `dead` the elastica is in equilibrium, and the sweeps leave it as it is.
     """
     friction_rad = np.zeros(len(contact_m)) if friction_rad is None else friction_rad
-    bent = core.antenna.bend(dead, sweeps, parameters, length_m, gravity_m_s2, contact_m, force_N, friction_rad)
+    bent = core.antenna.bend(
+        dead, sweeps, parameters, length_m, taper.pieces, gravity_m_s2, contact_m, force_N, friction_rad
+    )
     return curves_of(contact_m, length_m, bent)
 
 

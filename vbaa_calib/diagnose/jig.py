@@ -153,7 +153,7 @@ class JigEvidence:
     def _in_picture(self, T_antenna_camera: Pose, gravity_m_s2: np.ndarray) -> bool:
         """Whether the camera would see most of the free antenna from a pose."""
         antenna = self.session.antenna
-        points = free_curve(nominal_parameters(antenna), antenna.length_m, gravity_m_s2).points_m[0]
+        points = free_curve(nominal_parameters(antenna), antenna.length_m, gravity_m_s2, antenna.taper).points_m[0]
         pixels, seen = self.camera.project(T_antenna_camera.inverse() @ points)
         inside = seen & self.camera.in_picture(np.nan_to_num(pixels, nan=-1.0))
         return bool(inside.mean() >= self.limits.least_inside)
@@ -361,7 +361,9 @@ class JigEvidence:
     def _off(self, lines: Sequence[Observation]) -> str:
         """How far the free antenna lies from where all as reported would put it, in words."""
         pose, antenna = self.estimate(self.reported).T_antenna_camera, self.session.antenna
-        free = free_curve(nominal_parameters(antenna), antenna.length_m, lines[0].gravity_m_s2).points_m[0]
+        free = free_curve(nominal_parameters(antenna), antenna.length_m, lines[0].gravity_m_s2, antenna.taper).points_m[
+            0
+        ]
         pixels, seen = self.camera.project(pose.inverse() @ free)
         if not (seen & self.camera.in_picture(np.nan_to_num(pixels, nan=-1.0))).any():
             return "the antenna would be outside the picture"

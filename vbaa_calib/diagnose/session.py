@@ -585,17 +585,37 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
         lambda problem, v: replace(problem, uneven=_uneven(problem, [v[0], 0, 0])), uneven, (s.uneven,), s.rare
     )
 
+    def changes(softer: float) -> Diagnosis:
+        """softer : half way to its tip than at its clamp."""
+        side, ratio = "softer" if softer > 1.0 else "stiffer", max(softer, 1.0 / softer)
+        words = f"the antenna is about {ratio:.1f} times {side} half way to its tip than"
+        if witness.problem.prior.taper:
+            words += " its profile says"
+            remedy = "measure its diameters again and correct antenna.profile, or give antenna.stiffness_profile"
+        else:
+            words += " at its clamp: tapered, or of two materials"
+            remedy = (
+                "measure its diameters from clamp to tip and give them as antenna.profile (of two materials: "
+                "antenna.stiffness_profile), or use a whisker of one diameter and material"
+            )
+        return Diagnosis("stiffness_varies", words, remedy, "wrong" if ratio > 1.3 else "doubt")
+
     def varies(fit: RigFit) -> Diagnosis:
         # beyond the loads hardly anything bends it
         clamp, half = np.clip([1.0 - fit.values[0] + fit.values[1], 1.0 - 0.5 * fit.values[1]], 0.05, None)
-        side, ratio = "softer" if half > clamp else "stiffer", max(half / clamp, clamp / half)
-        return Diagnosis(
-            "stiffness_varies",
-            f"the antenna is about {ratio:.1f} times {side} half way to its tip than at its clamp: tapered, or of two "
-            "materials",
-            "use a whisker of one diameter and material: contacts are solved for one EI all along",
-            "wrong" if ratio > 1.3 else "doubt",
-        )
+        return changes(half / clamp)
+
+    def thinned(problem: Problem, v: np.ndarray) -> Problem:
+        log_tip = float(np.clip(v[0], -s.thinnest, s.thinnest))
+        return replace(problem, prior=replace(problem.prior, taper=problem.prior.taper.thinned(log_tip)))
+
+    yield Mistake(
+        thinned,
+        lambda fit: changes((0.5 + 0.5 * float(np.exp(fit.values[0]))) ** -4),
+        (s.cone,),
+        s.rare,
+        within=lambda fit: bool(abs(fit.values[0]) < s.thinnest),
+    )
 
     yield Mistake(
         lambda problem, v: replace(problem, uneven=_uneven(problem, [0, *v])),

@@ -35,6 +35,8 @@ class SessionSettings:
     give_m: float = 5e-3  # of a soft clamp
     uneven: float = 0.2  # of the logarithm of EI's ratio between y and z
     profile: float = 0.5  # of the change of compliance along the antenna
+    cone: float = 0.7  # of the logarithm of the tip's diameter over the clamp's
+    thinnest: float = 2.5  # largest size of that: 1:12
     touch: float = 0.05  # of a touch, in its deflection over the length
     material: tuple[float, float] = (1.5, 1.0)  # of the logarithms of EI and of the mass per length
     moduli_Pa: tuple[float, float] = (1e9, 450e9)  # of what antennas are made of

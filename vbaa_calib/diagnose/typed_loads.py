@@ -70,7 +70,9 @@ def typed_load_diagnoses(
 
     def slope_rad(row: tuple[int, Load]) -> float:
         """At the load, by the linear beam: f·l²/2EI."""
-        return weighed(row[1]) * row[1].distance_m ** 2 / (2.0 * antenna.stiffness_Nm2)
+        at_m = row[1].distance_m
+        softer = float(antenna.taper.turning(np.array(at_m / length_m)))
+        return weighed(row[1]) * at_m**2 * softer / (2.0 * antenna.stiffness_Nm2)
 
     def described(row: tuple[int, Load], which: Sequence[tuple[int, Load]], digits: str) -> tuple[str, float]:
         """The rows' name with one of them, and how far its tip would move, mm."""

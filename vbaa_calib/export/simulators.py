@@ -17,6 +17,7 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from vbaa_calib.antenna.rod import Rod
+from vbaa_calib.antenna.taper import profiles_to_dict
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.files import refuse_overwrite, write_text
@@ -31,6 +32,7 @@ class ExportSettings:
 
     segments: int = 40  # parts of the antenna: tips are off by 1/(4N²) of their deflection
     most_segments: int = 200  # bodies within each other
+    samples: int = 16  # of a part that is not uniform
     step_s: float = 5e-4  # of a simulation in MuJoCo
     damping_ratio: float = 0.01  # of the first mode; steel wires have less
 
@@ -41,7 +43,7 @@ class _Chain:
 
     Attributes
     ----------
-    lengths_m, masses_kg : (N + 1,) of the pieces; the first is fixed to the clamp.
+    lengths_m, masses_kg, radii_m : (N + 1,) of the pieces; the first is fixed to the clamp.
     bending_Nm, torsion_Nm : (N,) stiffness of the hinges about the pieces' y and z, and about x.
     bend_rad : (N, 2) turn of each piece from the one before about y and z, unloaded and without weight.
     damping_s : damping of a hinge over its stiffness.
@@ -49,37 +51,46 @@ class _Chain:
 
     lengths_m: np.ndarray
     masses_kg: np.ndarray
+    radii_m: np.ndarray
     bending_Nm: np.ndarray
     torsion_Nm: np.ndarray
     bend_rad: np.ndarray
     damping_s: float
 
 
-def _stiffness(rod: Rod, s_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """EI and GJ, N·m², and mass per length, kg/m, at arc lengths (N,)."""
-    every = np.ones_like(s_m)
-    return rod.bending_stiffness_Nm2 * every, rod.torsional_stiffness_Nm2 * every, rod.mass_per_length_kg_m * every
+def _parts(rod: Rod, ends_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """EI, N·m², that gives the bend of each part between N + 1 ends, and its mass per length, kg/m."""
+    share = (np.arange(ExportSettings.samples) + 0.5) / ExportSettings.samples
+    place = (ends_m[:-1, None] + np.diff(ends_m)[:, None] * share) / rod.length_m
+    stiffness = 1.0 / (1.0 / rod.taper.stiffness(place)).mean(axis=1)
+    weight = (rod.taper.diameter(place) ** 2).mean(axis=1)
+    return rod.bending_stiffness_Nm2 * stiffness, rod.mass_per_length_kg_m * weight
 
 
-def _chain_of(rod: Rod, segments: int) -> _Chain:
-    """The chain of a rod; the clamp's give is in its first hinge. Raises InputError for segments that cannot be."""
+def _chain_of(rig: Rig, segments: int) -> _Chain:
+    """The chain of an antenna, the clamp's give in its first hinge. Raises InputError for segments that cannot be."""
     most = ExportSettings.most_segments
     if isinstance(segments, bool) or not isinstance(segments, int) or not 3 <= segments <= most:
         raise InputError(f"segments are {shown(segments)}", remedy=f"give a whole number, 3 to {most}")
+    rod = rig.antenna.rod
     part_m, give_m = rod.length_m / segments, rod.clamp_give_m
     at_m = part_m * (np.arange(segments) + 0.5)
-    bending, torsion, _ = _stiffness(rod, at_m)
-    bending, torsion = bending / part_m, torsion / part_m
+    bending = _parts(rod, part_m * np.arange(segments + 1))[0] / part_m
+    torsion = bending * (rod.torsional_stiffness_Nm2 / rod.bending_stiffness_Nm2)
     if give_m <= -0.5 * part_m:
         remedy = f"give {max(3, int(-0.5 * rod.length_m / give_m))} segments or fewer"
         raise InputError(f"the clamp gives by {1e3 * give_m:.3g} mm", where="antenna", remedy=remedy)
-    bending[0] /= 1.0 + give_m / part_m
-    at_m[0] /= 1.0 + give_m / part_m
-    lengths = np.diff(at_m, prepend=0.0, append=rod.length_m)
-    _, _, mass = _stiffness(rod, np.cumsum(lengths) - 0.5 * lengths)
+    given = 1.0 + give_m / rod.bending_stiffness_Nm2 * bending[0]
+    bending[0] /= given
+    at_m[0] /= given
+    ends = np.concatenate([[0.0], at_m, [rod.length_m]])
+    lengths, mass = np.diff(ends), _parts(rod, ends)[1]
+    radii = rig.antenna.radius_at(ends[:-1] + 0.5 * lengths)
     first_mode = 3.516 * np.sqrt(rod.bending_stiffness_Nm2 / max(rod.mass_per_length_kg_m, 1e-9)) / rod.length_m**2
     bow = np.tile(part_m * np.asarray(rod.natural_curvature_per_m, float), (segments, 1))
-    return _Chain(lengths, mass * lengths, bending, torsion, bow, 2.0 * ExportSettings.damping_ratio / first_mode)
+    return _Chain(
+        lengths, mass * lengths, radii, bending, torsion, bow, 2.0 * ExportSettings.damping_ratio / first_mode
+    )
 
 
 def _text(values: Any) -> str:
@@ -126,8 +137,8 @@ def _tilt_in_pan(joints: Kinematics) -> Pose:
 def _add_chain(base: Xml.Element, chain: _Chain, rig: Rig) -> None:
     """Pieces within each other, with their joints, to the site `tip`."""
     piece = _add(base, "body", name="piece0", **_placed(rig.antenna.rod.T_antenna_clamp))
-    radius, bends = 0.5 * rig.antenna.diameter_m, _hinges(chain)
-    for number, (length, mass) in enumerate(zip(chain.lengths_m, chain.masses_kg, strict=True)):
+    bends, pieces = _hinges(chain), zip(chain.lengths_m, chain.masses_kg, chain.radii_m, strict=True)
+    for number, (length, mass, radius) in enumerate(pieces):
         if number:
             pose, hinges = bends[number - 1]
             piece = _add(piece, "body", name=f"piece{number}", **_placed(pose))
@@ -153,7 +164,7 @@ def _add_chain(base: Xml.Element, chain: _Chain, rig: Rig) -> None:
 
 def _mujoco(rig: Rig, segments: int) -> str:
     """MJCF, which Newton reads, too: joints with servos, camera, moment sensor, and the antenna as a chain."""
-    chain, joints, camera = _chain_of(rig.antenna.rod, segments), rig.kinematics, rig.camera
+    chain, joints, camera = _chain_of(rig, segments), rig.kinematics, rig.camera
     root = Xml.Element("mujoco", model="antenna")
     root.append(Xml.Comment(" SI units. Servos, attachment and damping are not measured: change them as you like. "))
     _add(root, "compiler", angle="radian", autolimits="true")
@@ -195,10 +206,10 @@ def _mujoco(rig: Rig, segments: int) -> str:
 
 def _urdf(rig: Rig, segments: int) -> str:
     """URDF with the springs in Gazebo's elements: URDF itself has none, nor gravity or moment sensors."""
-    chain, joints, radius = _chain_of(rig.antenna.rod, segments), rig.kinematics, 0.5 * rig.antenna.diameter_m
+    chain, joints = _chain_of(rig, segments), rig.kinematics
     root = Xml.Element("robot", name="antenna")
 
-    def link(name: str, mass: float, length: float, inertia: np.ndarray) -> None:
+    def link(name: str, mass: float, length: float, radius: float, inertia: np.ndarray) -> None:
         one = _add(root, "link", name=name)
         inertial = _add(one, "inertial")
         _add(inertial, "origin", xyz=_text([0.5 * length, 0.0, 0.0]), rpy="0 0 0")
@@ -232,22 +243,24 @@ def _urdf(rig: Rig, segments: int) -> str:
     place = Pose(np.eye(3), joints.position_world_m)
     _add(root, "link", name="world")
     for name in ("pan_link", "tilt_link", "antenna", "camera"):
-        link(name, 0.01, 0.0, np.full(3, 1e-5))  # not measured
+        link(name, 0.01, 0.0, 0.0, np.full(3, 1e-5))  # not measured
     joint(("pan", "world", "pan_link"), place, "0 0 1")
     joint(("tilt", "pan_link", "tilt_link"), _tilt_in_pan(joints), "0 -1 0")
     joint(("mount", "tilt_link", "antenna"), joints.T_actuator_antenna)
     joint(("camera_mount", "antenna", "camera"), rig.T_antenna_camera)
-    pieces = list(zip(chain.lengths_m.tolist(), chain.masses_kg.tolist(), strict=True))
-    link("piece0", pieces[0][1], pieces[0][0], _inertia(pieces[0][1], pieces[0][0], radius))
+    pieces = np.stack([chain.masses_kg, chain.lengths_m, chain.radii_m], axis=1).tolist()
+    mass, length, radius = pieces[0]
+    link("piece0", mass, length, radius, _inertia(mass, length, radius))
     joint(("clamp", "antenna", "piece0"), rig.antenna.rod.T_antenna_clamp)
-    for number, ((pose, hinges), (length, mass)) in enumerate(zip(_hinges(chain), pieces[1:], strict=True), 1):
+    places = zip(_hinges(chain), pieces[1:], strict=True)
+    for number, ((pose, hinges), (mass, length, radius)) in enumerate(places, 1):
         parent, inertia = f"piece{number - 1}", _inertia(mass, length, radius)
         for name, axis, stiffness in hinges:
             last = axis == hinges[-1][1]
             child = f"piece{number}" if last else f"hinge_{name}"
             # links between the hinges of one place weigh next to nothing, which importers refuse where it is nothing
-            light = 1e-3 * mass, 0.0, np.full(3, 1e-2 * inertia[1])
-            link(child, *((0.998 * mass, length, inertia) if last else light))
+            light = 1e-3 * mass, 0.0, 0.0, np.full(3, 1e-2 * inertia[1])
+            link(child, *((0.998 * mass, length, radius, inertia) if last else light))
             joint((name, parent, child), pose, axis, stiffness)
             parent, pose = child, Pose.identity()
     return _as_xml(root)
@@ -255,13 +268,14 @@ def _urdf(rig: Rig, segments: int) -> str:
 
 def _numbers(rig: Rig, segments: int) -> dict[str, Any]:
     """Rod, chain, joints, camera, sensor and gravity as plain numbers with their units in their names."""
-    rod, chain, camera = rig.antenna.rod, _chain_of(rig.antenna.rod, segments), rig.camera
+    rod, chain, camera = rig.antenna.rod, _chain_of(rig, segments), rig.camera
     sensor = rig.moment_sensor
     return {
         "schema": "vbaa.antenna/1",
         "rod": {
             "length_m": rod.length_m,
             "diameter_m": rig.antenna.diameter_m,
+            **profiles_to_dict(rig.antenna),
             "bending_stiffness_Nm2": rod.bending_stiffness_Nm2,
             "bending_stiffness_std_Nm2": rod.bending_stiffness_Nm2 * rig.std("log_stiffness_Nm2"),
             "torsional_stiffness_Nm2": rod.torsional_stiffness_Nm2,
@@ -288,6 +302,8 @@ def _json(rig: Rig, segments: int) -> str:
 
 def _pyelastica(rig: Rig, segments: int) -> str:
     """A Python file with the rod's numbers, and how PyElastica is to build it."""
+    if rig.antenna.taper:
+        raise InputError("the antenna is not uniform", where="pyelastica", remedy="export to mujoco, urdf-beam or json")
     numbers, turn = _numbers(rig, segments), rig.kinematics.T_world_antenna(0.0, 0.0).rotation
     kept = numbers["rod"] | {"segments": segments, "gravity_m_s2": (rig.gravity_world_m_s2 @ turn).tolist()}
     clamp = rig.antenna.rod.T_antenna_clamp

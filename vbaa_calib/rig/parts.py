@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
+from vbaa_calib.antenna.taper import Profile, Taper, profiles_to_dict
 from vbaa_calib.core.arrays import Within, as_float, fixed
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics, Pose
@@ -57,28 +59,49 @@ class Tip:
 
 @dataclass(frozen=True, eq=False)
 class Antenna:
-    """The antenna as calibrated: `parameters` (9,) in the order of `antenna.shape.PARAMETERS`."""
+    """The antenna as calibrated: `parameters` (9,) in the order of `antenna.shape.PARAMETERS`. Diameter, EI and mass
+    per length are the clamp's; `profile`, m, and `stiffness_profile`, in any unit, say how they change along it."""
 
     length_m: float
     diameter_m: float
     parameters: np.ndarray
+    profile: Profile | None = None
+    stiffness_profile: Profile | None = None
 
     def __post_init__(self) -> None:
-        """Raises InputError for lengths that are not positive, and parameters that are no numbers."""
+        """Raises InputError for lengths that are not positive, parameters that are no numbers, and no profile."""
         for name in ("length_m", "diameter_m"):
             if not 0.0 < as_float(getattr(self, name), name, "give metres") < np.inf:
                 raise InputError(f"{name} of the antenna is {getattr(self, name)}", remedy="give metres, more than 0")
         names = (len(ANTENNA_PARAMETERS),)
         object.__setattr__(self, "parameters", fixed(self.parameters, names, "parameters of the antenna", finite=False))
+        _ = self.taper
+
+    @cached_property
+    def taper(self) -> Taper:
+        """How the antenna changes from its clamp to its tip."""
+        return Taper.of(self.profile, self.stiffness_profile, self.length_m)
+
+    def radius_at(self, distance_m: np.ndarray) -> np.ndarray:
+        """Half its diameter at arc lengths."""
+        return 0.5 * self.diameter_m * self.taper.diameter(distance_m / self.length_m)
+
+    @property
+    def thickness(self) -> str:
+        """Its diameter in words."""
+        thick, thin = 2e3 * self.radius_at(np.array([0.0, self.length_m]))
+        stiffness = float(self.taper.stiffness(np.ones(1))[0])
+        words = f"{thick:.2f} mm"
+        return f"{words} (at the tip {thin:.2f} mm and {stiffness:.2g} of EI)" if self.taper else words
 
     @property
     def stiffness_Nm2(self) -> float:
-        """EI."""
+        """EI, at the clamp."""
         return float(np.exp(self.parameters[6]))
 
     @property
     def mass_per_length_kg_m(self) -> float:
-        """ρA."""
+        """ρA, at the clamp."""
         return float(np.exp(self.parameters[7]))
 
     @property
@@ -95,6 +118,7 @@ class Antenna:
             T_antenna_clamp=Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y, z])),
             natural_curvature_per_m=np.array([bow_y, bow_z]),
             clamp_give_m=float(self.parameters[8]),
+            taper=self.taper,
         )
 
     def to_dict(self, std: Callable[[str], float]) -> dict[str, Any]:
@@ -102,6 +126,7 @@ class Antenna:
         return {
             "length_m": self.length_m,
             "diameter_m": self.diameter_m,
+            **profiles_to_dict(self),
             "stiffness_Nm2": self.stiffness_Nm2,
             "stiffness_std_Nm2": self.stiffness_Nm2 * std("log_stiffness_Nm2"),
             "mass_per_length_kg_m": self.mass_per_length_kg_m,

@@ -175,8 +175,7 @@ class Rig:
             f"lens       {camera.model} of {len(camera.distortion)} coefficients, {size} px, focal lengths "
             f"{fx:.1f} and {fy:.1f} px, centre ({cx:.1f}, {cy:.1f})",
             f"plane C    {words['plane C']}",
-            f"antenna    {1e3 * antenna.length_m:.1f} mm long, {1e3 * antenna.diameter_m:.2f} mm thick, "
-            f"{words['stiffness']}",
+            f"antenna    {1e3 * antenna.length_m:.1f} mm long, {antenna.thickness} thick, {words['stiffness']}",
             f"sensor     {words['sensor']}",
         ]
         return "\n".join([*lines, *(f"{one.label:10s} {one}" for one in self.verdict.findings)])

@@ -12,7 +12,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, Verdict
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber, checked
 from vbaa_calib.session import DRIFTS, LAB, FileDrift, MomentSensor, MovingClamp
-from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, Gravity
+from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, FileProfile, Gravity
 
 from .parts import SCHEMA, Antenna, AntennaImage
 from .wrench_sensor import WrenchSensor
@@ -77,6 +77,11 @@ class _Antenna:
     mass_per_length_kg_m: Annotated[Number, Field(ge=1e-9, le=100)]
     noload: _Noload
     mass_per_length_std_kg_m: Number | None = None
+    profile: Annotated[FileProfile | None, Field(description="diameters along it, m; null: uniform")] = None
+    stiffness_profile: Annotated[
+        FileProfile | None,
+        Field(description="EI along it, relative, where it does not follow the diameter's fourth power"),
+    ] = None
     tip: _FileTip | None = None
     parameters_std: Annotated[
         np.ndarray,
@@ -94,7 +99,7 @@ class _Antenna:
             np.log(self.mass_per_length_kg_m),
             free.clamp_give_m,
         ]
-        return Antenna(self.length_m, self.diameter_m, np.array(parameters))
+        return Antenna(self.length_m, self.diameter_m, np.array(parameters), self.profile, self.stiffness_profile)
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,9 @@ from pydantic_core import CoreSchema
 
 from targets.board import BoardWithIds, FileBoard
 from vbaa_calib.antenna.materials import MATERIALS, Material
+from vbaa_calib.antenna.taper import Taper
 from vbaa_calib.core.arrays import gate, real_gravity
-from vbaa_calib.core.errors import Diagnosis, InputError
+from vbaa_calib.core.errors import Diagnosis, InputError, about
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
 from vbaa_calib.detect.board.board_file import with_ids
@@ -40,6 +41,8 @@ _LEAST_TIP_STD_M = 1e-6
 Deviation = Annotated[Number, Field(ge=0)]
 AnyLength = Annotated[Number, Field(ge=1e-3, le=10)]
 Diameter = Annotated[Number, Field(ge=1e-6, le=0.1)]
+FileProfile = tuple[tuple[Annotated[Number, Field(ge=0, le=10)], Annotated[Number, Field(ge=0, le=1e6)]], ...]
+"""Rows of arc length from the clamp, m, and a value there, as our files write them."""
 
 
 @dataclass(frozen=True)
@@ -54,15 +57,23 @@ class NominalTip:
 
 
 def _with_material(antenna: Any) -> Any:
-    """session.yaml's `antenna`, with modulus and density of the material that it names where it has none."""
-    if not isinstance(antenna, Mapping) or (known := Material.named(antenna.get("material"))) is None:
+    """session.yaml's `antenna`, with modulus and density of the material that it names where it has none, and with the
+    diameter that its profile has at the clamp."""
+    if not isinstance(antenna, Mapping):
+        return antenna
+    profile = antenna.get("profile")
+    if "diameter_m" not in antenna and isinstance(profile, list) and profile and isinstance(profile[0], list):
+        antenna = {"diameter_m": profile[0][-1], **antenna}
+    if (known := Material.named(antenna.get("material"))) is None:
         return antenna
     return {"youngs_modulus_Pa": known.youngs_modulus_Pa, "density_kg_m3": known.density_kg_m3, **antenna}
 
 
 def _or_material(schema: dict[str, Any]) -> None:
-    """In the JSON Schema: modulus and density may be missing where a material of the table is named."""
-    schema["required"] = ["length_m", "diameter_m"]
+    """In the JSON Schema: modulus and density may be missing where a material of the table is named, the diameter where
+    there is a profile."""
+    schema["required"] = ["length_m"]
+    schema["allOf"] = [{"anyOf": [{"required": [key]} for key in ("diameter_m", "profile")]}]
     known = {"required": ["material"], "properties": {"material": {"enum": list(MATERIALS)}}}
     schema["anyOf"] = [{"required": ["youngs_modulus_Pa", "density_kg_m3"]}, known]
 
@@ -86,6 +97,39 @@ class NominalAntenna:
         Annotated[str, Field(min_length=1, max_length=60)] | None,
         Field(description="by it youngs_modulus_Pa and density_kg_m3 are known where they are missing"),
     ] = None
+    profile: Annotated[
+        FileProfile | None,
+        Field(description="diameters along it, m, linear between; two rows at one place are a step. null: uniform"),
+    ] = None
+    stiffness_profile: Annotated[
+        FileProfile | None,
+        Field(description="EI along it, relative, where it does not follow the diameter's fourth power"),
+    ] = None
+    diameter_std_m: Annotated[
+        Number, Field(ge=0, le=0.01, description="how well the profile's diameters are known, each; 0: exactly")
+    ] = 5e-6
+
+    def __post_init__(self) -> None:
+        """Raises InputError for a profile that is none of this antenna."""
+        _ = self.taper
+        if self.profile and not math.isclose(self.profile[0][1], self.diameter_m, rel_tol=0.01):
+            raise InputError(
+                f"antenna.diameter_m is {self.diameter_m:g}, antenna.profile begins with {self.profile[0][1]:g}",
+                remedy="give the clamp's diameter, or leave diameter_m out",
+            )
+
+    @property
+    def taper(self) -> Taper:
+        """How it changes from its clamp to its tip, as stated."""
+        return Taper.of(self.profile, self.stiffness_profile, self.length_m)
+
+    @property
+    def log_tip_std(self) -> float:
+        """Standard deviation of the logarithm of the tip's diameter over the clamp's; 0 for a uniform antenna."""
+        if not self.taper:
+            return 0.0
+        tip_m = self.diameter_m * float(self.taper.diameter(np.ones(1))[0])
+        return math.hypot(self.diameter_std_m / self.diameter_m, self.diameter_std_m / tip_m)
 
     @property
     def material_doubts(self) -> list[Diagnosis]:
@@ -98,17 +142,21 @@ class NominalAntenna:
         """Standard deviation of the visible end's place along the antenna; None where it is not used."""
         if self.tip is None:
             return None
-        shape_m = self.diameter_m / 7.0 if self.tip.shape_std_m is None else self.tip.shape_std_m
+        shape_m = (
+            self.diameter_m * float(self.taper.diameter(np.ones(1))[0]) / 7.0
+            if self.tip.shape_std_m is None
+            else self.tip.shape_std_m
+        )
         return max(math.hypot(self.tip.length_std_m, shape_m), _LEAST_TIP_STD_M)
 
     @property
     def stiffness_Nm2(self) -> float:
-        """E·πd⁴/64."""
+        """E·πd⁴/64, at the clamp."""
         return float(self.youngs_modulus_Pa * np.pi * self.diameter_m**4 / 64)
 
     @property
     def mass_per_length_kg_m(self) -> float:
-        """ρ·πd²/4."""
+        """ρ·πd²/4, at the clamp."""
         return float(self.density_kg_m3 * np.pi * self.diameter_m**2 / 4)
 
 
@@ -442,10 +490,8 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
     board = data.get("board")
     if isinstance(board, str) or (isinstance(board, Mapping) and "target_type" in board):
         data = {**data, "board": with_ids(board, path, "board").to_dict()}
-    try:
+    with about(path):
         read = checked(SessionFile, data, path, "`vbaa schema session` prints what is expected")
-    except InputError as error:
-        raise error if error.where else InputError(error.what, where=path, remedy=error.remedy) from None
     several = read.wrench_sensor
     if several is not None and (read.moment_sensor is not None or read.second_moment_sensor is not None):
         other = "moment_sensor" if read.moment_sensor is not None else "second_moment_sensor"

@@ -24,7 +24,7 @@ _DIVISIONS, _PARTS = 4, 16
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """An object and the rig in front of it. radius_m : the antenna's. gravity_world_m_s2 : (3,)."""
+    """An object and the rig in front of it. radius_m : the antenna's at its clamp. gravity_world_m_s2 : (3,)."""
 
     name: str
     object: TouchObject
@@ -52,13 +52,16 @@ def _joints(press: str, pressed_rad: np.ndarray, other_rad: np.ndarray) -> tuple
     return (pressed_rad, other_rad) if press == "pan" else (other_rad, pressed_rad)
 
 
-def _first_touch(place: Place, sweep: Sweep, points_antenna_m: np.ndarray, other_rad: float) -> float:
-    """Angle of the pressing joint, rad, at first touch by the free antenna's points (N, 3). Raises InputError."""
+def _first_touch(
+    place: Place, sweep: Sweep, points_antenna_m: np.ndarray, radius_m: np.ndarray, other_rad: float
+) -> float:
+    """Angle of the pressing joint, rad, at first touch by the free antenna's points (N, 3), of
+    these radii (N,). Raises InputError."""
     angles = sweep.toward * _SCAN_RAD
     for divided in range(_DIVISIONS + 1):
         poses = place.kinematics.world_antenna(*_joints(sweep.press, angles, np.full_like(angles, other_rad)))
         # where the free antenna would penetrate the object
-        hit = core.simulate.first_within(place.object.numbers, *poses, points_antenna_m, place.radius_m)
+        hit = core.simulate.first_within(place.object.numbers, *poses, points_antenna_m, radius_m)
         if divided == 0 and hit in (0, len(angles)):
             raise InputError(
                 f"the antenna never meets the object by {sweep.press} in the "
@@ -78,7 +81,8 @@ def sweep_joints(place: Place, rod: Rod, sweep: Sweep) -> list[Joints]:
     phase = np.linspace(0.0, 2 * np.pi * sweep.swells, sweep.frames)
     push = sweep.push_rad[0] + (sweep.push_rad[1] - sweep.push_rad[0]) * (0.5 - 0.5 * np.cos(phase))
     points = _free_points(place, rod, swept if sweep.press == "pan" else np.zeros_like(swept))
-    touch = np.array([_first_touch(place, sweep, p, other) for p, other in zip(points, swept, strict=True)])
+    radius = place.radius_m * rod.taper.diameter(np.linspace(0.0, 1.0, _POINTS))
+    touch = np.array([_first_touch(place, sweep, p, radius, other) for p, other in zip(points, swept, strict=True)])
     before, after = np.full(sweep.free_frames, swept[0]), np.full(sweep.free_frames, swept[-1])
     clear = -sweep.clearance_rad * np.linspace(1.3, 1.0, sweep.free_frames)
     relative = np.concatenate([touch[0] + sweep.toward * clear, touch + sweep.toward * push])

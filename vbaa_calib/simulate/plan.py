@@ -44,10 +44,11 @@ def board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.r
     return poses
 
 
-def _frame_truth(scene: Scene, touched: Touch, index: int, T_world_antenna: Pose) -> dict[str, Any]:
+def _frame_truth(scene: Scene, rod: Rod, touched: Touch, index: int, T_world_antenna: Pose) -> dict[str, Any]:
     """What is true of one frame; None where there is no contact."""
     contact = T_world_antenna @ touched.contact_antenna_m[index]
     surface, normal = touched.touched_world_m[index], touched.normal_world[index]
+    radius_m = scene.radius_m * rod.taper.diameter(touched.contact_m[index] / rod.length_m)
     truth = {
         "in_contact": True,
         "distance_m": float(touched.contact_m[index]),
@@ -56,7 +57,7 @@ def _frame_truth(scene: Scene, touched: Touch, index: int, T_world_antenna: Pose
         "contact_world_m": contact.tolist(),
         "touched_world_m": surface.tolist(),
         "normal_world": normal.tolist(),
-        "indentation_m": float(np.maximum(scene.radius_m - (contact - surface) @ normal, 0.0)),
+        "indentation_m": float(np.maximum(radius_m - (contact - surface) @ normal, 0.0)),
         "sticks": bool(touched.sticks[index]),
         "slip_world_m": touched.slip_world_m[index].tolist(),
     }
@@ -83,6 +84,7 @@ def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
         "antenna": {
             "length_m": rod.length_m,
             "diameter_m": scene.antenna.diameter_m,
+            **({"pieces": rod.taper.pieces.tolist()} if rod.taper else {}),
             "torsional_stiffness_Nm2": rod.torsional_stiffness_Nm2,
             "mass_per_length_kg_m": rod.mass_per_length_kg_m,
             "T_antenna_clamp": rod.T_antenna_clamp.to_dict(),
@@ -249,7 +251,7 @@ def _recording(
         measured = _measured(scene, rod, touched.shape, force, gravity, noise)
         for i, (moment, reading) in enumerate(zip(*measured, strict=True)):
             frame, image, at = len(rows), f"frame_{len(rows):04d}.png", joints[i]
-            facts = _frame_truth(scene, touched, i, scene.T_world_antenna(at))
+            facts = _frame_truth(scene, rod, touched, i, scene.T_world_antenna(at))
             time_s = round(start_s + i / scene.recording.rate_hz, 6)
             rows.append({"frame": frame, "time_s": time_s} | _row(image, at, reading))
             truth.append({"frame": frame} | facts | {"moment_true_Nm": moment})

@@ -19,16 +19,14 @@ from .render.object import object_patch, obstacle, pressed_in
 from .render.picture import LAMP_WORLD, Patch, Studio, behind, composed, digitise, expose, surroundings
 from .scene.scene import Joints, OverSpec, Scene, true_rod
 
-_HOLDER_PAINT = 0.07
-
 
 @dataclass(frozen=True, eq=False)
 class Wire:
-    """A curve in the antenna frame, (N,) and (N, 3), with the radius and the paint of the tube around it."""
+    """A curve in the antenna frame, (N,) and (N, 3), with the radius (N,) and the paint of the tube around it."""
 
     arclength_m: np.ndarray
     points_m: np.ndarray
-    radius_m: float
+    radius_m: np.ndarray
     paint: float
     asymmetry: float = 0.0
 
@@ -39,7 +37,9 @@ class Wire:
             return [self]
         curve = CubicSpline(self.arclength_m, self.points_m)
         parts = [np.linspace(a, b, 4 + int((b - a) / step_m)) for a, b in pairwise(bounds_m)]
-        return [replace(self, arclength_m=s, points_m=curve(s)) for s in parts]
+        radius = [np.interp(s, self.arclength_m, self.radius_m) for s in parts]
+        pairs = zip(parts, radius, strict=True)
+        return [replace(self, arclength_m=s, points_m=curve(s), radius_m=thick) for s, thick in pairs]
 
     def seen(self, scene: Scene, lamp_camera: np.ndarray) -> Tube:
         """In the camera's picture."""
@@ -50,13 +50,14 @@ class Wire:
 def wires_of(scene: Scene, arclength_m: np.ndarray, points_m: np.ndarray) -> list[Wire]:
     """The antenna, and its holder where the scene has one."""
     look = scene.picture
-    antenna = Wire(arclength_m, points_m, scene.radius_m, look.antenna, look.shading_asymmetry)
+    thick = scene.radius_m * true_rod(scene).taper.diameter(arclength_m / scene.antenna.length_m)
+    antenna = Wire(arclength_m, points_m, thick, look.antenna, look.shading_asymmetry)
     radius, length = scene.true.holder_m
     if radius <= 0 or length <= 0:
         return [antenna]
     s = np.linspace(-length, 0.0, 8)
     points = scene.true.clamp_offset_m + s[:, None] * np.array([1.0, 0.0, 0.0])
-    return [antenna, Wire(s, points, float(radius), _HOLDER_PAINT)]
+    return [antenna, Wire(s, points, np.full(len(s), radius), paint=0.07)]
 
 
 def free_wires(scene: Scene, joints: Joints) -> list[Wire]:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import yaml
 
+from vbaa_calib.antenna.taper import profiles_to_dict
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_folder_of, write_json
@@ -225,10 +226,11 @@ def _sensor(scene: Scene) -> dict[str, Any]:
 def session_yaml(scene: Scene) -> str:
     """session.yaml: what the user of such a rig would know, not what is true of it."""
     antenna, over = scene.antenna, scene.over
+    numbers = ("length_m", "diameter_m", "youngs_modulus_Pa", "density_kg_m3")
     data = {
         "schema": SCHEMA,
         "board": scene.board.to_dict(),
-        "antenna": {key: float(size) for key, size in vars(antenna).items() if isinstance(size, float | int)},
+        "antenna": {name: float(getattr(antenna, name)) for name in numbers} | profiles_to_dict(antenna),
         "jig": {"T_antenna_board": scene.T_antenna_board.to_dict()},
         "kinematics": {
             "T_actuator_antenna": scene.kinematics.T_actuator_antenna.to_dict(),

@@ -189,7 +189,7 @@ def _misfit_of(state: SessionState, seen: Observation, T_antenna_camera: Pose, p
     """How far the free antenna is from where a pose of the camera puts it, in standard deviations of a careful builder:
     offset and turn at the clamp, bow, where it ends, and how much of it is not seen."""
     antenna, camera = state.session.antenna, state.lens().camera
-    shape = free_curve(parameters, antenna.length_m, seen.gravity_m_s2).points_m[0]
+    shape = free_curve(parameters, antenna.length_m, seen.gravity_m_s2, antenna.taper).points_m[0]
     at_m = np.linspace(0.0, antenna.length_m, 201)
     in_camera = T_antenna_camera.inverse() @ np.stack(
         [np.interp(at_m, arc_lengths(shape), each) for each in shape.T], axis=1

@@ -216,6 +216,10 @@ class SessionState:
         antenna = dict(before.get("antenna") or {}) | read["antenna"]
         if "material" in answers:
             antenna["material"] = answers["material"] if answers["material"] in MATERIALS else None
+        if (tip_m := 1e-3 * answers.get("antenna_tip_diameter_mm", 0.0)) > 0.0:
+            antenna["profile"] = [[0.0, antenna["diameter_m"]], [antenna["length_m"], tip_m]]
+        elif "antenna_tip_diameter_mm" in answers:
+            antenna.pop("profile", None)
         data = dict(before) | {"schema": SCHEMA, "board": board.to_dict(), "antenna": antenna}
         axes = answers.get("sensor_axes", "" if before.get("wrench_sensor") else "one") * bool(value["moment_sensor"])
         if axes or not value["moment_sensor"]:

@@ -147,9 +147,8 @@ def _with_object(outcome: Outcome, recording: Recording, settings: BatchSettings
     if not table.located.any():
         return outcome
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_object(
-        reconstruct(touches_of(table, shared_errors(rig, table)), rig.antenna.diameter_m / 2), path, force=True
-    )
+    touches = touches_of(table, shared_errors(rig, table))
+    write_object(reconstruct(touches, rig.antenna.radius_at(touches.distance_m)), path, force=True)
     return outcome
 
 

@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     table = read_contacts(args.contacts, antenna=args.antenna)
     if not table.located.any():
         raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
-    radius, shared = 0.0, None
+    rig, shared = None, None
     if args.rig is None:
         say(
             "without --rig the antenna's radius is not known: the surface runs through the antenna's centreline; and "
@@ -42,9 +42,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         from vbaa_calib.cli.usable_rig import usable_rig
 
         rig = usable_rig(args.rig)
-        radius = rig.of_antenna(str(table.antenna[0])).antenna.diameter_m / 2
         shared = None if table.clamp_moves else shared_errors(rig, table)
-    surface = reconstruct(touches_of(table, shared), radius)
+    touches = touches_of(table, shared)
+    radius = 0.0 if rig is None else rig.of_antenna(str(table.antenna[0])).antenna.radius_at(touches.distance_m)
+    surface = reconstruct(touches, radius)
     write_object(surface, args.output, force=args.force)
     patches, soft = int(surface.patch.max()) + 1, surface.compliance
     say(

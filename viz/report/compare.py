@@ -180,9 +180,8 @@ def compare_rigs(a: Rig, b: Rig) -> _ComparedRigs:
     names, step, std = tuple(names[index] for index in known), step[known], [one[known] for one in std]
     settings = [name for name in ("kinematics", "gravity_world", "drift") if one[name] != other[name]]
     settings += ["moment_sensor"] * (a.moment_sensor.exists != b.moment_sensor.exists)
-    settings += [
-        f"antenna.{name}" for name in ("length_m", "diameter_m") if one["antenna"][name] != other["antenna"][name]
-    ]
+    sizes = ("length_m", "diameter_m", "profile", "stiffness_profile")
+    settings += [f"antenna.{name}" for name in sizes if one["antenna"].get(name) != other["antenna"].get(name)]
     if a.camera.image_size != b.camera.image_size:
         settings.append("camera.image_size")
     elif not same_lens:

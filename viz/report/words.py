@@ -171,8 +171,8 @@ def origin(files: Mapping[str, Path | None], rig: Rig | None, argv: Sequence[str
             digest = Markup("<br><small>sha256 {}</small>").format(sha256(path)) if path.is_file() else ""
             rows.append((name, Markup("{}{}").format(path, digest)))
     if rig is not None:
-        length, diameter = number(1e3 * rig.antenna.length_m), number(1e3 * rig.antenna.diameter_m)
-        antenna = f"antenna of {length} mm × {diameter} mm, EI = {1e3 * rig.antenna.stiffness_Nm2:.4g} mN·m²"
+        length = number(1e3 * rig.antenna.length_m)
+        antenna = f"antenna of {length} mm × {rig.antenna.thickness}, EI = {1e3 * rig.antenna.stiffness_Nm2:.4g} mN·m²"
         camera = "camera of {} × {} px".format(*rig.camera.image_size)
         sensor = rig.moment_sensor
         noise = f"moment sensor's noise {1e6 * sensor.std_Nm:.3g} µN·m" if sensor.exists else "no moment sensor"

@@ -97,6 +97,7 @@ def _shapes(rig: Rig, table: ContactTable, rows: np.ndarray, poses: np.ndarray, 
         np.clip(np.nan_to_num(table.distance_m[rows], nan=length / 2), 0.01 * length, length),
         share * push[:, None] * across,
         friction_rad=angle,
+        taper=rig.antenna.taper,
     )
     return np.einsum("mij,mnj->mni", poses[:, :3, :3], curves.points_m) + poses[:, None, :3, 3]
 

@@ -113,7 +113,7 @@ def touches_within(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits
     limits = JointLimits.of(contacts, rig) if limits is None else limits
     arrays = RigArrays.from_rig(rig, contacts.assumed_friction_rad, drift=False)
     touches = touches_of(contacts, shared_errors(rig, contacts))
-    found, _, known, _ = fitted(touches, 0.5 * rig.antenna.diameter_m)
+    found, _, known, _ = fitted(touches, rig.antenna.radius_at(touches.distance_m))
     if not known:
         raise InputError(
             "the contacts have no covariance: what a touch would add is not known",
@@ -135,7 +135,7 @@ def touches_within(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits
         rub = estimate_object(contacts, rig, events=False).friction
         std, after, end = _of_friction(found, arrays, reach, seen, rub)
     elif goal == STIFFNESS:
-        found = fit(touches, 0.5 * rig.antenna.diameter_m, found.patches, found.state, True)
+        found = fit(touches, rig.antenna.radius_at(touches.distance_m), found.patches, found.state, True)
         std, after = _of_stiffness(found, reach, seen)
     else:
         std, after = _of_surface(found, reach, seen)

@@ -221,7 +221,9 @@ def reachable(
     lever = _ways(arrays, np.nan_to_num(touch), begun.point_m, np.nan_to_num(normal))[1][:, 0]
     begin = touch - ((TouchSettings.clear_m + 3.0 * std) / lever)[:, None] * press
     for level, slope in enumerate(_SLOPES_RAD):
-        size = 2.0 * arrays.rig.antenna.stiffness_Nm2 * slope / (unknowns[:, 0] * length) ** 2
+        antenna = arrays.rig.antenna
+        size = 2.0 * antenna.stiffness_Nm2 * slope / (unknowns[:, 0] * length) ** 2
+        size /= antenna.taper.turning(unknowns[:, 0])
         pressed_rad = 2.0 / 3.0 * slope * first[:, 0] * length / lever
         pressed = touch + pressed_rad[:, None] * press
         turn = arrays.rig.kinematics.world_antenna(*np.nan_to_num(pressed).T)[0]

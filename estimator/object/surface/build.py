@@ -81,16 +81,16 @@ class Surface:
     notes: tuple[str, ...]
 
 
-def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Surface:
+def reconstruct(touches: Touches | ContactTable, antenna_radius_m: np.ndarray | float) -> Surface:
     """The surface of what was touched, with its uncertainty, and how far the object yields.
 
     The touches are of one object that did not move; a table stands for its touches without common errors. Contact
-    points lie on the antenna's centreline, one radius off the object. Raises InputError as `touches_of`.
+    points lie on the antenna's centreline, one radius, () or (P,), off the object. Raises InputError as `touches_of`.
     """
     return _surface(*fitted(touches_of(touches) if isinstance(touches, ContactTable) else touches, antenna_radius_m))
 
 
-def fitted(touches: Touches, antenna_radius_m: float) -> tuple[SurfaceFit, Compliance, bool, list[str]]:
+def fitted(touches: Touches, antenna_radius_m: np.ndarray | float) -> tuple[SurfaceFit, Compliance, bool, list[str]]:
     """The solved shape of `reconstruct`, how far the object yields, whether covariances are known, and notes."""
     given = np.isfinite(touches.own_m2).all(axis=(1, 2))
     given &= np.trace(touches.own_m2, axis1=1, axis2=2) > 0.0

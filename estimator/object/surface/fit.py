@@ -87,10 +87,10 @@ def deviations_along(side: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0))
 
 
-def begin(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...], _FitState]:
+def begin(touches: Touches, antenna_radius_m: np.ndarray | float) -> tuple[tuple[Patch, ...], _FitState]:
     """The patches, and where to begin: slopes from the forces' directions, a rigid object, nothing left out."""
     count, normal = len(touches), facing(touches.force_N, touches.tangent, touches.point_m)
-    points = touches.point_m - antenna_radius_m * normal
+    points = touches.point_m - np.broadcast_to(antenna_radius_m, count)[:, None] * normal
     across = np.einsum("pi,pij,pj->p", normal, touches.own_m2, normal)
     along = np.sqrt(np.maximum(np.trace(touches.own_m2, axis1=1, axis2=2) - across, 0.0))
     # so uncertain in place that the shape between there and here is anyone's guess
@@ -109,7 +109,11 @@ def begin(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...],
 
 
 def fit(
-    touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: _FitState, yielding: bool
+    touches: Touches,
+    antenna_radius_m: np.ndarray | float,
+    patches: tuple[Patch, ...],
+    state: _FitState,
+    yielding: bool,
 ) -> SurfaceFit:
     """Turns from a state on; `yielding`: with a compliance."""
     if not yielding:
@@ -158,7 +162,7 @@ def with_common_errors(found: SurfaceFit) -> Normals:
 
 
 def _surface_points(
-    touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: _FitState
+    touches: Touches, antenna_radius_m: np.ndarray | float, patches: tuple[Patch, ...], state: _FitState
 ) -> tuple[np.ndarray, list[LocalTouches]]:
     """(P, 3) points of the unpressed surface, world, and the touches of each patch in its frame."""
     normal, compliance = state.normal, state.compliance_m_N

@@ -207,6 +207,11 @@ class BundleAdjustment:
         return self.problem.kept
 
     @property
+    def log_tip(self) -> float:
+        """Logarithm of the tip's diameter over the one that session.yaml states."""
+        return self.problem.log_tip(self.solution.parameters)
+
+    @property
     def sensor_gain_offset(self) -> tuple[float, float]:
         """Gain and offset (N·m) of the moment sensor."""
         return float(self.parameters[GAIN]), float(self.parameters[OFFSET])

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from vbaa_calib.antenna.taper import UNIFORM, Taper
 from vbaa_calib.calibrate.lens.uncertainty import linear_axes
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
@@ -138,6 +139,8 @@ class Prior:
     readings: LoadReadings = EXACT  # how well the loads' places and forces are known
     tip_std_m: float | None = None  # how well the visible end is known to lie at the antenna's length; None: not used
     drift: Drift = field(default_factory=Drift)  # of which lines' errors count here: line_px, light_px and lock_px
+    taper: Taper = UNIFORM  # how the antenna changes along it, as stated
+    log_tip_std: float = 0.0  # how well the logarithm of the tip's diameter over the clamp's is known; 0: exactly
     lens_share: float = 1.0  # part of its standard deviations by which the lens may be off in the solve
     sensor: WrenchSensor | None = None  # what is read other than the moment about y, as stated
     sensor_std: np.ndarray = field(default_factory=lambda: np.zeros(0))  # (W,) of its parameters

@@ -65,10 +65,16 @@ class _Tried:
         """Measured by both edges where its lines lie aside of their middle."""
         if self.paint.bright is None:
             return self
-        width, aside = finders[0].corridor.width_px, []
+        where, aside = finders[0].corridor, []
+        width, taper = where.width_px, where.taper
         for image, line in zip(images, self.lines, strict=True):
-            between = measure_on(self.paint.plane(image), line.guide_px, width, None) if line.found else line
+            plane = self.paint.plane(image)
+            between = measure_on(plane, line.guide_px, width, None, taper=taper) if line.found else line
             if between.found:
-                aside.append(np.sqrt(np.mean(beside(between.guide_px, line.points_px)[1] ** 2)))
-        both = bool(aside) and float(np.median(aside)) > PULLED_ASIDE * width
+                # the thin part of an antenna that tapers has noise alone
+                half = len(line.points_px) // 2
+                thick = line.points_px[: half if taper < 0.0 else None][half if taper > 0.0 else 0 :]
+                aside.append(np.sqrt(np.mean(beside(between.guide_px, thick)[1] ** 2)))
+        thickest = width * (1.0 + 0.25 * abs(taper))
+        both = bool(aside) and float(np.median(aside)) > PULLED_ASIDE * thickest
         return replace(self, paint=replace(self.paint, both_edges=both))

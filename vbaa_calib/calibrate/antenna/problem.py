@@ -34,43 +34,6 @@ from .inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, Prior, 
 _SWEEPS = 4  # of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing
 
 
-def still_curves(
-    observations: Sequence[Observation],
-    antennas: np.ndarray,
-    length_m: float,
-    *,
-    changes: np.ndarray | None = None,
-    uneven: np.ndarray | None = None,
-    loaded: bool = True,
-) -> Curves:
-    """Shapes of A antennas (A, 9) in each of F observations, one by one: (F·A) curves.
-
-    changes : (F, 9) by which the antenna differs in each. uneven : see `Problem`. loaded : False takes the loads off,
-    node `CONTACT` stays where they hang.
-    """
-    count, each = len(observations), len(antennas)
-    parameters = np.tile(antennas, (count, 1))
-    if changes is not None:
-        parameters = parameters + np.repeat(changes, each, axis=0)
-    uneven = np.zeros(3) if uneven is None else uneven
-    factor = np.exp(uneven[0] * np.array([-0.5, 0.5]))
-    gravity = np.repeat([one.gravity_m_s2 for one in observations], each, axis=0)
-    load = np.repeat([one.load_N if loaded else np.zeros(2) for one in observations], each, axis=0)
-    contact = [one.still.distance_m if isinstance(one.still, Load) else 0.5 * length_m for one in observations]
-    curves = bend(
-        parameters,
-        length_m,
-        gravity * [1.0, *factor],
-        np.repeat(contact, each),
-        load * factor,
-        dead=True,
-        sweeps=_SWEEPS,
-    )
-    if not uneven.any():
-        return curves
-    return _unevenly_bent(replace(curves, moment_Nm=curves.moment_Nm / factor[1]), parameters, uneven[1:])
-
-
 def _unevenly_bent(curves: Curves, parameters: np.ndarray, profile: np.ndarray) -> Curves:
     """Curves of antennas (B, 9) whose compliance is 1 + `profile` (2,) times the first Legendre polynomials, to first
     order: what bends them stays."""
@@ -111,8 +74,8 @@ class Evaluation(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Problem:
     """All residuals, for parameters (17 + P + K + L + W,): `RIG_PARAMETERS`, steps along `lens_axes`, errors of the
-    loads' readings, errors that the lines of all pictures share, and those of a wrench sensor's parameters, each in
-    deviations.
+    loads' readings and (one of the K, where it has a deviation) of the antenna's taper, errors that the lines of all
+    pictures share, and those of a wrench sensor's parameters, each in deviations.
     """
 
     observations: Sequence[Observation]  # F, with the loads as the parameters had them at the last `relinearised`
@@ -131,6 +94,7 @@ class Problem:
     # (3,) logarithm of the compliance to z over that to y, and how it changes along the antenna: see `_unevenly_bent`
     uneven: np.ndarray | None = None
     places: np.ndarray | None = None  # (N,) of every picture's points along its line, −1 to 1; None: evenly
+    thinner: float = 0.0  # error of the taper, in deviations, with which shapes are bent
     # as `line_axes` gives them, where they are known
     known_axes: list[tuple[np.ndarray, np.ndarray]] | None = None
 
@@ -189,7 +153,16 @@ class Problem:
     def light(self) -> slice:
         """Where the errors that all lines share are among the parameters."""
         shared = self.prior.drift.light_px > 0.0 or self.prior.drift.lock_px > 0.0
-        return slice(self.readings.stop, self.readings.stop + LINE_MODES * shared)
+        return slice(self.taper.stop, self.taper.stop + LINE_MODES * shared)
+
+    @property
+    def taper(self) -> slice:
+        """Where the error of the antenna's taper is among the parameters, if it has one."""
+        return slice(self.readings.stop, self.readings.stop + (self.prior.log_tip_std > 0.0))
+
+    def log_tip(self, parameters: np.ndarray) -> float:
+        """Logarithm of the tip's diameter over the stated one."""
+        return self.prior.log_tip_std * float(parameters[self.taper].sum())
 
     @property
     def sensor(self) -> slice:
@@ -251,8 +224,30 @@ class Problem:
         return [points.with_lens_moved(step) for points in self.seen_at_lens]
 
     def curves(self, antennas: np.ndarray) -> Curves:
-        """`still_curves` of A antennas (A, 9) in its observations."""
-        return still_curves(self.observations, antennas, self.length_m, changes=self.changes, uneven=self.uneven)
+        """Shapes of A antennas (A, 9) in each of F observations, one by one: (F·A) curves."""
+        count, each = len(self.observations), len(antennas)
+        parameters = np.tile(antennas, (count, 1))
+        if self.changes is not None:
+            parameters = parameters + np.repeat(self.changes, each, axis=0)
+        uneven = np.zeros(3) if self.uneven is None else self.uneven
+        factor = np.exp(uneven[0] * np.array([-0.5, 0.5]))
+        gravity = np.repeat([one.gravity_m_s2 for one in self.observations], each, axis=0)
+        load = np.repeat([one.load_N for one in self.observations], each, axis=0)
+        stills = [one.still for one in self.observations]
+        contact = [one.distance_m if isinstance(one, Load) else 0.5 * self.length_m for one in stills]
+        curves = bend(
+            parameters,
+            self.length_m,
+            gravity * [1.0, *factor],
+            np.repeat(contact, each),
+            load * factor,
+            dead=True,
+            sweeps=_SWEEPS,
+            taper=self.prior.taper.thinned(self.prior.log_tip_std * self.thinner),
+        )
+        if not uneven.any():
+            return curves
+        return _unevenly_bent(replace(curves, moment_Nm=curves.moment_Nm / factor[1]), parameters, uneven[1:])
 
     def evaluate(self, parameters: np.ndarray) -> Evaluation:
         """What the parameters predict."""
@@ -287,6 +282,11 @@ class Problem:
         if self.groups.count:
             by_own = here.tips_by_load(parameters, ends) if ends else {}
             tips = {i: np.hstack([row, self.groups.columns(i, *by_own[i].T)]) for i, row in tips.items()}
+        if self.prior.log_tip_std > 0.0:
+            by_taper, by_end = here._by_taper(parameters, blocks, moments[:, 0], seen, ends, tips)
+            blocks = [np.hstack([block, rows[:-1]]) for block, rows in zip(blocks, by_taper, strict=True)]
+            moments = np.hstack([moments, [rows[-1] for rows in by_taper]])
+            tips = {index: np.hstack([row, by_end[index]]) for index, row in tips.items()}
         if len(light := parameters[self.light]):
             by_light = map(self.light_modes, range(len(blocks)))
             pairs = zip(blocks, by_light, strict=True)
@@ -327,6 +327,8 @@ class Problem:
     def _loaded(self, parameters: np.ndarray) -> Problem:
         """With the loads as the parameters have them."""
         errors = parameters[self.readings] - self.readings_at
+        if self.thinner != (thinner := float(parameters[self.taper].sum())):
+            return replace(self, thinner=thinner)._loaded(parameters)
         if not errors.any():
             return self
         stills = self.groups.corrected([one.still for one in self.observations], errors)
@@ -340,6 +342,27 @@ class Problem:
         projected, three = image_curves(curves, view), [slice(3 * index, 3 * index + 3) for index in range(len(seen))]
         every = [whitened_residuals(one, projected.picked(own)) for one, own in zip(seen, three, strict=True)]
         return [_by_step(np.vstack([one, curves.moment_Nm[own]])) for one, own in zip(every, three, strict=True)]
+
+    def _by_taper(
+        self,
+        parameters: np.ndarray,
+        blocks: Sequence[np.ndarray],
+        moments_Nm: np.ndarray,
+        seen: Sequence[SeenPoints],
+        ends: Mapping[int, SeenPoints],
+        tips: Mapping[int, np.ndarray],
+    ) -> tuple[list[np.ndarray], dict[int, np.ndarray]]:
+        """Per observation (N + 1, 1) slopes of the whitened distances and of the moment by the taper's error, and
+        (1, 1) of the antenna's end along it, from what they are without more of it."""
+        step = 0.01
+        curves = replace(self, thinner=self.thinner + step).curves(parameters[None, ANTENNA])
+        images, found = image_curves(curves, self.pose(parameters).inverse()), []
+        own = [images.picked(slice(index, index + 1)) for index in range(len(seen))]
+        for points, image, block, before, after in zip(seen, own, blocks, moments_Nm, curves.moment_Nm, strict=True):
+            moved = np.append(whitened_residuals(points, image)[:, 0] - block[:, 0], after - before)
+            found.append(moved[:, None] / step)
+        along = {index: whitened_along(end, own[index])[0] - tips[index][:, :1] for index, end in ends.items()}
+        return found, {index: moved / step for index, moved in along.items()}
 
     def _modes(self, index: int) -> np.ndarray:
         """(N, 3) how an observation's whitened distances move with offset, slope and curvature of its line, per px."""
@@ -475,7 +498,7 @@ class Problem:
         """(F, 17 + P + K + L + W) of the predicted readings by the parameters, from an `Evaluation`."""
         rows = np.zeros((len(moments), len(parameters)))
         rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:_BENT] - moments[:, :1]) / RIG_STEPS[6:]
-        rows[:, self.readings] = parameters[GAIN] * moments[:, _BENT:]
+        rows[:, self.readings.start : self.taper.stop] = parameters[GAIN] * moments[:, _BENT:]
         rows[:, GAIN], rows[:, OFFSET] = moments[:, 0], 1.0
         if (sensor := self.wrench_sensor(parameters)) is not None:
             turns = slice(self.sensor.start, self.sensor.start + 3)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vbaa_calib.antenna.shape import bend
+from vbaa_calib.antenna.taper import thinned_profiles
 from vbaa_calib.calibrate.pose.board_pose import require_size
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate, fused
 from vbaa_calib.camera import Camera
@@ -133,8 +134,10 @@ class ExpectedAntenna:
 
     def _aside(self, seen: Observation) -> tuple[np.ndarray, np.ndarray]:
         """Where points (N,) of a free antenna lie along and beside the expected one, in lengths of its picture."""
-        free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2)
-        where = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m)
+        free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2, self.antenna.taper)
+        where = corridor(
+            self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m, taper=self.antenna.taper
+        )
         along, aside = where.aside(seen.points_px)
         length = arc_lengths(where.axis_px)[-1]
         return along / length, aside / length
@@ -153,18 +156,26 @@ class ExpectedAntenna:
     def _finder(self, still: Still, gravity_m_s2: np.ndarray, deviations: float | None) -> AntennaFinder:
         """What looks for the antenna where it should be, to so many deviations; None: all around."""
         length, reach = self.antenna.length_m, REACH_PER_LENGTH
-        shape = free_curve(self.parameters, length, gravity_m_s2)
+        shape = free_curve(self.parameters, length, gravity_m_s2, self.antenna.taper)
         if deviations is not None:
             aside = _ASIDE if self.course is None else _COURSE_ASIDE
             if isinstance(still, Load):
                 free, force = shape.points_m[0, -1], np.array([[still.force_y_N, still.force_z_N]])
                 shape = bend(
-                    self.parameters[None], length, gravity_m_s2[None], np.array([still.distance_m]), force, dead=True
+                    self.parameters[None],
+                    length,
+                    gravity_m_s2[None],
+                    np.array([still.distance_m]),
+                    force,
+                    dead=True,
+                    taper=self.antenna.taper,
                 )
                 # the stiffness may be anything within a factor of two
                 aside += float(np.linalg.norm(shape.points_m[0, -1] - free)) / length / 3.0
             reach = min(deviations * aside, REACH_PER_LENGTH)
-        path = corridor(self.camera, self.T_antenna_camera.inverse(), shape, self.antenna.diameter_m, reach)
+        path = corridor(
+            self.camera, self.T_antenna_camera.inverse(), shape, self.antenna.diameter_m, reach, self.antenna.taper
+        )
         if len(path.axis_px) > 1:
             along = arc_lengths(path.axis_px)
             assert path.free is not None
@@ -297,6 +308,8 @@ def prior(
         readings=readings,
         tip_std_m=antenna.tip_std_m,
         drift=Drift() if drift is None else drift,
+        taper=antenna.taper,
+        log_tip_std=antenna.log_tip_std,
     )
 
 
@@ -350,7 +363,12 @@ def make_rig(
     return Rig(
         camera=joint.camera,
         T_antenna_camera=joint.T_antenna_camera,
-        antenna=Antenna(session.antenna.length_m, session.antenna.diameter_m, joint.parameters[ANTENNA]),
+        antenna=Antenna(
+            session.antenna.length_m,
+            session.antenna.diameter_m,
+            joint.parameters[ANTENNA],
+            *thinned_profiles(session.antenna, joint.log_tip),
+        ),
         moment_sensor=sensor,
         kinematics=kinematics,
         gravity_world_m_s2=session.gravity_world_m_s2,

@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior, reading_keys
-from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, Problem, still_curves
+from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, Problem
 from vbaa_calib.calibrate.antenna.problem import RIG as LENS
 from vbaa_calib.core.least_squares import ScoreTest, change_test, products
 from vbaa_calib.core.robust import finite_or_none, mad_std
@@ -68,6 +68,12 @@ class CheckedStill:
         return {"image": name, "rms_std": float(np.sqrt((self.residuals[_POINTS] ** 2).mean()))}
 
 
+def _without_load(one: Observation) -> Observation:
+    """Its node `CONTACT` stays where the load hangs."""
+    bare = replace(one.still, force_y_N=0.0, force_z_N=0.0) if isinstance(one.still, Load) else one.still
+    return replace(one, still=bare)
+
+
 def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = EXACT) -> list[CheckedStill]:
     """Every still against the rig's prediction; readings : how well loads' places and weights are known."""
     sensor, noise, view = rig.moment_sensor, rig.image.noise_scale, rig.T_antenna_camera.inverse()
@@ -78,12 +84,13 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     drift = Drift(line_px=rig.drift.line_px)
     several = rig.wrench_sensor
     prior = Prior((), rig.T_antenna_camera, lens, mean, np.ones(len(mean)), drift=drift, fixed_axes=unit)
+    prior = replace(prior, taper=rig.antenna.taper)
     if several is not None:
         prior = replace(prior, sensor=several, sensor_std=np.ones(3 + 2 * len(several.gain)))
     problem = Problem.of(observations, prior, rig.antenna.length_m, sensor.std_Nm)
     problem, at = replace(problem, noise_scale=noise), problem.begin
     curves = problem.curves(at[None, ANTENNA])
-    free = still_curves(observations, at[None, ANTENNA], rig.antenna.length_m, loaded=False)
+    free = replace(problem, observations=list(map(_without_load, observations))).curves(at[None, ANTENNA])
     deflections_m = np.linalg.norm(curves.points_m[:, CONTACT] - free.points_m[:, CONTACT], axis=1)
     std, checked = np.array([readings.distance_std_m, readings.force_std_relative]), []
     rows = zip(observations, problem.by_still(at), problem.whitened_by_load(at), strict=True)
@@ -218,7 +225,9 @@ def _tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
 def _free_points_m(rig: Rig, steps: np.ndarray) -> np.ndarray:
     """(S, nodes, 3) of the weightless free antenna, its parameters off by steps (S, 9)."""
     zero, parameters = np.zeros((len(steps), 3)), rig.antenna.parameters + steps
-    return bend(parameters, rig.antenna.length_m, zero, np.full(len(steps), 0.1), zero[:, 1:]).points_m
+    return bend(
+        parameters, rig.antenna.length_m, zero, np.full(len(steps), 0.1), zero[:, 1:], taper=rig.antenna.taper
+    ).points_m
 
 
 def _number_finding(

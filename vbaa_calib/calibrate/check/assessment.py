@@ -208,7 +208,14 @@ def _recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Sess
     return Session(
         root=path,
         board=with_ids(board, path, "quality.lens.board", remedy),
-        antenna=NominalAntenna(rig.antenna.length_m, rig.antenna.diameter_m, math.nan, math.nan),
+        antenna=NominalAntenna(
+            rig.antenna.length_m,
+            rig.antenna.diameter_m,
+            math.nan,
+            math.nan,
+            profile=rig.antenna.profile,
+            stiffness_profile=rig.antenna.stiffness_profile,
+        ),
         T_antenna_board=jig and read_pose(at(jig, "T_antenna_board"), path, "quality.jig.T_antenna_board"),
         kinematics=rig.kinematics,
         gravity_world_m_s2=rig.gravity_world_m_s2,

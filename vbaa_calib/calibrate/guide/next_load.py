@@ -85,6 +85,10 @@ def _load_candidates(
     grid = grid[grid >= _NEAREST * length] if (grid >= _NEAREST * length).any() else np.array([length - _FARTHEST_M])
     places = np.unique(grid[np.linspace(0, len(grid) - 1, min(_PLACES, len(grid))).round().astype(int)])
     stiffness = float(np.exp(joint.parameters[ANTENNA][6]))
+
+    def turning(at_m: float) -> float:
+        return float(session.antenna.taper.turning(np.array(at_m / length)))
+
     wanted = []
     for pull in _pulls(session, kinematics, joint.problem.observations):
         weight = float(np.linalg.norm(pull.gravity_m_s2)) or STANDARD_GRAVITY_M_S2
@@ -93,7 +97,7 @@ def _load_candidates(
             wanted += [
                 (mass, pull, Load(None, pull.pan_rad, pull.tilt_rad, 0.0, float(at), float(force[0]), float(force[1])))
                 for at in places
-                if mass * weight * at**2 / (2.0 * stiffness) <= _STEEPEST_RAD
+                if mass * weight * at**2 * turning(at) / (2.0 * stiffness) <= _STEEPEST_RAD
             ]
     if not wanted:
         return []

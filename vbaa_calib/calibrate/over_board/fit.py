@@ -14,6 +14,7 @@ import numpy as np
 
 from targets.board import BoardWithIds
 from vbaa_calib.antenna.shape import PARAMETERS, Curves, bend
+from vbaa_calib.antenna.taper import UNIFORM, Taper
 from vbaa_calib.calibrate.antenna.bundle_adjustment import noise_scale
 from vbaa_calib.calibrate.antenna.session_rig import CLAMP_GIVE_STD_M, LOG_MASS_STD, bow_std_per_m, nominal_parameters
 from vbaa_calib.calibrate.pose.board_pose import BoardPose
@@ -53,13 +54,14 @@ class FreeAntenna:
     parameters: np.ndarray
     covariance: np.ndarray  # (9, 9) of the parameters
     gravity_m_s2: np.ndarray  # (3,) antenna frame, at the joints' angles of the pictures
+    taper: Taper = UNIFORM
 
     def curves(self, parameters: np.ndarray) -> Curves:
         """The free antenna with each of K parameter vectors (K, 9)."""
         count = len(parameters)
         gravity = np.repeat(self.gravity_m_s2[None], count, axis=0)
         half = np.full(count, 0.5 * self.length_m)
-        return bend(parameters, self.length_m, gravity, half, np.zeros((count, 2)), sweeps=4)
+        return bend(parameters, self.length_m, gravity, half, np.zeros((count, 2)), sweeps=4, taper=self.taper)
 
 
 def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> FreeAntenna:
@@ -68,7 +70,7 @@ def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> F
     shape = [bow, bow, _LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M]
     std = [0.0, 0.0, _CLAMP_OUT_OF_PLANE_STD_RAD, 0.0, *shape]
     known = antenna.length_m, _LENGTH_STD_M, antenna.diameter_m, nominal_parameters(antenna), np.diag(np.square(std))
-    return FreeAntenna(*known, np.asarray(gravity_m_s2, float))
+    return FreeAntenna(*known, np.asarray(gravity_m_s2, float), antenna.taper)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from vbaa_calib.antenna.shape import Curves, bend
+from vbaa_calib.antenna.taper import UNIFORM, Taper
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.polyline import arc_lengths, followed
 from vbaa_calib.geometry import Pose
@@ -21,9 +22,10 @@ LEAST_AXIS, LEAST_LENGTH_PX = 4, 10.0
 """Least number of the free antenna's points that the lens must show, and least length: end on, there is no line."""
 
 
-def free_curve(parameters: np.ndarray, length_m: float, gravity_m_s2: np.ndarray) -> Curves:
+def free_curve(parameters: np.ndarray, length_m: float, gravity_m_s2: np.ndarray, taper: Taper = UNIFORM) -> Curves:
     """The free antenna under its weight: parameters (9,), gravity (3,) antenna frame; a batch of one."""
-    return bend(parameters[None], length_m, gravity_m_s2[None], np.array([0.5 * length_m]), np.zeros((1, 2)))
+    middle, nothing = np.array([0.5 * length_m]), np.zeros((1, 2))
+    return bend(parameters[None], length_m, gravity_m_s2[None], middle, nothing, taper=taper)
 
 
 def pixels(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray) -> np.ndarray:
@@ -43,13 +45,23 @@ def width_px(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray, diame
 
 
 def corridor(
-    camera: Camera, T_camera_antenna: Pose, free: Curves, diameter_m: float, reach: float = REACH_PER_LENGTH
+    camera: Camera,
+    T_camera_antenna: Pose,
+    free: Curves,
+    diameter_m: float,
+    reach: float = REACH_PER_LENGTH,
+    taper: Taper = UNIFORM,
 ) -> Corridor:
-    """Where in the picture an antenna may be whose free shape is known: by `reach` of the way from the clamp aside."""
+    """Where in the picture an antenna of known free shape may be: by `reach` of the way from the clamp to either side.
+
+    diameter_m : at its clamp, from where it changes by the taper.
+    """
     points = free.points_m[0]
     axis, shape = pixels(camera, T_camera_antenna, points), FreeShape.of(camera, T_camera_antenna @ points)
-    width = width_px(camera, T_camera_antenna, points, diameter_m)
-    return Corridor(axis, CLAMP_REACH_PX + reach * arc_lengths(axis), width, free=shape)
+    width = width_px(camera, T_camera_antenna, points, diameter_m * taper.middle)
+    thick, thin = taper.diameter(np.array([0.0, 1.0]))
+    broader = float((thin - thick) / (0.5 * (thin + thick)))
+    return Corridor(axis, CLAMP_REACH_PX + reach * arc_lengths(axis), width, free=shape, taper=broader)
 
 
 def finder(where: Corridor, camera: Camera, alike: AntennaFinder | None = None) -> AntennaFinder | None:
@@ -66,13 +78,14 @@ def _shows(where: Corridor) -> bool:
     return len(where.axis_px) >= LEAST_AXIS and bool(arc_lengths(where.axis_px)[-1] >= LEAST_LENGTH_PX)
 
 
-def same_paths_m_s2(where: Corridor, parameters: np.ndarray, length_m: float) -> float:
+def same_paths_m_s2(where: Corridor, parameters: np.ndarray, length_m: float, taper: Taper = UNIFORM) -> float:
     """The step of gravity within which the same paths will do: it moves the free antenna's tip by half of what lies
     between two paths. To table them takes ten times as long as all else."""
     if not _shows(where):
         return 0.0
     _, spacing_px = sampled_axis(where)
-    tips = [free_curve(parameters, length_m, np.array([0.0, pull, 0.0])).points_m[0, -1] for pull in (0.0, 10.0)]
+    pulls = np.array([[0.0, 0.0, 0.0], [0.0, 10.0, 0.0]])
+    tips = [free_curve(parameters, length_m, pull, taper).points_m[0, -1] for pull in pulls]
     sag_px = float(np.linalg.norm(tips[1] - tips[0])) / length_m * arc_lengths(where.axis_px)[-1]
     return 10.0 * float(min(0.5 * spacing_px / max(sag_px, 1e-9), 1.0))
 

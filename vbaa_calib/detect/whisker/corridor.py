@@ -123,7 +123,7 @@ class Corridor:
     ----------
     axis_px : (M, 2) the free antenna from clamp to tip, pixels.
     reach_px : (M,) how far to either side it can be at each of these points.
-    width_px : the antenna's width.
+    width_px : the antenna's width, half way. taper : part of it by which it is broader at its tip than at its clamp.
     clamp_px, clamp_rad : how far beside the axis, and how much turned from it, the antenna may leave its clamp.
     shape_px : root mean square distance by which it may differ from its free shape, bent by a force; None on a rig that
         is not calibrated, whose free shape is not known.
@@ -137,6 +137,7 @@ class Corridor:
     clamp_rad: float = CLAMP_TURN_RAD
     shape_px: float | None = None
     free: FreeShape | None = None
+    taper: float = 0.0
 
     def aside(self, points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where points (N, 2) lie: along the axis and aside of it, along its normals, (N,) px."""

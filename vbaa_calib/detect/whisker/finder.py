@@ -135,7 +135,7 @@ class AntennaFinder:
         """
         guide_px = followed(guide_px, self.image_size)
         if bright is not None or too_short(guide_px):
-            return measure(image, guide_px, width_px, bright)
+            return measure(image, guide_px, width_px, bright, self.corridor.taper)
         where = replace(self.corridor, width_px=width_px)
         return replace(self, corridor=where)._along_shape(image, image if picture is None else picture, guide_px, odds)
 
@@ -184,9 +184,12 @@ class AntennaFinder:
         where, width = self.corridor, self.corridor.width_px
         told = coloured(picture)
 
+        def on_grey(path: np.ndarray) -> Centreline:
+            return measure_on(image, path, width, None, taper=where.taper)
+
         def judged(path: np.ndarray) -> Centreline:
             path, _ = resample(path, 1.0)
-            line = measure_in_colour(picture, path, width) if told else measure_on(image, path, width, None)
+            line = measure_in_colour(picture, path, width) if told else on_grey(path)
             return of_antennas_shape(replace(line, odds=odds), where, True)
 
         line = judged(path_px)
@@ -201,7 +204,8 @@ class AntennaFinder:
         width, lines = self.corridor.width_px, []
         for rough in self.candidates(image, bright, blurred_px):
             path = self.path(image, rough, bright, blurred_px)
-            lines.append(of_antennas_shape(measure_on(image, path, width, bright, blurred_px), self.corridor, False))
+            line = measure_on(image, path, width, bright, blurred_px, self.corridor.taper)
+            lines.append(of_antennas_shape(line, self.corridor, False))
         return reject_faint(best_of(lines, width, OTHER_LINE_SEEN), self.usual_height)
 
 

@@ -63,7 +63,7 @@ class Paint:
         line = finder.find(plane, self.polarity if calibrated else self.bright, image)
         if not line.found or not self.both_edges or calibrated:
             return line
-        between = measure_on(plane, line.guide_px, finder.corridor.width_px, None)
+        between = measure_on(plane, line.guide_px, finder.corridor.width_px, None, taper=finder.corridor.taper)
         return between if between.found and between.seen > line.seen - SearchSettings.less_seen else line
 
 

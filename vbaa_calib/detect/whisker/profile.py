@@ -30,21 +30,24 @@ _POLARITY = {True: 1, False: -1, None: 0}
 _shapes = lru_cache(maxsize=32)(core.profile.shapes)
 
 
-def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool | None = True) -> Centreline:
+def measure(
+    image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool | None = True, taper: float = 0.0
+) -> Centreline:
     """The centreline near a guide, one point for every column (or row) of pixels that it crosses.
 
     Parameters
     ----------
     image : (H, W) grey levels.
     guide_px : (K, 2) a path within about one antenna width of the truth, from clamp to tip.
-    width_px : the antenna's width.
+    width_px : the antenna's width, half way.
     bright : brighter than its background; None: here brighter, there darker.
+    taper : part of that width by which it is broader at its tip than at its clamp.
     """
     if too_short(guide_px):
         return NOTHING
     if bright is not None:
         guide_px = refine_path(image, guide_px, width_px, width_px + 2.0, bright)
-    return measure_on(image, guide_px, width_px, bright)
+    return measure_on(image, guide_px, width_px, bright, taper=taper)
 
 
 def measure_on(
@@ -53,21 +56,24 @@ def measure_on(
     width_px: float,
     bright: bool | None,
     blurred_px: float = 0.0,
+    taper: float = 0.0,
 ) -> Centreline:
     """As `measure`, along a path (K, 2) on the antenna; blurred_px : by how much broader the line may be."""
     half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
     path_px = np.ascontiguousarray(path_px, np.float64)
     if bright is None:
         path_px, half = core.profile.stiffened(path_px), int(np.ceil(0.5 * width_px + _MARGIN_PX))
-    line = _measured(image, path_px, width_px, half, bright)
+    line = _measured(image, path_px, width_px, half, bright, taper)
     if line.breadth > _BROADER:
         half = int(np.ceil(half + 0.7 * line.breadth * width_px + 2.0))
-        wider = _measured(image, path_px, width_px, half, bright)
+        wider = _measured(image, path_px, width_px, half, bright, taper)
         return wider if len(wider.points_px) >= len(line.points_px) else line
     return line
 
 
-def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool | None) -> Centreline:
+def _measured(
+    image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool | None, taper: float
+) -> Centreline:
     width_px = round(float(width_px), 2)
     found = core.profile.measured(
         np.ascontiguousarray(image),
@@ -75,6 +81,7 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
         width_px,
         half,
         _POLARITY[bright],
+        taper,
         _quiet_part(2 * half - 3),
         _shapes(width_px, _ORDINARY_BLUR_PX, half + 2),
     )

@@ -12,6 +12,9 @@
 // The roll is what makes the force's direction follow the antenna by the least rotation. A sweep from the clamp on
 // would let every error there swing the contact and its force about; from 90° of slope on such sweeps diverge.
 //
+// Where the antenna is not uniform, EI is the clamp's, m is c·Hᵀ M/EI with the flexibility c(s) of taper.hpp, and the
+// elastica is integrated from the contact.
+//
 // Clamp's axes: x along the clamped tangent, y along the contact force's lateral part before it is turned. Contact's
 // axes: x along the antenna, the force in the plane of x and y. Forces and moments are divided by EI.
 #pragma once
@@ -19,6 +22,7 @@
 #include <array>
 
 #include "nodes.hpp"
+#include "taper.hpp"
 #include "vectors.hpp"
 
 namespace vbaa::antenna {
@@ -58,6 +62,28 @@ struct Equilibrium {
 // Sweep so many times, from the rotations that weight and bow cause by themselves; writes the tangents in the contact's
 // axes.
 Equilibrium equilibrium(const Loads& loads, int sweeps, Field& tangents);
+
+// Part of a taper's panel on one side of the contact, in each lane; some are empty.
+struct Part {
+    int panel;
+    Lanes start_m, width_m;
+};
+// Nodes of an antenna that is not uniform: those of its parts, from the clamp to the tip.
+struct PanelNodes {
+    static constexpr int PARTS = 2 * Taper::PANELS, NODES = PARTS * NodeTables::PANEL;
+
+    int inner, count;  // parts before the contact, and all
+    std::array<Part, PARTS> parts;
+    // flexibility, the weight per length and that beyond, as a uniform antenna's length
+    std::array<Lanes, NODES> flexibility, weight, beyond_m;
+    // of the weight beyond a node about it, as of a uniform antenna's, and how far that bends the antenna before it
+    std::array<Lanes, NODES> weighed_m2, weighed_m3;
+};
+PanelNodes panel_nodes(const Taper& taper, Lanes contact_m, double length_m);
+using PanelField = std::array<Vectors, PanelNodes::NODES>;
+
+// The same for an antenna that is not uniform.
+Equilibrium equilibrium(const Loads& loads, const PanelNodes& nodes, int sweeps, PanelField& tangents);
 
 // Pass on base + Σ weight·field, row after row.
 //

@@ -53,8 +53,37 @@ Weights<COUNT, COUNT> integrals_from(const std::array<double, COUNT>& nodes, dou
     return found;
 }
 
+// From values at the nodes to the coefficients of powers of x from −1 to 1.
+template <int COUNT>
+Weights<COUNT, COUNT> powers() {
+    // T_k by powers
+    std::array<std::array<double, COUNT>, COUNT> modes = {};
+    for (int k = 0; k < COUNT; ++k) {
+        if (k < 2) {
+            modes[k][k] = 1.0;
+            continue;
+        }
+        for (int power = 0; power < COUNT; ++power)
+            modes[k][power] = (power ? 2.0 * modes[k - 1][power - 1] : 0.0) - modes[k - 2][power];
+    }
+    constexpr int degree = COUNT - 1;
+    Weights<COUNT, COUNT> found = {};
+    for (int k = 0; k < COUNT; ++k) {
+        for (int j = 0; j < COUNT; ++j) {
+            double half = (k % degree ? 1.0 : 0.5) * (j % degree ? 1.0 : 0.5);
+            double coefficient = half * 2.0 / degree * std::cos(M_PI * k * (degree - j) / degree);
+            for (int power = 0; power < COUNT; ++power) found[power][j] += coefficient * modes[k][power];
+        }
+    }
+    return found;
+}
+
 NodeTables made() {
     NodeTables tables;
+    tables.panel = chebyshev<NodeTables::PANEL>();
+    tables.panel_from_start = integrals_from<NodeTables::PANEL>(tables.panel, 0.0, 1.0);
+    tables.panel_from_end = integrals_from<NodeTables::PANEL>(tables.panel, 1.0, -1.0);
+    tables.panel_powers = powers<NodeTables::PANEL>();
     tables.inner = chebyshev<INNER_NODES>();
     tables.outer = chebyshev<OUTER_NODES>();
     tables.inner_from_contact = integrals_from<INNER_NODES>(tables.inner, 1.0, 1.0);

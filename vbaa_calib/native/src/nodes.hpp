@@ -26,12 +26,17 @@ template <int ROWS, int COLUMNS>
 using Weights = std::array<std::array<double, COLUMNS>, ROWS>;
 
 struct NodeTables {
+    static constexpr int PANEL = 9;  // nodes of each panel of an antenna that is not uniform, see taper.hpp
+
     // Chebyshev-Lobatto nodes from 0 to 1, ends included
     std::array<double, INNER_NODES> inner;
     std::array<double, OUTER_NODES> outer;
     // from values times their side's length to integrals: from the contact, and to the side's farther end
     Weights<INNER_NODES, INNER_NODES> inner_from_contact, inner_from_tip;
     Weights<OUTER_NODES, OUTER_NODES> outer_from_contact, outer_from_tip;
+    // the same on a panel: from its start to each node, from each node to its end, and to powers of x from −1 to 1
+    std::array<double, PANEL> panel;
+    Weights<PANEL, PANEL> panel_from_start, panel_from_end, panel_powers;
     // to the curve's nodes: values, and values times their side's length to integrals from the side's start
     Weights<NODES_TO_CONTACT, INNER_NODES> at_inner_curve, to_inner_curve;
     Weights<NODES_BEYOND, OUTER_NODES> at_outer_curve, to_outer_curve;

@@ -53,9 +53,11 @@ struct SineCosine {
 SineCosine sine_and_cosine(Lanes angle_rad);
 
 // The elastica's rotation at the nodes, seen from the contact: -sin psi, cos psi and theta' EI/(F l).
-struct Hinge {
-    std::array<Lanes, NODES> sine, cosine, slope;
+template <int COUNT>
+struct HingeAt {
+    std::array<Lanes, COUNT> sine, cosine, slope;
 };
+using Hinge = HingeAt<NODES>;
 // Terms of the series for full precision up to this load.
 int series_terms(double largest_load);
 // Write the nodes before the contact by the series of so many terms.

@@ -15,6 +15,7 @@ namespace {
 struct Pressed {
     Lanes clamp_y_m, clamp_z_m, about_y_rad, about_z_rad, bow_y_per_m, bow_z_per_m, stiffness_Nm2, mass_kg_m, give_m;
     double length_m;
+    const Taper& taper;
     Vectors gravity_m_s2;
     Lanes contact_m, push_y_N, push_z_N, friction_rad;
     bool dead;
@@ -27,8 +28,8 @@ struct Made {
     Vector moment_Nm;
 };
 
-Pressed pressed(ConstMatrix parameters, double length_m, Vectors gravity_m_s2, ConstVector contact_m,
-                ConstMatrix push_N, ConstVector friction_rad, bool dead) {
+Pressed pressed(ConstMatrix parameters, double length_m, const Taper& taper, Vectors gravity_m_s2,
+                ConstVector contact_m, ConstMatrix push_N, ConstVector friction_rad, bool dead) {
     double limit = (1.0 - NEAREST_TO_TIP) * length_m;
     Lanes contact = load(contact_m.data);
     Lanes p[9];
@@ -44,6 +45,7 @@ Pressed pressed(ConstMatrix parameters, double length_m, Vectors gravity_m_s2, C
             mass,
             p[8],
             length_m,
+            taper,
             gravity_m_s2,
             on_shaft,
             load(&push_N(0, 0)),
@@ -115,6 +117,81 @@ void put_points(const Pressed& press, Field& field, Cube points_m) {
     integrated(tables.to_outer_curve, &field[INNER_NODES], contact, into(points_m, NODES_TO_CONTACT));
 }
 
+// Arc lengths of a node of the curve.
+[[gnu::always_inline]] inline Lanes arclength_at(const Pressed& press, int node) {
+    const Lanes length = spread(press.length_m);
+    Lanes s = spread(curve_share(node)) * (node <= CONTACT ? press.contact_m : length - press.contact_m);
+    if (node > CONTACT) s += press.contact_m;
+    return where_positive(s - length, length, s);
+}
+
+[[gnu::always_inline]] inline void put_tangent(Cube tangents, int node, const Vectors& tangent) {
+    if (tangents.shape[1] == CURVE_NODES) {
+        put(tangents, node, tangent);
+    } else if (tangents.shape[1]) {
+        tangents(0, node / LANES, node % LANES) = tangent.x[0];
+        tangents(1, node / LANES, node % LANES) = tangent.y[0];
+        tangents(2, node / LANES, node % LANES) = tangent.z[0];
+    }
+}
+
+bool any(const Lanes::Mask& mask) {
+    bool found = false;
+    for (int lane = 0; lane < LANES; ++lane) found = found || mask[lane];
+    return found;
+}
+
+// Points and tangents of the curve, from the tangents on all panels, part after part.
+void put_curve(const Pressed& press, const PanelNodes& nodes, const PanelField& tangents, const Made& made) {
+    Vectors at = {Lanes{}, press.clamp_y_m, press.clamp_z_m};
+    int next = 0;  // the first node that does not lie before this part in all lanes
+    for (int p = 0; p < nodes.count; ++p) {
+        const Part& part = nodes.parts[p];
+        const bool last = p == nodes.count - 1;
+        // by powers of x from −1 to 1
+        std::array<Vectors, NodeTables::PANEL> slope;
+        std::array<Vectors, NodeTables::PANEL + 1> place;
+        for (int power = 0; power < NodeTables::PANEL; ++power) {
+            Vectors total = {};
+            for (int j = 0; j < NodeTables::PANEL; ++j)
+                total = total + node_tables().panel_powers[power][j] * tangents[p * NodeTables::PANEL + j];
+            slope[power] = total;
+            place[power + 1] = 0.5 / (power + 1) * part.width_m * total;
+        }
+        place[0] = at;
+        for (int power = 1; power <= NodeTables::PANEL; ++power)
+            place[0] = power % 2 ? place[0] + place[power] : place[0] - place[power];
+        const Lanes end = part.start_m + part.width_m;
+        const Lanes by_width = where_positive(part.width_m, 1.0 / part.width_m, part.width_m);
+        for (int node = next; node < CURVE_NODES; ++node) {
+            const Lanes s = arclength_at(press, node);
+            if (!last && !any(~(s > end))) break;
+            // the first part has all nodes that are not in a later one
+            const Lanes::Mask here =
+                p ? ~(s < part.start_m)
+                  : Lanes::Mask::each([](int) { return Lanes::Mask::Part{} == Lanes::Mask::Part{}; });
+            const Lanes x = 2.0 * (s - part.start_m) * by_width - 1.0;
+            Vectors point = place[NodeTables::PANEL], tangent = slope[NodeTables::PANEL - 1];
+            for (int power = NodeTables::PANEL - 1; power >= 0; --power) {
+                point = x * point + place[power];
+                if (power < NodeTables::PANEL - 1) tangent = x * tangent + slope[power];
+            }
+            const auto kept = [&](Lanes value, const double* before) { return choose(here, value, load(before)); };
+            put(made.points_m, node,
+                {kept(point.x, &made.points_m(0, node, 0)), kept(point.y, &made.points_m(1, node, 0)),
+                 kept(point.z, &made.points_m(2, node, 0))});
+            if (made.tangents.shape[1] == CURVE_NODES)
+                tangent = {kept(tangent.x, &made.tangents(0, node, 0)), kept(tangent.y, &made.tangents(1, node, 0)),
+                           kept(tangent.z, &made.tangents(2, node, 0))};
+            if (made.tangents.shape[1] == CURVE_NODES || here[0]) put_tangent(made.tangents, node, tangent);
+            if (!last && node == next && !any(~(s < end))) ++next;
+        }
+        for (int power = 1; power <= NodeTables::PANEL; power += 2) place[0] = place[0] + place[power];
+        for (int power = 2; power <= NodeTables::PANEL; power += 2) place[0] = place[0] + place[power];
+        at = place[0];
+    }
+}
+
 // Large deflections.
 void bend_far(int sweeps, const Pressed& press, const Made& made) {
     Lanes stiffness = press.stiffness_Nm2, friction = press.friction_rad;
@@ -140,17 +217,30 @@ void bend_far(int sweeps, const Pressed& press, const Made& made) {
                    press.bow_y_per_m * y + press.bow_z_per_m * z,
                    press.bow_z_per_m * y - press.bow_y_per_m * z,
                    press.give_m};
-    Field nodes;
-    Equilibrium found = equilibrium(loads, sweeps, nodes);
-    frame = {frame.turned(found.axes.x), frame.turned(found.axes.y), frame.turned(found.axes.z)};
-    for (Vectors& tangent : nodes) tangent = frame.turned(tangent);
-    if (made.tangents.shape[1] == CURVE_NODES) put_tangents(nodes, made.tangents);
-    if (made.tangents.shape[1] == NODE_ROWS) put_first_tangents(nodes, made.tangents);
-    put_points(press, nodes, made.points_m);
+    Equilibrium found;
+    const auto turn = [&](Vectors* tangents, int count) {
+        frame = {frame.turned(found.axes.x), frame.turned(found.axes.y), frame.turned(found.axes.z)};
+        for (int node = 0; node < count; ++node) tangents[node] = frame.turned(tangents[node]);
+    };
+    if (press.taper) {
+        constexpr int FURTHER_SWEEPS = 2;  // its soft end turns more between sweeps
+        const PanelNodes panels = panel_nodes(press.taper, press.contact_m, press.length_m);
+        PanelField tangents;
+        found = equilibrium(loads, panels, sweeps + FURTHER_SWEEPS, tangents);
+        turn(tangents.data(), panels.count * NodeTables::PANEL);
+        put_curve(press, panels, tangents, made);
+    } else {
+        Field nodes;
+        found = equilibrium(loads, sweeps, nodes);
+        turn(nodes.data(), NODES);
+        if (made.tangents.shape[1] == CURVE_NODES) put_tangents(nodes, made.tangents);
+        if (made.tangents.shape[1] == NODE_ROWS) put_first_tangents(nodes, made.tangents);
+        put_points(press, nodes, made.points_m);
+    }
     Vectors force = frame.turned(found.force_per_m2);
     // about the antenna frame's origin: the clamp stands next to it, by (0, y, z)
     Lanes moment = frame.turned(found.moment_per_m).y;
-    Lanes about_origin = moment + press.clamp_z_m * (force.x + press.length_m * weight.x);
+    Lanes about_origin = moment + press.clamp_z_m * (force.x + press.taper.weight * press.length_m * weight.x);
     put_loads(made, stiffness * force, -stiffness * about_origin);
 }
 
@@ -162,6 +252,27 @@ struct Lateral {
 Lateral operator+(Lateral a, Lateral b) { return {a.y + b.y, a.z + b.z}; }
 Lateral operator*(Lanes factor, Lateral a) { return {factor * a.y, factor * a.z}; }
 
+// What a unit push at the contact, and a unit weight per length at the clamp, make of a clamp's unit stiffness at arc
+// lengths.
+struct Unit {
+    Lanes by_push, slope_by_push, by_weight, slope_by_weight;
+};
+
+Unit bent_by_unit(const Pressed& press, Lanes s) {
+    Unit found;
+    const double length = press.length_m;
+    for (int lane = 0; lane < LANES; ++lane) {
+        const double at = s[lane] / length, contact = press.contact_m[lane] / length;
+        const Integrals here = integrals_at(press.taper, at);
+        found.by_push[lane] = length * length * length * deflection(press.taper, at, contact);
+        const Integrals near = at < contact ? here : integrals_at(press.taper, contact);
+        found.slope_by_push[lane] = length * length * (contact * near.c - near.cx);
+        found.by_weight[lane] = length * length * length * length * (at * here.weighed - here.weighed_x);
+        found.slope_by_weight[lane] = length * length * length * here.weighed;
+    }
+    return found;
+}
+
 // Small deflections of contact, lateral weight, bow, clamp and its give, superposed (vbaa_calib/antenna/linear.py).
 //
 // The paper's beam has the contact alone. A contact before the clamp gives what is not a number.
@@ -171,10 +282,11 @@ void bend_little(bool paper, const Pressed& press, const Made& made) {
     const Lanes length = spread(press.length_m);
     Lateral push = {press.push_y_N, press.push_z_N}, clamp_moment = contact * push, start = {}, turn = {}, bow = {};
     Vectors weight = {};
+    const double weight_lever = press.taper ? press.taper.weight_moment : 0.5;
     if (!paper) {
         start = {press.clamp_y_m, press.clamp_z_m};
         weight = press.mass_kg_m * press.gravity_m_s2;
-        clamp_moment = clamp_moment + 0.5 * length * length * Lateral{weight.y, weight.z};
+        clamp_moment = clamp_moment + weight_lever * length * length * Lateral{weight.y, weight.z};
         // turned or bowed about z the antenna goes to +y, about y to −z
         turn = Lateral{press.about_z_rad, -press.about_y_rad} + press.give_m * compliance * clamp_moment;
         bow = {press.bow_z_per_m, -press.bow_y_per_m};
@@ -183,27 +295,29 @@ void bend_little(bool paper, const Pressed& press, const Made& made) {
     }
     Lateral sagging = {weight.y, weight.z}, at_contact = {};
     for (int node = 0; node < CURVE_NODES; ++node) {
-        Lanes s = spread(curve_share(node)) * (node <= CONTACT ? contact : length - contact);
-        if (node > CONTACT) s += contact;
-        s = where_positive(s - length, length, s);
+        const Lanes s = arclength_at(press, node);
         Lanes near = where_positive(contact - s, s, contact), far = where_positive(contact - s, contact, s);
         Lanes by_push = (3.0 * far - near) * near * near * compliance / 6.0;
         Lanes by_weight = s * s * (6.0 * length * length - 4.0 * length * s + s * s) * compliance / 24.0;
+        Unit uneven;
+        if (press.taper) {
+            uneven = bent_by_unit(press, s);
+            by_push = uneven.by_push * compliance;
+            by_weight = uneven.by_weight * compliance;
+        }
         Lateral at = start + s * (turn + 0.5 * s * bow) + by_push * push + by_weight * sagging;
         put(made.points_m, node, {s, at.y, at.z});
         if (made.tangents.shape[1] || node == CONTACT) {
             by_push = 0.5 * compliance * (2.0 * contact - near) * near;
             by_weight = s * (3.0 * length * length - 3.0 * length * s + s * s) * compliance / 6.0;
+            if (press.taper) {
+                by_push = uneven.slope_by_push * compliance;
+                by_weight = uneven.slope_by_weight * compliance;
+            }
             Lateral slope = turn + s * bow + by_push * push + by_weight * sagging;
             Lanes x = 1.0 / sqrt(1.0 + slope.y * slope.y + slope.z * slope.z);
             Vectors tangent = {x, slope.y * x, slope.z * x};
-            if (made.tangents.shape[1] == CURVE_NODES) {
-                put(made.tangents, node, tangent);
-            } else if (made.tangents.shape[1]) {
-                made.tangents(0, node / LANES, node % LANES) = tangent.x[0];
-                made.tangents(1, node / LANES, node % LANES) = tangent.y[0];
-                made.tangents(2, node / LANES, node % LANES) = tangent.z[0];
-            }
+            put_tangent(made.tangents, node, tangent);
             if (node == CONTACT) at_contact = slope;
         }
     }
@@ -221,11 +335,11 @@ void bend(int rung, int sweeps, const Pressed& press, const Made& made) {
 
 }  // namespace
 
-void bend_lanes(int rung, ConstMatrix parameters, double length_m, const double* gravity_m_s2, ConstVector contact_m,
-                ConstMatrix push_N, ConstVector friction_rad, Cube points_m, Cube tangents, Matrix force_N,
-                Vector moment_Nm) {
+void bend_lanes(int rung, ConstMatrix parameters, double length_m, const Taper& taper, const double* gravity_m_s2,
+                ConstVector contact_m, ConstMatrix push_N, ConstVector friction_rad, Cube points_m, Cube tangents,
+                Matrix force_N, Vector moment_Nm) {
     Vectors gravity = {spread(gravity_m_s2[0]), spread(gravity_m_s2[1]), spread(gravity_m_s2[2])};
-    Pressed press = pressed(parameters, length_m, gravity, contact_m, push_N, friction_rad, false);
+    Pressed press = pressed(parameters, length_m, taper, gravity, contact_m, push_N, friction_rad, false);
     bend(rung, sweeps_of(rung), press, {points_m, tangents, force_N, moment_Nm});
 }
 
@@ -247,8 +361,8 @@ Bent bend_batch(int rung, int sweeps, const Presses& presses) {
             friction[lane] = presses.friction_rad[row];
         }
         Vectors weight = {load(&gravity(0, 0)), load(&gravity(1, 0)), load(&gravity(2, 0))};
-        Pressed press =
-            pressed(parameters, presses.length_m, weight, contact.view(), push, friction.view(), presses.dead);
+        Pressed press = pressed(parameters, presses.length_m, presses.taper, weight, contact.view(), push,
+                                friction.view(), presses.dead);
         bend(rung, sweeps, press, {points, tangents, force, moment});
         for (int lane = 0; lane < std::min(LANES, count - start); ++lane) {
             int row = start + lane;

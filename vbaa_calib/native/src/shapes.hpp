@@ -9,6 +9,7 @@
 #include "arrays.hpp"
 #include "lanes.hpp"
 #include "nodes.hpp"
+#include "taper.hpp"
 
 namespace vbaa::antenna {
 
@@ -28,15 +29,16 @@ constexpr int sweeps_of(int rung) { return rung == ELASTICA ? 1 : 4; }
 // along the antenna's normal, before it is turned with the antenna. friction_rad: its angle from that normal.
 // tangents: (3, CURVE_NODES, LANES), or (3, NODE_ROWS, LANES) for those of the first shape alone, node after node, or
 // (3, 0, LANES) for none. force_N: the contact's force, antenna frame; moment_Nm: x·f_z − z·f_x of all loads.
-void bend_lanes(int rung, ConstMatrix parameters /*(9, LANES)*/, double length_m, const double* gravity_m_s2 /*(3,)*/,
-                ConstVector contact_m, ConstMatrix push_N /*(2, LANES)*/, ConstVector friction_rad,
-                Cube points_m /*(3, CURVE_NODES, LANES)*/, Cube tangents, Matrix force_N /*(3, LANES)*/,
-                Vector moment_Nm /*(LANES,)*/);
+void bend_lanes(int rung, ConstMatrix parameters /*(9, LANES)*/, double length_m, const Taper& taper,
+                const double* gravity_m_s2 /*(3,)*/, ConstVector contact_m, ConstMatrix push_N /*(2, LANES)*/,
+                ConstVector friction_rad, Cube points_m /*(3, CURVE_NODES, LANES)*/, Cube tangents,
+                Matrix force_N /*(3, LANES)*/, Vector moment_Nm /*(LANES,)*/);
 
 // B antennas and what bends them, see vbaa_calib/antenna/shape.py. A dead force keeps its direction.
 struct Presses {
     ConstMatrix parameters;  // (B, 9)
     double length_m;
+    const Taper& taper;
     ConstMatrix gravity_m_s2;  // (B, 3)
     ConstVector contact_m;
     ConstMatrix push_N;  // (B, 2)

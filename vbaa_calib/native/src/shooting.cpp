@@ -1,5 +1,8 @@
 #include "shooting.hpp"
 
+#include <algorithm>
+#include <cmath>
+
 #include "newton.hpp"
 
 namespace vbaa::antenna {
@@ -19,9 +22,20 @@ struct Sections {
     Vectors position, d1, d2, moment;
 };
 
-[[gnu::always_inline]] inline Rates rates(const Rod& rod, const Vectors& d1, const Vectors& d2, const Vectors& moment,
-                                          const Vectors& internal) {
-    Vectors turn = rod.bend * moment + (rod.twist - rod.bend) * dot(d1, moment) * d1;
+// What a part of a rod may be softer than at its clamp: nothing where it is uniform.
+struct Uniform {
+    Vectors of(const Vectors& moment) const { return moment; }
+};
+struct Softer {
+    Lanes flexibility;
+    Vectors of(const Vectors& moment) const { return flexibility * moment; }
+};
+
+template <class Soft>
+[[gnu::always_inline]] inline Rates rates(const Rod& rod, const Soft& soft, const Vectors& d1, const Vectors& d2,
+                                          const Vectors& moment, const Vectors& internal) {
+    const Vectors bent = soft.of(moment);
+    Vectors turn = rod.bend * bent + (rod.twist - rod.bend) * dot(d1, bent) * d1;
     turn = turn + rod.curvature_y * d2 + rod.curvature_z * cross(d1, d2);
     return {cross(turn, d1), cross(turn, d2), cross(internal, d1)};
 }
@@ -32,19 +46,69 @@ struct Sections {
     return start + step / 6 * (k1 + 2.0 * (k2 + k3) + k4);
 }
 
-[[gnu::always_inline]] inline Sections stepped(const Rod& rod, const Sections& at, Lanes step, const Vectors& internal,
-                                               const Point& weight) {
+// Start, middle and end of a step: how soft the rod is, and the internal force.
+template <class Soft>
+struct Along {
+    Soft soft[3];
+    Vectors internal[3];
+};
+
+template <class Soft>
+[[gnu::always_inline]] inline Sections stepped(const Rod& rod, const Sections& at, Lanes step,
+                                               const Along<Soft>& along) {
     Lanes half = step / 2;
-    Vectors middle = internal - half * weight, end = internal - step * weight;
-    Rates a = rates(rod, at.d1, at.d2, at.moment, internal);
+    const auto& [start, middle, end] = along.internal;
+    Rates a = rates(rod, along.soft[0], at.d1, at.d2, at.moment, start);
     Vectors t2 = at.d1 + half * a.d1;
-    Rates b = rates(rod, t2, at.d2 + half * a.d2, at.moment + half * a.moment, middle);
+    Rates b = rates(rod, along.soft[1], t2, at.d2 + half * a.d2, at.moment + half * a.moment, middle);
     Vectors t3 = at.d1 + half * b.d1;
-    Rates c = rates(rod, t3, at.d2 + half * b.d2, at.moment + half * b.moment, middle);
+    Rates c = rates(rod, along.soft[1], t3, at.d2 + half * b.d2, at.moment + half * b.moment, middle);
     Vectors t4 = at.d1 + step * c.d1;
-    Rates d = rates(rod, t4, at.d2 + step * c.d2, at.moment + step * c.moment, end);
+    Rates d = rates(rod, along.soft[2], t4, at.d2 + step * c.d2, at.moment + step * c.moment, end);
     return {mean(at.position, step, at.d1, t2, t3, t4), mean(at.d1, step, a.d1, b.d1, c.d1, d.d1),
             mean(at.d2, step, a.d2, b.d2, c.d2, d.d2), mean(at.moment, step, a.moment, b.moment, c.moment, d.moment)};
+}
+
+// A step back from one arc length to another, over the slices between.
+Sections back_over_slices(const Rod& rod, Sections at, Lanes from_m, Lanes to_m, const Vectors& force,
+                          const Point& weight) {
+    double least = rod.length_m, most = 0.0;
+    for (int lane = 0; lane < LANES; ++lane) {
+        least = std::min<double>(least, to_m[lane]);
+        most = std::max<double>(most, from_m[lane]);
+    }
+    for (auto slice = rod.slices.rbegin(); slice != rod.slices.rend(); ++slice) {
+        if (slice->start_m >= most) continue;
+        if (slice->end_m <= least) break;
+        const Lanes first = spread(slice->start_m), last = spread(slice->end_m);
+        const Lanes start = where_positive(from_m - last, last, from_m),
+                    end = where_positive(first - to_m, first, to_m);
+        // none where the slice lies elsewhere
+        const Lanes step = where_positive(start - end, end - start, Lanes{});
+        const double by_length = 1.0 / (slice->end_m - slice->start_m), thick = slice->diameters[0];
+        Along<Softer> along;
+        for (int k = 0; k < 3; ++k) {
+            Lanes share = (start + 0.5 * k * step - slice->start_m) * by_length;
+            share = where_positive(share, where_positive(share - 1.0, spread(1.0), share), Lanes{});
+            const Lanes root = slice->roots[0] + (slice->roots[1] - slice->roots[0]) * share, square = root * root;
+            along.soft[k].flexibility = 1.0 / (slice->power == 1 ? root : square * square);
+            const Lanes here = thick + (slice->diameters[1] - thick) * share;
+            const Lanes before =
+                share * (slice->end_m - slice->start_m) / 3.0 * (thick * thick + thick * here + here * here);
+            along.internal[k] = force + (slice->mass_beyond_m - before) * weight;
+        }
+        at = stepped(rod, at, step, along);
+    }
+    return at;
+}
+
+// A vector turned by the rotation vector u.
+Vectors turned_by(Vectors u, const Point& v) {
+    const Lanes angle = norm(u), half = 0.5 * angle;
+    const Lanes by_angle = where_positive(angle - 1e-9, sin(angle) / angle, spread(1.0));
+    const Lanes half_sinc = where_positive(half - 1e-9, sin(half) / half, spread(1.0));
+    const Vectors once = cross(u, v);
+    return v + by_angle * once + 0.5 * half_sinc * half_sinc * cross(u, once);
 }
 
 void write_node(const Sections& at, double* node) {
@@ -62,7 +126,93 @@ RodLoads load_of(ConstMatrix loads, int b, double share) {
 
 }  // namespace
 
+std::vector<Slice> slices_of(ConstMatrix pieces, double length_m) {
+    constexpr double LARGEST_CHANGE = 0.15;  // of the logarithm of the stiffness in a slice
+    std::vector<Slice> slices;
+    for (int p = 0; p < pieces.shape[0]; ++p) {
+        const double* piece = pieces.row(p).data;
+        const int power = static_cast<int>(piece[6]);
+        const double growth = piece[5] / piece[4] - 1.0, changes = power * std::abs(std::log1p(growth));
+        const int count = 1 + static_cast<int>(changes / LARGEST_CHANGE);
+        const auto between = [&](int column, double share) {
+            return piece[column] + (piece[column + 1] - piece[column]) * share;
+        };
+        for (int k = 0; k < count; ++k) {
+            double shares[2];
+            for (int side = 0; side < 2; ++side) {
+                const double share = static_cast<double>(k + side) / count;
+                shares[side] = std::abs(growth) < 1e-6 ? share : std::expm1(share * std::log1p(growth)) / growth;
+            }
+            slices.push_back({length_m * between(0, shares[0]),
+                              length_m * between(0, shares[1]),
+                              {between(2, shares[0]), between(2, shares[1])},
+                              {between(4, shares[0]), between(4, shares[1])},
+                              power,
+                              0.0});
+        }
+        slices.back().end_m = length_m * piece[1];
+    }
+    double beyond = 0.0;
+    for (auto slice = slices.rbegin(); slice != slices.rend(); ++slice) {
+        const auto& [thick, thin] = slice->diameters;
+        beyond += (slice->end_m - slice->start_m) / 3.0 * (thick * thick + thick * thin + thin * thin);
+        slice->mass_beyond_m = beyond;
+    }
+    return slices;
+}
+
+Lanes diameter_at(const Rod& rod, const Lanes& arclength_m) {
+    Lanes found = spread(1.0);
+    for (int lane = 0; lane < LANES; ++lane) {
+        const double at = arclength_m[lane];
+        for (const Slice& slice : rod.slices) {
+            if (at < slice.start_m) break;
+            const double share = std::min((at - slice.start_m) / (slice.end_m - slice.start_m), 1.0);
+            found[lane] = slice.diameters[0] + (slice.diameters[1] - slice.diameters[0]) * share;
+        }
+    }
+    return found;
+}
+
+namespace {
+
+// From the tip, of a supposed turn from the clamp, back.
+Shots shoot_back(const Rod& rod, const RodLoads& loads, Vectors turn, int steps, double* nodes) {
+    const Lanes length = spread(rod.length_m);
+    const auto at_tip = loads.contact_m >= length;
+    const Lanes split = choose(at_tip, 0.5 * length, loads.contact_m);
+    const Point weight = rod.mass_per_length_kg_m * loads.gravity_m_s2, d3 = cross(rod.d1, rod.d2);
+    Sections at = {Vectors{}, turned_by(turn, rod.d1), turned_by(turn, rod.d2), Vectors{}}, middle = at;
+    const Vectors tip = at.d1;
+    for (int segment = 1; segment >= 0; --segment) {
+        const Lanes start = segment ? split : Lanes{}, end = segment ? length : split, step = (end - start) / steps;
+        const Vectors force = choose(at_tip, spread(1.0), spread(segment ? 0.0 : 1.0)) * loads.force_N;
+        for (int i = steps; i > 0; --i) {
+            if (nodes) write_node(at, nodes + 12 * (segment * steps + i));
+            const Lanes from = i == steps ? end : start + i * step, to = i == 1 ? start : start + (i - 1) * step;
+            at = back_over_slices(rod, at, from, to, force, weight);
+        }
+        if (segment) middle = at;
+    }
+    if (nodes) write_node(at, nodes);
+    const Vectors shift = rod.origin - at.position;
+    for (int k = 0; nodes && k <= 2 * steps; ++k) {
+        const Point moved = read<Point>(nodes + 12 * k) + lane(shift, 0);
+        write(moved, nodes + 12 * k);
+    }
+    const auto contact = [&](const Vectors& last, const Vectors& inside) {
+        return Vectors{choose(at_tip, last.x, inside.x), choose(at_tip, last.y, inside.y),
+                       choose(at_tip, last.z, inside.z)};
+    };
+    const Vectors off = cross(at.d1, rod.d1) + cross(at.d2, rod.d2) + cross(cross(at.d1, at.d2), d3);
+    const double unit = 1.0 / (rod.bend * rod.length_m);
+    return {contact(shift, middle.position + shift), contact(tip, middle.d1), 0.5 * unit * off};
+}
+
+}  // namespace
+
 Shots shoot(const Rod& rod, const RodLoads& loads, Vectors moment_Nm, int steps, double* nodes) {
+    if (!rod.slices.empty()) return shoot_back(rod, loads, rod.bend * rod.length_m * moment_Nm, steps, nodes);
     Lanes length = spread(rod.length_m);
     auto at_tip = loads.contact_m >= length;
     Lanes split = choose(at_tip, 0.5 * length, loads.contact_m);
@@ -75,7 +225,9 @@ Shots shoot(const Rod& rod, const RodLoads& loads, Vectors moment_Nm, int steps,
         Vectors force = pushed * loads.force_N;
         for (int i = 0; i < steps; ++i) {
             if (nodes) write_node(at, nodes + 12 * (segment * steps + i));
-            at = stepped(rod, at, step, force + (length - start - i * step) * weight, weight);
+            const Vectors internal = force + (length - start - i * step) * weight;
+            at = stepped(rod, at, step,
+                         Along<Uniform>{{}, {internal, internal - step / 2 * weight, internal - step * weight}});
         }
         if (segment == 0) middle = at;
     }

@@ -2,6 +2,8 @@
 // 0.
 #pragma once
 
+#include <vector>
+
 #include "arrays.hpp"
 #include "vectors.hpp"
 
@@ -13,13 +15,29 @@ constexpr int STEPS_PER_SEGMENT = 32;
 // On the moment left at the tip, relative to the moment of the loads.
 constexpr double ROD_TOLERANCE = 1e-11;
 
+// A short slice of a rod that is not uniform: diameter and a root of the stiffness at its ends, over the clamp's.
+struct Slice {
+    double start_m, end_m;
+    double diameters[2], roots[2];
+    int power;             // of the root
+    double mass_beyond_m;  // its own and what lies beyond, as a length of the clamp's mass per length
+};
+
 struct Rod {
     double length_m;     // from the clamp to the tip
-    double bend, twist;  // 1/EI and 1/GJ
+    double bend, twist;  // 1/EI and 1/GJ, at the clamp as the next
     double mass_per_length_kg_m;
     double curvature_y, curvature_z;  // natural curvature, 1/m
     Point origin, d1, d2;             // of the clamp
+    std::vector<Slice> slices;        // none: uniform
 };
+
+// Slices, short enough for Runge and Kutta, of pieces (P, 7): start, end, diameters, roots at both in parts of length
+// and clamp, which root.
+std::vector<Slice> slices_of(ConstMatrix pieces, double length_m);
+
+// Diameter at arc lengths over the clamp's.
+Lanes diameter_at(const Rod& rod, const Lanes& arclength_m);
 
 // Loads on eight rods: weight, and a force at an arc length from the clamp.
 struct RodLoads {
@@ -38,6 +56,10 @@ struct Shots {
 // By Runge and Kutta over two segments of so many equal steps that meet at the contact. A contact at the tip leaves no
 // second segment; the rod is then split in its middle. Writes 2·steps + 1 nodes (N, 4, 3) of the first rod if there is
 // room: position, tangent d1, director d2 and moment, antenna frame.
+//
+// A rod that is not uniform is integrated from its tip, where from the clamp on a soft end would multiply every error:
+// in place of the clamp's moment its tip's turn from the clamp is supposed, in place of the tip's moment that of the
+// clamp is left, both as rotation vectors times EI/L.
 Shots shoot(const Rod& rod, const RodLoads& loads, Vectors moment_Nm, int steps, double* nodes = nullptr);
 
 // Nodes (B, N, 4, 3), as above, of B rods under loads (B, 7), gravity, force and the arc length at which it acts, from

@@ -28,6 +28,7 @@ std::array<Lanes, 7> residual(const antenna::Rod& rod, const Pressing& pressing,
     Vectors in_plane = frame.across.turned(normal);
     Vectors away = frame.across.turned(shots.contact_m - frame.core_m + (1.0 - share) * frame.depth_m);
     Lanes reach = pressing.reach_m - pressing.compliance * x[4];
+    if (!rod.slices.empty()) reach += pressing.antenna_radius_m * (antenna::diameter_at(rod, loads.contact_m) - 1.0);
     // along a line core the offset says nothing; there the normal's own component has to vanish
     Vectors gap = 1.0 / length * (away - reach * in_plane) + (normal - in_plane);
     Vectors tip = 1.0 / moment_unit * shots.tip_moment_Nm;

@@ -7,10 +7,11 @@
 namespace vbaa::simulate {
 
 struct Pressing {
-    double reach_m;       // the object's radius plus the antenna's
+    double reach_m;       // the object's radius plus the antenna's at its clamp
     double compliance;    // the object's, in m per EI/L²
     double force_unit_N;  // EI/L²
     double tolerance;
+    double antenna_radius_m;  // at its clamp
 };
 
 // Solve frames (R, 9, 3) from states x (R, 7), which are overwritten, within limits (R, 2, 7), low and high. Gives the

@@ -165,7 +165,7 @@ Array<double, 1> surface_radii(ConstMatrix directions, double radius_m, ConstMat
 }
 
 int first_within(const Object& object, ConstCube rotations, ConstMatrix origins_m, ConstMatrix points_m,
-                 double room_m) {
+                 ConstVector room_m) {
     // F grows no faster than this: where it is larger, nothing needs to be searched
     double steepest = 1.0;
     for (int k = 0; k < object.bumps.shape[0]; ++k) {
@@ -177,8 +177,8 @@ int first_within(const Object& object, ConstCube rotations, ConstMatrix origins_
         Point origin = read<Point>(&origins_m(i, 0));
         for (int n = 0; n < points_m.shape[0]; ++n) {
             Point point = rotation.turned(read<Point>(&points_m(n, 0))) + origin;
-            if (object.kind == FREEFORM && rough_distance(object, point) > steepest * room_m) continue;
-            if (signed_distance(object, point).distance_m < room_m) return i;
+            if (object.kind == FREEFORM && rough_distance(object, point) > steepest * room_m[n]) continue;
+            if (signed_distance(object, point).distance_m < room_m[n]) return i;
         }
     }
     return rotations.shape[0];

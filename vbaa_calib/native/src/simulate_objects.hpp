@@ -48,7 +48,9 @@ Surfaces elevations(ConstMatrix points_m, double radius_m, ConstMatrix bumps);
 // Distances (K,) of a free form's surface from its centre along unit vectors (K, 3).
 Array<double, 1> surface_radii(ConstMatrix directions, double radius_m, ConstMatrix bumps);
 
-// The first of A poses (A, 3, 3), (A, 3) at which one of the points (N, 3) is nearer than that; A where none is.
-int first_within(const Object& object, ConstCube rotations, ConstMatrix origins_m, ConstMatrix points_m, double room_m);
+// The first of A poses (A, 3, 3), (A, 3) at which one of the points (N, 3) is nearer than its room (N,); A where none
+// is.
+int first_within(const Object& object, ConstCube rotations, ConstMatrix origins_m, ConstMatrix points_m,
+                 ConstVector room_m);
 
 }  // namespace vbaa::simulate

@@ -72,7 +72,8 @@ Trials tried(const Step& step, const std::array<Lanes, UNKNOWNS>& x) {
     trials.press_N = force_unit * x[4];
     trials.arclength_m = length * x[3];
     trials.place_m = Vectors{length * x[5], length * x[6], length * x[7]} + step.start.place_m;
-    trials.gap_m = distances(step.object, trials.place_m, trials.normal) - step.touching.antenna_radius_m;
+    trials.gap_m = distances(step.object, trials.place_m, trials.normal) -
+                   step.touching.antenna_radius_m * antenna::diameter_at(step.rod, trials.arclength_m);
     // the axes turn with the normal; in them the grip stays as it is
     for (int i = 0; i < 2; ++i) {
         Lanes share = -dot(trials.normal, frame.axes[i]) / (1.0 + dot(trials.normal, old));

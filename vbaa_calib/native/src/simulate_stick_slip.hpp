@@ -11,11 +11,11 @@
 namespace vbaa::simulate {
 
 struct Touching {
-    double antenna_radius_m;
-    double compliance_m_N;  // the object's
-    double force_unit_N;    // EI/L²
-    double friction;        // coefficient
-    double tolerance;       // on lengths in L, moments in EI/L and n·t
+    double antenna_radius_m;  // at its clamp
+    double compliance_m_N;    // the object's
+    double force_unit_N;      // EI/L²
+    double friction;          // coefficient
+    double tolerance;         // on lengths in L, moments in EI/L and n·t
 };
 
 // B contacts (B, 23) as `Held` packs them, and which were found.

@@ -57,7 +57,8 @@ class _Core:
 class _Problem:
     """All B frames of a stroke, each in its own antenna frame.
 
-    gravity : (B, 3). unloaded : the antenna under its weight alone. reach_m : the object's radius plus the antenna's.
+    gravity : (B, 3). unloaded : the antenna under its weight alone. reach_m : the object's radius plus the antenna's
+        at its clamp, antenna_radius_m.
     touches, depth_m : (B,) whether, and how far, the unloaded antenna's centreline would be too deep. arclength_m :
     (B,) of its point nearest to the core. normal : (B, 3) outward from the object, on the side that touches.
     """
@@ -67,6 +68,7 @@ class _Problem:
     gravity: np.ndarray
     unloaded: RodShape
     reach_m: float
+    antenna_radius_m: float
     compliance_m_N: float
     touches: np.ndarray
     depth_m: np.ndarray
@@ -101,10 +103,10 @@ def _problem(setting: Setting, bases: Bases) -> _Problem:
         wedge=np.asarray(obj.wedge_world, float) @ bases.rotation,
         across=np.swapaxes(bases.rotation, 1, 2) @ obj.across @ bases.rotation,
     )
-    reach = obj.radius_m + setting.antenna_radius_m
     gravity = setting.gravity_world_m_s2 @ bases.rotation
     unloaded = solve_rod(rod, gravity, np.full(len(gravity), rod.length_m / 2), np.zeros_like(gravity))
     arclength, point, tangent = _nearest(core, unloaded)
+    reach = obj.radius_m + setting.radius_at(arclength)
     offset, reaches = core.offset(point), arclength < unloaded.arclength_m[:, -1]
     if obj.shape == "sphere":
         touches, depth, normal = _sphere(offset, reaches, bases.rotation, reach)
@@ -112,7 +114,8 @@ def _problem(setting: Setting, bases: Bases) -> _Problem:
         within = np.abs(np.einsum("bi,bi->b", core.axis, point - core.center_m)) <= obj.half_length_m
         touches, depth, normal = _line(obj, core, offset, tangent, (reaches, within), reach)
     compliance = 1.0 / obj.stiffness_N_m
-    return _Problem(rod, core, gravity, unloaded, reach, compliance, touches, depth, arclength, normal)
+    at_clamp, radius = obj.radius_m + setting.antenna_radius_m, setting.antenna_radius_m
+    return _Problem(rod, core, gravity, unloaded, at_clamp, radius, compliance, touches, depth, arclength, normal)
 
 
 def _nearest(core: _Core, shape: RodShape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -131,7 +134,7 @@ def _nearest(core: _Core, shape: RodShape) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def _sphere(
-    offset: np.ndarray, reaches: np.ndarray, rotations: np.ndarray, reach_m: float
+    offset: np.ndarray, reaches: np.ndarray, rotations: np.ndarray, reach_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Touches, depth and normal."""
     away = np.linalg.norm(offset, axis=1)
@@ -140,7 +143,7 @@ def _sphere(
         before, after = in_world[i - 1], in_world[i]
         step = after - before
         share = np.clip(-(before @ step) / max(float(step @ step), 1e-30), 0.0, 1.0)
-        passes = before @ after < 0.0 and np.linalg.norm(before + share * step) < reach_m
+        passes = before @ after < 0.0 and np.linalg.norm(before + share * step) < reach_m[i]
         if passes and reaches[i - 1] and reaches[i]:
             raise SolveError(
                 f"frame {i}: pushed past the sphere's centre since the last frame, the antenna would slip off round the"
@@ -155,7 +158,7 @@ def _line(
     offset: np.ndarray,
     tangent: np.ndarray,
     reaches_within: tuple[np.ndarray, np.ndarray],
-    reach_m: float,
+    reach_m: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Touches, depth and normal."""
     reaches, within = reaches_within
@@ -183,13 +186,15 @@ def _first_guess(problem: _Problem, rows: np.ndarray) -> np.ndarray:
     """(R, 7) of frames `rows` (R,): a straight cantilever and the object's spring in series, displaced by the depth."""
     rod = problem.rod
     arclength = np.clip(problem.arclength_m[rows], 0.05 * rod.length_m, 0.999 * rod.length_m)
-    compliance = arclength**3 / (3.0 * rod.bending_stiffness_Nm2) + problem.compliance_m_N
+    compliance = rod.yielding_m(arclength) + problem.compliance_m_N
     force = problem.depth_m[rows] / compliance
     tangent = rod.T_antenna_clamp.rotation[:, 0]
-    weight = rod.mass_per_length_kg_m * rod.length_m * problem.gravity[rows]
+    weight = rod.mass_kg * problem.gravity[rows]
     moment = problem.unloaded.clamp_moment_Nm[rows] - np.cross(rod.T_antenna_clamp.translation_m, weight)
     moment = moment + np.cross(arclength[:, None] * tangent, force[:, None] * problem.normal[rows])
     unit = rod.bending_stiffness_Nm2 / rod.length_m
+    if rod.taper:  # the tip's turn stands for it
+        moment = np.zeros_like(moment)
     scaled = (moment / unit, arclength[:, None] / rod.length_m, force[:, None] * rod.length_m / unit)
     return np.hstack([*scaled, np.zeros((rows.size, 2))])
 
@@ -203,7 +208,7 @@ def _solved(problem: _Problem, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray
     upper = np.stack([*[50.0 * steep] * 3, ones, 50.0 * steep**2, 3.0 * ones, 3.0 * ones], axis=1)
     limits = np.stack([np.where(np.arange(7) == 3, 0.01, -upper), upper], axis=1)
     force_unit = rod.bending_stiffness_Nm2 / rod.length_m**2
-    pressing = problem.reach_m, problem.compliance_m_N * force_unit, force_unit, TOLERANCE
+    pressing = problem.reach_m, problem.compliance_m_N * force_unit, force_unit, TOLERANCE, problem.antenna_radius_m
     depth = problem.depth_m[rows, None, None] * normal[:, None]
     middle, across = problem.core.center_m[rows, None], problem.core.across[rows]
     vectors = [problem.gravity[rows, None], middle, depth, across, normal[:, None], tangent_axes(normal)]

@@ -36,12 +36,17 @@ TOLERANCE = 1e-11
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What does not change in a recording. `antenna_radius_m` is half the antenna's diameter, gravity (3,)."""
+    """What does not change in a recording. `antenna_radius_m` is half the antenna's diameter at the clamp, gravity
+    (3,)."""
 
     rod: Rod
     antenna_radius_m: float
     object: TouchObject
     gravity_world_m_s2: np.ndarray
+
+    def radius_at(self, arclength_m: np.ndarray) -> np.ndarray:
+        """Half the antenna's diameter at arc lengths."""
+        return self.antenna_radius_m * self.rod.taper.diameter(arclength_m / self.rod.length_m)
 
 
 @dataclass(frozen=True, eq=False)

@@ -140,7 +140,7 @@ def _gaps(
     close = bases.world(_interpolated(points_m, arclength_m, fine))
     distance, normal = setting.object.signed_distance(close)
     best = distance.argmin(axis=1)
-    gap = distance[rows, best] - setting.antenna_radius_m
+    gap = distance[rows, best] - setting.radius_at(fine[rows, best])
     passes = ~setting.object.within(close[rows, best]) | (fine[rows, best] < 0.01 * setting.rod.length_m)
     return np.where(passes, np.abs(gap) + _CLEAR_M, gap), fine[rows, best], close[rows, best], normal[rows, best]
 
@@ -227,12 +227,14 @@ def _landing(
     pair = at[:, None] + np.array([-1e-4, 1e-4]) * rod.length_m
     tangent = np.diff(bases.world(_interpolated(nodes, walk.path.arclength_m, pair)), axis=1)[:, 0]
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    press = -gap / (at**3 / (3.0 * rod.bending_stiffness_Nm2) + 1.0 / setting.object.stiffness_N_m)
+    press = -gap / (rod.yielding_m(at) + 1.0 / setting.object.stiffness_N_m)
     force = np.einsum("bji,bj->bi", bases.rotation, press[:, None] * normal)
-    weight = rod.mass_per_length_kg_m * rod.length_m * (setting.gravity_world_m_s2 @ bases.rotation)
+    weight = rod.mass_kg * (setting.gravity_world_m_s2 @ bases.rotation)
     along = rod.T_antenna_clamp.rotation[:, 0]
     moment = np.cross(along, at[:, None] * force + rod.length_m / 2 * weight)
     nothing = np.zeros_like(normal)
+    if rod.taper:  # the tip's turn stands for it
+        moment = nothing
     guess = Held(moment, at, press, nothing, point - gap[:, None] * normal, normal, point, tangent, nothing)
     return replace(guess, point_m=was + share * (point - was)), guess
 

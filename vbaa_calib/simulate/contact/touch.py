@@ -63,7 +63,7 @@ def touch(
 
     Parameters
     ----------
-    antenna_radius_m : half the antenna's diameter.
+    antenna_radius_m : half the antenna's diameter at its clamp.
     T_world_antenna : poses in order of time, at least one: side and friction depend on the frames before.
     gravity_world_m_s2 : (3,).
 
@@ -92,22 +92,24 @@ def touch_strokes(
 
 def _touch(setting: Setting, bases: Bases, contacts: Contacts) -> Touch:
     """The antenna's shapes under the contacts' forces. Raises SolveError for contacts that are impossible."""
-    rod, obj, radius = setting.rod, setting.object, setting.antenna_radius_m
+    rod, obj = setting.rod, setting.object
     touching, held = contacts.touches, contacts.held
     lost = ~touching[:, None]
     normal = np.where(lost, np.nan, held.normal)
     force_world = np.where(lost, 0.0, held.press_N[:, None] * held.normal + held.grip_N)
     force = np.einsum("bji,bj->bi", bases.rotation, force_world)
     where = np.where(touching, held.arclength_m, rod.length_m / 2)
+    radius = setting.radius_at(where)
     shape = solve_rod(rod, setting.gravity_world_m_s2 @ bases.rotation, where, force)
     point, tangent = (values[:, 0] for values in sample_shape(shape, where[:, None]))
     point = np.where(lost, np.nan, point)
     in_world, indentation = bases.world(point), held.press_N / obj.stiffness_N_m
     contact = np.where(touching, held.arclength_m, np.nan)
     slip = _slips(in_world, contact, np.einsum("bij,bj->bi", bases.rotation, tangent), normal)
-    deepest = obj.signed_distance(bases.world(shape.points_m))[0].min(axis=1)
+    # of the surface, next to where it touches
+    deepest = (obj.signed_distance(bases.world(shape.points_m))[0] - setting.radius_at(shape.arclength_m)).min(axis=1)
     reasons = {
-        "the antenna would pass through the object elsewhere": deepest < radius - indentation - 1e-6,
+        "the antenna would pass through the object elsewhere": deepest < -indentation - 1e-6,
         "the contact lies beyond the object's end": ~obj.within(in_world),
     }
     if obj.shape == "knife_edge":

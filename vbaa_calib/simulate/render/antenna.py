@@ -41,9 +41,14 @@ class Tube:
 
 
 def tube(
-    lens: Lens, arclength_m: np.ndarray, points_camera_m: np.ndarray, radius_m: float, lamp_camera: np.ndarray
+    lens: Lens,
+    arclength_m: np.ndarray,
+    points_camera_m: np.ndarray,
+    radius_m: np.ndarray | float,
+    lamp_camera: np.ndarray,
 ) -> Tube:
-    """The tube around a curve: arc lengths (n,), its points (n, 3) in the camera frame, all in front of the camera."""
+    """The tube around a curve: arc lengths (n,), its points (n, 3) in the camera frame, all in front of the camera, its
+    radius () or (n,)."""
     curve = CubicSpline(arclength_m, points_camera_m)
     rough = project(lens, curve(np.linspace(arclength_m[0], arclength_m[-1], 200)))
     # two for every pixel; near the camera's plane it would be longer than anything in the picture
@@ -53,7 +58,8 @@ def tube(
     points, along = curve(s), curve(s, 1)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     side = np.cross(along, points)
-    side *= radius_m / np.linalg.norm(side, axis=1, keepdims=True)
+    thick = np.interp(s, arclength_m, np.broadcast_to(radius_m, len(arclength_m)))[:, None]
+    side *= thick / np.linalg.norm(side, axis=1, keepdims=True)
     pixels = project(lens, points)
     tangents = np.gradient(pixels, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)

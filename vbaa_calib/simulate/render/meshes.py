@@ -32,8 +32,9 @@ def _grid_faces(rows: int, columns: int) -> np.ndarray:
     return quads.reshape(-1, 3)
 
 
-def tube_mesh(s: np.ndarray, points: np.ndarray, radius: float, step: float) -> Triangles:
-    """The tube around the cubic spline through points (N, 3) at s (N,), with flat ends; a ring about every `step`.
+def tube_mesh(s: np.ndarray, points: np.ndarray, radius: np.ndarray | float, step: float) -> Triangles:
+    """The tube of radius () or (N,) around the cubic spline through points (N, 3) at s (N,), with flat ends; a ring
+    about every `step`.
 
     The curve itself is interpolated: the tube's axis is the one that `render.antenna.tube` projects.
     """
@@ -47,7 +48,7 @@ def tube_mesh(s: np.ndarray, points: np.ndarray, radius: float, step: float) -> 
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     turn = np.linspace(0.0, 2 * np.pi, _ROUND_THE_TUBE, endpoint=False)[:, None]
     out = np.cos(turn) * side[:, None] + np.sin(turn) * np.cross(along, side)[:, None]
-    rings = middle[:, None] + radius * out
+    rings = middle[:, None] + np.interp(fine, s, np.broadcast_to(radius, len(s)))[:, None, None] * out
     count = len(fine) * _ROUND_THE_TUBE
     vertices, normals = [rings.reshape(-1, 3)], [out.reshape(-1, 3)]
     faces = [_grid_faces(len(fine), _ROUND_THE_TUBE)]

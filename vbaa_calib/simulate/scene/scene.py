@@ -56,7 +56,8 @@ class TrueAntenna:
 
     Attributes
     ----------
-    stiffness_factor : true EI over nominal EI.
+    stiffness_factor : true EI over nominal EI. tip_factor : true diameter at the tip over the nominal one, between it
+        and the clamp's evenly; stiffness and weight follow.
     clamp_angle_rad : (2,) turn of the clamped tangent about the antenna frame's y and z axes.
     clamp_offset_m : (3,) the clamp in the antenna frame.
     natural_curvature_per_m : (2,) bow of the unloaded, weightless wire about its own y and z axes.
@@ -64,6 +65,7 @@ class TrueAntenna:
     """
 
     stiffness_factor: Annotated[Number, Field(ge=0.1, le=10)] = 1.0
+    tip_factor: Annotated[Number, Field(ge=0.05, le=20)] = 1.0
     clamp_angle_rad: Annotated[np.ndarray, ArrayOf(2)] = field(default_factory=lambda: np.zeros(2))
     clamp_offset_m: Annotated[np.ndarray, ArrayOf(3)] = field(default_factory=lambda: np.zeros(3))
     natural_curvature_per_m: Annotated[np.ndarray, ArrayOf(2)] = field(default_factory=lambda: np.zeros(2))
@@ -331,7 +333,7 @@ class Scene:
 
     @property
     def radius_m(self) -> float:
-        """Radius of the antenna."""
+        """Radius of the antenna, at its clamp."""
         return self.antenna.diameter_m / 2
 
     def T_world_antenna(self, joints: Joints) -> Pose:
@@ -346,6 +348,7 @@ class Scene:
 def true_rod(scene: Scene) -> Rod:
     """The antenna as it really is. A round wire: GJ = EI / (1 + ν)."""
     stiffness = scene.antenna.stiffness_Nm2 * scene.true.stiffness_factor
+    taper, tip = scene.antenna.taper, scene.true.tip_factor
     about_y, about_z = scene.true.clamp_angle_rad
     return Rod(
         length_m=scene.antenna.length_m,
@@ -354,6 +357,7 @@ def true_rod(scene: Scene) -> Rod:
         mass_per_length_kg_m=scene.antenna.mass_per_length_kg_m,
         T_antenna_clamp=Pose.from_rotvec(np.array([0.0, about_y, about_z]), scene.true.clamp_offset_m),
         natural_curvature_per_m=scene.true.natural_curvature_per_m,
+        taper=taper if tip == 1.0 else taper.thinned(float(np.log(tip))),
     )
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from pydantic import BeforeValidator, Field, Strict
 
 from targets.board import FileBoard
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, WholeNumber, checked
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import NominalAntenna
-from vbaa_calib.session.settings import AnyLength, Diameter, FilePose, Gravity
+from vbaa_calib.session.settings import AnyLength, Diameter, FilePose, FileProfile, Gravity
 
 from .lens import Lens, invertible
 from .objects import LINES, WEDGES, Bump, TouchObject
@@ -151,11 +151,20 @@ class _Antenna:
     diameter_m: Diameter
     youngs_modulus_Pa: Annotated[Number, Field(ge=1e5, le=2e12)]
     density_kg_m3: Annotated[Number, Field(ge=0, le=3e4)]
+    profile: FileProfile | None = None
+    stiffness_profile: FileProfile | None = None
     actual: TrueAntenna = field(default_factory=TrueAntenna)
 
 
 def _nominal_and_true(read: _Antenna) -> tuple[NominalAntenna, TrueAntenna]:
-    nominal = NominalAntenna(read.length_m, read.diameter_m, read.youngs_modulus_Pa, read.density_kg_m3)
+    nominal = NominalAntenna(
+        read.length_m,
+        read.diameter_m,
+        read.youngs_modulus_Pa,
+        read.density_kg_m3,
+        profile=read.profile,
+        stiffness_profile=read.stiffness_profile,
+    )
     return nominal, read.actual
 
 
@@ -206,7 +215,8 @@ class _SceneFile(FileModel):
 def load_scene(path: Path) -> Scene:
     """Read and check a scene file. Raises InputError naming the file and the key."""
     path = Path(path)
-    read = checked(_SceneFile, _without_nulls(read_yaml(path)), path, "the bundled scene demo shows every key")
+    with about(path):
+        read = checked(_SceneFile, _without_nulls(read_yaml(path)), path, "the bundled scene demo shows every key")
     (lens, T_antenna_camera), (nominal, true) = read.camera, read.antenna
     for number, load in enumerate(read.loads):
         if load.distance_m > nominal.length_m:

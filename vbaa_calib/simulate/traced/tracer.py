@@ -58,8 +58,8 @@ def load_mitsuba() -> Any:
     return mitsuba
 
 
-SurfacedTube = tuple[np.ndarray, np.ndarray, float, dict[str, Any]]
-"""Arc lengths, points (antenna frame), radius, all in metres, and the surface of a tube."""
+SurfacedTube = tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
+"""Arc lengths, points (antenna frame), radii, all in metres, and the surface of a tube."""
 
 
 @dataclass(frozen=True, eq=False)

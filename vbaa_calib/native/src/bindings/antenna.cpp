@@ -12,14 +12,16 @@ using antenna::NODE_ROWS;
 
 constexpr int MOST_SWEEPS = 100, MOST_STEPS = 10000;
 
-antenna::Presses presses(const InMatrix& parameters, double length_m, const InMatrix& gravity_m_s2,
-                         const InVector& contact_m, const InMatrix& push_N, const InVector& friction_rad, bool dead) {
+antenna::Presses presses(const InMatrix& parameters, double length_m, const antenna::Taper& taper,
+                         const InMatrix& gravity_m_s2, const InVector& contact_m, const InMatrix& push_N,
+                         const InVector& friction_rad, bool dead) {
     std::size_t count = contact_m.shape(0);
     require(parameters.shape(0) == count && parameters.shape(1) == 9 && gravity_m_s2.shape(0) == count &&
                 gravity_m_s2.shape(1) == 3 && push_N.shape(0) == count && push_N.shape(1) == 2 &&
                 friction_rad.shape(0) == count,
             "shapes need parameters (B, 9), gravity (B, 3), contacts (B,), forces (B, 2) and friction (B,)");
-    return {view(parameters), length_m, view(gravity_m_s2), view(contact_m), view(push_N), view(friction_rad), dead};
+    return {view(parameters), length_m,           taper, view(gravity_m_s2), view(contact_m),
+            view(push_N),     view(friction_rad), dead};
 }
 
 void check_rung(int rung) { require(antenna::PAPER <= rung && rung <= antenna::ROD, "no such rung"); }
@@ -29,24 +31,27 @@ auto bent(int rung, int sweeps, const antenna::Presses& presses) {
     return arrays(made.points_m, made.tangents, made.force_N, made.moment_Nm);
 }
 
-auto curves(int rung, const InMatrix& parameters, double length_m, const InMatrix& gravity_m_s2,
+auto curves(int rung, const InMatrix& parameters, double length_m, const InMatrix& pieces, const InMatrix& gravity_m_s2,
             const InVector& contact_m, const InMatrix& push_N, const InVector& friction_rad) {
     check_rung(rung);
-    auto given = presses(parameters, length_m, gravity_m_s2, contact_m, push_N, friction_rad, false);
+    const antenna::Taper taper = read_taper(view(pieces));
+    auto given = presses(parameters, length_m, taper, gravity_m_s2, contact_m, push_N, friction_rad, false);
     return bent(rung, antenna::sweeps_of(rung), given);
 }
 
-auto bend(bool dead, int sweeps, const InMatrix& parameters, double length_m, const InMatrix& gravity_m_s2,
-          const InVector& contact_m, const InMatrix& push_N, const InVector& friction_rad) {
+auto bend(bool dead, int sweeps, const InMatrix& parameters, double length_m, const InMatrix& pieces,
+          const InMatrix& gravity_m_s2, const InVector& contact_m, const InMatrix& push_N,
+          const InVector& friction_rad) {
     require(0 <= sweeps && sweeps <= MOST_SWEEPS, "there are 0 to 100 sweeps");
-    auto given = presses(parameters, length_m, gravity_m_s2, contact_m, push_N, friction_rad, dead);
+    const antenna::Taper taper = read_taper(view(pieces));
+    auto given = presses(parameters, length_m, taper, gravity_m_s2, contact_m, push_N, friction_rad, dead);
     return bent(antenna::ROD, sweeps, given);
 }
 
-void bend_lanes(int rung, const InMatrix& parameters, double length_m, const InVector& gravity_m_s2,
-                const InVector& contact_m, const InMatrix& push_N, const InVector& friction_rad,
-                const OutCube& points_m, const OutCube& tangents, const OutMatrix& force_N,
-                const OutVector& moment_Nm) {
+void bend_lanes(int rung, const InMatrix& parameters, double length_m, const InMatrix& pieces,
+                const InVector& gravity_m_s2, const InVector& contact_m, const InMatrix& push_N,
+                const InVector& friction_rad, const OutCube& points_m, const OutCube& tangents,
+                const OutMatrix& force_N, const OutVector& moment_Nm) {
     std::size_t rows = tangents.shape(1);
     check_rung(rung);
     require(view(parameters).shape == std::array{9, LANES} && gravity_m_s2.size() == 3 && contact_m.size() == LANES &&
@@ -55,8 +60,9 @@ void bend_lanes(int rung, const InMatrix& parameters, double length_m, const InV
                 (rows == 0 || rows == NODE_ROWS || rows == CURVE_NODES) && tangents.shape(0) == 3 &&
                 tangents.shape(2) == LANES && view(force_N).shape == std::array{3, LANES} && moment_Nm.size() == LANES,
             "eight shapes need arrays (..., 8), see shapes.hpp");
+    const antenna::Taper taper = read_taper(view(pieces));
     nb::gil_scoped_release release;
-    antenna::bend_lanes(rung, view(parameters), length_m, gravity_m_s2.data(), view(contact_m), view(push_N),
+    antenna::bend_lanes(rung, view(parameters), length_m, taper, gravity_m_s2.data(), view(contact_m), view(push_N),
                         view(friction_rad), view(points_m), view(tangents), view(force_N), view(moment_Nm));
 }
 

@@ -39,13 +39,14 @@ nb::object answer(detect::MeasuredLine&& found) {
 }
 
 nb::object measured(const InPicture& image, const InMatrix& path_px, double width_px, int half, int polarity,
-                    double quiet, const detect::Shapes& shapes) {
+                    double taper, double quiet, const detect::Shapes& shapes) {
     require_pixels(width_px, 0.0, half);
+    require(taper > -2.0 && taper < 2.0, "an antenna tapers by less than twice its mean width");
     require(image.ndim() == 2 && path_px.shape(1) == 2 && path_px.shape(0) > 1, "a path (K, 2) is in a picture (H, W)");
     require(half > 1 && shapes.reach_px == half + 2,
             "shapes reach two pixels farther than profiles of five pixels or more");
     const auto taken = picture(image);
-    const detect::Measuring how = {width_px, half, polarity, quiet, shapes};
+    const detect::Measuring how = {width_px, half, polarity, taper, quiet, shapes};
     auto found = unlocked([&] { return detect::measured(taken, view(path_px), how); });
     return found ? answer(std::move(*found)) : nb::none();
 }

@@ -70,14 +70,15 @@ auto surface_radii(const InMatrix& directions, double radius_m, const InMatrix& 
 }
 
 int first_within(nb::handle object, const InCube& rotations, const InMatrix& origins_m, const InMatrix& points_m,
-                 double room_m) {
+                 const InVector& room_m) {
     check_points(points_m);
     check_points(origins_m);
+    require(points_m.shape(0) == room_m.size(), "each point has a room");
     require(rotations.shape(0) == origins_m.shape(0) && rotations.shape(1) == 3 && rotations.shape(2) == 3,
             "poses are (A, 3, 3) and (A, 3)");
     simulate::Object kind = object_of(object);
     nb::gil_scoped_release release;
-    return simulate::first_within(kind, view(rotations), view(origins_m), view(points_m), room_m);
+    return simulate::first_within(kind, view(rotations), view(origins_m), view(points_m), view(room_m));
 }
 
 auto cast_rays(nb::handle body, const InVector& origin_m, const InMatrix& directions) {
@@ -120,14 +121,14 @@ auto tube_pixels(const InMatrix& curve, int width, int height, const InMatrix& i
     return arrays(found.rows, found.columns, found.nearest, found.coverage, found.shade);
 }
 
-auto touch_at_once(nb::handle rod, std::array<double, 4> pressing, const InCube& frames, const InCube& limits,
+auto touch_at_once(nb::handle rod, std::array<double, 5> pressing, const InCube& frames, const InCube& limits,
                    const InMatrix& x) {
     require(x.shape(1) == 7 && frames.shape(0) == x.shape(0) && frames.shape(1) == 9 && frames.shape(2) == 3 &&
                 limits.shape(0) == x.shape(0) && limits.shape(1) == 2 && limits.shape(2) == 7,
             "frames are (R, 9, 3), limits (R, 2, 7), states (R, 7)");
     auto numbers = rod_of(rod);
     Array<double, 2> state(view(x));
-    simulate::Pressing units = {pressing[0], pressing[1], pressing[2], pressing[3]};
+    simulate::Pressing units = {pressing[0], pressing[1], pressing[2], pressing[3], pressing[4]};
     int failed = unlocked([&] { return simulate::touch_at_once(numbers, units, view(frames), view(limits), state); });
     return std::make_tuple(to_numpy(std::move(state)), failed);
 }

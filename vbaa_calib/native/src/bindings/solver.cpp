@@ -5,8 +5,10 @@
 #include <string>
 
 #include "lens_bindings.hpp"
+#include "rod.hpp"
 #include "solver/convergence.hpp"
 #include "solver/gradients.hpp"
+#include "solver/initialization.hpp"
 #include "solver/ladder.hpp"
 #include "solver/linearised.hpp"
 #include "solver/motion.hpp"
@@ -61,6 +63,8 @@ Rig rig_of(nb::handle object, const lens::Lens& lens) {
     require(rig.by_sensor.shape[0] >= solver::OF_MOMENT && rig.by_sensor.shape[1] == solver::READINGS &&
                 rig.by_sensor.shape[2] == solver::WRENCH,
             "by_sensor must be (S, 7, 7)");
+    rig.taper = read_taper(attribute<const double, 2>(object, "taper"));
+    rig.unit_deflection = solver::unit_deflections(rig.taper);
     const ConstMatrix axes = attribute<const double, 2>(object, "axes");
     const int parameters = solver::POSES + solver::ANTENNA + 2 + (rig.with_lens ? lens.parameters() : 0);
     require(axes.shape[0] == parameters + rig.with_tip + rig.sensor_parameters(),

@@ -48,6 +48,35 @@ struct Lines {
     Numbers sure;          // (N,) how surely it is a line, not one edge
 };
 
+// (N,) widths of an antenna that is not uniform, px.
+Numbers widths(const Crossings& found, const Measuring& how) {
+    const Array<double, 1> share = shares(found);
+    return each(share.size(), [&](int n) { return how.width_px * (1.0 + how.taper * (share[n] - 0.5)); });
+}
+
+// Distances in widths of its line, which blur keeps from becoming as thin as the antenna.
+Crossings in_widths(const Crossings& found, const Measuring& how) {
+    Crossings scaled = found;
+    constexpr double FULL_WIDTH = 2.355;  // of a blur at half its height, over its deviation
+    const double blur_px = FULL_WIDTH * std::hypot(ORDINARY_BLUR_PX, PIXEL_BLUR_PX);
+    const double middle = std::hypot(how.width_px, blur_px);
+    const Numbers width_px = widths(found, how);
+    for (int n = 0; n < width_px.size(); ++n) {
+        const double width = std::hypot(width_px[n], blur_px) / middle;
+        scaled.stretch[n] *= width;
+        scaled.bow[n] /= width;
+    }
+    return scaled;
+}
+
+// (N,) heights of its line, of which blur leaves less where it is thinner, over that in the middle.
+Numbers heights(const Crossings& found, const Measuring& how) {
+    const double blur_px = std::sqrt(8.0) * std::hypot(ORDINARY_BLUR_PX, PIXEL_BLUR_PX);
+    const Numbers width_px = widths(found, how);
+    return each(width_px.size(),
+                [&](int n) { return std::erf(width_px[n] / blur_px) / std::erf(how.width_px / blur_px); });
+}
+
 // The picture's noise from the profiles' residuals (M,), of which more than half may be disturbed.
 double noise_of(const Numbers& rms, double quiet) { return rms.size() ? quantile(rms, QUIET) / quiet + 1e-6 : 1e-6; }
 
@@ -144,6 +173,10 @@ Lines symmetric_lines(Learned learned, const Measuring& how) {
     const double usual = seen.size() ? median(seen) : 0.0;
     lines.centre = each(all, [&](int n) { return learned.curve[n] + fits.shift[n]; });
     lines.usual = each(all, [&](int) { return usual; });
+    if (how.taper != 0.0) {
+        const Numbers height = heights(found, how);
+        for (int n = 0; n < all; ++n) lines.usual[n] *= height[n];
+    }
     lines.shared = each(all, [&](int) { return 0.5 * learned.pulled; });
     lines.sure = each(all, [](int) { return 1.0; });
     if (learned.pulled > 0.5 * PULLED * how.width_px) {
@@ -361,7 +394,8 @@ double shared_factor(const Numbers& normalised, const Numbers& trusted) {
 
 std::optional<MeasuredLine> measured(const Picture& picture, ConstMatrix path_px, const Measuring& how) {
     const double sign = how.polarity < 0 ? -1.0 : 1.0;
-    const Crossings found = crossings(picture, path_px, how.half, sign);
+    Crossings found = crossings(picture, path_px, how.half, sign);
+    if (how.taper != 0.0) found = in_widths(found, how);
     if (count(found.inside) < LEAST_PROFILES) return {};
     Lines lines = lines_of(found, how);
     FittedLine line = fitted_line(found, lines, how);

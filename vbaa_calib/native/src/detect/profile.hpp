@@ -15,6 +15,7 @@ struct Measuring {
     double width_px;
     int half;      // profiles have 2·half + 1 pixels
     int polarity;  // 1: brighter than its background, −1: darker, 0: here brighter, there darker
+    double taper;  // part by which the antenna is broader at the path's end than at its start; 0 of a uniform one
     double quiet;  // the noise quantile of the root mean square of as many normal numbers as a profile has freedoms
     const Shapes& shapes;
 };

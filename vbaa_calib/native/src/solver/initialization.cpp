@@ -24,20 +24,6 @@ constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 double grid_distance(int g) { return NEAREST + (1.0 - NEAREST) * g / (GRID - 1); }
 
-// Deflections of the free antenna's nodes by unit forces at all distances of the grid.
-struct Deflections {
-    double of[NODES][GRID];
-
-    Deflections() noexcept {
-        for (int j = 0; j < NODES; ++j) {
-            const double past = std::max(j - CONTACT, 0);
-            const double along = FREE * (j - past) / CONTACT + (1.0 - FREE) * past / NODES_BEYOND;
-            for (int g = 0; g < GRID; ++g) of[j][g] = deflection(along, grid_distance(g));
-        }
-    }
-};
-const Deflections BENT;
-
 // Weighted sums of every n-th point over the nodes, into the fit's.
 void weighted_sums(Fit& free, int every, const Array<double, 1>& weights) {
     std::fill_n(free.diagonal, NODES, 0.0);
@@ -58,8 +44,9 @@ void weighted_sums(Fit& free, int every, const Array<double, 1>& weights) {
 // What COUNT of the rig's columns from a on have in common with unit forces along y and z at all distances, and with
 // the residuals.
 template <int COUNT>
-void cross(const Fit& free, Grid& grid, ConstMatrix product, int a) {
+void cross(const Rig& rig, const Fit& free, Grid& grid, ConstMatrix product, int a) {
     constexpr int vectors = GRID / LANES;
+    const double* bent_by = rig.unit_deflection.begin();
     Lanes y[COUNT][vectors], z[COUNT][vectors];
     double rest[COUNT];
     for (int c = 0; c < COUNT; ++c) {
@@ -87,7 +74,7 @@ void cross(const Fit& free, Grid& grid, ConstMatrix product, int a) {
             const double along = product(j, a + c), along_y = along * grid.image[0][j],
                          along_z = along * grid.image[1][j];
             for (int k = 0; k < vectors; ++k) {
-                const Lanes bent = load(BENT.of[j] + k * LANES);
+                const Lanes bent = load(bent_by + j * GRID + k * LANES);
                 y[c][k] += along_y * bent;
                 z[c][k] += along_z * bent;
             }
@@ -121,6 +108,7 @@ void best_force(const Rig& rig, Grid& grid, int g, const ForceSums& sums, int la
 // The best forces at all distances, and the costs that they explain.
 void every_force(const Rig& rig, const Fit& free, Grid& grid) {
     const auto &image_y = grid.image[0], &image_z = grid.image[1];
+    const double* bent_by = rig.unit_deflection.begin();
     for (int first = 0; first < GRID; first += LANES) {
         // a force along y acts about z, and one along z about y
         Lanes by_y = load(grid.moment[0] + first), by_z = load(grid.moment[1] + first);
@@ -134,7 +122,7 @@ void every_force(const Rig& rig, const Fit& free, Grid& grid) {
             sums.y += free.residual[reading] * by_y;
             sums.z += free.residual[reading] * by_z;
         }
-        Lanes bent = load(BENT.of[0] + first);
+        Lanes bent = load(bent_by + first);
         for (int j = 0; j < NODES; ++j) {
             const double y = image_y[j], z = image_z[j];
             const Lanes own = free.diagonal[j] * bent * bent, pull = free.pull[j] * bent;
@@ -145,7 +133,7 @@ void every_force(const Rig& rig, const Fit& free, Grid& grid) {
             sums.zz += z * z * own;
             if (j == LAST) break;
             const double next_y = image_y[j + 1], next_z = image_z[j + 1];
-            const Lanes next = load(BENT.of[j + 1] + first), mixed = free.off_diagonal[j] * bent * next;
+            const Lanes next = load(bent_by + (j + 1) * GRID + first), mixed = free.off_diagonal[j] * bent * next;
             sums.yy += 2.0 * y * next_y * mixed;
             sums.zz += 2.0 * z * next_z * mixed;
             sums.yz += (y * next_z + next_y * z) * mixed;
@@ -182,8 +170,8 @@ int best_forces(const Rig& rig, Fit& free, int every, Grid& grid, Work& work) {
     inner_products(free.columns, work.product, free.information);
     const int size = free.size;
     int a = UNKNOWNS;
-    for (; a + 2 <= size; a += 2) cross<2>(free, grid, work.product, a);
-    if (a < size) cross<1>(free, grid, work.product, a);
+    for (; a + 2 <= size; a += 2) cross<2>(rig, free, grid, work.product, a);
+    if (a < size) cross<1>(rig, free, grid, work.product, a);
     // moments only: where the antenna ends may be wrong
     const double *by_y = &free.reading_columns(0, 0), *by_z = &free.reading_columns(1, 0);
     for (a = UNKNOWNS; a < size; ++a) {
@@ -208,6 +196,16 @@ int best_forces(const Rig& rig, Fit& free, int every, Grid& grid, Work& work) {
 }
 
 }  // namespace
+
+Array<double, 2> unit_deflections(const antenna::Taper& taper) {
+    Array<double, 2> found(NODES, GRID);
+    for (int j = 0; j < NODES; ++j) {
+        const double past = std::max(j - CONTACT, 0);
+        const double along = FREE * (j - past) / CONTACT + (1.0 - FREE) * past / NODES_BEYOND;
+        for (int g = 0; g < GRID; ++g) found(j, g) = antenna::deflection(taper, along, grid_distance(g));
+    }
+    return found;
+}
 
 void free_antenna(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
     fit.unknowns = {FREE};
@@ -254,7 +252,7 @@ Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, int every, Work&
         shift_by_steps(free, UNKNOWNS, grid.best_steps.begin(), grid.best_steps.size(), work.shift);
         for (int j = 0; j < NODES; ++j) {
             const auto& force = grid.force[best];
-            work.shift[j] += (force[0] * grid.image[0][j] + force[1] * grid.image[1][j]) * BENT.of[j][best];
+            work.shift[j] += (force[0] * grid.image[0][j] + force[1] * grid.image[1][j]) * rig.unit_deflection(j, best);
         }
         for (int k = 0, i = 0; k < count; ++k, i += every) {
             const double *shift = work.shift + free.node[i], precision = free.precision[i];
@@ -274,18 +272,18 @@ double largest_gain(const Grid& grid) {
 }
 
 void limit_load(const Rig& rig, Unknowns& start) {
-    const double load = rig.unit_load * std::hypot(start[1], start[2]) * start[0] * start[0];
+    const double load = std::hypot(start[1], start[2]) * load_at(rig, start[0]);
     for (int axis = 1; axis < 3; ++axis) start[axis] *= std::min(LARGEST_LOAD / std::max(load, 1e-12), 1.0);
 }
 
 void start_at(const Rig& rig, const Grid& grid, int from, int to, double part, Unknowns& start) {
     const double here = grid.distance[from], there = grid.distance[to], distance = here + part * (there - here);
     start[0] = distance, start[3] = 0.0;
+    const double by_here = tip_deflection(rig, here), by_there = tip_deflection(rig, there);
     for (int axis = 0; axis < 2; ++axis) {
         // the tip's deflection changes little from one distance to the next, the force much
-        const double sway = grid.force[from][axis] * here * here * (3.0 - here);
-        const double sway_there = grid.force[to][axis] * there * there * (3.0 - there);
-        const double force = (sway + part * (sway_there - sway)) / (distance * distance * (3.0 - distance));
+        const double sway = grid.force[from][axis] * by_here, sway_there = grid.force[to][axis] * by_there;
+        const double force = (sway + part * (sway_there - sway)) / tip_deflection(rig, distance);
         // where no force could be fitted the free antenna is as good a start as any
         start[1 + axis] = std::isfinite(force) ? force : 0.0;
     }

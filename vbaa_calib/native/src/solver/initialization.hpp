@@ -11,11 +11,8 @@ using StartCosts = std::array<double, STARTS>;
 // The free antenna, with the rig's derivatives for small deflections, and the points' residuals from it.
 void free_antenna(const Rig& rig, const Frame& frame, Fit& fit, Work& work);
 
-// Deflection of a beam of unit length and stiffness at a place by a unit force at another: Eq. (1), Eq. (2).
-inline double deflection(double along, double contact) {
-    const double near = along < contact ? along : contact, far = along < contact ? contact : along;
-    return (3.0 * far - near) * near * near / 6.0;
-}
+// Deflections (NODES, GRID) of the free antenna's nodes by unit forces at all distances of the grid.
+Array<double, 2> unit_deflections(const antenna::Taper& taper);
 
 // The best force at each distance of the grid, from every n-th of the points' residuals from the free antenna.
 Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, int every, Work& work);

@@ -117,7 +117,7 @@ void sweep(const Rig& rig, const Frame& frame, int rung, const Fit& start, const
     double most = middle.log_density, last = most, along = middle.along, deflected = along;
     int halvings = 0;
     for (int count = 0; count < settings.most_slices && work.evaluations < work.most; ++count) {
-        const double distance = fit.unknowns[0], bound = settings.largest_load / (rig.unit_load * distance * distance);
+        const double distance = fit.unknowns[0], bound = settings.largest_load / load_at(rig, distance);
         const double target = std::min(std::max(along + step, -bound), bound);
         if (!((target - along) * step > 0.0)) return;
         kept = fit;

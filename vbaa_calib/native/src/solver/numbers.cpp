@@ -55,7 +55,7 @@ void add_model_errors(const Rig& rig, const Findings& findings, const Uncertaint
 // Adds a part of contact point and force of a linear beam, foreshortened, for distance and force.
 void add_touch_of_beam(const Rig& rig, const double (&at)[3], double part, std::array<double, 6>& total) {
     const double distance = at[0] * rig.length_m;
-    const double by_force = rig.force_unit_N / 3.0 * distance * distance * distance / rig.stiffness_Nm2;
+    const double by_force = rig.unit_load * rig.length_m * antenna::deflection(rig.taper, at[0], at[0]);
     const double shift_y = at[1] * by_force, shift_z = at[2] * by_force, near = std::max(distance, 1e-9);
     total[0] += part * (distance - 0.6 * (shift_y * shift_y + shift_z * shift_z) / near);
     total[1] += part * shift_y;
@@ -113,12 +113,12 @@ void write_drift(const Rig& rig, const Fit& fit, const Numbers& numbers, int row
 // Points of the fitted antenna at the pieces, antenna frame, and their σ by one frame's noise: from frame to frame, for
 // the rig as it is, of the linear beam, since the rig's errors are the same in all.
 void write_pieces(const Rig& rig, const Fit& fit, ConstVector pieces_m, const Numbers& numbers, int row, Work& work) {
-    const double contact = fit.unknowns[0] * rig.length_m, by_stiffness = rig.force_unit_N / rig.stiffness_Nm2;
+    const double contact = fit.unknowns[0], unit_m = rig.unit_load * rig.length_m;
     factorise(fit.information, 0, UNKNOWNS, 0.0, work.factor, work.scale);
     for (int g = 0; g < PIECES; ++g) {
-        const double at = pieces_m[g], near = std::min(at, contact);
-        const double by_force = by_stiffness * deflection(at, contact);
-        const double by_distance = 0.5 * by_stiffness * near * (2.0 * at - near) * rig.length_m;
+        const double at = pieces_m[g], along = at / rig.length_m;
+        const double by_force = unit_m * antenna::deflection(rig.taper, along, contact);
+        const double by_distance = unit_m * antenna::deflection_by_contact(rig.taper, along, contact);
         const std::array<double, 3> point_m = point_at(fit, rig.length_m, at);
         std::copy(point_m.begin(), point_m.end(), numbers.pieces_m.row(row).row(g).data);
         double total = 0.0;
@@ -136,13 +136,14 @@ void write_pieces(const Rig& rig, const Fit& fit, ConstVector pieces_m, const Nu
 void write_push(const Rig& rig, const Frame& frame, const Fit& fit, ConstVector pieces_m, double distance_std,
                 const Numbers& numbers, int row, Work& work) {
     constexpr int FORCES = 2 * PIECES;
-    const double width = rig.length_m / PIECES;
+    const double width = rig.length_m / PIECES, unit = rig.unit_load / rig.force_unit_N * rig.length_m * width;
     double bent[NODES][PIECES], force_N[PIECES], lever[PIECES];
     double columns[NODES][FORCES], weighted[NODES][FORCES], readings[READINGS][FORCES];
     for (int g = 0; g < PIECES; ++g) force_N[g] = width, lever[g] = pieces_m[g] * width;
     for (int j = 0; j < NODES; ++j) {
-        const double at = arclength_of_node(fit, rig.length_m, j);
-        for (int g = 0; g < PIECES; ++g) bent[j][g] = deflection(at, pieces_m[g]) / rig.stiffness_Nm2 * width;
+        const double at = arclength_of_node(fit, rig.length_m, j) / rig.length_m;
+        for (int g = 0; g < PIECES; ++g)
+            bent[j][g] = unit * antenna::deflection(rig.taper, at, pieces_m[g] / rig.length_m);
     }
     force_columns(rig, frame, fit, view(bent), view(force_N), view(lever), view(columns), view(readings));
     times_tridiagonal(fit, view(columns), view(weighted));

@@ -98,7 +98,7 @@ void lay(const Rig& rig, Bent& bent, const Unknowns& unknowns) {
 
 void bend_and_see(const Rig& rig, const Frame& frame, int rung, Bent& bent, bool with_tangents) {
     const Cube tangents(bent.tangents[0], {3, with_tangents ? WIDE_NODES / LANES : 0, LANES});
-    antenna::bend_lanes(rung, view(bent.parameters), rig.length_m, frame.gravity_m_s2, view(bent.contact_m),
+    antenna::bend_lanes(rung, view(bent.parameters), rig.length_m, rig.taper, frame.gravity_m_s2, view(bent.contact_m),
                         view(bent.push_N), view(bent.friction_rad), view(bent.points_m), tangents, view(bent.force_N),
                         view(bent.moment_Nm));
     const auto& turn = rig.rotation;
@@ -148,15 +148,18 @@ ClampWrench clamp_wrench(const Rig& rig, const Frame& frame, const Bent& bent, i
     const double contact = std::min(bent.contact_m[lane], BEFORE_TIP * rig.length_m);
     const double inner = 0.5 * contact / CONTACT, outer = 0.5 * (rig.length_m - contact) / NODES_BEYOND;
     const double mass = std::exp(rig.antenna_parameters[7]);
-    double centre[3] = {}, at[3], force[3];
+    double centre[3] = {}, at[3], force[3], weights[LAST];
+    for (int j = 0; j < LAST; ++j) {
+        const int past = j < CONTACT ? 0 : j - CONTACT;
+        weights[j] = j < CONTACT ? inner : outer;
+        const double middle = 2.0 * ((j - past) * inner + past * outer) + weights[j];
+        if (rig.taper) weights[j] *= antenna::weight_at(rig.taper, middle / rig.length_m);
+    }
     for (int axis = 0; axis < 3; ++axis) {
         const auto& place = bent.points_m[axis];
-        for (int j = 0; j < LAST; ++j) {
-            const double half_width = j < CONTACT ? inner : outer;
-            centre[axis] += half_width * (place[j][lane] + place[j + 1][lane]);
-        }
+        for (int j = 0; j < LAST; ++j) centre[axis] += weights[j] * (place[j][lane] + place[j + 1][lane]);
         at[axis] = place[CONTACT][lane], force[axis] = bent.force_N[axis][lane];
-        wrench.values[axis] = force[axis] + mass * rig.length_m * frame.gravity_m_s2[axis];
+        wrench.values[axis] = force[axis] + mass * rig.taper.weight * rig.length_m * frame.gravity_m_s2[axis];
     }
     const auto moment = [&](int a, int b) {
         const double by_weight = centre[a] * frame.gravity_m_s2[b] - centre[b] * frame.gravity_m_s2[a];

@@ -75,7 +75,7 @@ void by_place(const Rig& rig, const Frame& frame, int rung, const ClampWrench& w
     double image[2][NODES];
     point_jacobian(rig, fit, image);
     const double pull = bent.force_N[0][BASE];
-    const double weight = std::exp(rig.antenna_parameters[7]) * rig.length_m * frame.gravity_m_s2[0];
+    const double weight = std::exp(rig.antenna_parameters[7]) * rig.taper.weight * rig.length_m * frame.gravity_m_s2[0];
     // small deflections: only friction's part of the pull has a moment about the clamp's place
     double lever = pull;
     if (rung < ELASTICA) {

@@ -85,13 +85,14 @@ void small_forces(const Rig& rig, const Frame& frame, const Fit& fit, Forces& fo
     double lever[PLACES], force_N[PLACES], bent[NODES][PLACES];
     for (int g = 0; g < PLACES; ++g) {
         const double place = (g + 1.0) / PLACES;
-        lever[g] = 6.0 * rig.stiffness_Nm2 / (place * (3.0 - place) * rig.length_m * rig.length_m);
+        const double tip = antenna::deflection(rig.taper, TIP, place);
+        lever[g] = rig.stiffness_Nm2 * place / (tip * rig.length_m * rig.length_m);
         force_N[g] = lever[g] / (place * rig.length_m);
         for (int j = 0; j < NODES; ++j) {
             const double along = j < NODES_TO_CONTACT
                                      ? contact * j / (NODES_TO_CONTACT - 1)
                                      : contact + (1.0 - contact) * (j - NODES_TO_CONTACT + 1) / NODES_BEYOND;
-            bent[j][g] = 6.0 * deflection(along, place) / (place * place * (3.0 - place));
+            bent[j][g] = antenna::deflection(rig.taper, along, place) / tip;
         }
     }
     force_columns(rig, frame, fit, view(bent), view(force_N), view(lever), view(forces.columns), view(forces.readings));

@@ -57,6 +57,8 @@ struct Rig {
     bool with_tip, with_wrench, with_lens;
     int readings;  // how many of READINGS are in use: USUAL_READINGS or all
     const lens::Lens* lens;
+    antenna::Taper taper;
+    Array<double, 2> unit_deflection;  // (NODES, GRID) of a free antenna's nodes by unit forces at the grid's distances
     double antenna_parameters[ANTENNA], antenna_steps[ANTENNA];
     double pose_lanes[3][4][LANES];  // rotation and translation into the camera of poses moved along each tangent axis
     double by_pose_step[LANES];      // one over those steps, zeros after the sixth
@@ -81,7 +83,12 @@ struct Rig {
 
 // Small deflection of the tip by a unit force at a distance, both in antenna lengths.
 inline double tip_deflection(const Rig& rig, double distance) {
-    return rig.unit_load / 6.0 * distance * distance * (3.0 - distance);
+    return rig.unit_load * antenna::deflection(rig.taper, TIP, distance);
+}
+
+// The load F·l²/EI of a unit force at a distance: twice the slope that it makes there, if small.
+inline double load_at(const Rig& rig, double distance) {
+    return 2.0 * rig.unit_load * antenna::deflection_by_contact(rig.taper, distance, distance);
 }
 
 // One frame: its usable points in the ideal picture and what the sensors read.
