@@ -149,14 +149,15 @@ def _errors(frames: Frames, unknowns: np.ndarray, distance_std: np.ndarray) -> n
 def _as_certain(points: np.ndarray, beside: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Covariances (B, K, K) of the information in points and beside them, the points' so weighed that the first
     unknown has these variances (B,), as far as any weight gives it them."""
-    # L Lᵀ = beside, L⁻¹ points L⁻ᵀ = V Λ Vᵀ: the first unknown has the variance Σ (V' L⁻¹ e₀)²/(1 + w Λ)
-    inverse = np.linalg.inv(np.linalg.cholesky(beside))
+    # L Lᵀ = points + beside, L⁻¹ points L⁻ᵀ = V Λ Vᵀ: the first unknown has the variance Σ (V' L⁻¹ e₀)²/(1 + (w − 1) Λ)
+    inverse = np.linalg.inv(np.linalg.cholesky(points + beside))
     values, vectors = np.linalg.eigh(inverse @ points @ np.swapaxes(inverse, 1, 2))
     shares = np.einsum("bki,bk->bi", vectors, inverse[:, :, 0]) ** 2
+    values = np.clip(values, 0.0, 1.0)
     low, high = (np.full(len(variance), value) for value in _WEIGHTS)
     for _ in range(_HALVINGS):
         middle = np.sqrt(low * high)
-        vague = (shares / (1.0 + middle[:, None] * np.maximum(values, 0.0))).sum(axis=1) > variance
+        vague = (shares / (1.0 + (middle[:, None] - 1.0) * values)).sum(axis=1) > variance
         low, high = np.where(vague, middle, low), np.where(vague, high, middle)
     return np.linalg.inv(np.sqrt(low * high)[:, None, None] * points + beside)
 
