@@ -49,13 +49,8 @@ class RecordingVerdict:
         return row in self.rows or (self.first is not None and row >= self.first)
 
 
-@dataclass(frozen=True, eq=False)
-class _Witness:
-    """A frame that is kept: its number, and the readings (2, 8) of the rows before and after."""
-
-    order: int
-    measured: Measured
-    around: np.ndarray
+_Kept = tuple[int, Measured, np.ndarray]
+"""A frame that is kept: its number, and the readings (2, 8) of the rows before and after."""
 
 
 @dataclass(eq=False)
@@ -67,8 +62,8 @@ class RecordingWatch:
 
     def __post_init__(self) -> None:
         self.count = 0
-        self._first: list[_Witness] = []
-        self._spread: list[_Witness] = []
+        self._first: list[_Kept] = []
+        self._spread: list[_Kept] = []
         self._stride = 1
         self._before: Measured | None = None
         self._pictured: Measured | None = None  # the row in which the present picture was seen first
@@ -82,8 +77,8 @@ class RecordingWatch:
         """Take the next row."""
         now, before = _readings(measured), self._before
         for kept in (self._first, self._spread):
-            if kept and kept[-1].order == self.count - 1:
-                kept[-1].around[1] = now
+            if kept and kept[-1][0] == self.count - 1:
+                kept[-1][2][1] = now
         if self._pictured is None or not _same_picture(measured, self._pictured):
             self._pictured = measured
         elif self._moved(measured, self._pictured):
@@ -98,14 +93,14 @@ class RecordingWatch:
             around = np.full((2, 8), np.nan)
             if before is not None:
                 around[0] = _readings(before)
-            self._keep(_Witness(self.count, measured, around))
+            self._keep((self.count, measured, around))
         self._before, self.count = measured, self.count + 1
 
-    def _keep(self, witness: _Witness) -> None:
+    def _keep(self, frame: _Kept) -> None:
         if len(self._first) < self.settings.first:
-            self._first.append(witness)
-        elif (witness.order - self.settings.first) % self._stride == 0:
-            self._spread.append(witness)
+            self._first.append(frame)
+        elif (frame[0] - self.settings.first) % self._stride == 0:
+            self._spread.append(frame)
             if len(self._spread) > 2 * self.settings.spread:
                 self._spread, self._stride = self._spread[::2], 2 * self._stride
 
@@ -131,8 +126,8 @@ class RecordingWatch:
         """The witnesses."""
         chosen = np.unique(np.linspace(0, len(self._spread) - 1, self.settings.spread).astype(int))
         kept = [*self._first, *(self._spread[index] for index in chosen if self._spread)]
-        batch = Batch.of(self.rig, [one.measured for one in kept])
-        around, order = np.array([one.around for one in kept]), np.array([one.order for one in kept])
+        batch = Batch.of(self.rig, [measured for _, measured, _ in kept])
+        around, order = np.array([around for *_, around in kept]), np.array([number for number, *_ in kept])
         drift = self.rig.drift
         # what may have changed is in the covariance from here on
         rig = replace(self.rig.drifted(), drift=Drift(line_px=drift.line_px, light_px=drift.light_px))
@@ -179,7 +174,8 @@ class RecordingWatch:
             words = f"{words}: the sensor is at the end of its range"
             remedy = "press less, or use a sensor or amplifier with more range"
             found.append((Diagnosis("moment_saturated", words, remedy, "wrong"), rows))
-            read = np.where((read == value) & [True, False], np.nan, read)
+            read = read.copy()
+            read[read[:, 0] == value, 0] = np.nan
         return found, recorded.with_readings(readings_Nm=read)
 
     def _beyond(self, some: Recorded, value: float, largest: bool) -> bool:
@@ -220,7 +216,7 @@ class RecordingWatch:
 
     def _scatter(self, case: Case, causes: Sequence[Diagnosis]) -> list[Diagnosis]:
         """Standard deviations that are too small, and shapes that are not this antenna's."""
-        kept = [one.measured for one in (*self._first, *self._spread)]
+        kept = [measured for _, measured, _ in (*self._first, *self._spread)]
         some = kept[:: max(len(kept) // self.settings.scatter, 1)]
         lines = [each.points_px for each in some], [each.sigma_px for each in some]
         own, found = point_scatter(*lines), list[Diagnosis]()

@@ -79,8 +79,8 @@ def write_contacts(
     Raises InputError when the file exists and `force` is off.
     """
     path, rows = Path(path), iter(rows)
-    first = list(islice(rows, 1))
-    cells = map(cells_of, chain(first, rows))
+    first = [cells_of(row) for row in islice(rows, 1)]
+    cells = chain(first, map(cells_of, rows))
     with ExitStack() as open_files:
         temporary = open_files.enter_context(replacing(path, force))
         if path.suffix == _PARQUET:
@@ -95,7 +95,7 @@ def write_contacts(
                 parquet.add_key_value_metadata(about)
             return
         stream = open_files.enter_context(temporary.open("w", encoding="utf-8", newline=""))
-        stream.write(header_line(any(row.antenna for row in first)))
+        stream.write(header_line(any("antenna" in row for row in first)))
         while several := list(islice(cells, _ROWS_TOGETHER)):
             stream.write("".join(map(row_line, several)))
 

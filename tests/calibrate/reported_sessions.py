@@ -133,7 +133,9 @@ def bent(truth: Truth, index: int, gravity: np.ndarray, at_m: float, force_N: np
     y, z, about_y, about_z, *bow, log_stiffness, log_mass, _ = truth.parameters_of(index)
     clamp = Pose(Rotation.from_rotvec([0.0, about_y, about_z]).as_matrix(), np.array([0.0, y, z]))
     stiffness = np.exp(log_stiffness)
-    rod = Rod(truth.antenna.length_m, stiffness, stiffness / 1.3, np.exp(log_mass), clamp, np.array(bow), truth.taper)
+    rod = Rod(
+        truth.antenna.length_m, stiffness, stiffness / 1.3, np.exp(log_mass), clamp, np.array(bow), taper=truth.taper
+    )
     uniform = solve_rod(rod, gravity[None], np.array([at_m]), force_N[None])
     if truth.profile is None and truth.softer == (1.0, 1.0) and index not in truth.touched:
         return uniform

@@ -15,7 +15,7 @@ Profile = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
-class _Limits:
+class _TaperSettings:
     """What profiles may be."""
 
     ratio: float = 20.0  # of the thickest diameter to the thinnest
@@ -47,7 +47,7 @@ class Taper:
         fourth power. Raises InputError for what is no profile of an antenna of this length."""
         if profile is None and stiffness_profile is None:
             return Taper()
-        names, bounds = ("profile", "stiffness_profile"), (_Limits.ratio, _Limits.ratio**4)
+        names, bounds = ("profile", "stiffness_profile"), (_TaperSettings.ratio, _TaperSettings.ratio**4)
         tables = [
             np.array([[0.0, 1.0], [1.0, 1.0]]) if rows is None else _relative(rows, name, length_m, largest)
             for rows, name, largest in zip((profile, stiffness_profile), names, bounds, strict=True)
@@ -101,7 +101,7 @@ class Taper:
     def _softened(self, place: np.ndarray, power: int) -> np.ndarray:
         if not self:
             return np.ones(np.shape(place))
-        share = (np.arange(_Limits.parts) + 0.5) / _Limits.parts
+        share = (np.arange(_TaperSettings.parts) + 0.5) / _TaperSettings.parts
         softer = 1.0 / self.stiffness(share * np.asarray(place, float)[..., None])
         return np.asarray(((1 + power) * softer * (1.0 - share) ** power).mean(axis=-1))
 
@@ -124,8 +124,15 @@ def _relative(rows: Sequence[Sequence[float]], name: str, length_m: float, large
     """(K, 2) of a profile: places in antenna lengths, values over the first. Raises InputError for no profile."""
     what = f"antenna.{name}"
     table = np.array([tuple(row) for row in rows], float)
-    if table.ndim != 2 or not 2 <= len(table) <= _Limits.rows or table.shape[1] != 2 or not np.isfinite(table).all():
-        raise InputError(f"{what} is not of 2 to {_Limits.rows} rows of two numbers", remedy="give [[s_m, value], …]")
+    if (
+        table.ndim != 2
+        or not 2 <= len(table) <= _TaperSettings.rows
+        or table.shape[1] != 2
+        or not np.isfinite(table).all()
+    ):
+        raise InputError(
+            f"{what} is not of 2 to {_TaperSettings.rows} rows of two numbers", remedy="give [[s_m, value], …]"
+        )
     s, values = table.T
     if (np.diff(s) < 0.0).any() or (s[2:] == s[:-2]).any():
         raise InputError(f"{what}: places do not grow", remedy="two rows at one place are a step, three nothing")

@@ -285,6 +285,6 @@ class Camera:
             return result, valid
         from . import tensors  # loads torch
 
-        work = working(values, last, name)
-        result, valid = getattr(tensors, of_tensors)(self.intrinsics, work.values)
-        return work.restore(masked(result, valid)), valid
+        ready, restore = working(values, last, name)
+        result, valid = getattr(tensors, of_tensors)(self.intrinsics, ready)
+        return restore(masked(result, valid)), valid

@@ -50,8 +50,8 @@ def from_core(
 
     single : float32 arrays are worked on in float32.
     """
-    work = working(values, last, name)
-    shape, flat = tuple(work.values.shape[:-1]), work.values.reshape(-1, last)
+    ready, restore = working(values, last, name)
+    shape, flat = tuple(ready.shape[:-1]), ready.reshape(-1, last)
     if is_tensor(flat):
         flat = flat.detach().cpu().double().numpy()
     kind = np.float32 if single and str(getattr(values, "dtype", "")) == "float32" else np.float64
@@ -60,7 +60,7 @@ def from_core(
     if is_tensor(values):
         tensors = [namespace(values).from_numpy(each) for each in parts]
         return [each.to(values.device, values.dtype if each.is_floating_point() else None) for each in tensors]
-    return [each if each.dtype == bool else work.restore(each) for each in parts]
+    return [each if each.dtype == bool else restore(each) for each in parts]
 
 
 def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> tuple[Array, Array, Array, Array]:

@@ -117,14 +117,14 @@ class CameraOnPlane(torch.nn.Module):
             place = self._place(axes)
             points, known = from_core(self._intrinsics(), "on_plane", pixels, 2, "pixels", *place, single=True)
             return points, known
-        work = working(pixels, 2, "pixels")
-        K, c = self.matrix.to(work.values), self.distortion.to(work.values)
+        values, restore = working(pixels, 2, "pixels")
+        K, c = self.matrix.to(values), self.distortion.to(values)
         intrinsics = Intrinsics(MODELS[self.camera.model], K[0, 0], K[1, 1], K[0, 2], K[1, 2], c)
-        rays, seen = pixel_to_ray(intrinsics, work.values)
+        rays, seen = pixel_to_ray(intrinsics, values)
         pose = self.translation_m.to(rays), rays @ self.rotation.to(rays).T
-        crossing = cross(*pose, self.normal.to(rays), self.offset_m.to(rays))
-        valid = seen & crossing.valid
-        return work.restore(masked(crossing.points @ axes.to(rays).T, valid)), valid
+        points, crosses = cross(*pose, self.normal.to(rays), self.offset_m.to(rays))
+        valid = seen & crosses
+        return restore(masked(points @ axes.to(rays).T, valid)), valid
 
     def _jacobian(self, pixels: ArrayT, by_parameter: bool) -> ArrayT:
         place = self._place(self.axes)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,26 +15,19 @@ _GRAZING_RAD = 1e-3  # rays at a smaller angle to the plane are not intersected
 _NEAREST_M = 1e-9  # a plane closer to the rays' origin than this passes through it
 
 
-@dataclass(frozen=True, eq=False)
-class _Crossing:
-    """Where rays meet a plane, (..., 3), how far along, and the cosine of direction and normal (...); all finite."""
+def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -> tuple[Array, Array]:
+    """Points (..., 3) where rays meet planes, always finite, and whether they do (...).
 
-    points: Array
-    range_m: Array
-    slant: Array
-    valid: Array
-
-
-def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -> _Crossing:
-    """Rays origins + t·directions, t > 0 (unit directions), with planes normals·x = offsets_m; all broadcast. Not
-    valid: grazing, behind the origin, a plane through the origin, not finite."""
+    Rays origins + t·directions, t > 0 (unit directions), planes normals·x = offsets_m; all broadcast. Not valid:
+    grazing, behind the origin, a plane through the origin, not finite.
+    """
     xp = namespace(directions)
     slant = (normals * directions).sum(-1)
     height = offsets_m - (normals * origins).sum(-1)
     valid = (xp.abs(slant) > math.sin(_GRAZING_RAD)) & (xp.abs(height) > _NEAREST_M) & (height * slant > 0)
     slant = xp.where(valid, slant, 1.0)
     range_m = xp.where(valid, height, 0.0) / slant
-    return _Crossing(origins + range_m[..., None] * directions, range_m, slant, valid)
+    return origins + range_m[..., None] * directions, valid
 
 
 @gate
@@ -82,5 +74,5 @@ def _finished(origins: Array, directions: Array, normals: Array, offset_m: float
     xp = namespace(directions)
     finite = xp.isfinite(directions).all(-1) & xp.isfinite(origins).all(-1)
     safe = xp.where(finite[..., None], directions, 0.0)
-    crossing = cross(xp.where(finite[..., None], origins, 0.0), safe, normals, offset_m)
-    return masked(crossing.points, crossing.valid), crossing.valid
+    points, valid = cross(xp.where(finite[..., None], origins, 0.0), safe, normals, offset_m)
+    return masked(points, valid), valid

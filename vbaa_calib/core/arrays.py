@@ -32,18 +32,6 @@ ArrayT = TypeVar("ArrayT", np.ndarray, "torch.Tensor")
 _FLOATS = ("float32", "float64")
 
 
-@dataclass(frozen=True)
-class _Working:
-    """An input made ready for work, and the way back.
-
-    values : the input in float64, or in float32 on a device that has no float64.
-    restore : takes a result to the input's dtype.
-    """
-
-    values: Array
-    restore: Callable[[Array], Array]
-
-
 @dataclass(frozen=True, eq=False)
 class Rows:
     """Arrays with one first axis, whose length it has; fields of other kinds belong to all rows."""
@@ -82,8 +70,11 @@ def namespace(values: Array) -> ModuleType:
     return sys.modules["torch"] if is_tensor(values) else np
 
 
-def working(values: Array, last: int, name: str) -> _Working:
-    """Check an input at the edge. It must be float32 or float64 of shape (..., last), else InputError names it."""
+def working(values: Array, last: int, name: str) -> tuple[Array, Callable[[Array], Array]]:
+    """An input in float64 (float32 on a device that has no other), and what takes a result to the input's dtype.
+
+    Raises InputError, which names it, unless it is float32 or float64 of shape (..., last).
+    """
     xp = namespace(values)
     if xp is np:
         try:
@@ -97,10 +88,10 @@ def working(values: Array, last: int, name: str) -> _Working:
     if values.ndim == 0 or values.shape[-1] != last:
         raise InputError(f"{name} have the shape {tuple(values.shape)}", remedy=f"give them as (..., {last})")
     if kind == "float64":
-        return _Working(values, lambda result: result)
+        return values, lambda result: result
     if xp is np:
-        return _Working(values.astype(np.float64), lambda result: result.astype(np.float32))
-    return _Working(values.to(widest_float(values.device)), lambda result: result.float())
+        return values.astype(np.float64), lambda result: result.astype(np.float32)
+    return values.to(widest_float(values.device)), lambda result: result.float()
 
 
 def widest_float(device: torch.device) -> torch.dtype:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -15,13 +15,8 @@ CHANCE_SCATTER = 1.2  # ratio of variances that noise alone often reaches: what 
 _LEAST_DAMPING, _MOST_DAMPING = 1e-15, 1e12
 
 
-class _HasCost(Protocol):
-    @property
-    def cost(self) -> float: ...
-
-
-_Point = TypeVar("_Point", bound=_HasCost)
-"""A problem linearised at some parameters."""
+_Point = TypeVar("_Point", bound=Any)
+"""A problem linearised at some parameters; it has a `cost`."""
 
 
 @dataclass(frozen=True)

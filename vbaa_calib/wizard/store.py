@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from filelock import FileLock, Timeout
-from pydantic import AfterValidator, BaseModel, ConfigDict, FiniteFloat, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, FiniteFloat, ValidationError, model_validator
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, replacing, sha256, write_json
@@ -69,11 +69,7 @@ def _answers(answers: dict[str, Any]) -> dict[str, Any]:
         raise ValueError(str(error)) from None
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, strict=True)
-
-
-class AcceptedPicture(_Model):
+class AcceptedPicture(BaseModel, frozen=True, strict=True):
     """An accepted picture: its file relative to the session, its name at the source, its readings in SI."""
 
     file: Annotated[str, AfterValidator(_inside)]
@@ -89,13 +85,13 @@ class AcceptedPicture(_Model):
         return self
 
 
-class RefusedPicture(_Model):
+class RefusedPicture(BaseModel, frozen=True, strict=True):
     source: str
     sha256: str
     why: str
 
 
-class StepRecord(_Model):
+class StepRecord(BaseModel, frozen=True, strict=True):
     """One step. closed : how it ended ("enough", "by hand", "all pictures seen"), "" while it is open.
 
     past : pictures that were at the source before the step waited for its own, which do not count; None until then.
@@ -112,7 +108,7 @@ class StepRecord(_Model):
         return frozenset({one.source for one in self.taken} | {one.source for one in self.left})
 
 
-class Journal(_Model):
+class Journal(BaseModel, frozen=True, strict=True):
     """wizard.json: all answers and pictures. Immutable."""
 
     answers: Annotated[dict[str, Any], AfterValidator(_answers)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -206,20 +206,13 @@ def _workers(client: Client) -> list[str]:
         raise Lost(_LOST) from error
 
 
-class BatchProgress:
-    """How quickly it goes: recordings done of all, frames a second, time left."""
-
-    def __init__(self, count: int) -> None:
-        self._begun, self._count, self._done, self._worked, self._frames = time.monotonic(), count, 0, 0, 0
-
-    def line(self, outcome: Outcome) -> str:
-        """A line about one more recording."""
-        self._done += 1
-        seconds = time.monotonic() - self._begun
-        if outcome.state == "done":
-            self._worked, self._frames = self._worked + 1, self._frames + int(outcome.row["frames"])
-        left = (self._count - self._done) * seconds / self._done
-        rate = f", {self._frames / seconds:.0f} frames/s" if self._frames else ""
+def with_progress(outcomes: Iterable[Outcome], count: int) -> Iterator[tuple[Outcome, str]]:
+    """Recordings as they end, each with a line: how many are done of all, frames a second, time left."""
+    begun, frames = time.monotonic(), 0
+    for done, outcome in enumerate(outcomes, 1):
+        seconds = time.monotonic() - begun
+        frames += int(outcome.row["frames"]) if outcome.state == "done" else 0
+        rate = f", {frames / seconds:.0f} frames/s" if frames else ""
         said = f"{outcome.row['frames']} frames, {outcome.row['ok']} ok" if outcome.state != "failed" else ""
         what = {"done": said, "unchanged": f"unchanged ({said})"}.get(outcome.state, str(outcome.row.get("sentence")))
-        return f"[{self._done}/{self._count}{rate}, {left:.0f} s left] {outcome.name}: {what}"
+        yield outcome, f"[{done}/{count}{rate}, {(count - done) * seconds / done:.0f} s left] {outcome.name}: {what}"

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import require_file
-    from viz.batch.cluster import BatchProgress, Lost, client_of, run
+    from viz.batch.cluster import Lost, client_of, run, with_progress
     from viz.batch.recordings import recordings_of
     from viz.batch.results import Results
     from viz.batch.work import BatchSettings
@@ -89,9 +89,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         try:
             with client_of(where) as client:
                 say(f"{len(recordings)} recording{'s' * (len(recordings) != 1)} on {_described(client, where)}")
-                pace = BatchProgress(len(recordings))
-                for outcome in run(client, recordings, settings, results):
-                    say(pace.line(outcome))
+                ended = run(client, recordings, settings, results)
+                for outcome, line in with_progress(ended, len(recordings)):
+                    say(line)
                     outcomes.append(outcome)
         except Lost as error:
             lost = str(error)

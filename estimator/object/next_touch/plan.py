@@ -222,24 +222,16 @@ def _equations(found: SurfaceFit, index: int, reach: Reach, seen: _Offered, m: n
     return height_field(given) if one.wide else curve(given)
 
 
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """M new equations beside those that are solved."""
-
-    equations: ShapeEquations
-    half: np.ndarray  # (K, M) whitened against the old ones
-    covariance: np.ndarray  # (M, M) without the compliance's
-    compliance_N: np.ndarray  # (M,) what they see of the compliance beyond what the old ones predict
-
-
-def _seen(solution: ShapeSolution, index: int, new: ShapeEquations) -> _Seen:
+def _seen(solution: ShapeSolution, index: int, new: ShapeEquations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """M new equations beside those solved: (K, M) whitened against the old ones; their covariance (M, M) without
+    the compliance's; what they see (M,) of the compliance beyond what the old ones predict, N."""
     model = solution.patches[index]
     modes = np.concatenate([each.equations.modes for each in solution.patches])
     old = new.modes @ modes.T + solution.seen_by(index, new.rows)
     half = solve_triangular(solution.lower, old.T, lower=True, check_finite=False)
     whole = covariance(new.rows, new.rows, model.prior) + new.noise + new.modes @ new.modes.T
     whole += np.diag((model.slack_rad * new.slack) ** 2)
-    return _Seen(new, half, whole - half.T @ half, new.force_N - old @ solution.lift)
+    return half, whole - half.T @ half, new.force_N - old @ solution.lift
 
 
 def _own(index: int, count: int, total: int) -> np.ndarray:
@@ -264,14 +256,14 @@ def _of_surface(found: SurfaceFit, reach: Reach, seen: _Offered) -> tuple[float,
     after = np.full(len(reach), np.nan)
     for index in np.unique(reach.patch):
         m = np.flatnonzero(reach.patch == index)
-        new = _seen(solution, index, _equations(found, index, reach, seen, m))
-        size = len(new.equations)
-        with_targets = [-half.T @ new.half for half in halves]
-        with_targets[index] += covariance(rows[index], new.equations.rows, solution.patches[index].prior)
+        new = _equations(found, index, reach, seen, m)
+        whitened, left, _ = _seen(solution, index, new)
+        with_targets = [-half.T @ whitened for half in halves]
+        with_targets[index] += covariance(rows[index], new.rows, solution.patches[index].prior)
         cross = np.concatenate(with_targets)
         for place, row in enumerate(m.tolist()):
-            own = _own(place, len(m), size)
-            lower = np.linalg.cholesky(new.covariance[np.ix_(own, own)])
+            own = _own(place, len(m), len(new))
+            lower = np.linalg.cholesky(left[np.ix_(own, own)])
             told = float(np.sum(solve_triangular(lower, cross[:, own].T, lower=True) ** 2))
             after[row] = np.sqrt(max(whole - told, 0.0) / count)
     return float(np.sqrt(whole / count)), after
@@ -293,11 +285,12 @@ def _of_stiffness(found: SurfaceFit, reach: Reach, seen: _Offered) -> tuple[floa
     information = 1.0 / found.solution.variance if found.solution.variance > 0.0 else 0.0
     for index in np.unique(reach.patch):
         m = np.flatnonzero(reach.patch == index)
-        new = _seen(found.solution, index, _equations(found, index, reach, seen, m))
+        new = _equations(found, index, reach, seen, m)
+        _, left, compliance_N = _seen(found.solution, index, new)
         for place, row in enumerate(m.tolist()):
-            own = _own(place, len(m), len(new.equations))
-            pulled = new.compliance_N[own]
-            told = pulled @ np.linalg.solve(new.covariance[np.ix_(own, own)], pulled)
+            own = _own(place, len(m), len(new))
+            pulled = compliance_N[own]
+            told = pulled @ np.linalg.solve(left[np.ix_(own, own)], pulled)
             after[row] = 1.0 / np.sqrt(information + told)
     return float(np.sqrt(1.0 / information)) if information else float("inf"), after
 

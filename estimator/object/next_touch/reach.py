@@ -120,18 +120,11 @@ def _bent(arrays: RigArrays, joints_rad: np.ndarray, unknowns: np.ndarray) -> _B
     return _Bent(nodes[:, CONTACT], tangent, force, nodes)
 
 
-@dataclass(frozen=True, eq=False)
-class _Against:
-    """B antennas against their patches."""
-
-    gap_m: np.ndarray  # (B,) between both surfaces
-    flat: np.ndarray  # (B,) 0 where the antenna lies on the surface
-    normal: np.ndarray  # (B, 3) outward, world
-
-
-def _against(found: SurfaceFit, patch: np.ndarray, bent: _Bent, radius_m: float) -> _Against:
-    nothing = np.full(len(patch), np.nan)
-    result = _Against(nothing, nothing.copy(), np.full((len(patch), 3), np.nan))
+def _against(
+    found: SurfaceFit, patch: np.ndarray, bent: _Bent, radius_m: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gap (B,) between antennas and their patches, m, 0 (B,) where the antenna lies flat, outward normal (B, 3)."""
+    gaps, tilts, normals = (np.full(shape, np.nan) for shape in (len(patch), len(patch), (len(patch), 3)))
     for index in np.unique(patch):
         m, one, solution = patch == index, found.patches[index], found.solution
         local, tangent = (bent.point_m[m] - one.center_m) @ one.frame.T, bent.tangent[m] @ one.frame.T
@@ -152,8 +145,8 @@ def _against(found: SurfaceFit, patch: np.ndarray, bent: _Bent, radius_m: float)
             off = np.column_stack([np.zeros(len(x)), local[:, 1:] - height])
             gap = np.sum(off * normal, axis=1)
             flat = np.sum(off * np.cross(normal, along), axis=1) / TouchSettings.place_m
-        result.gap_m[m], result.flat[m], result.normal[m] = gap - radius_m, flat, normal @ one.frame
-    return result
+        gaps[m], tilts[m], normals[m] = gap - radius_m, flat, normal @ one.frame
+    return gaps, tilts, normals
 
 
 def surface_std(found: SurfaceFit, patch: np.ndarray, point_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
@@ -205,8 +198,8 @@ def reachable(
     def free(x: np.ndarray) -> np.ndarray:
         unknowns = np.zeros((len(x), UNKNOWNS))
         unknowns[:, 0] = np.clip(x[:, 0], TouchSettings.nearest, 1.0)
-        seen = _against(found, patch, _bent(arrays, start + x[:, 1:] * press, unknowns), radius)
-        return np.column_stack([seen.gap_m / TouchSettings.place_m, seen.flat])
+        gap, flat, _ = _against(found, patch, _bent(arrays, start + x[:, 1:] * press, unknowns), radius)
+        return np.column_stack([gap / TouchSettings.place_m, flat])
 
     first = _newton(free, np.column_stack([distance, np.zeros(len(row))]), 1e-4)
     touch = start + first[:, 1:] * press
@@ -214,7 +207,7 @@ def reachable(
     unknowns = np.zeros((len(row), UNKNOWNS))
     unknowns[:, 0] = np.clip(np.nan_to_num(first[:, 0], nan=0.5), TouchSettings.nearest, 1.0)
     begun = _bent(arrays, np.nan_to_num(touch), unknowns)
-    normal = _against(found, patch, begun, radius).normal
+    _, _, normal = _against(found, patch, begun, radius)
     std = surface_std(found, patch, begun.point_m, normal)
     shown = np.array([surely_known_m(found, index) for index in range(len(found.patches))])[patch]
     known &= std <= shown
@@ -229,16 +222,16 @@ def reachable(
         turn = arrays.rig.kinematics.world_antenna(*np.nan_to_num(pressed).T)[0]
         aim = np.einsum("bji,bj->bi", turn, np.nan_to_num(normal))[:, 1:]
         begun_at = np.column_stack([first[:, 0], size[:, None] * aim / arrays.force_unit_N])
-        made, bent, seen = _pressed(found, arrays, patch, pressed, begun_at)
-        std = surface_std(found, patch, bent.point_m, seen.normal)
+        made, bent, outward = _pressed(found, arrays, patch, pressed, begun_at)
+        std = surface_std(found, patch, bent.point_m, outward)
         inside = (made[:, 0] > TouchSettings.nearest) & (made[:, 0] < TouchSettings.farthest)
         known = known & np.isfinite(made).all(axis=1) & inside & (std <= shown)
-        known &= np.sum(bent.force_N * seen.normal, axis=1) > 0.0
+        known &= np.sum(bent.force_N * outward, axis=1) > 0.0
         allowed = known & limits.hold(*pressed.T) & limits.hold(*begin.T)
         allowed[allowed] = _clear(found, patch[allowed], bent.nodes_m[allowed], radius)
         part = Reach(
             *(pressed, begin, touch, patch, made, row, sweep, np.full(len(row), level)),
-            *(bent.point_m, seen.normal, bent.tangent, bent.force_N),
+            *(bent.point_m, outward, bent.tangent, bent.force_N),
         )
         parts.append(part.picked(np.flatnonzero(allowed)))
     return Reach.joined(parts)
@@ -246,27 +239,27 @@ def reachable(
 
 def _pressed(
     found: SurfaceFit, arrays: RigArrays, patch: np.ndarray, joints_rad: np.ndarray, start: np.ndarray
-) -> tuple[np.ndarray, _Bent, _Against]:
-    """Unknowns (B, 4) of antennas that lie frictionless on the surface, NaN where none does, and where they are."""
+) -> tuple[np.ndarray, _Bent, np.ndarray]:
+    """Unknowns (B, 4) of antennas that lie frictionless on the surface, NaN where none does, where they are, and the
+    surface's normals (B, 3)."""
     radius, scale = 0.5 * arrays.rig.antenna.diameter_m, np.linalg.norm(start[:, 1:], axis=1)
 
     def unknowns_of(x: np.ndarray) -> np.ndarray:
         force = scale[:, None] * x[:, 1:]
         return np.column_stack([np.clip(x[:, 0], TouchSettings.nearest, 1.0), force, np.zeros(len(x))])
 
-    def at(x: np.ndarray) -> tuple[_Bent, _Against]:
-        bent = _bent(arrays, joints_rad, unknowns_of(x))
-        return bent, _against(found, patch, bent, radius)
-
     def residual(x: np.ndarray) -> np.ndarray:
-        bent, seen = at(x)
-        give = found.state.compliance_m_N * np.sum(bent.force_N * seen.normal, axis=1)
-        side = np.sum(bent.force_N * np.cross(seen.normal, bent.tangent), axis=1)
+        bent = _bent(arrays, joints_rad, unknowns_of(x))
+        gap, flat, normal = _against(found, patch, bent, radius)
+        give = found.state.compliance_m_N * np.sum(bent.force_N * normal, axis=1)
+        side = np.sum(bent.force_N * np.cross(normal, bent.tangent), axis=1)
         size = np.linalg.norm(bent.force_N, axis=1)
-        return np.column_stack([(seen.gap_m + give) / TouchSettings.place_m, seen.flat, side / np.maximum(size, 1e-12)])
+        return np.column_stack([(gap + give) / TouchSettings.place_m, flat, side / np.maximum(size, 1e-12)])
 
     x = _newton(residual, np.column_stack([start[:, 0], start[:, 1:] / scale[:, None]]), 1e-4)
-    return unknowns_of(x), *at(x)
+    unknowns = unknowns_of(x)
+    bent = _bent(arrays, joints_rad, unknowns)
+    return unknowns, bent, _against(found, patch, bent, radius)[2]
 
 
 def carried(arrays: RigArrays, joints_rad: np.ndarray, to_rad: np.ndarray, point_m: np.ndarray) -> np.ndarray:

@@ -210,15 +210,16 @@ def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
         remedy = "show the whole board, near enough and sharp"
         missing = Diagnosis("no_board", "no marker of the board is seen", remedy, "wrong")
     edges = edge_blur(image)
-    if edges is None or edges.long_px < _UNSHARP_PX:
+    if edges is None or edges[0] < _UNSHARP_PX:
         return [missing]
-    if view.marker_count and edges.long_px > _MOVED_EDGES * edges.short_px:
+    long_px, short_px, direction_rad = edges
+    if view.marker_count and long_px > _MOVED_EDGES * short_px:
         # without a marker the soft edges may belong to other things
-        words = f"edges are blurred by {edges.long_px:.1f} px {_direction(edges.direction_rad)}, others are sharp"
+        words = f"edges are blurred by {long_px:.1f} px {_direction(direction_rad)}, others are sharp"
         return [missing, Diagnosis("motion_blur", words, "if something moved: hold board and camera still")]
-    if edges.short_px < _UNSHARP_PX:
+    if short_px < _UNSHARP_PX:
         return [missing]
-    words = f"nothing in the picture is sharp: its edges are blurred by {edges.short_px:.1f} px or more"
+    words = f"nothing in the picture is sharp: its edges are blurred by {short_px:.1f} px or more"
     return [missing, Diagnosis("out_of_focus", words, "focus on the board, and hold it still", "wrong")]
 
 
@@ -229,9 +230,10 @@ def _blur(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> list[Diagno
     limit = MOST_BLUR_PER_GAP * quality.gap_px
     ellipse = blur_ellipse(image, view, spec)
     severity: Severity = "wrong" if quality.mean_blur_px > limit else "doubt"
-    if ellipse is not None and ellipse.long_px > max(_MOVED * ellipse.short_px, _MOVED_LEAST_PX):
-        smear = _SMEAR_PER_STD * np.sqrt(max(ellipse.long_px**2 - ellipse.short_px**2, 0.0))
-        words = f"moved by about {smear:.0f} px {_direction(ellipse.direction_rad)} while it was taken"
+    long_px, short_px, direction_rad = ellipse or (0.0, 0.0, 0.0)
+    if long_px > max(_MOVED * short_px, _MOVED_LEAST_PX):
+        smear = _SMEAR_PER_STD * np.sqrt(max(long_px**2 - short_px**2, 0.0))
+        words = f"moved by about {smear:.0f} px {_direction(direction_rad)} while it was taken"
         return [Diagnosis("motion_blur", words, "hold board and camera still, or add light", severity)]
     if quality.mean_blur_px > _NEAR_LIMIT * limit:
         words = f"blurred by {quality.mean_blur_px:.1f} px, {limit:.1f} px is the most that the corners bear"
@@ -317,17 +319,11 @@ def _edge(view: BoardView, where: _BoardMap) -> list[Diagnosis]:
     return [Diagnosis("board_outside", words, "bring it further in")]
 
 
-@dataclass(frozen=True)
-class _Blur:
-    """Largest and smallest std of a blur, px, pixel's area included; direction of the largest, from u towards v."""
-
-    long_px: float
-    short_px: float
-    direction_rad: float
-
-
-def edge_blur(image: np.ndarray) -> _Blur | None:
+def edge_blur(image: np.ndarray) -> tuple[float, float, float] | None:
     """Blur of the strong edges of a picture (H, W) uint8, at half its size; None without any. Directions: k·π/4.
+
+    Returns its largest and its smallest standard deviation, px, pixel's area included, and the direction of the
+    largest, rad, from u towards v.
 
     Blurred once more by s, the slope of an edge of blur b falls by √(1 + s²/b²).
     """
@@ -355,10 +351,10 @@ def edge_blur(image: np.ndarray) -> _Blur | None:
             crest = slopes[within] > _CREST * np.percentile(slopes[within], 99.0)
             known[one] = float(np.median(own[within][crest]))
     most = max(known, key=lambda one: known[one])
-    return _Blur(known[most], min(known.values()), most * np.pi / _BINS)
+    return known[most], min(known.values()), most * np.pi / _BINS
 
 
-def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> _Blur | None:
+def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> tuple[float, float, float] | None:
     """Blur from a view with its quality and the picture (H, W) uint8; None unless both directions are seen.
 
     Edges determine the blur along the squares' sides, b₁ and b₂, not along diagonals. With correlation ρ the grey level
@@ -375,7 +371,7 @@ def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> _Blu
     both = _correlation(image, view, spec, quality.contrast) * wide * high
     values, vectors = np.linalg.eigh(axes @ np.array([[wide**2, both], [both, high**2]]) @ axes.T)
     direction = float(np.arctan2(*vectors[::-1, 1]))
-    return _Blur(float(np.sqrt(values[1])), float(np.sqrt(max(values[0], 1.0 / 12.0))), direction)
+    return float(np.sqrt(values[1])), float(np.sqrt(max(values[0], 1.0 / 12.0))), direction
 
 
 def _axes(view: BoardView, corners_m: np.ndarray) -> np.ndarray:
