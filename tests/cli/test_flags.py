@@ -32,7 +32,6 @@ TAKES = {
     "--jobs": int,
     "--distance": float,
 }
-PAGE = Path(__file__).parents[2] / "docs" / "verbs.md"
 
 
 def options() -> dict[str, list[tuple[str, argparse.Action]]]:
@@ -62,12 +61,6 @@ def test_no_length_force_or_angle_in_other_than_si() -> None:
     assert degrees <= {"--tilt-std", "--gravity-angle", "--gravity-std"}
     small = {name for name, uses in options().items() if any(action.metavar in {"MM", "MN"} for _, action in uses)}
     assert all(name.endswith("-mm") for name in small)
-
-
-def test_the_page_names_options_that_several_verbs_share() -> None:
-    shared = {name for name, uses in options().items() if len({verb for verb, _ in uses}) > 1}
-    page = PAGE.read_text(encoding="utf-8").partition("## Options that several")[2].partition("## Completion")[0]
-    assert set(re.findall(r"--[a-z][a-z-]+", page)) - {"--square-mm"} <= shared
 
 
 def test_messages_of_calibration_name_options_that_its_verbs_have() -> None:
