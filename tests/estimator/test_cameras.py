@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -240,6 +241,26 @@ def test_drift_of_each_camera_is_learnt() -> None:
         ]
         assert abs(across[1] - across[2]) >= moved_px
         assert abs(across[0] - across[1]) < 0.1
+
+
+def test_rig_json_holds_every_camera(tmp_path) -> None:
+    """What differs for each; a file of one camera is as it was."""
+    rig = replace(EXACT, others={"right": _correlated(EXACT.others["right"], np.random.default_rng(12))})
+    rig.save(tmp_path / "rig.json")
+    data = json.loads((tmp_path / "rig.json").read_text())
+    assert (data["camera_name"], set(data["cameras"])) == ("left", {"right"})
+    assert set(data["cameras"]["right"]) >= {"camera", "T_antenna_camera", "joint"}
+    again = Rig.load(tmp_path / "rig.json")
+    np.testing.assert_array_equal(again.covariance_with_tip, rig.covariance_with_tip)
+    frames, lines = touched(EXACT, 4, 13)
+    there, before = (answers(each, frames, lines).distance_m for each in (again, rig))
+    np.testing.assert_allclose(there, before, rtol=1e-9)
+    assert not {"camera_name", "cameras"} & set(EXACT.cameras["left"].to_dict())
+    data["cameras"]["right"]["T_antenna_camera"]["translation_m"] = [0.0, 0.0, "far"]
+    with pytest.raises(InputError, match="T_antenna_camera"):
+        Rig.from_dict(data)
+    with pytest.raises(InputError, match="cameras"):
+        Rig.from_dict(data | {"cameras": {"the right": {}}})
 
 
 def test_what_is_no_camera_of_the_rig_is_refused() -> None:

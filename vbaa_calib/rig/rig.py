@@ -58,6 +58,13 @@ def _named(name: str, one: tuple[Antenna, np.ndarray]) -> tuple[str, dict[str, A
     return name, antenna.to_dict(by_name.__getitem__) | {"parameters_std": std.tolist()}
 
 
+def _of_camera(data: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """rig.json of one of its `cameras` alone."""
+    return (
+        {key: value for key, value in data.items() if key != "cameras"} | data["cameras"][name] | {"camera_name": name}
+    )
+
+
 _OF_ALL_CAMERAS = ("antenna", "moment_sensor", "kinematics", "gravity_world_m_s2", "drift", "clamp", "antennas")
 _NEAREST_M = 1e-3  # what comes nearer to the camera's plane counts as not in front of it
 
@@ -525,6 +532,8 @@ class Rig:
                 clamp=read.clamp,
                 antennas={name: (each.antenna(), each.parameters_std) for name, each in read.antennas.items()},
                 verdict=read.verdict,
+                others={name: Rig.from_dict(_of_camera(data, name), where) for name in read.cameras},
+                camera_name=read.camera_name,
             )
         except InputError as error:
             raise error if error.where else InputError(error.what, where=where, remedy=error.remedy) from None
@@ -538,7 +547,7 @@ class Rig:
         """The part of rig.json that describes the rig; the provenance is added by who writes it."""
         first, more = self.moment_sensor, self.wrench_sensor
         std = {"gain_std": self.std("moment_gain"), "offset_std_Nm": self.std("moment_offset_Nm")}
-        return {
+        whole = {
             "schema": SCHEMA,
             "camera": self.camera.to_dict(),
             "T_antenna_camera": self.T_antenna_camera.to_dict(),
@@ -557,3 +566,12 @@ class Rig:
             "verdict": self.verdict.to_dict(),
             "joint": {"parameters": list(self.parameter_names), "covariance": self.covariance.tolist()},
         }
+        if not self.others:
+            return whole
+        own = {name: replace(rig, verdict=self.verdict).to_dict() for name, rig in self.others.items()}
+        always = {"camera", "T_antenna_camera", "image", "joint"}
+        cameras = {
+            name: {key: value for key, value in rig.items() if key in always or value != whole.get(key)}
+            for name, rig in own.items()
+        }
+        return whole | {"camera_name": self.camera_name, "cameras": cameras}
