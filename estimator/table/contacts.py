@@ -7,7 +7,7 @@ their docstrings, and the table in docs/formats.md.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from inspect import cleandoc
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -349,6 +349,7 @@ class Measured:
     outside_points : number of points that were left out because they lie outside the picture.
     sigma_factor : by which `sigma_px` was widened, as the recording's points scatter more than was stated.
     covariance_shape : (N, 2, 2) covariances of the points over sigma_px²; None: the same in every direction.
+    others : what further cameras of the rig saw of the same frame, by name; only points and end of theirs count.
     """
 
     points_px: np.ndarray
@@ -369,6 +370,12 @@ class Measured:
     outside_points: int = 0
     sigma_factor: float = 1.0
     covariance_shape: np.ndarray | None = None
+    others: Mapping[str, Measured] = field(default_factory=dict)
+
+    def of_camera(self, name: str) -> Measured:
+        """What a further camera saw: nothing, if it is not among the others."""
+        nothing: dict[str, Any] = {"points_px": np.empty((0, 2)), "sigma_px": np.empty(0), "tip_px": np.full(3, np.nan)}
+        return self.others[name] if name in self.others else replace(self, **nothing, covariance_shape=None, others={})
 
     @staticmethod
     def on_plane(
