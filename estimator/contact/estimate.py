@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice
-from typing import Any, Unpack, cast
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -23,12 +23,22 @@ from vbaa_calib.core.threads import cores
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
-from .contacts import Contacts, MotionCheck, MovingContacts, RoughFit, contacts_of, last, moving, with_joint_errors
+from .contacts import (
+    Contacts,
+    MotionCheck,
+    MovingContacts,
+    RoughFit,
+    contacts_of,
+    jacobian_of,
+    last,
+    moving,
+    with_joint_errors,
+)
 from .drift import LearntRig
-from .inputs import Batch, FrameOptions, Lines, Values, without_outliers
-from .jacobian import jacobian as jacobian_of
+from .inputs import Batch, FrameOptions, Lines, without_outliers
 from .motion import Beam
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
+from .two_contacts import both_contacts
 
 CHUNK = 2048
 """Frames that are solved at once."""
@@ -114,42 +124,41 @@ class ContactEstimator:
         InputError : wrong shapes, what is no number, angles beyond a turn, moments and pixels that cannot be, not one
             of centreline_px and plane_xy_m, a camera in plane C.
         """
-        lines: dict[str, Any] = {"centreline_px": centreline_px, **options}
-        shapes = {"centreline_px": "(N, 2) pixels", "plane_xy_m": "(N, 2) m on plane C, of one camera"}
-        points = np.empty((0, 2))
-        if isinstance(centreline_px, Mapping):
-            remedy = f"give {shapes['centreline_px']} of each camera"
-            lines["centreline_px"] = {
-                name: [as_floats(each, f"centreline_px of {name}", remedy)] for name, each in centreline_px.items()
-            }
-            shapes.pop("centreline_px")
-        if isinstance(sigma_px, Mapping):
-            many = {name: as_floats(each, f"sigma_px of {name}", "give px") for name, each in sigma_px.items()}
-            lines["sigma_px"] = {name: each[None] if each.ndim else each for name, each in many.items()}
-        for name, shape in shapes.items():
-            if (line := lines.get(name)) is not None:
-                points = as_floats(line, name, f"give {shape}")
-                if points.ndim != 2 or points.shape[1] != 2:
-                    raise InputError(f"{name} has shape {points.shape}", remedy=f"give {shape}")
-                lines[name] = points[None]
-        if (spread := lines.get("covariance_m2")) is not None:
-            spread = as_floats(spread, "covariance_m2", "give (N, 2, 2) m²")
-            lines["covariance_m2"] = spread if spread.ndim == 2 else spread[None]
-        by_camera, sigma = lines.pop("sigma_px", None), None
-        if sigma_px is not None and by_camera is None:
-            sigma = as_floats(sigma_px, "sigma_px", "give standard deviations in px")
-        if sigma is not None and sigma.shape not in ((), points.shape[:1]):
-            raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
-        sigma = sigma[None] if sigma is not None and sigma.ndim else sigma
-        if read := lines.pop("readings", None):
-            lines["readings"] = {name: [value] for name, value in read.items()}
-        pixels = lines.pop("centreline_px")
-        return self.estimate_batch(
-            *(pixels, [moment], [pan], [tilt]),
-            sigma_px=sigma if by_camera is None else by_camera,
-            moments_z=[moment_z],
-            **cast(FrameOptions, lines),
-        )[0]
+        return self.estimate_batch(**_as_batch(centreline_px, moment, (pan, tilt), sigma_px, moment_z, options))[0]
+
+    def estimate_two(
+        self,
+        centreline_px: np.ndarray | Mapping[str, np.ndarray] | None = None,
+        *,
+        moment: float | None,
+        pan: float,
+        tilt: float,
+        sigma_px: np.ndarray | float | Mapping[str, np.ndarray | float] | None = None,
+        moment_z: float | None = None,
+        **options: Unpack[FrameOptions],
+    ) -> list[Contact]:
+        """Both contacts of a frame that shows two, the nearer one first; else the one of `estimate`.
+
+        The parameters are those of `estimate`, without jacobian. Two contacts are searched where no single one explains
+        the frame, and given where the frame determines both; otherwise the single contact's reason names them. The
+        antenna's end and points' covariances other than `sigma_px` are not used.
+
+        Raises InputError as `estimate`, and for an antenna that is not uniform.
+        """
+        batch = self._checked(**_as_batch(centreline_px, moment, (pan, tilt), sigma_px, moment_z, options))
+        if self.rig.antenna.taper:
+            raise InputError("the antenna is not uniform", where="rig", remedy="use estimate: one contact at a time")
+        (one,) = contacts = self._contacts(batch)
+        if not unexplained(contacts.numbers)[0]:
+            return [one]
+        return both_contacts(one, contacts.numbers.unknowns[0], self._rig_arrays, batch)
+
+    def _checked(self, **given: Any) -> Batch:
+        """What `estimate_batch` takes, checked. Raises InputError."""
+        read = {"moments": given["moments"], "moments_z": given["moments_z"], **(given.get("readings") or {})}
+        joints = {name: given[name] for name in ("pans", "tilts")}
+        plane: Mapping[str, Any] = {name: given[name] for name in ("plane_xy_m", "covariance_m2") if name in given}
+        return Batch.checked(self.rig, given["centrelines_px"], read, joints, given["sigma_px"], plane)
 
     def estimate_batch(
         self,
@@ -179,9 +188,8 @@ class ContactEstimator:
         ------
         InputError : as `estimate`, or when not everything is there for every frame.
         """
-        read: dict[str, Values] = {"moments": moments, "moments_z": moments_z, **(options.get("readings") or {})}
-        joints: dict[str, Values] = {"pans": pans, "tilts": tilts}
-        batch = Batch.checked(self.rig, centrelines_px, read, joints, sigma_px, options)
+        given = {"centrelines_px": centrelines_px, "moments": moments, "pans": pans, "tilts": tilts, **options}
+        batch = self._checked(**given, sigma_px=sigma_px, moments_z=moments_z)
         contacts = self._contacts(batch)
         if not options.get("jacobian", False):
             return contacts
@@ -442,3 +450,49 @@ class ContactStream:
         located = np.flatnonzero(np.isfinite(found.distance_m))
         self._warm = found.numbers.unknowns[located[-1]] if len(located) else None
         return moving(self._estimator.rig, several, found)
+
+
+def _as_batch(
+    centreline_px: np.ndarray | Mapping[str, np.ndarray] | None,
+    moment: float | None,
+    joints: tuple[float, float],
+    sigma_px: np.ndarray | float | Mapping[str, np.ndarray | float] | None,
+    moment_z: float | None,
+    options: Mapping[str, Any],
+) -> dict[str, Any]:
+    """The arguments of `estimate_batch` for one frame. Raises InputError for wrong shapes, and what is no number."""
+    lines: dict[str, Any] = {"centreline_px": centreline_px, **options}
+    shapes = {"centreline_px": "(N, 2) pixels", "plane_xy_m": "(N, 2) m on plane C, of one camera"}
+    points = np.empty((0, 2))
+    if isinstance(centreline_px, Mapping):
+        remedy = f"give {shapes['centreline_px']} of each camera"
+        lines["centreline_px"] = {
+            name: [as_floats(each, f"centreline_px of {name}", remedy)] for name, each in centreline_px.items()
+        }
+        shapes.pop("centreline_px")
+    if isinstance(sigma_px, Mapping):
+        many = {name: as_floats(each, f"sigma_px of {name}", "give px") for name, each in sigma_px.items()}
+        lines["sigma_px"] = {name: each[None] if each.ndim else each for name, each in many.items()}
+    for name, shape in shapes.items():
+        if (line := lines.get(name)) is not None:
+            points = as_floats(line, name, f"give {shape}")
+            if points.ndim != 2 or points.shape[1] != 2:
+                raise InputError(f"{name} has shape {points.shape}", remedy=f"give {shape}")
+            lines[name] = points[None]
+    if (spread := lines.get("covariance_m2")) is not None:
+        spread = as_floats(spread, "covariance_m2", "give (N, 2, 2) m²")
+        lines["covariance_m2"] = spread if spread.ndim == 2 else spread[None]
+    by_camera, sigma = lines.pop("sigma_px", None), None
+    if sigma_px is not None and by_camera is None:
+        sigma = as_floats(sigma_px, "sigma_px", "give standard deviations in px")
+    if sigma is not None and sigma.shape not in ((), points.shape[:1]):
+        raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
+    sigma = sigma[None] if sigma is not None and sigma.ndim else sigma
+    if read := lines.pop("readings", None):
+        lines["readings"] = {name: [value] for name, value in read.items()}
+    pixels = lines.pop("centreline_px")
+    return {
+        **{"centrelines_px": pixels, "moments": [moment], "pans": [joints[0]], "tilts": [joints[1]]},
+        **{"sigma_px": sigma if by_camera is None else by_camera, "moments_z": [moment_z]},
+        **lines,
+    }
