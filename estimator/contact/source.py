@@ -247,9 +247,9 @@ def inputs_digest(path: Path) -> str:
     said: list[object] = [[file.name, sha256(file)] for file in files]
     session = load_session(_session_root(path))
     for frame in () if files[-1].name == "centrelines.csv" else read_recording(session):
-        if frame.image is not None:
-            status = frame.image.stat()
-            said.append([str(frame.image.relative_to(session.root)), status.st_size, status.st_mtime_ns])
+        for image in ([] if frame.image is None else [frame.image]) + list(frame.others.values()):
+            status = image.stat()
+            said.append([str(image.relative_to(session.root)), status.st_size, status.st_mtime_ns])
     return hashlib.sha256(json.dumps(said).encode()).hexdigest()
 
 
