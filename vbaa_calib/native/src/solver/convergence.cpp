@@ -246,7 +246,7 @@ bool converge_there(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work
     fit.at_tip = true;
     descend(rig, frame, rung, {TOLERANCE, false}, fit, work);
     double scatter = scatter_of(rig, frame, fit);
-    // where one of several cameras' points scatter, the others still hold the antenna
+    // where one of several cameras' points scatter, the others hold the antenna
     for (int round = 0; rig.cameras.size() > 1 && round < ROUNDS && scatter < WRONG_SHAPE; ++round) {
         if (!(std::abs(scatter - fit.scatter) > SCATTER_CHANGE * fit.scatter)) break;
         fit.scatter = scatter;
