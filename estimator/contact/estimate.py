@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import chain, islice
-from typing import Any, Unpack
+from typing import Any, Self, Unpack
 
 import numpy as np
 
@@ -89,6 +90,14 @@ class ContactEstimator:
         self._rig_arrays = RigArrays.from_rig(rig, self.friction_rad)
         self._rung = RUNGS[-1] if model == "auto" else model
         self._then: tuple[LearntRig, float, ContactEstimator] | None = None
+
+    @cached_property
+    def cameras(self) -> dict[str, Self]:
+        """The same of each of its rig's cameras by itself, by name."""
+        friction, jobs = self.friction_rad, self.jobs
+        return {
+            name: type(self)(one, self.model, friction=friction, jobs=jobs) for name, one in self.rig.cameras.items()
+        }
 
     def estimate(
         self,

@@ -102,8 +102,7 @@ class Batch(Rows):
         """As the solver takes them, for one rig."""
         rotation, _ = rig_arrays.rig.kinematics.world_antenna(self.pan_rad, self.tilt_rad)
         gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
-        lines = self.points_px, self.sigma_px, self.readings_Nm, self.tip_px
-        frames = frames_from_pixels(rig_arrays, *lines, gravity, self.camera, self.tip_camera)
+        frames = self._ideal(rig_arrays, gravity)
         if self.covariance_shape is not None:
             slopes = self.sigma_px[..., None, None] * self.slopes(rig_arrays.rig)
             spread = slopes @ self.covariance_shape @ np.swapaxes(slopes, -1, -2)
@@ -115,6 +114,23 @@ class Batch(Rows):
                 weights  # each residual, and its derivatives, in its own deviations
             )
         return frames
+
+    def _ideal(self, rig_arrays: RigArrays, gravity_m_s2: np.ndarray) -> Frames:
+        if self.camera is None or self.tip_camera is None:
+            lines = self.points_px, self.sigma_px, self.readings_Nm, self.tip_px
+            return frames_from_pixels(rig_arrays, *lines, gravity_m_s2)
+        ones = [replace(rig_arrays, rig=one) for one in rig_arrays.rig.cameras.values()]
+        # of every frame a camera's points stand in the same columns
+        places = (
+            np.searchsorted(self.camera[0], np.arange(len(ones) + 1)) if len(self.camera) else [0] * (len(ones) + 1)
+        )
+        parts = []
+        for index, one in enumerate(ones):
+            own = np.s_[:, places[index] : places[index + 1]]
+            tip = np.where((self.tip_camera == index)[:, None], self.tip_px, np.nan)
+            lines = self.points_px[own], self.sigma_px[own], self.readings_Nm, tip
+            parts.append(frames_from_pixels(one, *lines, gravity_m_s2))
+        return Frames.together(rig_arrays, parts, self.camera, self.tip_camera)
 
     def slopes(self, rig: Rig) -> np.ndarray:
         """(B, N, 2, 2) derivatives of the points' ideal coordinates by their pixels."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice, tee
 from pathlib import Path
@@ -26,7 +26,7 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import without_other_things
 from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import READINGS, Frame, Session, Still, read_centrelines
+from vbaa_calib.session import READINGS, Frame, Session, Still, pictures_of, read_centrelines
 
 from .contacts import RoughFit
 from .estimate import STREAM, ContactEstimator
@@ -91,10 +91,23 @@ class _FirstDetection:
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """What was seen of the antenna in a picture, and what that offers to the fit."""
+    """What was seen of the antenna in a picture, and what that offers to the fit.
+
+    others : of several cameras what each saw, by name.
+    """
 
     line: Centreline
     measured: Measured
+    others: Mapping[str, Centreline] = field(default_factory=dict)
+
+    @staticmethod
+    def together(rig: Rig, several: Sequence[Detection]) -> Detection:
+        """What each of a rig's cameras saw of one frame, as one."""
+        first, *rest = several
+        others = dict(zip(rig.others, (each.measured for each in rest), strict=True))
+        starts = [each.measured.start for each in several if np.isfinite(each.measured.start).all()]
+        measured = replace(first.measured, others=others, start=starts[0] if starts else first.measured.start)
+        return Detection(first.line, measured, dict(zip(rig.cameras, (each.line for each in several), strict=True)))
 
 
 def gravity(rig: Rig, frame: Still) -> np.ndarray:
@@ -230,7 +243,9 @@ def first_detection(estimator: ContactEstimator, frame: Frame, ground: Ground | 
 
     Raises InputError when the picture cannot be read or has another size.
     """
-    assert frame.image is not None
+    if frame.image is None:  # another camera's was taken
+        none = replace(NOTHING, reason="there is no picture")
+        return _FirstDetection(frame, np.zeros((1, 1), np.uint8), none, estimator.rig.image.paint.polarity)
     return first_look(estimator, frame, read_own(estimator.rig, frame.image), ground)
 
 
@@ -283,6 +298,10 @@ def estimate_pictures(
     estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
     """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `glance` does."""
+    if estimator.rig.others:
+        given, kept = tee(detected(estimator, frames, ground))
+        contacts = estimator.run(each.measured for each in given)
+        return (frame_contact(*each) for each in zip(frames, kept, contacts, strict=True))
     return _estimated(estimator, ((frame, first_detection(estimator, frame, ground)) for frame in frames))
 
 
@@ -315,7 +334,10 @@ def _estimated(estimator: ContactEstimator, firsts: Iterable[tuple[Frame, _First
 
 def frame_contact(frame: Frame, seen: Detection, contact: Contact) -> FrameContact:
     """A frame's contact, or why nothing was seen in its picture."""
-    said = contact if seen.line.found else replace(contact, reason=seen.line.reason)
+    said = contact if seen.line.found or seen.others else replace(contact, reason=seen.line.reason)
+    for name, line in seen.others.items():
+        if not line.found:
+            said = replace(said, reason=said.reason.replace(f"{name} shows no antenna", f"{name}: {line.reason}"))
     return FrameContact(frame, said, seen.measured, seen.line)
 
 
@@ -323,14 +345,21 @@ def measured_recording(
     estimator: ContactEstimator, session: Session, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[Measured]:
     """What every frame of a session's recording offers to a fit, in order, as `estimate_source` takes it."""
-    if frames[0].image is None:
+    if not pictures_of(frames):
         lines = read_centrelines(session).checked(frames, "recording.csv")
         return measured_lines(estimator.rig, frames, lines)
     return (each.measured for each in detected(estimator, frames, ground))
 
 
-def detected(estimator: ContactEstimator, frames: Iterable[Frame], ground: Ground | None = None) -> Iterator[Detection]:
+def detected(estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None) -> Iterator[Detection]:
     """What is seen in the pictures of frames, in order. Raises as `first_detection` does."""
+    if estimator.rig.others:
+        parts = []
+        for name, one in estimator.cameras.items():
+            own = [replace(frame, image=frame.others.get(name), others={}) for frame in frames]
+            first = name == estimator.rig.camera_name
+            parts.append(detected(one, frames if first else own, ground if first else None))
+        return (Detection.together(estimator.rig, several) for several in zip(*parts, strict=True))
     return detections(estimator, _in_order(first_detection(estimator, frame, ground) for frame in frames))
 
 
@@ -345,6 +374,13 @@ def measured_lines(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.nda
     Standard deviations that are absent are the points' own scatter, or the rig's pictures' where too little is seen;
     those that are far smaller than it are widened to it.
     """
+    if rig.others:
+        others = getattr(lines, "others", {})
+        parts = [measured_lines(replace(rig, others={}), frames, lines)]
+        parts += [measured_lines(one, frames, others.get(name, {})) for name, one in rig.others.items()]
+        for first, *rest in zip(*parts, strict=True):
+            yield replace(first, others=dict(zip(rig.others, rest, strict=True)))
+        return
     absent_px, factor = _scatter(rig, frames, lines)
     for frame in frames:
         every = lines.get(frame.frame, np.empty((0, 3)))

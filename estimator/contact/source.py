@@ -195,14 +195,30 @@ def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOp
         stream = _Stream(path, rig, options or StreamOptions(), no_moment)
         stream.opened()  # what is wrong is told at once
         return Source(None, (), None, stream)
-    session = load_session(_session_root(path))
+    session = _of_rig(load_session(_session_root(path)), rig)
     frames = read_recording(session)
     if no_moment:
         frames = without_moments(frames)
     pictures = pictures_of(frames)
-    check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
+    for name, one in rig.cameras.items():
+        own = [frame.others[name] for frame in frames if name in frame.others] if name in rig.others else pictures
+        check_pictures(own, one.camera.image_size, "the rig was calibrated at")
     lines = None if pictures else read_centrelines(session).checked(frames, "recording.csv")
     return Source(session, frames, lines)
+
+
+def _of_rig(session: Session, rig: Rig) -> Session:
+    """A session as the rig's first camera saw it. Raises InputError where the two have different cameras."""
+    where = session.root / "session.yaml"
+    if not session.cameras and rig.others:
+        what = f"it names no cameras, the rig has {', '.join(rig.cameras)}"
+        raise InputError(what, where=where, remedy="say whose its pictures are, as cameras: {left: {}, right: {}}")
+    if len(session.cameras) > 1 or rig.others:
+        if unknown := [name for name in session.cameras if name not in rig.cameras]:
+            what = f"the rig has no camera {unknown[0]}, but {', '.join(rig.cameras)}"
+            raise InputError(what, where=where, remedy="calibrate this session's cameras, or name them as there")
+        return session.of_camera(rig.camera_name) if rig.camera_name in session.cameras else session
+    return session
 
 
 def estimate_source(
@@ -231,9 +247,9 @@ def inputs_digest(path: Path) -> str:
     said: list[object] = [[file.name, sha256(file)] for file in files]
     session = load_session(_session_root(path))
     for frame in () if files[-1].name == "centrelines.csv" else read_recording(session):
-        if frame.image is not None:
-            status = frame.image.stat()
-            said.append([str(frame.image.relative_to(session.root)), status.st_size, status.st_mtime_ns])
+        for image in ([] if frame.image is None else [frame.image]) + list(frame.others.values()):
+            status = image.stat()
+            said.append([str(image.relative_to(session.root)), status.st_size, status.st_mtime_ns])
     return hashlib.sha256(json.dumps(said).encode()).hexdigest()
 
 

@@ -114,7 +114,7 @@ def read_views(session: Session) -> PlaneViews:
     """Find the boards. Raises InputError where a picture shows none, or not the one described."""
     folders, spec = picture_folders(session), session.board
     return PlaneViews(
-        detect_folder(session.root / "plane", spec) if "plane" in folders else None,
+        detect_folder(session.folder("plane"), spec) if "plane" in folders else None,
         detect_files([picture.image for picture in read_sweep(session)], spec) if "sweep" in folders else None,
         {str(path): read_gray(path) for path in list_images(session.root / "over")} if "over" in folders else None,
     )

@@ -27,6 +27,9 @@ _PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "korni
 def report(calibration: Calibration) -> None:
     """The result in a few lines of prose."""
     rig, lens, words = calibration.rig, calibration.lens, calibration.rig.words
+    for name, other in calibration.others.items():
+        lens_of, where = other.lens, calibration.rig.others[name].words["plane C"]
+        say(f"{name:10s} lens {lens_of.model}: rms {lens_of.rms_px:.3f} px; {where}")
     ways = " + ".join(estimate.way for estimate in calibration.plane.estimates)
     rms = "" if calibration.given else f": rms {lens.rms_px:.3f} px"
     say(f"lens       {lens.model}{rms}. {lens.verdict.words}")
@@ -78,6 +81,11 @@ def _evidence(calibration: Calibration) -> dict[str, Any]:
             "nominal_density_kg_m3": nominal.density_kg_m3,
         },
         "checks": calibration.checks.to_dict(),
+        **(
+            {"cameras": {name: _evidence(one) for name, one in calibration.others.items()}}
+            if calibration.others
+            else {}
+        ),
     }
 
 
@@ -88,7 +96,8 @@ def rig_document(calibration: Calibration, command: Sequence[str]) -> dict[str, 
     if isinstance(board := read_yaml(files[0]).get("board"), str):
         files.append(session.root / board)
     for name in ("intrinsics", *picture_folders(session), "noload", "loads"):
-        files += sorted(path for path in (session.root / name).glob("*") if path.is_file())
+        inside = (session.root / name).glob("**/*" if session.cameras else "*")
+        files += sorted(path for path in inside if path.is_file())
     paths = {str(path.relative_to(session.root)): path for path in files}
     if calibration.given is not None:
         paths[os.path.relpath(calibration.given.path, session.root)] = calibration.given.path

@@ -188,7 +188,7 @@ def _from_session(session: Session) -> _Inputs:
         raise InputError(what, where=session.root, remedy="one picture in plane/ and one in noload/ will do")
     noload = read_noload(session) if "noload" in parts else []
     loads = read_loads(session) if "loads" in parts else []
-    boards = {part: list_images(session.root / part) for part in _PARTS[:2] if part in parts}
+    boards = {part: list_images(session.folder(part)) for part in _PARTS[:2] if part in parts}
     return _Inputs(session, parts, boards, [*noload, *loads])
 
 
