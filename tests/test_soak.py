@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.growth.work import SESSION, write_recording
 from benchmarks.soak import MOST_MB as MOST_RISE_MB
 from benchmarks.soak import rise
+from benchmarks.waiting.recordings import SESSION, write_recording
 from estimator.table.files import read_contacts
 from tests.estimator.drawn_frames import picture, rig_of, shape
 

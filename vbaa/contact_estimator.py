@@ -131,7 +131,7 @@ class ContactEstimator(estimate.ContactEstimator):
 
     def _glances(self, number: int, read: Mapping[str, Any]) -> list[tuple[ContactEstimator, _FirstDetection]]:
         """First looks at each camera's picture, and the estimator of each. Raises InputError."""
-        from estimator.contact.recording import first_detection
+        from estimator.contact.recording import first_look
 
         if not self.rig.others:
             return [(self, self._seen(number, **read))]
@@ -145,7 +145,7 @@ class ContactEstimator(estimate.ContactEstimator):
             if name in images:
                 found.append((one, one._seen(number, images[name], **more)))
             else:
-                found.append((one, first_detection(one, one._frame(number, **more))))
+                found.append((one, first_look(one, one._frame(number, **more), None)))
         return found
 
     def _seen(self, number: int, image: Any, **read: Any) -> _FirstDetection:

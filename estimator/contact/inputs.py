@@ -377,9 +377,7 @@ def _about_curve(
     points, sigma = points_px[there], np.broadcast_to(sigma_px, len(points_px))[there]
     if len(points) < settings.scatter_points:
         return None
-    from scipy.spatial import cKDTree  # takes longer to load than a contact to find
-
-    apart = cKDTree(points).query(points, k=5)[0][:, -1]
+    apart = _apart(points, settings.neighbours)
     near = apart <= settings.lonely * np.median(apart)
     centred = points - points[near].mean(axis=0)
     first = np.linalg.svd(centred[near], full_matrices=False)[2][0]
@@ -408,6 +406,28 @@ def _about_curve(
     lags = range(settings.lags + 1)
     taken = np.array([np.einsum("nk,nk->", basis[lag:], basis[: len(basis) - lag]) for lag in lags]) / len(off)
     return off, taken
+
+
+def _apart(points_px: np.ndarray, neighbours: int) -> np.ndarray:
+    """(N,) distance of each of the points (N, 2), N ≥ 5, from its fourth nearest.
+
+    Along a line the nearest are among the next few in the order of one coordinate; a tree, which takes longer to load
+    than a contact to find, finds them where they need not be.
+    """
+    axis = int(np.argmax(np.ptp(points_px, axis=0)))
+    order = np.argsort(points_px[:, axis], kind="stable")
+    ordered = np.pad(points_px[order], ((neighbours, neighbours), (0, 0)), constant_values=np.inf)
+    around = np.lib.stride_tricks.sliding_window_view(ordered, 2 * neighbours + 1, axis=0)  # (N, 2, around)
+    off = np.abs(around - points_px[order][:, :, None])
+    found = np.sort(np.hypot(off[:, 0], off[:, 1]), axis=1)[:, 4]
+    far = np.flatnonzero(found > off[:, axis][:, [0, -1]].min(axis=1))
+    if len(far):
+        from scipy.spatial import cKDTree
+
+        found[far] = cKDTree(points_px).query(points_px[order[far]], k=5)[0][:, -1]
+    apart = np.empty_like(found)
+    apart[order] = found
+    return apart
 
 
 def _cubic_spline(along: np.ndarray, inner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice, tee
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -49,7 +50,8 @@ change: one picture's scatter does not show what all of its points share."""
 Ground = Callable[[Still], Background | None]
 """What lies behind the antenna in a picture, as far as it is known."""
 
-_NO_JOINTS = "no joint angles were read near enough to the picture's instant"
+_AHEAD = 3
+"""Pictures that are read while one is looked at."""
 _AT_ONCE_PX = 16_000_000
 """Most pixels of the pictures that are kept for a second look, so that their rough fits are one batch."""
 
@@ -238,27 +240,35 @@ def read_own(rig: Rig, path: Path) -> np.ndarray:
     return image
 
 
-def first_detection(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> _FirstDetection:
-    """A first look at a frame's picture, less what lies behind the antenna where that is known and helps.
+def read_ahead(rig: Rig, frames: Iterable[Frame]) -> Iterator[tuple[Frame, np.ndarray | None]]:
+    """Frames with their pictures, if there are any, of which a thread reads the next few meanwhile.
 
-    Raises InputError when the picture cannot be read or has another size.
+    Raises InputError, at its turn, for one that cannot be read or has another size.
     """
-    if frame.image is None:  # another camera's was taken
-        none = replace(NOTHING, reason="there is no picture")
-        return _FirstDetection(frame, np.zeros((1, 1), np.uint8), none, estimator.rig.image.paint.polarity)
-    return first_look(estimator, frame, read_own(estimator.rig, frame.image), ground)
+    with ThreadPoolExecutor(1) as reader:
+        coming = ((frame, frame.image and reader.submit(read_own, rig, frame.image)) for frame in frames)
+        waiting = deque(islice(coming, _AHEAD))
+        while waiting:
+            frame, picture = waiting.popleft()
+            yield frame, picture and picture.result()
+            waiting.extend(islice(coming, 1))
 
 
 def first_look(
-    estimator: ContactEstimator, frame: Frame, picture: np.ndarray, ground: Ground | None = None
+    estimator: ContactEstimator, frame: Frame, picture: np.ndarray | None, ground: Ground | None = None
 ) -> _FirstDetection:
-    """The same at a picture (H, W[, 3]) of the rig's size that was read already."""
+    """A first look at a frame's picture (H, W[, 3]), of the rig's size, less what lies behind the antenna where that is
+    known and helps. `picture` : None where only another camera's was taken."""
     rig, paint = estimator.rig, estimator.rig.image.paint
+    if picture is None:
+        none = replace(NOTHING, reason="there is no picture")
+        return _FirstDetection(frame, np.zeros((1, 1), np.uint8), none, paint.polarity)
     bright, image = paint.polarity, paint.plane(picture)
     known = math.isfinite(frame.pan_rad + frame.tilt_rad)
     looking = prepared(rig, frame) if known else None
     if looking is None:
-        return _FirstDetection(frame, image, NOTHING if known else replace(NOTHING, reason=_NO_JOINTS), bright)
+        why = NOTHING.reason if known else "no joint angles were read near enough to the picture's instant"
+        return _FirstDetection(frame, image, replace(NOTHING, reason=why), bright)
     less = subtracted(looking, image, None if ground is None else ground(frame))
     if less is not None and less[1].found:
         image, line, bright, bare = *less, None, True
@@ -297,23 +307,23 @@ def after(first: _FirstDetection, before: np.ndarray) -> tuple[_FirstDetection, 
 def estimate_pictures(
     estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
-    """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `glance` does."""
+    """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `read_ahead` does."""
     if estimator.rig.others:
         given, kept = tee(detected(estimator, frames, ground))
         contacts = estimator.run(each.measured for each in given)
         return (frame_contact(*each) for each in zip(frames, kept, contacts, strict=True))
-    return _estimated(estimator, ((frame, first_detection(estimator, frame, ground)) for frame in frames))
+    return estimate_taken(estimator, read_ahead(estimator.rig, frames), ground)
 
 
 def estimate_taken(
-    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray]], ground: Ground | None = None
+    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray | None]], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
     """Every frame from its picture (H, W[, 3]) of the rig's size, in order, in constant memory."""
     return _estimated(estimator, ((each.frame, each) for each in first_looks(estimator, taken, ground)))
 
 
 def first_looks(
-    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray]], ground: Ground | None = None
+    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray | None]], ground: Ground | None = None
 ) -> Iterator[_FirstDetection]:
     """First looks at pictures (H, W[, 3]) of the rig's size."""
     return (first_look(estimator, frame, image, ground) for frame, image in taken)
@@ -351,21 +361,21 @@ def measured_recording(
     return (each.measured for each in detected(estimator, frames, ground))
 
 
-def detected(estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None) -> Iterator[Detection]:
-    """What is seen in the pictures of frames, in order. Raises as `first_detection` does."""
+def detected(estimator: ContactEstimator, frames: Iterable[Frame], ground: Ground | None = None) -> Iterator[Detection]:
+    """What is seen in the pictures of frames, in order. Raises as `read_ahead` does."""
     if estimator.rig.others:
-        parts = []
+        parts, frames = [], list(frames)
         for name, one in estimator.cameras.items():
             own = [replace(frame, image=frame.others.get(name), others={}) for frame in frames]
             first = name == estimator.rig.camera_name
             parts.append(detected(one, frames if first else own, ground if first else None))
         return (Detection.together(estimator.rig, several) for several in zip(*parts, strict=True))
-    return detections(estimator, _in_order(first_detection(estimator, frame, ground) for frame in frames))
+    return detections(estimator, _in_order(first_looks(estimator, read_ahead(estimator.rig, frames), ground)))
 
 
 def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:
     """One frame from its picture, as `estimate_pictures` does it but for its motion."""
-    return next(estimate_pictures(estimator, [frame], ground))
+    return next(estimate_taken(estimator, [(frame, read_own(estimator.rig, cast(Path, frame.image)))], ground))
 
 
 def measured_lines(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.ndarray]) -> Iterator[Measured]:
