@@ -19,8 +19,6 @@ from vbaa_calib.detect.whisker.profile import measure
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
 
 WIDTH_PX = 3.0
-DEPTHS = ((1, np.uint8), (257, np.uint16))
-"""Of one of its levels in 8 bits, and the type."""
 
 
 @pytest.fixture(scope="module")
