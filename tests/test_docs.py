@@ -5,12 +5,9 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
-import json
 import re
 import runpy
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -39,9 +36,6 @@ BESIDE = [
 PAGES = [*DOCS, *BESIDE]
 FENCE = re.compile(r"^```(?P<language>[^\n]*)\n(?P<code>.*?)^```", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
-_LOADED = re.compile(
-    r"<(?:script|link|img|iframe|source|video)\b[^>]*?(?:src|href)=\"((?:https?:)?//[^\"]+)", re.DOTALL
-)
 
 
 def name_of(path: Path) -> str:
@@ -50,53 +44,6 @@ def name_of(path: Path) -> str:
 
 def without_code(text: str) -> str:
     return re.sub(r"`[^`\n]+`", "", FENCE.sub("", text))
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The built site. Every warning is an error, as in `make docs`."""
-    out = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-n", "-q", "-b", "html", "-d", str(out / "trees")]
-    command += [str(ROOT / "docs"), str(out / "html")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return out / "html"
-
-
-@pytest.mark.slow
-def test_the_site_builds_and_loads_nothing_from_elsewhere(site: Path) -> None:
-    """No script, style, font or picture of another host, in any page or style sheet."""
-    pages = list(site.glob("*.html"))
-    assert {path.stem for path in pages} >= {path.stem for path in DOCS}
-    loaded = {found for path in pages for found in _LOADED.findall(path.read_text(encoding="utf-8"))}
-    styles = [path.read_text(encoding="utf-8") for path in site.rglob("*.css")]
-    loaded |= {
-        found for style in styles for found in re.findall(r"(?:@import|url\()\s*[\"']?((?:https?:)?//[^\"')]+)", style)
-    }
-    assert loaded == set()
-
-
-@pytest.mark.slow
-def test_the_site_describes_every_verb(site: Path) -> None:
-    """By its own parser, with every option."""
-    page = (site / "verbs.html").read_text(encoding="utf-8")
-    for verb in VERBS:
-        assert f'<section id="vbaa-{verb}">' in page
-    assert "--overlay DIR" in page
-
-
-@pytest.mark.slow
-def test_search_finds_its_excerpts_offline(site: Path) -> None:
-    """The text of every page is a script of the search page, with the anchors that results lead to."""
-    assert "_static/excerpts.js" in (site / "search.html").read_text(encoding="utf-8")
-    script = (site / "_static" / "excerpts.js").read_text(encoding="utf-8")
-    pages, _ = json.JSONDecoder().raw_decode(script.removeprefix("const pages = "))
-    assert set(pages) == {path.stem for path in DOCS}
-    for name, text in pages.items():
-        anchors = re.findall(r'<section id="([^"]+)">', text)
-        assert anchors, name
-        page = (site / f"{name}.html").read_text(encoding="utf-8")
-        assert all(f'id="{anchor}"' in page for anchor in anchors), name
 
 
 def test_every_verb_has_its_row() -> None:

@@ -11,8 +11,6 @@ from . import damage as d
 from .case import Case, Row, cases
 from .every_file import CALIBRATE, CALIBRATE_SWEPT, CHECK, ESTIMATE, HANDEYE, REFINE
 
-NAN = float("nan")
-
 SESSION: tuple[Row, ...] = (
     ("another file", d.copy("truth.json"), "schema is 'vbaa.truth/1'"),
     ("a Python object", d.text("0.24", "!!python/object/apply:os.getcwd []"), "not valid YAML"),

@@ -5,13 +5,10 @@ from __future__ import annotations
 import json
 import re
 
-import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.cli.main import main
-from viz.report.lens import _maps, _straightened
 
 from ..small_scene import small_rig
 
@@ -43,32 +40,3 @@ def test_the_page_stands_alone_and_says_what_the_file_says(made: tuple[str, dict
     assert text.count("data:image/jpeg") == 2
     for view in document["views"]:
         assert view["name"] in text
-
-
-@pytest.mark.parametrize(("name", "intrinsics"), [("fisheye", WIDE), ("opencv4", BARREL)])
-def test_the_sample_is_straight(name: str, intrinsics: np.ndarray) -> None:
-    """A straight edge in space, drawn by another route, is straight in it."""
-    model, size = LENS_MODELS[name], (640, 480)
-    camera = camera_of(model, intrinsics, size)
-    image = np.full((size[1], size[0], 3), 255, np.uint8)
-    line = np.array([[x, 0.32 + 0.25 * x, 1.0] for x in np.linspace(-0.6, 0.6, 400)])
-    project = cv2.fisheye.projectPoints if name == "fisheye" else cv2.projectPoints
-    seen = project(line[:, None], np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)[0].reshape(-1, 2)
-    cv2.polylines(image, [np.round(8 * seen).astype(int)], False, (0, 0, 0), 2, cv2.LINE_AA, shift=3)
-    rows, columns = np.nonzero(_straightened(camera, image)[1][..., 0] < 100)
-    bent = np.polyfit(columns, rows, 1, full=True)[1][0] / len(rows)
-    rows, columns = np.nonzero(image[..., 0] < 100)
-    assert np.sqrt(bent) < 1.0 < np.sqrt(np.polyfit(columns, rows, 1, full=True)[1][0] / len(rows))
-
-
-def test_the_map_is_what_moved_lenses_do_to_points_on_a_plane() -> None:
-    """One standard deviation of the focal length alone, a turn of the camera left out: by moving the lens."""
-    camera = camera_of(LENS_MODELS["opencv4"], BARREL, (640, 480))
-    std = np.zeros(8)
-    std[:2] = 1e-3 * BARREL[:2]
-    covariance = np.outer(std, std)
-    plane, _ = _maps(type(camera)(camera.model, camera.image_size, camera.matrix, camera.distortion, covariance), 0.5)
-    row, column = 12, 40
-    pixel = np.array([plane["columns_px"][column], plane["rows_px"][row]])
-    first, second = (one.unproject_normalized(pixel)[0] for one in (camera, camera.moved(std)))
-    assert plane["std"][row, column] == pytest.approx(500.0 * float(np.linalg.norm(second - first)), rel=0.1)

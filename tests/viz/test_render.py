@@ -20,8 +20,7 @@ from viz.render import probe
 from viz.render import screenshot as sheet
 from viz.render.gltf import write_gltf
 from viz.render.stage import Stage
-from viz.render.turntable import turntable
-from viz.render.window import Controls, fitting
+from viz.render.window import Controls
 from viz.scene.layout import LOOK, view_direction
 from viz.scene.scene import Scene, build_scene
 
@@ -198,26 +197,3 @@ def test_the_window_shows_what_the_camera_saw(scene: Scene, no_opengl: None) -> 
         place = scene.rig.seen[controls.instant, -1] * picture.shape[1::-1]
         assert np.linalg.norm(changed[:, ::-1] - place, axis=1).min() < 2
     controls.plotter.close()
-
-
-@pytest.mark.parametrize("screen", [(1400, 900), (800, 600), (3840, 2160), (0, 0)])
-def test_the_window_fits_the_screen(screen: tuple[int, int]) -> None:
-    width, height = fitting(screen)
-    assert (width, height) == (1400, 1000) if screen == (0, 0) else width <= screen[0] and height < screen[1]
-    assert min(width, height) > 400
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("opengl")
-@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
-def test_a_turntable_turns_once_around(scene: Scene, tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"scene{suffix}"
-    turntable(scene, path)
-    film = cv2.VideoCapture(str(path))
-    frames = []
-    while (read := film.read())[0]:
-        frames.append(cv2.resize(read[1], (72, 54)).astype(float))
-    assert len(frames) == 48
-    steps = [np.abs(one - other).mean() for one, other in zip(frames, frames[1:] + frames[:1], strict=True)]
-    assert max(steps) < 5 * np.median(steps), "the last frame leads back to the first"
-    assert np.abs(frames[0] - frames[24]).mean() > np.median(steps)
