@@ -30,7 +30,6 @@ TAKES = {
     "--jobs": int,
     "--distance": float,
 }
-TABLE = Path(__file__).parents[2] / "docs" / "verbs.md"
 
 
 def options() -> dict[str, list[tuple[str, argparse.Action]]]:

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from vbaa_calib.calibrate.antenna.learnt_paint import learn
-from vbaa_calib.detect.whisker.antenna import find
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks, without_other_things
-from vbaa_calib.detect.whisker.profile import measure
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
 
@@ -59,18 +57,6 @@ def test_a_colour_is_found_where_the_grey_level_shows_nothing(finder: AntennaFin
     assert 0.5 < error.std() / np.sqrt((found.sigma_px**2).mean()) < 1.2
 
 
-def test_sixteen_bits_give_what_eight_bits_give(finder: AntennaFinder) -> None:
-    rng = np.random.default_rng(2)
-    light, path = picture(rng, -25.0)
-    noisy = light + rng.normal(0.0, 1.5, light.shape)
-    deep = finder.find(np.clip(np.rint(noisy * 200.0), 0, 65535).astype(np.uint16))
-    shallow = finder.find(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
-    assert deep.found
-    assert shallow.found
-    assert aside(path, deep.points_px).std() < 1.02 * aside(path, shallow.points_px).std()
-    assert deep.amplitude == pytest.approx(200.0 * shallow.amplitude, rel=0.03)
-
-
 def test_what_is_hidden_and_where_the_visible_end_is(finder: AntennaFinder) -> None:
     rng = np.random.default_rng(4)
     light, path = picture(rng, 25.0)
@@ -87,30 +73,6 @@ def test_what_is_hidden_and_where_the_visible_end_is(finder: AntennaFinder) -> N
     assert np.concatenate(line.stretches(Visibility.BEYOND))[:, 0].min() > 205.0
     whole = finder.find(exposed(picture(rng, 25.0)[0], rng))
     assert whole.end == "tip"
-
-
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("seed", range(20))
-def test_any_corridor_in_any_picture(seed: int) -> None:
-    """Short, outside, ragged, end on, in tiny pictures: an answer with a reason, nothing that is not a number."""
-    rng = np.random.default_rng([99, seed])
-    height, width = rng.integers(4, 200, 2)
-    noise = rng.integers(0, 256, (height, width)).astype(np.uint8)
-    image = [noise, np.full_like(noise, 77), rng.normal(size=noise.shape), noise.astype(np.uint16) * 257][seed % 4]
-    ends = rng.uniform(-1, 2, (2, 2)) * [width, height]
-    ends[1] = ends[0] + rng.normal(0, 3, 2) if seed % 5 == 0 else ends[1]
-    count = int(rng.integers(0, 40))
-    axis = ends[0] + np.linspace(0, 1, count)[:, None] * (ends[1] - ends[0])
-    axis += rng.normal(0, 1, axis.shape) * (seed % 3 == 0)
-    along = np.linspace(0.0, float(np.linalg.norm(ends[1] - ends[0])), count)
-    where = Corridor(axis, 8.0 + 0.9 * along, float(rng.uniform(0.3, 40.0)))
-    for bright in (True, False):
-        for line in (find(image, where, bright), measure(image, axis, where.width_px, bright)):
-            assert np.isfinite(line.points_px).all()
-            assert np.isfinite(line.sigma_px).all()
-            assert not line.found
-            assert line.reason
-            assert len(line.visibility) == len(line.guide_px)
 
 
 def test_polarity_that_changes_along_the_antenna_is_learnt_and_found(finder: AntennaFinder) -> None:

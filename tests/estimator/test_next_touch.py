@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.estimator.setup import drawn_truth
-from benchmarks.object.scenes import CASES, RIGID, SETUP, SOFT, Recorded, contacts, play
+from benchmarks.object.scenes import CASES, RIGID, SETUP, Recorded, contacts, play
 from benchmarks.recording.recording import lengthened, played
 from estimator.contact.common_errors import shared_errors
 from estimator.object.estimate import estimate_object
@@ -22,8 +20,6 @@ from estimator.object.surface import touches_of
 from estimator.object.surface.build import fitted, surely_known_m
 from estimator.object.surface.fit import SurfaceFit, fit
 from estimator.table.contacts import ContactTable
-from estimator.table.files import write_contacts
-from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.scene import Joints
@@ -131,31 +127,6 @@ def test_the_proposed_touch_tells_more_of_the_surface_than_random_ones() -> None
     assert after[0] == pytest.approx(np.nanmin(options.std_after), rel=0.3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("goal", "name", "stiffness", "frames", "least"),
-    [(STIFFNESS, "cylinder", SOFT, 74, 1.5), (FRICTION, "sphere", RIGID, 37, 1.0)],
-)
-def test_it_tells_more_of_stiffness_and_friction(
-    goal: str, name: str, stiffness: float, frames: int, least: float
-) -> None:
-    before, after, _ = after_each(goal, name, stiffness, frames, 2)
-    told_more(before, after, least)
-
-
-@pytest.mark.slow
-def test_a_touch_without_friction_comes_out_as_it_says() -> None:
-    table, rig = given("sphere", RIGID, 74)
-    one = chosen(on_sphere()[2])[0]
-    truth = made(one, "sphere", RIGID, rig, 0.0).truth
-    assert not truth.in_contact[0]
-    pressed = 8
-    spread = np.sqrt(np.nanmedian(np.einsum("bii->b", table.covariance_world_m2)))
-    assert truth.in_contact[pressed]
-    assert np.linalg.norm(truth.point_world_m[pressed] - one.point_m) < 3.0 * spread
-    assert np.linalg.norm(truth.force_world_N[pressed]) == pytest.approx(one.force_N, rel=0.1)
-
-
 def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
     table, rig = given("sphere", RIGID, 37)
     whole = touches_within(table, rig, SURFACE, LIMITS).reach
@@ -169,29 +140,3 @@ def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
     assert (surface_std(found, whole.patch, whole.point_m, whole.normal) <= shown[whole.patch]).all()
     with pytest.raises(InputError, match="joint limits"):
         next_touch(table, rig, SURFACE, limits=JointLimits((0.5, 0.6), (0.5, 0.6)))
-
-
-def test_what_cannot_be_planned_is_refused() -> None:
-    table, rig = given("sphere", RIGID, 37)
-    with pytest.raises(InputError, match="goal"):
-        next_touch(table, rig, "colour")
-    with pytest.raises(InputError, match="covariance"):
-        next_touch(replace(table, covariance_world_m2=np.full_like(table.covariance_world_m2, np.nan)), rig)
-    with pytest.raises(InputError):
-        next_touch(table.picked(table.status == "no_contact"), rig)
-
-
-@pytest.mark.slow
-def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    table, rig = given("sphere", RIGID, 74)
-    contacts_csv, rig_json, output = tmp_path / "contacts.csv", tmp_path / "rig.json", tmp_path / "next.json"
-    write_contacts(contacts_csv, table.rows())
-    rig_json.write_text(json.dumps(rig.to_dict()))
-    call = ["next", str(contacts_csv), "--rig", str(rig_json), "-o", str(output), "--json"]
-    assert main([*call, "--pan", "-35", "35", "--tilt", "-35", "35", "--degrees"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["std_after"] < said["std"]
-    assert json.loads(output.read_text())["press_rad"] == said["press_rad"]
-    assert main(call) == 2
-    assert main([*call, "--force", "--pan", "1", "-1"]) == 2
-    assert main([*call, "--force", "--pan", "-20", "20"]) == 2

@@ -11,7 +11,6 @@ from rerun.chunk import RrdReader
 
 from estimator.table.files import write_contacts
 from vbaa_calib.cli.main import main
-from vbaa_calib.core.errors import InputError
 from viz.files.rerun_log import RerunLog, open_viewer
 
 from .recordings import COUNT
@@ -61,11 +60,3 @@ def test_a_viewer_that_is_opened_is_for_this_machine(
     stub.write_text("#!/bin/false\n")
     with pytest.raises(OSError, match="does not open"):
         open_viewer(port + 1 if port < 65535 else port - 1)
-
-
-def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"is no \.rrd"):
-        RerunLog(str(tmp_path / "log.txt"))
-    (tmp_path / "there.rrd").write_bytes(b"mine")
-    with pytest.raises(InputError, match="exists already"):
-        RerunLog(str(tmp_path / "there.rrd"))

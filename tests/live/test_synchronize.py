@@ -135,13 +135,6 @@ def test_another_camera_is_refused_at_once() -> None:
         list(Synchronizer(Timing(), image_size=(6, 4)).push(taken(1.0, image=np.zeros((5, 6), np.uint8))))
 
 
-def test_memory_does_not_grow_with_readings() -> None:
-    synchronizer = Synchronizer(Timing())
-    for index in range(20_000):
-        list(synchronizer.push(moment(1e-3 * index, 1e-3)))
-    assert len(synchronizer._channels["moment_Nm"].times) < 10_000
-
-
 def error_of(timing: Timing, at: float, *readings: Reading) -> float:
     (found,) = through(Synchronizer(timing), *readings, taken(at, 9.0))
     return found.frame.moment_errors_Nm[0]

@@ -1,4 +1,4 @@
-"""The page: whole, offline, with its legend,."""
+"""The page: whole, offline, with its legend."""
 
 from __future__ import annotations
 
