@@ -110,24 +110,6 @@ def test_a_wrong_spec_is_refused_with_its_causes_and_the_spec_that_fits(
     assert all(len(view.ids) == SPEC.corner_count for view in detect_folder(folder, fitting))
 
 
-def test_a_dictionary_that_holds_the_boards_ids_is_taken_in_silence(
-    tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
-    folder = write_pictures(tmp_path, SPEC, 2)
-    views = detect_folder(folder, dataclasses.replace(SPEC, dictionary="DICT_4X4_1000"))
-    assert all(len(view.ids) == SPEC.corner_count for view in views)
-    assert capsys.readouterr().err == ""
-
-
-def test_rows_that_are_not_on_the_board_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    for seed in range(3):
-        # room below the board for the rows that are missing
-        cv2.imwrite(str(tmp_path / f"{seed}.png"), np.pad(drawn(SPEC, seed)[0], ((0, 400), (0, 0)), mode="edge"))
-    views = detect_folder(tmp_path, dataclasses.replace(SPEC, squares_y=8))
-    assert all(len(view.ids) == SPEC.corner_count for view in views)
-    assert "last 2 rows and no marker there: is squares_y 6, not 8?" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("ratio", [0.5, 0.85])
 def test_the_markers_share_of_a_square_is_measured(ratio: float) -> None:
     spec = BoardSpec(9, 6, 0.02, 0.02 * ratio)

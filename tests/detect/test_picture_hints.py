@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
-import cv2
 import numpy as np
 import pytest
 
-from targets.board import AprilGrid, BoardSpec, BoardWithIds, opencv_board
+from targets.board import AprilGrid, BoardSpec, BoardWithIds
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.detect.board.corners import detect_corners
-from vbaa_calib.detect.quality.hints import blur_ellipse, edge_blur, picture_hints
+from vbaa_calib.detect.quality.hints import blur_ellipse, picture_hints
 
 from .drawn_boards import GOOD, SPEC, Conditions, DrawnBoard, drawn, picture, smeared
 
@@ -75,24 +74,6 @@ def test_blur_out_of_focus_is_no_motion() -> None:
     lost = hints(picture(drawn(1, Conditions(40, 3.6))))
     assert the_one(lost, "out_of_focus").grave
     assert "motion_blur" not in names(lost)
-
-
-@pytest.mark.parametrize("angle_deg", [0, 90])
-def test_motion_that_hides_the_board_is_told_by_all_edges(angle_deg: int) -> None:
-    """Squares that stand upright in the picture, so that some edges run along the movement."""
-    sheet = np.pad(opencv_board(SPEC).generateImage((385, 275)), 60, constant_values=255) * 0.8 + 10.0
-    flat = dataclasses.replace(drawn(0), grey=cv2.GaussianBlur(sheet, (0, 0), 0.8))
-    angle = np.radians(angle_deg)
-    image = picture(smeared(flat, 24.0 * np.array([np.cos(angle), np.sin(angle)])))
-    (long_px, short_px, direction_rad), still = edge_blur(image), edge_blur(picture(flat))
-    assert long_px > 4.0 * short_px
-    assert direction_rad == pytest.approx(angle)
-    assert still[0] < 1.5
-    view = detect_corners(image, SPEC)
-    assert names(picture_hints(image, view, SPEC))[0] in ("no_board", "few_corners")
-    one_marker = dataclasses.replace(view, marker_ids=np.zeros(1, int), marker_corners_px=np.zeros((1, 4, 2)))
-    told = the_one(picture_hints(image, one_marker, SPEC), "motion_blur")
-    assert ("sideways", "up or down")[angle_deg // 90] in told.words
 
 
 @pytest.mark.parametrize("radius_px", [60.0, 100.0])

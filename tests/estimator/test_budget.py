@@ -191,23 +191,6 @@ def test_knowing_more_never_harms_and_half_lies_between(ordinary: Budget) -> Non
     assert sum(budget.leads("distance_m").values()) == len(budget.touches)
 
 
-def test_the_advice_names_what_was_made_bad() -> None:
-    std = whitened(RIG) * (RIG.covariance.diagonal() > 0.0)
-    touches = three_touches(RIG)
-    noisy = replace(RIG, covariance=np.diag(std**2), image=replace(RIG.image, noise_px=0.5))
-    assert error_budget(noisy, touches).first == PIXELS
-    for cause, factor in (("bow", 30.0), ("moment_gain", 100.0), ("stiffness", 100.0)):
-        worse = std.copy()
-        worse[[RIG.parameter_names.index(name) for name in RIG_CAUSES[cause]]] *= factor
-        budget = error_budget(replace(RIG, covariance=np.diag(worse**2)), touches, friction=0.02)
-        assert budget.first_of_rig == cause
-        assert cause == "bow" or budget.results["force_N"].first == cause
-    turned = replace(RIG, kinematics=replace(RIG.kinematics, axes_std=np.array([0.05, 0.0, 0.05])))
-    budget = error_budget(turned, touches)
-    assert budget.results["point_m"].first == JOINT_AXES
-    assert budget.results["distance_m"].parts[JOINT_AXES].share < 1e-12
-
-
 def test_a_force_is_made_by_its_push() -> None:
     """Under weight and bow, on a contact that bends much, the force's lateral part is what was asked for."""
     rig_arrays = RigArrays.from_rig(RIG, 0.2)

@@ -198,18 +198,6 @@ def test_contacts_by_udp() -> None:
             Datagrams(wrong)
 
 
-def test_a_stated_offset_puts_readings_back(tmp_path: Path) -> None:
-    """A bag whose readings are stamped a quarter of a second early: the rows of the one that is right."""
-    found = []
-    for early_ns, words in ((0, ()), (250_000_000, ("--clock-offset", "0.25"))):
-        bag, out = write(tmp_path / f"{early_ns}.mcap", early_ns=early_ns, count=16), tmp_path / f"{early_ns}.csv"
-        rig, more = small_rig() / "rig.json", ("--no-report", "--drift", "none", "--gap", "0.5", "--wait", "1")
-        assert verb("estimate", bag, "--rig", rig, "-o", out, *more, *words) == 0
-        found.append(read_contacts(out))
-    assert found[0].status.tolist() == found[1].status.tolist()
-    np.testing.assert_allclose(found[0].distance_m, found[1].distance_m, rtol=1e-6)
-
-
 def verb(*words: object) -> int:
     return main([str(word) for word in words])
 

@@ -86,25 +86,6 @@ def test_a_view_shows_the_touched_side(table: ContactTable) -> None:
     assert np.isfinite(view_direction(blind, height=0.4, liking=0.0)).all()
 
 
-def test_a_stage_follows_instant_and_colour_without_opengl(scene: Scene, no_opengl: None) -> None:
-    stage = Stage(scene, all_parts(scene))
-    shown = {part.name: actor for part, actor in zip(stage.parts, stage.actors, strict=True)}
-    whole = shown["contacts"].mapper.dataset.n_cells
-    stage.show(29, everything=False)
-    assert shown["contacts"].mapper.dataset.n_cells == pytest.approx(whole * 30 / 90)
-    pose = np.array(shown["plane"].user_matrix)
-    np.testing.assert_allclose(pose, scene.rig.poses[29])
-    # without joints nobody knows where the rig is
-    stage.show(90)
-    assert not shown["plane"].visibility
-    assert not shown["antenna"].visibility
-    assert shown["contacts"].mapper.dataset.n_cells == whole
-    before = np.array(shown["contacts"].mapper.dataset.point_data["colour"])
-    stage.paint("time")
-    assert (before != shown["contacts"].mapper.dataset.point_data["colour"]).any()
-    stage.plotter.close()
-
-
 @pytest.mark.parametrize("suffix", [".glb", pytest.param(".gltf", marks=pytest.mark.slow)])
 def test_gltf_is_sound_and_comes_back_without_opengl(
     scene: Scene, tmp_path: Path, no_opengl: None, suffix: str
@@ -181,19 +162,3 @@ def test_a_click_takes_the_contact_that_is_drawn_there(scene: Scene, no_opengl: 
         assert controls.contact_at(x, y) == front
         assert close or controls.contact_at(x + 40, y + 400) is None, index
     stage.plotter.close()
-
-
-def test_the_window_shows_what_the_camera_saw(scene: Scene, no_opengl: None) -> None:
-    scene = replace(scene, pictures=(np.zeros((240, 320, 3), np.uint8),) * len(scene.instants))
-    controls = Controls(Stage(scene, all_parts(scene)), "force")
-    for contact in (0, 40):
-        controls.pick(contact)
-        picture, over = scene.pictures[controls.instant], controls.seen()
-        assert picture is not None
-        assert over is not None
-        changed = np.argwhere((picture != over).any(axis=-1))
-        assert 0 < len(changed) < 0.1 * picture.shape[0] * picture.shape[1]
-        assert scene.rig is not None
-        place = scene.rig.seen[controls.instant, -1] * picture.shape[1::-1]
-        assert np.linalg.norm(changed[:, ::-1] - place, axis=1).min() < 2
-    controls.plotter.close()

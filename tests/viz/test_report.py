@@ -24,7 +24,7 @@ from tests.small_scene import small_rig
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
 from viz.report.make import Sources, make_report, scene_picture
-from viz.report.recording import MOST_ROWS, SYMBOLS, Report, page
+from viz.report.recording import SYMBOLS, Report, page
 from viz.report.words import facts_of, headline, origin
 from viz.scene.scene import Fact, build_scene
 from viz.scene.truth import true_contacts
@@ -103,15 +103,6 @@ def test_a_report_of_contacts_alone(table: ContactTable, shown: slice) -> None:
     assert "Nothing can be said of it: why." in html
     assert headline(table)[0] in html
     assert ("Map of the contacts" in html) == table.located.any()
-
-
-def test_a_long_recording_is_a_small_page(table: ContactTable, rig: Rig) -> None:
-    number = np.arange(20_000)
-    longer = replace(table.picked(number % len(table)), frame=number, time_s=1.7e9 + number / 30)
-    html = page(Report("long", longer, rig, **found_of(longer)))
-    assert len(html) < 3e6
-    assert html.count("<tr><td>") < MOST_ROWS + 30
-    assert f"{MOST_ROWS} of 20000 frames, evenly spread" in html
 
 
 def test_the_scene_is_drawn_or_a_reason_is_named(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> None:
