@@ -188,6 +188,23 @@ class TestWithoutAMoment:
         assert 3.0 < upright[1] < 4.0
 
 
+class TestTwoPointsInsteadOfAll:
+    """σ/δ_c = 0.025, l = L/2: the best pair of each case."""
+
+    def best(self, first: tuple[float, float], second: tuple[float, float]) -> float:
+        u1, u2 = np.meshgrid(np.linspace(*first, 300), np.linspace(*second, 300), indexing="ij")
+        s1, s2 = (linear.deflection(u, 1.0, 3.0, 1.0) for u in (u1, u2))
+        e1, e2 = (deflection_by_contact(u, 1.0, 3.0, 1.0) / s for u, s in ((u1, s1), (u2, s2)))
+        with np.errstate(divide="ignore"):
+            return float(np.nanmin(np.where(u2 > u1, 0.025 * np.hypot(1 / s1, 1 / s2) / np.abs(e2 - e1), np.nan)))
+
+    def test_the_pages_numbers(self) -> None:
+        assert self.best((0.05, 1.0), (0.05, 1.0)) == pytest.approx(0.25, abs=0.005)
+        assert self.best((1.0, 2.0), (1.0, 2.0)) == pytest.approx(0.090, abs=0.0005)
+        assert self.best((0.05, 1.0), (1.0, 2.0)) == pytest.approx(0.083, abs=0.001)
+        assert factors(0.5)[0] * 0.025 / np.sqrt(480) == pytest.approx(0.0077, abs=5e-5)
+
+
 AWAY_M, ALLOWED = 0.6, 1 / 3
 STEPS = [(0.25, 0.139, 6.1), (0.5, 0.184, 4.9), (0.75, 0.276, 4.4), (0.95, 0.458, 4.2)]
 """l/L, the factor k of Δl/l = k·θ_c², and the slope in degrees at which the beam is a third of a deviation off."""
