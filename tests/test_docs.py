@@ -8,6 +8,8 @@ import io
 import re
 import runpy
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -38,12 +40,41 @@ FENCE = re.compile(r"^```(?P<language>[^\n]*)\n(?P<code>.*?)^```", re.MULTILINE 
 _LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 
 
+_LOADED = re.compile(
+    r"<(?:script|link|img|iframe|source|video)\b[^>]*?(?:src|href)=\"((?:https?:)?//[^\"]+)", re.DOTALL
+)
+
+
 def name_of(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
 def without_code(text: str) -> str:
     return re.sub(r"`[^`\n]+`", "", FENCE.sub("", text))
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built site, the tutorial run. Every warning is an error, as in `make docs`."""
+    out = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-n", "-q", "-b", "html", "-d", str(out / "trees")]
+    command += ["-D", "nb_execution_mode=force", str(ROOT / "docs"), str(out / "html")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return out / "html"
+
+
+@pytest.mark.slow
+def test_the_site_builds_and_loads_nothing_from_elsewhere(site: Path) -> None:
+    """No script, style, font or picture of another host, in any page or style sheet."""
+    pages = list(site.glob("*.html"))
+    assert {path.stem for path in pages} >= {path.stem for path in DOCS}
+    loaded = {found for path in pages for found in _LOADED.findall(path.read_text(encoding="utf-8"))}
+    styles = [path.read_text(encoding="utf-8") for path in site.rglob("*.css")]
+    loaded |= {
+        found for style in styles for found in re.findall(r"(?:@import|url\()\s*[\"']?((?:https?:)?//[^\"')]+)", style)
+    }
+    assert loaded == set()
 
 
 def test_every_verb_has_its_row() -> None:

@@ -85,6 +85,13 @@ def test_the_estimator_takes_nothing_in_silence(changed: dict[str, Any], words: 
 LINE: dict[str, Any] = {"xp_m": [0.05, 0.1], "y_m": [0.001, 0.003]}
 TIMING, POSE, PLANE = Timing(), Pose.identity(), Plane(np.array([0.0, 0.0, 1.0]), 1.0)
 SHAPES = {"gravity_m_s2": np.zeros((1, 3)), "contact_m": np.full(1, 0.1), "force_N": np.zeros((1, 2))}
+
+
+def estimate_on_plane(**given: Any) -> Any:
+    """Of points in metres on plane C."""
+    return ContactEstimator(RIG).estimate(**given)
+
+
 PUBLIC: dict[Callable[..., Any], dict[str, Any]] = {
     Camera: {"model": "opencv", "image_size": (640, 480), "matrix": RIG.camera.matrix, "distortion": np.zeros(4)},
     **{key: {"pixels": POINTS} for key in (RIG.camera.unproject, RIG.camera.in_picture)},
@@ -108,6 +115,7 @@ PUBLIC: dict[Callable[..., Any], dict[str, Any]] = {
     ContactEstimator: {"rig": RIG, "model": "auto", "friction": 0.1, "jobs": 1},
     ContactEstimator(RIG).run: {"recording": []},
     ContactEstimator(RIG).estimate: {"centreline_px": POINTS, "moment": 0.0, "pan": 0.1, "tilt": 0.0, "sigma_px": 0.1},
+    estimate_on_plane: {"plane_xy_m": 1e-4 * POINTS, "covariance_m2": None, "moment": 0.0, "pan": 0.1, "tilt": 0.0},
     Measured: {"points_px": POINTS, "sigma_px": np.full(60, 0.1), "moment_Nm": 0.0, "pan_rad": 0.1, "tilt_rad": 0.0},
     **{refine: {"contacts": None, "rig": RIG, "recording": []}, next_touch: {"contacts": None, "rig": RIG}},
     **{estimate_object: {"table": None, "rig": RIG}, View: {"rig": RIG, "recording": []}},

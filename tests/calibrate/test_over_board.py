@@ -65,3 +65,24 @@ def test_the_covariance_is_that_of_many_draws(paint: float) -> None:
     assert np.mean(values) == pytest.approx(6.0, abs=2.1)
     # a bright tip over white print is misjudged, by millimetres, in about one draw of these 24
     assert np.sum(np.array(values) > 30.0) <= 1
+
+
+@pytest.mark.slow
+def test_height_and_length_are_carried_into_the_covariance() -> None:
+    scene = shown(View(inclination=4.0))
+    sharp = scene.solved(height_std_m=1e-6, antenna=replace(scene.antenna, length_std_m=1e-6))
+    doubtful = scene.solved(height_std_m=1e-3, antenna=replace(scene.antenna, length_std_m=2e-3))
+    more = doubtful.covariance - sharp.covariance
+    # seen from above the height lifts the camera, the length moves it along x, and they tell of nothing else
+    np.testing.assert_allclose(np.sqrt([more[3, 3], more[5, 5]]), [2e-3, 1e-3], rtol=0.05)
+
+
+@pytest.mark.slow
+def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_frame() -> None:
+    scene = shown(PLAIN)
+    change = np.array([1.0, 1.2, -0.5, 0.8, 1e-3, 0.0, 0.0, 0.0])
+    before, after = scene.solved(), scene.solved(camera=scene.camera.moved(change))
+    step = after.T_antenna_camera.tangent_from(before.T_antenna_camera)
+    predicted = before.lens_sensitivity @ change
+    np.testing.assert_allclose(step[:3], predicted[:3], atol=0.1 * np.abs(predicted[:3]).max())
+    np.testing.assert_allclose(step[3:], predicted[3:], atol=0.1 * np.abs(predicted[3:]).max())

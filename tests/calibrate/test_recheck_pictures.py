@@ -11,6 +11,7 @@ import pytest
 
 from vbaa_calib.calibrate.check.assessment import Assessment, assess
 from vbaa_calib.calibrate.check.finding import Discrepancy, Finding
+from vbaa_calib.calibrate.check.rig import _plane_map
 from vbaa_calib.core.least_squares import change_test, products
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.write import session_yaml
@@ -53,6 +54,24 @@ def test_unknowns_of_the_data_alone_are_what_further_parameters_would_be() -> No
     np.testing.assert_allclose(np.linalg.inv(found[:3, :3]), np.linalg.inv(whole.T @ whole)[:3, :3], rtol=1e-9)
     step = np.linalg.lstsq(whole, right, rcond=None)[0][:3]
     np.testing.assert_allclose(np.linalg.solve(found[:3, :3], found[:3, 3]), step, rtol=1e-9)
+
+
+def test_the_map_on_plane_c_is_what_sampling_gives() -> None:
+    """Rigs drawn from the joint covariance: points on plane C scatter as the map says."""
+    rig = rig_of(scene())
+    rng, pixels = np.random.default_rng(0), np.array([[200.0, 300.0], [480.0, 360.0], [800.0, 600.0]])
+    covariance = rig.plane_covariance()
+    draws = rng.multivariate_normal(np.zeros(len(covariance)), covariance, size=200, method="eigh")
+    found = np.array([moved(rig, draw).camera_on_plane().project(pixels)[0] for draw in draws])
+    worst_std = [np.sqrt(np.linalg.eigvalsh(np.cov(found[:, index].T))[-1]) for index in range(3)]
+    jacobian = rig.camera_on_plane().calibration_jacobian(pixels)
+    own = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+    np.testing.assert_allclose(worst_std, np.sqrt(np.linalg.eigvalsh(own)[:, -1]), rtol=0.12)
+    grid_px, std_mm = _plane_map(rig)
+    row, column = 18, 24
+    again = rig.camera_on_plane().calibration_jacobian(grid_px[row, column][None])[0]
+    expected = 1e3 * np.sqrt(np.linalg.eigvalsh(again @ covariance @ again.T)[-1])
+    assert std_mm[row, column] == pytest.approx(expected)
 
 
 def moved(rig: Rig, draw: np.ndarray) -> Rig:

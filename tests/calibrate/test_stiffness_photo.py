@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import csv
+import json
 from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -14,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from vbaa_calib.calibrate.photo.centreline import RodLine, search_rod
 from vbaa_calib.calibrate.photo.stiffness import PhotoSetting, PhotoStiffness, solve_photo
+from vbaa_calib.cli.main import main
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.core.polyline import beside
 
@@ -209,3 +212,19 @@ def test_the_strip_bends_as_its_reference_says() -> None:
         theirs = np.interp(curvature, reference[::-1, 2], reference[::-1, 3])
         assert ours == pytest.approx(theirs, rel=0.15)
     assert found.linear.uncurled < 0.05
+
+
+def test_the_verb_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    line = rod(lambda s, moment: moment / 1e-3, 0.0, 1.0)
+    cv2.imwrite(str(tmp_path / "rod.png"), drawn(line, np.random.default_rng(0)))
+    out = [str(tmp_path / name) for name in ("out.json", "line.png", "moments.csv")]
+    call = ["stiffness", str(tmp_path / "rod.png"), "--length", "0.2", "--weight", "0.3", "--json"]
+    assert main([*call, "-o", out[0], "--overlay", out[1], "--moments", out[2]]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document == json.loads(Path(out[0]).read_text())
+    low, high = document["stiffness_interval_95_Nm2"]
+    assert low < 0.3e-3 < high
+    assert cv2.imread(out[1]) is not None
+    assert len(Path(out[2]).read_text().splitlines()) == 1 + len(document["moment_curvature"])
+    assert main([*call, "-o", out[0]]) == 2
+    assert "--force" in capsys.readouterr().err

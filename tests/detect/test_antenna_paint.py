@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from vbaa_calib.calibrate.antenna.learnt_paint import learn
+from vbaa_calib.detect.whisker.antenna import find
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks, without_other_things
+from vbaa_calib.detect.whisker.profile import measure
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
 
@@ -73,6 +75,30 @@ def test_what_is_hidden_and_where_the_visible_end_is(finder: AntennaFinder) -> N
     assert np.concatenate(line.stretches(Visibility.BEYOND))[:, 0].min() > 205.0
     whole = finder.find(exposed(picture(rng, 25.0)[0], rng))
     assert whole.end == "tip"
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("seed", range(20))
+def test_any_corridor_in_any_picture(seed: int) -> None:
+    """Short, outside, ragged, end on, in tiny pictures: an answer with a reason, nothing that is not a number."""
+    rng = np.random.default_rng([99, seed])
+    height, width = rng.integers(4, 200, 2)
+    noise = rng.integers(0, 256, (height, width)).astype(np.uint8)
+    image = [noise, np.full_like(noise, 77), rng.normal(size=noise.shape), noise.astype(np.uint16) * 257][seed % 4]
+    ends = rng.uniform(-1, 2, (2, 2)) * [width, height]
+    ends[1] = ends[0] + rng.normal(0, 3, 2) if seed % 5 == 0 else ends[1]
+    count = int(rng.integers(0, 40))
+    axis = ends[0] + np.linspace(0, 1, count)[:, None] * (ends[1] - ends[0])
+    axis += rng.normal(0, 1, axis.shape) * (seed % 3 == 0)
+    along = np.linspace(0.0, float(np.linalg.norm(ends[1] - ends[0])), count)
+    where = Corridor(axis, 8.0 + 0.9 * along, float(rng.uniform(0.3, 40.0)))
+    for bright in (True, False):
+        for line in (find(image, where, bright), measure(image, axis, where.width_px, bright)):
+            assert np.isfinite(line.points_px).all()
+            assert np.isfinite(line.sigma_px).all()
+            assert not line.found
+            assert line.reason
+            assert len(line.visibility) == len(line.guide_px)
 
 
 def test_polarity_that_changes_along_the_antenna_is_learnt_and_found(finder: AntennaFinder) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +22,8 @@ from estimator.object.surface import touches_of
 from estimator.object.surface.build import fitted, surely_known_m
 from estimator.object.surface.fit import SurfaceFit, fit
 from estimator.table.contacts import ContactTable
+from estimator.table.files import write_contacts
+from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.scene import Joints
@@ -152,3 +156,19 @@ def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
     assert (surface_std(found, whole.patch, whole.point_m, whole.normal) <= shown[whole.patch]).all()
     with pytest.raises(InputError, match="joint limits"):
         next_touch(table, rig, SURFACE, limits=JointLimits((0.5, 0.6), (0.5, 0.6)))
+
+
+@pytest.mark.slow
+def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table, rig = given("sphere", RIGID, 74)
+    contacts_csv, rig_json, output = tmp_path / "contacts.csv", tmp_path / "rig.json", tmp_path / "next.json"
+    write_contacts(contacts_csv, table.rows())
+    rig_json.write_text(json.dumps(rig.to_dict()))
+    call = ["next", str(contacts_csv), "--rig", str(rig_json), "-o", str(output), "--json"]
+    assert main([*call, "--pan", "-35", "35", "--tilt", "-35", "35", "--degrees"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["std_after"] < said["std"]
+    assert json.loads(output.read_text())["press_rad"] == said["press_rad"]
+    assert main(call) == 2
+    assert main([*call, "--force", "--pan", "1", "-1"]) == 2
+    assert main([*call, "--force", "--pan", "-20", "20"]) == 2

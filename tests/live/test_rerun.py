@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import socket
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from rerun.chunk import RrdReader
 
 from estimator.table.files import write_contacts
 from vbaa_calib.cli.main import main
@@ -17,6 +18,13 @@ from .recordings import COUNT
 from .test_live import found
 
 
+def chunks(path: Path) -> Iterator[Any]:
+    """By Rerun's own reader, which takes half a second to load."""
+    from rerun.chunk import RrdReader
+
+    return RrdReader(str(path)).stream()
+
+
 def test_a_log_holds_picture_scene_and_numbers(tmp_path: Path) -> None:
     path = tmp_path / "new" / "live.rrd"
     log = RerunLog(str(path))
@@ -24,7 +32,7 @@ def test_a_log_holds_picture_scene_and_numbers(tmp_path: Path) -> None:
     for each in several:
         log.write(each)
     log.close()
-    paths = {chunk.entity_path for chunk in RrdReader(str(path)).stream()}
+    paths = {chunk.entity_path for chunk in chunks(path)}
     assert {"/picture", "/picture/antenna", "/contact/distance_mm", "/world/contact/point"} <= paths
 
 
@@ -32,7 +40,7 @@ def test_a_table_is_shown_frame_by_frame(tmp_path: Path) -> None:
     contacts, path = tmp_path / "contacts.csv", tmp_path / "view.rrd"
     write_contacts(contacts, [each.row for each in found() if each.final])
     assert main(["view", str(contacts), "--rerun", str(path)]) == 0
-    frames = [chunk.num_rows for chunk in RrdReader(str(path)).stream() if chunk.entity_path == "/contact/status"]
+    frames = [chunk.num_rows for chunk in chunks(path) if chunk.entity_path == "/contact/status"]
     assert sum(frames) == COUNT
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import csv
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
@@ -159,55 +157,6 @@ def test_a_scheduler_that_is_there(client: Client, folder: Path, tmp_path: Path)
     assert main([*call, "--scheduler", address, *tls]) == 0
     assert list(summary(Results(out))) == ["s0"]
     assert main([*call, "--scheduler-file", str(file), *tls]) == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("copies", "kills"), [(1, 1), (10, 30)])
-def test_killed_workers_cost_nothing_but_time(
-    client: Client, folder: Path, tmp_path: Path, copies: int, kills: int
-) -> None:
-    """Workers are killed while recordings are under way: all rows are there, once, bit for bit."""
-    over, killed = threading.Event(), []
-
-    def kill() -> None:
-        rng = np.random.default_rng(0)
-        while len(killed) < kills and not over.wait(0.5):
-            pids = [info["id"] for info in client.scheduler_info(n_workers=-1)["workers"].values()]
-            if len(pids) == 2:  # one that was killed has come back
-                found = client.run(os.getpid, on_error="ignore")
-                pid = list(found.values())[int(rng.integers(len(found)))] if found else None
-                if isinstance(pid, int):
-                    os.kill(pid, signal.SIGKILL)
-                    killed.append(pid)
-
-    own = tmp_path / "own"
-    for copy in range(copies):
-        shutil.copytree(folder, own / f"{copy}")
-    names = [f"{copy}-s{seed}" for copy in range(copies) for seed in range(ALIKE)] + ["0-long"]
-    (tmp_path / "list.csv").write_text(
-        "recording,name\n" + "".join(f"{own / name.replace('-', '/')},{name}\n" for name in names)
-    )
-    given = recordings_of([str(tmp_path / "list.csv")], folder / "rig.json")
-    results = Results(tmp_path / "results")
-    killer = threading.Thread(target=kill)
-    killer.start()
-    try:
-        found = batch(client, given, results)
-    finally:
-        over.set()
-        killer.join()
-    assert killed
-    # unchanged: its worker was killed after all was written, and the next one found it done
-    assert {each.state for each in found.values()} <= {"done", "unchanged"}
-    assert sorted(summary(results)) == sorted(names)
-    assert not list(results.root.glob("contacts/*/.*"))
-    for name in ("0-s0", "0-long"):
-        made = read_table(results.contacts(name), partitioning=None)
-        assert same_bits(made, serial(own / name.replace("-", "/"), folder / "rig.json", tmp_path / f"{name}.parquet"))
-    assert (
-        len(read_table(results.root / "contacts")) == copies * ALIKE * FRAMES + LONG
-    )  # any reader of Parquet finds them all
-    assert len(read_contacts(results.contacts("0-s1"))) == FRAMES
 
 
 def test_what_is_wrong_is_named_and_the_rest_goes_on(

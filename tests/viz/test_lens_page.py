@@ -8,11 +8,16 @@ import re
 import numpy as np
 import pytest
 
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.cli.main import main
+from viz.report.lens import _maps
 
 from ..small_scene import small_rig
 
 WIDE = np.array([420.0, 424.0, 322.0, 236.0, 0.02, -0.01, 0.004, -0.001])
+BARREL = np.array([460.0, 458.0, 318.0, 243.0, -0.28, 0.09, 7e-4, -5e-4])
+
+
 BARREL = np.array([460.0, 458.0, 318.0, 243.0, -0.28, 0.09, 7e-4, -5e-4])
 
 
@@ -40,3 +45,16 @@ def test_the_page_stands_alone_and_says_what_the_file_says(made: tuple[str, dict
     assert text.count("data:image/jpeg") == 2
     for view in document["views"]:
         assert view["name"] in text
+
+
+def test_the_map_is_what_moved_lenses_do_to_points_on_a_plane() -> None:
+    """One standard deviation of the focal length alone, a turn of the camera left out: by moving the lens."""
+    camera = camera_of(LENS_MODELS["opencv4"], BARREL, (640, 480))
+    std = np.zeros(8)
+    std[:2] = 1e-3 * BARREL[:2]
+    covariance = np.outer(std, std)
+    plane, _ = _maps(type(camera)(camera.model, camera.image_size, camera.matrix, camera.distortion, covariance), 0.5)
+    row, column = 12, 40
+    pixel = np.array([plane["columns_px"][column], plane["rows_px"][row]])
+    first, second = (one.unproject_normalized(pixel)[0] for one in (camera, camera.moved(std)))
+    assert plane["std"][row, column] == pytest.approx(500.0 * float(np.linalg.norm(second - first)), rel=0.1)

@@ -20,6 +20,7 @@ from viz.render import probe
 from viz.render import screenshot as sheet
 from viz.render.gltf import write_gltf
 from viz.render.stage import Stage
+from viz.render.turntable import turntable
 from viz.render.window import Controls
 from viz.scene.layout import LOOK, view_direction
 from viz.scene.scene import Scene, build_scene
@@ -162,3 +163,19 @@ def test_a_click_takes_the_contact_that_is_drawn_there(scene: Scene, no_opengl: 
         assert controls.contact_at(x, y) == front
         assert close or controls.contact_at(x + 40, y + 400) is None, index
     stage.plotter.close()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("opengl")
+@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+def test_a_turntable_turns_once_around(scene: Scene, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"scene{suffix}"
+    turntable(scene, path)
+    film = cv2.VideoCapture(str(path))
+    frames = []
+    while (read := film.read())[0]:
+        frames.append(cv2.resize(read[1], (72, 54)).astype(float))
+    assert len(frames) == 48
+    steps = [np.abs(one - other).mean() for one, other in zip(frames, frames[1:] + frames[:1], strict=True)]
+    assert max(steps) < 5 * np.median(steps), "the last frame leads back to the first"
+    assert np.abs(frames[0] - frames[24]).mean() > np.median(steps)
