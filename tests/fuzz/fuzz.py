@@ -88,10 +88,6 @@ def _every_centreline(lines: Any) -> None:
     _all_of(lines.values())
 
 
-def _centrelines(path: Path) -> None:
-    _every_centreline(_of(path, read_centrelines))
-
-
 def _every_message(source: Any) -> None:
     """Three hundred at most: a table may name the same picture thousands of times, and each is read anew."""
     _all_of(islice(source.messages(), 300))
