@@ -9,7 +9,7 @@ import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
-from vbaa_calib.calibrate.pose.fusion import CONTRADICTION
+from vbaa_calib.calibrate.pose.settings import PoseSettings
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.session import STANDARD_GRAVITY_M_S2, Load, Session
@@ -50,7 +50,7 @@ def prior_doubts(
     first = len(joint.solution.residuals) - problem.certain
     for index, estimate in enumerate(problem.prior.poses):
         own = joint.solution.residuals[first + 6 * index :][:6]
-        if chi_square_p(float(own @ own), 6) < CONTRADICTION:
+        if chi_square_p(float(own @ own), 6) < PoseSettings.contradiction:
             words = f"the antenna's pictures contradict the {estimate.way} by {np.sqrt(own @ own / 6):.0f} std"
             remedy = "is the camera where it was, and is session.yaml right about it?"
             found.append(Diagnosis("pictures_contradict_pose", words, remedy))

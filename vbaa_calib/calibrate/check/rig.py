@@ -9,7 +9,7 @@ import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
 from vbaa_calib.calibrate.lens.uncertainty import pixel_grid, projection_uncertainty
-from vbaa_calib.calibrate.pose.board_pose import AMBIGUOUS
+from vbaa_calib.calibrate.pose.settings import PoseSettings
 from vbaa_calib.geometry.independent_axes import largest_std
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
@@ -154,7 +154,7 @@ def rig_findings(rig: Rig, quality: Mapping[str, Any], nominal_Nm2: float | None
     if ratio is not None:
         remedy = "take the board in the jig from a steeper angle, calibrate again"
         words = f"its second pose fits {ratio:.1f} times worse"
-        second = _graded(name, -ratio, (-AMBIGUOUS, np.inf), words, remedy)
+        second = _graded(name, -ratio, (-PoseSettings.ambiguous, np.inf), words, remedy)
     elif number_at(quality, "plane_rms_px") is None:
         second = Finding(name, NOT_GIVEN, "not recorded")
     else:

@@ -21,13 +21,9 @@ from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
 
 from .fusion import PoseEstimate
+from .settings import PoseSettings
 
-_SAME_START_RAD, _SAME_RAD = 0.02, 1e-3
-_MOVED_PX = 2.0
-_GROSS_CORNER, _GROSS_LEAST_PX = 20.0, 0.5
 _RULES = Rules(iterations=60, tolerance=1e-12, takes_last=True, may_rise_share=1e-13)
-AMBIGUOUS = 1.2  # least ratio of the errors of a plane's second pose and its first
-_OUT_OF_SIGHT_PX = 1e3
 
 
 def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> None:
@@ -50,7 +46,7 @@ def start_poses(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
         for rotvec, translation in zip(rotvecs, translations, strict=True):
             if np.all(np.isfinite(rotvec)) and np.all(np.isfinite(translation)) and translation[2] > 0.0:
                 start = Pose.from_rotvec(rotvec.ravel(), translation)
-                if all(turn_between(start, other) > _SAME_START_RAD for other in starts):
+                if all(turn_between(start, other) > PoseSettings.same_start_rad for other in starts):
                     starts.append(start)
     if not starts:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
@@ -93,7 +89,7 @@ class BoardPose:
     @property
     def is_ambiguous(self) -> bool:
         """Whether the second solution fits nearly as well, so that the first cannot be trusted."""
-        return self.second_ratio is not None and self.second_ratio < AMBIGUOUS
+        return self.second_ratio is not None and self.second_ratio < PoseSettings.ambiguous
 
 
 def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Camera) -> BoardPose:
@@ -122,7 +118,7 @@ def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Came
     found.append(whole.refined(mirrored(found[0], points), SOFT_L1))
     first, *others = sorted(found, key=lambda pose: float(soft_l1_losses(whole.residual(pose)).sum()))
     distance = np.linalg.norm(whole.residual(first).reshape(-1, 2), axis=1)
-    inliers = distance <= max(_GROSS_CORNER * radial_std(distance), _GROSS_LEAST_PX)
+    inliers = distance <= max(PoseSettings.gross_corner * radial_std(distance), PoseSettings.gross_corner_px)
     if not fixes_homography(points[inliers, :2]):
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
     good = _SeenBoard(camera, points[inliers], pixels[inliers])
@@ -157,14 +153,14 @@ def _mean_corners(views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:
     middle = np.nanmedian(stack, axis=0)
     for row, view in zip(stack, views, strict=True):
         shift_px = np.linalg.norm(row - middle, axis=-1)
-        if np.isfinite(shift_px).any() and np.nanmedian(shift_px) > _MOVED_PX:
+        if np.isfinite(shift_px).any() and np.nanmedian(shift_px) > PoseSettings.moved_px:
             raise InputError(
                 f"the board is {np.nanmedian(shift_px):.1f} px away from where the other pictures of the jig show it",
                 where=view.name,
                 remedy="keep the board fixed to the antenna's base, or remove that picture",
             )
     # one wrong corner must not spoil the mean
-    near = np.linalg.norm(stack - middle, axis=-1) <= _MOVED_PX
+    near = np.linalg.norm(stack - middle, axis=-1) <= PoseSettings.moved_px
     total, count = np.where(near[..., None], stack, 0.0).sum(axis=0), near.sum(axis=0)
     return ids[count > 0], total[count > 0] / count[count > 0, None]
 
@@ -192,7 +188,7 @@ class _SeenBoard:
     def residual(self, T_camera_board: Pose) -> np.ndarray:
         """(2N,) px."""
         projected, valid = self.camera.project(T_camera_board @ self.points)
-        return np.where(valid[:, None], projected - self.pixels, _OUT_OF_SIGHT_PX).ravel()
+        return np.where(valid[:, None], projected - self.pixels, 1e3).ravel()
 
     def derivatives(self, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray]:
         """Of the interleaved pixels by the pose's tangent (2N, 6) and by the lens' parameters (2N, 4 + k)."""
@@ -219,7 +215,10 @@ class _SeenBoard:
         """Of another pose that explains the corners."""
         for start in others:
             pose = self.refined(start, SQUARES)
-            if turn_between(pose, first) > _SAME_RAD and self.camera.project(pose @ self.points)[1].all():
+            if (
+                turn_between(pose, first) > PoseSettings.same_pose_rad
+                and self.camera.project(pose @ self.points)[1].all()
+            ):
                 return _rms(self.residual(pose))
         return None
 

@@ -13,6 +13,8 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import chi_square, chi_square_p
 from vbaa_calib.geometry import Pose
 
+from .settings import PoseSettings
+
 
 @dataclass(frozen=True, eq=False)
 class PoseEstimate:
@@ -30,9 +32,6 @@ class PoseEstimate:
     T_antenna_camera: Pose
     covariance: np.ndarray
     lens_sensitivity: np.ndarray
-
-
-CONTRADICTION = 1e-4  # chance below which two estimates contradict each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +58,7 @@ class Difference:
     @property
     def agrees(self) -> bool:
         """Whether the difference is within its uncertainty."""
-        return self.p_value > CONTRADICTION
+        return self.p_value > PoseSettings.contradiction
 
     def __str__(self) -> str:
         turn, shift = 1e3 * np.linalg.norm(self.step[:3]), 1e3 * np.linalg.norm(self.step[3:])

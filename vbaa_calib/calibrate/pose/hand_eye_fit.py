@@ -32,12 +32,12 @@ from vbaa_calib.core.robust import radial_std, soft_l1_weights
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 
-_ROUNDS, _SHARP_RAD, _SHARP_M = 20, 0.01, 1e-3
-_GOOD_SHARE, _LEAST_GOOD = 0.6, 4  # part of the views that a start must explain; others may be wrong
-_SUBSETS, _SUBSET, _CONCENTRATIONS, _SEED = 40, 4, 3, 0
+from .settings import HandEyeSettings
 
 
-def robot_world(known: Sequence[Pose], seen: Sequence[Pose], rounds: int = _ROUNDS) -> tuple[Pose, Pose]:
+def robot_world(
+    known: Sequence[Pose], seen: Sequence[Pose], rounds: int = HandEyeSettings.absolute_rounds
+) -> tuple[Pose, Pose]:
     """X and Z of X·seen = known·Z by IRLS of distances, so that a few wrong views do not count; one of `rounds` gives
     least squares. The rotations are by Kronecker products (Shah 2013), then the translations linear."""
     turned, looked = (np.array([pose.rotation for pose in poses]) for poses in (known, seen))
@@ -48,7 +48,7 @@ def robot_world(known: Sequence[Pose], seen: Sequence[Pose], rounds: int = _ROUN
         X, Z = _nearest_rotation(right[0].reshape(3, 3)), _nearest_rotation(left[:, 0].reshape(3, 3))
         return (X, Z), np.linalg.norm(X @ looked - turned @ Z, axis=(1, 2))
 
-    X, Z = _least_absolute(turns, len(seen), _SHARP_RAD, rounds)
+    X, Z = _least_absolute(turns, len(seen), HandEyeSettings.sharp_rad, rounds)
     right = np.array([pose.translation_m for pose in known]) - np.array([pose.translation_m for pose in seen]) @ X.T
     design = np.concatenate([np.broadcast_to(np.eye(3), turned.shape), -turned], axis=-1)
 
@@ -57,7 +57,7 @@ def robot_world(known: Sequence[Pose], seen: Sequence[Pose], rounds: int = _ROUN
         both = np.linalg.lstsq((design * root[..., None]).reshape(-1, 6), (right * root).ravel(), rcond=None)[0]
         return both, np.linalg.norm(design @ both - right, axis=1)
 
-    both = _least_absolute(places, len(seen), _SHARP_M, rounds)
+    both = _least_absolute(places, len(seen), HandEyeSettings.sharp_m, rounds)
     return Pose(X, both[:3]), Pose(Z, both[3:])
 
 
@@ -90,12 +90,12 @@ class Start:
 
 
 def consensus(
-    known: Sequence[Pose], seen: Sequence[Sequence[Pose]], points_m: np.ndarray, subsets: int = _SUBSETS
+    known: Sequence[Pose], seen: Sequence[Sequence[Pose]], points_m: np.ndarray, subsets: int = HandEyeSettings.subsets
 ) -> Start:
     """The start whose better 60 % of at least three views fit best, from all views and many small subsets of them; seen
     : of each view one or two poses of the board, points_m (K, 3)."""
     count, first = len(known), [poses[0] for poses in seen]
-    good = max(min(count, _LEAST_GOOD), int(np.ceil(_GOOD_SHARE * count)))
+    good = max(min(count, HandEyeSettings.fewest_good), int(np.ceil(HandEyeSettings.good_share * count)))
     centred = points_m - points_m.mean(axis=0)
     shape = centred.T @ centred / len(centred)
     most = max(map(len, seen))
@@ -118,12 +118,12 @@ def consensus(
         poses = [seen[i][min(int(chosen[i]), len(seen[i]) - 1)] for i in which]
         return judged(*robot_world([known[i] for i in which], poses, rounds))
 
-    none, rng = np.zeros(count, int), np.random.default_rng(_SEED)
+    none, rng = np.zeros(count, int), np.random.default_rng(0)
     starts = [judged(*robot_world(known, first)), judged(*robot_world(known, first, 1))]
-    if count > _SUBSET:
-        starts += [of(rng.choice(count, _SUBSET, replace=False), none, 1) for _ in range(subsets)]
+    if count > HandEyeSettings.subset:
+        starts += [of(rng.choice(count, HandEyeSettings.subset, replace=False), none, 1) for _ in range(subsets)]
     starts = sorted(starts, key=lambda start: start.spread_m)[:3]
-    for _ in range(_CONCENTRATIONS):
+    for _ in range(HandEyeSettings.concentrations):
         starts += [of(np.argsort(start.distances_m)[:good], start.chosen, 3) for start in starts[:3]]
         starts = sorted(starts, key=lambda start: start.spread_m)[:3]
     return starts[0]
@@ -153,11 +153,6 @@ def other_orders(known: Sequence[Pose], seen: Sequence[Pose], used: np.ndarray) 
 _SHARED = 12  # columns of X's tangent and of Z's
 _RULES = Rules(60, tolerance=1e-12, takes_last=True, may_rise_share=1e-9)
 _STD_LOGS = np.log([(1e-7, 1.0), (1e-7, 1.0), (1.0, 1e9)])  # between them the deviations are sought
-_STARTS = (1e-5, 1e-4, 1e-3, 1e-2)
-_ROUNDS, _SAME = 8, 1e-3
-_REWEIGHTINGS, _SOFT_PER_SIGMA, _STANDSTILL_PX = 10, 1.5, 1e-3
-_DIFFERENCE, _LEAST_FREEDOM, _SHARED_DOUBT = 0.05, 3.0, 1.5
-"""Between 1, where each direction has a variance of its own, and 2, where all have the same part of each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,14 +181,14 @@ class ViewCorners:
     def posed(self, camera: Camera, start: Pose) -> tuple[Pose, np.ndarray]:
         """The pose by IRLS (soft L1) from a start, and the residuals' lengths (N,) px there."""
         pose = start
-        for _ in range(_REWEIGHTINGS):
+        for _ in range(HandEyeSettings.reweightings):
             residuals, by_pose, _ = self.linearised(camera, pose)
             distances = np.linalg.norm(residuals.reshape(-1, 2), axis=1)
-            weights = soft_l1_weights(distances, _SOFT_PER_SIGMA * max(radial_std(distances), 1e-9)).repeat(2)
+            weights = soft_l1_weights(distances, HandEyeSettings.soft * max(radial_std(distances), 1e-9)).repeat(2)
             weighted = by_pose * weights[:, None]
             step = solve_scaled(weighted.T @ by_pose, weighted.T @ residuals)
             pose = pose.retract(step)
-            if np.abs(by_pose @ step).max() < _STANDSTILL_PX:
+            if np.abs(by_pose @ step).max() < HandEyeSettings.standstill_px:
                 break
         return pose, np.linalg.norm(self.linearised(camera, pose)[0].reshape(-1, 2), axis=1)
 
@@ -264,10 +259,10 @@ class HandEyeSolution:
         """Degrees of freedom of the covariance: the robot's variance is estimated from these few views."""
         own, variance = self.covariance_for(self.std), 0.0
         for which, log_std in zip(np.eye(3), self.log_std, strict=True):
-            more = self.covariance_for(self.std * np.exp(_DIFFERENCE * which)) - own
-            share = float(np.trace(solve_scaled(own, more))) / (2.0 * _DIFFERENCE * _SHARED)
-            variance += max(share, 0.0) ** _SHARED_DOUBT * (2.0 * min(log_std, 1.0)) ** 2
-        return max(2.0 / max(variance, 1e-9), _LEAST_FREEDOM)
+            more = self.covariance_for(self.std * np.exp(HandEyeSettings.std_step * which)) - own
+            share = float(np.trace(solve_scaled(own, more))) / (2.0 * HandEyeSettings.std_step * _SHARED)
+            variance += max(share, 0.0) ** HandEyeSettings.freedom_power * (2.0 * min(log_std, 1.0)) ** 2
+        return max(2.0 / max(variance, 1e-9), HandEyeSettings.fewest_freedom)
 
     @property
     def covariance(self) -> np.ndarray:
@@ -376,13 +371,20 @@ class HandEyeProblem:
 
     def solved(self, state: _HandEyeState, std: np.ndarray) -> HandEyeSolution:
         """The minimum, with the deviations re-estimated from the residuals (REML)."""
-        starts = [std, *(np.array([turn, shift, 1.0]) for turn in _STARTS for shift in _STARTS)]
-        for _ in range(_ROUNDS):
+        starts = [
+            std,
+            *(
+                np.array([turn, shift, 1.0])
+                for turn in HandEyeSettings.std_starts
+                for shift in HandEyeSettings.std_starts
+            ),
+        ]
+        for _ in range(HandEyeSettings.variance_rounds):
             rows, before = self._descended(state, std), std
             std, log_std = _deviations(rows, starts)
             starts = [std]
             state = rows.state
-            if np.abs(np.log(std / before)).max() < _SAME:
+            if np.abs(np.log(std / before)).max() < HandEyeSettings.variance_change:
                 break
         return HandEyeSolution(self._descended(state, std), std, log_std)
 
@@ -461,7 +463,7 @@ def _deviations(rows: _HandEyeRows, starts: Sequence[np.ndarray]) -> tuple[np.nd
     best = min(np.log(starts), key=badness)
     options = {"xatol": 1e-3, "fatol": 1e-6, "maxiter": 150}
     found = minimize(badness, best, method="Nelder-Mead", options=options).x
-    steps = _DIFFERENCE * np.eye(3)
+    steps = HandEyeSettings.std_step * np.eye(3)
     second = [
         [
             (badness(found + a + b) - badness(found + a - b) - badness(found - a + b) + badness(found - a - b))
@@ -469,5 +471,5 @@ def _deviations(rows: _HandEyeRows, starts: Sequence[np.ndarray]) -> tuple[np.nd
         ]
         for a in steps
     ]
-    spread = np.linalg.pinv(np.array(second) / (4.0 * _DIFFERENCE**2), hermitian=True)
+    spread = np.linalg.pinv(np.array(second) / (4.0 * HandEyeSettings.std_step**2), hermitian=True)
     return np.exp(np.clip(found, *_STD_LOGS.T)), np.sqrt(np.clip(np.diag(spread), 0.0, None))
