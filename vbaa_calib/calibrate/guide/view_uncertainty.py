@@ -12,9 +12,10 @@ from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, ShapePrior,
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, rows
 from vbaa_calib.calibrate.lens.information import kept_observations
 from vbaa_calib.calibrate.lens.initialization import robust_poses, widened
-from vbaa_calib.calibrate.lens.intrinsics import MIN_CORNERS, LensSolution
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, DistortionModel, camera_of
 from vbaa_calib.calibrate.lens.outliers import usable_views
+from vbaa_calib.calibrate.lens.settings import LensSettings
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.least_squares import without_own
 from vbaa_calib.detect.board.corners import BoardView
@@ -248,7 +249,7 @@ class LensInformation:
         design = _design_about(
             _NOMINAL_MODEL, intrinsics, image_size, _NOMINAL_SIGMA_PX, BoardShape.flat(corner_points(spec))
         )
-        usable = usable_views(views, corner_points(spec), MIN_CORNERS)[0] if views else []
+        usable = usable_views(views, corner_points(spec), LensSettings.min_corners)[0] if views else []
         points, count = corner_points(spec), design.scale.shape[1]
         observations = [BoardCorners(points[view.ids], view.corners_px) for view in usable]
         information, gradient = np.zeros((count, count)), np.zeros(count)

@@ -9,15 +9,11 @@ import numpy as np
 
 from targets.board import Board, BoardPoints, BoardWithIds, corner_points
 
+from .settings import LensSettings
+
 SHAPE = 5  # numbers that describe a board's shape (`BoardShape`)
 SHAPE_NAMES = ("bow_x_m", "bow_y_m", "twist_m", "stretch", "shear")
 STRETCH = SHAPE_NAMES.index("stretch")
-_BOW_PER_EXTENT, _STRETCH, _SHEAR = 1e-3, 5e-4, 3e-4
-"""Standard deviations of what printers and mounts do: a board of 250 mm bows by a quarter of a millimetre, the axes of
-a print differ by 0.05 %. Some are ten times worse, so the prior has long tails."""
-TAIL = 3.0  # degrees of freedom of the prior's Student t distribution
-_SINGULAR = 1e-10
-_CLEAR_STD, _NOTICEABLE_PER_EXTENT, _NOTICEABLE_SHARE = 4.0, 3e-4, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +52,7 @@ class BoardShape:
         lens, std = covariance[:-SHAPE, :-SHAPE], np.sqrt(np.diag(covariance)[:-SHAPE])
         # coefficients that are held have no variance, and square pixels one focal length
         scale = np.where(std > 0.0, std, 1.0)
-        inverse = np.linalg.pinv(lens / np.outer(scale, scale), _SINGULAR)
+        inverse = np.linalg.pinv(lens / np.outer(scale, scale), 1e-10)
         by_lens = covariance[-SHAPE:, :-SHAPE] / scale @ inverse / scale
         return BoardShape(nominal_m, parameters, covariance[-SHAPE:, -SHAPE:], by_lens)
 
@@ -73,8 +69,10 @@ class BoardShape:
     @property
     def _clear(self) -> np.ndarray:
         """(5,) which parameters are clear of noise and large enough to matter."""
-        least = np.array([_NOTICEABLE_PER_EXTENT * _extent_m(self.nominal_m)] * 3 + [_NOTICEABLE_SHARE] * 2)
-        return np.abs(self.parameters) > np.maximum(_CLEAR_STD * self.std, least)
+        least = np.array(
+            [LensSettings.shape_per_extent * _extent_m(self.nominal_m)] * 3 + [LensSettings.shape_share] * 2
+        )
+        return np.abs(self.parameters) > np.maximum(LensSettings.shape_clear * self.std, least)
 
     @property
     def scale_doubt(self) -> float:
@@ -133,8 +131,8 @@ class ShapePrior:
     @staticmethod
     def of(board: Board | BoardPoints) -> ShapePrior:
         """Of a print and a mount as they usually are; with what was measured on the board, if any."""
-        bow_m = _BOW_PER_EXTENT * _extent_m(corner_points(board))
-        mean, std = np.zeros(SHAPE), np.array([bow_m, bow_m, bow_m, _STRETCH, _SHEAR])
+        bow_m = LensSettings.bow_per_extent * _extent_m(corner_points(board))
+        mean, std = np.zeros(SHAPE), np.array([bow_m, bow_m, bow_m, LensSettings.stretch_std, LensSettings.shear_std])
         if isinstance(board, BoardWithIds) and board.stretch_std is not None:
             mean[STRETCH], std[STRETCH] = board.stretch, board.stretch_std
         return ShapePrior(mean, std)
@@ -142,5 +140,5 @@ class ShapePrior:
     def rows(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (5,) as reweighted least squares has them, and their negative derivatives (5,) by the shape."""
         off = (shape - self.mean) / self.std
-        weights = np.sqrt((TAIL + 1.0) / (TAIL + off**2))
+        weights = np.sqrt((LensSettings.shape_tail + 1.0) / (LensSettings.shape_tail + off**2))
         return -weights * off, weights / self.std

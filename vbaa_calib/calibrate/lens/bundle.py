@@ -14,13 +14,12 @@ from vbaa_calib.core.least_squares import Rules
 from vbaa_calib.core.robust import radial_std
 from vbaa_calib.native import core
 
-from .board_shape import SHAPE, TAIL, ShapePrior
+from .board_shape import SHAPE, ShapePrior
 from .models import DistortionModel, Unfolding
+from .settings import LensSettings
 
 CONVERGED = Rules(300, 1e-8, may_rise_share=1e-13, damping=1e-3, growth=8.0, after_failure=0.0)
 """Enough for decisions; `polished` for what is reported."""
-_STANDSTILL, _POLISH = 1e-6, replace(CONVERGED, iterations=10, damping=1e-8)
-_USUAL_NOISE_PX, _LEAST_NOISE_PX = 0.2, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +45,7 @@ class Corners(NamedTuple):
     bounds: np.ndarray
 
 
-class LensState(NamedTuple):
+class _LensState(NamedTuple):
     """Lens (4 + k,), board's shape (5,), poses (V, 6)."""
 
     fisheye: bool
@@ -70,7 +69,7 @@ class Priors(NamedTuple):
     stiffness_px: float
     width: int
     height: int
-    tail: float = TAIL
+    tail: float = LensSettings.shape_tail
 
 
 def _corners_of(observations: Sequence[BoardCorners]) -> Corners:
@@ -105,7 +104,7 @@ class Bundle:
     residuals_px: tuple[np.ndarray, ...] = ()  # per view (N, 2), observed minus projected; none at a start
     shape: np.ndarray = field(default_factory=lambda: np.zeros(SHAPE))  # (5,) of the board (`BoardShape`)
     prior: ShapePrior | None = None  # of the shape, where that is solved for
-    noise_px: float = _USUAL_NOISE_PX  # of a corner per axis; the prior's weight
+    noise_px: float = LensSettings.usual_noise_px  # of a corner per axis; the prior's weight
     unfolding: Unfolding | None = None  # the penalty against folding, where it was needed
 
     @staticmethod
@@ -122,17 +121,17 @@ class Bundle:
         """The same with intrinsics to be solved for, and the board's shape where it has a prior."""
         free = free_directions(self.model, square_pixels, prior is not None)
         shape = np.zeros(SHAPE) if prior is None else self.shape
-        noise_px = max(self.sigma_px, _LEAST_NOISE_PX) if self.residuals_px else self.noise_px
+        noise_px = max(self.sigma_px, LensSettings.least_noise_px) if self.residuals_px else self.noise_px
         intrinsics = self.intrinsics.copy()
         if square_pixels:
             intrinsics[:2] = intrinsics[:2].mean()
         return replace(self, intrinsics=intrinsics, directions=free, shape=shape, prior=prior, noise_px=noise_px)
 
     @property
-    def state(self) -> LensState:
+    def state(self) -> _LensState:
         """What a descent moves."""
         parts = (np.array(part, float) for part in (self.intrinsics, self.shape, self.poses))
-        return LensState(self.model.is_fisheye, *parts)
+        return _LensState(self.model.is_fisheye, *parts)
 
     @property
     def priors(self) -> Priors:
@@ -209,7 +208,9 @@ def of_views(values: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, ...]:
 def polished(bundle: Bundle, observations: Sequence[BoardCorners]) -> Bundle:
     """Converged to a millionth of the deviations, so that results do not depend on where a descent stopped."""
     sizes = sum(view.pixels.size for view in observations) - bundle.directions.shape[1] - 6 * len(observations)
-    return refine(bundle, observations, replace(_POLISH, tolerance=_STANDSTILL**2 / max(sizes, 1)))
+    return refine(
+        bundle, observations, replace(CONVERGED, iterations=10, damping=1e-8, tolerance=1e-6**2 / max(sizes, 1))
+    )
 
 
 def residuals_px(bundle: Bundle, observations: Sequence[BoardCorners]) -> tuple[np.ndarray, ...]:

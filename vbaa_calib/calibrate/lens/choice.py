@@ -15,8 +15,6 @@ from .models import LENS_MODELS, pole_distance
 from .settings import LensSettings
 from .uncertainty import expected_errors_px
 
-_CENTRED, _DECENTRED = ("none", "radial", "fisheye"), "opencv4"
-
 
 @dataclass(frozen=True, eq=False)
 class Assessed:
@@ -97,10 +95,10 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     simpler = [name for name in names if free[name] < free[least] and is_no_worse(name, least)]
     chosen = min([*simpler, least], key=lambda name: (free[name], expected_px[name]))
     # every lens is a little decentred: a model without it must be clearly better
-    if chosen in _CENTRED and _DECENTRED in names:
-        ratio = expected_px[_DECENTRED] / expected_px[chosen]
-        as_good = ratio <= 1.0 or _DECENTRED in (*simpler, least)
-        chosen = _DECENTRED if as_good and ratio < rules.centred_may_cost else chosen
+    if chosen in ("none", "radial", "fisheye") and "opencv4" in names:
+        ratio = expected_px["opencv4"] / expected_px[chosen]
+        as_good = ratio <= 1.0 or "opencv4" in (*simpler, least)
+        chosen = "opencv4" if as_good and ratio < rules.centred_may_cost else chosen
     for name in names:
         if name != chosen and expected_px[name] <= expected_px[chosen]:
             richer = "is richer, and better by no more than the difference's own error"

@@ -13,17 +13,11 @@ from vbaa_calib.core.least_squares import Rules
 from .bundle import CONVERGED, BoardCorners, Bundle, of_views, refine, residuals_px
 from .homography import board_poses, homography
 from .models import LENS_MODELS, DistortionModel, Unfolding, camera_of, division_like, is_monotonic, rational_like
+from .settings import LensSettings
 
-_FOCAL_PER_WIDTH = (0.7, 1.4, 3.0, 8.0, 0.35)
-_DIVISIONS = (0.0, -0.1, -0.2, -0.35, -0.5, -0.65, -0.8, 0.15)  # λ of x / (1 + λr²), r = 1 at the picture's corner
-_MOST_VIEWS, _MOST_CORNERS = 10, 40  # views, and corners of each, by which starts are compared
-_SAME, _LITTLE_PX = 1.05, 0.02
-_WRONG_POSE, _LEAST_RAY_Z = 3.0, 0.1
 _TRIAL = replace(CONVERGED, iterations=15, tolerance=1e-3)
 _FEW_STEPS = replace(_TRIAL, iterations=6)
 _UNFOLDING = replace(CONVERGED, iterations=15, tolerance=1e-5)
-_LEAST_SLOPES, _STIFF = (0.1, 0.2, 0.35), 1e4
-_UNFOLDING_MAY_COST, _UNFOLDING_DEVIATIONS = 0.01, 20.0
 
 
 class Guess(NamedTuple):
@@ -77,13 +71,13 @@ def _from_homographies(
 ) -> Bundle:
     """Of the first lens of a ladder that has a distortion, or of one without."""
     some = _thinned(observations)
-    others = [ratio * max(image_size) for ratio in _FOCAL_PER_WIDTH]
+    others = [ratio * max(image_size) for ratio in LensSettings.focal_per_width]
     tried: list[Bundle] = []
     for focal in [*([guess.focal_px] if np.isfinite(guess.focal_px) else []), *others]:
         start = _start(model, Guess(focal, guess.division if focal == guess.focal_px else 0.0), some, image_size)
         tried.append(_posed(start, some, _FEW_STEPS))
         scores = sorted(each.sigma_px for each in tried if _is_physical(each))
-        if len(scores) > 1 and scores[1] < _SAME * scores[0] + _LITTLE_PX:
+        if len(scores) > 1 and scores[1] < LensSettings.same_start * scores[0] + LensSettings.same_start_px:
             break
     # a mirrored solution (board behind the camera, negative focal length) can fit as well
     physical = [bundle for bundle in tried if _is_physical(bundle)] or tried
@@ -94,8 +88,11 @@ def _from_homographies(
 
 def _thinned(observations: Sequence[BoardCorners]) -> list[BoardCorners]:
     """Some of the views, and some of their corners, evenly."""
-    views = observations[:: -(-len(observations) // _MOST_VIEWS)]
-    return [view.picked(np.arange(0, len(view.pixels), -(-len(view.pixels) // _MOST_CORNERS))) for view in views]
+    views = observations[:: -(-len(observations) // LensSettings.start_views)]
+    return [
+        view.picked(np.arange(0, len(view.pixels), -(-len(view.pixels) // LensSettings.start_corners)))
+        for view in views
+    ]
 
 
 def _start(
@@ -117,10 +114,14 @@ def _undistorted_homographies(
     """`Guess.division`, and homographies (3, 3) from board points to undistorted pixels about the picture's centre."""
     centre, radius = (np.array(image_size) - 1) / 2, 0.5 * float(np.hypot(*image_size))
     found: list[tuple[float, float, list[np.ndarray]]] = []
-    for division in _DIVISIONS:
+    for division in LensSettings.divisions:
         every = [homography(v.points_m[:, :2], v.pixels - centre, division / radius**2) for v in observations]
         fits = [fit for fit in every if fit is not None]
-        score = float(np.mean(np.log(np.array([noise for _, noise in fits]) + _LITTLE_PX))) if fits else np.inf
+        score = (
+            float(np.mean(np.log(np.array([noise for _, noise in fits]) + LensSettings.same_start_px)))
+            if fits
+            else np.inf
+        )
         found.append((score, division, [matrix for matrix, _ in fits]))
     _, division, homographies = min(found, key=lambda each: each[0])
     return division, homographies
@@ -154,7 +155,7 @@ def robust_poses(model: DistortionModel, intrinsics: np.ndarray, observations: S
     bounds = np.cumsum([0, *(len(view.pixels) for view in observations)])
     size = np.ceil(pixels.max(axis=0)).astype(int) + 1
     rays, valid = camera_of(model, intrinsics, (int(size[0]), int(size[1]))).unproject(pixels)
-    seen = valid & (rays[:, 2] > _LEAST_RAY_Z)
+    seen = valid & (rays[:, 2] > LensSettings.least_ray_z)
     image = np.where(seen[:, None], rays[:, :2] / np.where(seen, rays[:, 2], 1.0)[:, None], np.nan)
     fits = [homography(v.points_m[:, :2], own) for v, own in zip(observations, of_views(image, bounds), strict=True)]
     return board_poses([None if fit is None else fit[0] for fit in fits])
@@ -168,7 +169,7 @@ def _posed(start: Bundle, observations: Sequence[BoardCorners], rules: Rules) ->
 def reposed(bundle: Bundle, observations: Sequence[BoardCorners], rules: Rules = _FEW_STEPS) -> Bundle:
     """A robust solution in which views whose median corner is far off have been posed anew."""
     median = np.array([np.median(np.linalg.norm(each, axis=1)) for each in bundle.residuals_px])
-    bad = np.flatnonzero(median > _WRONG_POSE * np.median(median)).tolist()
+    bad = np.flatnonzero(median > LensSettings.wrong_pose * np.median(median)).tolist()
     if not bad:
         return bundle
     some = [observations[index] for index in bad]
@@ -207,7 +208,7 @@ def unfolded(
     if not np.isfinite(bundle.rms_px) or is_monotonic(model, bundle.intrinsics, image_size):
         return bundle
     count = sum(len(view.pixels) for view in observations)
-    share = max(_UNFOLDING_MAY_COST, _UNFOLDING_DEVIATIONS / (2 * count))
+    share = max(LensSettings.unfolding_may_cost, LensSettings.unfolding_chance / (2 * count))
     at_most = np.sqrt(1.0 + share) * bundle.rms_px
     starts, simplest = [bundle], _ladder(model)[-1]
     if simplest.camera_model != model.camera_model:
@@ -215,8 +216,8 @@ def unfolded(
         smooth = (known or {}).get(simplest.name) or rough_lens(simplest, observations, image_size)
         wide = widened(smooth.model, smooth.intrinsics, model, image_size)
         starts.insert(0, replace(bundle, intrinsics=wide, poses=smooth.poses))
-    for slope in _LEAST_SLOPES:
-        unfolding = Unfolding(slope, _STIFF * bundle.sigma_px**2, image_size)
+    for slope in LensSettings.unfolding_slopes:
+        unfolding = Unfolding(slope, LensSettings.unfolding_weight * bundle.sigma_px**2, image_size)
         for start in starts:
             trial = refine(replace(start, unfolding=unfolding), observations, _UNFOLDING)
             if trial.rms_px <= at_most and is_monotonic(model, trial.intrinsics, image_size):
