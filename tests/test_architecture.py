@@ -34,7 +34,7 @@ MOST = {
     "module constants": 2025,
     "class names used twice": 20,
     "classes": 484,
-    "public names": 1357,
+    "public names": 1348,
     "private words": 702,
     "type: ignore": 4,
     "words on pages": 35540,

@@ -103,7 +103,7 @@ class _Stream:
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class _Source:
     """A recording that was opened and checked.
 
     Attributes
@@ -134,7 +134,7 @@ class Source:
         """The camera's, as far as it is known."""
         return Shutter() if self.session is None else self.session.shutter
 
-    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> Source:
+    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> _Source:
         """With the clocks' offset of a bag or video, if it is to be estimated. Raises InputError where it cannot be."""
         return self if self.stream is None else replace(self, stream=self.stream.clocked(estimator, ground))
 
@@ -186,7 +186,7 @@ def some_stills(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> list
     return [frame for frame, _ in unpacked(thinned(taken, _STILLS), folder)]
 
 
-def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> Source:
+def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> _Source:
     """Open a session folder, or its recording/centrelines.csv; a bag; a video with readings in the .csv of its name.
 
     no_moment : leave the moment readings aside. Raises InputError for what is wrong in it.
@@ -194,7 +194,7 @@ def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOp
     if is_stream(path):
         stream = _Stream(path, rig, options or StreamOptions(), no_moment)
         stream.opened()  # what is wrong is told at once
-        return Source(None, (), None, stream)
+        return _Source(None, (), None, stream)
     session = load_session(_session_root(path))
     frames = read_recording(session)
     if no_moment:
@@ -202,11 +202,11 @@ def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOp
     pictures = pictures_of(frames)
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
     lines = None if pictures else read_centrelines(session).checked(frames, "recording.csv")
-    return Source(session, frames, lines)
+    return _Source(session, frames, lines)
 
 
 def estimate_source(
-    estimator: ContactEstimator, source: Source, ground: Ground | None = None
+    estimator: ContactEstimator, source: _Source, ground: Ground | None = None
 ) -> Iterator[FrameContact]:
     """Every frame of a recording, in order, those in which the shutter matters marked."""
     if source.stream is not None:

@@ -97,7 +97,7 @@ def _error_models(x_m: np.ndarray, design: np.ndarray, residuals_m: np.ndarray, 
     return _ErrorModels(weights / weights.sum(), np.append(0.0, lengths), covariances, count - parameters)
 
 
-def neighbour_correlation(residuals: np.ndarray) -> float:
+def _neighbour_correlation(residuals: np.ndarray) -> float:
     """Correlation of each residual (N,) with the next; 0 where there are none."""
     square = float(residuals @ residuals)
     return float(residuals[1:] @ residuals[:-1]) / square if square > 0.0 else 0.0
@@ -166,7 +166,7 @@ _NODES = np.linspace(0.0, 1.0, 201)
 
 
 @dataclass(frozen=True, eq=False)
-class Parameters:
+class _CompliancePoint:
     """Where the least squares ended, and the design matrix there."""
 
     stiffness_Nm2: float
@@ -204,7 +204,7 @@ def _gauss_newton(
     *,
     offset: bool,
     turning: bool = False,
-) -> Parameters:
+) -> _CompliancePoint:
     """Gauss–Newton in the compliance, exact in one step for the beam. All arrays (N,). Raises SolveError when it does
     not converge, as for a clamp that takes over all of the deflection."""
     stiffness = start_Nm2
@@ -220,7 +220,7 @@ def _gauss_newton(
         stiffness /= 1.0 + step
         if abs(step) < 1e-10:
             shift = float(solution[1]) if offset else 0.0
-            return Parameters(stiffness, shift, float(solution[-1]) if turning else 0.0, design)
+            return _CompliancePoint(stiffness, shift, float(solution[-1]) if turning else 0.0, design)
     raise SolveError(
         "the fit of EI does not converge: the readings are not those of one rod in a clamp; check force, distance "
         "and the table's columns"
@@ -333,7 +333,7 @@ def solve_stiffness(
         linear_bias=bias,
         residuals_m=residuals,
         outliers=tuple(np.flatnonzero(~chosen.kept).tolist()),
-        correlation=neighbour_correlation(kept),
+        correlation=_neighbour_correlation(kept),
         correlation_length_m=errors.length_m,
         effective_readings=len(kept) * min(plain / float(errors.covariance[0, 0]), 1.0),
         clamp_share_std=clamp_share_std,
@@ -380,7 +380,7 @@ class _RodFit:
 
     bench: _Bench
     model: str
-    parameters: Parameters
+    parameters: _CompliancePoint
     kept: np.ndarray
     offset: bool
 

@@ -32,7 +32,7 @@ class BoardCorners(Rows):
     weight: float = 1.0  # of its residuals; less than 1 for a noisy view
 
 
-class Corners(NamedTuple):
+class _Corners(NamedTuple):
     """Corners of V views: board points (N, 3) m, by how much they move with the board's shape (N, 3, 5), pixels (N, 2).
 
     weights : (N,) of their residuals. bounds : (V + 1,), view v has corners bounds[v] to bounds[v + 1].
@@ -54,7 +54,7 @@ class _LensState(NamedTuple):
     poses: np.ndarray
 
 
-class Priors(NamedTuple):
+class _Priors(NamedTuple):
     """What holds the board's shape and the lens, besides the corners.
 
     mean, std : (5,) of the shape's prior, Student's t, weighed by noise_px; zero where there is none.
@@ -72,11 +72,11 @@ class Priors(NamedTuple):
     tail: float = LensSettings.shape_tail
 
 
-def _corners_of(observations: Sequence[BoardCorners]) -> Corners:
+def _corners_of(observations: Sequence[BoardCorners]) -> _Corners:
     """All views' corners, concatenated."""
     counts = [len(view.pixels) for view in observations]
     rigid = [np.zeros((len(v.pixels), 3, SHAPE)) if v.deformation is None else v.deformation for v in observations]
-    return Corners(
+    return _Corners(
         np.concatenate([view.points_m for view in observations], dtype=float),
         np.concatenate(rigid),
         np.concatenate([view.pixels for view in observations], dtype=float),
@@ -134,16 +134,16 @@ class Bundle:
         return _LensState(self.model.is_fisheye, *parts)
 
     @property
-    def priors(self) -> Priors:
+    def priors(self) -> _Priors:
         """Priors and penalties."""
         unfolding = self.unfolding or Unfolding(0.0, 0.0, (0, 0))
         stiffness = float(np.sqrt(unfolding.weight_px2))
         if self.prior is None:
-            return Priors(
+            return _Priors(
                 np.zeros(SHAPE), np.zeros(SHAPE), 0.0, unfolding.least_slope, stiffness, *unfolding.image_size
             )
         mean, std = (np.array(each, float) for each in (self.prior.mean, self.prior.std))
-        return Priors(mean, std, float(self.noise_px), unfolding.least_slope, stiffness, *unfolding.image_size)
+        return _Priors(mean, std, float(self.noise_px), unfolding.least_slope, stiffness, *unfolding.image_size)
 
     def unfolding_rows(self) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (m,) px of the radii where the slope is too small, their negative derivatives (m, 4 + k)."""

@@ -53,18 +53,18 @@ def _opponent(picture: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class _Level:
     """A reduced picture (channels, H, W), `scale` of its pixels to one of the photograph's."""
 
     planes: np.ndarray
     scale: float
 
-    def reduced(self, scale: float, shape: tuple[int, int]) -> Level:
+    def reduced(self, scale: float, shape: tuple[int, int]) -> _Level:
         """The picture of a shape (H, W) at a scale of at most this one's."""
         size = (max(8, round(scale * shape[1])), max(8, round(scale * shape[0])))
         if size == self.planes.shape[:0:-1]:
             return self
-        return Level(np.stack([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in self.planes]), scale)
+        return _Level(np.stack([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in self.planes]), scale)
 
     def noise(self, settings: RodSettings) -> np.ndarray:
         """(channels,) standard deviation of a pixel, from second differences."""
@@ -85,7 +85,7 @@ def _shading_of(channels: int, settings: RodSettings) -> np.ndarray:
     return np.array([settings.shading[min(channel, 1)] for channel in range(channels)])
 
 
-def ribbon_evidence(level: Level, width: float, settings: RodSettings) -> np.ndarray:
+def _ribbon_evidence(level: _Level, width: float, settings: RodSettings) -> np.ndarray:
     """Log odds (steps, directions, columns) of ribbons so wide down a picture."""
     shading = np.hypot(_shading_of(len(level.planes), settings), level.texture(settings.flank_widths * width, settings))
     shares = (settings.flat, settings.edge, settings.chance)
@@ -99,14 +99,14 @@ def _most_scale(planes: np.ndarray, settings: RodSettings) -> float:
     return float(min(1.0, np.sqrt(1e6 * settings.most_megapixels / np.prod(planes.shape[1:]))))
 
 
-def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[Level, float]]:
+def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[_Level, float]]:
     """The picture reduced for ribbons of each width, in pixels of the picture; the widest first."""
     height, width = planes.shape[1:]
     most = _most_scale(planes, settings)
     widths = [settings.narrowest_px / most]
     while widths[-1] < settings.widest * min(height, width):
         widths.append(widths[-1] * settings.width_step)
-    level, levels = Level(planes, 1.0), []
+    level, levels = _Level(planes, 1.0), []
     for width_px in widths:
         level = level.reduced(min(most, settings.level_width_px / width_px), (height, width))
         levels.append((level, width_px))
@@ -114,7 +114,7 @@ def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[Level, f
 
 
 def _paths_at(
-    level: Level,
+    level: _Level,
     width_px: float,
     ends: tuple[np.ndarray | None, np.ndarray | None],
     settings: RodSettings,
@@ -128,8 +128,8 @@ def _paths_at(
     width, diagonal = width_px * level.scale, float(np.hypot(height, columns))
     if min(height, columns) < 2 * core.search.ROW_STEP:
         return []
-    down = ribbon_evidence(level, width, settings)
-    across = ribbon_evidence(Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale), width, settings)
+    down = _ribbon_evidence(level, width, settings)
+    across = _ribbon_evidence(_Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale), width, settings)
     if colours is not None:
         spread = settings.other_colour * _shading_of(len(level.planes), settings)
         smooth = [cv2.blur(each, (3, 3)) for each in level.planes]
@@ -206,7 +206,7 @@ class _PhotoPatch:
         high = np.clip(np.ceil(path.path_px.max(axis=0) + room).astype(int), low + 2 * times, size)
         high -= (high - low) % times
         part = planes[:, low[1] : high[1], low[0] : high[0]]
-        level = Level(part, 1.0).reduced(1.0 / times, part.shape[1:])
+        level = _Level(part, 1.0).reduced(1.0 / times, part.shape[1:])
         noise = level.noise(settings)
         return _PhotoPatch(level.planes, level.scale, low, noise, np.hypot(noise, _shading_of(len(planes), settings)))
 
@@ -407,8 +407,8 @@ def _along(
     sigma = 0.4 * np.sqrt(max(fine**2 - 1.0, 0.0))
     soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
     strip = _Strip.along(soft, curve, fine, 4.0 * width, fine)
-    level = Level(np.ascontiguousarray(strip.values), 1.0 / fine)
-    each = ribbon_evidence(level, settings.level_width_px, settings)
+    level = _Level(np.ascontiguousarray(strip.values), 1.0 / fine)
+    each = _ribbon_evidence(level, settings.level_width_px, settings)
     log = each[:, each.shape[1] // 2, len(strip.across_px) // 2].astype(float)
     inside = np.asarray(strip.inside[:, np.abs(strip.across_px) < width].all(axis=1))
     step = core.search.ROW_STEP
@@ -907,7 +907,7 @@ def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: R
 
 def _measured(
     planes: np.ndarray,
-    levels: list[tuple[Level, float]],
+    levels: list[tuple[_Level, float]],
     clamp: np.ndarray,
     tip: np.ndarray,
     colours: np.ndarray | None,

@@ -122,7 +122,7 @@ def _tilted_x(corners: _SweepCorners) -> np.ndarray:
     return np.stack([np.cos(tilt), np.zeros_like(tilt), -np.sin(tilt)], axis=1)
 
 
-def linearise(camera: Camera, state: _SweepState, corners: _SweepCorners) -> _SweepRows:
+def _linearise(camera: Camera, state: _SweepState, corners: _SweepCorners) -> _SweepRows:
     """Residuals and derivatives of all corners at a state."""
     X, B = state.T_actuator_camera, state.T_foot_board
     world = _turns_actuator_foot(corners, state.axis_skew_rad)[corners.picture]
@@ -231,7 +231,7 @@ class _SweepProblem:
 
     def _descended(self, state: _SweepState, weights: np.ndarray, angle_ratio: float, rules: Rules) -> _SweepEquations:
         def linearised(state: _SweepState) -> _SweepEquations:
-            at = linearise(self.camera, state, self.corners)
+            at = _linearise(self.camera, state, self.corners)
             blocks = self._blocks(at, weights, at.by_state[..., self.free])
             whole = _without_angles(blocks, angle_ratio)
             return _SweepEquations(state, at, blocks, whole[:-1, :-1], whole[:-1, -1], float(whole[-1, -1]))
@@ -253,7 +253,7 @@ class _SweepProblem:
         A redescending loss would fit some pictures all but exactly and give up others, where the angles scatter.
         """
         weights = used.astype(float)
-        residuals = linearise(self.camera, state, self.corners).residuals_px
+        residuals = _linearise(self.camera, state, self.corners).residuals_px
         for _ in range(PoseSettings.reweightings):
             distance = np.linalg.norm(residuals, axis=1)
             scale = PoseSettings.soft * max(radial_std(distance[used]), 1e-9)
@@ -476,7 +476,7 @@ def _consistent_pictures(problem: _SweepProblem, state: _SweepState) -> tuple[_S
         raise InputError(
             what, remedy="look the rows through; the board must not move, the joints be at rest, the angles in radians"
         )
-    return state, kept, _picture_errors_px(linearise(problem.camera, state, corners).residuals_px, corners)
+    return state, kept, _picture_errors_px(_linearise(problem.camera, state, corners).residuals_px, corners)
 
 
 def _picture_errors_px(residuals: np.ndarray, corners: _SweepCorners) -> np.ndarray:
@@ -510,7 +510,7 @@ def _own_angles(problem: _SweepProblem, state: _SweepState, picture: int) -> np.
     mine = corners.picture == picture
     alone = _SweepCorners(corners.points_m[mine], corners.pixels[mine], np.zeros(int(mine.sum()), int), angles[None])
     for _ in range(PoseSettings.own_steps):
-        moved = linearise(problem.camera, state, replace(alone, angles_rad=angles[None]))
+        moved = _linearise(problem.camera, state, replace(alone, angles_rad=angles[None]))
         step = np.linalg.lstsq(moved.by_angles.reshape(-1, 2), moved.residuals_px.ravel(), rcond=None)[0]
         angles = angles + np.clip(step, -PoseSettings.own_step_rad, PoseSettings.own_step_rad)
     error = float(np.median(np.linalg.norm(moved.residuals_px, axis=1)))

@@ -94,7 +94,7 @@ def _board_map(view: BoardView, spec: BoardWithIds) -> _BoardMap | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Levels:
+class _Levels:
     """Grey levels on the board.
 
     Attributes
@@ -109,7 +109,7 @@ class Levels:
     white: float
 
 
-def levels(image: np.ndarray, where: _BoardMap) -> Levels | None:
+def levels(image: np.ndarray, where: _BoardMap) -> _Levels | None:
     """Of a picture (H, W) uint8; None where no whole square of either colour is in it."""
     columns, rows = where.squares
     from_texels = where.homography @ np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, _TEXELS]]) / _TEXELS
@@ -129,10 +129,10 @@ def levels(image: np.ndarray, where: _BoardMap) -> Levels | None:
     dark = np.where(is_black, np.median(middle, axis=-1), np.percentile(marker, 100.0 / 6.0, axis=-1))
     rim = flat[:, :, (0, _TEXELS - 1) if is_grid else (1, _TEXELS - 2), _MIDDLE]
     black, white = np.median(dark[whole & (is_black | is_grid)]), np.percentile(rim[whole & ~is_black], 75.0)
-    return Levels(np.where(whole, dark, np.nan), float(black), float(white))
+    return _Levels(np.where(whole, dark, np.nan), float(black), float(white))
 
 
-def _blemishes(seen: Levels) -> list[tuple[bool, int, tuple[float, float]]]:
+def _blemishes(seen: _Levels) -> list[tuple[bool, int, tuple[float, float]]]:
     """Connected patches of squares without black: every square, or its marker, has black in its middle.
 
     Of each whether it is as bright as paper, a reflection (else something covers the board, or a shadow's edge), its
@@ -248,7 +248,7 @@ def _direction(angle_rad: float) -> str:
     return names[round(angle_rad / (np.pi / 4.0)) % 4]
 
 
-def _light(view: BoardView, seen: Levels | None) -> list[Diagnosis]:
+def _light(view: BoardView, seen: _Levels | None) -> list[Diagnosis]:
     quality = view.quality
     if quality is None or not np.isfinite(quality.contrast):
         return []
@@ -269,7 +269,7 @@ def _light(view: BoardView, seen: Levels | None) -> list[Diagnosis]:
     return []
 
 
-def _blemish(where: _BoardMap, seen: Levels) -> list[Diagnosis]:
+def _blemish(where: _BoardMap, seen: _Levels) -> list[Diagnosis]:
     """The largest patch of the board that has lost its black."""
     patch = max(_blemishes(seen), key=lambda one: one[:2], default=None)
     if patch is None or seen.white - seen.black < 0.5 * _PALE:
