@@ -11,7 +11,7 @@ import numpy as np
 
 from targets.board import BoardWithIds
 from vbaa_calib.calibrate.antenna.inputs import Observation
-from vbaa_calib.calibrate.antenna.session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
+from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.over_board.fit import OverSetup, nominal_free_antenna
 from vbaa_calib.calibrate.over_board.over_board import solve_over_board
@@ -202,7 +202,9 @@ def _clamp_doubt(found: PoseEstimate, over: OverBoard, board: BoardWithIds) -> t
     across = np.hstack([np.zeros((2, 4)), np.eye(2)])
     half_m = 0.5 * min(board.size_m)
     tilt = over.height_std_m / half_m
-    return np.vstack([turns, across]), np.array([tilt, tilt, CLAMP_ANGLE_STD_RAD, *[CLAMP_OFFSET_STD_M] * 2])
+    return np.vstack([turns, across]), np.array(
+        [tilt, tilt, AntennaSettings.clamp_angle_std_rad, *[AntennaSettings.clamp_offset_std_m] * 2]
+    )
 
 
 def _corner_bias(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:

@@ -18,9 +18,10 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import WrenchSensor
 from vbaa_calib.session import Drift, Load, LoadReadings, Still
 
-DISTANCE_STEP_M, LOG_FORCE_STEP = 1e-4, 1e-3  # finite differences of a load's place, towards the clamp, and log force
+DISTANCE_STEP_M = 1e-4  # towards the clamp, finite difference of a load's place
+LOG_FORCE_STEP = 1e-3  # finite difference of the logarithm of its force
 
-EXACT = LoadReadings()
+EXACT = LoadReadings()  # loads whose places and forces are exact
 
 
 def reading_keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:

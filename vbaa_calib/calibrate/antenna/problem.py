@@ -31,8 +31,6 @@ from vbaa_calib.session import READINGS, Drift, Load
 
 from .inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, Prior, ReadingGroups
 
-_SWEEPS = 4  # of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing
-
 
 def _unevenly_bent(curves: Curves, parameters: np.ndarray, profile: np.ndarray) -> Curves:
     """Curves of antennas (B, 9) whose compliance is 1 + `profile` (2,) times the first Legendre polynomials, to first
@@ -49,11 +47,12 @@ def _unevenly_bent(curves: Curves, parameters: np.ndarray, profile: np.ndarray) 
     return replace(curves, points_m=points, tangents=curves.tangents + turned)
 
 
-POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
-GAIN, OFFSET = ANTENNA.stop, ANTENNA.stop + 1
+POSE = slice(0, 6)  # places among `RIG_PARAMETERS`: steps of the camera's pose,
+ANTENNA = slice(6, 6 + len(PARAMETERS))  # the antenna's parameters,
+GAIN = ANTENNA.stop  # the moment sensor's gain
+OFFSET = GAIN + 1  # and offset
 _BENT = 1 + len(PARAMETERS)  # curves in each still: the antenna, and one a step further along each of its parameters
-RIG = len(RIG_PARAMETERS)
-_INSIDE = 1.0 - 1e-5  # part of the length beyond which a load counts as on the tip
+RIG = len(RIG_PARAMETERS)  # how many these are
 
 
 class LensLost(SolveError):
@@ -130,7 +129,7 @@ class Problem:
         """(17 + P + K + L,) upper ends of the parameters: no load hangs beyond the tip."""
         ends = np.full(self.size, np.inf)
         ends[self.readings] = self.groups.ends(
-            [one.still for one in self.observations], self.readings_at, _INSIDE * self.length_m
+            [one.still for one in self.observations], self.readings_at, (1.0 - 1e-5) * self.length_m
         )
         return ends
 
@@ -242,7 +241,7 @@ class Problem:
             np.repeat(contact, each),
             load * factor,
             dead=True,
-            sweeps=_SWEEPS,
+            sweeps=4,  # more change nothing
             taper=self.prior.taper.thinned(self.prior.log_tip_std * self.thinner),
         )
         if not uneven.any():

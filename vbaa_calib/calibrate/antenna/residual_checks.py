@@ -13,7 +13,7 @@ from vbaa_calib.core.robust import finite_or_none, mad_std
 
 from .bundle_adjustment import BundleAdjustment
 
-_MASS = 6 + PARAMETERS.index("log_mass_per_length_kg_m")
+_MASS = 6 + PARAMETERS.index("log_mass_per_length_kg_m")  # place among `RIG_PARAMETERS`
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from targets.board import BoardWithIds
 from vbaa_calib.antenna.shape import PARAMETERS, Curves, bend
 from vbaa_calib.antenna.taper import UNIFORM, Taper
 from vbaa_calib.calibrate.antenna.bundle_adjustment import noise_scale
-from vbaa_calib.calibrate.antenna.session_rig import CLAMP_GIVE_STD_M, LOG_MASS_STD, bow_std_per_m, nominal_parameters
+from vbaa_calib.calibrate.antenna.session_rig import bow_std_per_m, nominal_parameters
+from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.calibrate.pose.board_pose import BoardPose
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
@@ -67,7 +68,7 @@ class FreeAntenna:
 def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> FreeAntenna:
     """A straight antenna of nominal stiffness and mass, clamped in the frame that is looked for; gravity (3,) in it."""
     bow = bow_std_per_m(antenna.length_m)
-    shape = [bow, bow, _LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M]
+    shape = [bow, bow, _LOG_STIFFNESS_STD, AntennaSettings.log_mass_std, AntennaSettings.clamp_give_std_m]
     std = [0.0, 0.0, _CLAMP_OUT_OF_PLANE_STD_RAD, 0.0, *shape]
     known = antenna.length_m, _LENGTH_STD_M, antenna.diameter_m, nominal_parameters(antenna), np.diag(np.square(std))
     return FreeAntenna(*known, np.asarray(gravity_m_s2, float), antenna.taper)
