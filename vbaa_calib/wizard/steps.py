@@ -17,7 +17,8 @@ from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.calibrate.given_lens import GivenLens
 from vbaa_calib.calibrate.guide.next_load import load_progress
-from vbaa_calib.calibrate.guide.next_view import GOAL_M, ViewProgress, lens_progress, plane_progress
+from vbaa_calib.calibrate.guide.next_view import ViewProgress, lens_progress, plane_progress
+from vbaa_calib.calibrate.guide.settings import GuideSettings
 from vbaa_calib.calibrate.guide.suggestion import Suggestion, pose_match
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import rig_document
@@ -223,7 +224,7 @@ def guidance(state: SessionState) -> ViewProgress:
             solution = state.lens()
         except VbaaError:
             solution = None
-        return lens_progress(state.views("lens"), state.board, state.work_plane(), GOAL_M, size, solution)
+        return lens_progress(state.views("lens"), state.board, state.work_plane(), GuideSettings.goal_m, size, solution)
 
     return state.cached("guidance", (state.inputs("lens", "plane"), size), made)
 
@@ -249,7 +250,7 @@ def _lens_progress(state: SessionState) -> Progress:
         missing = f"{_counted(_FEWEST_VIEWS - len(views), 'more picture')}, then there is a first lens"
     # a lens of few pictures agrees with them by its freedom
     means = now.solution is not None and np.isfinite(now.std_m) and len(views) >= _TRUSTED_VIEWS
-    reached, goal = bool(now.std_m <= GOAL_M), f"{1e3 * GOAL_M:.2f} mm"
+    reached, goal = bool(now.std_m <= GuideSettings.goal_m), f"{1e3 * GuideSettings.goal_m:.2f} mm"
     std = Number("error that the lens adds where the antenna moves", f"{1e3 * now.std_m:.3f} mm", goal, reached)
     return Progress(
         seen=tuple(seen),

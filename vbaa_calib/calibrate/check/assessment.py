@@ -37,9 +37,8 @@ from .boards import check_lens, check_pose
 from .finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Checked, Finding, worst
 from .rig import at, number_at, rig_findings, rig_maps, rig_numbers
 
-_SCHEMA = "vbaa.check/1"
-_PARTS = ("intrinsics", "plane", "noload", "loads")
-_NO_JIG = "session.yaml does not say where the jig is"
+_PARTS = ("intrinsics", "plane", "noload", "loads")  # folders of a session that a rig is checked against
+_NO_JIG = "session.yaml does not say where the jig is"  # why the camera's pose is left open
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +58,6 @@ class NewPictures:
             check_angle(getattr(self, name), name)
         if self.moment_Nm is not None and not math.isfinite(self.moment_Nm):
             raise InputError(f"moment_Nm is {self.moment_Nm:g}", remedy="give the sensor's reading in N·m, or leave it")
-
-
-_VERDICTS = {
-    HOLDS: "This rig holds.",
-    LOOK: "Look at this rig before you rely on it.",
-    FAILS: "This rig does not hold.",
-    NOT_GIVEN: "There is nothing to judge this rig by.",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +85,14 @@ class Assessment:
     @property
     def headline(self) -> str:
         """The verdict in a sentence."""
-        fits = self.own_pictures and self.verdict == HOLDS
-        return "This rig fits its calibration's pictures." if fits else _VERDICTS[self.verdict]
+        if self.own_pictures and self.verdict == HOLDS:
+            return "This rig fits its calibration's pictures."
+        return {
+            HOLDS: "This rig holds.",
+            LOOK: "Look at this rig before you rely on it.",
+            FAILS: "This rig does not hold.",
+            NOT_GIVEN: "There is nothing to judge this rig by.",
+        }[self.verdict]
 
     @property
     def words(self) -> str:
@@ -116,7 +113,7 @@ class Assessment:
         """check.json: the report is made from this alone."""
         session = self.session or Checked((), {})
         return {
-            "schema": _SCHEMA,
+            "schema": "vbaa.check/1",
             "rig": str(self.path),
             "verdict": self.verdict,
             "headline": self.headline,
