@@ -13,10 +13,10 @@ from targets.board import BoardWithIds
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
-from vbaa_calib.calibrate.over_board.fit import OverSetup, nominal_free_antenna
-from vbaa_calib.calibrate.over_board.over_board import solve_over_board
+from vbaa_calib.calibrate.over_board.over_board import OverSetup, nominal_free_antenna, solve_over_board
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate, differences, fused, inflated, require_agreement
+from vbaa_calib.calibrate.pose.settings import PoseSettings
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
@@ -27,16 +27,6 @@ from vbaa_calib.diagnose.jig import JigEvidence, jig_diagnoses
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.geometry.independent_axes import conditioned
 from vbaa_calib.session import OverBoard, Session, Still, has_over, has_sweep, read_noload, read_sweep
-
-_CORNER_BIAS_PX = 0.02
-"""How far all corners may lie to one side of the antenna's centrelines: the board is measured on edges, the antenna on
-a line, and light and blur move them differently. On rendered pictures it is 0.015 px. It does not average out."""
-
-
-_SWEEP_NUMBERS = (
-    *("rms_px", "pictures", "angle_std_rad", "axes_free"),
-    *("axis_skew_rad", "axis_skew_std_rad", "axis_offset_m", "axis_offset_std_m"),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +69,9 @@ class PlaneC:
             way: {"rms_px": board.rms_px, "second_solution_ratio": board.second_ratio}
             for way, board in self.boards.items()
         }
-        sweep = self.sweep and {name: getattr(self.sweep, name) for name in _SWEEP_NUMBERS} | {
+        numbers = ("rms_px", "pictures", "angle_std_rad", "axes_free")
+        axes = ("axis_skew_rad", "axis_skew_std_rad", "axis_offset_m", "axis_offset_std_m")
+        sweep = self.sweep and {name: getattr(self.sweep, name) for name in (*numbers, *axes)} | {
             "left_out": [vars(view) for view in self.sweep.left_out],
             "T_world_board": self.sweep.T_world_board.to_dict(),
         }
@@ -210,7 +202,7 @@ def _clamp_doubt(found: PoseEstimate, over: OverBoard, board: BoardWithIds) -> t
 def _corner_bias(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Directions (2, 6) and deviations (2,): a shift of all corners in the picture is a turn of the camera."""
     turns = np.hstack([estimate.T_antenna_camera.rotation[:, :2].T, np.zeros((2, 3))])
-    return turns, _CORNER_BIAS_PX / np.diag(camera.matrix)[[1, 0]]
+    return turns, PoseSettings.corner_bias_px / np.diag(camera.matrix)[[1, 0]]
 
 
 def _print_doubt(estimate: PoseEstimate, session: Session, scale_std: float) -> tuple[np.ndarray, np.ndarray]:

@@ -21,8 +21,6 @@ from vbaa_calib.session import Load
 from .pipeline import Calibration
 from .plane_c import picture_folders
 
-_PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")  # whose versions rig.json names
-
 
 def report(calibration: Calibration) -> None:
     """The result in a few lines of prose."""
@@ -96,7 +94,7 @@ def rig_document(calibration: Calibration, command: Sequence[str]) -> dict[str, 
         "quality": _evidence(calibration),
         "inputs_sha256": {name: sha256(path) for name, path in paths.items()},
         "versions": {"python": platform.python_version(), "vbaa-calib": version("vbaa-calib")}
-        | {name: version(name) for name in _PACKAGES},
+        | {name: version(name) for name in ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")},
         "command": list(command),
     }
 

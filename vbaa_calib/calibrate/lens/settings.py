@@ -90,6 +90,22 @@ class LensSettings:
     least_error_px: float = 1e-4  # error of a pixel, least
     chance_bias: float = 2.0  # times the variance of a difference, that its square has by chance
 
+    # a known lens; its assumed deviations are those of OpenCV's solutions of two thirds of the views of four real sets
+    focal_std: float = 0.003  # relative deviation of the focal length, where the file states none: they were 0.07–0.5 %
+    aspect_std: float = 0.001  # relative deviation of fx/fy: they were 0.02–0.13 %
+    centre_per_width: float = 0.0025  # deviation of the centre over the width: they were 0.1–0.8 %
+    corner_per_width: float = 0.0008  # of what distortion does to the picture's corner: they were 0.03–0.7 %
+    uncorrected_per_width: float = 0.02  # the same where all coefficients are zero: ordinary lenses have up to this
+    vague_start: float = 0.05  # relative deviation of the focal length from which a lens is no start
+    known_floor_px: float = 0.1  # difference from the pictures' own lens up to which nothing follows
+    known_least_px: float = 0.02  # uncertainty of any two lenses' difference
+    correlated: float = 2.0  # ratio of the pictures' own lens' deviations to those of independent corners
+
+    # corners that others have found
+    most_rise: float = 0.02  # of a board's points along z, over its extent
+    furthest_px: float = 1e6  # of a corner
+    most_px: int = 100_000  # of a picture's width or height
+
     # what is reported of a lens
     vague_focal: float = 0.02  # relative deviation of the focal length from which it is
     covered: float = 0.5  # share of an 8 x 6 grid over the picture with corners, below which it is

@@ -763,7 +763,7 @@ def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray, darkest
     return np.where(np.isfinite(there), there, 0.0)
 
 
-_END_REMEDY = "give --clamp U,V and --tip U,V"
+_END_REMEDY = "give --clamp U,V and --tip U,V"  # where the ends are not known
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ class PoseSettings:
     gross_corner: float = 20.0  # distance of an outlying corner in σ,
     gross_corner_px: float = 0.5  # and at least this
     ambiguous: float = 1.2  # ratio of the errors of a plane's second pose and its first, below which it may be either
+    corner_bias_px: float = 0.02  # common offset of corners, by edges, from centrelines: 0.015 px in rendered pictures
     contradiction: float = 1e-4  # p-value below which two estimates of one pose contradict each other
 
     # robust fit of a sweep
