@@ -27,7 +27,7 @@ from vbaa_calib.core.files import write_json, write_text
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
-from vbaa_calib.detect.quality.screen import LEAST_CORNERS
+from vbaa_calib.detect.quality.settings import QualitySettings
 from vbaa_calib.diagnose.boards import resolution_changed, same_pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
@@ -138,11 +138,11 @@ def _check_board(state: SessionState, picture: Picture, live: bool) -> tuple[Boa
     if changed is not None:
         return view, PictureCheck(str(changed), view.corners_px, (changed,), ids=view.ids)
     hints = list(picture_hints(image, view, state.board))
-    if not live and len(view.ids) < LEAST_CORNERS:
+    if not live and len(view.ids) < QualitySettings.least_corners:
         other = wrong_board(image, view, state.board)
         hints = hints if other is None else [other, *hints]
     refusal = next((str(hint) for hint in hints if hint.grave), "")
-    if not refusal and len(view.ids) < LEAST_CORNERS:
+    if not refusal and len(view.ids) < QualitySettings.least_corners:
         refusal = f"{len(view.ids)} corners of the board are seen; show more of it"
     return view, PictureCheck(refusal, view.corners_px, tuple(hints), f"{len(view.ids)} corners", ids=view.ids)
 
@@ -156,7 +156,10 @@ def _check_plane(state: SessionState, picture: Picture, readings: Readings | Non
 
 def _board_in_the_way(state: SessionState, image: np.ndarray) -> str:
     """Why a picture (H, W) uint8 is not of the antenna: the jig's board is in it; or ""."""
-    if state.store.folder("plane") != "plane" or len(detect_corners(image, state.board, "").ids) < LEAST_CORNERS:
+    if (
+        state.store.folder("plane") != "plane"
+        or len(detect_corners(image, state.board, "").ids) < QualitySettings.least_corners
+    ):
         return ""
     return "the board is still in the picture; take it and its jig away"
 
