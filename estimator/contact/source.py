@@ -44,10 +44,8 @@ from .recording import (
     estimate_pictures,
     estimate_taken,
 )
+from .settings import ContactSettings
 from .shutter import checked
-
-_STILLS = 48
-"""So many pictures of a bag or video show what stands still behind the antenna."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +181,7 @@ def unpacked(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> Iterato
 
 def some_stills(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> list[Still]:
     """Of a bag or video some pictures, in files of a folder."""
-    return [frame for frame, _ in unpacked(thinned(taken, _STILLS), folder)]
+    return [frame for frame, _ in unpacked(thinned(taken, ContactSettings.sampled_pictures), folder)]
 
 
 def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> _Source:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator import ContactEstimator
-from estimator.contact.status import FEWEST_POINTS
+from estimator.contact.settings import ContactSettings
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
@@ -105,7 +105,7 @@ def test_where_a_free_antenna_would_be_touched_is_not_searched() -> None:
     assert 0.5 < found.evidence.mean() < 2.5
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, FEWEST_POINTS - 1])
+@pytest.mark.parametrize("count", [0, 1, 2, ContactSettings.fewest_points - 1])
 def test_too_few_points_are_no_antenna(count: int) -> None:
     contact = estimated(replace(frame(), points_px=frame().points_px[:count]))
     assert contact.status == "no_antenna"
