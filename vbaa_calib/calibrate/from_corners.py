@@ -1,4 +1,4 @@
-"""Lens calibration from given corners: they are checked, then solved like detected ones."""
+"""Lens calibration from corners found elsewhere: checked, then solved like detected ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A lens calibrated before: reads its file, assumes a covariance where none is given, tests it on new views."""
+"""A lens calibrated before: reads its file, assumes a covariance where it states none, tests it on new views."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ class GivenLens:
 
     @property
     def whose(self) -> str:
-        """Whose the picture's size is, for an error."""
+        """Beginning of an error about the picture's size."""
         return f"the lens in {self.path.name} is for"
 
     def to_dict(self) -> dict[str, Any]:
-        """For rig.json."""
+        """The entry of rig.json."""
         uncertainty = f"assumed: {self.assumed}" if self.assumed else "stated in the file"
         return {"file": self.path.name, "format": self.what, "sha256": sha256(self.path), "uncertainty": uncertainty}
 
@@ -66,7 +66,7 @@ class GivenLens:
 def read_lens(path: Path, wanted: Wanted | None = None) -> GivenLens:
     """The lens in a file.
 
-    Raises InputError for a file that is none of those known, is broken, or whose lens folds inside the picture.
+    Raises InputError for a file that is none of those known, is broken, or has a lens that folds inside the picture.
     """
     path = Path(path)
     if path.is_dir():
@@ -104,7 +104,7 @@ def _model_of(camera: Camera) -> DistortionModel:
 
 
 def _own_doubts(path: Path) -> tuple[Diagnosis, ...]:
-    """What a camera.json or rig.json says of its own lens."""
+    """Diagnoses of a camera.json or rig.json on its own lens."""
     data = read_json(path)
     lens = data if at(data, "grade") is not None else at(data, "quality", "lens")
     grade, said = at(lens, "grade"), at(lens, "verdict")
@@ -151,7 +151,7 @@ def _with_assumed_covariance(camera: Camera, *, measured: bool = False) -> tuple
 def given_solution(
     given: GivenLens, views: Sequence[BoardView], spec: Board, placed: Sequence[tuple[str, BoardView]] = ()
 ) -> LensSolution:
-    """The given lens as the lens step of a calibration. The board's views, if any, and those that show plane C,
+    """The known lens as the lens step of a calibration. The board's views, if any, and those that show plane C,
     `placed` with their folders, test the lens; the former show the board's shape, too."""
     found, reasons = list(given.doubts), [f"The lens is the one in {given.path.name} ({given.what})."]
     if given.assumed:
@@ -202,7 +202,7 @@ def focus_changed(
 
 
 def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardView]) -> tuple[Diagnosis | None, str]:
-    """Whether the lens that the pictures have by themselves is the given one, and a sentence on that: χ² of the
+    """Whether the pictures' own lens agrees with the known one, and a sentence on that: χ² of the
     difference over the part of the picture that the views cover, without what a turn of the camera explains."""
     camera, other = given.camera, own.camera
     corners = np.concatenate([view.corners_px for view in views])

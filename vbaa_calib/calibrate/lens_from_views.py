@@ -74,7 +74,7 @@ def solve_lens(
 
 
 def _unused(usable: Sequence[BoardView], solution: LensSolution) -> list[str]:
-    """Names of the usable views that a solution does not rest on."""
+    """Names of the usable views that took no part in a solution."""
     used = {view.name for view in solution.views}
     return [view.name for view in usable if view.name not in used]
 

@@ -51,12 +51,13 @@ class PlaneC:
 
     @property
     def boards(self) -> dict[str, BoardPose]:
-        """The boards whose single pose an estimate rests on: each may have a second one that fits nearly as well."""
+        """The boards of which a single pose supports an estimate: each may have a second one that fits nearly as
+        well."""
         boards = {"jig": self.jig, "over board": self.over}
         return {way: board for way, board in boards.items() if board is not None}
 
     def to_dict(self) -> dict[str, Any]:
-        """For rig.json."""
+        """The entry of rig.json."""
         ways = [
             {
                 "way": one.way,
@@ -81,7 +82,7 @@ class PlaneC:
 
 @dataclass(frozen=True, eq=False)
 class PlaneViews:
-    """What shows plane C; None where the session has no pictures for a method."""
+    """Views that show plane C; None where the session has no pictures for a method."""
 
     jig: Sequence[BoardView] | None
     sweep: Sequence[BoardView] | None
@@ -89,7 +90,7 @@ class PlaneViews:
 
 
 def picture_folders(session: Session) -> list[str]:
-    """The folders of the session whose pictures show plane C. Raises InputError when there are none."""
+    """The folders of the session with pictures of plane C. Raises InputError when there are none."""
     has = {"plane": session.T_antenna_board is not None, "sweep": has_sweep(session), "over": has_over(session)}
     folders = [name for name, there in has.items() if there]
     if not folders:
@@ -160,7 +161,7 @@ def _require_agreement(
 def _jig_evidence(
     session: Session, camera: Camera, jig: BoardPose | None, others: Sequence[PoseEstimate] = ()
 ) -> JigEvidence | None:
-    """What shows whether the jig is where session.yaml has it; None without a jig."""
+    """Evidence on whether the jig is where session.yaml has it; None without a jig."""
     if jig is None or session.T_antenna_board is None:
         return None
     free: Sequence[Still] = ()
@@ -181,7 +182,7 @@ def jig_causes(
 
 
 def because(error: VbaaError, found: Sequence[Diagnosis], session: Session) -> VbaaError:
-    """The error, or in its stead one of the input with the likely cause."""
+    """The error, or in its place one of the input with the likely cause."""
     if not found:
         return error
     return InputError(found[0].words, where=session.root / "session.yaml", remedy=found[0].remedy)

@@ -23,7 +23,7 @@ from .plane_c import picture_folders
 
 
 def report(calibration: Calibration) -> None:
-    """The result in a few lines of prose."""
+    """Prints the result in a few lines of prose."""
     rig, lens, words = calibration.rig, calibration.lens, calibration.rig.words
     ways = " + ".join(estimate.way for estimate in calibration.plane.estimates)
     rms = "" if calibration.given else f": rms {lens.rms_px:.3f} px"
@@ -80,7 +80,7 @@ def _evidence(calibration: Calibration) -> dict[str, Any]:
 
 
 def rig_document(calibration: Calibration, command: Sequence[str]) -> dict[str, Any]:
-    """rig.json: the rig, the evidence for it, and what it was made of by which command line."""
+    """The document rig.json: the rig, the evidence for it, and what it was made of by which command line."""
     session = calibration.session
     files = [session.root / "session.yaml"]
     if isinstance(board := read_yaml(files[0]).get("board"), str):
@@ -100,7 +100,7 @@ def rig_document(calibration: Calibration, command: Sequence[str]) -> dict[str, 
 
 
 def camera_document(solution: LensSolution, spec: Board) -> dict[str, Any]:
-    """camera.json: what `Camera.load` reads, and the evidence for it (docs/formats.md)."""
+    """The document camera.json: what `Camera.load` reads, and the evidence for it (docs/formats.md)."""
     covariance = solution.camera.covariance
     assert covariance is not None
     # null where there is no ray

@@ -33,7 +33,7 @@ _RULES = Rules(iterations=40, takes_last=True, may_rise=1e-3)
 
 
 def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, standstill: float) -> Linearised:
-    """Parameters of least robust cost. evaluated : what `Problem.evaluate` gives at the start."""
+    """Minimises the robust cost from a start. evaluated : what `Problem.evaluate` gives at the start."""
     upper = problem.upper
     if (start <= upper).all():
         first = Linearised(start, *problem.residuals(start, evaluated), problem.certain)
@@ -57,9 +57,9 @@ def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, stand
 def _fitting(
     problem: Problem, solution: Linearised, distances: Sequence[np.ndarray], kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which stills fit (F,), and how far each one's points lie off, in scaled deviations (F,), by a solution of the
-    kept ones. A still is judged with its own readings free, those that no other kept still has: nothing else determines
-    their errors; the rest moves within its uncertainty.
+    """Which static frames fit (F,), and the rms of each one's points, in scaled standard deviations (F,), by a
+    solution of the kept ones. A frame is judged with its own readings free, those that no other kept frame has: nothing
+    else determines their errors; the rest moves within its uncertainty.
     """
     groups, readings = problem.groups, problem.lens.stop
     rms, needed, root = np.empty(len(distances)), np.zeros(len(distances)), solution.covariance_root()
@@ -75,14 +75,14 @@ def _fitting(
         step = -np.linalg.solve(np.eye(len(errors)) + columns.T @ columns, columns.T @ left + errors)
         rms[index] = np.sqrt(((left + columns @ step) ** 2).mean())
         needed[index] = np.linalg.norm((errors + step)[: len(own)])
-    return (rms < AntennaSettings.outlying_still * np.median(rms)) & (needed < AntennaSettings.outlying_reading), rms
+    return (rms < AntennaSettings.outlying_frame * np.median(rms)) & (needed < AntennaSettings.outlying_reading), rms
 
 
 def _disagreements(
     problem: Problem, solution: Linearised, distances: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """χ² and degrees of freedom (F,) of how each still disagrees with the rest, by line and moment; none of those left
-    out. distances : see `Problem.evaluate`.
+    """χ² and degrees of freedom (F,) of the disagreement of each static frame with the rest, by line and moment; none
+    of those left out. distances : see `Problem.evaluate`.
     """
     kept = np.flatnonzero(problem.kept)
     jacobian, residuals = (solution.jacobian.T * solution.weights).T, solution.residuals * solution.weights
@@ -100,7 +100,7 @@ def _disagreements(
 
 
 def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Per line (N,) bool, which points do not belong to a disturbed stretch, by their residuals (N,)."""
+    """Masks (N,) of each line's points outside disturbed stretches, by their residuals (N,)."""
     means = list[np.ndarray]()
     for off in residuals:
         basis, weights = (
@@ -130,7 +130,7 @@ def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def _without_disturbed(problem: Problem, parameters: np.ndarray, evaluated: Evaluation) -> Problem:
-    """The same without the stretches of lines that something disturbs."""
+    """The same problem without the stretches of lines that something disturbs."""
     observations = list(problem.observations)
     undisturbed = _undisturbed([block[:, 0] / problem.noise_scale for block in evaluated.points])
     for index, (one, good) in enumerate(zip(problem.observations, undisturbed, strict=True)):
@@ -200,11 +200,12 @@ class BundleAdjustment:
 def adjust_bundle(
     observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float
 ) -> BundleAdjustment:
-    """Solve camera pose, antenna, moment sensor and lens from stills. Raises SolveError when it does not converge.
+    """Solve camera pose, antenna, moment sensor and lens from static frames. Raises SolveError when it does not
+    converge.
 
-    In passes: each weighs the points by their scatter in the one before, and leaves out stills that lie much further
+    In passes: each weighs the points by their scatter in the one before, and leaves out frames that lie much further
     off than the others. Where the lens folds within its covariance, its prior is narrowed. Where points share their
-    errors, the stills with a load, or without, tell no more than one of them: the light stands still.
+    errors, the frames with a load, or without, say no more than one of them: the light does not move.
     """
     sees, shares = prior.camera.valid_region().image_fraction, list(AntennaSettings.lens_shares)
     failure = SolveError("the lens that the pictures require folds inside the picture: calibrate it from more views")
@@ -223,7 +224,7 @@ def adjust_bundle(
 
 
 def _too_few(fits: np.ndarray, loaded: np.ndarray) -> bool:
-    """Whether so many stills (F,) do not fit that it is rather the model that does not."""
+    """Whether so many static frames (F,) do not fit that the model is wrong rather than they."""
     kinds = [fits[loaded == kind] for kind in (False, True)]
     return any(
         (~own).sum() > max(1, int(AntennaSettings.most_contradict * len(own)))
@@ -233,10 +234,10 @@ def _too_few(fits: np.ndarray, loaded: np.ndarray) -> bool:
 
 
 def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearised, Evaluation, np.ndarray] | None:
-    """Solved in passes, each with the points' scatter about the one before and without the stills that do not fit it:
+    """Solved in passes, each with the points' scatter about the one before and without the frames that do not fit it:
     the problem, its solution, what that predicts, and how far each picture's points lie off, in deviations (F,).
 
-    judged : leave out stills that contradict the others, too; None where these are too many.
+    judged : leave out frames that contradict the others, too; None where these are too many.
     """
     parameters = problem.begin
     least = 1.0 if np.mean([one.shared for one in problem.observations]) > 0.5 else 0.0
@@ -296,15 +297,15 @@ def _solved(
             parameters = solution.parameters
     kept = [one for one, fits in zip(observations, problem.kept, strict=True) if fits]
     alike = sum(one.shared for one in kept) / len({one.loaded for one in kept})
-    settled = solution
+    final = solution
     if alike > 1.0:
-        settled = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike))).linearised(parameters)
+        final = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike))).linearised(parameters)
     square, freedom = _disagreements(problem, solution, evaluated.points)
     scatter = float(np.sqrt(max(square.sum() / max(freedom.sum(), 1.0) / CHANCE_SCATTER, 1.0)))
     # of what was measured; priors stay
-    trust = np.where(np.arange(len(settled.residuals)) < len(settled.residuals) - settled.certain, 1.0 / scatter, 1.0)
-    settled = replace(settled, residuals=trust * settled.residuals, jacobian=trust[:, None] * settled.jacobian)
-    root, lens = settled.covariance_root(), problem.lens
+    trust = np.where(np.arange(len(final.residuals)) < len(final.residuals) - final.certain, 1.0 / scatter, 1.0)
+    final = replace(final, residuals=trust * final.residuals, jacobian=trust[:, None] * final.jacobian)
+    root, lens = final.covariance_root(), problem.lens
     # the lens may be off by all its standard deviation, whatever share the solve had: the solution follows its prior
     rest = root @ root[lens].T * np.sqrt(prior.lens_shares**-2 - 1.0)
     root = np.hstack([root, rest])
@@ -342,8 +343,8 @@ def _solved(
 
 
 def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float, float]:
-    """The same with the antenna's ends that agree, unless they contradict everything else; and by how many deviations
-    and metres all of them together lie off the length.
+    """The same problem with the antenna's ends that agree, unless they contradict everything else; and by how many
+    deviations and metres all of them together lie off the length.
     """
     std_m = problem.prior.tip_std_m
     seen = np.array([bool(np.isfinite([*one.tip_px, one.tip_std_px]).all()) for one in problem.observations])
@@ -373,7 +374,7 @@ def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float, 
 
 
 def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Linearised, Evaluation] | None:
-    """Solved again with the antenna's ends, from the solution without; None where it does not converge."""
+    """Solves again with the antenna's ends, from the solution without; None where it does not converge."""
     try:
         solution = _descended(problem, parameters, problem.evaluate(parameters), AntennaSettings.standstill)
         problem = problem.relinearised(solution.parameters)

@@ -57,10 +57,10 @@ class _Tried:
         return float(np.mean(heights))
 
     def pulled(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
-        """Measured by both edges where its lines lie aside of their middle."""
+        """The same, measured by both edges where its lines lie off their middle."""
         if self.paint.bright is None:
             return self
-        where, aside = finders[0].corridor, []
+        where, offsets = finders[0].corridor, []
         width, taper = where.width_px, where.taper
         for image, line in zip(images, self.lines, strict=True):
             plane = self.paint.plane(image)
@@ -69,7 +69,7 @@ class _Tried:
                 # the thin part of an antenna that tapers has noise alone
                 half = len(line.points_px) // 2
                 thick = line.points_px[: half if taper < 0.0 else None][half if taper > 0.0 else 0 :]
-                aside.append(np.sqrt(np.mean(beside(between.guide_px, thick)[1] ** 2)))
+                offsets.append(np.sqrt(np.mean(beside(between.guide_px, thick)[1] ** 2)))
         thickest = width * (1.0 + 0.25 * abs(taper))
-        both = bool(aside) and float(np.median(aside)) > AntennaSettings.off_middle * thickest
+        both = bool(offsets) and float(np.median(offsets)) > AntennaSettings.off_middle * thickest
         return replace(self, paint=replace(self.paint, both_edges=both))

@@ -33,7 +33,7 @@ from .inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, Prior, 
 
 
 def _unevenly_bent(curves: Curves, parameters: np.ndarray, profile: np.ndarray) -> Curves:
-    """Curves of antennas (B, 9) whose compliance is 1 + `profile` (2,) times the first Legendre polynomials, to first
+    """Curves of antennas (B, 9) of compliance 1 + `profile` (2,) times the first Legendre polynomials, to first
     order: what bends them stays."""
     step = np.diff(curves.arclength_m)[..., None]
     middle = (curves.arclength_m[:, 1:] + curves.arclength_m[:, :-1]) / curves.arclength_m[:, -1:] - 1.0
@@ -99,7 +99,7 @@ class Problem:
 
     @staticmethod
     def of(observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float) -> Problem:
-        """With all observations in, their points' deviations as claimed, and the lens as it is."""
+        """The problem with all observations, their points' standard deviations as stated, and the lens as it is."""
         count = len(observations)
         groups = ReadingGroups.of([one.still for one in observations], prior.readings)
         kept, at = np.ones(count, bool), np.zeros(groups.count)
@@ -107,7 +107,7 @@ class Problem:
         return blank.relinearised(blank.begin)
 
     def over(self, observations: Sequence[Observation]) -> Problem:
-        """The same rig over other stills, their loads and lines exact, none seen yet."""
+        """The same rig over other static frames, their loads and lines exact, none seen yet."""
         kept, groups = np.ones(len(observations), bool), ReadingGroups.of([], EXACT)
         return replace(
             self.without_tips(),
@@ -121,7 +121,7 @@ class Problem:
         )
 
     def without_tips(self) -> Problem:
-        """The same without the antenna's ends."""
+        """The same problem without the antenna's ends."""
         return replace(self, tips=np.zeros(0, int), tips_at_lens=None)
 
     @property
@@ -170,7 +170,7 @@ class Problem:
 
     @property
     def size(self) -> int:
-        """How many parameters there are."""
+        """Number of parameters."""
         return self.sensor.stop
 
     def wrench_sensor(self, parameters: np.ndarray) -> WrenchSensor | None:
@@ -179,7 +179,7 @@ class Problem:
         return None if known is None else known.moved(self.prior.sensor_std * parameters[self.sensor])
 
     def relinearised(self, parameters: np.ndarray) -> Problem:
-        """With points seen through the lens, and loads, of these parameters.
+        """The same problem, relinearised at these parameters: points through their lens, loads as they have them.
 
         Raises LensLost where that lens folds before points that the prior's lens sees.
         """
@@ -210,7 +210,7 @@ class Problem:
 
     @property
     def certain(self) -> int:
-        """How many residuals, the last ones, are the priors': these are never weighed down."""
+        """Number of the priors' residuals, the last ones, which no robust loss weights."""
         return len(self.tips) + 6 * len(self.prior.poses) + len(self.prior.mean) + self.size - RIG
 
     def pose(self, parameters: np.ndarray) -> Pose:
@@ -249,7 +249,7 @@ class Problem:
         return _unevenly_bent(replace(curves, moment_Nm=curves.moment_Nm / factor[1]), parameters, uneven[1:])
 
     def evaluate(self, parameters: np.ndarray) -> Evaluation:
-        """What the parameters predict."""
+        """Predictions at these parameters, and their slopes."""
         here = self._loaded(parameters)
         antennas = np.repeat(parameters[None, ANTENNA], _BENT, axis=0)
         antennas[1:] += np.diag(RIG_STEPS[6:])
@@ -324,7 +324,7 @@ class Problem:
         return {int(index): moved.picked(np.array([row])) for row, index in enumerate(self.tips)}
 
     def _loaded(self, parameters: np.ndarray) -> Problem:
-        """With the loads as the parameters have them."""
+        """Observations with the loads of these parameters."""
         errors = parameters[self.readings] - self.readings_at
         if self.thinner != (thinner := float(parameters[self.taper].sum())):
             return replace(self, thinner=thinner)._loaded(parameters)

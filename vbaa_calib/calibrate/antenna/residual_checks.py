@@ -1,4 +1,4 @@
-"""What the residuals say of the assumptions: equal compliance, weight, the sensor's noise and drift, to first order."""
+"""Tests of the assumptions by the residuals: equal compliance, weight, the sensor's noise and drift, to first order."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MASS = 6 + PARAMETERS.index("log_mass_per_length_kg_m")  # place among `RIG_PAR
 
 @dataclass(frozen=True)
 class _Estimate:
-    """A number and its standard deviation; None where the data do not hold it."""
+    """A number and its standard deviation; None where the data do not determine it."""
 
     value: float
     std: float
@@ -26,14 +26,14 @@ class _Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Checks:
-    """Assumption by assumption.
+    """Results of the checks, assumption by assumption.
 
     Attributes
     ----------
     anisotropy : log of the stiffness against bending to y over that to z; assumption 4 says 0. None without loads.
     mass_per_length_kg_m : from the sag alone, without prior knowledge; None if the sag does not determine it.
-    drift_Nm : of the moment sensor, per s, or per row where the stills have no times: drift_per.
-    noise_Nm : of the moment sensor as the stills show it, and its 95 % interval; NaN without a sensor.
+    drift_Nm : of the moment sensor, per s, or per row where the frames have no times: drift_per.
+    noise_Nm : of the moment sensor as the frames show it, and its 95 % interval; NaN without a sensor.
     """
 
     anisotropy: _Estimate | None
@@ -44,7 +44,7 @@ class Checks:
     noise_interval_95_Nm: tuple[float, float]
 
     def to_dict(self) -> dict[str, Any]:
-        """For rig.json."""
+        """The entry of rig.json."""
         drift = {f"drift_Nm_per_{per}": self.drift_Nm if per == self.drift_per else None for per in ("s", "row")}
         estimates = {"anisotropy": self.anisotropy, "mass_per_length_kg_m": self.mass_per_length_kg_m, **drift}
         numbers = {name: one and vars(one) for name, one in estimates.items()}
@@ -61,7 +61,7 @@ def check(joint: BundleAdjustment) -> Checks:
 
 
 def _one_more(joint: BundleAdjustment, points: np.ndarray, moments: np.ndarray) -> _Estimate | None:
-    """What a further parameter would be that moves the points' rows, and the moments (F,), in this way."""
+    """Score-test estimate of a further parameter that moves the points' rows and the moments (F,) so."""
     own = np.concatenate([points, moments[joint.kept]])
     column = np.append(own, np.zeros(len(joint.solution.residuals) - len(own)))
     # nothing is known of it beforehand

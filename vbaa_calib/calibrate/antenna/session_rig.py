@@ -1,4 +1,4 @@
-"""From a session's stills to a rig: observations, priors, bundle adjustment."""
+"""From a session's static frames to a rig: observations, priors, bundle adjustment."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from .settings import AntennaSettings
 
 @dataclass(frozen=True, eq=False)
 class ExpectedAntenna:
-    """Where the antenna is expected in a picture."""
+    """Expectation of the antenna in a picture: pose, shape, paint and search range."""
 
     antenna: NominalAntenna
     camera: Camera
@@ -63,7 +63,7 @@ class ExpectedAntenna:
 
     def observe(self, still: Still, image: np.ndarray, gravity_m_s2: np.ndarray) -> Observation:
         """The antenna's seen points in one picture, as `read_picture` gives it; gravity (3,) in the antenna frame. One
-        of a load that the paint does not show is looked at with what it shows itself.
+        of a load that the paint does not show is searched with the paint that it shows itself.
 
         Raises InputError as `observe` does.
         """
@@ -121,7 +121,7 @@ class ExpectedAntenna:
         return replace(ends, points_px=seen.points_px[near], sigma_px=seen.sigma_px[near])
 
     def _aside(self, seen: Observation) -> tuple[np.ndarray, np.ndarray]:
-        """Where points (N,) of a free antenna lie along and beside the expected one, in lengths of its picture."""
+        """Where points (N,) of a free antenna lie along and across the expected one, in lengths of its picture."""
         free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2, self.antenna.taper)
         where = corridor(
             self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m, taper=self.antenna.taper
@@ -133,7 +133,8 @@ class ExpectedAntenna:
     def learned(
         self, stills: Sequence[Still], images: Sequence[np.ndarray], gravity_m_s2: Sequence[np.ndarray]
     ) -> Paint:
-        """What sets the antenna off from its background in these pictures; the default where none is found."""
+        """The paint that distinguishes the antenna from its background in these pictures; the default where none is
+        found."""
         for deviations in self.reaches:
             looking = [self._finder(still, pull, deviations) for still, pull in zip(stills, gravity_m_s2, strict=True)]
             paint = learn(looking, images)
@@ -142,11 +143,11 @@ class ExpectedAntenna:
         return Paint()
 
     def _finder(self, still: Still, gravity_m_s2: np.ndarray, deviations: float | None) -> AntennaFinder:
-        """What looks for the antenna where it should be, to so many deviations; None: all around."""
+        """Finder of the antenna within so many standard deviations of its expected place; None: all around."""
         length, reach = self.antenna.length_m, REACH_PER_LENGTH
         shape = free_curve(self.parameters, length, gravity_m_s2, self.antenna.taper)
         if deviations is not None:
-            aside = AntennaSettings.prior_aside if self.course is None else AntennaSettings.course_aside
+            aside = AntennaSettings.lateral_prior if self.course is None else AntennaSettings.lateral_course
             if isinstance(still, Load):
                 free, force = shape.points_m[0, -1], np.array([[still.force_y_N, still.force_z_N]])
                 shape = bend(
@@ -191,7 +192,7 @@ class ExpectedAntenna:
 def observe(
     session: Session, kinematics: Kinematics, stills: Sequence[Still], expected: ExpectedAntenna, what: str
 ) -> tuple[list[Observation], ExpectedAntenna]:
-    """The antenna's seen points in every still, and what is known better after them: its paint, learnt from some of
+    """The antenna's points in every static frame, and what is known better after them: its paint, learnt from some of
     them, and the course that the free antenna has in all. A picture that shows none, or another course than most, is
     searched again along theirs.
 
@@ -275,8 +276,8 @@ def prior(
     readings: LoadReadings = EXACT,
     drift: Drift | None = None,
 ) -> Prior:
-    """What is known before the stills; own_frame : plane C was found by the antenna alone, so that its clamp lies on
-    and along the x axis by definition."""
+    """Priors of bundle adjustment, before the static frames; own_frame : plane C was found by the antenna alone, so
+    that its clamp lies on and along the x axis by definition."""
     in_plane = AntennaSettings.own_frame if own_frame else 1.0
     clamp = [
         AntennaSettings.clamp_offset_std_m * in_plane,
@@ -309,7 +310,7 @@ def prior(
 
 
 def read_by(sensor: NominalWrenchSensor | None, before: Prior) -> Prior:
-    """What is known beforehand, of a sensor of several axes; None: of one about y."""
+    """The prior for a sensor of several axes; None: for one about y."""
     if sensor is None:
         return before
     mean, names = before.mean.copy(), [name for name in sensor.signs if name != "my"]
@@ -327,8 +328,8 @@ def read_by(sensor: NominalWrenchSensor | None, before: Prior) -> Prior:
 
 
 def solve_antenna(session: Session, observations: Sequence[Observation], before: Prior) -> BundleAdjustment:
-    """Bundle adjustment of a session's stills. A moment sensor that scatters clearly more than the session says is
-    weighted by its own scatter."""
+    """Bundle adjustment of a session's static frames. A moment sensor that scatters clearly more than the session says
+    is weighted by its own scatter."""
     joint = adjust_bundle(observations, before, session.antenna.length_m, session.moment_std_Nm)
     sensor = check(joint)
     if sensor.noise_interval_95_Nm[0] > session.moment_std_Nm:
@@ -339,7 +340,7 @@ def solve_antenna(session: Session, observations: Sequence[Observation], before:
 def make_rig(
     session: Session, kinematics: Kinematics, joint: BundleAdjustment, observations: Sequence[Observation]
 ) -> Rig:
-    """The rig out of a bundle adjustment."""
+    """The rig from the result of a bundle adjustment."""
     sensor, covariance = MomentSensor(*joint.sensor_gain_offset, joint.problem.moment_std_Nm), joint.covariance
     several = joint.sensor
     if not session.with_sensor:

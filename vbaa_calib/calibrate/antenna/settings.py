@@ -30,7 +30,7 @@ class AntennaSettings:
     sees_less: float = 1e-3  # part of the picture that a moved lens may see less of
 
     # which pictures contradict the others
-    outlying_still: float = 3.0  # rms of a picture's points over that of the median picture, from which it is left out
+    outlying_frame: float = 3.0  # rms of a picture's points over that of the median picture, from which it is left out
     outlying_reading: float = 5.0  # deviations that its own readings would have to move for it to fit
     contradicts: float = 1e-6  # p-value of a picture that contradicts the others
     fewest_of_a_kind: int = 2  # with or without a load: with two, an outlier cannot be identified
@@ -47,8 +47,8 @@ class AntennaSettings:
 
     # finding the antenna in a session's pictures
     least_seen_free: float = 0.6  # fraction of the free antenna, which nothing hides
-    prior_aside: float = 0.067  # lateral distance over that from the clamp, one deviation of the priors above
-    course_aside: float = 0.02  # the same where other pictures of the rig determine the free antenna's course
+    lateral_prior: float = 0.067  # lateral deviation of the antenna over the distance from the clamp, by these priors
+    lateral_course: float = 0.02  # the same where other pictures of the rig determine the free antenna's course
     course_order: int = 2  # of the polynomial of that course, relative to the expected one
     off_course: float = 0.04  # distance from the others' course, in lengths, from which a line is searched for again
     leaves_course: float = 0.008  # distance from which points belong to something else

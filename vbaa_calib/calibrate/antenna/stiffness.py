@@ -1,9 +1,9 @@
 """EI from measured deflections of a clamped rod under one known load, with an interval that allows for shared errors.
 
 The deflection that the load adds is y(x) = h(x; EI) + offset: h the beam's or the elastica's, the offset the gauge's,
-which was set to zero twice. What a table cannot separate is not left to the fit: a clamp that turns is held at zero,
+which was set to zero twice. What a table cannot separate is not left to the fit: a clamp that turns is fixed at zero,
 and a prior for it goes into the standard deviation; errors that neighbouring readings share widen the interval; force
-and distance are taken as exact. EI with a clamp free to turn, and with the offset held, is reported beside it.
+and distance are taken as exact. EI with a clamp free to turn, and with the offset fixed, is reported besides.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def _weigh(
 
 def _robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[float, float]:
     """(slope, intercept) of y (N,) over the regressor (N,) with the least median of squares, of all lines through two
-    readings (or one and the origin), at most 780; intercept 0 if held."""
+    readings (or one and the origin), at most 780; intercept 0 if fixed."""
     anchors = np.unique(np.linspace(0, len(y) - 1, AntennaSettings.anchors).astype(int))
     apart = 0.2 * np.ptp(regressor)
     if offset:
@@ -157,7 +157,7 @@ Forward = Callable[[float], np.ndarray]  # EI in N·m² → deflections (N,) in 
 
 @dataclass(frozen=True, eq=False)
 class _CompliancePoint:
-    """Where the least squares ended, and the design matrix there."""
+    """Minimum of the least squares, and the design matrix there."""
 
     stiffness_Nm2: float
     offset_m: float
@@ -166,7 +166,7 @@ class _CompliancePoint:
 
 
 def beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
-    """Small deflections at x (N,)."""
+    """Deflections (N,) m at places x (N,) by the small-angle formula, as a function of EI."""
     return lambda stiffness: linear.deflection(x_m, distance_m, force_N, stiffness)
 
 
@@ -227,7 +227,7 @@ def slope_at_load(model: str, force_N: float, distance_m: float, stiffness_Nm2: 
 
 @dataclass(frozen=True)
 class BeamFit:
-    """EI under one set of assumptions; offset and clamp rotation are 0 where they were held."""
+    """EI under one set of assumptions; offset and clamp rotation are 0 where they were fixed."""
 
     stiffness_Nm2: float
     std_Nm2: float
@@ -269,7 +269,7 @@ def solve_stiffness(
 ) -> StiffnessSolution:
     """EI of the rod of a table, loaded by `force_N` at `distance_m` along it from the clamp.
 
-    `offset` False holds the gauge's offset at zero: right only where the gauge was read at the clamp and showed 0.
+    `offset` False fixes the gauge's offset at zero: right only where the gauge was read at the clamp and showed 0.
 
     Raises
     ------
@@ -342,12 +342,12 @@ class _Bench:
 
     @property
     def least_std_m(self) -> float:
-        """What rounding two readings to the last decimal gives their difference, or what float64 can hold."""
+        """Standard deviation of a difference by rounding two readings to the last decimal, or by float64."""
         table = self.table
         return max(table.resolution_m / np.sqrt(6.0), 1e-12 * float(np.abs(table.deflection_m).max()))
 
     def screened(self, model: str, start_Nm2: float, offset: bool) -> _RodFit:
-        """Fitted to the readings that are not outliers."""
+        """Fits a model to the readings that are not outliers."""
         shape = self.forward(model)(start_Nm2)
         factor, intercept = _robust_line(shape, self.table.deflection_m, offset)
         kept = ~outlying(self.table.deflection_m - factor * shape - intercept, self.least_std_m)
@@ -370,7 +370,7 @@ class _RodFit:
     offset: bool
 
     def refitted(self, offset: bool, turning: bool = False) -> _RodFit:
-        """The same model and readings under other assumptions."""
+        """Fits the same model to the same readings under other assumptions."""
         return self.bench.fitted(self.model, self.kept, self.parameters.stiffness_Nm2, offset, turning)
 
     def judged(self, clamp: float) -> tuple[BeamFit, _ErrorModels, float]:

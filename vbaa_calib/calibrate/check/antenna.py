@@ -60,19 +60,19 @@ class CheckedStill:
         return bool(np.isfinite(self.still.moment_Nm))
 
     def common(self) -> dict[str, Any]:
-        """What check.json has of every picture: its name, and its points' residuals, rms in deviations."""
+        """The entry of check.json for any picture: its name, and its points' residuals, rms in deviations."""
         name = self.still.image.name if self.still.image else "?"
         return {"image": name, "rms_std": float(np.sqrt((self.residuals[_POINTS] ** 2).mean()))}
 
 
 def _without_load(one: Observation) -> Observation:
-    """Its node `CONTACT` stays where the load hangs."""
+    """The observation without its load; its node `CONTACT` stays where the load hangs."""
     bare = replace(one.still, force_y_N=0.0, force_z_N=0.0) if isinstance(one.still, Load) else one.still
     return replace(one, still=bare)
 
 
 def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = EXACT) -> list[CheckedStill]:
-    """Every still against the rig's prediction; readings : how well loads' places and weights are known."""
+    """Every static frame against the rig's prediction; readings : how well loads' places and weights are known."""
     sensor, noise, view = rig.moment_sensor, rig.image.noise_scale, rig.T_antenna_camera.inverse()
     mean = np.concatenate([rig.antenna.parameters, [sensor.gain, sensor.offset_Nm]])
     # steps along its axes are steps of the lens' parameters, of one that counts as exact, too
@@ -125,8 +125,8 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
 
 
 def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) -> Checked:
-    """Free shape, then stiffness, offset, gain; what has changed is free in the estimates after it. camera_known : the
-    camera's pose was checked by a board."""
+    """Checks free shape, stiffness, offset and gain in this order; what has changed is free in the estimates after it.
+    camera_known : the camera's pose was checked by a board."""
     free = [one for one in stills if not isinstance(one.still, Load)]
     loaded = [one for one in stills if isinstance(one.still, Load)]
     covariance = rig.joint_covariance
@@ -173,8 +173,8 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
 
 
 def _information(stills: Sequence[CheckedStill], rows: slice, count: int) -> np.ndarray:
-    """Products of some rows of stills by the rig's parameters, so many: places and weights that loads share are off
-    alike, and the points of a line have errors in common."""
+    """Products of some rows of static frames by the rig's parameters, so many: places and weights that loads share are
+    off alike, and the points of a line have errors in common."""
     keys = [reading_keys(one.still) if isinstance(one.still, Load) else () for one in stills]
     names = list(dict.fromkeys(key for own in keys for key in own))
     jacobian, residuals, nuisance = [np.zeros((0, count))], [np.zeros(0)], [np.zeros((0, len(names) + 3 * len(stills)))]
@@ -189,7 +189,7 @@ def _information(stills: Sequence[CheckedStill], rows: slice, count: int) -> np.
 
 
 def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[ScoreTest], camera_known: bool) -> Finding:
-    """changes : of clamp and bow together, and of each with the other fixed."""
+    """The finding on the free shape. changes : of clamp and bow together, and of each with the other fixed."""
     shape, clamp, bow = changes
     if shape.freedom == 0:
         return not_given("free_antenna", _NO_FREE)
@@ -219,7 +219,7 @@ def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[Sco
 
 
 def _tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
-    """Of the free tip in its worst direction, by the (6, 6) covariance of clamp and bow."""
+    """Standard deviation of the free tip in its worst direction, mm, by the (6, 6) covariance of clamp and bow."""
     steps = RIG_STEPS[ANTENNA]
     tips = _free_points_m(rig, np.vstack([np.zeros(9), np.diag(steps)[:6]]))[:, -1]
     slopes = ((tips[1:] - tips[0]) / steps[:6, None]).T
@@ -227,7 +227,7 @@ def _tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
 
 
 def _free_points_m(rig: Rig, steps: np.ndarray) -> np.ndarray:
-    """(S, nodes, 3) of the weightless free antenna, its parameters off by steps (S, 9)."""
+    """Points (S, nodes, 3) of the weightless free antenna, its parameters off by steps (S, 9)."""
     zero, parameters = np.zeros((len(steps), 3)), rig.antenna.parameters + steps
     return bend(
         parameters, rig.antenna.length_m, zero, np.full(len(steps), 0.1), zero[:, 1:], taper=rig.antenna.taper
@@ -237,7 +237,7 @@ def _free_points_m(rig: Rig, steps: np.ndarray) -> np.ndarray:
 def _number_finding(
     name: str, change: ScoreTest | str, hidden: str, remedy: str, floor: float = CheckSettings.number_floor_percent
 ) -> Finding:
-    """change : of one number; or why there is none. hidden : why the data may not show it."""
+    """The finding on one number. change : of it; or why there is none. hidden : why the data may not show it."""
     if isinstance(change, str) or change.freedom == 0:
         return not_given(name, change if isinstance(change, str) else hidden)
     template, printed, factor, unit = _NUMBERS[name]
@@ -248,7 +248,7 @@ def _number_finding(
 
 
 def _offset_remedy(rig: Rig, stills: Sequence[CheckedStill]) -> str:
-    """stills : of the free antenna, with their readings."""
+    """Remedy of a changed offset. stills : of the free antenna, with their readings."""
     read = np.array([one.still.moment_Nm for one in stills])
     expected = read - [one.moment_residual_Nm for one in stills]
     noise = 10.0 * rig.moment_sensor.std_Nm + 0.1 * np.abs(expected)

@@ -74,7 +74,7 @@ class Assessment:
 
     @property
     def answers(self) -> list[Finding]:
-        """All of them, those on new pictures first."""
+        """All findings, those on new pictures first."""
         return [*(self.session.findings if self.session else ()), *self.findings]
 
     @property
@@ -110,7 +110,7 @@ class Assessment:
         return " ".join(sentences)
 
     def to_dict(self) -> dict[str, Any]:
-        """check.json: the report is made from this alone."""
+        """The document check.json, from which alone the report is made."""
         session = self.session or Checked((), {})
         return {
             "schema": "vbaa.check/1",
@@ -129,7 +129,7 @@ class Assessment:
 
 
 def assess(path: Path, session_root: Path | None = None, new: NewPictures | None = None) -> Assessment:
-    """Judge a rig.json by itself, and against a session or new pictures where they are given. With new pictures the
+    """Judge a rig.json by itself, and against a session or new pictures. With new pictures the
     session, or without one rig.json's record, describes jig and board; its own pictures are not read.
 
     Raises InputError for a broken rig or session, pictures of another size than the lens', a session without any of
@@ -221,7 +221,8 @@ def _recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Sess
 
 
 def _refuse_calibration_pictures(used: Collection[str], new: NewPictures, path: Path) -> None:
-    """A picture that the rig was calibrated from fits whatever has happened since. used : SHA-256 of those."""
+    """Refuses pictures that the rig was calibrated from, which fit whatever has happened since. used : SHA-256 of
+    those."""
     for picture in (new.board, new.free):
         if picture is not None and picture.is_file() and sha256(picture) in used:
             what = f"is one of the pictures that {path} was calibrated from"
@@ -229,7 +230,7 @@ def _refuse_calibration_pictures(used: Collection[str], new: NewPictures, path: 
 
 
 def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Checked:
-    """The lens, then the camera's pose, then the antenna and the sensor, each after those before."""
+    """Checks the lens, then the camera's pose, then antenna and sensor, each with the results before it."""
     session, parts = inputs.session, inputs.parts
     check_pictures(progress(inputs.pictures, "reading the pictures"), rig.camera.image_size, "the rig's lens is")
     # the board's shape as the calibration found it

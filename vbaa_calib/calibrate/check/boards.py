@@ -44,7 +44,7 @@ class _CheckedView(NamedTuple):
     good: np.ndarray  # (N,) corners that are no outliers
 
     def to_dict(self) -> dict[str, Any]:
-        """For check.json, pixels to thousandths."""
+        """The entry of check.json, pixels to thousandths."""
         return {
             "name": self.name,
             "folder": self.folder,
@@ -121,7 +121,8 @@ def check_lens(
 
 
 def _fit_finding(rms_px: float, expected_px: float | None, freedom: int, views: int) -> Finding:
-    """rms_px : of the good corners, per degree of freedom. expected_px : by the calibration's and the covariance."""
+    """The finding on the fit of the lens. rms_px : of the good corners, per degree of freedom. expected_px : by the
+    calibration's and the covariance."""
     words = f"rms {rms_px:.3f} px in {_pictures(views)}"
     if expected_px is None:
         return not_given("lens_fit", f"{words}; the calibration's is not recorded in rig.json")
@@ -134,7 +135,7 @@ def _fit_finding(rms_px: float, expected_px: float | None, freedom: int, views: 
 
 
 def _focus_finding(camera: Camera, change: ScoreTest, views: int) -> Finding:
-    """change : of fx, fy, cx, cy."""
+    """The finding on the focus. change : of fx, fy, cx, cy."""
     if change.freedom == 0:
         why = f"{_pictures(views)} cannot decide: a board that fills the picture, tilted by 30 to 45 degrees, would"
         return not_given("lens_focus", why)
@@ -185,8 +186,8 @@ def _posed(
         found.append(_CheckedView(view.name, folder, pose, ids, corners_px, corners_px - predicted[seen], seen))
     masks = inlier_masks([np.linalg.norm(view.residuals_px, axis=1) for view in found]) if found else []
     found = [view._replace(good=good) for view, good in zip(found, masks, strict=True)]
-    odd = [view.name for view in found if view.good.sum() < LensSettings.min_corners]
-    dropped += [DroppedView(name, "most of its corners lie far off any pose of the board") for name in odd]
+    contradicting = [view.name for view in found if view.good.sum() < LensSettings.min_corners]
+    dropped += [DroppedView(name, "most of its corners lie far off any pose of the board") for name in contradicting]
     return [view for view in found if view.good.sum() >= LensSettings.min_corners], dropped
 
 

@@ -62,7 +62,7 @@ class Discrepancy:
         return FAILS if self.distance_std > fail and self.size > CheckSettings.fail_floors * self.floor else LOOK
 
     def to_dict(self) -> dict[str, Any]:
-        """For check.json."""
+        """The entry of check.json."""
         look, fail = self.limits_std
         return {**asdict(self), "look_from_std": look, "fails_from_std": fail}
 
@@ -84,11 +84,11 @@ class Finding:
 
     @property
     def question(self) -> str:
-        """In words."""
+        """The question in words."""
         return _QUESTIONS[self.name]
 
     def to_dict(self) -> dict[str, Any]:
-        """For check.json."""
+        """The entry of check.json."""
         evidence = None if self.evidence is None else self.evidence.to_dict()
         return {**vars(self), "question": self.question, "evidence": evidence}
 

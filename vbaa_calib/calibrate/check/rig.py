@@ -18,7 +18,7 @@ from .settings import CheckSettings
 
 
 def rig_maps(rig: Rig) -> dict[str, Any]:
-    """For check.json: deviations of the projection, a turn of the camera taken out, and on plane C."""
+    """Maps for check.json: standard deviations of the projection, a turn of the camera taken out, and on plane C."""
     camera, projection = rig.camera, None
     if camera.covariance is not None:
         pixels, _, std_px = projection_uncertainty(camera, compensated=True, grid=CheckSettings.map_grid)
@@ -83,14 +83,14 @@ def number_at(data: Any, *keys: str) -> float | None:
 
 
 def at(data: Any, *keys: str) -> Any:
-    """What is at a path of keys; None where something else is on the way."""
+    """Value at a path of keys; None where something else is on the way."""
     for key in keys:
         data = data.get(key) if isinstance(data, Mapping) else None
     return data
 
 
 def rig_numbers(rig: Rig, nominal_Nm2: float | None) -> dict[str, Any]:
-    """Camera, lens, antenna (EI beside the nominal one, where that is known) and sensor, with deviations."""
+    """Camera, lens, antenna (EI and the nominal one, where that is known) and sensor, with deviations."""
     camera, antenna, sensor = rig.camera, rig.antenna, rig.moment_sensor
     lens_std = None if camera.covariance is None else np.sqrt(np.diag(camera.covariance).clip(0.0)).tolist()
     pose_std = [rig.std(name) for name in POSE_PARAMETERS]

@@ -44,8 +44,8 @@ class _LoadCandidate:
 
 
 def _pulls(session: Session, kinematics: Kinematics, observations: Sequence[Observation]) -> list[_Pull]:
-    """Straight down at the joints so far, where that is across the antenna; over a pulley to all four sides where the
-    session did so before, or is weightless."""
+    """Possible pulls: straight down at the joints so far, where that is across the antenna; over a pulley to all four
+    sides where the session did so before, or is weightless."""
     joints = {(0.0, 0.0), *((one.still.pan_rad, one.still.tilt_rad) for one in observations)}
     home = [Still(None, pan, tilt, 0.0) for pan, tilt in sorted(joints, key=lambda at: (abs(at[0]) + abs(at[1]), at))]
     gravity = gravity_antenna(kinematics, session.gravity_world_m_s2, home)
@@ -57,10 +57,10 @@ def _pulls(session: Session, kinematics: Kinematics, observations: Sequence[Obse
             if all(down @ known.direction < GuideSettings.straight for known in found):
                 found.append(_Pull(still.pan_rad, still.tilt_rad, down, pull, False))
     pulled = [(one.load_N, one.gravity_m_s2) for one in observations]
-    aside = any(
+    sideways = any(
         load @ pull[1:] < GuideSettings.straight * np.linalg.norm(load) * np.linalg.norm(pull) for load, pull in pulled
     )
-    if aside or not any(one.gravity_m_s2.any() for one in observations):
+    if sideways or not any(one.gravity_m_s2.any() for one in observations):
         for direction in np.array([[0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0]]):
             if all(direction @ known.direction < GuideSettings.straight for known in found):
                 found.append(_Pull(home[0].pan_rad, home[0].tilt_rad, direction, gravity[0], True))
@@ -109,7 +109,8 @@ def _load_candidates(
 
 
 def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> dict[int, Observation]:
-    """The stills that stay in the picture, by their index, with the points that would be seen of them."""
+    """The static frames in which the antenna stays in the picture, by their index, with the points that would be seen
+    of them."""
     problem, parameters = joint.problem, joint.solution.parameters
     free = Observation(Still(None, 0.0, 0.0, 0.0), np.zeros((0, 2)), np.zeros(0), wanted[0].gravity_m_s2)
     curves = replace(problem, observations=[free, *wanted]).curves(parameters[None, ANTENNA])
@@ -156,7 +157,7 @@ class _StiffnessForecast:
 
     @staticmethod
     def of(joint: BundleAdjustment, candidates: Sequence[_LoadCandidate], readings: LoadReadings) -> _StiffnessForecast:
-        """From a joint solution and the loads that could be hung next."""
+        """The forecast from a bundle adjustment and the loads that could be hung next."""
         solution = joint.problem.linearised(joint.solution.parameters)
         known = {"distance": readings.distance_std_m, "mass": readings.force_std_relative}
         # as noted: corrected numbers cannot be shared with another load
@@ -185,15 +186,15 @@ class _StiffnessForecast:
         return _StiffnessForecast(names, scale, information, added)
 
     def now(self) -> _StiffnessStd:
-        """With the present loads."""
+        """Standard deviations of EI with the present loads."""
         return self._std(self.information[None])[0]
 
     def after_each(self) -> list[_StiffnessStd]:
-        """With each of the candidates besides."""
+        """Standard deviations of EI with each candidate besides."""
         return self._std(self.information + self.added)
 
     def after(self, index: int) -> _StiffnessForecast:
-        """With this candidate hung."""
+        """The forecast with this candidate hung."""
         return replace(self, information=self.information + self.added[index])
 
     def _std(self, information: np.ndarray) -> list[_StiffnessStd]:
@@ -230,9 +231,9 @@ def load_progress(
     kinematics: Kinematics,
     goal_relative: float = 0.01,
 ) -> _LoadProgress:
-    """The uncertainty of EI by the stills so far, with or without loads, and the load of the weights at hand that
-    lowers it most. A weight that is used twice counts with the same error. kinematics : with the joints' zeros by a
-    sweep; goal_relative : of EI, places and weights included.
+    """The uncertainty of EI by the static frames so far, with or without loads, and the load of the weights at hand
+    that lowers it most. A weight that is used twice counts with the same error. kinematics : with the joints' zeros by
+    a sweep; goal_relative : of EI, places and weights included.
     """
     candidates = _load_candidates(joint, session, kinematics, masses_kg)
     forecast = _StiffnessForecast.of(joint, candidates, joint.problem.prior.readings)
@@ -289,7 +290,7 @@ def _suggestion(one: _LoadCandidate, after: _StiffnessStd, gain_open: bool) -> t
 
 
 def _missing(hung: Sequence[Load], gain_std: float, possible: Sequence[_Pull]) -> tuple[str, ...]:
-    """What the loads so far do not show."""
+    """Sentences on what the loads so far do not determine."""
     found = []
     if len(hung) < GuideSettings.fewest_loads:
         more = GuideSettings.fewest_loads - len(hung)

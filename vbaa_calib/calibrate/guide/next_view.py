@@ -72,7 +72,8 @@ def lens_progress(
 def _lens_judged(
     known: LensInformation, noise_m: float, bias_m: float, goal_m: float, suggestion: Suggestion | None
 ) -> tuple[bool, str]:
-    """Whether it is enough, and why. noise_m : deviation by noise. bias_m : by what a richer lens would move."""
+    """Whether the pictures are enough, and why, in words. noise_m : deviation by noise. bias_m : by what a richer lens
+    would move."""
     std_m, goal = max(noise_m, bias_m), f"the goal of {1e3 * goal_m:.3f} mm"
     now = f"The lens adds {1e3 * std_m:.3f} mm (one standard deviation) where the antenna moves"
     if known.pictures < GuideSettings.fewest_views:
@@ -98,7 +99,7 @@ def _lens_judged(
 
 
 def plane_progress(views: Sequence[BoardView], shape: BoardShape, camera: Camera, plane: WorkPlane) -> ViewProgress:
-    """Judge the pictures of the board in the jig, which stands still in all of them; shape : of the board by the lens
+    """Judge the pictures of the board in the jig, at rest in all of them; shape : of the board by the lens
     solve, camera : with its covariance, plane : in this camera."""
     try:
         board = solve_board_pose(views, shape, camera)

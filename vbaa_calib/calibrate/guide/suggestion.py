@@ -105,7 +105,7 @@ def _finer_poses(best: _BoardPlace, near_m: float, far_m: float) -> list[_BoardP
 def _view_candidates(
     design: LensDesign, spec: BoardWithIds, placed: Sequence[_BoardPlace], share: float = GuideSettings.least_share
 ) -> list[tuple[_BoardPlace, Pose, np.ndarray]]:
-    """Those that show at least a share of the board's corners, none too small or too steep to be read, T_camera_board
+    """Poses that show at least a share of the board's corners, none too small or too steep to be read, T_camera_board
     of each, and the ids (N,) of the corners that are visible with all their markers."""
     places = np.array([one.place for one in placed]) * (np.array(design.image_size) - 1)
     rays, seen = design.camera.unproject(places)
@@ -117,7 +117,7 @@ def _view_candidates(
 
 
 def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardWithIds) -> list[np.ndarray]:
-    """Ids (N,) of the corners whose four squares, or tag, are in each picture; none where markers cannot be read."""
+    """Ids (N,) of the corners with their four squares, or tag, in each picture; none where markers cannot be read."""
     if not poses:
         return []
     lattice, around, marker = _lattice(spec)
@@ -181,7 +181,7 @@ def _lattice(spec: BoardWithIds) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def observation(ids: np.ndarray, spec: BoardWithIds) -> BoardCorners:
-    """Corners (N,), for derivatives alone: their pixels are 0."""
+    """Corners of these ids (N,) for derivatives alone: their pixels are 0."""
     return BoardCorners(
         corner_points(spec)[ids],
         np.zeros((len(ids), 2)),
@@ -190,7 +190,7 @@ def observation(ids: np.ndarray, spec: BoardWithIds) -> BoardCorners:
 
 
 def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardPlace:
-    """A pose as seen by the camera."""
+    """Place, distance and tilt of a board's pose as the camera sees it."""
     middle = T_camera_board @ _middle(spec)
     distance = float(np.linalg.norm(middle))
     ray = middle / distance
@@ -207,7 +207,7 @@ def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardP
 
 
 def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardWithIds, corners: int, metric: bool) -> str:
-    """A pose for the terminal; corners : how many are to be seen, metric : whether the distance is known."""
+    """A pose in words, for the terminal; corners : how many are to be seen, metric : whether the distance is known."""
     seen = seen_as(camera, T_camera_board, spec)
     across = "left" if seen.place[0] < 0.4 else "right" if seen.place[0] > 0.6 else "middle"
     down = "upper " if seen.place[1] < 0.4 else "lower " if seen.place[1] > 0.6 else ""
@@ -236,7 +236,8 @@ def _tilt_words(placed: _BoardPlace) -> str:
 def pose_match(
     suggestion: Suggestion, view: BoardView, spec: BoardWithIds, camera: Camera | None, image_size: tuple[int, int]
 ) -> tuple[float, str]:
-    """0 to 1, and what to change in words ("further left, nearer"). Above about 0.6 is as good as the pose itself.
+    """Match of a view with a suggested pose, 0 to 1, and what to change in words ("further left, nearer"). Above about
+    0.6 is as good as the pose itself.
 
     camera : the lens so far; without it a nominal one is known. image_size : (width, height) px of the view.
     """

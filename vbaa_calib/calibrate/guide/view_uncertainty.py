@@ -37,7 +37,7 @@ class WorkPlane:
 
     @staticmethod
     def about(distance_m: float, inclination_rad: float, length_m: float) -> WorkPlane:
-        """Before the jig was seen: its middle on the camera's axis, turned about the picture's vertical."""
+        """The plane before the jig was seen: its middle on the camera's axis, turned about the picture's vertical."""
         turn = Pose.from_rotvec(np.array([0.0, inclination_rad, 0.0]), np.array([0.0, 0.0, distance_m]))
         to_clamp = Pose(np.eye(3), np.array([-length_m / 2, 0.0, 0.0]))
         return WorkPlane(turn @ to_clamp, length_m, GuideSettings.half_width_per_length * length_m)
@@ -81,7 +81,7 @@ class LensDesign:
     shape: np.ndarray  # (5,) of the board
 
     def bundle(self, poses: np.ndarray) -> Bundle:
-        """With the board at poses (V, 6)."""
+        """The bundle of this lens with the board at poses (V, 6)."""
         return replace(Bundle.start(self.model, self.intrinsics, poses), shape=self.shape)
 
     @property
@@ -90,7 +90,7 @@ class LensDesign:
         return camera_of(self.model, self.intrinsics, self.image_size)
 
     def in_picture(self, points: np.ndarray) -> np.ndarray:
-        """(N,) which points (N, 3) m, camera frame, it sees."""
+        """(N,) which points (N, 3) m, camera frame, the lens maps into the picture."""
         pixels, valid = self.camera.project(points)
         return valid & self.camera.in_picture(pixels)
 
@@ -160,7 +160,8 @@ def _prior(
 def view_blocks(
     design: LensDesign, poses: np.ndarray, observations: Sequence[BoardCorners]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of views at poses (V, 6), eliminated: information (V, p, p) in `LensDesign` coordinates, gradient (V, p)."""
+    """Information of views at poses (V, 6), these eliminated: (V, p, p) in `LensDesign` coordinates, gradient (V,
+    p)."""
     residuals, by_shared, by_pose, bounds = rows(design.bundle(np.asarray(poses, float)), observations)
     whole = np.concatenate([by_shared @ design.scale, residuals[..., None]], axis=-1) / design.sigma_px
     count = design.scale.shape[1]
@@ -223,7 +224,7 @@ class LensInformation:
 
     @staticmethod
     def of(solution: LensSolution, views: Sequence[BoardView], spec: BoardWithIds) -> LensInformation:
-        """Of the views that a lens was solved from, without their outliers."""
+        """Information of the views that a lens was solved from, without their outliers."""
         camera, by_name = solution.camera, {view.name: view for view in views}
         own = [by_name[used.name] for used in solution.views]
         observations = kept_observations(own, [used.outlier_ids for used in solution.views], corner_points(spec))
@@ -244,7 +245,7 @@ class LensInformation:
 
     @staticmethod
     def nominal(views: Sequence[BoardView], spec: BoardWithIds, image_size: tuple[int, int]) -> LensInformation:
-        """Of views that are too few for a lens, under a nominal one."""
+        """Information of views that are too few for a lens, under a nominal one."""
         intrinsics = nominal_intrinsics(image_size)
         design = _design_about(
             "radial", intrinsics, image_size, GuideSettings.nominal_sigma_px, BoardShape.flat(corner_points(spec))

@@ -42,13 +42,14 @@ class BoardShape:
 
     @staticmethod
     def unseen(board: Board) -> BoardShape:
-        """A board of which nothing is known but what prints and mounts are like."""
+        """Prior shape of a board that no picture has shown: flat, with the deviations of usual prints and mounts."""
         prior = ShapePrior.of(board)
         return BoardShape(corner_points(board), prior.mean, np.diag(prior.std**2))
 
     @staticmethod
     def solved(nominal_m: np.ndarray, parameters: np.ndarray, covariance: np.ndarray) -> BoardShape:
-        """From its parameters (5,), and the covariance (4 + k + 5, 4 + k + 5) of the lens' and these."""
+        """The shape as solved with a lens, from its parameters (5,) and the covariance (4 + k + 5, 4 + k + 5) of the
+        lens' and these."""
         lens, std = covariance[:-SHAPE, :-SHAPE], np.sqrt(np.diag(covariance)[:-SHAPE])
         # coefficients that are held have no variance, and square pixels one focal length
         scale = np.where(std > 0.0, std, 1.0)
@@ -81,7 +82,7 @@ class BoardShape:
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What is clear of noise and large enough to matter, in words; nothing of a board that counts as flat."""
+        """Significant deviations from a flat print, in words; empty for a board that counts as flat."""
         words = [
             *(f"{name} by {{:+.2f}} ± {{:.2f}} mm" for name in ("bowed along x", "bowed along y", "twisted")),
             "longer along x than along y by {:+.2f} ± {:.2f} %",
@@ -123,14 +124,14 @@ def _extent_m(nominal_m: np.ndarray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ShapePrior:
-    """What is known of a board's shape before pictures show it: Student's t about means (5,), with scales (5,)."""
+    """Prior of a board's shape: Student's t about means (5,), with scales (5,)."""
 
     mean: np.ndarray
     std: np.ndarray
 
     @staticmethod
     def of(board: Board | BoardPoints) -> ShapePrior:
-        """Of a print and a mount as they usually are; with what was measured on the board, if any."""
+        """Prior of usual prints and mounts; with the stretch that was measured on the board, if any."""
         bow_m = LensSettings.bow_per_extent * _extent_m(corner_points(board))
         mean, std = np.zeros(SHAPE), np.array([bow_m, bow_m, bow_m, LensSettings.stretch_std, LensSettings.shear_std])
         if isinstance(board, BoardWithIds) and board.stretch_std is not None:

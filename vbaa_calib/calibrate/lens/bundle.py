@@ -55,7 +55,7 @@ class _LensState(NamedTuple):
 
 
 class _Priors(NamedTuple):
-    """What holds the board's shape and the lens, besides the corners.
+    """Priors of the board's shape and the penalty on the lens, besides the corners.
 
     mean, std : (5,) of the shape's prior, Student's t, weighed by noise_px; zero where there is none.
     least_slope : of the distorted radius by the ideal one, wherever the picture reaches; zero where there is none.
@@ -109,16 +109,16 @@ class Bundle:
 
     @staticmethod
     def start(model: DistortionModel, intrinsics: np.ndarray, poses: np.ndarray) -> Bundle:
-        """Before anything is solved, the board flat."""
+        """Initial bundle: lens and poses as they are, the board flat."""
         return Bundle(model, intrinsics, poses, free_directions(model))
 
     @property
     def poses_only(self) -> Bundle:
-        """The same with nothing but the poses to be solved for."""
+        """The same bundle with the poses as its only unknowns."""
         return replace(self, directions=self.directions[:, :0])
 
     def freed(self, square_pixels: bool, prior: ShapePrior | None = None) -> Bundle:
-        """The same with intrinsics to be solved for, and the board's shape where it has a prior."""
+        """The same bundle with free intrinsics, and a free board shape where it has a prior."""
         free = free_directions(self.model, square_pixels, prior is not None)
         shape = np.zeros(SHAPE) if prior is None else self.shape
         noise_px = max(self.sigma_px, LensSettings.least_noise_px) if self.residuals_px else self.noise_px
@@ -129,13 +129,13 @@ class Bundle:
 
     @property
     def state(self) -> _LensState:
-        """What a descent moves."""
+        """Lens, shape and poses, as the compiled core takes them."""
         parts = (np.array(part, float) for part in (self.intrinsics, self.shape, self.poses))
         return _LensState(self.model.is_fisheye, *parts)
 
     @property
     def priors(self) -> _Priors:
-        """Priors and penalties."""
+        """Priors and penalties, as the compiled core takes them."""
         unfolding = self.unfolding or Unfolding(0.0, 0.0, (0, 0))
         stiffness = float(np.sqrt(unfolding.weight_px2))
         if self.prior is None:
@@ -165,7 +165,7 @@ class Bundle:
 
     @property
     def view_rms_px(self) -> np.ndarray:
-        """(V,) the same, view by view."""
+        """(V,) root mean square distance between observed and projected corners of each view."""
         return np.array([np.sqrt(np.mean(np.sum(r**2, axis=1))) for r in self.residuals_px])
 
     @property
@@ -175,7 +175,8 @@ class Bundle:
 
 
 def free_directions(model: DistortionModel, square_pixels: bool = False, shape: bool = False) -> np.ndarray:
-    """(4 + k + 5, p) what is solved for: intrinsics, fx and fy as one with square pixels, then the board's shape."""
+    """Directions (4 + k + 5, p) of the unknowns: intrinsics, fx and fy as one with square pixels, then the board's
+    shape."""
     size = 4 + model.distortion_count
     unit = np.eye(size + SHAPE)
     rest = [2, 3, *(4 + index for index in model.free), *(range(size, size + SHAPE) if shape else ())]
@@ -186,7 +187,8 @@ def free_directions(model: DistortionModel, square_pixels: bool = False, shape: 
 def refine(
     start: Bundle, observations: Sequence[BoardCorners], rules: Rules = CONVERGED, robust: bool = False
 ) -> Bundle:
-    """Levenberg–Marquardt on the reprojection error; robust : by Cauchy's loss, so gross errors do not pull."""
+    """Minimises the reprojection error by Levenberg–Marquardt; robust : by Cauchy's loss, so gross errors do not
+    pull."""
     corners, directions = _corners_of(observations), start.directions
     # each number of lens and shape is part of one unknown, or kept
     column = np.where(directions.any(axis=1), directions.argmax(axis=1) if directions.size else 0, -1)
@@ -206,7 +208,8 @@ def of_views(values: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def polished(bundle: Bundle, observations: Sequence[BoardCorners]) -> Bundle:
-    """Converged to a millionth of the deviations, so that results do not depend on where a descent stopped."""
+    """Refines a solution to a millionth of its standard deviations, so that results do not depend on where a descent
+    stopped."""
     sizes = sum(view.pixels.size for view in observations) - bundle.directions.shape[1] - 6 * len(observations)
     return refine(
         bundle, observations, replace(CONVERGED, iterations=10, damping=1e-8, tolerance=1e-6**2 / max(sizes, 1))

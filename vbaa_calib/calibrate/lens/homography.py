@@ -14,14 +14,15 @@ from .settings import LensSettings
 
 @lru_cache(maxsize=256)
 def _picks(count: int) -> np.ndarray:
-    """(S, 4) samples of four out of so many."""
+    """Indices (S, 4) of random samples of four out of `count` corners."""
     return np.ascontiguousarray(
         np.random.default_rng(0).random((LensSettings.homography_samples, count)).argsort(axis=1)[:, :4]
     )
 
 
 def homography(points: np.ndarray, image: np.ndarray, division: float = 0.0) -> tuple[np.ndarray, float] | None:
-    """(3, 3) of points (N, 2) to their image (N, 2), and the noise per axis as the median corner has it; or None.
+    """Homography (3, 3) of points (N, 2) to their image (N, 2), and the noise per axis as the median corner has it; or
+    None.
 
     Least median of squares (Rousseeuw 1984), then least squares of the points that it fits. OpenCV's finds none on
     small boards: most of its samples have three points on a line, and it gives up.

@@ -53,7 +53,7 @@ class Information:
 
     @property
     def _variance(self) -> float:
-        """Of the residuals, px²."""
+        """Variance of the residuals, px²."""
         freedom = self.counts.sum() - self.half.shape[1] - 6 * len(self.counts)
         return float(self.squares.sum()) / max(float(freedom), 1.0)
 
@@ -69,7 +69,7 @@ class Information:
 
 
 def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Information | None:
-    """At a solution over these corners; None where the views leave a free parameter open."""
+    """Information of the corners at a solution over them; None where the views leave a free parameter undetermined."""
     counts = np.array([view.pixels.size for view in observations])
     if counts.sum() <= bundle.directions.shape[1] + 6 * len(observations):
         return None
@@ -145,7 +145,7 @@ def _solved_squares(bundle: Bundle, observations: Sequence[BoardCorners]) -> np.
 
 
 def excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
-    """By how many standard errors, over views, squared errors (V,) exceed those of a reference."""
+    """Excess of squared errors (V,) over those of a reference, in standard errors over views."""
     excess = squares - reference
     standard_error = np.sqrt(len(excess)) * np.std(excess, ddof=1)
     return float(excess.sum() / standard_error) if standard_error > 0.0 else 0.0
@@ -192,7 +192,7 @@ def _compare_split_half(
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """How one lens model does."""
+    """Results of one lens model in the comparison."""
 
     model: str
     free_parameters: int  # of the lens, focal lengths and principal point included
@@ -223,7 +223,7 @@ def assess(
 
 
 def observations_of(views: Sequence[BoardView], nominal_m: np.ndarray) -> list[BoardCorners]:
-    """The corners of views beside the board points (C, 3) they show."""
+    """The corners of views with the board points (C, 3) that they show."""
     moved = deformations(nominal_m)
     return [BoardCorners(nominal_m[view.ids], view.corners_px, moved[view.ids]) for view in views]
 

@@ -28,7 +28,7 @@ class Guess(NamedTuple):
 
     @staticmethod
     def of(observations: Sequence[BoardCorners], image_size: tuple[int, int]) -> Guess:
-        """The λ of least median error, each view by its own homography."""
+        """The guess with the λ of least median error, each view by its own homography."""
         division, homographies = _undistorted_homographies(_thinned(observations), image_size)
         return Guess(_focal_length(homographies), division)
 
@@ -69,7 +69,7 @@ def _begun(model: DistortionModel, simpler: Bundle, image_size: tuple[int, int])
 def _from_homographies(
     model: DistortionModel, observations: Sequence[BoardCorners], image_size: tuple[int, int], guess: Guess
 ) -> Bundle:
-    """Of the first lens of a ladder that has a distortion, or of one without."""
+    """Initial bundle of the first lens of a ladder that has a distortion, or of one without."""
     some = _thinned(observations)
     others = [ratio * max(image_size) for ratio in LensSettings.focal_per_width]
     tried: list[Bundle] = []
@@ -87,7 +87,7 @@ def _from_homographies(
 
 
 def _thinned(observations: Sequence[BoardCorners]) -> list[BoardCorners]:
-    """Some of the views, and some of their corners, evenly."""
+    """Evenly chosen views, and evenly chosen corners of each."""
     views = observations[:: -(-len(observations) // LensSettings.start_views)]
     return [
         view.picked(np.arange(0, len(view.pixels), -(-len(view.pixels) // LensSettings.start_corners)))
@@ -98,7 +98,7 @@ def _thinned(observations: Sequence[BoardCorners]) -> list[BoardCorners]:
 def _start(
     model: DistortionModel, guess: Guess, observations: Sequence[BoardCorners], image_size: tuple[int, int]
 ) -> Bundle:
-    """From a focal length and a division model's distortion about the picture's centre."""
+    """Initial bundle from a focal length and a division model's distortion about the picture's centre."""
     (width, height), (focal, division) = image_size, guess
     reach = 0.5 * np.hypot(width, height) / focal
     division /= reach**2
@@ -128,7 +128,8 @@ def _undistorted_homographies(
 
 
 def _focal_length(homographies: Sequence[np.ndarray]) -> float:
-    """From homographies to pixels about the principal point: the weighted median of what each says; or NaN."""
+    """Focal length, px, from homographies to pixels about the principal point: the weighted median of their values; or
+    NaN."""
     # the columns of K⁻¹H are orthogonal and as long as each other (Zhang 2000): a / f² = b
     rows = []
     for each in homographies:
@@ -162,12 +163,12 @@ def robust_poses(model: DistortionModel, intrinsics: np.ndarray, observations: S
 
 
 def _posed(start: Bundle, observations: Sequence[BoardCorners], rules: Rules) -> Bundle:
-    """Refined robustly; views whose median corner is far off are posed anew, for refining does not bring them back."""
+    """Refines robustly; views with a median corner far off are posed anew, for refining does not bring them back."""
     return reposed(refine(start, observations, rules, robust=True), observations, rules)
 
 
 def reposed(bundle: Bundle, observations: Sequence[BoardCorners], rules: Rules = _FEW_STEPS) -> Bundle:
-    """A robust solution in which views whose median corner is far off have been posed anew."""
+    """A robust solution in which views with a median corner far off have been posed anew."""
     median = np.array([np.median(np.linalg.norm(each, axis=1)) for each in bundle.residuals_px])
     bad = np.flatnonzero(median > LensSettings.wrong_pose * np.median(median)).tolist()
     if not bad:
@@ -199,7 +200,8 @@ def unfolded(
     image_size: tuple[int, int],
     known: Mapping[str, Bundle] | None = None,
 ) -> Bundle:
-    """A solution that does not fold inside the picture, where the corners leave room for one; the given one otherwise.
+    """A solution that does not fold inside the picture, where the corners leave room for one; otherwise the same
+    solution.
 
     A penalty keeps up the slope of the radial curve as far as the picture's corner. It may cost 1 % of the squared
     residuals, or what 20 parameters would explain by chance: a lens that needs more is wrong.

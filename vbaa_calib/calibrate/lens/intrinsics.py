@@ -50,8 +50,8 @@ class LensSolution:
         variance.
     rms_px : over all corners of the views used, outliers too, as other tools report it. rms_inliers_px : without the
         outliers, which is what was minimised.
-    outliers : for each view given, in their order, the ids (N,) of corners left out; all of a dropped view's.
-    comparison : the lens models that `auto` compared, or the one that was given.
+    outliers : for each view, in the order of the input, the ids (N,) of corners left out; all of a dropped view's.
+    comparison : the lens models that `auto` compared, or the one that was chosen.
     board_shape : how the board differs from a flat print with square squares; always solved for, with a prior.
     monotonic : whether the lens maps the whole picture without folding. views, dropped : in the order of their names.
     verdict : by the solve alone; `lens_from_views.solve_lens` adds what the set of views shows.
@@ -94,7 +94,7 @@ def solve_intrinsics(
 ) -> LensSolution:
     """Solve for the lens, the poses of all views, the outliers and the board's shape.
 
-    Views with fewer than `min_corners` corners, or whose corners fix no homography, are dropped, and those of which
+    Views with fewer than `min_corners` corners, or with corners that fix no homography, are dropped, and those of which
     most corners are wrong. Other outlier corners are left out; noisy views weigh less.
 
     model : "auto" or a name in `LENS_MODELS`. square_pixels : hold fx = fy.
@@ -105,7 +105,7 @@ def solve_intrinsics(
         raise InputError(f"there is no lens model {model!r}", remedy=f"take auto, {', '.join(LENS_MODELS)}")
 
     def rank(view: BoardView) -> tuple[object, ...]:
-        """By name; views without one by their corners."""
+        """Sort key of views: by name; without one by their corners."""
         return view.name, view.ids.tolist(), view.corners_px.ravel().tolist()
 
     # held-out views, halves and the corners that starts are compared by are dealt out in turn: the lens must not
@@ -177,7 +177,8 @@ def _require_enough(observations: Sequence[BoardCorners], dropped: Sequence[Drop
 
 @dataclass(frozen=True)
 class _LensOptions:
-    """image_size : (width, height) px. prior : of the board's shape. model : "auto" or a name in `LENS_MODELS`."""
+    """Options of a lens solve. image_size : (width, height) px. prior : of the board's shape. model : "auto" or a name
+    in `LENS_MODELS`."""
 
     image_size: tuple[int, int]
     prior: ShapePrior
@@ -189,7 +190,7 @@ class _LensOptions:
 def _screened(
     observations: Sequence[BoardCorners], options: _LensOptions
 ) -> tuple[Inliers, Bundle, Mapping[str, Bundle]]:
-    """The good corners under the given lens, or for "auto" the one of `screening` of least median error; its solution
+    """The good corners under the chosen lens, or for "auto" the one of `screening` of least median error; its solution
     over them, and solutions of other lenses to start from."""
     known: dict[str, Bundle] = {}
     robust, guess = {}, Guess.of(observations, options.image_size)

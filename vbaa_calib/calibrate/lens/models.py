@@ -31,7 +31,7 @@ class DistortionModel:
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """fx, fy, cx, cy, then the distortion in OpenCV's order."""
+        """Names of the parameters: fx, fy, cx, cy, then the distortion in OpenCV's order."""
         return ("fx", "fy", "cx", "cy", *MODELS[self.camera_model].coefficient_names[: self.distortion_count])
 
 
@@ -115,7 +115,7 @@ def _poles(model: DistortionModel, intrinsics: np.ndarray) -> np.ndarray:
 
 
 def is_monotonic(model: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
-    """Whether every pixel of the picture has one ray (`Camera.valid_region`), and none lies beside a pole. A lens that
+    """Whether every pixel of the picture has one ray (`Camera.valid_region`), and none lies next to a pole. A lens that
     folds can fit its corners well, but beyond them maps two directions to one pixel."""
     # A pole with a zero beside it is narrower than any sampling of the curve, and which comes first often depends on
     # the last digits of the corners: one counts that lies before the curve has, all but, left the picture.

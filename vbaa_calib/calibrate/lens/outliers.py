@@ -88,7 +88,7 @@ def _standardised(
 def inlier_masks(distances: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Per view (N,), which corners are good, by the lengths (N,) of their residuals, or of standardised ones.
 
-    A view with more noise than the median view is given more room.
+    A view with more noise than the median view has a larger limit.
     """
     every = np.concatenate(distances)
     limit, middle = max(_outlier_limit(every), LensSettings.outlier_px), max(float(np.median(every)), 1e-12)

@@ -145,7 +145,7 @@ def _slopes(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 @lru_cache(maxsize=4)
 def _slopes_at(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Cached: `projection_jacobian` and `compensate` ask for the same pixels."""
+    """`_slopes`, cached: `projection_jacobian` and `compensate` ask for the same pixels."""
     at = np.frombuffer(pixels).reshape(shape)
     rays, by_pixel, by_parameter, valid = ray_derivatives(camera.intrinsics, at)
     valid, turned = valid[..., None, None], np.cross(np.eye(3), rays[..., None, :])

@@ -56,15 +56,15 @@ class LensVerdict:
 
     @property
     def exit_code(self) -> int:
-        """Of a verb whose result rests on the lens: 1 where it must not be used, else 0."""
+        """Exit code of a verb that uses the lens: 1 where it must not be used, else 0."""
         return int(self.grade == "do not use")
 
     def with_diagnoses(self, found: Iterable[Diagnosis]) -> LensVerdict:
-        """The verdict that knows of these, too."""
+        """The same verdict with these diagnoses besides."""
         return replace(self, diagnoses=_grave_first((*self.diagnoses, *found)))
 
     def to_dict(self) -> dict[str, Any]:
-        """For camera.json and rig.json."""
+        """The entries of camera.json and rig.json."""
         return {
             "verdict": self.words,
             "grade": self.grade,
@@ -88,7 +88,7 @@ def _grave_first(found: Iterable[Diagnosis]) -> tuple[Diagnosis, ...]:
 
 
 def _diagnoses(solution: LensSolution, views_px: Sequence[np.ndarray], view_scatter: float) -> Iterator[Diagnosis]:
-    """What speaks against trusting the lens."""
+    """Diagnoses against the lens, in no order."""
     chosen, count = solution.chosen, len(views_px)
     if solution.rms_inliers_px > LensSettings.most_rms_px:
         words = f"the corners miss the lens by {solution.rms_inliers_px:.1f} px rms, outliers left out"
@@ -129,7 +129,7 @@ def _diagnoses(solution: LensSolution, views_px: Sequence[np.ndarray], view_scat
 
 
 def _why(solution: LensSolution) -> list[str]:
-    """Why this lens model."""
+    """Sentences on why this lens model was taken."""
     chosen = solution.chosen
     if chosen is None:
         return []

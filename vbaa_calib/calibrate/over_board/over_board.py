@@ -71,12 +71,12 @@ _RULES = Rules(iterations=40, standstill=1e-12)
 
 @dataclass(frozen=True, eq=False)
 class FreeAntenna:
-    """What is known of the free antenna before the picture."""
+    """Prior of the free antenna, before the picture."""
 
     length_m: float  # from the clamp to the tip
     length_std_m: float
     diameter_m: float  # of the wire
-    # (9,) `antenna.shape.PARAMETERS` in the frame looked for; with zero clamp offsets and angles the clamp's
+    # (9,) `antenna.shape.PARAMETERS` in the frame solved for; with zero clamp offsets and angles the clamp's
     parameters: np.ndarray
     covariance: np.ndarray  # (9, 9) of the parameters
     gravity_m_s2: np.ndarray  # (3,) antenna frame, at the joints' angles of the pictures
@@ -91,7 +91,7 @@ class FreeAntenna:
 
 
 def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> FreeAntenna:
-    """A straight antenna of nominal stiffness and mass, clamped in the frame that is looked for; gravity (3,) in it."""
+    """A straight antenna of nominal stiffness and mass, clamped in the frame that is solved for; gravity (3,) in it."""
     bow = bow_std_per_m(antenna.length_m)
     shape = [
         bow,
@@ -113,7 +113,7 @@ def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> F
 
 @dataclass(frozen=True, eq=False)
 class OverSetup:
-    """The antenna over the board, as described."""
+    """Description of the antenna over the board."""
 
     spec: BoardWithIds  # the board, flat on plane C
     camera: Camera
@@ -141,7 +141,7 @@ class _Mark:
 
 @dataclass(frozen=True, eq=False)
 class _OverProblem:
-    """What was seen and what is known."""
+    """Problem of the camera's pose: what was seen, and the priors."""
 
     setup: OverSetup
     board: BoardPose
@@ -237,7 +237,7 @@ def solve_over_board(
 
     The frame is the antenna's own: a jig that holds the same frame differs by the clamp's scatter.
 
-    images : name → (H, W) uint8; camera, antenna and board stand still in all of them.
+    images : name → (H, W) uint8; camera, antenna and board at rest in all of them.
     guess : a rough T_antenna_camera: only decides which end is clamped, and to which side z points. Without it z points
         to the camera's side, and the clamped end is the one at the mark, or else the one that leaves the picture.
 
@@ -317,7 +317,7 @@ def _line(picture: np.ndarray, board: BoardPose, setup: OverSetup, where: str, b
 
 
 def _refuse_moved(images: Mapping[str, np.ndarray], picture: np.ndarray, line: BoardLine) -> None:
-    """A picture that does not show the line where the typical one (H, W) does."""
+    """Refuses a picture that does not show the line where the typical one (H, W) does."""
     along = np.gradient(line.points_px, axis=0)
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
     normal *= (line.width_px + 3.0) / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
@@ -336,7 +336,7 @@ def _refuse_moved(images: Mapping[str, np.ndarray], picture: np.ndarray, line: B
 
 
 def _refuse_other_lines(line: BoardLine, plane: PlaneAbove, setup: OverSetup, where: str) -> None:
-    """A line longer than the antenna, or a dark one beside its own hard shadow."""
+    """Refuses a line longer than the antenna, or a dark one next to its own hard shadow."""
     if not line.bright and line.shadow > _OverBoardFitSettings.hard_shadow:
         raise InputError(
             f"a band {100 * line.shadow:.0f} % darker runs beside the dark antenna: its shadow",

@@ -199,7 +199,7 @@ class _PhotoPatch:
 
     @staticmethod
     def about(planes: np.ndarray, path: _RodPath, settings: RodSettings) -> _PhotoPatch:
-        """About a path."""
+        """The patch about a path."""
         size, room = np.array(planes.shape[:0:-1]), settings.patch_widths * path.width_px + 10.0
         times = max(1, int(path.width_px / settings.measured_width_px))
         low = np.clip(np.floor(path.path_px.min(axis=0) - room).astype(int), 0, size - 2 * times)
@@ -310,7 +310,8 @@ class _MeasuredRod:
         )
 
     def alone(self, settings: RodSettings) -> _MeasuredRod:
-        """The same where nothing is known of the ends: a rod's tip is before the background, within the picture."""
+        """Log odds of a rod where nothing is known of its ends: a rod's tip is before the background, within the
+        picture."""
         tip = min(
             odds if inside else settings.no_tip_cost for odds, inside in zip(self.holder, self.inside, strict=True)
         )
@@ -578,7 +579,7 @@ def _edges(
     planes: np.ndarray, spread: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings, last: bool
 ) -> tuple[np.ndarray, float, np.ndarray]:
     """Middles (N, 2) between edges, or half a width from one of them; the width, and (S,) whether stations have two
-    edges so far apart. At the last, edges are looked for next to those of the curve.
+    edges so far apart. At the last, edges are searched for next to those of the curve.
 
     spread : (channels,) deviation of places of one surface.
     """
@@ -638,7 +639,7 @@ def _edges(
 
 
 def _median_width(widths: np.ndarray, before: float) -> float:
-    """Of those that were measured, not NaN; the one before where none was."""
+    """Median of the measured widths, which are not NaN; the one before where none was measured."""
     return float(np.nanmedian(widths)) if np.isfinite(widths).any() else before
 
 
@@ -838,7 +839,7 @@ class RodSearch:
         return self._directed(best)
 
     def _directed(self, found: _MeasuredRod) -> RodLine:
-        """From clamp to tip."""
+        """The line in the order from clamp to tip."""
         inside, ends = found.inside, found.curve_px[[0, -1]]
         if self.clamp is not None or self.tip is not None:
             turned = False  # it was fitted from the clamp to the tip

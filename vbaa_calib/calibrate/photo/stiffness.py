@@ -21,7 +21,7 @@ from .settings import RodSettings
 
 @dataclass(frozen=True)
 class _Loading:
-    """What bends the rod: weight per length and a dead load along `down`."""
+    """Loads of the rod: weight per length and a dead load along `down`."""
 
     down: tuple[float, float]  # unit vector in the picture
     weight_N_m: float = 1.0  # 1 for results per weight
@@ -53,7 +53,7 @@ class _PhotoView:
 
     @cached_property
     def moment(self) -> np.ndarray:
-        """(K,) bending moment there."""
+        """(K,) bending moment in the middles of the pieces."""
         return np.interp(self.middles_m, arc_lengths(self.curve_m), self.loading.moments(self.curve_m))
 
     def at(self, s_m: np.ndarray) -> np.ndarray:
@@ -124,7 +124,7 @@ class _Bending:
         return float(self.weights @ fdtrc(len(rows), self.freedom, square))
 
     def quantiles(self, shares: Sequence[float], relative_std: float) -> np.ndarray:
-        """Of the first coefficient, with an independent error of this relative standard deviation."""
+        """Quantiles of the first coefficient, with an independent error of this relative standard deviation."""
         rng = np.random.default_rng(0)
         model = rng.choice(len(self.weights), RodSettings.samples, p=self.weights)
         noise = np.sqrt(self.covariances[model, 0, 0]) * rng.standard_t(self.freedom, RodSettings.samples)
@@ -133,7 +133,7 @@ class _Bending:
 
 
 def _fit_bending(views: Sequence[_PhotoView], laws: Sequence[np.ndarray]) -> _Bending:
-    """Coefficients of a law of curvature, given by its columns (K, P) for each view; all views have the same curl."""
+    """Coefficients of a law of curvature by its columns (K, P) for each view; all views have the same curl."""
     parts = [view.rows for view in views]
     data, effect, shares = (np.concatenate([part[i] for part in parts]) for i in (0, 1, 3))
     owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
@@ -184,7 +184,7 @@ def _fit_bending(views: Sequence[_PhotoView], laws: Sequence[np.ndarray]) -> _Be
 
 @dataclass(frozen=True)
 class PhotoSetting:
-    """What is known of the photographs beside the rod's line."""
+    """What is known of the photographs besides the rod's line."""
 
     length_m: float | None = None  # of the rod, from clamp to tip; None where marks give the scale
     marks_px: np.ndarray | None = None  # two marks (2, 2) in the plane of the rod
@@ -240,7 +240,7 @@ def solve_photo(lines: Sequence[RodLine], setting: PhotoSetting) -> PhotoStiffne
     inverse = float(linear.weights @ linear.values[:, 0])
 
     def again(changed: PhotoSetting, turn: tuple[float, float] = (0.0, 0.0)) -> float:
-        """By what share 1/EI would change."""
+        """Relative change of 1/EI."""
         other = _views(lines, changed, turn)
         fit = _fit_bending(other, _linear_law(other, changed.straight))
         return float(fit.weights @ fit.values[:, 0]) / inverse - 1.0

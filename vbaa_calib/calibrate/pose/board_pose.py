@@ -1,4 +1,4 @@
-"""Plane C by a board in a jig, whose pose on the antenna's base is known."""
+"""Plane C by a board in a jig of known pose on the antenna's base."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def turn_between(one: Pose, other: Pose) -> float:
 
 
 def mirrored(T_camera_board: Pose, points: np.ndarray) -> Pose:
-    """The board's pose turned about its centre so that its normal leans to the other side of the line of sight."""
+    """The board's pose turned about its centre so that its normal is tilted to the other side of the line of sight."""
     centre_board = points.mean(axis=0)
     centre = T_camera_board @ centre_board
     sight, normal = centre / np.linalg.norm(centre), T_camera_board.rotation[:, 2]
@@ -72,7 +72,8 @@ def mirrored(T_camera_board: Pose, points: np.ndarray) -> Pose:
 
 @dataclass(frozen=True, eq=False)
 class BoardPose:
-    """Where the board is, seen from the camera. The board frame lies on the printed face; its thickness is the jig's.
+    """Pose of the board in the camera frame, with its uncertainty. The board frame lies on the printed face; its
+    thickness is the jig's.
 
     With the lens' covariance C and sensitivity S the whole covariance is `covariance + S C Sᵀ`, and `S C` its
     covariance with the lens.
@@ -88,12 +89,12 @@ class BoardPose:
 
     @property
     def is_ambiguous(self) -> bool:
-        """Whether the second solution fits nearly as well, so that the first cannot be trusted."""
+        """Whether the plane's second pose fits nearly as well as the first, so that either may be right."""
         return self.second_ratio is not None and self.second_ratio < PoseSettings.ambiguous
 
 
 def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Camera) -> BoardPose:
-    """Pose of the board's mean plane from pictures in which it stands still relative to the camera.
+    """Pose of the board's mean plane from pictures in which it is at rest relative to the camera.
 
     Each corner is averaged over the pictures first: what they share (print, lens, detector bias) does not average out,
     and only then is it part of the residual variance.
@@ -179,25 +180,26 @@ class _Point(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _SeenBoard:
-    """Points (N, 3) of the board and where a camera sees them, pixels (N, 2)."""
+    """Points (N, 3) of the board and their observed pixels (N, 2) in a camera."""
 
     camera: Camera
     points: np.ndarray
     pixels: np.ndarray
 
     def residual(self, T_camera_board: Pose) -> np.ndarray:
-        """(2N,) px."""
+        """Reprojection residuals (2N,) px, projected less observed; 1,000 px where the lens does not see the point."""
         projected, valid = self.camera.project(T_camera_board @ self.points)
         return np.where(valid[:, None], projected - self.pixels, 1e3).ravel()
 
     def derivatives(self, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray]:
-        """Of the interleaved pixels by the pose's tangent (2N, 6) and by the lens' parameters (2N, 4 + k)."""
+        """Derivatives of the interleaved pixels by the pose's tangent (2N, 6) and by the lens' parameters (2N, 4 +
+        k)."""
         _, by_point, by_lens = projected(self.camera, T_camera_board @ self.points)
         by_pose = pose_slopes(by_point, self.points @ T_camera_board.rotation.T)
         return by_pose.reshape(-1, 6), by_lens.reshape(2 * len(self.points), -1)
 
     def refined(self, T_camera_board: Pose, loss: Loss) -> Pose:
-        """The pose of least cost near by."""
+        """Minimises the robust cost from a start: the pose in its local minimum."""
 
         def linearised(pose: Pose) -> _Point:
             rows = Linearised(np.zeros(6), self.residual(pose), self.derivatives(pose)[0], 0, loss=loss)
@@ -212,7 +214,7 @@ class _SeenBoard:
         return levenberg_marquardt(linearised(T_camera_board), step, moved, _RULES).at.pose
 
     def second_rms_px(self, first: Pose, others: Sequence[Pose]) -> float | None:
-        """Of another pose that explains the corners."""
+        """Rms error, px, of the next other pose that explains the corners; None without one."""
         for start in others:
             pose = self.refined(start, SQUARES)
             if (

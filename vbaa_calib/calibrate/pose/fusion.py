@@ -66,7 +66,7 @@ class Difference:
         return f"{self.ways[0]} and {self.ways[1]} differ by {shift:.2f} mm and {turn:.2f} mrad, {size:.1f} std"
 
     def to_dict(self) -> dict[str, Any]:
-        """For rig.json."""
+        """The entry of rig.json."""
         return {
             "ways": list(self.ways),
             "shift_m": self.step[3:].tolist(),
@@ -77,7 +77,7 @@ class Difference:
 
 
 def differences(ways: Sequence[PoseEstimate], lens_covariance: np.ndarray) -> list[Difference]:
-    """Of every pair. What both share through the lens, of covariance (P, P), cancels."""
+    """Differences of every pair of estimates; errors that both share through the lens, of covariance (P, P), cancel."""
     found = []
     for one, other in combinations(ways, 2):
         covariance = one.covariance + other.covariance

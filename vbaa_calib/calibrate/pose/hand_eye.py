@@ -44,7 +44,8 @@ class _SeenView:
 
 
 def _seen_view(view: BoardView, points: np.ndarray, camera: Camera) -> _SeenView:
-    """Raises InputError for another picture size, or corners that are none of the board's."""
+    """Good corners and possible board poses of one view. Raises InputError for another picture size, or corners that
+    are none of the board's."""
     require_size(view.image_size, camera, view.name)
     ids, pixels = np.asarray(view.ids), np.asarray(view.corners_px, float)
     require_corners(ids, pixels, len(points), view.name)
@@ -79,7 +80,7 @@ def _seen_view(view: BoardView, points: np.ndarray, camera: Camera) -> _SeenView
 
 
 def _weights(view: BoardView, seen: np.ndarray) -> np.ndarray:
-    """(N,) of the corners' residuals: what is less certain than the median corner counts less."""
+    """Weights (N,) of the corners' residuals: less for corners that are less certain than the median one."""
     if view.covariance_px2 is None:
         return np.ones(int(seen.sum()))
     variance = np.trace(view.covariance_px2[seen], axis1=1, axis2=2)
@@ -93,7 +94,7 @@ _TURN_MORE = "add views with the hand turned by 20° and more about a second axi
 
 @dataclass(frozen=True, eq=False)
 class HandEyeView:
-    """One view.
+    """A view and its disagreement with the robot.
 
     distance_m, turn_rad : disagreement of the board's centre and turn, by its corners alone, with the robot's pose; NaN
     where not used. reason : why the view counts as an outlier or was not used; empty for a good one.
@@ -109,11 +110,11 @@ class HandEyeView:
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """The result.
+    """Result of a hand-eye calibration.
 
     Attributes
     ----------
-    mount : "hand": the arm carries the camera; "fixed": it carries the board, and the camera stands beside it.
+    mount : "hand": the arm carries the camera; "fixed": it carries the board, and the camera stands next to it.
     camera_pose : T_tool_camera, or T_base_camera where the camera is fixed. board_pose : T_base_board, or T_tool_board.
     covariance : (12, 12) of their tangents (`Pose.retract`), camera first; with the lens' covariance and the
         uncertainty of the robot's variance, so that χ² regions of 95 % hold 95 % also with few views.
@@ -124,7 +125,7 @@ class HandEye:
     board_scale : by what part the board is larger than stated where the robot's lengths are right, and its standard
         deviation.
     noise_px : of a corner's coordinate: as the corners of a view scatter, or more where the boards' poses do; None
-        where the board's poses were given, whose errors count as the robot's.
+        where the input was the board's poses: their errors count as the robot's.
     """
 
     mount: str
@@ -151,7 +152,7 @@ class HandEye:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader must know, in words."""
+        """Warnings, in words: few views, a board of another size, many contradicting views."""
         used = len(self.views) - len(self.outliers)
         larger, by = self.board_scale
         contradicted = sum(bool(view.reason) and view.distance_m == view.distance_m for view in self.views)
@@ -175,7 +176,7 @@ class HandEye:
     def antenna_on_arm(self, T_antenna_camera: Pose, covariance: np.ndarray) -> tuple[Pose, np.ndarray]:
         """T_tool_antenna, a session's `T_actuator_antenna` on this arm, and its covariance (6, 6).
 
-        T_antenna_camera : of the rig, with its covariance (6, 6), whose errors count as independent of these.
+        T_antenna_camera : of the rig, with its covariance (6, 6); its errors count as independent of these.
         Raises InputError where the camera is not on the arm.
         """
         if self.mount != "hand":
@@ -189,7 +190,7 @@ class HandEye:
         return found, spread
 
     def to_dict(self) -> dict[str, Any]:
-        """For handeye.json."""
+        """The document handeye.json."""
         carrier, other = ("tool", "base") if self.mount == "hand" else ("base", "tool")
         std = np.sqrt(np.diag(self.covariance))
         poses = {f"T_{carrier}_camera": (self.camera_pose, std[:6]), f"T_{other}_board": (self.board_pose, std[6:])}
@@ -232,14 +233,14 @@ def solve_hand_eye(
     mount: str = "hand",
     readings: Mapping[str, Sequence[Pose]] | None = None,
 ) -> HandEye:
-    """Solve for the camera's pose on the arm, or beside it, and the board's.
+    """Solve for the camera's pose on the arm, or next to it, and the board's.
 
     views : the board in each picture; grossly wrong corners are left out. Or name and pose T_camera_board of each, by
     whatever means they were measured (A·X = X·B, A·X = Z·B): then neither points nor camera are needed.
     robot_poses : T_base_tool of each, in the same order.
     board_points : (K, 3) m, by corner id, as the lens solve has found them.
     mount : "hand" or "fixed", as in `HandEye`.
-    readings : other ways to read the poses, by what is then said of them ("are in degrees"), to name a mistake.
+    readings : other ways to read the poses, by the mistake that they stand for ("are in degrees"), to name a mistake.
 
     Raises InputError for views and poses that are not of equal number, fewer than three views that can be used, an arm
     that turned about one axis only or not at all, poses that fit far better read in another way, or do not fit.
@@ -281,7 +282,7 @@ def solve_hand_eye(
 
 
 def _distance_m(pose: Pose, measured: bool) -> float:
-    """Of the board from the camera: along its axis, or where the pose was measured, which may be of anything."""
+    """Distance of the board from the camera: along its axis, or of a measured pose the whole distance."""
     return float(np.linalg.norm(pose.translation_m) if measured else pose.translation_m[2])
 
 
@@ -370,12 +371,12 @@ def _start(
     how : other readings of the rows, and whether the board's poses were measured.
     """
     readings, measured = how
-    looked = [one.poses for one in seen]
+    detected = [one.poses for one in seen]
 
     def known(tools: Sequence[Pose]) -> list[Pose]:
         return [pose.inverse() for pose in tools] if in_hand else list(tools)
 
-    best = consensus(known([rows[i] for i in used]), looked, points)
+    best = consensus(known([rows[i] for i in used]), detected, points)
     reach = float(np.median([_distance_m(one.poses[0], measured) for one in seen]))
     if best.spread_m <= HandEyeSettings.well_explained * reach:
         return best
@@ -387,9 +388,11 @@ def _start(
         "are in kilometres": [Pose(pose.rotation, 1e3 * pose.translation_m) for pose in rows],
         **readings,
     }
-    others = {words: [(table[i], own) for i, own in zip(used, looked, strict=True)] for words, table in tables.items()}
-    for words, order in other_orders(known(rows), [one[0] for one in looked], used).items():
-        pairs = [(rows[i], own) for i, own in zip(order, looked, strict=True) if i >= 0]
+    others = {
+        words: [(table[i], own) for i, own in zip(used, detected, strict=True)] for words, table in tables.items()
+    }
+    for words, order in other_orders(known(rows), [one[0] for one in detected], used).items():
+        pairs = [(rows[i], own) for i, own in zip(order, detected, strict=True) if i >= 0]
         if not np.array_equal(order, used) and len(pairs) > HandEyeSettings.fewest_views:
             others[words] = pairs
     spreads = {

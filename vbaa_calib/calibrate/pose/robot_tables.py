@@ -31,7 +31,7 @@ _EULER = [
 def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Pose], dict[str, dict[str, Pose]]]:
     """T_base_tool by view from a CSV: view; x_m,y_m,z_m or x_mm,…; and qx,qy,qz,qw, a rotation vector rx_rad,… or
     rx_deg,…, or Euler angles a_rad,b_rad,c_rad or a_deg,… in the order `euler`, as SciPy names it. With other readings
-    of the rows, by what is then said of the poses. Raises InputError naming file and line.
+    of the rows, by the mistake that they stand for. Raises InputError naming file and line.
     """
     header = header_of(path)
     place = next((names for names in _PLACES if names[0] in header), ("x_m", "y_m", "z_m"))
@@ -72,7 +72,7 @@ def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Po
 
 
 def _rotations(values: np.ndarray, columns: tuple[str, ...], euler: str | None) -> Rotation:
-    """V rotations from the numbers (V, 3 or 4) in these columns."""
+    """Rotations from the numbers (V, 3 or 4) in these columns."""
     degrees = columns[0].endswith("_deg")
     if columns == _QUATERNION:
         return Rotation.from_quat(values)
@@ -82,7 +82,7 @@ def _rotations(values: np.ndarray, columns: tuple[str, ...], euler: str | None) 
 
 
 def _other_readings(values: np.ndarray, columns: tuple[str, ...], euler: str | None) -> dict[str, Rotation]:
-    """What else the numbers may mean, by what is then said of the poses."""
+    """What else the numbers may mean, by the mistake that they stand for."""
     if columns == _QUATERNION:
         return {"have quaternions with w first": _rotations(np.roll(values, -1, axis=1), columns, None)}
     unit, other = ("degrees", "rad") if columns[0].endswith("_rad") else ("rad", "degrees")

@@ -78,13 +78,13 @@ class _SweepCorners:
 
     @property
     def pictures(self) -> int:
-        """How many pictures there are."""
+        """Number of pictures."""
         return len(self.angles_rad)
 
 
 @dataclass(frozen=True, eq=False)
 class _SweepState:
-    """What is solved for."""
+    """Unknowns of a sweep: the camera's pose, the board's, skew and offset of the joints' axes."""
 
     T_actuator_camera: Pose
     T_foot_board: Pose
@@ -92,7 +92,7 @@ class _SweepState:
     axis_offset_m: float
 
     def moved(self, step: np.ndarray) -> _SweepState:
-        """By a step (14,) as _CAMERA, _BOARD and _AXES split it."""
+        """The state after a step (14,), split as _CAMERA, _BOARD and _AXES split it."""
         return _SweepState(
             self.T_actuator_camera.retract(step[_CAMERA]),
             self.T_foot_board.retract(step[_BOARD]),
@@ -102,7 +102,7 @@ class _SweepState:
 
 
 class _SweepRows(NamedTuple):
-    """Residuals and their negative derivatives."""
+    """Reprojection residuals of all corners and their negative derivatives."""
 
     residuals_px: np.ndarray  # (N, 2) observed less predicted; far off where the lens does not see the point
     by_state: np.ndarray  # (N, 2, 14)
@@ -147,7 +147,7 @@ def _linearise(camera: Camera, state: _SweepState, corners: _SweepCorners) -> _S
 
 
 def _initial_state(camera: Camera, corners: _SweepCorners, kinematics: Kinematics) -> _SweepState:
-    """From the board's pose in each picture alone, robust against a few wrong ones."""
+    """Initial state from the board's pose in each picture, robust against a few wrong ones."""
     poses, which = _board_poses(camera, corners)
     if len(which) < 3:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
@@ -158,7 +158,7 @@ def _initial_state(camera: Camera, corners: _SweepCorners, kinematics: Kinematic
 
 
 def _turned_over(state: _SweepState, corners: _SweepCorners) -> _SweepState:
-    """The state with the board leaning to the other side of the line of sight, which looks much alike."""
+    """The state with the board tilted to the other side of the line of sight, which looks much alike."""
     turn = _turns_actuator_foot(corners, state.axis_skew_rad)[0]
     camera_foot = state.T_actuator_camera.inverse() @ Pose(turn, -state.axis_offset_m * _tilted_x(corners)[0])
     other = mirrored(camera_foot @ state.T_foot_board, corners.points_m)
@@ -182,7 +182,7 @@ def _board_poses(camera: Camera, corners: _SweepCorners) -> tuple[list[Pose], np
 
 @dataclass(frozen=True, eq=False)
 class _SweepFit:
-    """A minimum and its uncertainty."""
+    """Minimum of a sweep's problem and its uncertainty."""
 
     state: _SweepState
     angle_ratio: float  # (rad/px)² variance of the joint angles over that of a corner's coordinate
@@ -218,7 +218,7 @@ class _SweepProblem:
 
     @staticmethod
     def of(camera: Camera, corners: _SweepCorners, axes: bool = True) -> _SweepProblem:
-        """With the axes' skew and offset free, or fixed where they are."""
+        """The problem with the axes' skew and offset free, or fixed at the state's."""
         return _SweepProblem(
             camera, corners, np.ones(_AXES.stop, bool) if axes else np.arange(_AXES.stop) < _AXES.start
         )
@@ -340,7 +340,7 @@ _CROSS = "take a cross at least: the middle, pan to either side, tilt to either 
 
 @dataclass(frozen=True, eq=False)
 class SweepSolution:
-    """The result of a sweep."""
+    """Result of a sweep: the camera's pose, the joints' axes, and the pictures left out."""
 
     estimate: PoseEstimate  # the camera's pose in the antenna frame; its covariance holds the tilt zero's
     kinematics: Kinematics  # as given, with the axes as solved
@@ -413,7 +413,7 @@ def solve_sweep(
 def _usable_pictures(
     views: Sequence[BoardView], pictures: Sequence[SweepPicture], nominal_m: np.ndarray, camera: Camera
 ) -> tuple[list[BoardView], list[SweepPicture], list[DroppedView]]:
-    """Views that fix the board's pose, their readings, and the others with the reason."""
+    """Splits the views into those that fix the board's pose, with their readings, and the others with the reason."""
     for view in views:
         require_size(view.image_size, camera, view.name)
     usable, dropped = usable_views(views, nominal_m, 0)
@@ -470,7 +470,7 @@ def _consistent_pictures(problem: _SweepProblem, state: _SweepState) -> tuple[_S
             break
         here, kept = found.state, back
     if PoseSettings.fewest_pictures <= kept.sum() <= PoseSettings.few_pictures:
-        state, kept = _without_the_odd_one(problem, state, kept)
+        state, kept = _without_wrong_row(problem, state, kept)
     if kept.sum() < max(PoseSettings.fewest_pictures, PoseSettings.explained * corners.pictures):
         what = f"the angles of sweep.csv explain {kept.sum()} of {corners.pictures} pictures, too few"
         raise InputError(
@@ -484,10 +484,8 @@ def _picture_errors_px(residuals: np.ndarray, corners: _SweepCorners) -> np.ndar
     return np.array([np.median(distance[corners.picture == index]) for index in range(corners.pictures)])
 
 
-def _without_the_odd_one(
-    problem: _SweepProblem, state: _SweepState, kept: np.ndarray
-) -> tuple[_SweepState, np.ndarray]:
-    """Without the one wrong row that, among few pictures, bends the fit so that all seem a little off."""
+def _without_wrong_row(problem: _SweepProblem, state: _SweepState, kept: np.ndarray) -> tuple[_SweepState, np.ndarray]:
+    """Leaves out the one wrong row that, among few pictures, bends the fit so that all seem a little off."""
     picture = problem.corners.picture
     whole, _ = problem.inlying(state, kept[picture])
     if whole.angle_std_rad < PoseSettings.wrong_row_rad:
@@ -522,12 +520,12 @@ def _left_out_reason(problem: _SweepProblem, state: _SweepState, index: int, err
     angles = _own_angles(problem, state, index)
     if np.isnan(angles).any():
         return f"{what}; did the board or the camera move?"
-    (pan, tilt), (said_pan, said_tilt) = angles - [0, zero_rad], problem.corners.angles_rad[index] - [0, zero_rad]
-    return f"{what}: it looks like pan {pan:.3f}, tilt {tilt:.3f}, its row says {said_pan:.3f}, {said_tilt:.3f}"
+    (pan, tilt), (read_pan, read_tilt) = angles - [0, zero_rad], problem.corners.angles_rad[index] - [0, zero_rad]
+    return f"{what}: it looks like pan {pan:.3f}, tilt {tilt:.3f}, its row says {read_pan:.3f}, {read_tilt:.3f}"
 
 
 def _with_axes_prior(problem: _SweepProblem, free: _SweepFit, used: np.ndarray, kinematics: Kinematics) -> _SweepFit:
-    """The fit with a prior on the axes where they were given, unless the data contradict it."""
+    """The fit with a prior on the axes about the stated ones, unless the data contradict it."""
     given = np.array([kinematics.axis_skew_rad, kinematics.axis_offset_m])
     off = given - [free.state.axis_skew_rad, free.state.axis_offset_m]
     spread = free.covariance[_AXES, _AXES] + np.diag(
@@ -537,7 +535,7 @@ def _with_axes_prior(problem: _SweepProblem, free: _SweepFit, used: np.ndarray, 
         return free
     gain = free.covariance[:, _AXES] @ np.linalg.inv(spread)
     skew, offset = given - off + (gain @ off)[_AXES]
-    held = _SweepProblem.of(problem.camera, problem.corners, axes=False).fit(
+    fixed = _SweepProblem.of(problem.camera, problem.corners, axes=False).fit(
         replace(free.state, axis_skew_rad=skew, axis_offset_m=offset), used
     )
     # Joseph's form: no difference of covariances
@@ -547,7 +545,7 @@ def _with_axes_prior(problem: _SweepProblem, free: _SweepFit, used: np.ndarray, 
     )
     left[:, _AXES] -= gain
     covariance = left @ free.covariance @ left.T + gain @ known @ gain.T
-    return replace(held, covariance=covariance, by_lens=free.by_lens - gain @ free.by_lens[_AXES])
+    return replace(fixed, covariance=covariance, by_lens=free.by_lens - gain @ free.by_lens[_AXES])
 
 
 def _refuse_loose(found: _SweepFit) -> None:

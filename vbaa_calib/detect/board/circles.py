@@ -1,7 +1,7 @@
 """Centres of circles: centroids of their areas in a picture, corrected to the pictures of the true centres.
 
 The two differ, since perspective and lens are no affine maps. The map from board to picture is fitted to the grid, a
-homography followed by a cubic, and the difference integrated over each circle, whose radius is measured by its area.
+homography followed by a cubic, and the difference integrated over each circle, of a radius by its area.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ class BoardView:
         return len(self.marker_ids)
 
     def picked(self, which: np.ndarray) -> BoardView:
-        """With only the corners of a mask or of indices."""
+        """The view with only the corners of a mask or of indices."""
         covariance = None if self.covariance_px2 is None else self.covariance_px2[which]
         return replace(self, ids=self.ids[which], corners_px=self.corners_px[which], covariance_px2=covariance)
 
@@ -183,7 +183,7 @@ def _detect_chessboard(image: np.ndarray, spec: Chessboard, name: str) -> BoardV
 
 
 def _chessboard_view(image: np.ndarray, spec: Chessboard, name: str, ids: np.ndarray, found: np.ndarray) -> BoardView:
-    """From corners ids (N,) in rows and columns and their pixels (N, 2), which are refined."""
+    """View from corner ids (N,) in rows and columns and their pixels (N, 2), which are refined."""
     grid = found.reshape(len(np.unique(ids // spec.corner_columns)), -1, 2)
     across, down = (np.linalg.norm(np.diff(grid, axis=axis), axis=-1) for axis in (1, 0))
     # a square's shorter side or the half of its shorter diagonal: to the next edge that is not the corner's own
@@ -317,17 +317,17 @@ def _with_parts(views: list[BoardView], paths: Sequence[Path], spec: Chessboard)
 def _one_size(paths: Sequence[Path], sizes: Sequence[tuple[int, int]]) -> tuple[int, int]:
     """The size of all pictures but a few. Raises InputError where too many are of another."""
     usual, count = Counter(sizes).most_common(1)[0]
-    odd = [(path, size) for path, size in zip(paths, sizes, strict=True) if size != usual]
-    if not odd:
+    other = [(path, size) for path, size in zip(paths, sizes, strict=True) if size != usual]
+    if not other:
         return usual
-    few = len(sizes) >= DetectionSettings.fewest and len(odd) <= max(DetectionSettings.odd_sizes * len(sizes), 1)
+    few = len(sizes) >= DetectionSettings.fewest and len(other) <= max(DetectionSettings.odd_sizes * len(sizes), 1)
     if not few:
         remedy = "calibrate from pictures of one camera at one resolution"
         first = Path(paths[sizes.index(usual)]).name
-        what = f"is {_in_px(odd[0][1])}, {first} is {_in_px(usual)}, as {count} of {len(sizes)} are"
-        raise InputError(what, where=odd[0][0], remedy=remedy)
-    names = ", ".join(Path(path).name for path, _ in odd)
-    say(f"left out: {names}, {'is' if len(odd) == 1 else 'are'} {_in_px(odd[0][1])}, the others {_in_px(usual)}")
+        what = f"is {_in_px(other[0][1])}, {first} is {_in_px(usual)}, as {count} of {len(sizes)} are"
+        raise InputError(what, where=other[0][0], remedy=remedy)
+    names = ", ".join(Path(path).name for path, _ in other)
+    say(f"left out: {names}, {'is' if len(other) == 1 else 'are'} {_in_px(other[0][1])}, the others {_in_px(usual)}")
     return usual
 
 

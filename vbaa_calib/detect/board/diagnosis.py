@@ -273,7 +273,7 @@ def _gaps(ids: np.ndarray, corners_px: np.ndarray, columns: int) -> np.ndarray:
 
 
 def _fitting(sighting: _Sighting, grid: MarkerGrid, spec: Board) -> Iterator[Board]:
-    """Boards with the markers of a grid, the likeliest first; lengths and what is not seen as in the spec."""
+    """Candidate boards with the markers of a grid, the likeliest first; lengths and what is not seen as in the spec."""
     if grid.diagonal:
         named = spec if isinstance(spec, BoardSpec) else BoardSpec(3, 3, spec.pitch_m, 0.75 * spec.pitch_m)
         yield from _charuco_boards(sighting, grid, named)
@@ -316,7 +316,7 @@ def _april_grids(sighting: _Sighting, grid: MarkerGrid, spec: Board) -> Iterator
 
 
 def _agreement(grid: MarkerGrid, spec: BoardSpec | AprilGrid) -> tuple[int, int]:
-    """Pairs of a grid for and against the board described."""
+    """Numbers of a grid's pairs for and against the described board."""
     if isinstance(spec, BoardSpec) != grid.diagonal:
         return 0, 0
     turns = TURNS[1:2] if isinstance(spec, BoardSpec) else TURNS
@@ -482,8 +482,8 @@ def _rows_too_many(markers: Sequence[Markers], spec: BoardSpec, image_size: tupl
 
 
 def _vacant_below(picture: Markers, columns: dict[int, int], spec: BoardSpec, image_size: tuple[int, int]) -> int:
-    """Number of places for markers of the next row that lie well inside the picture, beside those of a row, whose
-    columns are known by id."""
+    """Number of places for markers of the next row that lie well inside the picture, relative to those of a row of
+    known columns."""
     row = picture.picked(np.isin(picture.ids, list(columns)))
     column = np.array([columns[int(number)] for number in row.ids])
     centres, per_square = row.outlines.mean(axis=1), row.px_per_marker * (spec.square_m / spec.marker_m)

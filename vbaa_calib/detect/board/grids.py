@@ -32,7 +32,7 @@ def _grid_readings(spec: Chessboard | CircleGrid) -> np.ndarray:
 def find_grid(image: np.ndarray, spec: Chessboard | CircleGrid, thorough: bool = True) -> np.ndarray | None:
     """(corner_count, 2) px of all marks in a picture (H, W) uint8, unrefined; None if not all are found.
 
-    Of several possible numberings, that whose x axis is nearest to the picture's. thorough : looks for a chessboard
+    Of several possible numberings, the one with its x axis nearest to the picture's. thorough : looks for a chessboard
     longer, which takes seconds where there is none.
     """
     small, scale = _searchable(image)

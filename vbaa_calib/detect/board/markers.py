@@ -61,7 +61,7 @@ class Markers:
         return np.einsum("ibp,ijp->ijb", np.linalg.pinv(self.px_per_marker), centres[None] - centres[:, None])
 
     def picked(self, which: np.ndarray) -> Markers:
-        """Those of a mask or of indices."""
+        """The markers of a mask or of indices."""
         return replace(self, ids=self.ids[which], outlines=self.outlines[which])
 
     def nearest(self) -> np.ndarray:
@@ -111,7 +111,7 @@ class Markers:
 
 
 def find_markers(picture: np.ndarray, dictionary: str, border: int = 1) -> Markers:
-    """Those of a dictionary in a picture (H, W) uint8. border : modules of black around a marker's bits; where it is
+    """Markers of a dictionary in a picture (H, W) uint8. border : modules of black around a marker's bits; where it is
     wide, black squares meet at its corners, as in an AprilGrid, and the corners are refined."""
     options = cv2.aruco.DetectorParameters()
     options.markerBorderBits = border

@@ -1,6 +1,6 @@
 """A chessboard that is seen in part: which part it is, by another picture that shows the whole board.
 
-What is around the part, the rest of the squares, the board's rim, markers and print beside it, is compared with the
+What is around the part, the rest of the squares, the board's rim, markers and print next to it, is compared with the
 same places on the other picture's board, for each part that it could be. A sheet of the rim's colour over a part of
 the board passes for the rim.
 """
@@ -43,7 +43,7 @@ def place_part(
 
 
 def _lacks(alike: float, other: float) -> bool:
-    """Whether a correlation is clearly less than another."""
+    """Whether one correlation is clearly less than another."""
     return 1.0 - alike > DetectionSettings.part_lead * (1.0 - other) + DetectionSettings.part_lead_least
 
 

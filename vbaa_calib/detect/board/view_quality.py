@@ -45,7 +45,7 @@ class ViewQuality:
 
     @property
     def motion(self) -> float:
-        """The larger blur over the smaller, 1 for a still camera; NaN if one is unknown."""
+        """The larger blur over the smaller, 1 for a camera at rest; NaN if one is unknown."""
         return float(max(self.blur_px) / min(self.blur_px)) if np.isfinite(self.blur_px).all() else float("nan")
 
     @property

@@ -31,7 +31,7 @@ _FARTHEST = 8000.0
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
-    """A picture to draw on; points are given in camera pixels, whose centres are whole numbers.
+    """A picture to draw on; points are in camera pixels, their centres whole numbers.
 
     image : (H, W, 3) uint8, blue, green, red. scale : canvas pixels per camera pixel.
     origin_px : (2,) camera pixel at the middle of the canvas' upper left pixel, if `scale` is 1.
@@ -116,7 +116,7 @@ class Canvas:
             self.line(barbs, ink, thick + more)
 
     def words(self, text: str, at_px: np.ndarray, colour: Colour, aside: tuple[float, float] = (9.0, -9.0)) -> None:
-        """A label with a black edge, `aside` of a point and kept inside the canvas."""
+        """A label with a black edge, `offset` from a point and kept inside the canvas."""
         width, height = _text_size(text, 0.5 * self.unit)
         spot = self.at(np.asarray(at_px)) + np.array(aside) * self.unit - [width if aside[0] < 0 else 0, 0]
         rows, columns = self.image.shape[:2]

@@ -1,4 +1,4 @@
-"""What is wrong with a picture of the board, while it can still be taken again."""
+"""What is wrong with a picture of the board, while it can be taken again."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class _BoardMap:
 
     @property
     def squares(self) -> tuple[int, int]:
-        """How many along x and y."""
+        """Numbers of squares along x and y."""
         return _counts(self.spec)
 
     def pixels(self, squares: np.ndarray) -> np.ndarray:
@@ -56,8 +56,8 @@ def _counts(spec: BoardWithIds) -> tuple[int, int]:
 
 
 def _board_map(view: BoardView, spec: BoardWithIds) -> _BoardMap | None:
-    """From the corners, else, of a ChArUco board, from three or more markers; None if neither suffice, or distortion
-    exceeds a third of a square."""
+    """The map from the corners, else, of a ChArUco board, from three or more markers; None if neither suffice, or
+    distortion exceeds a third of a square."""
     columns, seen = spec.corner_columns, view.corners_px
     if isinstance(spec, AprilGrid):
         squares = (spec.lattice[view.ids] + 0.5 * spec.spacing) / (1.0 + spec.spacing)
@@ -103,7 +103,7 @@ class _Levels:
 
 
 def levels(image: np.ndarray, where: _BoardMap) -> _Levels | None:
-    """Of a picture (H, W) uint8; None where no whole square of either colour is in it."""
+    """Grey levels on the board in a picture (H, W) uint8; None where no whole square of either colour is in it."""
     columns, rows = where.squares
     texels = QualitySettings.texels
     # of a black square, and of a marker with some of its black border
@@ -224,7 +224,7 @@ def _blur(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> list[Diagno
 
 
 def _direction(angle_rad: float) -> str:
-    """In words; angles in the picture grow downwards."""
+    """A direction in words; angles in the picture grow downwards."""
     names = ("sideways", "along the diagonal \\", "up or down", "along the diagonal /")
     return names[round(angle_rad / (np.pi / 4.0)) % 4]
 
@@ -289,7 +289,7 @@ def _size(view: BoardView, where: _BoardMap) -> list[Diagnosis]:
 
 
 def _edge(view: BoardView, where: _BoardMap) -> list[Diagnosis]:
-    """The board may cross the picture's border as long as half of it is seen."""
+    """Diagnosis of a board that crosses the picture's border with less than half of its corners seen."""
     low, high = where.outline_px.min(axis=0), where.outline_px.max(axis=0) - view.image_size
     beyond = np.array([-low[0], high[0], -low[1], high[1]])
     count, seen = where.spec.corner_count, len(view.ids)
