@@ -18,14 +18,10 @@ from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .inputs import Batch
 from .motion import Beam, Inertia, Motion, Shapes
-from .status import FAILED, FEWEST_POINTS, NO_ANTENNA, NO_CONTACT, ODD_END, OK, TIP, reason, statuses
-
-_LARGEST_SHIFT = 1 / 3  # inertia that would move the distance by more than this part of its deviation is too much
-
+from .settings import ContactSettings
+from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, statuses
 
 _T = TypeVar("_T")
-_NAMES = np.array(RUNGS)
-_COLUMNS = tuple(f.name for f in fields(ContactEstimate))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +61,7 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         if not -len(self) <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         index %= len(self)
-        values = {name: getattr(self, name)[index] for name in _COLUMNS}
+        values = {one.name: getattr(self, one.name)[index] for one in fields(ContactEstimate)}
         numbers = self.numbers if len(self) == 1 else self.numbers.row(index)
         bias, outside = zip(RUNGS, numbers.bias[0].tolist(), strict=True), int(self.outside_points[index])
         words = reason(numbers, str(self.status[index]), self.rig.antenna.length_m, self.requested)
@@ -73,13 +69,13 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         for count, which in ((outside, "outside the picture"), (far, "far from where the neighbours lie")):
             words += f"; {count} point{'s' * (count > 1)} {which}: left out" if count else ""
         for name, count in zip(self.rig.cameras, () if self.seen is None else self.seen[index].tolist(), strict=False):
-            if count < FEWEST_POINTS:
+            if count < ContactSettings.fewest_points:
                 words += f"; {name} shows only {count} points: left out" if count else f"; {name} shows no antenna"
         end_std = float(numbers.tip_std[0])
         return Contact(
             reason=words,
             outside_points=outside,
-            end_used=abs(end_std) <= ODD_END if np.isfinite(end_std) else None,
+            end_used=abs(end_std) <= ContactSettings.outlying_end if np.isfinite(end_std) else None,
             bias={rung: value for rung, value in bias if np.isfinite(value)},
             jacobian=None if self.jacobian is None else self.jacobian.of(index),
             **{name: value if value.ndim else value.item() for name, value in values.items()},
@@ -122,7 +118,7 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
             seen=batch.seen,
             status=status,
             in_contact=numbers.finite & (status != NO_ANTENNA) & (status != NO_CONTACT),
-            model=_NAMES[numbers.rung],
+            model=np.array(RUNGS)[numbers.rung],
             distance_m=given(numbers.unknowns[:, 0] * length),
             distance_std_m=given(numbers.std[:, 0] * length),
             distance_shared_std_m=given(numbers.shared_std * length),
@@ -212,7 +208,7 @@ def moving(rig: Rig, several: Sequence[Measured], found: Contacts) -> MovingCont
 def _at_rest(contact: Contact, shift: float) -> Contact:
     """The contact, or that there is none to be had while the antenna swings: inertia moves the distance by `shift` of
     its standard deviations."""
-    if not (abs(shift) > _LARGEST_SHIFT and contact.status in (OK, TIP)):
+    if not (abs(shift) > ContactSettings.largest_shift and contact.status in (OK, TIP)):
         return contact
     off_m = abs(shift) * contact.distance_std_m
     off = f"{1e3 * off_m:.1f} mm off, {abs(shift):.1f} std"

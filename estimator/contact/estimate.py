@@ -38,17 +38,14 @@ from .contacts import (
 from .drift import LearntRig
 from .inputs import Batch, FrameOptions, Lines, without_outliers
 from .motion import Beam
-from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
+from .settings import ContactSettings
+from .status import unexplained
 from .two_contacts import both_contacts
 
 CHUNK = 2048
 """Frames that are solved at once."""
 STREAM = 64
 """Frames of a recording that are solved at once, each batch from where the one before ended."""
-_AT_ONCE, _MOST_STEPS = 8, 4
-"""Of work done little by little: frames taken over or contacts given in a step, and steps with a frame, at most."""
-_PATIENCE = 16
-"""Batches of a recording that wait for its first free frames, at most."""
 
 
 class ContactEstimator:
@@ -254,7 +251,7 @@ class ContactEstimator:
         """A quick fit of each frame on a low rung. None with too few points."""
         frames = Batch.of(self.rig, several).frames(self._rig_arrays)
         found: list[RoughFit | None] = [None] * len(several)
-        enough = np.flatnonzero(frames.usable.sum(-1) >= FEWEST_POINTS)
+        enough = np.flatnonzero(frames.usable.sum(-1) >= ContactSettings.fewest_points)
         if len(enough):
             frames = frames if len(enough) == len(several) else frames.picked(enough)
             for index, own, points_m in zip(enough, *rough_fits(frames), strict=True):
@@ -264,7 +261,7 @@ class ContactEstimator:
     def shape(self, measured: Measured) -> np.ndarray | None:
         """(M, 3) nodes of the fitted antenna, antenna frame. None with too few points."""
         frames = (batch := Batch.of(self.rig, [measured])).frames(self._rig_arrays)
-        if int(frames.usable.sum()) < FEWEST_POINTS:
+        if int(frames.usable.sum()) < ContactSettings.fewest_points:
             return None
         found = solve(frames, self.model, batch.start)
         return np.asarray(bend(frames, self._rung, found.unknowns[:, None]).points_m[0])
@@ -284,8 +281,8 @@ class ContactEstimator:
         left = np.array([row for row in range(count) if row not in known], np.intp)
         found = None if 0 < len(left) == count <= most else FitNumbers.empty(count)
         if known and found is not None:
-            for begin in range(0, len(known), _AT_ONCE):
-                some = dict(islice(known.items(), begin, begin + _AT_ONCE))
+            for begin in range(0, len(known), ContactSettings.frames_per_step):
+                some = dict(islice(known.items(), begin, begin + ContactSettings.frames_per_step))
                 columns = zip(*(numbers.tables for numbers in some.values()), strict=True)
                 found.put(np.array(list(some)), FitNumbers(*map(np.concatenate, columns)))
                 yield
@@ -295,7 +292,7 @@ class ContactEstimator:
             rows = left[begin : begin + most]
             part = batch if len(rows) == count else batch.picked(rows)
             usable = (frames := part.frames(self._rig_arrays)).usable.sum(-1)
-            enough = np.flatnonzero(usable >= FEWEST_POINTS)
+            enough = np.flatnonzero(usable >= ContactSettings.fewest_points)
             if found is None and len(enough) == count:
                 found = self._fitted(part, frames, beam)
                 continue
@@ -315,7 +312,7 @@ class ContactEstimator:
         fitted = self._solved(frames, batch.start, beam)
         frames = without_outliers(batch, frames, fitted, self._rung, lambda some: self._solved(some, None, beam))
         frames = self._without_odd_tips(frames, fitted, beam)
-        if len(rows := np.flatnonzero((fitted.evidence >= CONTACT_EVIDENCE) & unexplained(fitted))):
+        if len(rows := np.flatnonzero((fitted.evidence >= ContactSettings.contact_evidence) & unexplained(fitted))):
             self._without_reading(frames, fitted, rows[fitted.sensor_available[rows].any(axis=1)])
             self._with_drift(batch, fitted, rows)
         return fitted
@@ -326,7 +323,7 @@ class ContactEstimator:
     def _without_odd_tips(self, frames: Frames, fitted: FitNumbers, beam: Beam | None) -> Frames:
         """Fit frames whose antenna's end lies where it cannot be without it: something else ended there. As used."""
         with np.errstate(invalid="ignore"):
-            odd = np.abs(fitted.tip_std) > ODD_END
+            odd = np.abs(fitted.tip_std) > ContactSettings.outlying_end
         if not odd.any():
             return frames
         rows, tip_std = np.flatnonzero(odd), fitted.tip_std[odd]
@@ -370,7 +367,7 @@ class ContactStream:
     ) -> None:
         self._estimator, self._now, self._beside = estimator, estimator, beside
         self._size, self._little = 1 if live else STREAM, little_by_little
-        self._patience = _PATIENCE if estimator.rig.drift.of_rig and not live else 0
+        self._patience = ContactSettings.patience if estimator.rig.drift.of_rig and not live else 0
         self._beam = Beam.of(estimator.rig)
         self._motion = MotionCheck(self._beam, live)
         self._coming: list[Measured] = []
@@ -392,7 +389,9 @@ class ContactStream:
         if len(self._coming) == self._size:
             self._work.append(self._taken(self._coming))
             self._coming = []
-        return self._worked(min(max(len(self._work) - 2 - hurried, not hurried), _MOST_STEPS) if self._little else None)
+        return self._worked(
+            min(max(len(self._work) - 2 - hurried, not hurried), ContactSettings.most_steps) if self._little else None
+        )
 
     def idle(self) -> Iterator[Contact]:
         """The contacts that a step of the work gives, if there is any: for who has time before the next frame."""
@@ -435,7 +434,7 @@ class ContactStream:
             found = yield from self._search(now, several)
             yield None
             contacts = self._motion.push(found)
-            while part := list(islice(contacts, _AT_ONCE if self._little else CHUNK)):
+            while part := list(islice(contacts, ContactSettings.frames_per_step if self._little else CHUNK)):
                 yield part
 
     def _search(self, now: ContactEstimator, several: list[Measured]) -> Generator[None, None, MovingContacts]:

@@ -34,9 +34,8 @@ from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import READINGS
 
-from .status import CONTACT_EVIDENCE, FEWEST_POINTS, unexplained
-
-_LEAST_END_PX = 0.02
+from .settings import ContactSettings
+from .status import unexplained
 
 Values = Sequence[float | None] | np.ndarray | None
 """A number for every frame, None where there is none."""
@@ -74,7 +73,7 @@ class Batch(Rows):
     order : (B, N) where each point was listed; None: as it is here.
     camera : (B, N) that sees each point, of the rig's in their order, one camera's after the other's; None: the rig has
         one. tip_camera : (B,) that sees the end. seen : (B, V) how many points each camera sees; of one with
-        fewer than `FEWEST_POINTS` they are left out.
+        fewer than `ContactSettings.fewest_points` they are left out.
     """
 
     points_px: np.ndarray
@@ -153,8 +152,8 @@ class Batch(Rows):
         points = together(lambda part: part.points_px)
         camera = np.tile(np.repeat(np.arange(len(parts)), wide), (count, 1))
         seen = np.column_stack([np.isfinite(part.points_px[..., 0]).sum(axis=1) for part in parts])
-        if (seen < FEWEST_POINTS).any():
-            points[np.take_along_axis(seen, camera, 1) < FEWEST_POINTS] = np.nan
+        if (seen < ContactSettings.fewest_points).any():
+            points[np.take_along_axis(seen, camera, 1) < ContactSettings.fewest_points] = np.nan
         order = shape = None
         if any(part.order is not None for part in parts):
             before = dict(zip(map(id, parts), np.cumsum([0, *wide]), strict=False))
@@ -471,7 +470,7 @@ def without_outliers(
             continue
         again = solved(replace(some.picked(fewer), usable=left[fewer]))
         again.outliers[:] = count[fewer]
-        better = (again.evidence < CONTACT_EVIDENCE) | ~unexplained(again)
+        better = (again.evidence < ContactSettings.contact_evidence) | ~unexplained(again)
         changed = rows[fewer][better]
         fitted.put(changed, FitNumbers(*(values[better] for values in again.tables)))
         usable = usable.copy() if usable is frames.usable else usable
@@ -549,7 +548,7 @@ def _end(tip_px: np.ndarray) -> np.ndarray:
     end = np.asarray(tip_px, float)
     if end.shape != (3,) or end[2] <= 0.0:
         raise InputError(f"tip_px is {tip_px!r:.60}", remedy="give u, v and their deviation along the antenna, px")
-    return end if not end[2] < _LEAST_END_PX else np.array([*end[:2], _LEAST_END_PX])
+    return end if not end[2] < ContactSettings.least_end_px else np.array([*end[:2], ContactSettings.least_end_px])
 
 
 def _points(lines: Any, name: str = "centrelines_px", remedy: str = "give (N, 2) pixels for every frame") -> np.ndarray:

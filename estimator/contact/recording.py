@@ -32,28 +32,10 @@ from vbaa_calib.session import READINGS, Frame, Session, Still, pictures_of, rea
 from .contacts import RoughFit
 from .estimate import STREAM, ContactEstimator
 from .inputs import OutlierSettings, outside, point_scatter
-
-_GRAVITY_STEP_M_S2 = 0.5
-"""A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
-_SECOND_LOOK, _FARTHER_WIDTHS = 0.8, 6.0
-"""The second look is taken unless it sees less than this fraction of what the first saw; where the polarity changes,
-unless it sees less at all and reaches as far, but for so many widths: an edge may go on."""
-CLAMP_PX, CLAMP_RAD, DRIFTED = 1.5, 0.015, 3.0
-"""How far off its free shape, and turned by how much, a calibrated antenna may leave its clamp; and how many standard
-deviations of the camera's drift are added."""
-SHAPE_PX, SHAPE_WIDTHS = 0.5, 0.11
-"""How far from a shape that it can take it may lie in the mean: the larger of so many px and widths."""
-_LEAST_NOISE = (0.5, 1.0)
-"""Points are not better than this part of what the rig's own pictures showed; no better at all where the polarity may
-change: one picture's scatter does not show what all of its points share."""
+from .settings import ContactSettings
 
 Ground = Callable[[Still], Background | None]
 """What lies behind the antenna in a picture, as far as it is known."""
-
-_AHEAD = 3
-"""Pictures that are read while one is looked at."""
-_AT_ONCE_PX = 16_000_000
-"""Most pixels of the pictures that are kept for a second look, so that their rough fits are one batch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +101,9 @@ def gravity(rig: Rig, frame: Still) -> np.ndarray:
 
 def measured(rig: Rig, frame: Frame, line: Centreline, **more: Any) -> Measured:
     """A centreline with the deviations that this rig's pictures really have, its end where it is the tip, and more."""
-    least = _LEAST_NOISE[rig.image.paint.polarity is None] * rig.image.noise_px
+    changing = rig.image.paint.polarity is None
+    share = ContactSettings.least_noise_changing if changing else ContactSettings.least_noise
+    least = share * rig.image.noise_px
     sigma = np.maximum(line.effective_px * rig.image.noise_scale, least)
     if line.end == "tip":
         more["tip_px"] = np.array([*line.end_px, line.end_std_px])
@@ -145,7 +129,10 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more:
 def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
     """What looks for the antenna in pictures at these joint angles; None where the lens cannot show it."""
     pull = gravity(rig, frame).tolist()
-    near, alike = (tuple(step * round(g / step) for g in pull) for step in (_GRAVITY_STEP_M_S2, _same_paths_m_s2(rig)))
+    near, alike = (
+        tuple(step * round(g / step) for g in pull)
+        for step in (ContactSettings.same_gravity_m_s2, _same_paths_m_s2(rig))
+    )
     return _finder(rig, near, alike)
 
 
@@ -153,12 +140,12 @@ def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
 def _finder(rig: Rig, pull_m_s2: tuple[float, ...], paths_m_s2: tuple[float, ...]) -> AntennaFinder | None:
     """The same under this gravity (antenna frame), along the paths tabled for one much like it."""
     where = _corridor(rig, pull_m_s2)
-    shape_px = max(SHAPE_PX, SHAPE_WIDTHS * where.width_px)
+    shape_px = max(ContactSettings.shape_px, ContactSettings.shape_widths * where.width_px)
     drift, focal = rig.drift, 0.5 * (rig.camera.matrix[0, 0] + rig.camera.matrix[1, 1])
     depth_m = max(float(rig.T_antenna_camera.inverse().translation_m[2]), 1e-3)
     drifted = (focal * drift.camera_turn_rad, focal * drift.camera_shift_m / depth_m, drift.picture_shift_px)
-    clamp_px = float(np.hypot(CLAMP_PX, DRIFTED * np.linalg.norm(drifted)))
-    where = replace(where, clamp_px=clamp_px, clamp_rad=CLAMP_RAD, shape_px=shape_px)
+    clamp_px = float(np.hypot(ContactSettings.clamp_px, ContactSettings.drifted * np.linalg.norm(drifted)))
+    where = replace(where, clamp_px=clamp_px, clamp_rad=ContactSettings.clamp_rad, shape_px=shape_px)
     found = finder(where, rig.camera, _tabled(rig, paths_m_s2))
     if found is None:
         return None
@@ -182,7 +169,8 @@ def _same_paths_m_s2(rig: Rig) -> float:
     """The step of gravity within which the same paths will do."""
     where = _corridor(rig, (0.0, 0.0, 0.0))
     return max(
-        same_paths_m_s2(where, rig.antenna.parameters, rig.antenna.length_m, rig.antenna.taper), _GRAVITY_STEP_M_S2
+        same_paths_m_s2(where, rig.antenna.parameters, rig.antenna.length_m, rig.antenna.taper),
+        ContactSettings.same_gravity_m_s2,
     )
 
 
@@ -211,11 +199,11 @@ def _along(rig: Rig, glance: _FirstDetection, rough: RoughFit) -> Detection:
     where, changing = glance.looking.corridor, glance.bright is None
     # whatever was left out of the first look, since it was judged
     line = of_antennas_shape(glance.line, where, changing) if changing else glance.line
-    if len(again.points_px) >= _SECOND_LOOK * len(line.points_px):
+    if len(again.points_px) >= ContactSettings.second_detection * len(line.points_px):
         first, line = line, of_antennas_shape(again, where, changing)
         if line.found and changing:
             farther_px = arc_lengths(first.points_px)[-1] - arc_lengths(again.points_px)[-1]
-            more = first.found and line.seen < first.seen and farther_px < _FARTHER_WIDTHS * width
+            more = first.found and line.seen < first.seen and farther_px < ContactSettings.farther_widths * width
             line = first if more else less_sure(line, where)
     # what is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
@@ -225,7 +213,7 @@ def detections(estimator: ContactEstimator, glances: Iterable[_FirstDetection]) 
     """Second looks at pictures in order, as many at a time as memory allows."""
     coming = iter(glances)
     for first in coming:
-        most = min(_AT_ONCE_PX // first.image.size, STREAM)
+        most = min(ContactSettings.at_once_px // first.image.size, STREAM)
         yield from detect_again(estimator, [first, *islice(coming, max(most - 1, 0))])
 
 
@@ -246,11 +234,11 @@ def read_ahead(rig: Rig, frames: Iterable[Frame]) -> Iterator[tuple[Frame, np.nd
     Raises InputError, at its turn, for one that cannot be read or has another size.
     """
     with ThreadPoolExecutor(1) as reader:
-        coming = ((frame, frame.image and reader.submit(read_own, rig, frame.image)) for frame in frames)
-        waiting = deque(islice(coming, _AHEAD))
+        coming = ((one, reader.submit(read_own, rig, one.image) if one.image else None) for one in frames)
+        waiting = deque(islice(coming, ContactSettings.pictures_ahead))
         while waiting:
             frame, picture = waiting.popleft()
-            yield frame, picture and picture.result()
+            yield frame, None if picture is None else picture.result()
             waiting.extend(islice(coming, 1))
 
 

@@ -17,11 +17,7 @@ from vbaa_calib.core.polyline import arc_lengths, resample
 from vbaa_calib.session import Shutter
 
 from .recording import FrameContact
-
-_MOST_STD = 3.0
-"""Points this many of their deviations off are no longer carried by these."""
-BLURRED_PX = 4.0
-"""A movement during the exposure that is mentioned: beyond about twice that, the end of a line is lost in it."""
+from .settings import ContactSettings
 
 
 @dataclass(frozen=True)
@@ -79,7 +75,7 @@ def _movement(item: FrameContact, other: FrameContact, shutter: Shutter, rows: i
 
 def _marked(item: FrameContact, moved: _Movement) -> FrameContact:
     contact = item.contact
-    if contact.status in LOCATED and moved.off_std > _MOST_STD:
+    if contact.status in LOCATED and moved.off_std > ContactSettings.carried:
         reason = (
             f"the antenna moves by {moved.readout_px:.1f} px while the sensor is read out, which puts points "
             f"{moved.off_px:.2f} px off, {moved.off_std:.0f} std: move slower, or use a global shutter"
@@ -94,7 +90,7 @@ def _marked(item: FrameContact, moved: _Movement) -> FrameContact:
             outside_points=contact.outside_points,
             end_used=contact.end_used,
         )
-    elif moved.exposure_px > BLURRED_PX:
+    elif moved.exposure_px > ContactSettings.blurred_px:
         blur = f"moves by {moved.exposure_px:.0f} px during the exposure: expose shorter, or move slower"
         contact = replace(contact, reason="; ".join(said for said in (contact.reason, f"the antenna {blur}") if said))
     return replace(item, contact=contact)

@@ -44,10 +44,8 @@ from .recording import (
     estimate_pictures,
     estimate_taken,
 )
+from .settings import ContactSettings
 from .shutter import checked
-
-_STILLS = 48
-"""So many pictures of a bag or video show what stands still behind the antenna."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +101,7 @@ class _Stream:
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class _Source:
     """A recording that was opened and checked.
 
     Attributes
@@ -134,7 +132,7 @@ class Source:
         """The camera's, as far as it is known."""
         return Shutter() if self.session is None else self.session.shutter
 
-    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> Source:
+    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> _Source:
         """With the clocks' offset of a bag or video, if it is to be estimated. Raises InputError where it cannot be."""
         return self if self.stream is None else replace(self, stream=self.stream.clocked(estimator, ground))
 
@@ -183,10 +181,10 @@ def unpacked(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> Iterato
 
 def some_stills(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> list[Still]:
     """Of a bag or video some pictures, in files of a folder."""
-    return [frame for frame, _ in unpacked(thinned(taken, _STILLS), folder)]
+    return [frame for frame, _ in unpacked(thinned(taken, ContactSettings.sampled_pictures), folder)]
 
 
-def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> Source:
+def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> _Source:
     """Open a session folder, or its recording/centrelines.csv; a bag; a video with readings in the .csv of its name.
 
     no_moment : leave the moment readings aside. Raises InputError for what is wrong in it.
@@ -194,7 +192,7 @@ def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOp
     if is_stream(path):
         stream = _Stream(path, rig, options or StreamOptions(), no_moment)
         stream.opened()  # what is wrong is told at once
-        return Source(None, (), None, stream)
+        return _Source(None, (), None, stream)
     session = _of_rig(load_session(_session_root(path)), rig)
     frames = read_recording(session)
     if no_moment:
@@ -204,7 +202,7 @@ def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOp
         own = [frame.others[name] for frame in frames if name in frame.others] if name in rig.others else pictures
         check_pictures(own, one.camera.image_size, "the rig was calibrated at")
     lines = None if pictures else read_centrelines(session).checked(frames, "recording.csv")
-    return Source(session, frames, lines)
+    return _Source(session, frames, lines)
 
 
 def _of_rig(session: Session, rig: Rig) -> Session:
@@ -222,7 +220,7 @@ def _of_rig(session: Session, rig: Rig) -> Session:
 
 
 def estimate_source(
-    estimator: ContactEstimator, source: Source, ground: Ground | None = None
+    estimator: ContactEstimator, source: _Source, ground: Ground | None = None
 ) -> Iterator[FrameContact]:
     """Every frame of a recording, in order, those in which the shutter matters marked."""
     if source.stream is not None:

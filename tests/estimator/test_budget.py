@@ -26,7 +26,8 @@ from estimator.budget.parts import (
     touch_of_force,
     variance_by_cause,
 )
-from estimator.contact.common_errors import MOST_POINTS, shared_errors
+from estimator.contact.common_errors import shared_errors
+from estimator.contact.settings import ContactSettings
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import Rig
@@ -56,9 +57,9 @@ def test_parts_add_up_to_what_the_estimator_says() -> None:
     now = propagate(given, space)
     whole = np.sum(list(variance_by_cause(space, now).values()), axis=0)
     np.testing.assert_allclose(whole, now.variance, rtol=1e-9)
-    seen = seen_of(rig, touches, points=MOST_POINTS)
+    seen = seen_of(rig, touches, points=ContactSettings.most_points)
     estimator = ContactEstimator(rig, "rod", friction=FRICTION_RAD)
-    sigma = rig.image.noise_px * np.sqrt(MOST_POINTS / length_px(seen.points_px))
+    sigma = rig.image.noise_px * np.sqrt(ContactSettings.most_points / length_px(seen.points_px))
     found = estimator.estimate_batch(
         seen.points_px, seen.moment_Nm, seen.pan_rad, seen.tilt_rad, sigma_px=sigma[:, None]
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator import Contact, ContactEstimator
-from estimator.contact.status import FEWEST_POINTS
+from estimator.contact.settings import ContactSettings
 from estimator.table.contacts import Measured
 
 from ..recordings import write_rig
@@ -51,10 +51,10 @@ def test_points_outside_the_picture_are_missing_ones() -> None:
 def test_too_few_points_within_the_picture_are_no_antenna() -> None:
     seen = frame()
     wrong = np.full_like(seen.points_px, 1e5)
-    wrong[: FEWEST_POINTS - 1] = seen.points_px[: FEWEST_POINTS - 1]
+    wrong[: ContactSettings.fewest_points - 1] = seen.points_px[: ContactSettings.fewest_points - 1]
     contact = ContactEstimator(RIG).measure(measured(seen, wrong))
     assert contact.status == "no_antenna"
-    assert f"only {FEWEST_POINTS - 1} usable" in contact.reason
+    assert f"only {ContactSettings.fewest_points - 1} usable" in contact.reason
     assert "outside the picture" in contact.reason
 
 

@@ -36,7 +36,7 @@ from .plane_c import PlaneC, because, find_plane, jig_causes, picture_folders, r
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A rig and how it was found.
+    """A calibrated rig and the evidence for it.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Calibration:
 
 
 def stills_prior(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
-    """What lens and plane C say before the stills are solved."""
+    """Results of lens and plane C, before bundle adjustment."""
     readings, drift = session.load_readings, session.possible_drift
     before = prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, readings, drift)
     return read_by(session.wrench_sensor, before)
@@ -98,7 +98,8 @@ def first_solved(
     solve: Callable[[LensSolution], _Solved],
     causes: Callable[[], Sequence[Diagnosis]],
 ) -> _Solved:
-    """What `solve` makes of a lens, or of the first of the others with which it converges if nothing else is the cause.
+    """Result of `solve` for a lens, or for the first of the others with which it converges if nothing else is the
+    cause.
 
     causes : as `failure_causes` finds them; asked once, after the first failure.
 
@@ -121,7 +122,7 @@ def first_solved(
 
 
 def _lens_folder(session: Session, given: GivenLens | None) -> list[str]:
-    """The folder of the lens' pictures; none where a lens is given and there are no pictures to test it."""
+    """The folder of the lens' pictures; none where a lens is known and there are no pictures to test it."""
     folder = session.folder("intrinsics")
     if given is not None and not (
         folder.is_dir() and any(path.suffix.lower() in SUFFIXES for path in folder.iterdir())
@@ -153,7 +154,7 @@ def _every_camera(session: Session, lens_model: str, given: GivenLens | None) ->
 
 @gate
 def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | None = None) -> Calibration:
-    """A session to a rig. Everything that can be wrong with the inputs is checked before the long work.
+    """Calibrates a rig from a session. Everything that can be wrong with the inputs is checked before the long work.
 
     given : the lens to start from; pictures in intrinsics/ test it then, and are not needed.
 

@@ -11,10 +11,9 @@ import numpy as np
 from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError
 
-_COLUMNS = ("x_m", "unloaded_y_m", "loaded_y_m")
-_LEAST_READINGS = 4  # two unknowns, EI and the gauge's offset, and something left over to judge the scatter by
-_MOST_READINGS = 1000
-_LONGEST_ROD_m = 10.0
+from .settings import AntennaSettings
+
+_COLUMNS = ("x_m", "unloaded_y_m", "loaded_y_m")  # of the table
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +35,10 @@ def read_deflections(path: Path, force_N: float, distance_m: float) -> Deflectio
     """The table of a CSV. Raises InputError naming file, line and remedy for anything that cannot be one."""
     check_load(force_N, distance_m)
     rows = read_csv(path, _COLUMNS)
-    if not _LEAST_READINGS <= len(rows) <= _MOST_READINGS:
-        remedy = f"at least {_LEAST_READINGS}, spread between clamp and load, are needed"
-        if len(rows) > _MOST_READINGS:
-            remedy = f"average them to {_MOST_READINGS} at most"
+    if not AntennaSettings.fewest_rows <= len(rows) <= AntennaSettings.most_rows:
+        remedy = f"at least {AntennaSettings.fewest_rows}, spread between clamp and load, are needed"
+        if len(rows) > AntennaSettings.most_rows:
+            remedy = f"average them to {AntennaSettings.most_rows} at most"
         raise InputError(f"has {len(rows)} readings", where=path, remedy=remedy)
     x, unloaded, loaded = (np.array([number(row, name, path) for row in rows]) for name in _COLUMNS)
     places = [f"{path} line {row['line']}" for row in rows]
@@ -56,7 +55,7 @@ def check_load(force_N: float, distance_m: float) -> None:
     """Raises InputError when force or distance cannot be those of a bench test."""
     if not np.isfinite(force_N) or force_N == 0.0:
         raise InputError(f"the force is {force_N:g}", remedy="give the load in newtons (mass in kg times 9.81)")
-    if not 0.0 < distance_m <= _LONGEST_ROD_m:
+    if not 0.0 < distance_m <= AntennaSettings.longest_rod_m:
         raise InputError(f"the distance is {distance_m:g}", remedy="give metres from the clamp to the load")
 
 
