@@ -87,3 +87,12 @@ def test_a_reflection_is_found_with_its_place(radius_px: float) -> None:
         sides = (("left",), ("right",))[side[0]] + (("upper", "top"), ("lower", "bottom"))[side[1]]
         assert any(word in words for word in sides)
         assert ("right", "left")[side[0]] not in words
+
+
+def test_a_patch_as_bright_as_paper_is_a_reflection_though_not_clipped() -> None:
+    board = drawn(1)
+    grey = board.grey.copy()
+    u, v = board.corners_px[8].astype(int)
+    grey[v - 50 : v + 50, u - 50 : u + 50] = np.percentile(grey, 95.0)
+    assert grey.max() < 245.0
+    assert the_one(hints(picture(dataclasses.replace(board, grey=grey))), "reflection")

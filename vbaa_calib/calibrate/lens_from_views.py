@@ -82,7 +82,7 @@ def _unused(usable: Sequence[BoardView], solution: LensSolution) -> list[str]:
 def _outlier_view(
     views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints, rules: LensSettings
 ) -> DroppedView | None:
-    """The view that contradicts the others most, if one does, and how; None where names do not tell views apart."""
+    """The view that contradicts the others most, and how; None without one, or where views share names."""
     if len({view.name for view in views}) < len(views):
         return None
     # a pose takes up the errors of three corners

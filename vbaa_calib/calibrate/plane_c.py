@@ -173,7 +173,7 @@ def _jig_evidence(
 def jig_causes(
     session: Session, camera: Camera, plane: PlaneC, lines: Sequence[Observation] | None = None
 ) -> list[Diagnosis]:
-    """What is wrong with the jig, or changed since its picture, by where the antenna lies; empty without a jig.
+    """Diagnoses of a jig that is wrong or has moved since its picture, by the antenna's place; none without a jig.
 
     lines : of the antenna, with and without loads; None: the free antenna is searched for where each cause puts it.
     """
@@ -189,7 +189,7 @@ def because(error: VbaaError, found: Sequence[Diagnosis], session: Session) -> V
 
 
 def _clamp_doubt(found: PoseEstimate, over: OverBoard, board: BoardWithIds) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (K, 6), deviations (K,) of the antenna's own frame from jig's and joints': clamp and height."""
+    """Directions (K, 6) and standard deviations (K,) of the antenna's own frame relative to jig and joints."""
     camera_m = found.T_antenna_camera.translation_m
     turns = np.hstack([np.eye(3), np.cross(np.eye(3), camera_m)])
     across = np.hstack([np.zeros((2, 4)), np.eye(2)])
@@ -220,7 +220,7 @@ def _print_doubt(estimate: PoseEstimate, session: Session, scale_std: float) -> 
 
 
 def _kinematics(session: Session, sweep: SweepSolution | None, estimates: Sequence[PoseEstimate]) -> Kinematics:
-    """The session's, with axes and tilt's zero as sweep and all estimates have them, and their uncertainty."""
+    """The session's kinematics with axes and tilt zero by the sweep and all estimates, and their uncertainty."""
     if sweep is None:
         return session.kinematics
     swept = next(estimate for estimate in estimates if estimate.way == sweep.estimate.way)

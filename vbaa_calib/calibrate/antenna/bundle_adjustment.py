@@ -343,7 +343,7 @@ def _solved(
 
 
 def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float, float]:
-    """The same problem with the antenna's ends that agree, unless they contradict everything else; and by how many
+    """The problem with the antenna's visible ends, as far as they agree and do not contradict the rest; and by how many
     deviations and metres all of them together lie off the length.
     """
     std_m = problem.prior.tip_std_m

@@ -72,7 +72,7 @@ class ReadingGroups:
         ]
 
     def ends(self, stills: Sequence[Still], at: np.ndarray, farthest_m: float) -> np.ndarray:
-        """(K,) the largest errors for which no load of these frames, corrected by errors `at`, hangs further out."""
+        """(K,) largest errors of the readings for which no load, corrected by errors `at`, hangs beyond the end."""
         ends = np.full(self.count, np.inf)
         for still, place in zip(stills, self.distance, strict=True):
             if isinstance(still, Load) and place >= 0:

@@ -477,7 +477,8 @@ class Problem:
         return Linearised(parameters, *self.residuals(parameters), self.certain)
 
     def _tip_rows(self, evaluated: Evaluation) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (T,) and their Jacobian; how far all ends together are off the length is marginalised."""
+        """Residuals (T,) of the antenna's ends and their Jacobian; their common distance from the length is
+        marginalised."""
         if not len(self.tips):
             return np.zeros(0), np.zeros((0, self.size))
         whiten = self._common_whitening(evaluated.by_length)

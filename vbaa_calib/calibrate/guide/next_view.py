@@ -40,7 +40,7 @@ def lens_progress(
     image_size: tuple[int, int] = (1280, 720),
     solution: LensSolution | None = None,
 ) -> ViewProgress:
-    """Judge the pictures of the board so far and choose the next.
+    """Judge the pictures of the board so far and suggest the next one.
 
     image_size : (width, height) px of pictures to come, while there is no view.
     solution : of just these views, where it is already known.

@@ -105,8 +105,8 @@ def _finer_poses(best: _BoardPlace, near_m: float, far_m: float) -> list[_BoardP
 def _view_candidates(
     design: LensDesign, spec: BoardWithIds, placed: Sequence[_BoardPlace], share: float = GuideSettings.least_share
 ) -> list[tuple[_BoardPlace, Pose, np.ndarray]]:
-    """Poses that show at least a share of the board's corners, none too small or too steep to be read, T_camera_board
-    of each, and the ids (N,) of the corners that are visible with all their markers."""
+    """Poses that show at least a share of the board's corners large and flat enough to be read, T_camera_board of each,
+    and the ids (N,) of the corners that are visible with all their markers."""
     places = np.array([one.place for one in placed]) * (np.array(design.image_size) - 1)
     rays, seen = design.camera.unproject(places)
     kept = [one for one, ok in zip(placed, seen.tolist(), strict=True) if ok]

@@ -123,7 +123,8 @@ def fit_without_outliers(
 
 
 def _weights(lengths: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.ndarray:
-    """(V,) of views by their noise, from the lengths (N,) px of their standardised residuals and masks of good ones.
+    """Weights (V,) of views by their noise, from the lengths (N,) px of their standardised residuals and masks of good
+    ones.
 
     1, but for views that are clearly noisier than the median view. A view of few corners is taken for a usual one.
     """

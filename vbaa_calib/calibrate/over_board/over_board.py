@@ -125,7 +125,7 @@ class OverSetup:
 
 @dataclass(frozen=True, eq=False)
 class _Mark:
-    """A point of the antenna that is known along it."""
+    """A point of the antenna with a known place along it."""
 
     end: int  # −1 the tip, 0 the clamp
     seen: SeenPoints  # the one point

@@ -60,7 +60,7 @@ class _Level:
     scale: float
 
     def reduced(self, scale: float, shape: tuple[int, int]) -> _Level:
-        """The picture of a shape (H, W) at a scale of at most this one's."""
+        """The picture reduced to a shape (H, W) and a scale, which is at most this one's."""
         size = (max(8, round(scale * shape[1])), max(8, round(scale * shape[0])))
         if size == self.planes.shape[:0:-1]:
             return self
@@ -81,7 +81,7 @@ class _Level:
 
 
 def _shading_of(channels: int, settings: RodSettings) -> np.ndarray:
-    """(channels,) by which the colour of one surface differs between neighbouring places."""
+    """(channels,) usual difference in colour of neighbouring places on one surface."""
     return np.array([settings.shading[min(channel, 1)] for channel in range(channels)])
 
 
@@ -289,11 +289,11 @@ class _MeasuredRod:
 
     @property
     def hangs(self) -> bool:
-        """Whether it comes from the picture's border and ends before plain background."""
+        """Whether the rod enters at the picture's border and ends before plain background."""
         return self.inside[0] != self.inside[1] and self.holder[0 if self.inside[0] else 1] < 0.0
 
     def is_good(self, settings: RodSettings) -> bool:
-        """Whether nothing better is to be expected."""
+        """Whether the evidence is so good that the search may end."""
         return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.parts["edges"] > 0.9
 
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
@@ -578,8 +578,8 @@ def _centred(
 def _edges(
     planes: np.ndarray, spread: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings, last: bool
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Middles (N, 2) between edges, or half a width from one of them; the width, and (S,) whether stations have two
-    edges so far apart. At the last, edges are searched for next to those of the curve.
+    """Middles (N, 2) of the rod by its edges, half a width from a single edge; its width; and (S,) whether a station
+    has two edges that far apart. In the last round, edges are searched for next to those of the curve.
 
     spread : (channels,) deviation of places of one surface.
     """
@@ -741,7 +741,7 @@ def _to_the_ends(
 
 
 def _other(middle: np.ndarray, sides: list[np.ndarray], least_chroma: float) -> np.ndarray:
-    """(S,) 1 where colours (channels, S) differ from their surroundings by another hue than they usually do, else 0."""
+    """(S,) 1 where colours (channels, S) differ from their surroundings by an unusual hue, else 0."""
     chroma = (middle - 0.5 * (sides[0] + sides[1]))[1:]
     known = np.isfinite(chroma).all(axis=0)
     usual = np.median(chroma[:, known], axis=1) if len(chroma) and known.any() else np.zeros(2)
@@ -935,7 +935,7 @@ def _measured(
 
 
 def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredRod]:
-    """The likeliest first: of lines whose mean evidence is about the same the one with the most."""
+    """Lines in order of likelihood: by mean evidence, and by total evidence where that is about the same."""
     best = max((line.parts["mean"] for line in found), default=0.0)
     return sorted(found, key=lambda line: (line.parts["mean"] < best - settings.alike, -line.evidence))
 
@@ -943,7 +943,7 @@ def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredR
 def _lines(
     planes: np.ndarray, groups: list[list[_RodPath]], ends: list[np.ndarray | None], settings: RodSettings
 ) -> list[_MeasuredRod]:
-    """The likeliest line of each group of paths."""
+    """The most likely measured line of each group of paths."""
     found = []
     for group in groups:
         likely: _MeasuredRod | None = None

@@ -317,7 +317,8 @@ def _views(lines: Sequence[RodLine], setting: PhotoSetting, turn: tuple[float, f
 
 
 def _turned(points: np.ndarray, turn: tuple[float, float], far: float) -> np.ndarray:
-    """(N, 2) places in a plane turned about the vertical and the level axis that a camera so far off sees at points."""
+    """(N, 2) places in a plane, turned about its vertical and its level axis, that a camera at a distance sees at
+    points."""
     for axis, angle in enumerate(turn):
         if angle:
             place = points[:, axis] * far / (far * np.cos(angle) - points[:, axis] * np.sin(angle))

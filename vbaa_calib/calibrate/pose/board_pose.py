@@ -27,7 +27,7 @@ _RULES = Rules(iterations=60, tolerance=1e-12, takes_last=True, may_rise_share=1
 
 
 def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> None:
-    """Raises InputError when a picture (width, height) is not of the size that the lens was calibrated for."""
+    """Checks that a picture (width, height) has the size that the lens was calibrated for; raises InputError."""
     if tuple(image_size) != tuple(camera.image_size):
         is_, was = (f"{width}x{height} px" for width, height in (image_size, camera.image_size))
         remedy = "take all pictures at one resolution; of a known lens --binning and --roi tell the difference"

@@ -422,7 +422,7 @@ def _start(
 def _consistent(
     problem: HandEyeProblem, start: Start, seen: Sequence[Pose], centre_m: np.ndarray
 ) -> tuple[HandEyeSolution, np.ndarray, Misfits]:
-    """The solution over the views that agree, which those are (V,), and how far off each is."""
+    """Solves over the views that agree: the solution, the mask (V,) of these views, and the misfit of every view."""
     kept, X, Z = start.good, start.X, start.Z
     std = np.array([max(start.spread_m, 1e-6), max(start.spread_m, 1e-6), 1.0])
     for _ in range(HandEyeSettings.outlier_rounds):

@@ -92,7 +92,7 @@ class Start:
 def consensus(
     known: Sequence[Pose], seen: Sequence[Sequence[Pose]], points_m: np.ndarray, subsets: int = HandEyeSettings.subsets
 ) -> Start:
-    """The start of which the better 60 % of the views, at least three, fit best, from all views and many small subsets
+    """The start that fits best by its better 60 % of the views, from all views and many small subsets
     of them; seen
     : of each view one or two poses of the board, points_m (K, 3)."""
     count, first = len(known), [poses[0] for poses in seen]

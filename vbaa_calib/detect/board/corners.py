@@ -78,7 +78,7 @@ def detect_corners(image: np.ndarray, spec: Board, name: str = "") -> BoardView:
 
 
 def _detect_charuco(image: np.ndarray, spec: BoardSpec, name: str) -> BoardView:
-    """OpenCV's settings for ChArUco boards are kept: on the real photo sets each marker refinement changes the
+    """Detects a ChArUco board with OpenCV's default settings: on the real photo sets each marker refinement changes the
     reprojection error by a few per cent, up or down. Corners next to a single marker are left out, since they are
     grossly wrong on partly covered boards. Of several copies of the board, that of which most is seen is taken.
     """
@@ -315,7 +315,7 @@ def _with_parts(views: list[BoardView], paths: Sequence[Path], spec: Chessboard)
 
 
 def _one_size(paths: Sequence[Path], sizes: Sequence[tuple[int, int]]) -> tuple[int, int]:
-    """The size of all pictures but a few. Raises InputError where too many are of another."""
+    """The common size of the pictures, but for a few. Raises InputError where too many are of another."""
     usual, count = Counter(sizes).most_common(1)[0]
     other = [(path, size) for path, size in zip(paths, sizes, strict=True) if size != usual]
     if not other:

@@ -34,7 +34,7 @@ Detect = Callable[[np.ndarray, Board], tuple[np.ndarray, np.ndarray]]
 
 
 def _families() -> dict[str, tuple[int, ...]]:
-    """The dictionaries that hold all others, and the widths of black border with which their markers are printed."""
+    """Marker dictionaries that contain all others, with the widths of the black borders that they are printed with."""
     held = [name for name in DICTIONARIES if name.rpartition("_")[2] not in map(str, DICTIONARY_SIZES[:-1])]
     return {name: (1, 2) if "APRILTAG_36" in name else (1,) for name in held}
 
@@ -141,7 +141,7 @@ def explain_mismatch(
 
 
 def _rich(markers: Sequence[Markers]) -> list[int]:
-    """Indices of the pictures that are tried: spread over all, or those in which most markers were read."""
+    """Indices of the pictures that are tried: evenly chosen, or those with most markers."""
     counts = np.array([len(picture.ids) for picture in markers])
     if counts.any():
         return np.argsort(-counts, kind="stable")[: DetectionSettings.tried].tolist()
@@ -149,7 +149,7 @@ def _rich(markers: Sequence[Markers]) -> list[int]:
 
 
 def _markers_in_words(markers: Sequence[Markers], spec: BoardSpec | AprilGrid, read: Read) -> str:
-    """The markers that are read in pictures without a board, and why they make none; empty without any."""
+    """Sentence on the markers in pictures without a board, and why they make none; empty without any."""
     dictionary = spec.dictionary
     if not any(len(picture.ids) for picture in markers):
         pictures = [read(index) for index in _rich(markers)]
@@ -225,7 +225,7 @@ def _searched(pictures: Sequence[np.ndarray], spec: BoardSpec | AprilGrid, detec
 def _proposed(
     sighting: _Sighting, grid: MarkerGrid, spec: BoardSpec | AprilGrid, pictures: Sequence[np.ndarray], detect: Detect
 ) -> Diagnosis | None:
-    """The first board that fits the grid, is not the spec and is found in the pictures, and how they differ."""
+    """The first board that fits the grid, differs from the spec and is found in the pictures; and the differences."""
     for fitting in _fitting(sighting, grid, spec):
         if fitting == spec and not sighting.turned:
             continue
@@ -338,7 +338,7 @@ def _cells_of(spec: BoardSpec | AprilGrid) -> np.ndarray:
 
 
 def _contradicted(grid: MarkerGrid, spec: BoardSpec | AprilGrid) -> bool:
-    """Whether the markers lie clearly otherwise than the spec says."""
+    """Whether the markers clearly contradict the layout of the spec."""
     agreeing, wrong = _agreement(grid, spec)
     if not isinstance(spec, BoardSpec):
         return wrong > DetectionSettings.contradicted * (agreeing + wrong)
@@ -438,7 +438,7 @@ def _share(spec: Board) -> float:
 
 
 def _cause(name: str, here: Any, there: Any, measured: str) -> str:
-    """One key of a board that is otherwise in the pictures than in the spec."""
+    """Sentence on one key of the board in which pictures and spec differ."""
     match name:
         case "squares_y" | "rows":
             return f"{name} is {here} or more (not {there})"

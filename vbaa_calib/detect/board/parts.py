@@ -48,7 +48,7 @@ def _lacks(alike: float, other: float) -> bool:
 
 
 def _trimmed(image: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
-    """Corners (rows, columns, 2) px without rows and columns at the rim in which one is none: about a corner two
+    """Corners (rows, columns, 2) px without the outer rows and columns that hold a false one: about a corner two
     squares are black and two white."""
     across, down = (np.gradient(grid, axis=axis) for axis in (1, 0))
     places = [

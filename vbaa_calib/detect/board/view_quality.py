@@ -99,8 +99,8 @@ def _gap_px(corners_px: np.ndarray, edges: np.ndarray, room: float) -> float:
 
 
 def _across(image: np.ndarray, ends: np.ndarray, gap_px: float, square_px: float) -> ViewQuality:
-    """Quality across edges between corners (E, 2, 2) px of one direction, its blur twice: by profiles from the black
-    square to the white one's rim.
+    """Quality across edges between corners (E, 2, 2) px of one direction, both its blurs the same: by profiles from the
+    black square to the white one's rim.
 
     It is read from the black half, where only the edge is: there a Gaussian edge of height 2a has the squared slopes'
     integral a² / (√π σ).

@@ -93,21 +93,21 @@ def _corridor_sides(where: Corridor) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw_corridor(canvas: Canvas, where: Corridor) -> None:
-    """The corridor's outline, and the predicted free antenna."""
+    """Draws the corridor's outline and the predicted free antenna."""
     left, right = _corridor_sides(where)
     canvas.line(np.concatenate([left, right[::-1], left[:1]]), DrawingSettings.corridor)
     canvas.dashes(where.axis_px, DrawingSettings.free, 1.5)
 
 
 def draw_clamp(canvas: Canvas, where: Corridor) -> None:
-    """The clamp, where the free antenna starts."""
+    """Draws the clamp, where the free antenna starts."""
     canvas.ring(where.axis_px[0], 6.0, WHITE)
     canvas.words("clamp", where.axis_px[0], WHITE, (9.0, 20.0))
 
 
 def draw_centreline(canvas: Canvas, line: Centreline, parts: Sequence[Stretch] = (), *, named: bool = True) -> None:
-    """Points coloured by deviation, unseen stretches dashed (coloured by cause if `parts` give it), a second line, and
-    the visible end."""
+    """Draws points coloured by standard deviation, unseen stretches dashed (coloured by cause if `parts` give it), a
+    second line, and the visible end."""
     if len(line.other_line_px):
         canvas.line(line.other_line_px, DrawingSettings.other_line, 2.0)
     for part in parts:

@@ -227,7 +227,7 @@ class Profiles:
 
 @dataclass(frozen=True)
 class LinePaint:
-    """The line: brightness in units of the print, how much of a pixel it covers at its middle, its Gaussian width."""
+    """Appearance of the line: brightness in units of the print, cover of a pixel at its middle, Gaussian width."""
 
     brightness: float
     cover: float
@@ -450,12 +450,12 @@ class _PlanePath:
         return s, offset @ self.normal - polyval(s, self.coefficients)
 
     def points(self, s: np.ndarray) -> np.ndarray:
-        """(N, 2) points at s (N,)."""
+        """(N, 2) points of the path at coordinates s (N,), m."""
         aside = polyval(s, self.coefficients)
         return self.origin + s[:, None] * self.direction + aside[:, None] * self.normal
 
     def fitted(self, points_m: np.ndarray, weights: np.ndarray, degree: int = 2) -> _PlanePath:
-        """The path through points (N, 2) with weights (N,) on their squares."""
+        """Fits the path to points (N, 2) with weights (N,) on their squared distances."""
         s, aside = (points_m - self.origin) @ self.direction, (points_m - self.origin) @ self.normal
         coefficients = Polynomial.fit(s, aside, degree, w=np.sqrt(weights)).convert().coef
         return _PlanePath(self.origin, self.direction, coefficients, float(s.min()), float(s.max()))
@@ -598,7 +598,7 @@ class _Tracker:
         return 0.5 * self.width_px + 2.0 * self.picture.blur_px + 0.5
 
     def measured(self) -> tuple[float, BoardLine] | None:
-        """The line with its cover; None where none is convincing."""
+        """Measures the line and its cover; None where none is convincing."""
         path = _search(self.picture, self.plane, self.width_px, self.bright)
         if path is None:
             return None

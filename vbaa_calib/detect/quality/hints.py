@@ -136,7 +136,7 @@ def _blemishes(seen: _Levels) -> list[tuple[bool, int, tuple[float, float]]]:
     """
     rise = (np.nan_to_num(seen.dark, nan=seen.black) - seen.black) / max(seen.white - seen.black, 1.0)
     count, labels = cv2.connectedComponents((rise > QualitySettings.washed_out).astype(np.uint8), connectivity=8)
-    shining = (seen.dark >= QualitySettings.clipped_level) | (rise >= QualitySettings.bright)
+    shining = (seen.dark >= QualitySettings.clipped_level) | (rise >= QualitySettings.paper)
     found = []
     for label in range(1, count):
         rows, columns = np.nonzero(labels == label)
@@ -357,7 +357,8 @@ def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> tupl
 
 
 def _axes(view: BoardView, corners_m: np.ndarray) -> np.ndarray:
-    """(2, 2) columns of unit length: the mean directions across the board's edges; corners_m : (N, 2) on the board."""
+    """Unit vectors (2, 2), as columns, of the mean directions across the board's edges; corners_m : (N, 2) on the
+    board."""
     about_m, about_px = corners_m - corners_m.mean(axis=0), view.corners_px - view.corners_px.mean(axis=0)
     typical = np.linalg.lstsq(about_m, about_px, rcond=None)[0].T
     across = np.linalg.inv(typical).T

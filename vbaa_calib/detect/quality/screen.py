@@ -42,7 +42,7 @@ def corner_std_px(view: BoardView) -> float:
 
 
 def too_few(view: BoardView, min_corners: int) -> str:
-    """Why there are too few corners, or ""."""
+    """Reason why a view has too few corners; empty where it has enough."""
     if len(view.ids) == 0:
         return (
             view.left_out or "the board is not found"
@@ -57,7 +57,8 @@ def too_few(view: BoardView, min_corners: int) -> str:
 
 
 def _too_poor(quality: ViewQuality, std_px: float, typical: tuple[float, ...]) -> str:
-    """typical : the set's medians: blur px, contrast in grey levels, standard deviation of a corner px."""
+    """Reason why a view is too poor; empty for a good one. typical : the set's medians: blur px, contrast in grey
+    levels, standard deviation of a corner px."""
     blur, (usual_blur, usual_contrast, usual_std) = quality.mean_blur_px, typical
     blurred = f"blurred by {blur:.1f} px ({quality.blur_in_words})"
     if blur > QualitySettings.most_blur_per_gap * quality.gap_px:

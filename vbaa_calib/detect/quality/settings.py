@@ -25,6 +25,7 @@ class QualitySettings:
     fewest_markers: int = 3  # without corners
     clipped_level: int = 250  # grey level from which black is clipped
     washed_out: float = 0.5  # of the contrast, from which a square has lost its black
+    paper: float = 0.9  # of the contrast, from which a black square is as bright as paper, and shines
     covered: float = 0.25  # share of shining squares from which a patch is a reflection
 
     # faults that are named
