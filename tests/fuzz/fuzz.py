@@ -30,7 +30,7 @@ import yaml
 
 from estimator.table.files import read_contacts
 from vbaa_calib import Camera, Rig
-from vbaa_calib.calibrate.antenna.deflection_table import read_deflections
+from vbaa_calib.calibrate.antenna.stiffness import read_deflections
 from vbaa_calib.calibrate.given_lens import read_lens
 from vbaa_calib.calibrate.pose.robot_tables import read_corners, read_robot_poses
 from vbaa_calib.convert import FORMATS

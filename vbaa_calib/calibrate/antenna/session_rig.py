@@ -80,7 +80,7 @@ class ExpectedAntenna:
                 with suppress(InputError):
                     return replace(self, paint=None).observe(still, image, gravity_m_s2)
             lost, change = why_lost(stretches(paint.plane(image), line, looking.corridor, paint.bright))
-            why = "; ".join(said for said in (line.reason, lost) if said)
+            why = "; ".join(one for one in (line.reason, lost) if one)
             if not change:
                 little = line.seen < AntennaSettings.least_seen_free
                 change = "light the antenna" if little else "check the jig; take away what looks like the antenna"
@@ -237,11 +237,11 @@ def observe(
     usual = np.median(list(courses.values()), axis=0) if courses else expected.course
     learnt = replace(expected, course=usual)
     for index, (still, pull) in enumerate(zip(stills, gravity, strict=True)):
-        odd = (
+        off_course = (
             index in courses
             and np.abs(np.polyval(courses[index] - usual, np.linspace(0.0, 1.0, 21))).max() > AntennaSettings.off_course
         )
-        if seen[index] is None or odd:
+        if seen[index] is None or off_course:
             seen[index] = learnt.observe(still, read(still), pull)
         one = seen[index]
         if index in courses and len(courses) >= AntennaSettings.learnt_from and one is not None:

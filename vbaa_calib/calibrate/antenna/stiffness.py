@@ -11,7 +11,9 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from decimal import MAX_EMAX, Context, Decimal
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -21,11 +23,98 @@ from scipy.special import stdtr, stdtrit
 
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.elastica import planar_elastica_dead
+from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.robust import mad_std
 
-from .deflection_table import DeflectionTable, check_load
 from .settings import AntennaSettings
+
+_COLUMNS = ("x_m", "unloaded_y_m", "loaded_y_m")  # of the table
+
+
+@dataclass(frozen=True, eq=False)
+class DeflectionTable:
+    """N readings of a gauge along a clamped rod, without and with the load."""
+
+    x_m: np.ndarray  # (N,) strictly increasing, from the clamp along the undeflected rod
+    unloaded_y_m: np.ndarray  # (N,) positive in the force's direction
+    loaded_y_m: np.ndarray  # (N,)
+    resolution_m: float = 0.0  # the last decimal written down; 0: unknown
+
+    @property
+    def deflection_m(self) -> np.ndarray:
+        """(N,) what the load added: constant errors of the gauge along x, the rod's sag and bow cancel."""
+        return self.loaded_y_m - self.unloaded_y_m
+
+
+def read_deflections(path: Path, force_N: float, distance_m: float) -> DeflectionTable:
+    """The table of a CSV. Raises InputError naming file, line and remedy for anything that cannot be one."""
+    _check_load(force_N, distance_m)
+    rows = read_csv(path, _COLUMNS)
+    if not AntennaSettings.fewest_rows <= len(rows) <= AntennaSettings.most_rows:
+        remedy = f"at least {AntennaSettings.fewest_rows}, spread between clamp and load, are needed"
+        if len(rows) > AntennaSettings.most_rows:
+            remedy = f"average them to {AntennaSettings.most_rows} at most"
+        raise InputError(f"has {len(rows)} readings", where=path, remedy=remedy)
+    x, unloaded, loaded = (np.array([number(row, name, path) for row in rows]) for name in _COLUMNS)
+    places = [f"{path} line {row['line']}" for row in rows]
+    _check_positions(x, distance_m, places)
+    _check_deflections(loaded - unloaded, x, force_N, distance_m, places, path)
+    # the power of ten of the last digit that is written down: -3 for 0.120 and for 5e-3
+    silent = Context(traps=[])  # of an exponent beyond decimals nothing is known
+    digits = [Decimal(row[name], silent).as_tuple().exponent for row in rows for name in _COLUMNS[1:]]
+    finest = min(exponent if isinstance(exponent, int) else -MAX_EMAX for exponent in digits)
+    return DeflectionTable(x, unloaded, loaded, 10.0**finest)
+
+
+def _check_load(force_N: float, distance_m: float) -> None:
+    """Raises InputError when force or distance cannot be those of a bench test."""
+    if not np.isfinite(force_N) or force_N == 0.0:
+        raise InputError(f"the force is {force_N:g}", remedy="give the load in newtons (mass in kg times 9.81)")
+    if not 0.0 < distance_m <= AntennaSettings.longest_rod_m:
+        raise InputError(f"the distance is {distance_m:g}", remedy="give metres from the clamp to the load")
+
+
+def _check_positions(x_m: np.ndarray, distance_m: float, places: list[str]) -> None:
+    for before, x, place in zip([-np.inf, *x_m], x_m, places, strict=False):
+        rules = (
+            (x < 0.0, f"x_m is {x:g}", "measure x from the clamp towards the load, in metres"),
+            (
+                x > distance_m,
+                f"x_m is {x:g}, beyond the load at {distance_m:g} m",
+                "give x and the distance in metres from the clamp, and take out readings beyond the load",
+            ),
+            (x == before, f"x_m is {x:g} a second time", "put the mean of repeated readings in one row"),
+            (x < before, f"x_m falls from {before:g} to {x:g}", "sort the rows by x, and check this one"),
+        )
+        for wrong, what, remedy in rules:
+            if wrong:
+                raise InputError(what, where=place, remedy=remedy)
+
+
+def _check_deflections(
+    deflection_m: np.ndarray, x_m: np.ndarray, force_N: float, distance_m: float, places: list[str], path: Path
+) -> None:
+    worst = int(np.argmax(np.abs(deflection_m)))
+    if abs(deflection_m[worst]) > distance_m:
+        raise InputError(
+            f"the rod is deflected by {deflection_m[worst]:g} m, more than its length {distance_m:g} m",
+            where=places[worst],
+            remedy="give the readings in metres (1 mm is 0.001)",
+        )
+    if not deflection_m.any():
+        raise InputError(
+            "loaded_y_m equals unloaded_y_m in every row", where=path, remedy="give the readings without and with load"
+        )
+    # by the half nearer to the load, where the bending exceeds the gauge's offset
+    far = deflection_m[x_m >= np.median(x_m)]
+    rise = np.polyfit(x_m, deflection_m, 1)[0]
+    if np.median(far) * force_N < 0.0 and rise * force_N < 0.0:
+        raise InputError(
+            f"the deflections (loaded less unloaded, {np.median(far):g} m near the load) run against the force",
+            where=path,
+            remedy="swap the two columns, or give the force the other sign",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +254,7 @@ class _CompliancePoint:
     design: np.ndarray  # (N, P) derivatives by ln(1/EI), offset and clamp rotation, the last two only if free
 
 
-def beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
+def _beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
     """Deflections (N,) m at places x (N,) by the small-angle formula, as a function of EI."""
     return lambda stiffness: linear.deflection(x_m, distance_m, force_N, stiffness)
 
@@ -217,7 +306,7 @@ def _gauss_newton(
     )
 
 
-def slope_at_load(model: str, force_N: float, distance_m: float, stiffness_Nm2: float) -> float:
+def _slope_at(model: str, force_N: float, distance_m: float, stiffness_Nm2: float) -> float:
     """dy/dx of the rod at the load, without sign; "linear" or "elastica"."""
     if model == "linear":
         return float(linear.slope(distance_m, distance_m, abs(force_N), stiffness_Nm2))
@@ -276,7 +365,7 @@ def solve_stiffness(
     InputError : force or distance impossible, or no bending that stands out from the scatter.
     SolveError : the fit does not converge.
     """
-    check_load(force_N, distance_m)
+    _check_load(force_N, distance_m)
     bench = _Bench(table, force_N, distance_m)
     compliance, _ = _robust_line(bench.forward("linear")(1.0), table.deflection_m, offset)
     if compliance <= 0.0:
@@ -338,7 +427,7 @@ class _Bench:
     distance_m: float
 
     def forward(self, model: str, kept: np.ndarray | slice = slice(None)) -> Forward:
-        return (beam if model == "linear" else elastica)(self.table.x_m[kept], self.force_N, self.distance_m)
+        return (_beam if model == "linear" else elastica)(self.table.x_m[kept], self.force_N, self.distance_m)
 
     @property
     def least_std_m(self) -> float:
@@ -392,7 +481,7 @@ class _RodFit:
         return fit, errors, errors.half_width(np.eye(len(covariance))[0], clamp)
 
     def _slope_at_load(self) -> float:
-        return slope_at_load(self.model, self.bench.force_N, self.bench.distance_m, self.parameters.stiffness_Nm2)
+        return _slope_at(self.model, self.bench.force_N, self.bench.distance_m, self.parameters.stiffness_Nm2)
 
     def clamp_effect(self, share_std: float) -> float:
         """Relative std of EI from the clamp's prior: how a turned clamp leaks into the estimated compliance."""

@@ -60,7 +60,7 @@ def best_next(
         found = _view_candidates(known.design, spec, placed, share)
         if found:
             poses = np.array([pose.vector for _, pose, _ in found])
-            blocks, _ = view_blocks(known.design, poses, [observation(ids, spec) for *_, ids in found])
+            blocks, _ = view_blocks(known.design, poses, [_observation(ids, spec) for *_, ids in found])
             squares = mean_square(aim, known.information + blocks)
             candidate, square = found[int(np.argmin(squares))], float(squares.min())
         if candidate is None:
@@ -180,7 +180,7 @@ def _lattice(spec: BoardWithIds) -> tuple[np.ndarray, np.ndarray, float]:
     return lattice, np.stack(around, axis=1), spec.marker_m / spec.square_m / 2.0
 
 
-def observation(ids: np.ndarray, spec: BoardWithIds) -> BoardCorners:
+def _observation(ids: np.ndarray, spec: BoardWithIds) -> BoardCorners:
     """Corners of these ids (N,) for derivatives alone: their pixels are 0."""
     return BoardCorners(
         corner_points(spec)[ids],
@@ -189,7 +189,7 @@ def observation(ids: np.ndarray, spec: BoardWithIds) -> BoardCorners:
     )
 
 
-def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardPlace:
+def _seen_as(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardPlace:
     """Place, distance and tilt of a board's pose as the camera sees it."""
     middle = T_camera_board @ _middle(spec)
     distance = float(np.linalg.norm(middle))
@@ -208,7 +208,7 @@ def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardP
 
 def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardWithIds, corners: int, metric: bool) -> str:
     """A pose in words, for the terminal; corners : how many are to be seen, metric : whether the distance is known."""
-    seen = seen_as(camera, T_camera_board, spec)
+    seen = _seen_as(camera, T_camera_board, spec)
     across = "left" if seen.place[0] < 0.4 else "right" if seen.place[0] > 0.6 else "middle"
     down = "upper " if seen.place[1] < 0.4 else "lower " if seen.place[1] > 0.6 else ""
     parts = [f"board in the {down}{across} of the picture"]
@@ -253,8 +253,8 @@ def pose_match(
         ok, rotvec, shift = cv2.solvePnP(points[valid], flat[valid], np.eye(3), None)
     if not ok or shift[2, 0] <= 0.0:
         return 0.0, "the board is seen at too flat an angle"
-    wanted = seen_as(camera, suggestion.T_camera_board, spec)
-    seen = seen_as(camera, Pose.from_rotvec(rotvec.ravel(), shift.ravel()), spec)
+    wanted = _seen_as(camera, suggestion.T_camera_board, spec)
+    seen = _seen_as(camera, Pose.from_rotvec(rotvec.ravel(), shift.ravel()), spec)
     across, down = np.subtract(wanted.place, seen.place)
     farther = np.log(wanted.distance_m / seen.distance_m)
     tilt = wanted.tilt_rad * np.exp(1j * wanted.away_rad) - seen.tilt_rad * np.exp(1j * seen.away_rad)

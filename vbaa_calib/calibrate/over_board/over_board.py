@@ -66,7 +66,6 @@ _IN_PLANE = slice(0, 3)  # places of the unknowns: angle (rad) and clamp (x, y; 
 _BOARD = slice(3, 9)  # whitened, the board's tangent,
 _UNKNOWNS = 10 + len(PARAMETERS)  # its height at 9, and the antenna's parameters from 10
 _STEPS = np.array([1e-5, 1e-5, 1e-5, *[0.02] * (_UNKNOWNS - 3)])  # finite differences
-_RULES = Rules(iterations=40, standstill=1e-12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +223,7 @@ def _solve_over(problem: _OverProblem, start: np.ndarray) -> tuple[PoseEstimate,
 
 
 def _descended(problem: _OverProblem, unknowns: np.ndarray) -> np.ndarray:
-    descent = minimise(problem.linearised, problem.linearised(unknowns), _RULES)
+    descent = minimise(problem.linearised, problem.linearised(unknowns), Rules(iterations=40, standstill=1e-12))
     if descent.exhausted and descent.promise >= _OverBoardFitSettings.enough:
         raise SolveError("the antenna over the board could not be fitted to its picture")
     return descent.at.parameters

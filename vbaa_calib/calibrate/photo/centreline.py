@@ -178,7 +178,7 @@ def _from_clamp(path: _RodPath, clamp: np.ndarray | None, tip: np.ndarray | None
     return replace(path, path_px=path.path_px[::-1]) if turned else path
 
 
-def shared(path: _RodPath, other: _RodPath, settings: RodSettings) -> float:
+def _shared(path: _RodPath, other: _RodPath, settings: RodSettings) -> float:
     """Part of a path's length that runs along another, nearer than a part of the width."""
     along = arc_lengths(other.path_px)
     at = np.linspace(0.0, along[-1], max(2, int(2.0 * along[-1] / path.width_px)))
@@ -320,7 +320,7 @@ class _MeasuredRod:
         return replace(self, evidence=(self.evidence - max(0.0, tip)) * (settings.straight_share if straight else 1.0))
 
 
-def fitted(
+def _fitted(
     picture_planes: np.ndarray,
     path: _RodPath,
     first: np.ndarray | None,
@@ -928,7 +928,7 @@ def _measured(
             bound = min(bound, settings.slack[0] * path.cost + settings.slack[1])
             if any(line.contains(path.path_px) and width_px < 1.5 * line.width_px for line in found):
                 continue
-            line = fitted(planes, path, clamp, tip, settings)
+            line = _fitted(planes, path, clamp, tip, settings)
             if line is not None:
                 found.append(line)
     return found
@@ -948,7 +948,7 @@ def _lines(
     for group in groups:
         likely: _MeasuredRod | None = None
         for path in group:
-            fit = fitted(planes, path, ends[0], ends[1], settings)
+            fit = _fitted(planes, path, ends[0], ends[1], settings)
             if fit is not None and (likely is None or fit.evidence > likely.evidence):
                 likely = fit
             if likely is not None and 0.6 < likely.width_px / path.width_px < 1.7:
@@ -962,7 +962,7 @@ def _grouped(paths: list[_RodPath], settings: RodSettings) -> list[list[_RodPath
     """The best paths, each apart from those before it over half of its length, and with each one of another width."""
     groups: list[list[_RodPath]] = []
     for path in paths:
-        group = next((each for each in groups if shared(path, each[0], settings) > 0.5), None)
+        group = next((each for each in groups if _shared(path, each[0], settings) > 0.5), None)
         if group is None:
             if len(groups) < settings.candidates:
                 groups.append([path])

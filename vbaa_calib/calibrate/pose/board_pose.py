@@ -23,8 +23,6 @@ from vbaa_calib.geometry import Pose
 from .fusion import PoseEstimate
 from .settings import PoseSettings
 
-_RULES = Rules(iterations=60, tolerance=1e-12, takes_last=True, may_rise_share=1e-13)
-
 
 def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> None:
     """Checks that a picture (width, height) has the size that the lens was calibrated for; raises InputError."""
@@ -211,7 +209,8 @@ class _SeenBoard:
         def moved(at: _Point, move: np.ndarray) -> _Point:
             return linearised(at.pose.retract(move))
 
-        return levenberg_marquardt(linearised(T_camera_board), step, moved, _RULES).at.pose
+        rules = Rules(iterations=60, tolerance=1e-12, takes_last=True, may_rise_share=1e-13)
+        return levenberg_marquardt(linearised(T_camera_board), step, moved, rules).at.pose
 
     def second_rms_px(self, first: Pose, others: Sequence[Pose]) -> float | None:
         """Rms error, px, of the next other pose that explains the corners; None without one."""

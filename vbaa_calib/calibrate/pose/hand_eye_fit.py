@@ -152,7 +152,6 @@ def other_orders(known: Sequence[Pose], seen: Sequence[Pose], used: np.ndarray) 
 
 
 _SHARED = 12  # columns of X's tangent and of Z's
-_RULES = Rules(60, tolerance=1e-12, takes_last=True, may_rise_share=1e-9)
 _STD_LOGS = np.log([(1e-7, 1.0), (1e-7, 1.0), (1.0, 1e9)])  # between them the deviations are sought
 
 
@@ -369,7 +368,8 @@ class HandEyeProblem:
             steps = move.reshape(-1, 6)
             return self.linearised(tuple(pose.retract(own) for pose, own in zip(at.state, steps, strict=True)), std)
 
-        return levenberg_marquardt(self.linearised(state, std), step, moved, _RULES).at
+        rules = Rules(60, tolerance=1e-12, takes_last=True, may_rise_share=1e-9)
+        return levenberg_marquardt(self.linearised(state, std), step, moved, rules).at
 
     def solved(self, state: _HandEyeState, std: np.ndarray) -> HandEyeSolution:
         """Solves for state and standard deviations by turns, the latter from the residuals (REML)."""

@@ -245,7 +245,7 @@ class _FittedLines:
     chi: np.ndarray
 
 
-def profiles(picture: _BoardPicture, guide_px: np.ndarray, core_px: float) -> Profiles:
+def _profiles(picture: _BoardPicture, guide_px: np.ndarray, core_px: float) -> Profiles:
     """Cut the columns (rows) out of a picture along a guide (K, 2), one column a pixel.
 
     Off the board, where the pattern is NaN, what is behind the line is a slope of light through its flanks, which begin
@@ -642,7 +642,7 @@ class _Tracker:
         steps = np.linspace(path.start - more, path.end + more, 600)
         pixels, valid = self.plane.to_pixels(path.points(steps))
         inside = valid & ((pixels > -1) & (pixels < self.picture.seen.shape[::-1])).all(axis=1)
-        return profiles(self.picture, pixels[inside], wider * self._core_px)
+        return _profiles(self.picture, pixels[inside], wider * self._core_px)
 
     def _along(
         self, path: _PlanePath, paint: LinePaint, beyond: float = 0.0, *, rough: bool = False, wary: bool = False

@@ -102,7 +102,7 @@ class _Levels:
     white: float
 
 
-def levels(image: np.ndarray, where: _BoardMap) -> _Levels | None:
+def _levels(image: np.ndarray, where: _BoardMap) -> _Levels | None:
     """Grey levels on the board in a picture (H, W) uint8; None where no whole square of either colour is in it."""
     columns, rows = where.squares
     texels = QualitySettings.texels
@@ -148,7 +148,7 @@ def _blemishes(seen: _Levels) -> list[tuple[bool, int, tuple[float, float]]]:
 def picture_hints(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> list[Diagnosis]:
     """Faults of a picture (H, W) uint8 and its view, grave ones (corners missing or wrong) first."""
     where = _board_map(view, spec)
-    seen = None if where is None else levels(image, where)
+    seen = None if where is None else _levels(image, where)
     found = _blur(image, view, spec) + _light(view, seen)
     if where is not None:
         if seen is not None and not any(one.name in ("motion_blur", "out_of_focus", "overexposed") for one in found):
@@ -190,7 +190,7 @@ def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
     else:
         remedy = "show the whole board, near enough and sharp"
         missing = Diagnosis("no_board", "no marker of the board is seen", remedy, "wrong")
-    edges = edge_blur(image)
+    edges = _edge_blur(image)
     if edges is None or edges[0] < QualitySettings.unsharp_px:
         return [missing]
     long_px, short_px, direction_rad = edges
@@ -300,7 +300,7 @@ def _edge(view: BoardView, where: _BoardMap) -> list[Diagnosis]:
     return [Diagnosis("board_outside", words, "bring it further in")]
 
 
-def edge_blur(image: np.ndarray) -> tuple[float, float, float] | None:
+def _edge_blur(image: np.ndarray) -> tuple[float, float, float] | None:
     """Blur of the strong edges of a picture (H, W) uint8, at half its size; None without any. Directions: k·π/4.
 
     Returns its largest and its smallest standard deviation, px, pixel's area included, and the direction of the
@@ -370,11 +370,11 @@ def _correlation(image: np.ndarray, view: BoardView, spec: BoardWithIds, contras
     """Of the blur along the board's x with that along its y."""
     columns = spec.corner_columns
     # whether the square before the corner, left and above, is black
-    odd = ((view.ids % columns + view.ids // columns) % 2 == 0) == spec.starts_with_marker
+    after_black = ((view.ids % columns + view.ids // columns) % 2 == 0) == spec.starts_with_marker
     where = view.corners_px.astype(np.float32).reshape(1, -1, 2)
     grey = cv2.remap(image, where, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].astype(float)
-    if odd.all() or not odd.any():
+    if after_black.all() or not after_black.any():
         return 0.0
     # more than half of the contrast up: only noise or a covered corner makes it so
-    lift = (np.median(grey[odd]) - np.median(grey[~odd])) / (2.0 * contrast)
+    lift = (np.median(grey[after_black]) - np.median(grey[~after_black])) / (2.0 * contrast)
     return float(np.sin(np.clip(np.pi * lift, -1.2, 1.2)))
