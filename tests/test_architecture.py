@@ -35,9 +35,9 @@ MOST = {
     "class names used twice": 20,
     "classes": 484,
     "public names": 1345,
-    "private words": 577,
+    "private words": 576,
     "type: ignore": 4,
-    "words on pages": 35536,
+    "words on pages": 35535,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

@@ -44,9 +44,9 @@ class TwoContactsSettings:
     axis_step: float = 0.1  # of the rig's axes, in standard deviations
     rounds: int = 5  # steps with the rig's errors free, at most
     settled: float = 1e-3  # such a round that lowers the cost by less is the last
-    gain: float = 25.0  # decrease of the cost by the second contact, at least: as `status.SECOND_CONTACT`
+    gain: float = 25.0  # decrease of the cost by the second contact, at least: as `ContactSettings.second_contact`
     force_std: float = 6.0  # each force is so many of its standard deviations, at least
-    distance: float = 0.05  # standard deviation of a place in antenna lengths, at most: as `status.LOW_SIGNAL`
+    distance: float = 0.05  # standard deviation of a place in antenna lengths, at most: as `ContactSettings.low_signal`
     alternative: float = 4.5  # another pair of places counts as equally good when its cost is so little higher
     apart_std: float = 3.0  # and its places are so many standard deviations away
     misfit: float = 1.15  # rms of the residuals over the scatter of neighbours, at most: beyond it the shape is wrong
