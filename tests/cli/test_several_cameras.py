@@ -153,11 +153,18 @@ def test_centrelines_of_both(tmp_path: Path, made: Path, capsys: pytest.CaptureF
         assert row["status"] == ("ok" if frame["in_contact"] else "no_contact")
         if frame["in_contact"]:
             assert abs(float(row["distance_m"]) - frame["distance_m"]) < 4.5 * float(row["distance_std_m"])
+    rows, readings = _rows(out), str(lines.parent / "recording.csv")
+    apart = ["estimate", "--centrelines", str(lines), "--readings", readings, "-o", str(out), "--no-report", "--force"]
+    assert main([*apart, "--rig", str(made / "rig.json")]) == 0
+    assert [row["distance_m"] for row in _rows(out)] == [row["distance_m"] for row in rows]
+    Rig.load(made / "rig.json").cameras["left"].save(tmp_path / "left.json")
+    assert main([*apart, "--rig", str(tmp_path / "left.json")]) == 2
+    assert "lines of several cameras: left, right" in capsys.readouterr().err
     text = lines.read_text()
     for wrong, words in (
         (text.replace(",right,", ",middle,"), "no camera middle"),
         (text.replace(",right,", ",,"), "camera is empty"),
-        (text.replace("frame,camera,", "frame,which,"), "no column camera"),
+        (text.replace("frame,camera,", "frame,which,"), "has no column camera"),
     ):
         lines.write_text(wrong)
         assert main(call) == 2

@@ -21,7 +21,7 @@ def read(folder: Path, content: str | bytes) -> Centrelines:
     path = folder / "recording" / "centrelines.csv"
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return read_centrelines(SimpleNamespace(root=folder))
+    return read_centrelines(SimpleNamespace(root=folder, in_turn=()))
 
 
 def text(rows: list[tuple[int, float, float, float]]) -> str:

@@ -49,27 +49,25 @@ def read_centrelines(session: Session) -> Centrelines:
     """recording/centrelines.csv, checked from the first line to the last; of several cameras the session's own, and in
     its `others` those of the rest. Raises InputError naming file and line."""
     path = session.root / "recording" / "centrelines.csv"
-    if not session.cameras:
-        return centrelines_of(path)
-    require_file(path)
-    if (named := _by_name(path, "camera", session.cameras)) is None:
-        remedy = f"name the camera of each point: {', '.join(session.cameras)}"
-        raise InputError("has no column camera, but session.yaml has cameras", where=path, remedy=remedy)
-    if unknown := sorted(named.keys() - session.cameras.keys()):
-        remedy = f"name one of those in session.yaml: {', '.join(session.cameras)}"
-        raise InputError(f"there is no camera {unknown[0]}", where=path, remedy=remedy)
-    first = named.pop(session.camera)
-    first.others = named
-    return first
+    return centrelines_of(path, cameras=session.in_turn)
 
 
-def centrelines_of(path: Path, which: str | None = None) -> Centrelines:
+def centrelines_of(path: Path, which: str | None = None, cameras: Sequence[str] = ()) -> Centrelines:
     """As `read_centrelines`, of any file; also one of DeepLabCut (CSV, HDF5), WhiskerToolbox (CSV, or a folder of
     them), Janelia's whisk (.whiskers, or .measurements next to it) or NWB.
 
     which : of several lines in a frame: an individual, a whisker's label, a line's place from 0 on; the name in the
-        column antenna of a table of ours.
+        column antenna of a table of ours. cameras : of a table of ours with the lines of several; of the first one, and
+        in its `others` of the rest.
     """
+    if cameras:
+        require_file(path)
+    named = _by_name(path, "camera", cameras)
+    if cameras:
+        return _of_cameras(named, cameras, path)
+    if named is not None and len(named) > 1:
+        what = f"has the lines of several cameras: {', '.join(named)}"
+        raise InputError(what, where=path, remedy="give a rig with these cameras, or the rows of one of them")
     if (named := _by_name(path)) is not None:
         return named[_chosen(list(named), which, path)]
     foreign = _foreign(path)
@@ -88,6 +86,19 @@ def centrelines_of(path: Path, which: str | None = None) -> Centrelines:
     found = _indexed(copy)
     assert found is not None
     return Centrelines(path, copy, *found)
+
+
+def _of_cameras(named: dict[str, Centrelines] | None, cameras: Sequence[str], path: Path) -> Centrelines:
+    """The first camera's lines, with the others'. Raises InputError for a table that does not name them."""
+    names = ", ".join(cameras)
+    if named is None:
+        remedy = f"name the camera of each point: {names}"
+        raise InputError("has no column camera", where=path, remedy=remedy)
+    if unknown := sorted(named.keys() - set(cameras)):
+        raise InputError(f"there is no camera {unknown[0]}", where=path, remedy=f"name one of {names}")
+    first = named.pop(cameras[0])
+    first.others = named
+    return first
 
 
 def antennas_of(path: Path, which: str | None = None) -> dict[str, Centrelines]:

@@ -464,6 +464,11 @@ class Session:
         """The session as one of its cameras saw it."""
         return replace(self, camera=name, shutter=self.cameras[name])
 
+    @property
+    def in_turn(self) -> tuple[str, ...]:
+        """The names of its cameras, this session's first; none where there is one camera."""
+        return (self.camera, *(name for name in self.cameras if name != self.camera)) if self.cameras else ()
+
     def folder(self, name: str) -> Path:
         """Of the pictures of its camera: intrinsics, plane."""
         return self.root / name / self.camera

@@ -238,12 +238,7 @@ def read_recording(session: Session) -> Sequence[Frame]:
     path = session.root / "recording" / "recording.csv"
     _require(path, "it names the frames of the recording")
     with_images = not (path.parent / "centrelines.csv").exists()
-    return recording_of(path, with_images=with_images, cameras=_in_turn(session))
-
-
-def _in_turn(session: Session) -> tuple[str, ...]:
-    """Its cameras, that of the session first."""
-    return (session.camera, *(name for name in session.cameras if name != session.camera))
+    return recording_of(path, with_images=with_images, cameras=session.in_turn or ("",))
 
 
 def recording_of(path: Path, *, with_images: bool, cameras: Sequence[str] = ("",)) -> Sequence[Frame]:
