@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vbaa_calib.camera import Camera
+from vbaa_calib.camera import Camera, in_plane_axes
+from vbaa_calib.camera.lens import from_core
 from vbaa_calib.core.arrays import as_floats, fixed, gate, of_shape, real_gravity
 from vbaa_calib.core.errors import InputError, Verdict, shown
 from vbaa_calib.core.files import read_json, write_json
@@ -540,6 +541,21 @@ class Rig:
         from vbaa_calib.camera import CameraOnPlane  # loads torch
 
         return CameraOnPlane(self.camera, self.T_antenna_camera, plane)
+
+    def on_plane_C(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates (..., 2) m on plane C of pixels (..., 2), and validity (...), as `camera_on_plane().project`, but
+        without torch, which takes a second to load."""
+        points, known = from_core(self.camera.intrinsics, "on_plane", pixels, 2, "pixels", *self._plane_C())
+        return points, known
+
+    def plane_C_jacobian(self, pixels: np.ndarray) -> np.ndarray:
+        """(..., 2, P + 6) as `camera_on_plane().calibration_jacobian`, of pixels (..., 2), without torch."""
+        return from_core(self.camera.intrinsics, "plane_slopes", pixels, 2, "pixels", *self._plane_C(), True)[0]
+
+    def _plane_C(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The camera's pose (3, 4), plane C's normal and offset (4,), and its axes (2, 3), for the core."""
+        pose = np.column_stack([self.T_antenna_camera.rotation, self.T_antenna_camera.translation_m])
+        return pose, np.append(PLANE_C.normal, PLANE_C.offset_m), in_plane_axes(PLANE_C)
 
     @property
     def with_lens(self) -> bool:

@@ -258,7 +258,7 @@ def _on_plane_m(rig: Rig, T_antenna_camera: Pose) -> float:
     """Largest distance of the antenna's axis from itself on plane C, seen from this pose and read with the rig's."""
     axis = rig.antenna.length_m * np.linspace(0.0, 1.0, 9)[:, None] * np.array([1.0, 0.0, 0.0])
     pixels, seen = rig.camera.project(T_antenna_camera.inverse() @ axis)
-    points, crossed = rig.camera_on_plane().project(pixels)
+    points, crossed = rig.on_plane_C(pixels)
     off = np.linalg.norm(points - axis[:, :2], axis=1)[seen & crossed]
     # an axis that the moved camera does not see at all has moved by more than its length
     return float(off.max()) if len(off) else rig.antenna.length_m

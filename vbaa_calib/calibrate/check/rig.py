@@ -39,7 +39,7 @@ def rig_maps(rig: Rig) -> dict[str, Any]:
 def _plane_map(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (R, C, 2), worst deviation (R, C), mm, of the point on plane C that each shows; NaN out of reach."""
     pixels = pixel_grid(rig.camera.image_size, CheckSettings.map_grid)
-    points, seen = rig.camera_on_plane().project(pixels)
+    points, seen = rig.on_plane_C(pixels)
     near = seen & (np.linalg.norm(np.nan_to_num(points), axis=-1) <= CheckSettings.reach_lengths * rig.antenna.length_m)
     return pixels, np.where(near, 1e3 * _plane_std_m(rig, pixels), np.nan)
 
@@ -67,7 +67,7 @@ def _along(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _plane_std_m(rig: Rig, pixels: np.ndarray) -> np.ndarray:
-    jacobian = np.asarray(rig.camera_on_plane().calibration_jacobian(pixels))
+    jacobian = rig.plane_C_jacobian(pixels)
     return largest_std(jacobian @ rig.plane_covariance() @ np.swapaxes(jacobian, -1, -2))
 
 
