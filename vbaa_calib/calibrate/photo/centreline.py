@@ -85,9 +85,9 @@ def _shading_of(channels: int, settings: RodSettings) -> np.ndarray:
     return np.array([settings.shading[min(channel, 1)] for channel in range(channels)])
 
 
-def ribbon_evidence(level: Level, width: float, settings: RodSettings) -> np.ndarray:
-    """Log odds (steps, directions, columns) of ribbons so wide down a picture."""
-    shading = np.hypot(_shading_of(len(level.planes), settings), level.texture(settings.flank_widths * width, settings))
+def ribbon_evidence(level: Level, width: float, texture: np.ndarray, settings: RodSettings) -> np.ndarray:
+    """Log odds (steps, directions, columns) of ribbons so wide down a picture of this texture (channels,)."""
+    shading = np.hypot(_shading_of(len(level.planes), settings), texture)
     shares = (settings.flat, settings.edge, settings.chance)
     return core.search.ribbon_evidence(
         level.planes, width, level.noise(settings), shading, settings.spread, shares, settings.gap
@@ -128,8 +128,10 @@ def _paths_at(
     width, diagonal = width_px * level.scale, float(np.hypot(height, columns))
     if min(height, columns) < 2 * core.search.ROW_STEP:
         return []
-    down = ribbon_evidence(level, width, settings)
-    across = ribbon_evidence(Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale), width, settings)
+    texture = level.texture(settings.flank_widths * width, settings)
+    down = ribbon_evidence(level, width, texture, settings)
+    transposed = Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale)
+    across = ribbon_evidence(transposed, width, texture, settings)
     if colours is not None:
         spread = settings.other_colour * _shading_of(len(level.planes), settings)
         smooth = [cv2.blur(each, (3, 3)) for each in level.planes]
@@ -408,7 +410,11 @@ def _along(
     soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
     strip = _Strip.along(soft, curve, fine, 4.0 * width, fine)
     level = Level(np.ascontiguousarray(strip.values), 1.0 / fine)
-    each = ribbon_evidence(level, settings.level_width_px, settings)
+    # of what is on either side: the rod's own edges are no texture
+    sides = strip.across_px < -width, strip.across_px > width
+    apart = settings.flank_widths * settings.level_width_px
+    textures = [Level(level.planes[:, :, side], level.scale).texture(apart, settings) for side in sides]
+    each = ribbon_evidence(level, settings.level_width_px, np.mean(textures, axis=0), settings)
     log = each[:, each.shape[1] // 2, len(strip.across_px) // 2].astype(float)
     inside = np.asarray(strip.inside[:, np.abs(strip.across_px) < width].all(axis=1))
     step = core.search.ROW_STEP
