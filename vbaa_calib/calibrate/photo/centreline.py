@@ -296,7 +296,7 @@ class _MeasuredRod:
 
     def is_good(self, settings: RodSettings) -> bool:
         """Whether nothing better is to be expected."""
-        return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.parts["edges"] > 0.9
+        return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.parts["edges"] > settings.good_edges
 
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
         """Whether a line (N, 2) runs in this rod over such a share of its points."""
@@ -337,13 +337,71 @@ def fitted(
         if end is not None:
             apart = np.hypot(*(coarse[::way] - end).T) > 1.5 * width
             coarse = np.concatenate([end[None], coarse[::way][int(np.argmax(apart)) :]])[::way]
+    course: _Course | None = None
+    most = 0.0
+    # a highlight or a shadow changes light, hairs have the colour: what tells the edges is what makes them parallel
+    for channels, light in ((slice(None), settings.light), (slice(None), 0.0), (slice(1), 0.0))[-len(planes) :]:
+        told = planes[channels], patch.spread[channels], replace(settings, light=light)
+        found = _course(planes, noise, coarse, width, first, last, *told)
+        if found is None:
+            continue
+        parallel = float(found[-1].mean()) * min(1.0, arc_lengths(found[1])[-1] / arc_lengths(coarse)[-1])
+        if parallel > most:
+            course, most = found, parallel
+        if parallel > settings.good_edges:
+            break
+    if course is None:
+        return None
+    points, curve, misses, width, inside, seen = course
+    length = float(arc_lengths(curve)[-1])
+    diagonal = float(np.hypot(*picture_planes.shape[1:])) * patch.scale
+    cell = max(width, settings.correlation_share * diagonal)
+    log, parts = _along(planes, curve, width, cell, seen, settings)
+    parts |= {"edges": float(seen.mean()), "wander": mad_std(misses) / width, "length_share": length / diagonal}
+    evidence = parts["ribbon"]
+    if first is None or last is None:  # it may be none, or a shadow
+        evidence = evidence * (1.0 - settings.shadow_cost * parts["shadow"]) + _shape(parts, settings)
+    gap, goes_on = (
+        _gap(curve, log, settings.longest_gap * max(cell / length, 0.02)),
+        _goes_on(planes, noise, curve, width, inside, settings),
+    )
+    return _MeasuredRod(
+        patch.back(points),
+        patch.back(curve),
+        width / patch.scale,
+        mad_std(misses) / patch.scale,
+        inside,
+        _holders(planes, noise, curve, width, settings),
+        None if goes_on is None else patch.back(goes_on),
+        None if gap is None else patch.back(gap),
+        evidence,
+        parts,
+    )
+
+
+_Course = tuple[np.ndarray, np.ndarray, np.ndarray, float, tuple[bool, bool], np.ndarray]
+
+
+def _course(
+    planes: np.ndarray,
+    noise: np.ndarray,
+    coarse: np.ndarray,
+    width: float,
+    first: np.ndarray | None,
+    last: np.ndarray | None,
+    told: np.ndarray,
+    spread: np.ndarray,
+    settings: RodSettings,
+) -> _Course | None:
+    """Points, their curve and distances from it, the width, whether the ends are inside, and which stations have two
+    edges, by those planes whose edges are `told`, of one surface's `spread`; None where there are none."""
     curve = _smooth(coarse, np.ones(len(coarse)), max(width, settings.least_smoothing_px))
     for _ in range(settings.centred_rounds):
-        middles = _centred(planes, patch.spread, curve, width, settings)
+        middles = _centred(told, spread, curve, width, settings)
         curve = _smooth(middles, np.ones(len(middles)), max(width, settings.least_smoothing_px))
     points, misses = np.zeros((0, 2)), np.zeros(0)
     for round_ in range(settings.fit_rounds):
-        points, width, _ = _edges(planes, patch.spread, curve, width, settings, round_ > settings.fit_rounds - 3)
+        points, width, _ = _edges(told, spread, curve, width, settings, round_ > settings.fit_rounds - 3)
         if len(points) < settings.least_points:
             return None
         scale = max(
@@ -372,32 +430,10 @@ def fitted(
     far = max(2.0 * width, 0.03 * length)
     if any(end is not None and np.hypot(*(at - end)) > far for end, at in ((first, curve[0]), (last, curve[-1]))):
         return None
-    diagonal = float(np.hypot(*picture_planes.shape[1:])) * patch.scale
-    cell = max(width, settings.correlation_share * diagonal)
-    _, width, seen = _edges(planes, patch.spread, curve, width, settings, True)
+    _, width, seen = _edges(told, spread, curve, width, settings, True)
     if seen.mean() < settings.least_edges:
         return None
-    log, parts = _along(planes, curve, width, cell, seen, settings)
-    parts |= {"edges": float(seen.mean()), "wander": mad_std(misses) / width, "length_share": length / diagonal}
-    evidence = parts["ribbon"]
-    if first is None or last is None:  # it may be none, or a shadow
-        evidence = evidence * (1.0 - settings.shadow_cost * parts["shadow"]) + _shape(parts, settings)
-    gap, goes_on = (
-        _gap(curve, log, settings.longest_gap * max(cell / length, 0.02)),
-        _goes_on(planes, noise, curve, width, inside, settings),
-    )
-    return _MeasuredRod(
-        patch.back(points),
-        patch.back(curve),
-        width / patch.scale,
-        mad_std(misses) / patch.scale,
-        inside,
-        _holders(planes, noise, curve, width, settings),
-        None if goes_on is None else patch.back(goes_on),
-        None if gap is None else patch.back(gap),
-        evidence,
-        parts,
-    )
+    return points, curve, misses, width, inside, seen
 
 
 def _along(

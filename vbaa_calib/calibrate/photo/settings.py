@@ -82,6 +82,8 @@ class RodSettings:
     """Length over width, below which it is no rod."""
     least_edges: float = 0.4
     """Share of places with both edges, below which a line is not measured."""
+    good_edges: float = 0.9
+    """Share of places with both edges above which nothing better is to be expected."""
     longest_gap: float = 3.0
     """Longest piece without evidence, in correlation lengths: what crosses a rod is shorter."""
     least_turn: float = 0.12
