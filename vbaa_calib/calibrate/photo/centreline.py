@@ -296,7 +296,11 @@ class _MeasuredRod:
 
     def is_good(self, settings: RodSettings) -> bool:
         """Whether nothing better is to be expected."""
-        return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.parts["edges"] > settings.good_edges
+        return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.has_edges(settings)
+
+    def has_edges(self, settings: RodSettings) -> bool:
+        """Whether all but a few of its places have both edges."""
+        return self.parts["edges"] > settings.good_edges
 
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
         """Whether a line (N, 2) runs in this rod over such a share of its points."""
@@ -356,13 +360,13 @@ def fitted(
     length = float(arc_lengths(curve)[-1])
     diagonal = float(np.hypot(*picture_planes.shape[1:])) * patch.scale
     cell = max(width, settings.correlation_share * diagonal)
-    log, parts = _along(planes, curve, width, cell, seen, settings)
+    there, parts = _along(planes, curve, width, cell, seen, settings)
     parts |= {"edges": float(seen.mean()), "wander": mad_std(misses) / width, "length_share": length / diagonal}
     evidence = parts["ribbon"]
     if first is None or last is None:  # it may be none, or a shadow
         evidence = evidence * (1.0 - settings.shadow_cost * parts["shadow"]) + _shape(parts, settings)
     gap, goes_on = (
-        _gap(curve, log, settings.longest_gap * max(cell / length, 0.02)),
+        _gap(curve, there, settings.longest_gap * max(cell / length, 0.02)),
         _goes_on(planes, noise, curve, width, inside, settings),
     )
     return _MeasuredRod(
@@ -439,17 +443,17 @@ def _course(
 def _along(
     planes: np.ndarray, curve: np.ndarray, width: float, cell: float, seen: np.ndarray, settings: RodSettings
 ) -> tuple[np.ndarray, dict[str, float]]:
-    """Log odds (S,) of a ribbon along a curve, by the search's evidence in the straightened picture, and what they and
-    the line's shape and colours add up to."""
+    """Where (S,) along a curve there is a ribbon, by the search's evidence in the straightened picture or by both its
+    edges; and what that evidence, its mean the log odds, and the line's shape and colours add up to."""
     fine = width / settings.level_width_px
     sigma = 0.4 * np.sqrt(max(fine**2 - 1.0, 0.0))
     soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
     strip = _Strip.along(soft, curve, fine, 4.0 * width, fine)
     level = Level(np.ascontiguousarray(strip.values), 1.0 / fine)
     # of what is on either side: the rod's own edges are no texture
-    sides = strip.across_px < -width, strip.across_px > width
+    outer = strip.across_px < -width, strip.across_px > width
     apart = settings.flank_widths * settings.level_width_px
-    textures = [Level(level.planes[:, :, side], level.scale).texture(apart, settings) for side in sides]
+    textures = [Level(level.planes[:, :, side], level.scale).texture(apart, settings) for side in outer]
     each = ribbon_evidence(level, settings.level_width_px, np.mean(textures, axis=0), settings)
     log = each[:, each.shape[1] // 2, len(strip.across_px) // 2].astype(float)
     inside = np.asarray(strip.inside[:, np.abs(strip.across_px) < width].all(axis=1))
@@ -459,9 +463,10 @@ def _along(
     # what has not both its edges, in its colour, is no rod
     near = uniform_filter1d(seen.astype(float), max(1, round(2.0 * width / (length / len(seen)))), mode="nearest")
     near = np.interp(np.linspace(0.0, 1.0, len(log)), np.linspace(0.0, 1.0, len(seen)), near)
-    run = max(1, round(cell / fine))
+    run = min(max(1, round(cell / fine)), len(strip.stations_px))
+    every = slice((run - 1) // 2, None, run)
     middle, *sides = (
-        uniform_filter1d(strip.colours(low * width, high * width), run, axis=1, mode="nearest")[:, run // 2 :: run]
+        uniform_filter1d(strip.colours(low * width, high * width), run, axis=1, mode="nearest")[:, every]
         for low, high in ((-0.35, 0.35), (-1.2, -0.65), (0.65, 1.2))
     )
     other = np.interp(
@@ -470,12 +475,13 @@ def _along(
         _other(middle, sides, settings.least_chroma),
     )
     log = np.where((near < 0.3) | (other > 0.5), settings.gap, log)
+    there = (log > 0.5) | ((near > settings.good_edges) & (other < 0.5))
     shading = _shading_of(len(planes), settings)
     shadow = np.maximum(*(_shadowed(middle, side, shading, settings.darkest_shadow) for side in sides))
     tangent = np.diff(curve, axis=0)
     angle = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     angle = uniform_filter1d(angle, max(1, round(2.0 * width / (length / len(curve)))), mode="nearest")
-    return log, {
+    return there, {
         "ribbon": float(log.mean()) * length / cell,
         "mean": float(log.mean()),
         "gaps": float(np.mean(log < 0.5)),
@@ -536,16 +542,16 @@ def _shape(parts: dict[str, float], settings: RodSettings) -> float:
     return -settings.winding_cost * winding - settings.turned_cost * turned - settings.straight_cost * straight
 
 
-def _gap(curve: np.ndarray, log: np.ndarray, longest_gap: float) -> np.ndarray | None:
-    """The middle of the longest piece without evidence, if it is too long."""
-    empty = np.append(np.append(0, log < 0.5), 0)
+def _gap(curve: np.ndarray, there: np.ndarray, longest_gap: float) -> np.ndarray | None:
+    """The middle of the longest piece where nothing is there, if it is too long."""
+    empty = np.append(np.append(0, ~there), 0)
     starts, ends = np.flatnonzero(np.diff(empty) > 0), np.flatnonzero(np.diff(empty) < 0)
     if len(starts) == 0:
         return None
     longest = int(np.argmax(ends - starts))
-    if ends[longest] - starts[longest] < longest_gap * len(log):
+    if ends[longest] - starts[longest] < longest_gap * len(there):
         return None
-    return curve[int(0.5 * (starts[longest] + ends[longest]) / len(log) * (len(curve) - 1))]
+    return curve[int(0.5 * (starts[longest] + ends[longest]) / len(there) * (len(curve) - 1))]
 
 
 def _holders(
@@ -856,6 +862,8 @@ class RodSearch:
             remedy = "check --clamp and --tip" if known == 2 else _END_REMEDY
             raise InputError(f"no rod can be made out{where}: nothing stands out like one", remedy=remedy)
         least_mean = self.settings.least_mean if known == 2 else self.settings.least_mean_alone
+        if known == 2 and best.gap_px is None and best.has_edges(self.settings):
+            least_mean = self.settings.least_mean_edged
         if best.parts["mean"] < least_mean:
             what = "no rod can be made out: the likeliest line is one only in parts"
             raise InputError(what, remedy="check --clamp and --tip" if known == 2 else _END_REMEDY)
