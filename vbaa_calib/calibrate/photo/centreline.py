@@ -85,9 +85,9 @@ def _shading_of(channels: int, settings: RodSettings) -> np.ndarray:
     return np.array([settings.shading[min(channel, 1)] for channel in range(channels)])
 
 
-def _ribbon_evidence(level: _Level, width: float, settings: RodSettings) -> np.ndarray:
-    """Log odds (steps, directions, columns) of ribbons so wide down a picture."""
-    shading = np.hypot(_shading_of(len(level.planes), settings), level.texture(settings.flank_widths * width, settings))
+def _ribbon_evidence(level: _Level, width: float, texture: np.ndarray, settings: RodSettings) -> np.ndarray:
+    """Log odds (steps, directions, columns) of ribbons so wide down a picture of this texture (channels,)."""
+    shading = np.hypot(_shading_of(len(level.planes), settings), texture)
     shares = (settings.flat, settings.edge, settings.chance)
     return core.search.ribbon_evidence(
         level.planes, width, level.noise(settings), shading, settings.spread, shares, settings.gap
@@ -128,8 +128,10 @@ def _paths_at(
     width, diagonal = width_px * level.scale, float(np.hypot(height, columns))
     if min(height, columns) < 2 * core.search.ROW_STEP:
         return []
-    down = _ribbon_evidence(level, width, settings)
-    across = _ribbon_evidence(_Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale), width, settings)
+    texture = level.texture(settings.flank_widths * width, settings)
+    down = _ribbon_evidence(level, width, texture, settings)
+    transposed = _Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale)
+    across = _ribbon_evidence(transposed, width, texture, settings)
     if colours is not None:
         spread = settings.other_colour * _shading_of(len(level.planes), settings)
         smooth = [cv2.blur(each, (3, 3)) for each in level.planes]
@@ -293,8 +295,12 @@ class _MeasuredRod:
         return self.inside[0] != self.inside[1] and self.holder[0 if self.inside[0] else 1] < 0.0
 
     def is_good(self, settings: RodSettings) -> bool:
-        """Whether the evidence is so good that the search may end."""
-        return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.parts["edges"] > 0.9
+        """Whether nothing better is to be expected."""
+        return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.has_edges(settings)
+
+    def has_edges(self, settings: RodSettings) -> bool:
+        """Whether all but a few of its places have both edges."""
+        return self.parts["edges"] > settings.good_edges
 
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
         """Whether a line (N, 2) runs in this rod over such a share of its points."""
@@ -336,13 +342,71 @@ def _fitted(
         if end is not None:
             apart = np.hypot(*(coarse[::way] - end).T) > 1.5 * width
             coarse = np.concatenate([end[None], coarse[::way][int(np.argmax(apart)) :]])[::way]
+    course: _Course | None = None
+    most = 0.0
+    # a highlight or a shadow changes light, hairs have the colour: what tells the edges is what makes them parallel
+    for channels, light in ((slice(None), settings.light), (slice(None), 0.0), (slice(1), 0.0))[-len(planes) :]:
+        told = planes[channels], patch.spread[channels], replace(settings, light=light)
+        found = _course(planes, noise, coarse, width, first, last, *told)
+        if found is None:
+            continue
+        parallel = float(found[-1].mean()) * min(1.0, arc_lengths(found[1])[-1] / arc_lengths(coarse)[-1])
+        if parallel > most:
+            course, most = found, parallel
+        if parallel > settings.good_edges:
+            break
+    if course is None:
+        return None
+    points, curve, misses, width, inside, seen = course
+    length = float(arc_lengths(curve)[-1])
+    diagonal = float(np.hypot(*picture_planes.shape[1:])) * patch.scale
+    cell = max(width, settings.correlation_share * diagonal)
+    there, parts = _along(planes, curve, width, cell, seen, settings)
+    parts |= {"edges": float(seen.mean()), "wander": mad_std(misses) / width, "length_share": length / diagonal}
+    evidence = parts["ribbon"]
+    if first is None or last is None:  # it may be none, or a shadow
+        evidence = evidence * (1.0 - settings.shadow_cost * parts["shadow"]) + _shape(parts, settings)
+    gap, goes_on = (
+        _gap(curve, there, settings.longest_gap * max(cell / length, 0.02)),
+        _goes_on(planes, noise, curve, width, inside, settings),
+    )
+    return _MeasuredRod(
+        patch.back(points),
+        patch.back(curve),
+        width / patch.scale,
+        mad_std(misses) / patch.scale,
+        inside,
+        _holders(planes, noise, curve, width, settings),
+        None if goes_on is None else patch.back(goes_on),
+        None if gap is None else patch.back(gap),
+        evidence,
+        parts,
+    )
+
+
+_Course = tuple[np.ndarray, np.ndarray, np.ndarray, float, tuple[bool, bool], np.ndarray]
+
+
+def _course(
+    planes: np.ndarray,
+    noise: np.ndarray,
+    coarse: np.ndarray,
+    width: float,
+    first: np.ndarray | None,
+    last: np.ndarray | None,
+    told: np.ndarray,
+    spread: np.ndarray,
+    settings: RodSettings,
+) -> _Course | None:
+    """Points, their curve and distances from it, the width, whether the ends are inside, and which stations have two
+    edges, by those planes whose edges are `told`, of one surface's `spread`; None where there are none."""
     curve = _smooth(coarse, np.ones(len(coarse)), max(width, settings.least_smoothing_px))
     for _ in range(settings.centred_rounds):
-        middles = _centred(planes, patch.spread, curve, width, settings)
+        middles = _centred(told, spread, curve, width, settings)
         curve = _smooth(middles, np.ones(len(middles)), max(width, settings.least_smoothing_px))
     points, misses = np.zeros((0, 2)), np.zeros(0)
     for round_ in range(settings.fit_rounds):
-        points, width, _ = _edges(planes, patch.spread, curve, width, settings, round_ > settings.fit_rounds - 3)
+        points, width, _ = _edges(told, spread, curve, width, settings, round_ > settings.fit_rounds - 3)
         if len(points) < settings.least_points:
             return None
         scale = max(
@@ -371,45 +435,27 @@ def _fitted(
     far = max(2.0 * width, 0.03 * length)
     if any(end is not None and np.hypot(*(at - end)) > far for end, at in ((first, curve[0]), (last, curve[-1]))):
         return None
-    diagonal = float(np.hypot(*picture_planes.shape[1:])) * patch.scale
-    cell = max(width, settings.correlation_share * diagonal)
-    _, width, seen = _edges(planes, patch.spread, curve, width, settings, True)
+    _, width, seen = _edges(told, spread, curve, width, settings, True)
     if seen.mean() < settings.least_edges:
         return None
-    log, parts = _along(planes, curve, width, cell, seen, settings)
-    parts |= {"edges": float(seen.mean()), "wander": mad_std(misses) / width, "length_share": length / diagonal}
-    evidence = parts["ribbon"]
-    if first is None or last is None:  # it may be none, or a shadow
-        evidence = evidence * (1.0 - settings.shadow_cost * parts["shadow"]) + _shape(parts, settings)
-    gap, goes_on = (
-        _gap(curve, log, settings.longest_gap * max(cell / length, 0.02)),
-        _goes_on(planes, noise, curve, width, inside, settings),
-    )
-    return _MeasuredRod(
-        patch.back(points),
-        patch.back(curve),
-        width / patch.scale,
-        mad_std(misses) / patch.scale,
-        inside,
-        _holders(planes, noise, curve, width, settings),
-        None if goes_on is None else patch.back(goes_on),
-        None if gap is None else patch.back(gap),
-        evidence,
-        parts,
-    )
+    return points, curve, misses, width, inside, seen
 
 
 def _along(
     planes: np.ndarray, curve: np.ndarray, width: float, cell: float, seen: np.ndarray, settings: RodSettings
 ) -> tuple[np.ndarray, dict[str, float]]:
-    """Log odds (S,) of a ribbon along a curve, by the search's evidence in the straightened picture, and what they and
-    the line's shape and colours add up to."""
+    """Where (S,) along a curve there is a ribbon, by the search's evidence in the straightened picture or by both its
+    edges; and what that evidence, its mean the log odds, and the line's shape and colours add up to."""
     fine = width / settings.level_width_px
     sigma = 0.4 * np.sqrt(max(fine**2 - 1.0, 0.0))
     soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
     strip = _Strip.along(soft, curve, fine, 4.0 * width, fine)
     level = _Level(np.ascontiguousarray(strip.values), 1.0 / fine)
-    each = _ribbon_evidence(level, settings.level_width_px, settings)
+    # of what is on either side: the rod's own edges are no texture
+    outer = strip.across_px < -width, strip.across_px > width
+    apart = settings.flank_widths * settings.level_width_px
+    textures = [_Level(level.planes[:, :, side], level.scale).texture(apart, settings) for side in outer]
+    each = _ribbon_evidence(level, settings.level_width_px, np.mean(textures, axis=0), settings)
     log = each[:, each.shape[1] // 2, len(strip.across_px) // 2].astype(float)
     inside = np.asarray(strip.inside[:, np.abs(strip.across_px) < width].all(axis=1))
     step = core.search.ROW_STEP
@@ -418,9 +464,10 @@ def _along(
     # what has not both its edges, in its colour, is no rod
     near = uniform_filter1d(seen.astype(float), max(1, round(2.0 * width / (length / len(seen)))), mode="nearest")
     near = np.interp(np.linspace(0.0, 1.0, len(log)), np.linspace(0.0, 1.0, len(seen)), near)
-    run = max(1, round(cell / fine))
+    run = min(max(1, round(cell / fine)), len(strip.stations_px))
+    every = slice((run - 1) // 2, None, run)
     middle, *sides = (
-        uniform_filter1d(strip.colours(low * width, high * width), run, axis=1, mode="nearest")[:, run // 2 :: run]
+        uniform_filter1d(strip.colours(low * width, high * width), run, axis=1, mode="nearest")[:, every]
         for low, high in ((-0.35, 0.35), (-1.2, -0.65), (0.65, 1.2))
     )
     other = np.interp(
@@ -429,12 +476,13 @@ def _along(
         _other(middle, sides, settings.least_chroma),
     )
     log = np.where((near < 0.3) | (other > 0.5), settings.gap, log)
+    there = (log > 0.5) | ((near > settings.good_edges) & (other < 0.5))
     shading = _shading_of(len(planes), settings)
     shadow = np.maximum(*(_shadowed(middle, side, shading, settings.darkest_shadow) for side in sides))
     tangent = np.diff(curve, axis=0)
     angle = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     angle = uniform_filter1d(angle, max(1, round(2.0 * width / (length / len(curve)))), mode="nearest")
-    return log, {
+    return there, {
         "ribbon": float(log.mean()) * length / cell,
         "mean": float(log.mean()),
         "gaps": float(np.mean(log < 0.5)),
@@ -495,16 +543,16 @@ def _shape(parts: dict[str, float], settings: RodSettings) -> float:
     return -settings.winding_cost * winding - settings.turned_cost * turned - settings.straight_cost * straight
 
 
-def _gap(curve: np.ndarray, log: np.ndarray, longest_gap: float) -> np.ndarray | None:
-    """The middle of the longest piece without evidence, if it is too long."""
-    empty = np.append(np.append(0, log < 0.5), 0)
+def _gap(curve: np.ndarray, there: np.ndarray, longest_gap: float) -> np.ndarray | None:
+    """The middle of the longest piece where nothing is there, if it is too long."""
+    empty = np.append(np.append(0, ~there), 0)
     starts, ends = np.flatnonzero(np.diff(empty) > 0), np.flatnonzero(np.diff(empty) < 0)
     if len(starts) == 0:
         return None
     longest = int(np.argmax(ends - starts))
-    if ends[longest] - starts[longest] < longest_gap * len(log):
+    if ends[longest] - starts[longest] < longest_gap * len(there):
         return None
-    return curve[int(0.5 * (starts[longest] + ends[longest]) / len(log) * (len(curve) - 1))]
+    return curve[int(0.5 * (starts[longest] + ends[longest]) / len(there) * (len(curve) - 1))]
 
 
 def _holders(
@@ -815,6 +863,8 @@ class RodSearch:
             remedy = "check --clamp and --tip" if known == 2 else _END_REMEDY
             raise InputError(f"no rod can be made out{where}: nothing stands out like one", remedy=remedy)
         least_mean = self.settings.least_mean if known == 2 else self.settings.least_mean_alone
+        if known == 2 and best.gap_px is None and best.has_edges(self.settings):
+            least_mean = self.settings.least_mean_edged
         if best.parts["mean"] < least_mean:
             what = "no rod can be made out: the likeliest line is one only in parts"
             raise InputError(what, remedy="check --clamp and --tip" if known == 2 else _END_REMEDY)

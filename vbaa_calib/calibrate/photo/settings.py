@@ -84,6 +84,8 @@ class RodSettings:
     """Length over width, below which it is no rod."""
     least_edges: float = 0.4
     """Share of places with both edges, below which a line is not measured."""
+    good_edges: float = 0.9
+    """Share of places with both edges above which nothing better is to be expected."""
     longest_gap: float = 3.0
     """Longest piece without evidence, in correlation lengths: what crosses a rod is shorter."""
     least_turn: float = 0.12
@@ -112,6 +114,9 @@ class RodSettings:
     """Evidence that it must have between known ends."""
     least_mean: float = 2.5
     """Mean evidence along it between known ends, of 3 at most: right lines had 2.6, wrong ones 1.3."""
+    least_mean_edged: float = 1.5
+    """The same for a line without a gap that has `good_edges`: right lines had 1.5 to 2.5, wrong ones fewer edges or a
+    gap."""
     least_mean_alone: float = 2.3
     """Mean evidence along it where not both ends are known."""
     rival_share: float = 0.5
