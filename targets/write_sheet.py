@@ -25,7 +25,7 @@ _UNIT_MM = 2.6  # from the last tick, past half its number
 _QR_QUIET = 4
 
 
-def outlines(black: np.ndarray) -> tuple[Loop, ...]:
+def _outlines(black: np.ndarray) -> tuple[Loop, ...]:
     """The outlines of the black cells of a (rows, columns) mask, in cells, for the even-odd rule.
 
     Neighbouring cells share an outline: viewers that smooth edges show hairlines between touching rectangles.
@@ -53,7 +53,7 @@ def outlines(black: np.ndarray) -> tuple[Loop, ...]:
     return tuple(loops)
 
 
-def board_shapes(spec: BoardWithIds) -> list[tuple[Loop, ...]]:
+def _board_shapes(spec: BoardWithIds) -> list[tuple[Loop, ...]]:
     """Outlines of all black squares, then of each marker, for the even-odd rule, mm from the print's first corner.
 
     The squares are one shape, since viewers snap single rectangles to whole pixels.
@@ -68,32 +68,32 @@ def board_shapes(spec: BoardWithIds) -> list[tuple[Loop, ...]]:
         black[row, column] = False
         cells = cv2.aruco.generateImageMarker(board.getDictionary(), int(number), spec.modules) < 128
         at = (length * square + (square - marker) / 2 for length in (column, row))
-        markers.append(placed(outlines(cells), marker / spec.modules, *at))
-    return [placed(outlines(black), square, 0.0, 0.0), *markers]
+        markers.append(_placed(_outlines(cells), marker / spec.modules, *at))
+    return [_placed(_outlines(black), square, 0.0, 0.0), *markers]
 
 
 def _grid_shapes(spec: AprilGrid) -> list[tuple[Loop, ...]]:
     """Those of an AprilGrid, whose tags Kalibr turns by half against OpenCV's."""
     tag, gap = 1e3 * spec.tag_m, 1e3 * spec.pitch_m
     spots = [(column, row) for row in range(spec.rows + 1) for column in range(spec.columns + 1)]
-    unit = outlines(np.ones((1, 1), bool))
-    squares = tuple(placed(unit, gap, (tag + gap) * x, (tag + gap) * y)[0] for x, y in spots)
+    unit = _outlines(np.ones((1, 1), bool))
+    squares = tuple(_placed(unit, gap, (tag + gap) * x, (tag + gap) * y)[0] for x, y in spots)
     family, shapes = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, spec.dictionary)), [squares]
     for index, number in enumerate(spec.marker_ids.tolist()):
         row, column = divmod(index, spec.columns)
         cells = cv2.aruco.generateImageMarker(family, number, spec.modules, borderBits=spec.border) < 128
         at = (gap + length * (tag + gap) for length in (column, row))
-        shapes.append(placed(outlines(np.rot90(cells, 2)), tag / spec.modules, *at))
+        shapes.append(_placed(_outlines(np.rot90(cells, 2)), tag / spec.modules, *at))
     return shapes
 
 
-def placed(loops: tuple[Loop, ...], scale: float, x: float, y: float) -> tuple[Loop, ...]:
+def _placed(loops: tuple[Loop, ...], scale: float, x: float, y: float) -> tuple[Loop, ...]:
     return tuple(tuple((x + scale * u, y + scale * v) for u, v in loop) for loop in loops)
 
 
 def draw(spec: BoardWithIds, layout: SheetLayout) -> Drawing:
     marks: list[Shape | Stroke | Label] = [
-        Shape(placed(shape, 1.0, layout.board_x, layout.board_y)) for shape in board_shapes(spec)
+        Shape(_placed(shape, 1.0, layout.board_x, layout.board_y)) for shape in _board_shapes(spec)
     ]
     code = qrencoder.QRCode(None, qrencoder.QRErrorCorrectLevel.M)
     code.addData(spec_line(spec))
@@ -102,12 +102,12 @@ def draw(spec: BoardWithIds, layout: SheetLayout) -> Drawing:
     dark = np.array([[bool(code.isDark(row, column)) for column in range(count)] for row in range(count)])
     # the quiet zone is within the code's room, so that the code ends at the margin
     module = layout.qr / (len(dark) + _QR_QUIET)
-    qr = placed(outlines(dark), module, layout.width - layout.margin - module * len(dark), layout.margin)
+    qr = _placed(_outlines(dark), module, layout.width - layout.margin - module * len(dark), layout.margin)
     marks += [*_ruler(layout, turned=False), *_ruler(layout, turned=True), *layout.header, Shape(qr)]
     return Drawing(layout.width, layout.height, tuple(marks), layout.header[0].text, spec_line(spec))
 
 
-def ruler_origin(layout: SheetLayout) -> tuple[float, float, float, float]:
+def _ruler_origin(layout: SheetLayout) -> tuple[float, float, float, float]:
     """x and y of the horizontal ruler's zero, then x and y of the vertical one's, mm from the page's corner."""
     low = layout.margin + layout.ruler
     x0 = low + (layout.width - layout.margin - low - layout.ruler_x) / 2
@@ -119,7 +119,7 @@ def ruler_origin(layout: SheetLayout) -> tuple[float, float, float, float]:
 
 def _ruler(layout: SheetLayout, turned: bool) -> Iterator[Stroke | Label]:
     """The ruler along x, or turned that along y: line, ticks, numbers and unit."""
-    right, low, left, up = ruler_origin(layout)
+    right, low, left, up = _ruler_origin(layout)
     size, letters = layout.size, layout.size * _NUMBER_MM
     length = layout.ruler_y if turned else layout.ruler_x
     numbers = size * (_TICKS_MM[10] + 0.4) if turned else size * _BASELINE_MM

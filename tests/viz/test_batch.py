@@ -13,6 +13,7 @@ import threading
 import time
 from argparse import ArgumentParser
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -226,7 +227,7 @@ def test_what_is_wrong_is_named_and_the_rest_goes_on(
 ) -> None:
     """A corrupt recording and one that kills its worker every time; mended, only these are done again."""
     # each time costs a new worker's imports
-    monkeypatch.setattr(cluster, "TIMES_AGAIN", 1)
+    monkeypatch.setattr(cluster, "POOL", replace(cluster.POOL, retries=1))
     monkeypatch.setattr(client.cluster.scheduler, "allowed_failures", 1)
     own = tmp_path / "own"
     paths = {name: write_recording(own / name, 8, seed) for seed, name in enumerate(("good", "corrupt", DEADLY))}
@@ -240,7 +241,7 @@ def test_what_is_wrong_is_named_and_the_rest_goes_on(
     assert found["good"].state in ("done", "unchanged")  # the deadly one may end its worker, too
     rows = summary(results)
     assert "centrelines.csv" in rows["corrupt"]["sentence"]
-    assert f"lost {cluster.TIMES_AGAIN + 1} times" in rows[DEADLY]["sentence"]
+    assert f"lost {cluster.POOL.retries + 1} times" in rows[DEADLY]["sentence"]
     assert not results.contacts("corrupt").exists()
     lines.write_text(whole)
     paths[DEADLY] = paths[DEADLY].rename(own / "mended")
@@ -386,7 +387,7 @@ def test_another_folder_is_not_written_into_nor_one_that_another_works_in(folder
 @pytest.mark.slow
 def test_a_process_that_is_given_up_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """When a worker's guard cannot start it anew, dask goes on without; with none left nothing would ever be done."""
-    monkeypatch.setattr(cluster, "_HEAL_S", 2.0)
+    monkeypatch.setattr(cluster, "POOL", replace(cluster.POOL, heal_s=2.0))
     with (
         dask.config.set({"distributed.deploy.lost-worker-timeout": "3s"}),
         cluster.client_of(cluster.Where(jobs=1)) as client,

@@ -17,8 +17,8 @@ import pyvista as pv
 from estimator.table.contacts import ContactTable
 from viz.parts.assemble import all_parts
 from viz.render import probe
-from viz.render import screenshot as sheet
 from viz.render.gltf import write_gltf
+from viz.render.screenshot import SHEET, screenshot
 from viz.render.stage import Stage
 from viz.render.turntable import turntable
 from viz.render.window import Controls, fitting
@@ -47,16 +47,16 @@ def close_to(pixels: np.ndarray, colour: str, tolerance: int = 60) -> np.ndarray
 
 @pytest.mark.usefixtures("opengl")
 def test_the_picture_shows_rig_and_contacts(scene: Scene, tmp_path: Path) -> None:
-    sheet.screenshot(scene, tmp_path / "scene.png")
+    screenshot(scene, tmp_path / "scene.png")
     pixels = cv2.imread(str(tmp_path / "scene.png"))[..., ::-1]
-    assert pixels.shape == (sheet.TALL, sheet.WIDE, 3)
-    rig = pixels[: sheet.RIG_SIZE[1], : sheet.LEFT]
-    near, strip = pixels[: sheet.NEAR_SIZE[1], sheet.LEFT :], pixels[sheet.NEAR_SIZE[1] :, sheet.LEFT :]
+    assert pixels.shape == (SHEET.tall, SHEET.wide, 3)
+    rig = pixels[: SHEET.rig_size[1], : SHEET.left]
+    near, strip = pixels[: SHEET.near_size[1], SHEET.left :], pixels[SHEET.near_size[1] :, SHEET.left :]
     assert close_to(rig, LOOK["camera"][0]).sum() > 100
     assert close_to(rig, "#0af014").sum() > 100  # the camera's picture of the greatest force
     assert close_to(near, LOOK["antenna"][0]).sum() > 500
     assert (
-        close_to(pixels[sheet.RIG_SIZE[1] :, : sheet.LEFT], LOOK["cones"][0], 10).sum() > 100
+        close_to(pixels[SHEET.rig_size[1] :, : SHEET.left], LOOK["cones"][0], 10).sum() > 100
     )  # its mark in the legend
     # the ends of the scales of force and surface
     assert all(close_to(strip, colour, 12).sum() > 60 for colour in ("#0d0887", "#f9e721", "#085ba0"))
@@ -67,7 +67,7 @@ def test_the_scale_bar_is_as_long_as_it_says(scene: Scene) -> None:
     """A square of known size, drawn in the close-up's projection, is as many pixels wide as the sheet takes it for."""
     centre, radius = scene.bounding_ball_m
     direction = view_direction(scene, height=0.45, liking=0.0)
-    stage = Stage(replace(scene, rig=None), [], size=sheet.NEAR_SIZE)
+    stage = Stage(replace(scene, rig=None), [], size=SHEET.near_size)
     stage.plotter.add_mesh(
         pv.Plane(center=centre, direction=direction, i_size=radius, j_size=radius), color="black", lighting=False
     )
@@ -75,7 +75,7 @@ def test_the_scale_bar_is_as_long_as_it_says(scene: Scene) -> None:
     pixels = np.asarray(stage.plotter.screenshot(return_img=True))
     stage.plotter.close()
     dark = (pixels[..., :3] < 40).all(axis=2)
-    area = dark.sum() * (2 * half / sheet.NEAR_SIZE[1]) ** 2
+    area = dark.sum() * (2 * half / SHEET.near_size[1]) ** 2
     assert area == pytest.approx(radius**2, rel=0.02)
 
 

@@ -23,10 +23,22 @@ from .work import BatchSettings, Outcome
 if TYPE_CHECKING:
     from distributed import Client, Future, Security
 
-TIMES_AGAIN = 3
-"""A task whose worker is lost is done again so many times at most."""
+
+@dataclass(frozen=True)
+class _PoolSettings:
+    """How a batch keeps its processes busy."""
+
+    heal_s: float = 20.0  # s between looks whether all processes are there
+    ahead: int = 2  # recordings submitted at a time for each thread
+    least_ahead: int = 64  # recordings submitted at least: a cluster that grows with its work sees some
+    retries: int = 3  # of a task whose worker was lost
+
+
+POOL = _PoolSettings()
+
+
 _QUIET = {
-    "distributed.scheduler.allowed-failures": TIMES_AGAIN,
+    "distributed.scheduler.allowed-failures": POOL.retries,
     # looks at every thread a hundred times a second
     "distributed.worker.profile.enabled": False,
     "distributed.admin.system-monitor.interval": "5s",
@@ -37,11 +49,6 @@ _QUIET = {
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }
-_HEAL_S = 20.0
-"""So often it is looked whether all processes are there."""
-_AHEAD, _LEAST_AHEAD = 2, 64
-"""Recordings that are submitted at a time: for each thread, and at least, so that a cluster that grows with its work
-sees some."""
 
 
 _LOST = "the scheduler is lost; run again to do what is missing"
@@ -140,7 +147,7 @@ def client_of(where: Where) -> Iterator[Client]:
             )
         )
         # a process that could not be started anew is given up by dask, and nobody would do its work
-        healing = PeriodicCallback(lambda: cluster.scale(where.jobs), 1e3 * _HEAL_S)
+        healing = PeriodicCallback(lambda: cluster.scale(where.jobs), 1e3 * POOL.heal_s)
         cluster.loop.add_callback(healing.start)
         open_ones.callback(cluster.loop.add_callback, healing.stop)
         yield open_ones.enter_context(distributed.Client(cluster, set_as_default=False))
@@ -163,7 +170,7 @@ def run(
         if not waiting and not underway:
             waiting.append(suspects.popleft())
             alone = True
-        most = max(_AHEAD * len(_workers(client)), _LEAST_AHEAD)
+        most = max(POOL.ahead * len(_workers(client)), POOL.least_ahead)
         while waiting and len(underway) < most:
             future = client.submit(work.do, waiting[0], settings, results, pure=False)
             underway[future.key] = waiting.popleft()
@@ -186,7 +193,7 @@ def _outcome(future: Future, recording: Recording, client: Client, alone: bool) 
     except KilledWorker:
         if not alone:
             return None
-        times = TIMES_AGAIN + 1
+        times = POOL.retries + 1
         words = f"its worker was lost {times} times: out of memory (--memory), or something crashes in {recording.path}"
         return work.failed(recording, VbaaError(words))
     except CancelledError as error:

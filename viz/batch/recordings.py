@@ -14,7 +14,7 @@ from vbaa_calib.core.csv_rows import csv_rows
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import require_file
 
-_LONGEST_NAME, _MOST = 100, 50_000
+_MOST = 50_000
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def _named(found: Sequence[tuple[str, Path, Path | None]]) -> list[Recording]:
             raise InputError("has no rig", where=path, remedy="give --rig, or a column rig in the CSV")
         require_file(rig)
         name = name or re.sub(r"[^\w.-]+", "_", "-".join(place.parts[-depth:]).strip("/-")) or "recording"
-        if not re.fullmatch(r"\w[\w.-]*", name) or len(name) > _LONGEST_NAME:
+        if not re.fullmatch(r"\w[\w.-]*", name) or len(name) > 100:
             remedy = "give a name of letters, digits, ., - and _, in a column name of a CSV"
             raise InputError(f"the name {name!r} is none for a folder", where=path, remedy=remedy)
         recordings.append(Recording(name, place, rig.resolve()))

@@ -42,8 +42,6 @@ _SUMMARY = (
     *("outside_points", "warnings", "cpu_s", "object", "readings", "reasons"),
 )
 """Columns of summary.csv; state is done or failed."""
-_LOCATED = ("distance_m", "distance_std_m", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N")
-"""Numbers of located contacts whose medians are in the summary."""
 Row = Mapping[str, Any]
 
 
@@ -131,7 +129,10 @@ class Results:
     ) -> Row:
         """Write a recording's contacts as they come; its summary: `about` and numbers, by the verdict on the recording,
         which is asked for after the last row."""
-        located: dict[str, array[float]] = {column: array("d") for column in _LOCATED}
+        located: dict[str, array[float]] = {
+            column: array("d")
+            for column in ("distance_m", "distance_std_m", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N")
+        }
         places, residuals, verdict = array("q"), array("d"), RecordingVerdict()
         summary, metadata, whole = dict[str, Any](), dict[bytes, bytes](), dict[bytes, bytes]()
 

@@ -98,7 +98,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             say(f"warning: {lost}")
         finally:
             rows = results.write_summary([each.row for each in outcomes if each.state == "failed"])
-    states = {state: sorted(each.name for each in outcomes if each.state == state) for state in _STATES}
+    states = {
+        state: sorted(each.name for each in outcomes if each.state == state)
+        for state in ("done", "unchanged", "failed")
+    }
     missing = sorted({each.name for each in recordings} - set(states["done"]) - set(states["unchanged"]))
     own = [row for row in rows if row["recording"] in {each.name for each in recordings} - set(missing)]
     verdicts = {row["recording"]: row["verdict"] for row in own if row.get("verdict", {}).get("findings")}
@@ -144,7 +147,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-_STATES = ("done", "unchanged", "failed")
 _NAMED = 20
 
 

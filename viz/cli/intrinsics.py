@@ -67,7 +67,7 @@ _OF_FLAG = {
     "board": {},
 }
 """The flags that go with each way to describe a board, and the keys of board.yaml that they stand for."""
-_VERB, _LARGEST_M = "vbaa intrinsics", 1.0
+_VERB = "vbaa intrinsics"
 
 
 def _board(args: argparse.Namespace) -> Board:
@@ -84,7 +84,8 @@ def _board(args: argparse.Namespace) -> Board:
             if way != ways[0]:
                 raise InputError(f"--{flag} does not go with --{ways[0]}", where=_VERB, remedy="leave it out")
             given[keys[flag]] = value = getattr(args, flag)
-            if isinstance(value, float) and value >= _LARGEST_M:
+            # no board has squares of a metre
+            if isinstance(value, float) and value >= 1.0:
                 remedy = f"give metres: {value / 1e3:g}, if that is {value:g} mm"
                 raise InputError(f"--{flag} is {value:g} m", where=_VERB, remedy=remedy)
     if args.board is not None:
@@ -104,10 +105,6 @@ def _board(args: argparse.Namespace) -> Board:
     return board_from(given, _VERB)
 
 
-_VIEWS = 60
-"""Of a video or bag so many views are taken at most."""
-
-
 @contextmanager
 def _folder_of(args: argparse.Namespace) -> Iterator[Path]:
     """The pictures' folder; of a video or bag one of its sharp and different pictures. Raises InputError."""
@@ -124,7 +121,8 @@ def _folder_of(args: argparse.Namespace) -> Iterator[Path]:
         return
     topics = Topics.of(named_topics([args.topic] if args.topic else [], ("image",)))
     with TemporaryDirectory(prefix="vbaa-views-") as name:
-        count = unpack_views(args.images, Path(name), topics, _VIEWS)
+        # most views of a video or bag
+        count = unpack_views(args.images, Path(name), topics, 60)
         kept = len(list(Path(name).iterdir()))
         if not kept:
             raise InputError("holds no pictures", where=args.images, remedy="record the board in many poses")

@@ -32,10 +32,6 @@ if TYPE_CHECKING:
 
     _Sink: TypeAlias = "ContactBag | Datagrams | GrowingTable | RerunLog | _Lines"
 
-_LATENCIES = 100_000
-"""Of so many of the last frames the latency's quantiles are told."""
-_SHOWN_S = 1.0
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("rig", type=Path, help="rig.json of `vbaa calibrate`")
@@ -287,7 +283,8 @@ class _Monitor:
     live: LiveEstimator
     watched: bool
     stops: bool = False
-    latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=_LATENCIES))
+    # the frames that quantiles of the latency are of
+    latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
     amended: int = 0
     next_s: float = 0.0
     begin_s: float = field(default_factory=time.monotonic)
@@ -322,7 +319,8 @@ class _Monitor:
         self._warn(frame)
         now_s = time.monotonic()
         if now_s >= self.next_s and sys.stderr is not None and sys.stderr.isatty():
-            self.next_s = now_s + _SHOWN_S
+            # a line every second
+            self.next_s = now_s + 1.0
             self._show(contact, now_s)
 
     def news(self) -> None:

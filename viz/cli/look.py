@@ -12,8 +12,6 @@ from vbaa_calib.core.console import say
 from vbaa_calib.core.files import replacing
 from viz.files.outputs import refuse_output
 
-_SUFFIXES = (".png", ".jpg", ".jpeg")
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("image", type=Path, help="a picture of the antenna, at the size that the rig was calibrated at")
@@ -35,7 +33,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     pan, tilt = pan_tilt_rad(args)
     if args.output is not None:
-        refuse_output(args.output, _SUFFIXES, args.force, (args.image, args.background))
+        refuse_output(args.output, (".png", ".jpg", ".jpeg"), args.force, (args.image, args.background))
 
     import cv2
     import numpy as np

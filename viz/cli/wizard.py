@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
 _OPTIONS = (*QUESTIONS, *SOURCES, *TABLES)
 _PATHS = {"board", "source"} | {question.key for question in (*SOURCES, *TABLES) if question not in OF_LENS_FILE}
-_LAST_PORT = 65535
-_READ = Question("read", "", "Press Enter when you have read the report", kind="text", default="done")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -71,8 +69,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.convert.values import Wanted
     from vbaa_calib.wizard.store import Store
 
-    if not 0 <= args.port <= _LAST_PORT:
-        raise InputError(f"there is no port {args.port}", where="--port", remedy=f"0 for any, or up to {_LAST_PORT}")
+    if not 0 <= args.port <= 65535:
+        raise InputError(f"there is no port {args.port}", where="--port", remedy="0 for any, or up to 65535")
     given = _answers_given(args)
     if "camera" in given:  # before anything is touched
         read_lens(Path(given["camera"]), Wanted.of(given))
@@ -169,7 +167,7 @@ def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[
         ui.done(document, str(store.root / REPORT))
         if url:  # the page stays until it was read
             with contextlib.suppress(Interrupted):
-                ui.ask(_READ)
+                ui.ask(Question("read", "", "Press Enter when you have read the report", kind="text", default="done"))
         return _result(store, document)
     finally:
         ui.close()

@@ -16,17 +16,12 @@ from numpy.typing import ArrayLike
 
 from viz.scene.readable import hexes, on_ramp, round_down
 
-INK, SOFT = "#1f2937", "#5b6676"
-TEAL, AMBER, RED, SLATE = "#0f766e", "#b45309", "#dc2626", "#64748b"
-ESTIMATE, TRUTH = TEAL, AMBER
-RAMP = ("#375a8c", "#2c738e", "#228b8d", "#20a386", "#3bbb75", "#6ece58", "#b0dd2f")
-"""From early to late, dark to light: distinguishable without colour vision, and on a page of either brightness."""
+from .settings import STYLE
+
 _THEMED = re.compile(
     r"#(ffffff|1f2937|111827|334155|5b6676|64748b|dde3ea|eceff3|0f766e|b45309|dc2626|0072b2|c2410c|7c3aed|12355b)\b"
 )
 """Colours for which a page in the dark has others, by the variables of `viz/pages/templates/style.css`."""
-_LETTER_PX = 7.2
-"""Width of a tick's letter, on average, from which the room for titles, keys and tick labels is estimated."""
 _SIGNS = {"dot": "●", "ring": "○", "line": "━", "dashes": "╍", "band": "■", "block": "■"}
 Places = Sequence[float] | np.ndarray
 Ticks = tuple[Sequence[float], Sequence[str]]
@@ -111,11 +106,11 @@ class Plot:
         if self.labels[0]:
             parts.append(_text(left + wide / 2, top + tall + 36, self.labels[0], "middle"))
         if self.labels[1]:
-            away = max(left - 16 - _LETTER_PX * max(map(len, y_names), default=0), 13.0)
+            away = max(left - 16 - STYLE.letter_px * max(map(len, y_names), default=0), 13.0)
             parts.append(_text(away, top + tall / 2, self.labels[1], "middle", turned=True))
         # the title moves up where the key would run into it
-        long = 1.14 * _LETTER_PX * len(self.title)
-        long += sum(_LETTER_PX * (len(words) + 3.5) for _, words, _ in self.key) if self.key and top <= 40 else 0
+        long = 1.14 * STYLE.letter_px * len(self.title)
+        long += sum(STYLE.letter_px * (len(words) + 3.5) for _, words, _ in self.key) if self.key and top <= 40 else 0
         more = 20 if long > wide else 0
         if self.title:
             parts.append(_text(left, (24 if top > 40 else top - 10) - more, self.title, "start", "title"))
@@ -137,11 +132,11 @@ class Plot:
         """One line through x, y (K,)."""
         self.paths(np.column_stack([x, y])[None], name, stroke=colour, width=width, **look)
 
-    def level(self, y: float = 0.0, colour: str = SOFT) -> None:
+    def level(self, y: float = 0.0, colour: str = STYLE.soft) -> None:
         """A line at y over the whole plot."""
         self.line(self.x, (y, y), colour, name="level")
 
-    def upright(self, x: float, colour: str = SOFT, **look: Any) -> None:
+    def upright(self, x: float, colour: str = STYLE.soft, **look: Any) -> None:
         """A line at x over the whole plot."""
         self.line((x, x), self.y, colour, name="upright", **look)
 
@@ -202,7 +197,7 @@ def key_rows(entries: Sequence[tuple[str, str, str]], width_px: float) -> list[s
     """Entries as `Plot.legend` takes them, as SVG for as many texts of at most a width as they need."""
     rows, used = [""], 0.0
     for entry in entries:
-        wide = _LETTER_PX * (len(entry[1]) + 5)
+        wide = STYLE.letter_px * (len(entry[1]) + 5)
         if rows[-1] and used + wide > width_px:
             rows, used = [*rows, ""], 0.0
         rows[-1], used = rows[-1] + _entry(entry), used + wide
@@ -302,7 +297,7 @@ def _colour(what: str, colour: str) -> str:
 def time_colours(time_s: np.ndarray) -> list[str]:
     """A colour for each time (P,), from the first to the last."""
     first, last = (float(time_s.min()), float(time_s.max())) if len(time_s) else (0.0, 0.0)
-    return hexes(on_ramp(RAMP, (time_s - first) / (last - first) if last > first else np.zeros(len(time_s))))
+    return hexes(on_ramp(STYLE.ramp, (time_s - first) / (last - first) if last > first else np.zeros(len(time_s))))
 
 
 def _groups(count: int) -> list[np.ndarray]:

@@ -15,8 +15,8 @@ from viz.scene.rig_items import RigItems
 from viz.scene.scene import ObjectMesh, Scene
 
 from .drawing import Marks, Plot, pale, picture
+from .settings import STYLE
 
-_MOST_BALLS, _MOST_TRIANGLES = 600, 6000
 Project = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Points (…, 3) m → (…, 2) px and (…,) px towards the viewer."""
 Pieces = list[tuple[float, Marks]]
@@ -88,7 +88,7 @@ def _touched(scene: Scene, project: Project, scale: float) -> Pieces:
     """Contacts, forces and the reconstructed object."""
     contacts, pieces = scene.contacts, Pieces()
     colours = hexes(contact_scale(scene, "force").rgb)
-    chosen = thinned(np.arange(len(contacts.points_m)), _MOST_BALLS)
+    chosen = thinned(np.arange(len(contacts.points_m)), STYLE.most_balls)
     size = max(2 * scene.ball_m * scale, 2.5)
     for index, at, near in zip(chosen.tolist(), *project(contacts.points_m[chosen]), strict=True):
         ball = Marks("contact", at[None, None], stroke=colours[index], width=size, round_ends=True)
@@ -110,7 +110,7 @@ def _object(scene: Scene, mesh: ObjectMesh, project: Project, scale: float) -> P
     stds, plain = object_scale(scene), LOOK["object"][0]
     rgb = np.array([[int(plain[at : at + 2], 16) for at in (1, 3, 5)]] * len(mesh.points_m))
     rgb = rgb if stds is None else stds.rgb
-    faces, pieces = thinned(mesh.triangles, _MOST_TRIANGLES), Pieces()
+    faces, pieces = thinned(mesh.triangles, STYLE.most_faces), Pieces()
     corners = mesh.points_m[faces]
     at, depth = project(corners)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -121,14 +121,14 @@ def _object(scene: Scene, mesh: ObjectMesh, project: Project, scale: float) -> P
     for colour, place, near in zip(colours, at, depth.mean(axis=1).tolist(), strict=True):
         pieces.append((near, Marks("object", place[None], fill=colour, stroke=colour, width=0.6)))
     disc = 0.03 * scene.bounding_ball_m[1]
-    loose = thinned(np.setdiff1d(np.arange(len(mesh.points_m)), mesh.triangles), _MOST_BALLS)
+    loose = thinned(np.setdiff1d(np.arange(len(mesh.points_m)), mesh.triangles), STYLE.most_balls)
     flat = np.linalg.norm(mesh.normals[loose], axis=1) > 0.5
     half_m = np.where(flat[:, None, None], disc * _across(mesh.normals[loose]), 0.4 * disc * np.eye(3)[:2])
     at, depth = project(mesh.points_m[loose])
     shapes = np.concatenate([at[:, None], project(mesh.points_m[loose, None] + half_m)[0]], axis=1)
     for colour, place, near in zip(hexes(rgb[loose]), shapes, depth.tolist(), strict=True):
         pieces.append((near, Marks("object", place[None], fill=colour, ellipse=True)))
-    for ends in mesh.points_m[mesh.lines[:_MOST_TRIANGLES]]:
+    for ends in mesh.points_m[mesh.lines[: STYLE.most_faces]]:
         pieces += _wire(project, ends, plain, max(0.44 * disc * scale, 1.2))
     return pieces
 

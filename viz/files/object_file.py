@@ -70,19 +70,6 @@ def _read_vtp(path: Path) -> dict[str, np.ndarray]:
 
 
 SUFFIXES = (".vtp", ".ply", ".glb")
-_UNREADABLE = (
-    struct.error,
-    ArithmeticError,
-    ValueError,
-    KeyError,
-    IndexError,
-    TypeError,
-    StopIteration,
-    RecursionError,
-    AttributeError,
-)
-_FARTHEST_M = 1e6
-"""Limit of coordinates: no antenna touches anything that far off."""
 
 
 def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
@@ -121,7 +108,17 @@ def read_object(path: Path) -> ObjectMesh:
             else:
                 found = _read_ply(data) if suffix == ".ply" else _read_glb(data)
             return _checked(**found)
-    except _UNREADABLE:
+    except (
+        struct.error,
+        ArithmeticError,
+        ValueError,
+        KeyError,
+        IndexError,
+        TypeError,
+        StopIteration,
+        RecursionError,
+        AttributeError,
+    ):
         what = f"holds no mesh{' of ours' if suffix == '.glb' else ''}"
         raise InputError(what, where=path, remedy="write it again with vbaa reconstruct") from None
 
@@ -145,7 +142,8 @@ def _checked(
 ) -> ObjectMesh:
     """The mesh, with normals computed where the file has none. Raises ValueError for indices of missing points."""
     indices = np.concatenate([triangles.ravel(), lines.ravel()])
-    near = len(points_m) and np.abs(points_m).max() < _FARTHEST_M  # false for NaN, too
+    # m: no antenna touches anything that far off
+    near = len(points_m) and np.abs(points_m).max() < 1e6  # false for NaN, too
     if not near or not ((indices >= 0) & (indices < len(points_m))).all():
         raise ValueError
     triangles, lines = triangles.astype(int), lines.astype(int)
@@ -323,7 +321,6 @@ def _row_kind(body: bytes, position: int, properties: list[_Property]) -> np.dty
 _NAME = "reconstructed object"
 _TRIANGLES, _LINES, _POINTS = 4, 1, 0
 _GLB_TYPES = {5126: "<f4", 5125: "<u4"}
-_UNKNOWN_STD_M = -1.0  # stands for NaN, which glTF does not allow
 
 
 def _glb_bytes(mesh: ObjectMesh) -> bytes:
@@ -340,11 +337,12 @@ def _glb_bytes(mesh: ObjectMesh) -> bytes:
     blob, std = bytearray(), mesh.std_m
     scale = surface_scale(std)
     size = np.linalg.norm(mesh.normals, axis=1, keepdims=True)
+    # -1 stands for NaN, which glTF does not allow
     attributes = {
         "POSITION": mesh.points_m,
         "NORMAL": np.where(size > 1e-6, mesh.normals / np.maximum(size, 1e-6), [0.0, 0.0, 1.0]),
         "COLOR_0": linear(scale.rgb / 255.0),
-        "_STD_M": np.where(np.isfinite(std), std, _UNKNOWN_STD_M),
+        "_STD_M": np.where(np.isfinite(std), std, -1.0),
     }
     numbers = {name: _add(made, blob, np.asarray(values, "<f4"), 5126) for name, values in attributes.items()}
     loose = np.setdiff1d(np.arange(len(std)), np.union1d(mesh.triangles, mesh.lines))

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from estimator.table.contacts import ContactRow
 
 _SPAWN = "spawn"
-_BAND = 2.0  # deviations
-_RADIUS_95 = 2.796  # in deviations: the ellipsoid of this size holds 95 % of a normal distribution in space
-_ARROW_M_N = 0.2
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
 
 
@@ -105,7 +102,8 @@ class RerunLog:
             ("force_mN", 1e3 * force, np.nan),
             ("moment_residual_uNm", 1e6 * row.moment_residual_Nm, np.nan),
         ):
-            values = [value, value - _BAND * std, value + _BAND * std] if np.isfinite(std) else [value]
+            # band of two standard deviations
+            values = [value, value - 2.0 * std, value + 2.0 * std] if np.isfinite(std) else [value]
             if np.isfinite(value):
                 self._log(f"{name}/{path}", self._rerun.Scalars(values))
         if not np.isfinite(row.point_world_m).all():
@@ -113,10 +111,12 @@ class RerunLog:
             return
         point = row.point_world_m[None]
         self._log(f"world/{name}/point", self._rerun.Points3D(point, radii=5e-4))
-        arrow = _ARROW_M_N * np.nan_to_num(row.force_world_N[None])
+        # m of arrow per N
+        arrow = 0.2 * np.nan_to_num(row.force_world_N[None])
         self._log(f"world/{name}/force", self._rerun.Arrows3D(vectors=arrow, origins=point))
         sizes, axes = np.linalg.eigh(row.covariance_world_m2)
-        half = _RADIUS_95 * np.sqrt(np.clip(sizes, 0.0, None))
+        # the ellipsoid of this size, in standard deviations, contains 95 % of a normal distribution in space
+        half = 2.796 * np.sqrt(np.clip(sizes, 0.0, None))
         turned = axes * np.sign(np.linalg.det(axes))
         self._log(
             f"world/{name}/region_95",

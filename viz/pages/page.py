@@ -30,7 +30,6 @@ _UNITS = (
     ("_N", "mN", 1e3),
     ("_s", "s", 1.0),
 )
-_DEEPEST = 3
 _MOST_ROWS = 400
 
 
@@ -138,7 +137,7 @@ def _flat(data: Mapping[str, Any], before: str = "", depth: int = 0) -> Iterator
         items = value if isinstance(value, list) else [value]
         if any(isinstance(item, Mapping) for item in items):
             for index, item in enumerate(items):
-                if isinstance(item, Mapping) and depth < _DEEPEST:
+                if isinstance(item, Mapping) and depth < 3:
                     numbered = f"{name} {index + 1}" if isinstance(value, list) else name
                     yield from _flat(item, f"{numbered} · ", depth + 1)
         elif not any(isinstance(item, list) for item in items):

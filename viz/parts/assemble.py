@@ -15,9 +15,6 @@ from viz.scene.scene import ObjectMesh, Scene
 
 from .part import Part, arrow, ball, cone, joined, stamp, triangles, wire, wires
 
-_MOST_BALLS = 2500
-_NODES = 29  # of the drawn antenna
-
 
 def all_parts(scene: Scene) -> list[Part]:
     """Every part of the scene; their number does not grow with the recording."""
@@ -38,7 +35,7 @@ def _contact_parts(scene: Scene) -> list[Part]:
     """Balls, force arrows, ellipsoids and friction cones in order of time: an instant shows those up to then."""
     contacts = scene.contacts
     count = len(contacts.points_m)
-    chosen = thinned(np.arange(count), _MOST_BALLS)
+    chosen = thinned(np.arange(count), 2500)
     note = f"{len(chosen)} of {count}" if len(chosen) < count else ""
     size = scene.ball_m * np.eye(3)
     sphere = ball(2 if len(chosen) <= 400 else 1)
@@ -112,7 +109,8 @@ def _rig_parts(scene: Scene, rig: RigItems) -> list[Part]:
     width = rig.drawn_radius_m
     edge = float(np.linalg.norm(rig.plane_m[1] - rig.plane_m[0]))
     known = np.isfinite(rig.poses[:, 0, 0])
-    keep = np.linspace(0, rig.bent_m.shape[1] - 1, _NODES).round().astype(int)
+    # the drawn antenna has fewer nodes
+    keep = np.linspace(0, rig.bent_m.shape[1] - 1, 29).round().astype(int)
     antenna, span = _over_time(rig.bent_m[:, keep], known, width)
     free, free_span = _over_time(rig.free_m[:, keep[::4]], known, 0.45 * width, sides=6)
     parts = [Part("antenna", antenna, span=span), Part("free", free, span=free_span, opacity=0.6)]

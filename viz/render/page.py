@@ -31,13 +31,11 @@ from viz.scene.scene import Scene
 
 from .stage import Stage, quiet
 
-_JPEG_QUALITY = 80
 _DARKENED, _CLEAR = "max(t2Color,0.01)", "max(t2Color,0.00001)"
 """In the viewer's shader: the weight below which it draws what is seen through as black. What is far off or nearly
 clear weighs less, and would lose its colour."""
 _ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
 """What the viewer would ask for from elsewhere."""
-_NO_ICON = "data:,"
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' data: blob:; style-src 'unsafe-inline'; "
     "img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:; base-uri 'none'; "
@@ -99,7 +97,7 @@ def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", for
     )
     viewer = io.StringIO()
     write_html(packed, viewer)
-    html = viewer.getvalue().replace(_DARKENED, _CLEAR).replace(_ICON, _NO_ICON)
+    html = viewer.getvalue().replace(_DARKENED, _CLEAR).replace(_ICON, "data:,")
     start, end = html.index("<title>"), html.index("</title>")
     head, body, rest = (html[:start] + _META + f"<title>{escape(title)}" + html[end:]).partition("<body>")
     write_text(path, f"{head}<style>{render('scene.css')}</style>{body}{cards}{rest}", force)
@@ -142,7 +140,7 @@ def _pictures(scene: Scene) -> tuple[list[str], list[int | None]]:
     order = {identity: index for index, identity in enumerate(different)}
     seen = []
     for picture in different.values():
-        _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 80])
         seen.append("data:image/jpeg;base64," + _base64(jpeg.tobytes()))
     return seen, [order.get(id(picture)) for picture in scene.pictures] or [None] * len(scene.instants)
 

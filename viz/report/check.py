@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from viz.figures import check as figures
-from viz.figures.drawing import AMBER, RED, SLATE, TEAL
+from viz.figures.settings import STYLE
 from viz.pages.page import Table, at, fixed, listing, number, records, render, with_std
 
-_LEVEL_COLOURS = {"holds": TEAL, "look at": AMBER, "does not hold": RED, "not given": SLATE}
+_LEVEL_COLOURS = {"holds": STYLE.teal, "look at": STYLE.amber, "does not hold": STYLE.red, "not given": STYLE.slate}
 _LOADS = (
     ("image", "picture", None),
     ("number", "load", 0),

@@ -32,13 +32,6 @@ if TYPE_CHECKING:
     from estimator.contact.recording import Ground
     from estimator.object.estimate import ObjectEstimate
 
-_WIDEST_PX = 1600
-_QUALITY = 88
-_CAPTION = (
-    "The scene, and what was touched close up. Points are contacts, arrows the object's forces on the antenna; "
-    "`vbaa view` shows the scene to turn, zoom and follow in time."
-)
-
 
 @dataclass(frozen=True)
 class Sources:
@@ -113,11 +106,11 @@ def make_report(
 
 def packed(image: np.ndarray) -> bytes:
     """(H, W, 3) uint8, blue, green, red, as a JPEG that is not wider than a page needs."""
-    scale = _WIDEST_PX / image.shape[1]
+    scale = 1600 / image.shape[1]
     if scale < 1.0:
-        size = (_WIDEST_PX, max(1, round(image.shape[0] * scale)))
+        size = (1600, max(1, round(image.shape[0] * scale)))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
 
 
 def scene_picture(
@@ -141,7 +134,13 @@ def scene_picture(
             main, frames = scene.instants.main, scene.instants.frame
             seen = session_pictures(session, frames[main : main + 1], rig.camera.image_size)[0]
             scene = replace(scene, pictures=tuple(seen if index == main else None for index in range(len(frames))))
-        return _picture(_CAPTION, b"", views=scene_views(scene), **scene_key(scene))
+        return _picture(
+            "The scene, and what was touched close up. Points are contacts, arrows the object's forces on the "
+            "antenna; `vbaa view` shows the scene to turn, zoom and follow in time.",
+            b"",
+            views=scene_views(scene),
+            **scene_key(scene),
+        )
     except VbaaError as error:
         return _picture(f"No picture of the scene: {error}")
 

@@ -12,9 +12,9 @@ from markupsafe import Markup
 from estimator.contact.overlay import STATUS_COLOURS
 from estimator.table.contacts import COLUMNS, LOCATED, STATUSES, ContactTable
 from vbaa_calib.rig import Rig
-from viz.figures.contacts import OBJECT, contact_maps, forces_across, friction_cone, indentation
-from viz.figures.drawing import RAMP
-from viz.figures.time import MOST_DOTS, TimeAxis, curve, lanes, signals, with_framewise
+from viz.figures.contacts import contact_maps, forces_across, friction_cone, indentation
+from viz.figures.settings import STYLE
+from viz.figures.time import TimeAxis, curve, lanes, signals, with_framewise
 from viz.pages.page import Table, fixed, render, with_std
 from viz.scene.readable import thinned
 from viz.scene.scene import Fact
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from estimator.object.track import Track
     from viz.scene.truth import TrueContacts
 
-_COLOURS = _ALONG, _ACROSS, _RESIDUAL, _RINGING = "#0072b2", "#c2410c", "#334155", "#7c3aed"
 MOST_ROWS = 500
 SummaryRow = tuple[str, float, str, float | None]
 """Name, value, unit, and the goal that the value must not exceed, if there is one."""
@@ -53,7 +52,6 @@ SYMBOLS = {
     "moment_residual_Nm": ("residual",),
 }
 """Column of contacts.csv that the report shows → its symbols there."""
-_UNITS = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N·m": ("µN·m", 1e6)}
 _OTHER_QUANTITIES = (
     ("antenna frame", "", "x along the undeformed antenna from its clamp, xy the calibration plane C"),
     ("slip", "mm/s", "velocity of the antenna's material at the contact against the object at rest"),
@@ -130,7 +128,7 @@ def page(report: Report) -> str:
         facts=first_facts(table, [*frame_facts(table, report.rig), *_refined_fact(report), *report.facts]),
         pictures=report.pictures,
         times=_over_time(report),
-        crowded=len(table) > MOST_DOTS,
+        crowded=len(table) > STYLE.most_dots,
         events=Table(("event", "in words", "time, s", "decided after, s", "frame"), told, ("event", "in words"), cut),
         **_contacts(report),
         summary=Table(("quantity", "error", "unit", "goal", ""), errors, ("quantity", "unit")),
@@ -165,7 +163,7 @@ def _over_time(report: Report) -> list[Markup]:
         drawn.append(lanes(clock, "phase", track.phase.tolist(), _colours(_PHASES)))
         if track.ringing.any():
             ringing = np.where(track.ringing, "ringing", "").tolist()
-            drawn.append(lanes(clock, "ringing of the antenna", ringing, {"ringing": _RINGING}))
+            drawn.append(lanes(clock, "ringing of the antenna", ringing, {"ringing": STYLE.lines[3]}))
     figures = [curve(clock, *quantity) for quantity in _quantities(report)]
     if report.framewise is not None:
         before = _quantities(replace(report, table=report.framewise))
@@ -173,7 +171,7 @@ def _over_time(report: Report) -> list[Markup]:
     drawn += figures
     if track is not None and np.isfinite(track.slip_std_m_s).any():
         along, across = 1e3 * track.longitudinal_m_s, 1e3 * track.lateral_m_s
-        slip = [("along the antenna", _ALONG, along), ("across it", _ACROSS, across)]
+        slip = [("along the antenna", STYLE.lines[0], along), ("across it", STYLE.lines[1], across)]
         title = "slip of the antenna on the object, mm/s"
         drawn.append(signals(clock, title, slip, 1e3 * track.slip_std_m_s, "the noise, at most"))
     title, residual = "moment: measured minus predicted by the fit", table.moment_residual_Nm
@@ -185,7 +183,7 @@ def _over_time(report: Report) -> list[Markup]:
         drawn.append(curve(clock, f"{title}, {unit}", scale * residual, nothing))
     else:
         title += ", in std of the sensor's noise"
-        scaled = [("residual", _RESIDUAL, residual / rig.moment_sensor.std_Nm)]
+        scaled = [("residual", STYLE.lines[2], residual / rig.moment_sensor.std_Nm)]
         drawn.append(signals(clock, title, scaled, np.ones(len(table)), "the sensor"))
     model = np.where(table.located, table.model, "").tolist()
     drawn.append(lanes(clock, "model chosen for a located contact", model, _colours(_MODELS), last=True))
@@ -247,10 +245,10 @@ def _contacts(report: Report) -> dict[str, Any]:
         pressed = indentation(estimate.surface, touched, radius_m, 1.0 / stiffness).svg()
     return {
         "maps": [axes.svg(f"contacts {axes.title}") for axes in maps],
-        "ramp": RAMP,
+        "ramp": STYLE.ramp,
         "lasted_s": float(np.ptp(contacts.time_s)),
         "enlargement": factor,
-        "object_colour": OBJECT if surface is not None and (len(surface.lines) or len(surface.triangles)) else None,
+        "object_colour": STYLE.slate if surface is not None and len(surface.lines) + len(surface.triangles) else None,
         "true_points": len(true_m),
         "across": forces_across(contacts).svg(),
         "cone": cone,
@@ -277,9 +275,9 @@ def _drift_figure(drift: Mapping[str, Any] | None) -> Markup | None:
     names, prior = zip(*((name, one["prior_std"]) for name, one in drift["parameters"].items()), strict=True)
     size = len(names)
     change = np.array([one["change"][:size] for one in past]) / np.maximum(prior, 1e-300)
-    most = np.argsort(-np.abs(change).max(axis=0))[: len(_COLOURS)]
+    most = np.argsort(-np.abs(change).max(axis=0))[: len(STYLE.lines)]
     clock = TimeAxis(np.array([one["time_s"] for one in past], float))
-    values = [(names[index], colour, change[:, index]) for index, colour in zip(most, _COLOURS, strict=True)]
+    values = [(names[index], colour, change[:, index]) for index, colour in zip(most, STYLE.lines, strict=True)]
     title = "change since the calibration, in std of what was thought possible"
     return clock.svg(signals(clock, title, values, np.ones(len(past)), "what was thought possible"))
 
@@ -315,7 +313,7 @@ def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
 
 def _shown_unit(column: str) -> tuple[str, float]:
     """The unit in which the report shows a column of contacts.csv, and the factor to it."""
-    return _UNITS[COLUMNS[column].unit]
+    return {"m": ("mm", 1e3), "N": ("mN", 1e3), "N·m": ("µN·m", 1e6)}[COLUMNS[column].unit]
 
 
 def _dotted(colour: str, name: str) -> Markup:

@@ -21,7 +21,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.robust import finite_median
 from vbaa_calib.rig import Rig
-from viz.figures.drawing import AMBER, RED, SLATE, TEAL
+from viz.figures.settings import STYLE
 from viz.pages.page import decimals_of, number
 from viz.scene.scene import Fact, object_facts, sentence
 
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
     from estimator.object.track import Track
 
-_MANY = 0.2  # a larger part of the frames lost is said in the verdict's colour, too
-_LARGE_RESIDUAL = 3.0  # a moment residual of more than so many of the sensor's deviations (rms) is reported
 _MOST_TIMES = 8
 _LOST = ("no_antenna", "failed", "unobservable", "low_signal", "not_quasistatic", "contradicted")
 
@@ -111,14 +109,15 @@ def headline(table: ContactTable) -> tuple[str, str]:
     contradicted = np.flatnonzero(table.status == "contradicted")
     if len(contradicted):
         causes = str(table.reason[contradicted[0]]).partition(" (remedy: ")[0]
-        return f"{len(contradicted)} of {frames} frames must not be used: {causes}", RED
+        return f"{len(contradicted)} of {frames} frames must not be used: {causes}", STYLE.red
     if not located:
         free = int(np.sum(table.status == "no_contact"))
-        return ("Nothing was touched" if free == frames else "No contact was located"), SLATE
+        return ("Nothing was touched" if free == frames else "No contact was located"), STYLE.slate
     std_mm = 1e3 * finite_median(table.distance_std_m[table.located])
     well = f", to {std_mm:.2f} mm along the antenna" if np.isfinite(std_mm) else ""
     lost = float(np.mean(np.isin(table.status, _LOST) | table.located & (table.bias_std > SurfaceSettings.biased_std)))
-    return f"Contact located in {located} of {frames} frames{well}", AMBER if lost > _MANY else TEAL
+    # a larger lost part is named in the verdict's colour, too
+    return f"Contact located in {located} of {frames} frames{well}", STYLE.amber if lost > 0.2 else STYLE.teal
 
 
 def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
@@ -157,7 +156,8 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
     if rig is not None and rig.moment_sensor.exists and len(residual):
         rms = float(np.sqrt(np.mean((residual / rig.moment_sensor.std_Nm) ** 2)))
         words = f"picture and moment sensor disagree by {rms:.1f} times the sensor's noise (rms)"
-        facts += [Fact("To look at", f"{words}: `vbaa check` asks why.", "look")] if rms > _LARGE_RESIDUAL else []
+        # rms of the moment residual, in standard deviations of the sensor, from which it is reported
+        facts += [Fact("To look at", f"{words}: `vbaa check` asks why.", "look")] if rms > 3.0 else []
     return facts
 
 

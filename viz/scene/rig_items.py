@@ -18,9 +18,6 @@ from vbaa_calib.session import load_session, read_recording
 
 from .readable import thinned
 
-_GHOSTS, _WIDEST_PX = 6, 360
-_PICTURE_GRID = (10, 13)  # nodes down and across of the drawn picture: between them the lens counts as straight
-
 
 @dataclass(frozen=True, eq=False)
 class RigItems:
@@ -64,7 +61,7 @@ def rig_items(rig: Rig, table: ContactTable, rows: np.ndarray, main: int) -> Rig
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = rig.kinematics.world_antenna(*angles)
     poses[~np.isfinite(poses).all(axis=(1, 2))] = np.nan
-    spread = thinned(np.flatnonzero(table.located[rows]), _GHOSTS)
+    spread = thinned(np.flatnonzero(table.located[rows]), 6)
     length = rig.antenna.length_m
     bent, free = (_shapes(rig, table, rows, poses, share) for share in (1.0, 0.0))
     return RigItems(
@@ -117,7 +114,8 @@ def _picture_grid(camera: Camera, depth_m: float) -> np.ndarray:
 
     Where the lens has no ray, that of a lens without distortion is drawn.
     """
-    rows, columns = _PICTURE_GRID
+    # nodes down and across of the drawn picture: between them the lens counts as straight
+    rows, columns = (10, 13)
     width, height = camera.image_size
     u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, columns), np.linspace(-0.5, height - 0.5, rows))
     pixels = np.column_stack([u.ravel(), v.ravel()])
@@ -146,7 +144,7 @@ def small_picture(path: Path, image_size: tuple[int, int]) -> np.ndarray:
     if (width, height) != tuple(image_size):
         what = f"is {width} x {height} pixels, the rig's camera {image_size[0]} x {image_size[1]}"
         raise InputError(what, where=path, remedy="give a picture of this rig's camera")
-    factor = min(_WIDEST_PX / width, 1.0)
+    factor = min(360 / width, 1.0)
     size = (max(round(factor * width), 1), max(round(factor * height), 1))
     small = cv2.resize(np.clip(pixels, 0, 255).astype(np.uint8), size, interpolation=cv2.INTER_AREA)
     return cv2.cvtColor(small, cv2.COLOR_GRAY2RGB if small.ndim == 2 else cv2.COLOR_BGR2RGB)
