@@ -34,7 +34,7 @@ MOST = {
     "module constants": 1923,
     "class names used twice": 20,
     "classes": 484,
-    "public names": 1354,
+    "public names": 1287,
     "private words": 700,
     "type: ignore": 4,
     "words on pages": 35540,

@@ -78,7 +78,7 @@ OWN = (PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR)  # causes that are not the c
 
 
 @dataclass(frozen=True)
-class CausePart:
+class _CausePart:
     """One cause's part of one result, rms over the contacts, in the result's unit."""
 
     std: float  # the deviation that it contributes; squares add up
@@ -93,7 +93,7 @@ class ResultBudget:
 
     std: float  # whole deviation
     in_common: float  # share of the variance that belongs to no one cause, by correlations; the parts hold it divided
-    parts: dict[str, CausePart]  # by cause; they add up
+    parts: dict[str, _CausePart]  # by cause; they add up
 
     @property
     def first(self) -> str:
@@ -174,14 +174,14 @@ def error_budget(
     several = with_moment and rig.wrench_sensor is not None
     aside = (FORCE_PRIOR, *without, *([] if several else ["sensor_axes"]))
     whole, shared = _mean(now.variance), _mean(correlated_variance(space, now))
-    parts: dict[str, dict[str, CausePart]] = {name: {} for name in RESULTS}
+    parts: dict[str, dict[str, _CausePart]] = {name: {} for name in RESULTS}
     for cause, rows in by_cause.items():
         own, halved, exact = _mean(rows), whole, whole
         if cause != FORCE_PRIOR:
             halved, exact = (_mean(propagate(linear, space, cause, factor).variance) for factor in (0.5, 0.0))
         for name in RESULTS:
             std, if_halved, if_exact = (float(np.sqrt(each[name])) for each in (own, halved, exact))
-            parts[name][cause] = CausePart(std, own[name] / whole[name], if_halved, if_exact)
+            parts[name][cause] = _CausePart(std, own[name] / whole[name], if_halved, if_exact)
     results = {
         name: ResultBudget(float(np.sqrt(whole[name])), shared[name] / whole[name], parts[name]) for name in RESULTS
     }

@@ -116,7 +116,7 @@ class ErrorSpace:
     causes: tuple[str, ...]  # G that have any error, of `RIG_CAUSES`, `LENS` and `JOINT_AXES`
     determined: np.ndarray  # (G, S, S) projector onto the errors determined once a cause is known, by correlation, too
     determined_by_others: np.ndarray  # (G, S, S) the same of all the other causes together
-    shares: np.ndarray  # (G, S, S) each cause's part, see `split`
+    shares: np.ndarray  # (G, S, S) each cause's part, see `_split`
     rig: int  # how many of the S, the first ones, are the estimator's own rig steps
     axes: np.ndarray  # (3, S) errors of the joint axes' skew, offset and tilt zero
 
@@ -138,15 +138,15 @@ class ErrorSpace:
         lens = np.vstack([rig_rows[len(RIG_PARAMETERS) : first], rig_rows[after:]])
         rows |= {LENS: lens, "sensor_axes": rig_rows[first:after], JOINT_AXES: axes}
         rows = {cause: part for cause, part in rows.items() if part.any()}
-        determined = subsets(list(rows.values()), axes.shape[1])
+        determined = _subsets(list(rows.values()), axes.shape[1])
         single = [1 << index for index in range(len(rows))]
         without = [len(determined) - 1 - one for one in single]
         return ErrorSpace(
-            tuple(rows), determined[single], determined[without], split(determined), rig_axes.shape[1], axes
+            tuple(rows), determined[single], determined[without], _split(determined), rig_axes.shape[1], axes
         )
 
 
-def subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
+def _subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
     """(2^G, S, S) projectors onto what any set of causes determines of the independent errors; bit g is cause g. `rows`
     are G arrays (P_g, S): a cause's parameters by the errors."""
     determined = np.zeros((1, size, size))
@@ -160,7 +160,7 @@ def subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
     return determined
 
 
-def split(determined: np.ndarray) -> np.ndarray:
+def _split(determined: np.ndarray) -> np.ndarray:
     """(G, S, S) Shapley's shares of G causes that add up to what all determine: what a cause adds to those known before
     it, averaged over all orders, so that correlated causes divide what they have in common."""
     count = len(determined).bit_length() - 1

@@ -314,7 +314,7 @@ READINGS = (
 """What is not as reported. The first of two rows that do the same is named."""
 
 
-def explanations(case: Case) -> Iterator[Explanation[Case]]:
+def _explanations(case: Case) -> Iterator[Explanation[Case]]:
     """What else may explain a recording: other readings or pictures, or a rig that has changed before or during it."""
     found = [*_moments_explained(case), *_others_explained(case)]
     yield from found
@@ -519,4 +519,4 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
         yield Explanation(diagnosis, odds, partial(case.explained_by, found.recorded), first=begin)
 
 
-TABLE: tuple[Hypothesis[Case], ...] = (explanations,)
+TABLE: tuple[Hypothesis[Case], ...] = (_explanations,)

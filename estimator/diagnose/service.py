@@ -18,7 +18,7 @@ from .watch import RecordingVerdict, RecordingWatch
 
 
 @dataclass(frozen=True)
-class WatchSettings:
+class _WatchSettings:
     """Which frames are judged together, how often, and what is an alarm."""
 
     without_contact: int = 40  # last frames without a contact
@@ -56,7 +56,7 @@ class RigWatch:
     rig: Rig
     alarm: Callable[[int, Diagnosis], None] | None = None
     waits: bool = False
-    settings: WatchSettings = WatchSettings()
+    settings: _WatchSettings = _WatchSettings()
     alarms: list[tuple[int, Diagnosis]] = field(default_factory=list)
 
     def __post_init__(self) -> None:

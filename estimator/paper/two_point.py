@@ -93,7 +93,7 @@ class TwoPointContact:
     @cached_property
     def _conditions(self) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
-            return conditions(*(elasticity(self.x_m[..., point], self.contact_m) for point in (0, 1)))
+            return _conditions(*(elasticity(self.x_m[..., point], self.contact_m) for point in (0, 1)))
 
 
 def two_point_contact(x_m: Any, y_m: Any, stiffness_Nm2: Any, length_m: Any = np.inf) -> TwoPointContact:
@@ -123,7 +123,7 @@ def contact_position(contact_m: Any, force_y_N: Any, force_z_N: Any, stiffness_N
     return xp.stack([xp.broadcast_to(part, shape) for part in parts], -1)
 
 
-def conditions(elasticity_1: Array, elasticity_2: Array) -> tuple[Array, Array]:
+def _conditions(elasticity_1: Array, elasticity_2: Array) -> tuple[Array, Array]:
     """Condition numbers (...) of l and f_y, each point's ln y_i moving by d ln f + e_i·d ln l."""
     gap = abs(elasticity_2 - elasticity_1)
     return 2.0 / gap, (abs(elasticity_1) + abs(elasticity_2)) / gap

@@ -60,7 +60,7 @@ Text = TypeVar("Text")
 
 
 @dataclass(frozen=True)
-class Column:
+class _Column:
     """What one field of a contact is. `names` are its columns in the file, where they differ from the field's name."""
 
     unit: str
@@ -72,12 +72,12 @@ class Column:
 
 def _column(unit: str, meaning: str, default: Any = np.nan, digits: int = 9) -> Any:
     """A number, flag or text."""
-    return field(default=default, metadata={"column": Column(unit, meaning, digits=digits)})
+    return field(default=default, metadata={"column": _Column(unit, meaning, digits=digits)})
 
 
 def _vector(unit: str, meaning: str, names: str = "", shape: tuple[int, ...] = (3,)) -> Any:
     """A vector, or a symmetric matrix by its upper triangle; NaN where it is unknown."""
-    column = Column(unit, meaning, tuple(names.split()), shape)
+    column = _Column(unit, meaning, tuple(names.split()), shape)
     return field(default_factory=lambda: np.full(shape, np.nan), metadata={"column": column})
 
 
@@ -138,12 +138,12 @@ class ContactEstimate(_Common[Number, Flag, Text]):
     deflection_m: np.ndarray = _vector("m", "contact point minus the same point of the free antenna, antenna frame")
 
 
-def declared(cls: type) -> dict[str, Column]:
+def _declared(cls: type) -> dict[str, _Column]:
     """The declared fields of a contact class."""
     return {f.name: f.metadata["column"] for f in fields(cls) if "column" in f.metadata}
 
 
-_SHARED = tuple(declared(_Common))
+_SHARED = tuple(_declared(_Common))
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +310,7 @@ OPTIONAL = (
     *("antenna", "clamp_world_m", "clamp_angle_rad"),
 )
 """What ours has after that; optional when read. The last three only where antennas are named."""
-COLUMNS: dict[str, Column] = {name: declared(_Columns)[name] for name in (*REQUIRED, *OPTIONAL)}
+COLUMNS: dict[str, _Column] = {name: _declared(_Columns)[name] for name in (*REQUIRED, *OPTIONAL)}
 """Field → its declaration, in the order of the file."""
 
 
@@ -327,7 +327,7 @@ def column_names(which: Sequence[str] = tuple(COLUMNS)) -> tuple[str, ...]:
 for _class in (Contact, ContactRow, ContactTable):
     _attributes = "\n".join(
         f"{name} : {f'{column.shape} ' if column.shape else ''}{column.meaning}; {column.unit}."
-        for name, column in declared(_class).items()
+        for name, column in _declared(_class).items()
     )
     _class.__doc__ = f"{cleandoc(_class.__doc__ or '')}\n\nAttributes\n----------\n{_attributes}"
 
@@ -451,7 +451,7 @@ def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarra
         what = "the clamp moved in this recording, which needs none of the rig's joints"
         raise InputError(what, remedy="leave out --rig; refine, next and track need a clamp that does not move")
     recorded = np.isfinite(table.pan_rad) & np.isfinite(table.tilt_rad)
-    pan, tilt = from_points(kinematics, table.point_antenna_m, table.point_world_m)
+    pan, tilt = _from_points(kinematics, table.point_antenna_m, table.point_world_m)
     pan, tilt = np.where(recorded, table.pan_rad, pan), np.where(recorded, table.tilt_rad, tilt)
     rotation, translation = kinematics.world_antenna(pan, tilt)
     off = np.einsum("bij,bj->bi", rotation, table.point_antenna_m) + translation - table.point_world_m
@@ -464,7 +464,7 @@ def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarra
     return pan, tilt
 
 
-def from_points(
+def _from_points(
     kinematics: Kinematics, point_antenna_m: np.ndarray, point_world_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The angles (B,) that carry points (B, 3) of the antenna frame to their places in the world; |tilt| below 90°."""

@@ -23,7 +23,7 @@ from vbaa_calib.simulate.render.picture import Studio, studio
 from vbaa_calib.simulate.scene.scene import Joints, Scene, bundled_scene, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.shots import render_shot
-from vbaa_calib.simulate.write import session_yaml
+from vbaa_calib.simulate.write import _session_yaml
 
 from ..made_once import made_once
 
@@ -234,7 +234,7 @@ def month_later(scene: Scene, folder: Path, parts: tuple[str, ...] = PARTS) -> P
     planned = plan(scene)
     place = _studio(scene.lens.matrix.tobytes(), scene.lens.distortion.tobytes(), scene.seed, None)
     folder.mkdir()
-    (folder / "session.yaml").write_text(session_yaml(scene))
+    (folder / "session.yaml").write_text(_session_yaml(scene))
     for index, shot in enumerate(planned.shots):
         part = shot.path.partition("/")[0]
         if part in parts:

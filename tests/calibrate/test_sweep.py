@@ -25,7 +25,7 @@ from vbaa_calib.simulate.render.board import print_sheet
 from vbaa_calib.simulate.render.picture import studio
 from vbaa_calib.simulate.scene.scene import Scene, bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
-from vbaa_calib.simulate.write import drawn_pictures, write_sweep
+from vbaa_calib.simulate.write import _drawn_pictures, _write_sweep
 
 from .synthetic_views import CENTRE, SPEC, board_view, project_board
 
@@ -259,7 +259,7 @@ def test_a_drawn_sweep_gives_the_scenes_camera(small_scene: Scene, tmp_path: Pat
     scene = small_scene
     place = studio(scene.lens, scene.picture, stream(scene, "bench"))
     sheet = print_sheet(scene.board)
-    true_board = write_sweep(scene, drawn_pictures(scene, place, sheet), sheet, tmp_path)
+    true_board = _write_sweep(scene, _drawn_pictures(scene, place, sheet), sheet, tmp_path)
     with (tmp_path / "sweep" / "sweep.csv").open() as table:
         rows = list(csv.DictReader(table))
     pictures = [

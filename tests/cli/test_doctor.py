@@ -14,7 +14,7 @@ import pytest
 
 from vbaa_calib.cli import doctor as verb
 from vbaa_calib.doctor import FAILS, LOOK, OK, HealthFinding, machine, packages
-from vbaa_calib.doctor.machine import EndedProcess
+from vbaa_calib.doctor.machine import _EndedProcess
 
 
 def names(found: HealthFinding) -> list[str]:
@@ -30,9 +30,9 @@ def test_this_machine_has_what_it_needs() -> None:
     assert {each.name for each in found} == set(verb.CHECKS) - set(slow)
 
 
-def ends(code: int | None, out: str = "", err: str = "") -> Callable[[Sequence[str], float], EndedProcess]:
+def ends(code: int | None, out: str = "", err: str = "") -> Callable[[Sequence[str], float], _EndedProcess]:
     """A process that ends like this."""
-    return lambda arguments, seconds: EndedProcess(code, out, err)
+    return lambda arguments, seconds: _EndedProcess(code, out, err)
 
 
 def installed(*asked: str, **known: str) -> HealthFinding:
@@ -145,8 +145,8 @@ def test_a_package_that_overwrote_ours(tmp_path: Path) -> None:
 
 def test_a_process_may_crash_or_hang() -> None:
     """Real ones: the doctor outlives them, and keeps what they had said."""
-    crashed = machine.try_python(["-c", "import os; os.abort()"], 20)
+    crashed = machine._try_python(["-c", "import os; os.abort()"], 20)
     assert crashed.code is not None
     assert crashed.code != 0
-    hung = machine.try_python(["-c", "import time; print('[0, null]', flush=True); time.sleep(60)"], 1.5)
+    hung = machine._try_python(["-c", "import time; print('[0, null]', flush=True); time.sleep(60)"], 1.5)
     assert (hung.code, hung.out.strip()) == (None, "[0, null]")

@@ -21,9 +21,9 @@ from estimator.budget.parts import (
     MOMENT_NOISE,
     PIXELS,
     RIG_CAUSES,
+    _split,
+    _subsets,
     propagate,
-    split,
-    subsets,
     touch_of_force,
     variance_by_cause,
 )
@@ -74,7 +74,7 @@ def test_shares_of_correlated_causes_are_shapleys() -> None:
     """Two numbers with correlation ρ: each has its own (1 − ρ²) and, averaged over both orders, its half."""
     rho = 0.6
     rows = [np.array([[2.0, 0.0]]), 5.0 * np.array([[rho, np.sqrt(1 - rho**2)]])]
-    shares = split(subsets(rows, 2))
+    shares = _split(_subsets(rows, 2))
     slopes = np.array([0.7, -0.2])
     by_error = slopes[0] * rows[0][0] + slopes[1] * rows[1][0]
     stds = np.array([2.0, 5.0])

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.object.friction import Friction, friction
 from estimator.object.friction.coefficient import Angles, FrictionAngles, FrictionTouches, coefficient
-from estimator.object.friction.friction import friction_touches
+from estimator.object.friction.friction import _friction_touches
 from estimator.object.surface import Surface, reconstruct, touches_of
 
 from .rubbed import PRIOR_RAD, WIRE_M, Errors, Rubbed, rubbed
@@ -126,7 +126,7 @@ def test_the_prior_of_the_friction_angle_is_taken_out_again() -> None:
     for seed in range(10):
         given = rubbed(0.4, np.random.default_rng(seed), slip_rad=0.9, count=12, errors=Errors(lean_rad=0.1))
         surface = shaped(given)
-        found.append(friction_touches(given.table, surface, given.track, given.shared, PRIOR_RAD)[0])
+        found.append(_friction_touches(given.table, surface, given.track, given.shared, PRIOR_RAD)[0])
     angle = np.concatenate([rubs.longitudinal.angle_rad for rubs in found])
     std = np.concatenate([rubs.longitudinal.std_rad for rubs in found])
     truth = np.arctan(0.4 * np.sin(0.9) * np.cos(np.arctan(0.4 * np.cos(0.9))))

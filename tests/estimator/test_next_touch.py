@@ -16,8 +16,8 @@ from benchmarks.recording.recording import lengthened, played
 from estimator.contact.common_errors import shared_errors
 from estimator.object.estimate import estimate_object
 from estimator.object.next_touch import FRICTION, STIFFNESS, SURFACE, JointLimits, NextTouch, next_touch
-from estimator.object.next_touch.plan import Options, places, touches_within
-from estimator.object.next_touch.reach import surface_std
+from estimator.object.next_touch.plan import _Options, _places, _touches_within
+from estimator.object.next_touch.reach import _surface_std
 from estimator.object.surface import touches_of
 from estimator.object.surface.build import fitted, surely_known_m
 from estimator.object.surface.fit import SurfaceFit, fit
@@ -58,7 +58,7 @@ def with_touch(table: ContactTable, new: Recorded) -> ContactTable:
     return ContactTable.joined([table, replace(more, frame=more.frame + len(table), time_s=time)])
 
 
-def chosen(options: Options) -> list[NextTouch]:
+def chosen(options: _Options) -> list[NextTouch]:
     """The best touch, then some at random."""
     possible = np.flatnonzero(np.isfinite(options.std_after))
     best = int(np.nanargmin(options.std_after))
@@ -69,10 +69,10 @@ def solved(table: ContactTable, rig: Rig) -> SurfaceFit:
     return fitted(touches_of(table, shared_errors(rig, table)), 0.5 * rig.antenna.diameter_m)[0]
 
 
-def surface_deviation(table: ContactTable, rig: Rig, place: SurfaceFit, options: Options) -> float:
+def surface_deviation(table: ContactTable, rig: Rig, place: SurfaceFit, options: _Options) -> float:
     """Rms over where an earlier fit was touched, and could have been."""
     found, square = solved(table, rig), []
-    for index, (one, x) in enumerate(zip(place.patches, places(place, options.reach), strict=True)):
+    for index, (one, x) in enumerate(zip(place.patches, _places(place, options.reach), strict=True)):
         if one.wide:
             points, normals, _ = place.heights(index, x)
         else:
@@ -82,7 +82,7 @@ def surface_deviation(table: ContactTable, rig: Rig, place: SurfaceFit, options:
             np.min(np.linalg.norm(points[:, None] - found.point_m[m.members], axis=2), axis=1) for m in found.patches
         ]
         patch = np.argmin(away, axis=0)
-        square.append(surface_std(found, patch, points, normals) ** 2)
+        square.append(_surface_std(found, patch, points, normals) ** 2)
     return float(np.sqrt(np.mean(np.concatenate(square))))
 
 
@@ -94,10 +94,10 @@ def stiffness_deviation(table: ContactTable, rig: Rig) -> float:
     )
 
 
-def after_each(goal: str, name: str, stiffness: float, frames: int, seed: int) -> tuple[float, np.ndarray, Options]:
+def after_each(goal: str, name: str, stiffness: float, frames: int, seed: int) -> tuple[float, np.ndarray, _Options]:
     """Deviation of the goal before, and after the best touch and each of the random ones, simulated."""
     table, rig = given(name, stiffness, frames, seed)
-    options = touches_within(table, rig, goal, LIMITS)
+    options = _touches_within(table, rig, goal, LIMITS)
     place = solved(table, rig)
 
     def deviation(of: ContactTable) -> float:
@@ -113,7 +113,7 @@ def after_each(goal: str, name: str, stiffness: float, frames: int, seed: int) -
 
 
 @cache
-def on_sphere() -> tuple[float, np.ndarray, Options]:
+def on_sphere() -> tuple[float, np.ndarray, _Options]:
     return after_each(SURFACE, "sphere", RIGID, 74, 1)
 
 
@@ -158,15 +158,15 @@ def test_a_touch_without_friction_comes_out_as_it_says() -> None:
 
 def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
     table, rig = given("sphere", RIGID, 37)
-    whole = touches_within(table, rig, SURFACE, LIMITS).reach
+    whole = _touches_within(table, rig, SURFACE, LIMITS).reach
     narrow = replace(LIMITS, tilt_rad=(-0.6, float(np.median(whole.joints_rad[:, 1]))))
-    reach = touches_within(table, rig, SURFACE, narrow).reach
+    reach = _touches_within(table, rig, SURFACE, narrow).reach
     assert 0 < len(reach) < len(whole)
     for joints in (reach.joints_rad, reach.begin_rad):
         assert narrow.hold(*joints.T).all()
     found = solved(table, rig)
     shown = np.array([surely_known_m(found, index) for index in range(len(found.patches))])
-    assert (surface_std(found, whole.patch, whole.point_m, whole.normal) <= shown[whole.patch]).all()
+    assert (_surface_std(found, whole.patch, whole.point_m, whole.normal) <= shown[whole.patch]).all()
     with pytest.raises(InputError, match="joint limits"):
         next_touch(table, rig, SURFACE, limits=JointLimits((0.5, 0.6), (0.5, 0.6)))
 

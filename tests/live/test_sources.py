@@ -21,7 +21,7 @@ import numpy as np
 
 from tests.small_scene import small_rig
 from vbaa_calib.streams import Reading, Taken, now_s
-from vbaa_calib.streams.devices import datagrams, udp_socket, with_datagrams
+from vbaa_calib.streams.devices import _datagrams, udp_socket, with_datagrams
 from vbaa_calib.streams.recorded import open_folder, open_lines
 
 from .recordings import frames
@@ -97,7 +97,7 @@ def listening_at() -> tuple[socket.socket, int]:
             sender.sendto(b'{"pan_rad": 0}', ("127.0.0.1", port))
         sent_s = now_s()
         time.sleep(0.02)
-        first = next(datagrams(listening, notes))
+        first = next(_datagrams(listening, notes))
         if first is not None and first.time_s < sent_s + 0.01:
             break
     return listening, port
@@ -138,7 +138,7 @@ def sent_and_taken(several: list[bytes], key: bytes | None) -> tuple[list[float]
         for data in several:
             sender.sendto(data, ("127.0.0.1", port))
         time.sleep(0.05)
-        return [each.value for each in iter(partial(next, datagrams(listening, notes, key)), None)], notes
+        return [each.value for each in iter(partial(next, _datagrams(listening, notes, key)), None)], notes
 
 
 def signed(key: bytes, number: int, line: bytes) -> bytes:

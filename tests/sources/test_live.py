@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.sources import Source, SourceLost, live, open_source
-from vbaa_calib.sources.files import frame_picture, without_secrets
+from vbaa_calib.sources.files import _without_secrets, frame_picture
 from vbaa_calib.sources.live import StreamSettings, open_camera, open_stream, parse_camera
 
 QUICK = StreamSettings(open_s=0.6, silence_s=0.4, failures=3)
@@ -292,7 +292,7 @@ def test_a_video_that_a_server_keeps_is_no_stream(tmp_path: Path) -> None:
 @given(st.text(max_size=20), st.text(max_size=20))
 def test_no_password_is_ever_shown(user: str, password: str) -> None:
     secret = f"<{password}>"
-    assert secret not in without_secrets(f"rtsp://{user}:{secret}@host/path")
+    assert secret not in _without_secrets(f"rtsp://{user}:{secret}@host/path")
 
 
 @pytest.mark.parametrize(

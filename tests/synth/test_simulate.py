@@ -19,7 +19,7 @@ from vbaa_calib import session as session_files
 from vbaa_calib.cli import simulate as simulate_cli
 from vbaa_calib.simulate.plan import AntennaShot, Plan, plan
 from vbaa_calib.simulate.scene.lens import project
-from vbaa_calib.simulate.scene.scene import Scene, bundled_names, bundled_scene, true_rod
+from vbaa_calib.simulate.scene.scene import Scene, _bundled_names, bundled_scene, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
 
 
@@ -179,7 +179,7 @@ def test_centrelines_stand_in_for_the_recordings_pictures(written: Path, tmp_pat
 
 
 def test_every_bundled_scene_can_be_carried_out() -> None:
-    assert bundled_names() == [*SESSIONS, "whiskers"]
+    assert _bundled_names() == [*SESSIONS, "whiskers"]
     for name in SESSIONS:
         scene, planned = _bundled(name)
         frames = planned.truth["frames"]

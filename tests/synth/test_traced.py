@@ -25,7 +25,7 @@ from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Scene, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.shots import seen_antenna, wires_of
-from vbaa_calib.simulate.traced.tracer import Exposure, Tracer, load_mitsuba
+from vbaa_calib.simulate.traced.tracer import Exposure, Tracer, _load_mitsuba
 from vbaa_calib.simulate.traced_shots import TracedPictures
 
 X, Y, Z = np.eye(3)
@@ -200,7 +200,7 @@ def test_a_traced_antenna_lies_where_its_truth_says(traced_scene: Scene) -> None
     curve = (shape.arclength_m[0], shape.points_m[0], scene.radius_m)
     white = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.9}}
     poses = scene.T_world_camera(joints), scene.T_world_antenna(joints)
-    tracer = Tracer(load_mitsuba(), scene, rays, {}, 1.0)
+    tracer = Tracer(_load_mitsuba(), scene, rays, {}, 1.0)
     # a lamp in the camera lights both flanks alike
     lamp = {
         "type": "point",

@@ -18,7 +18,7 @@ from targets.sheet import (
     lay_out,
     paper_named,
 )
-from targets.write_sheet import as_pdf, _board_shapes, draw, on_screen, _ruler_origin
+from targets.write_sheet import _board_shapes, _ruler_origin, as_pdf, draw, on_screen
 from vbaa_calib.detect.board.board_file import load_board
 
 A4_BOARD = BoardSpec(11, 7, 0.020, 0.015)

@@ -21,7 +21,7 @@ from viz.render.gltf import write_gltf
 from viz.render.screenshot import SHEET, screenshot
 from viz.render.stage import Stage
 from viz.render.turntable import turntable
-from viz.render.window import Controls, fitting
+from viz.render.window import _Controls, _fitting
 from viz.scene.layout import LOOK, view_direction
 from viz.scene.scene import Scene, build_scene
 
@@ -142,7 +142,7 @@ def test_gltf_is_sound_and_comes_back_without_opengl(
 
 def test_a_contact_is_picked_stepped_to_and_measured_from(scene: Scene, no_opengl: None) -> None:
     stage = Stage(scene, all_parts(scene))
-    controls = Controls(stage, "force")
+    controls = _Controls(stage, "force")
     points = scene.contacts.points_m
     controls.pick(7)
     assert scene.instants.row[controls.instant] == scene.contacts.row[7]
@@ -163,7 +163,7 @@ def test_a_contact_is_picked_stepped_to_and_measured_from(scene: Scene, no_openg
 def test_a_click_takes_the_contact_that_is_drawn_there(scene: Scene, no_opengl: None, close: bool) -> None:
     """By rays of a pinhole camera, worked out here without VTK's matrices."""
     stage = Stage(scene, all_parts(scene), size=(700, 500))
-    controls, points = Controls(stage, "force"), scene.contacts.points_m
+    controls, points = _Controls(stage, "force"), scene.contacts.points_m
     controls.close = not close
     controls.look_closer()
     camera = stage.plotter.camera
@@ -186,7 +186,7 @@ def test_a_click_takes_the_contact_that_is_drawn_there(scene: Scene, no_opengl: 
 
 def test_the_window_shows_what_the_camera_saw(scene: Scene, no_opengl: None) -> None:
     scene = replace(scene, pictures=(np.zeros((240, 320, 3), np.uint8),) * len(scene.instants))
-    controls = Controls(Stage(scene, all_parts(scene)), "force")
+    controls = _Controls(Stage(scene, all_parts(scene)), "force")
     for contact in (0, 40):
         controls.pick(contact)
         picture, over = scene.pictures[controls.instant], controls.seen()
@@ -202,7 +202,7 @@ def test_the_window_shows_what_the_camera_saw(scene: Scene, no_opengl: None) -> 
 
 @pytest.mark.parametrize("screen", [(1400, 900), (800, 600), (3840, 2160), (0, 0)])
 def test_the_window_fits_the_screen(screen: tuple[int, int]) -> None:
-    width, height = fitting(screen)
+    width, height = _fitting(screen)
     assert (width, height) == (1400, 1000) if screen == (0, 0) else width <= screen[0] and height < screen[1]
     assert min(width, height) > 400
 

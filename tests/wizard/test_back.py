@@ -14,7 +14,7 @@ import pytest
 from vbaa_calib.session import load_session, read_noload
 from vbaa_calib.sources import Picture
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard.asking import keep_answer, take_back
+from vbaa_calib.wizard.asking import _keep_answer, take_back
 from vbaa_calib.wizard.questions import QUESTIONS, Question
 from vbaa_calib.wizard.session_state import SessionState
 from vbaa_calib.wizard.steps import PictureCheck
@@ -188,8 +188,8 @@ def test_a_mended_answer_offers_the_antennas_pictures_again(tmp_path: Path) -> N
         store.answer(given)
         store.refuse("noload", Picture("a.png", np.zeros((1, 1), np.uint8), ".png", b"a"), "no antenna is seen")
         assert take_back(store, "noload")
-        keep_answer(store, "antenna_diameter_mm", 0.8)
+        _keep_answer(store, "antenna_diameter_mm", 0.8)
         assert [one.source for one in store.journal.of("noload").left] == ["a.png"]
         assert take_back(store, "noload")
-        keep_answer(store, "antenna_diameter_mm", 0.9)
+        _keep_answer(store, "antenna_diameter_mm", 0.9)
         assert not store.journal.of("noload").left

@@ -24,8 +24,8 @@ from vbaa_calib.wizard.capture import Capture
 from vbaa_calib.wizard.flow import STEP_BY_NAME
 from vbaa_calib.wizard.page import Page
 from vbaa_calib.wizard.session_state import SessionState
-from vbaa_calib.wizard.steps import Progress, guidance
-from vbaa_calib.wizard.store import StepRecord, Store
+from vbaa_calib.wizard.steps import Progress, _guidance
+from vbaa_calib.wizard.store import Store, _StepRecord
 from vbaa_calib.wizard.ui import LivePicture, Ui, View
 
 RIG = rigs()[1]
@@ -171,7 +171,7 @@ class Seen:
 
     end: str
     lives: list[LivePicture]
-    record: StepRecord
+    record: _StepRecord
     last: Progress
 
 
@@ -183,7 +183,7 @@ def obeyed(tmp_path_factory: pytest.TempPathFactory) -> Seen:
         ui = Ui(watching, Page(state))
         try:
             ui.begin(LENS)
-            end = Capture(state, ui, LENS, ObedientCamera(lambda: guidance(state), MOST_FRAMES)).run()
+            end = Capture(state, ui, LENS, ObedientCamera(lambda: _guidance(state), MOST_FRAMES)).run()
             return Seen(end, watching.lives, state.store.journal.of("lens"), LENS.progress(state))
         finally:
             ui.close()

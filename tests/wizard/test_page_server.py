@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from vbaa_calib.wizard import server as module
-from vbaa_calib.wizard.server import BODY_LIMIT, FILES, PageCommand, PageServer
+from vbaa_calib.wizard.server import BODY_LIMIT, FILES, PageServer, _PageCommand
 
 from .page_client import ask, command, cookie, jpeg, raw, state, token
 
@@ -123,7 +123,7 @@ def test_commands_arrive_in_order_and_as_they_are(server: PageServer) -> None:
         assert command(server, json.dumps(sent).encode()).status == 202
     for kind in ("take", "enough", "back", "redo", "drop", "quit"):
         assert command(server, json.dumps({"kind": kind}).encode()).status == 202
-    answers = [PageCommand(kind="answer", value={"loads.1.mass": v}, seen=i) for i, v in enumerate(values)]
+    answers = [_PageCommand(kind="answer", value={"loads.1.mass": v}, seen=i) for i, v in enumerate(values)]
     assert server.take_commands()[: len(values)] == answers
 
 

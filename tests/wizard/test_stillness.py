@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard.stillness import ON_A_STAND, Stillness, StillnessDetector
+from vbaa_calib.wizard.stillness import ON_A_STAND, StillnessDetector, _Stillness
 
 SIZE = (640, 360)
 _BOARD = cv2.aruco.CharucoBoard(
@@ -74,11 +74,11 @@ def filmed(
 BOARD = board_scene((0, 0))
 
 
-def held(gate: StillnessDetector, frames: Iterable[tuple[np.ndarray, float]]) -> list[tuple[float, Stillness]]:
+def held(gate: StillnessDetector, frames: Iterable[tuple[np.ndarray, float]]) -> list[tuple[float, _Stillness]]:
     return [(time_s, gate.feed(image, time_s)) for image, time_s in frames]
 
 
-def taken(results: list[tuple[float, Stillness]]) -> list[float]:
+def taken(results: list[tuple[float, _Stillness]]) -> list[float]:
     return [time_s for time_s, result in results if result.take]
 
 
@@ -164,7 +164,7 @@ def test_where_nothing_is_seen_nothing_is_taken(grey: int) -> None:
     assert "more light" in results[-1][1].words
 
 
-def taken_while_focusing(sharp: Callable[[float], bool]) -> list[tuple[float, Stillness]]:
+def taken_while_focusing(sharp: Callable[[float], bool]) -> list[tuple[float, _Stillness]]:
     """By the corners nothing moves; only the picture's sharpness changes."""
     gate, corners = StillnessDetector(), np.arange(20.0).reshape(10, 2)
     pictures = {True: BOARD.astype(np.uint8), False: cv2.GaussianBlur(BOARD, (0, 0), 2).astype(np.uint8)}

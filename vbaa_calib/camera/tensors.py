@@ -32,13 +32,13 @@ _Solution = tuple[Tensor, Tensor, Tensor]
 
 def pixel_to_ray(intrinsics: Intrinsics, pixels: Tensor) -> tuple[Tensor, Tensor]:
     """Unit rays (..., 3) of pixels (..., 2), and validity; the axis where not valid."""
-    x, y, valid = pixel_to_chart(intrinsics, pixels[..., 0], pixels[..., 1])
+    x, y, valid = _pixel_to_chart(intrinsics, pixels[..., 0], pixels[..., 1])
     return torch.stack(_to_ray(intrinsics.model, x, y), -1), valid
 
 
 def pixel_to_normalized(intrinsics: Intrinsics, pixels: Tensor) -> tuple[Tensor, Tensor]:
     """Ideal (X/Z, Y/Z), (..., 2), of pixels (..., 2), and validity."""
-    x, y, valid = pixel_to_chart(intrinsics, pixels[..., 0], pixels[..., 1])
+    x, y, valid = _pixel_to_chart(intrinsics, pixels[..., 0], pixels[..., 1])
     if intrinsics.model.is_fisheye:
         x, y, z = _to_ray(intrinsics.model, x, y)
         ahead = z > _LEAST_DEPTH
@@ -50,12 +50,12 @@ def pixel_to_normalized(intrinsics: Intrinsics, pixels: Tensor) -> tuple[Tensor,
 def point_to_pixel(intrinsics: Intrinsics, points: Tensor) -> tuple[Tensor, Tensor]:
     """Pixels (..., 2) of points or directions (..., 3) in the camera frame, and validity."""
     finite = torch.isfinite(points).all(-1)
-    x, y, seen = to_chart(intrinsics.model, *torch.where(finite[..., None], points, 0.0).unbind(-1))
-    u, v, valid = chart_to_pixel(intrinsics, x, y)
+    x, y, seen = _to_chart(intrinsics.model, *torch.where(finite[..., None], points, 0.0).unbind(-1))
+    u, v, valid = _chart_to_pixel(intrinsics, x, y)
     return torch.stack([u, v], -1), valid & seen
 
 
-def pixel_to_chart(intrinsics: Intrinsics, u: Tensor, v: Tensor) -> _Solution:
+def _pixel_to_chart(intrinsics: Intrinsics, u: Tensor, v: Tensor) -> _Solution:
     """Ideal point in the model's chart of pixels, each (...), and validity."""
     valid = torch.isfinite(u) & torch.isfinite(v)
     u, v = torch.where(valid, u, 0.0), torch.where(valid, v, 0.0)
@@ -68,7 +68,7 @@ def pixel_to_chart(intrinsics: Intrinsics, u: Tensor, v: Tensor) -> _Solution:
     return x, y, valid & solved
 
 
-def chart_to_pixel(intrinsics: Intrinsics, x: Tensor, y: Tensor) -> _Solution:
+def _chart_to_pixel(intrinsics: Intrinsics, x: Tensor, y: Tensor) -> _Solution:
     """Pixels of ideal points in the model's chart, each (...), and validity."""
     model, c = intrinsics.model, like(x, intrinsics.coefficients)
     valid = _trusted(model, c, x, y)
@@ -79,7 +79,7 @@ def chart_to_pixel(intrinsics: Intrinsics, x: Tensor, y: Tensor) -> _Solution:
     return x * intrinsics.fx + intrinsics.cx, y * intrinsics.fy + intrinsics.cy, valid
 
 
-def to_chart(model: LensModel, X: Tensor, Y: Tensor, Z: Tensor) -> _Solution:
+def _to_chart(model: LensModel, X: Tensor, Y: Tensor, Z: Tensor) -> _Solution:
     """x, y on the model's chart, and whether it is seen, of vectors of any length; x = y = 0 where not."""
     if not model.is_fisheye:
         seen = Z > 0
@@ -308,7 +308,7 @@ def _solved(model: LensModel, x: Tensor, y: Tensor, c: Tensor) -> _Solution:
         if x.device.type == "cpu":
             found = _by_core(lens, x[where], y[where])
         else:
-            found = solve_on_device(model, lens, own, x[where], y[where])
+            found = _solve_on_device(model, lens, own, x[where], y[where])
         ideal_x[where], ideal_y[where], valid[where] = found
     return ideal_x, ideal_y, valid
 
@@ -320,7 +320,7 @@ def _by_core(lens: Any, x: Tensor, y: Tensor) -> _Solution:
     return ideal[..., 0], ideal[..., 1], valid
 
 
-def solve_on_device(model: LensModel, lens: Any, c: Sequence[float], x: Tensor, y: Tensor) -> _Solution:
+def _solve_on_device(model: LensModel, lens: Any, c: Sequence[float], x: Tensor, y: Tensor) -> _Solution:
     """Ideal points (...) of distorted points (...) on an untilted sensor, and which of them are valid; the others are
     (0, 0). By Newton from the core's table, each step shortened until it stays inside the region and the residual
     falls; the same on every device, for those whose memory the core cannot read."""

@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(error.what, where=args.table, remedy=error.remedy) from None
     document = _stiffness_document(table, solution, args.force_N, args.distance_m, moment)
     document |= {"inputs_sha256": {args.table.name: sha256(args.table)}, "command": list(args.argv)}
-    report(document)
+    _report(document)
     if args.output:
         write_json(args.output, document, args.force)
         say(f"wrote {args.output}")
@@ -198,7 +198,7 @@ def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dic
     return warnings + [words for holds, words in rules if holds]
 
 
-def report(document: dict[str, Any]) -> None:
+def _report(document: dict[str, Any]) -> None:
     low, high = document["stiffness_interval_95_Nm2"]
     value, std = document["stiffness_Nm2"], document["stiffness_std_Nm2"]
     say(f"EI         {value:.5g} ± {std:.2g} N·m², 95 % {low:.5g} … {high:.5g}")

@@ -267,7 +267,7 @@ class _ViewChange:
     log_odds: float  # of the evidence for it, all places of the pattern counted
 
 
-def find_change(
+def _find_change(
     score: np.ndarray, information: np.ndarray, patterns: np.ndarray, variance_px2: float, prior_std: float
 ) -> tuple[int, float, float, float] | None:
     """Which pattern (K, V) a parameter's values over the views follow best, its size, standard deviation and log odds
@@ -365,7 +365,7 @@ class ViewSet:
         score, information = self.own_scores(parameter)
         found = []
         for name, pattern in patterns.items():
-            change = find_change(score, information, pattern, self.variance_px2, _LIMITS.focal_std * unit)
+            change = _find_change(score, information, pattern, self.variance_px2, _LIMITS.focal_std * unit)
             if change is not None and abs(change[1]) > _LIMITS.noticeable * unit:
                 index = int(firsts[change[0]]) if name == "step" else change[0]
                 found.append(_ViewChange(name, index, *change[1:]))

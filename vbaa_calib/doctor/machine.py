@@ -37,7 +37,7 @@ _TORCH = (
 
 
 @dataclass(frozen=True)
-class EndedProcess:
+class _EndedProcess:
     """How a process ended: its exit code, None when it took too long; negative when a signal ended it."""
 
     code: int | None
@@ -50,10 +50,10 @@ class EndedProcess:
         return late if self.code is None else f"{failed} ({lines[-1].strip() if lines else 'it said nothing'})"
 
 
-_Try = Callable[[Sequence[str], float], EndedProcess]
+_Try = Callable[[Sequence[str], float], _EndedProcess]
 
 
-def try_python(arguments: Sequence[str], seconds: float) -> EndedProcess:
+def _try_python(arguments: Sequence[str], seconds: float) -> _EndedProcess:
     """Run this Python with these arguments; -P keeps the current folder's own modules out of it."""
     try:
         done = subprocess.run(
@@ -67,13 +67,13 @@ def try_python(arguments: Sequence[str], seconds: float) -> EndedProcess:
         )
     except subprocess.TimeoutExpired as late:
         out = late.stdout or b""
-        return EndedProcess(None, out if isinstance(out, str) else out.decode(errors="replace"))
+        return _EndedProcess(None, out if isinstance(out, str) else out.decode(errors="replace"))
     except OSError as error:
-        return EndedProcess(127, err=str(error))
-    return EndedProcess(done.returncode, done.stdout, done.stderr)
+        return _EndedProcess(127, err=str(error))
+    return _EndedProcess(done.returncode, done.stdout, done.stderr)
 
 
-def drawing(attempt: _Try = try_python) -> HealthFinding:
+def drawing(attempt: _Try = _try_python) -> HealthFinding:
     """Whether 3-D pictures can be drawn. Pages and glTF need no OpenGL, so this alone stops nothing."""
     tried = attempt(["-m", "viz.render.probe"], _DRAWING_SECONDS)
     if tried.code == 0:
@@ -96,7 +96,7 @@ def drawing(attempt: _Try = try_python) -> HealthFinding:
 def cameras(
     devices: Sequence[str] | None = None,
     readable: Callable[[str], bool] = lambda path: os.access(path, os.R_OK | os.W_OK),
-    attempt: _Try = try_python,
+    attempt: _Try = _try_python,
     system: str = sys.platform,
 ) -> HealthFinding:
     """Cameras, and whether they give a picture. None is no fault: pictures come from files and streams too."""
@@ -135,7 +135,7 @@ def cameras(
     return HealthFinding("cameras", words, tuple(problems), {"devices": list(devices), "giving": giving})
 
 
-def torch(attempt: _Try = try_python) -> HealthFinding:
+def torch(attempt: _Try = _try_python) -> HealthFinding:
     """Whether torch loads, and how long that takes; `vbaa check` and who gives tensors wait for it."""
     tried = attempt(["-c", _TORCH], _TORCH_SECONDS)
     fields = tried.out.split()

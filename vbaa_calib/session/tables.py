@@ -82,7 +82,7 @@ class Frame(Still):
 
 
 @dataclass(frozen=True, eq=False)
-class FrameColumns(Rows, Sequence[Frame]):
+class _FrameColumns(Rows, Sequence[Frame]):
     """Frames of a recording without pictures, by columns (F,), which are small to keep and quick to send."""
 
     frame: np.ndarray
@@ -109,17 +109,17 @@ class FrameColumns(Rows, Sequence[Frame]):
 
 def numbers_of(frames: Sequence[Frame]) -> np.ndarray:
     """The frames' numbers (F,)."""
-    return frames.frame if isinstance(frames, FrameColumns) else np.array([each.frame for each in frames], np.int64)
+    return frames.frame if isinstance(frames, _FrameColumns) else np.array([each.frame for each in frames], np.int64)
 
 
 def pictures_of(frames: Sequence[Frame]) -> list[Path]:
     """The pictures of those frames that have one."""
-    return [] if isinstance(frames, FrameColumns) else [each.image for each in frames if each.image is not None]
+    return [] if isinstance(frames, _FrameColumns) else [each.image for each in frames if each.image is not None]
 
 
 def without_moments(frames: Sequence[Frame]) -> Sequence[Frame]:
     """Frames for vision alone."""
-    if isinstance(frames, FrameColumns):
+    if isinstance(frames, _FrameColumns):
         nothing = np.full(len(frames), np.nan)
         return replace(frames, **dict.fromkeys(SILENT, nothing))
     return [replace(frame, **SILENT) for frame in frames]
@@ -237,7 +237,7 @@ def recording_of(path: Path, *, with_images: bool) -> Sequence[Frame]:
     plain = None if with_images else plain_columns(path, columns, tuple(SILENT))
     if plain is not None and "moment_Nm" in plain and _is_sound(plain):
         unread = dict.fromkeys(SILENT, np.full(len(plain["frame"]), np.nan))
-        return FrameColumns(**unread | plain | {"frame": plain["frame"].astype(np.int64)})
+        return _FrameColumns(**unread | plain | {"frame": plain["frame"].astype(np.int64)})
     rows = csv_rows(path, columns, tuple(SILENT), _IN_DEGREES)
     first = next(rows)
     _refuse_misspelt(path, "moment_Nm", (*columns, *SILENT))

@@ -124,15 +124,15 @@ def write_session(
     refuse_target(folder, force)
     place, sheet = studio(scene.lens, scene.picture, stream(scene, "bench")), print_sheet(scene.board)
     photographer = TracedPictures(scene, place, sheet, stream(scene, "bench")) if traced else None
-    take = photographer.shot if photographer else drawn_pictures(scene, place, sheet)
+    take = photographer.shot if photographer else _drawn_pictures(scene, place, sheet)
     planned = plan(scene, scene.traced.readout if traced else 0.0)
     with replacing_folder(folder) as root:
         for name in ("intrinsics", "plane", "noload", "loads", "recording"):
             (root / name).mkdir()
-        (root / "session.yaml").write_text(session_yaml(scene), encoding="utf-8")
+        (root / "session.yaml").write_text(_session_yaml(scene), encoding="utf-8")
         truth = dict(planned.truth) | ({"traced": vars(scene.traced)} if traced else {})
         if scene.sweep:
-            truth["sweep"] = {"T_world_board": write_sweep(scene, take, sheet, root).to_dict()}
+            truth["sweep"] = {"T_world_board": _write_sweep(scene, take, sheet, root).to_dict()}
         if scene.over is not None:
             truth["over"] = _write_over(scene, place, sheet, root, photographer)
         write_json(root / "truth.json", truth)
@@ -160,7 +160,7 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         writer.writerows(rows)
 
 
-def drawn_pictures(scene: Scene, place: Studio, sheet: Sheet) -> Take:
+def _drawn_pictures(scene: Scene, place: Studio, sheet: Sheet) -> Take:
     """Takes pictures by our own drawing, each at one instant."""
     return lambda shot, after, rng: render_shot(scene, place, sheet, shot, rng)
 
@@ -204,7 +204,7 @@ def _write_labels(scene: Scene, place: Studio, planned: Plan, taken: Sequence[bo
     write_rows(root / "labels/contacts.csv", contacts)
 
 
-def write_sweep(scene: Scene, take: Take, sheet: Sheet, root: Path) -> Pose:
+def _write_sweep(scene: Scene, take: Take, sheet: Sheet, root: Path) -> Pose:
     """Write sweep/*.png and sweep/sweep.csv: a board fixed in the world, always wholly in the picture.
 
     Returns T_world_board of the printed face. Raises InputError if the board cannot stay in view.
@@ -262,7 +262,7 @@ def _sensor(scene: Scene) -> dict[str, Any]:
     return {"wrench_sensor": {"components": list(several.components), **noise, "T_antenna_sensor": pose}}
 
 
-def session_yaml(scene: Scene) -> str:
+def _session_yaml(scene: Scene) -> str:
     """session.yaml: what the user of such a rig would know, not what is true of it."""
     antenna, over = scene.antenna, scene.over
     numbers = ("length_m", "diameter_m", "youngs_modulus_Pa", "density_kg_m3")

@@ -27,14 +27,14 @@ _USER = re.compile(r"://.*@", re.DOTALL)
 _SECRET = re.compile(r"([?&;][^=&;]*(?:pass|pwd|user|usr|token|key|auth|secret|sig)[^=&;]*=)[^&;#]*", re.IGNORECASE)
 
 
-def without_secrets(text: str) -> str:
+def _without_secrets(text: str) -> str:
     """A URL without user, password (all up to the last @) and tokens."""
     return _SECRET.sub(r"\1***", _USER.sub("://***@", text))
 
 
 def shown(text: str) -> str:
     """A text for a message: one line of at most 100 characters, without secrets."""
-    line = one_line(without_secrets(text))
+    line = one_line(_without_secrets(text))
     return line if len(line) <= _LONGEST else f"{line[:_LONGEST]}…"
 
 

@@ -55,7 +55,7 @@ def udp_socket(address: str) -> socket.socket:
     return taken
 
 
-def datagrams(listening: socket.socket, notes: list[str], key: bytes | None = None) -> Iterator[Reading | None]:
+def _datagrams(listening: socket.socket, notes: list[str], key: bytes | None = None) -> Iterator[Reading | None]:
     """The readings that have come, a JSON line each, or several lines in one datagram; None where there is none now.
 
     key : datagrams without its HMAC, or with a number that is not larger than the one before, are left out.
@@ -121,7 +121,7 @@ def with_datagrams(source: MessageSource, listening: socket.socket | None, key: 
 
     def messages() -> Messages:
         with listening:
-            received = datagrams(listening, source.notes, key)
+            received = _datagrams(listening, source.notes, key)
             for message in source.messages():
                 # those of the picture's own instant are here by now
                 yield from iter(lambda: next(received), None)

@@ -44,7 +44,7 @@ def _in_turn(rows: Iterable[Mapping[str, str]], path: Path) -> Iterator[tuple[Ma
         before = None if row is None else (row, time_s)
 
 
-def csv_readings(path: Path) -> tuple[frozenset[str], Iterator[Reading]]:
+def _csv_readings(path: Path) -> tuple[frozenset[str], Iterator[Reading]]:
     """The channels of a table and its readings: time_s and any of moment_Nm, moment_z_Nm, pan_rad, tilt_rad.
 
     pan_deg and tilt_deg are taken, too; an empty cell is no reading. Raises InputError with file, line and remedy.
@@ -70,7 +70,7 @@ def with_readings(source: MessageSource, path: Path | None, offset_s: float) -> 
     """A recorded source with the readings of a table, each coming before the first picture that is not before it."""
     if path is None:
         return source
-    channels, readings = csv_readings(path)
+    channels, readings = _csv_readings(path)
 
     def messages() -> Messages:
         # as it is on the source's clock, so that a picture waits by that

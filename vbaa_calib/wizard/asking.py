@@ -72,7 +72,7 @@ def take_back(store: Store, step: str) -> bool:
     return True
 
 
-def keep_answer(store: Store, key: str, value: Any) -> None:
+def _keep_answer(store: Store, key: str, value: Any) -> None:
     """Store an answer. If it differs from the one taken back, what depended on that one is dropped."""
     other = store.retracted.get(key, value) != value
     if other:
@@ -92,7 +92,7 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
         first = questions[0].key if questions else ""
         if step.name == "board" and "measure_x_mm" not in answers and first != "board":
             if answers["board"] == "new" and "paper" not in answers:
-                keep_answer(store, "paper", BY_KEY["paper"].default)
+                _keep_answer(store, "paper", BY_KEY["paper"].default)
                 answers = store.journal.answers
             # it is known which board it is: board.yaml, the sheet, and how long its print should be
             store.answer(_make_board(store, answers))
@@ -130,14 +130,14 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
             continue
         if question.key == "board" and (paper := re.fullmatch(r"new\s+(\S+)", str(value), re.IGNORECASE)):
             try:
-                keep_answer(store, "paper", BY_KEY["paper"].read(paper[1]))
+                _keep_answer(store, "paper", BY_KEY["paper"].read(paper[1]))
             except InputError as error:
                 ui.say(f"not taken: {error}")
                 continue
             value = "new"
         if question.key in ("board", "source"):
             value = absolute(Path(), str(value))
-        keep_answer(store, question.key, value)
+        _keep_answer(store, question.key, value)
         _forget_if_inconsistent(store, ui)
         if (doubts := _typed_doubts(state, question.key)) and not ui.keeps(doubts):
             store.retracted[question.key] = value

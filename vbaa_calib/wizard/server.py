@@ -82,7 +82,7 @@ _Text = Annotated[str, Field(max_length=_TEXT_LIMIT), AfterValidator(_printable)
 _Number = Annotated[float, Field(ge=-1e15, le=1e15)]
 
 
-class PageCommand(BaseModel):
+class _PageCommand(BaseModel):
     """A click, or an answer as {key: value}; `seen` is the number of the state that the page showed."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
@@ -91,7 +91,7 @@ class PageCommand(BaseModel):
     seen: Annotated[int, Field(ge=0, lt=10**15)] | None = None
 
     @model_validator(mode="after")
-    def _has_the_right_value(self) -> PageCommand:
+    def _has_the_right_value(self) -> _PageCommand:
         if (None if self.value is None else len(self.value)) != (1 if self.kind == "answer" else None):
             raise ValueError("an answer is one key with its value, another command has none")
         return self
@@ -139,7 +139,7 @@ class PageServer:
         self._lock = threading.Lock()
         self._number, self._body, self._report = 0, b"", ""
         self._pictures: deque[tuple[int, bytes]] = deque(maxlen=_PICTURES_KEPT)
-        self._commands: queue.Queue[PageCommand] = queue.Queue(_COMMANDS_KEPT)
+        self._commands: queue.Queue[_PageCommand] = queue.Queue(_COMMANDS_KEPT)
         self._changed = asyncio.Event()
         self._app = Starlette(
             routes=[
@@ -193,7 +193,7 @@ class PageServer:
         self._wake()
         return self._number
 
-    def take_commands(self) -> list[PageCommand]:
+    def take_commands(self) -> list[_PageCommand]:
         """The commands since the last call, in order."""
         return [self._commands.get_nowait() for _ in range(self._commands.qsize())]
 
@@ -298,7 +298,7 @@ class PageServer:
         if max(length, len(body)) > BODY_LIMIT:
             raise HTTPException(413, f"a command has at most {BODY_LIMIT} bytes")
         try:
-            command = PageCommand.model_validate_json(body)
+            command = _PageCommand.model_validate_json(body)
             self._commands.put_nowait(command)
         except ValidationError as error:
             raise HTTPException(400, f"that is no command: {error.errors()[0]['msg']}") from None

@@ -43,7 +43,7 @@ from .session_state import SessionState, still_of
 
 
 @dataclass(frozen=True)
-class Number:
+class _Number:
     """A number and its goal, with units; `met` is None without a goal."""
 
     label: str
@@ -61,7 +61,7 @@ class Progress:
     next: str = ""
     enough: bool = False
     usable: bool = False
-    numbers: tuple[Number, ...] = ()
+    numbers: tuple[_Number, ...] = ()
     target: Suggestion | None = None  # where to show the board next
     diagnoses: tuple[Diagnosis, ...] = ()
 
@@ -190,7 +190,7 @@ def _board_progress(state: SessionState) -> Progress:
     seen = f"board {board_id(state.nominal_board)}: {size_words(state.board)}"
     if scale is None:
         return Progress((seen,), ("two readings of the print",))
-    number = Number("scale of the print", f"{100 * scale.scale:.2f} ± {100 * scale.std:.2f} %")
+    number = _Number("scale of the print", f"{100 * scale.scale:.2f} ± {100 * scale.std:.2f} %")
     return Progress((seen, scale.words), next=scale.remedy, enough=True, usable=True, numbers=(number,))
 
 
@@ -207,14 +207,14 @@ def _check_lens(state: SessionState, picture: Picture, readings: Readings | None
         check = replace(check, refusal=f"taken as {views[-1].name}: now another pose")
     elif (again := same_pose(view, views, state.board)) is not None:
         check = replace(check, refusal=str(again), hints=(*check.hints, again))
-    if (now := guidance(state)).suggestion is None:
+    if (now := _guidance(state)).suggestion is None:
         return check
     camera = None if now.solution is None else now.solution.camera
     close, closer = pose_match(now.suggestion, view, state.board, camera, view.image_size)
     return replace(check, closeness=close, closer=closer)
 
 
-def guidance(state: SessionState) -> ViewProgress:
+def _guidance(state: SessionState) -> ViewProgress:
     """How well the pictures determine points on plane C, and which pose would improve that most."""
     size = state.live_size or (1280, 720)
 
@@ -235,7 +235,7 @@ def _lens_progress(state: SessionState) -> Progress:
         return Progress((known.words,), next=_ENOUGH, enough=True, usable=True, diagnoses=known.diagnoses)
     seen = [f"{_counted(len(views), 'picture')}, {sum(len(view.ids) for view in views)} corners"]
     try:
-        now = guidance(state)
+        now = _guidance(state)
     except VbaaError as error:
         return Progress(tuple(seen), (str(error),), "show the board in another pose")
     target, missing = None, now.words
@@ -250,7 +250,7 @@ def _lens_progress(state: SessionState) -> Progress:
     # a lens of few pictures agrees with them by its freedom
     means = now.solution is not None and np.isfinite(now.std_m) and len(views) >= _TRUSTED_VIEWS
     reached, goal = bool(now.std_m <= GOAL_M), f"{1e3 * GOAL_M:.2f} mm"
-    std = Number("error that the lens adds where the antenna moves", f"{1e3 * now.std_m:.3f} mm", goal, reached)
+    std = _Number("error that the lens adds where the antenna moves", f"{1e3 * now.std_m:.3f} mm", goal, reached)
     return Progress(
         seen=tuple(seen),
         missing=() if now.enough else (missing,),
@@ -288,14 +288,14 @@ def _plane_progress(state: SessionState) -> Progress:
         covariance = covariance + estimate.lens_sensitivity @ lens.camera.covariance @ estimate.lens_sensitivity.T
     std = np.sqrt(np.diag(covariance))
     numbers = [
-        Number("camera's position, with the jig's own uncertainty", f"± {1e3 * std[3:].max():.2f} mm"),
-        Number("camera's angles, the same", f"± {1e3 * std[:3].max():.2f} mrad"),
+        _Number("camera's position, with the jig's own uncertainty", f"± {1e3 * std[3:].max():.2f} mm"),
+        _Number("camera's angles, the same", f"± {1e3 * std[:3].max():.2f} mrad"),
     ]
     if way == "plane":
         now = plane_progress(state.views("plane"), lens.board_shape, lens.camera, state.work_plane())
         enough, missing = now.enough, now.words
         if now.std_m >= 0:
-            numbers.insert(0, Number("plane C by lens and jig's pictures", f"± {1e3 * now.std_m:.3f} mm"))
+            numbers.insert(0, _Number("plane C by lens and jig's pictures", f"± {1e3 * now.std_m:.3f} mm"))
     else:
         enough, missing = count >= most, f"{most - count} more would average out noise and show a board that moves"
     x, y, z = 1e3 * estimate.T_antenna_camera.translation_m
@@ -352,7 +352,7 @@ def _loads_progress(state: SessionState) -> Progress:
         return Progress(seen, (str(error),), then)
     enough = now.enough and len(taken) >= _LOADS_LEAST
     value, goal = f"{100 * now.now.total:.2f} %", f"{100 * _STIFFNESS_GOAL:.0f} %"
-    std = Number("stiffness EI, one standard deviation", value, goal, now.reached)
+    std = _Number("stiffness EI, one standard deviation", value, goal, now.reached)
     return Progress(
         seen=seen,
         missing=(*(() if enough or now.reached else (now.words,)), *now.missing),
@@ -373,7 +373,7 @@ def _sensor_progress(state: SessionState) -> Progress:
     if (several := joint.sensor) is not None:
         turn_std = 1e3 * np.sqrt(np.diag(several.own_covariance)[:3]).max()
         numbers = tuple(
-            Number(name, f"gain {gain:.3f}, zero {zero:.3g}")
+            _Number(name, f"gain {gain:.3f}, zero {zero:.3g}")
             for name, gain, zero in zip(several.components, several.gain, several.offset, strict=True)
         )
         seen = f"its axes are known to {turn_std:.2g} mrad"
@@ -382,8 +382,8 @@ def _sensor_progress(state: SessionState) -> Progress:
     std = np.sqrt(np.diag(joint.covariance))[[GAIN, OFFSET]]
     scatter = float(np.sqrt(np.mean(joint.moment_residuals_Nm**2)))
     numbers = (
-        Number("gain", f"{gain:.4f} ± {std[0]:.4f}"),
-        Number("zero", f"{1e3 * offset:.3f} ± {1e3 * std[1]:.3f} mN·m"),
+        _Number("gain", f"{gain:.4f} ± {std[0]:.4f}"),
+        _Number("zero", f"{1e3 * offset:.3f} ± {1e3 * std[1]:.3f} mN·m"),
     )
     seen = f"{len(joint.moment_residuals_Nm)} readings, {1e3 * scatter:.3g} mN·m off the model (rms)"
     return Progress((seen,), (), remedy, enough=True, usable=True, numbers=numbers, diagnoses=tuple(diagnoses))

@@ -157,7 +157,7 @@ ON_A_STAND = _StillnessSettings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0, same
 
 
 @dataclass(frozen=True)
-class Stillness:
+class _Stillness:
     """The completed share of the hold, and whether to take this frame."""
 
     share: float
@@ -185,7 +185,7 @@ class StillnessDetector:
 
     def feed(
         self, image: np.ndarray, time_s: float, corners_px: np.ndarray = _NO_CORNERS, ids: np.ndarray = _NO_IDS
-    ) -> Stillness:
+    ) -> _Stillness:
         """Judge the next frame, (H, W) uint8, at a time on any monotonic clock.
 
         corners_px, ids : (N, 2), (N,) of a board in it; two frames that share 4 or more are compared by these alone.
@@ -201,7 +201,7 @@ class StillnessDetector:
             return self._restart(frame, "frames are missing: hold still")
         return self._judge(frame, last)
 
-    def _judge(self, frame: _FrameFeatures, last: _FrameFeatures) -> Stillness:
+    def _judge(self, frame: _FrameFeatures, last: _FrameFeatures) -> _Stillness:
         scale = max(1.0, max(frame.size) / 1280)
         step_px = _motion_px(frame, last)
         if math.isnan(step_px):
@@ -213,29 +213,29 @@ class StillnessDetector:
             return self._restart(frame, "moving: hold still")
         if not self._moved:
             self._hold = None
-            return Stillness(0.0, False, "taken: now move on")
+            return _Stillness(0.0, False, "taken: now move on")
         if self._hold is None or _motion_px(frame, self._hold[0]) > self._settings.drift_px * scale:
             return self._restart(frame, "hold still")
         return self._go_on(frame, self._hold, scale)
 
-    def _go_on(self, frame: _FrameFeatures, hold: tuple[_FrameFeatures, int, float], scale: float) -> Stillness:
+    def _go_on(self, frame: _FrameFeatures, hold: tuple[_FrameFeatures, int, float], scale: float) -> _Stillness:
         settings = self._settings
         first, frames, best = self._hold = (hold[0], hold[1] + 1, max(hold[2], frame.sharpness))
         held_s = frame.time_s - first.time_s
         # a frame's time stamp is rounded, to milliseconds in videos
         share = min((held_s + 1e-3) / settings.hold_s, frames / settings.hold_frames)
         if share < 1:
-            return Stillness(share, False, "hold still")
+            return _Stillness(share, False, "hold still")
         before = None if settings.same else self._taken
         if before is not None and _motion_px(frame, before) <= 2 * settings.step_px * scale:
-            return Stillness(0.0, False, "nothing has changed since the last picture: move on")
+            return _Stillness(0.0, False, "nothing has changed since the last picture: move on")
         if frame.sharpness < settings.sharp_share * best:
             if held_s > 2 * settings.hold_s:
                 return self._restart(frame, "the focus has changed: hold still")
-            return Stillness(1.0, False, "hold still: waiting for a sharp frame")
+            return _Stillness(1.0, False, "hold still: waiting for a sharp frame")
         self._taken, self._moved, self._hold = frame, False, None
-        return Stillness(1.0, True, "taken")
+        return _Stillness(1.0, True, "taken")
 
-    def _restart(self, frame: _FrameFeatures, words: str) -> Stillness:
+    def _restart(self, frame: _FrameFeatures, words: str) -> _Stillness:
         self._hold = (frame, 1, frame.sharpness)
-        return Stillness(0.0, False, words)
+        return _Stillness(0.0, False, words)

@@ -97,7 +97,7 @@ def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
 
     rig, contacts = Rig.load(out / "rig.json"), read_contacts(out / "contacts.csv")
     truth = read_json(out / "session" / "truth.json")
-    errors = score(rig, contacts, truth)
+    errors = _score(rig, contacts, truth)
     goals = {"distance_rmse_m": 1e3 * 0.02 * rig.antenna.length_m}
     rows = [(name, factor * errors[key], unit, goals.get(key, goal)) for name, key, factor, unit, goal in _GOALS]
     say(f"\n{'error against truth':<20}{'':>10}     goal")
@@ -114,7 +114,7 @@ def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
     return result
 
 
-def score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> dict[str, Any]:
+def _score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> dict[str, Any]:
     """Root mean square errors over the frames that were located, and the calibration's errors. SI units.
 
     `frames_ok` counts the frames whose status is right: located where there is contact, free where not. Force and

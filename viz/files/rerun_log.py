@@ -35,7 +35,7 @@ def refuse_log(target: str, force: bool) -> None:
     refuse_overwrite(Path(target), force)
 
 
-def open_viewer(port: int = 9876) -> str:
+def _open_viewer(port: int = 9876) -> str:
     """The URL of a viewer on this machine: of one that listens at the port, else of one that is opened.
 
     Raises OSError if none can be opened.
@@ -67,7 +67,7 @@ class RerunLog:
         self._stream = self._rerun.RecordingStream("vbaa")
         try:
             if target == _SPAWN:
-                self._stream.connect_grpc(open_viewer())
+                self._stream.connect_grpc(_open_viewer())
             elif "://" in target:
                 self._stream.connect_grpc(target)
             else:

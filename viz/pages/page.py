@@ -33,7 +33,7 @@ _UNITS = (
 _MOST_ROWS = 400
 
 
-def prose(text: str) -> Markup:
+def _prose(text: str) -> Markup:
     """Plain text as HTML; text in backquotes is a command, a hyphen before a number elsewhere is a minus."""
     parts = str(escape(text)).split("`")
     parts[-2:] = parts[-2:] if len(parts) % 2 else ["`".join(parts[-2:])]
@@ -56,7 +56,7 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     made.policies["json.dumps_kwargs"] = {"allow_nan": False}
-    made.filters |= {"prose": prose, "number": number, "base64": lambda data: base64.b64encode(data).decode()}
+    made.filters |= {"prose": _prose, "number": number, "base64": lambda data: base64.b64encode(data).decode()}
     return made
 
 

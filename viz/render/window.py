@@ -44,18 +44,18 @@ def show(scene: Scene, *, mode: str = "force") -> bool:
     require_opengl()
     with quiet():
         stage = Stage(scene, all_parts(scene), mode, _WINDOW.size, off_screen=False)
-        stage.plotter.window_size = list(fitting(stage.plotter.render_window.GetScreenSize()))
+        stage.plotter.window_size = list(_fitting(stage.plotter.render_window.GetScreenSize()))
     # VTK turns to drawing unseen where no window opens
     if stage.plotter.render_window.GetOffScreenRendering():
         stage.plotter.close()
         return False
-    Controls(stage, mode).add_to_window()
+    _Controls(stage, mode).add_to_window()
     stage.look_at_all()
     stage.plotter.show()
     return True
 
 
-def fitting(screen: tuple[int, int]) -> tuple[int, int]:
+def _fitting(screen: tuple[int, int]) -> tuple[int, int]:
     """The window's width and height on a screen of (width, height); as usual where that is unknown."""
     most = [
         int(_WINDOW.share * size) if size > 0 else wanted for size, wanted in zip(screen, _WINDOW.size, strict=True)
@@ -63,7 +63,7 @@ def fitting(screen: tuple[int, int]) -> tuple[int, int]:
     return min(_WINDOW.size[0], most[0]), min(_WINDOW.size[1], most[1])
 
 
-class Controls:
+class _Controls:
     """State of the window's slider and keys, applied to `stage`."""
 
     def __init__(self, stage: Stage, mode: str) -> None:

@@ -94,7 +94,7 @@ def make_report(
         facts = (Fact("Calibration", words, "look"), *facts)
     if sources.verdict is not None:
         facts = (*(Fact("Verdict", sentence(line), "look") for line in sources.verdict.lines), *facts)
-    pictures = [scene_picture(table, rig, estimate, contents, sources.session)]
+    pictures = [_scene_picture(table, rig, estimate, contents, sources.session)]
     if sources.session is not None and rig is not None:
         pictures.append(_seen_picture(table, rig, sources.session, sources.ground))
     files = {name: getattr(sources, name) for name in ("contacts", "framewise", "rig", "session", "truth")}
@@ -113,7 +113,7 @@ def packed(image: np.ndarray) -> bytes:
     return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
 
 
-def scene_picture(
+def _scene_picture(
     table: ContactTable,
     rig: Rig | None,
     estimate: ObjectEstimate | None,

@@ -46,7 +46,7 @@ def object_found(table: ContactTable, rig: Rig | None) -> tuple[ObjectEstimate |
     except InputError as error:
         why = Fact("The object", f"Nothing can be said of it: {str(error).rstrip('.')}.", "undetermined")
     else:
-        return estimate, estimate.track, facts_of(estimate)
+        return estimate, estimate.track, _facts_of(estimate)
     try:
         track = follow(table, rig)
     except InputError:
@@ -54,7 +54,7 @@ def object_found(table: ContactTable, rig: Rig | None) -> tuple[ObjectEstimate |
     return None, track, (_event_fact(track), why)
 
 
-def facts_of(estimate: ObjectEstimate) -> tuple[Fact, ...]:
+def _facts_of(estimate: ObjectEstimate) -> tuple[Fact, ...]:
     """An object estimate in words."""
     surface = estimate.surface
     patches = len(np.unique(surface.touched_patch))

@@ -201,7 +201,7 @@ def build_scene(
 
     Raises InputError when nothing is located, a contact is out of reach, or the contacts are not of this rig.
     """
-    instants = instants_of(table, None if estimate is None else estimate.track.phase)
+    instants = _instants_of(table, None if estimate is None else estimate.track.phase)
     items = None if rig is None else rig_items(rig, table, instants.row, instants.main)
     row, time_s = np.flatnonzero(table.located), table.time_s - table.time_s[0]
     points, forces, covariances = table.point_world_m, table.force_world_N, table.covariance_world_m2
@@ -237,7 +237,7 @@ def framewise(path: Path, refined: ContactTable) -> ContactTable:
     return table
 
 
-def instants_of(table: ContactTable, phase: np.ndarray | None = None, most: int = 240) -> Instants:
+def _instants_of(table: ContactTable, phase: np.ndarray | None = None, most: int = 240) -> Instants:
     """The instants of a recording. `phase` (B,) is a word per frame on its motion, as `estimator.track` gives it.
 
     Raises InputError when no frame has a located contact, or one is out of reach.

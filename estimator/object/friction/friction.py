@@ -89,7 +89,7 @@ def friction(
     without a rig, which counts every error as common and as the frame's own; `friction_rad` the standard deviation of
     the friction angle that the contacts were estimated with. The rig is for ν.
     """
-    rubs, axes, found = friction_touches(table, surface, track, shared, friction_rad)
+    rubs, axes, found = _friction_touches(table, surface, track, shared, friction_rad)
     rubs, mu = _fitted(rubs)
     determined, reason, interval = judge(rubs, mu)
     rows, normal = surface.touched_row, surface.touched_normal
@@ -148,7 +148,7 @@ def _fitted(rubs: FrictionTouches) -> tuple[FrictionTouches, Coefficient | None]
 
 def _update_normals(
     normals: Normals,
-    axes: Axes,
+    axes: _Axes,
     rubs: FrictionTouches,
     found: Angles,
     mu: Coefficient | None,
@@ -220,7 +220,7 @@ def _by_fit(before: np.ndarray, rubs: FrictionTouches, mu: Coefficient) -> tuple
 
 
 @dataclass(frozen=True, eq=False)
-class Axes:
+class _Axes:
     """At P touches, world frame, orthonormal; NaN where the antenna's tangent is not known.
 
     A smooth wire lies flat on what it touches: on its side the normal is taken less its part along the antenna, at its
@@ -232,11 +232,11 @@ class Axes:
     lateral: np.ndarray  # (P, 3) normal × along
 
     @staticmethod
-    def of(normal: np.ndarray, tangent: np.ndarray, at_tip: np.ndarray) -> Axes:
+    def of(normal: np.ndarray, tangent: np.ndarray, at_tip: np.ndarray) -> _Axes:
         """From unit vectors (P, 3), and where (P,) the tip touches."""
         lateral = _unit(np.cross(normal, tangent))
         flat = _unit(np.cross(tangent, lateral))
-        return Axes(
+        return _Axes(
             np.where(at_tip[:, None], normal, flat),
             np.where(at_tip[:, None], np.cross(lateral, normal), tangent),
             lateral,
@@ -258,8 +258,8 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.sum(a * b, axis=1)
 
 
-def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes) -> Angles:
-    """Of the forces in these rows (P,), from the normal about the antenna, positive along `Axes.lateral`."""
+def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: _Axes) -> Angles:
+    """Of the forces in these rows (P,), from the normal about the antenna, positive along `_Axes.lateral`."""
     force = table.force_world_N[rows]
     across = np.hypot(_dot(force, axes.normal), _dot(force, axes.lateral))
     y, z, across = table.force_y_N, table.force_z_N, np.where(across > 0.0, across, np.nan)
@@ -277,7 +277,7 @@ def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarra
     return Angles(angle, np.maximum(own, FrictionSettings.least_std_rad), modes)
 
 
-def _spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: Axes, patch: np.ndarray) -> np.ndarray:
+def _spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: _Axes, patch: np.ndarray) -> np.ndarray:
     """(P,) bool, of points (P, 3) with own covariances (P, 3, 3) on patches (P,); False where these are not known."""
     same = patch[:, None] == patch
     apart = np.where(same, cdist(point_m, point_m), 0.0)
@@ -292,12 +292,12 @@ def _spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: Axes, patch: n
     return (across > FrictionSettings.across_share * along) & (across > FrictionSettings.across_std * usual)
 
 
-def friction_touches(
+def _friction_touches(
     table: ContactTable, surface: Surface, track: Track, shared: CommonErrors, friction_rad: float
-) -> tuple[FrictionTouches, Axes, Angles]:
+) -> tuple[FrictionTouches, _Axes, Angles]:
     """The touches of a surface, with the axes and the forces' lateral directions behind them; see `friction`."""
     rows = surface.touched_row
-    axes = Axes.of(surface.touched_normal, table.tangent_world[rows], table.status[rows] == "tip_contact")
+    axes = _Axes.of(surface.touched_normal, table.tangent_world[rows], table.status[rows] == "tip_contact")
     found = _force_directions(table, shared, rows, axes)
     turned = axes.lateral_variance(surface.touched_normal_covariance)
     common = np.einsum("pi,pik->pk", axes.lateral, surface.touched_normal_modes)
@@ -352,7 +352,7 @@ def steady_slides(track: Track, time_s: np.ndarray) -> np.ndarray:
 
 
 def _friction_angles(
-    table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes, friction_rad: float
+    table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: _Axes, friction_rad: float
 ) -> Angles:
     """The friction angles by the data alone, without their prior, with S + 1 common errors; NaN where the prior is all
     there was, and at the tip, where the antenna's normal is not the object's."""

@@ -67,12 +67,12 @@ def next_touch(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits: Jo
     InputError : contacts without a touch to go by; a goal that is none of these; no touch within the limits stays on
         what is known of the surface.
     """
-    options = touches_within(contacts, rig, goal, limits)
+    options = _touches_within(contacts, rig, goal, limits)
     return options.chosen(int(np.nanargmin(options.std_after)))
 
 
 @dataclass(frozen=True, eq=False)
-class Options:
+class _Options:
     """Touches that can be made, and the deviation (B,) that the goal should have after each; NaN where it is none."""
 
     goal: str
@@ -105,7 +105,9 @@ class Options:
         )
 
 
-def touches_within(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits: JointLimits | None = None) -> Options:
+def _touches_within(
+    contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits: JointLimits | None = None
+) -> _Options:
     """All touches that `next_touch` compares; see there."""
     if goal not in GOALS:
         raise InputError(f"there is no goal {goal!r}", remedy=f"give one of {', '.join(GOALS)}")
@@ -144,7 +146,7 @@ def touches_within(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits
             f"no touch within the joint limits would tell anything of the {goal}",
             remedy="widen the limits" if goal != FRICTION else "touch the object beside where it was touched first",
         )
-    return Options(goal, reach, end, std, after, arrays.length_m)
+    return _Options(goal, reach, end, std, after, arrays.length_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +244,7 @@ def _own(index: int, count: int, total: int) -> np.ndarray:
 def _of_surface(found: SurfaceFit, reach: Reach, seen: _Offered) -> tuple[float, np.ndarray]:
     """Deviation of the surface, rms over all targets, now and after each touch (A-optimal)."""
     solution = found.solution
-    targets = places(found, reach)
+    targets = _places(found, reach)
     # of a line its course out of the object: where beside it the antenna touches is no shape
     height = (np.array([1.0]), np.array([0.0, 1.0]))
     rows = [values_at(x, height[x.shape[1] == 1]) for x in targets]
@@ -269,7 +271,7 @@ def _of_surface(found: SurfaceFit, reach: Reach, seen: _Offered) -> tuple[float,
     return float(np.sqrt(whole / count)), after
 
 
-def places(found: SurfaceFit, reach: Reach) -> list[np.ndarray]:
+def _places(found: SurfaceFit, reach: Reach) -> list[np.ndarray]:
     """Of each patch (N, 1) or (N, 2), where it was touched and where it can be."""
     result = []
     for index, one in enumerate(found.patches):

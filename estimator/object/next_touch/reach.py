@@ -149,7 +149,7 @@ def _against(
     return gaps, tilts, normals
 
 
-def surface_std(found: SurfaceFit, patch: np.ndarray, point_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
+def _surface_std(found: SurfaceFit, patch: np.ndarray, point_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """(B,) deviation of the surface along normals (B, 3) under points (B, 3), m."""
     result = np.full(len(patch), np.nan)
     for index in np.unique(patch):
@@ -208,7 +208,7 @@ def reachable(
     unknowns[:, 0] = np.clip(np.nan_to_num(first[:, 0], nan=0.5), TouchSettings.nearest, 1.0)
     begun = _bent(arrays, np.nan_to_num(touch), unknowns)
     _, _, normal = _against(found, patch, begun, radius)
-    std = surface_std(found, patch, begun.point_m, normal)
+    std = _surface_std(found, patch, begun.point_m, normal)
     shown = np.array([surely_known_m(found, index) for index in range(len(found.patches))])[patch]
     known &= std <= shown
     lever = _ways(arrays, np.nan_to_num(touch), begun.point_m, np.nan_to_num(normal))[1][:, 0]
@@ -223,7 +223,7 @@ def reachable(
         aim = np.einsum("bji,bj->bi", turn, np.nan_to_num(normal))[:, 1:]
         begun_at = np.column_stack([first[:, 0], size[:, None] * aim / arrays.force_unit_N])
         made, bent, outward = _pressed(found, arrays, patch, pressed, begun_at)
-        std = surface_std(found, patch, bent.point_m, outward)
+        std = _surface_std(found, patch, bent.point_m, outward)
         inside = (made[:, 0] > TouchSettings.nearest) & (made[:, 0] < TouchSettings.farthest)
         known = known & np.isfinite(made).all(axis=1) & inside & (std <= shown)
         known &= np.sum(bent.force_N * outward, axis=1) > 0.0

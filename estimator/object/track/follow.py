@@ -55,7 +55,7 @@ _COSINES = np.linspace(-0.8, 0.8, 5)
 _BENDS, _SHARES, _UNEVEN = np.array([-1.4, 0.0, 1.4]), np.array([0.25, 0.5, 0.25]), 0.15
 
 
-def ringing_frames(table: ContactTable) -> np.ndarray:
+def _ringing_frames(table: ContactTable) -> np.ndarray:
     """(B,) bool: the frame is `not_quasistatic`, or between two such."""
     swings = np.flatnonzero(table.status == "not_quasistatic")
     found = np.zeros(len(table), bool)
@@ -66,7 +66,7 @@ def ringing_frames(table: ContactTable) -> np.ndarray:
     return found
 
 
-def ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) -> tuple[Event, ...]:
+def _ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) -> tuple[Event, ...]:
     """One for each run of swinging frames."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], ringing, [False]]).astype(int)))
     step = median_step(table.time_s)
@@ -95,14 +95,14 @@ def _frequency_words(table: ContactTable, near: slice, beam: Beam | None, step: 
     free_Hz = 0.0 if beam is None else float(beam.first_mode_rad_s(np.zeros(()))) / (2.0 * np.pi)
     if free_Hz > 0.9 * fastest:
         return f"its first mode, {free_Hz:.1f} Hz or more, is too fast for {1.0 / step:.0f} frames a second"
-    found = frequency(time, signal, fastest)
+    found = _frequency(time, signal, fastest)
     if found is None:
         return "no one frequency stands out"
     doubt = "(or, of a free antenna that swings about rest, half of it)"
     return f"its bend comes and goes at {found[0]:.1f} ± {found[1]:.1f} Hz {doubt}, observable up to {fastest:.0f} Hz"
 
 
-def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tuple[float, float] | None:
+def _frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tuple[float, float] | None:
     """Frequency in Hz and standard deviation of the strongest line in a signal (N,) beside a slope (Lomb–Scargle); None
     where noise would show as much (beta distribution of the power's share)."""
     time = time_s - time_s.mean()
@@ -368,7 +368,7 @@ def follow(
     """
     if shared is None:
         shared = CommonErrors.none(table) if rig is None else shared_errors(rig, table)
-    ringing = ringing_frames(table)
+    ringing = _ringing_frames(table)
     contact = contact_states(table, ringing)
     kinematics, radius = (Kinematics(), _RADIUS_M) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
     phase = np.select([contact.state == 1, contact.state == 0], [TOUCHING, FREE], UNKNOWN).astype("<U8")
@@ -388,7 +388,7 @@ def follow(
             late = late[np.isin(phase[late], (FREE, TOUCHING))]
             phase[late] = TOUCHING if change.begins else FREE
     happened += _slip_events(table, phase, strokes)
-    happened += ringing_events(table, ringing, None if rig is None else Beam.of(rig))
+    happened += _ringing_events(table, ringing, None if rig is None else Beam.of(rig))
     time_of = dict(zip(table.frame.tolist(), table.time_s.tolist(), strict=True))
     return Track(
         phase=phase,

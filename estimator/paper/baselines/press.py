@@ -128,7 +128,7 @@ class Answer:
     reason: str = ""
 
 
-def world_turn(rotations: np.ndarray) -> np.ndarray:
+def _world_turn(rotations: np.ndarray) -> np.ndarray:
     """(F, 2) turns (w_y, w_z), rad, of the antenna's x axis since the first of the base's rotations (F, 3, 3)."""
     now = np.einsum("ji,fj->fi", rotations[0], rotations[:, :, 0])
     aside = np.linalg.norm(now[:, 1:], axis=1, keepdims=True)
@@ -183,7 +183,7 @@ def press_from_recording(
     return Press(
         Wire(rig.antenna.length_m, stiffness, mass, *deviations),
         Noise(point_std, float(np.sqrt(2.0)) * sensor.std_Nm / sensor.gain, 0.0),
-        world_turn(rotations),
+        _world_turn(rotations),
         # offset and weight drop out
         (np.asarray(pictures[1], float) - np.asarray(free[1], float)) / gain,
         seen,

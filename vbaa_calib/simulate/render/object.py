@@ -24,14 +24,14 @@ _STEEPEST = math.exp(-0.5)
 _SUBPIXELS = 4
 
 
-def cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """First hits of rays from one origin (3,) along directions (N, 3), world frame: depth (N,) in lengths of the ray's
     vector (inf: a miss), normal (N, 3), face (N,), a round side being face 0."""
     found: tuple[np.ndarray, np.ndarray, np.ndarray] = core.simulate.cast_rays(_body(obj), origin_m, directions)
     return found
 
 
-class Body(NamedTuple):
+class _Body(NamedTuple):
     """What is drawn of an object, as the core reads it.
 
     sides : (K, 4) half-spaces normal·(x − centre) ≤ offset. across : (3, 3) projects on the directions across its axis.
@@ -45,9 +45,9 @@ class Body(NamedTuple):
     steepest: float
 
 
-def _body(obj: TouchObject) -> Body:
+def _body(obj: TouchObject) -> _Body:
     steepest = 1.0 + _STEEPEST * sum(abs(one.height_m) / one.width_m for one in obj.bumps)
-    return Body(obj.numbers, np.column_stack(flat_sides(obj)), obj.across, _reach_m(obj), steepest)
+    return _Body(obj.numbers, np.column_stack(flat_sides(obj)), obj.across, _reach_m(obj), steepest)
 
 
 def flat_sides(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
@@ -87,7 +87,7 @@ def obstacle(place: Studio, obj: TouchObject, T_world_camera: Pose) -> DepthOfOb
     """The object as something that may stand in front of the antenna."""
 
     def depth(pixels: np.ndarray) -> np.ndarray:
-        return cast(obj, T_world_camera.translation_m, _world_rays(place.rays.at(pixels), T_world_camera))[0]
+        return _cast(obj, T_world_camera.translation_m, _world_rays(place.rays.at(pixels), T_world_camera))[0]
 
     return depth
 
@@ -108,7 +108,7 @@ def _shaded(
     obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray, albedo: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Brightness, whether the object is hit, and its face, each (N,)."""
-    depth, normal, face = cast(obj, origin_m, directions)
+    depth, normal, face = _cast(obj, origin_m, directions)
     light = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(normal @ LAMP_WORLD, 0.0)
     shade = core.simulate.shade(obj.center_world_m, origin_m, directions, depth, light)
     return albedo * shade, np.isfinite(depth), face

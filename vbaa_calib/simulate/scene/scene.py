@@ -37,7 +37,7 @@ class Degrees(ReadAs):
         super().__init__(Annotated[Number, Field(ge=low, le=high)], _radians)
 
 
-class Range(ReadAs):
+class _Range(ReadAs):
     """Annotation of a smallest and a largest value, both from `low` to `high` as the file writes them."""
 
     def __init__(self, low: float, high: float, convert: Callable[[Any], Any] = tuple) -> None:
@@ -203,8 +203,8 @@ class IntrinsicsSpec:
     """Pictures of the hand-held board: how many, and the ranges of distance and tilt."""
 
     pictures: Annotated[WholeNumber, Field(ge=1, le=1000)]
-    distance_m: Annotated[tuple[float, float], Range(0.01, 10)]
-    tilt_rad: Annotated[tuple[float, float], Range(0, 70, _radians), Field(alias="tilt_deg")]
+    distance_m: Annotated[tuple[float, float], _Range(0.01, 10)]
+    tilt_rad: Annotated[tuple[float, float], _Range(0, 70, _radians), Field(alias="tilt_deg")]
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,7 @@ class Sweep:
     frames: Annotated[WholeNumber, Field(ge=1, le=100_000)]
     free_frames: Annotated[WholeNumber, Field(ge=1, le=1000, default=2)]
     clearance_rad: Annotated[float, Degrees(0.01, 90), Field(alias="clearance_deg", default=_radians(2.0))]
-    push_rad: Annotated[tuple[float, float], Range(0.1, 60, _radians), Field(alias="push_deg")]
+    push_rad: Annotated[tuple[float, float], _Range(0.1, 60, _radians), Field(alias="push_deg")]
     swells: Annotated[Number, Field(ge=0, le=100, default=1.0)]
     sweep_rad: Annotated[tuple[float, float], ReadAs(tuple[Number, Number], _radians), Field(alias="sweep_deg")]
 
@@ -382,12 +382,12 @@ def camera_pose(
 def bundled_scene(name: str) -> Path:
     """Path of a scene that comes with the package. Raises InputError when there is none of that name."""
     path = Path(__file__).parent / "scenes" / f"{name}.yaml"
-    if name not in bundled_names():
-        remedy = f"the bundled ones are {', '.join(bundled_names())}"
+    if name not in _bundled_names():
+        remedy = f"the bundled ones are {', '.join(_bundled_names())}"
         raise InputError("is neither a file nor a bundled scene", where=name, remedy=remedy)
     return path
 
 
-def bundled_names() -> list[str]:
+def _bundled_names() -> list[str]:
     """Names of the scenes that come with the package."""
     return sorted(path.stem for path in (Path(__file__).parent / "scenes").glob("*.yaml"))

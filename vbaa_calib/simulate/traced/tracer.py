@@ -42,7 +42,7 @@ _PROBE = (
 
 
 @cache
-def load_mitsuba() -> Any:
+def _load_mitsuba() -> Any:
     """The module, set to its fastest variant. Raises InputError if it is not installed."""
     try:
         import mitsuba
@@ -96,7 +96,7 @@ class Tracer:
 
     def _around_and(self, one: Exposure, things: dict[str, Any]) -> dict[str, Any]:
         wires = {
-            f"wire_{n}": mesh(
+            f"wire_{n}": _mesh(
                 self.mi, tube_mesh(s * _MM, self.at(one.T_world_antenna @ points), radius * _MM, 0.6), look
             )
             for n, (s, points, radius, look) in enumerate(one.wires)
@@ -116,7 +116,7 @@ class Tracer:
         """The touched object."""
         shape = object_mesh(obj)
         look = matt(rgb(self.scene.picture.object))
-        return mesh(self.mi, Triangles(self.at(shape.vertices), shape.normals, shape.faces), look)
+        return _mesh(self.mi, Triangles(self.at(shape.vertices), shape.normals, shape.faces), look)
 
     def board(self, sheet: Sheet, T_world_board: Pose) -> Any:
         """The printed sheet."""
@@ -126,7 +126,7 @@ class Tracer:
         normals = np.tile(-T_world_board.rotation[:, 2], (4, 1))
         faces, uv = np.array([[0, 2, 1], [0, 3, 2]]), np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         print_ = np.repeat(sheet.texture[..., :1] / np.float32(65535), 3, axis=2)
-        return mesh(self.mi, Triangles(vertices, normals, faces), matt(picture_of(print_)), uv)
+        return _mesh(self.mi, Triangles(vertices, normals, faces), matt(picture_of(print_)), uv)
 
     def _sensor(self, one: Exposure) -> dict[str, Any]:
         focal, (width, height) = _pinhole(self.rays)
@@ -158,7 +158,7 @@ class Tracer:
 
 def tracer(scene: Scene, rays: RayMap, rng: np.random.Generator) -> Tracer:
     """Prepare a scene. Raises InputError without mitsuba, or for a lens too wide for a pinhole."""
-    mi = load_mitsuba()
+    mi = _load_mitsuba()
     if np.abs(rays.padded).max() > _WIDEST:
         what = "sees more than 143°, too wide for a pinhole picture"
         raise InputError(what, where=f"scene {scene.name}: camera", remedy="take a longer lens or the other renderer")
@@ -187,7 +187,7 @@ def _card(mi: Any, lit: dict[str, Any], middle: np.ndarray) -> float:
     return float(_render(mi, lit | {"card": card}, sensor, 256, 0).mean())
 
 
-def mesh(mi: Any, shape: Triangles, look: dict[str, Any], uv: np.ndarray | None = None) -> Any:
+def _mesh(mi: Any, shape: Triangles, look: dict[str, Any], uv: np.ndarray | None = None) -> Any:
     """One of mitsuba's meshes."""
     holds = mi.Properties()
     holds["surface"] = mi.load_dict(_native(mi, look))
@@ -206,7 +206,7 @@ def _loaded(mi: Any, thing: Any, shift: np.ndarray) -> Any:
     """A thing of the bench, set to where the bench is."""
     if isinstance(thing, tuple):
         shape, look = thing
-        return mesh(mi, Triangles(shape.vertices + shift, shape.normals, shape.faces), look)
+        return _mesh(mi, Triangles(shape.vertices + shift, shape.normals, shape.faces), look)
     if "to_world" in thing:
         thing = thing | {"to_world": placed(shift) @ thing["to_world"]}
     return mi.load_dict(_native(mi, thing))
