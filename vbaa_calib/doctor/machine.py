@@ -20,8 +20,23 @@ from vbaa_calib.core.errors import Diagnosis, Severity
 
 from . import HealthFinding, by_system, pip
 
-_DRAWING_SECONDS, _CAMERA_SECONDS, _TORCH_SECONDS = 90.0, 30.0, 120.0
-_SLOW_TORCH_SECONDS = 20.0
+
+@dataclass(frozen=True)
+class _MachineSettings:
+    """How long the checks may take, and how much room a session needs."""
+
+    drawing_s: float = 90.0  # to draw a ball without a screen
+    camera_s: float = 30.0  # to take a picture with each camera
+    torch_s: float = 120.0  # to load torch
+    slow_torch_s: float = 20.0  # from which loading torch counts as slow
+    full_disk_bytes: int = 200_000_000  # free bytes below which nothing is worth starting
+    low_disk_bytes: int = 2_000_000_000  # free bytes below which a session may not fit
+    low_memory_bytes: int = 2_000_000_000  # free bytes of memory below which a calibration may fail
+
+
+_LIMITS = _MachineSettings()
+
+
 _OPEN = (
     "import json, sys, cv2\n"
     "for index in map(int, sys.argv[1:]):\n"
@@ -75,10 +90,10 @@ def _try_python(arguments: Sequence[str], seconds: float) -> _EndedProcess:
 
 def drawing(attempt: _Try = _try_python) -> HealthFinding:
     """Whether 3-D pictures can be drawn. Pages and glTF need no OpenGL, so this alone stops nothing."""
-    tried = attempt(["-m", "viz.render.probe"], _DRAWING_SECONDS)
+    tried = attempt(["-m", "viz.render.probe"], _LIMITS.drawing_s)
     if tried.code == 0:
         return HealthFinding("drawing", "3-D pictures can be drawn")
-    how = tried.how(f"took longer than {_DRAWING_SECONDS:.0f} s", "failed")
+    how = tried.how(f"took longer than {_LIMITS.drawing_s:.0f} s", "failed")
     if tried.code is not None and (tried.code < 0 or not tried.err.strip()):
         how = f"was ended by signal {-tried.code}" if tried.code < 0 else "found no OpenGL that works"
     remedy = by_system(
@@ -115,7 +130,7 @@ def cameras(
         devices, indices = [], ["0", "1"]  # there is nothing to list: the first two are tried
     opened = {}
     if indices:
-        tried = attempt(["-c", _OPEN, *indices], _CAMERA_SECONDS)
+        tried = attempt(["-c", _OPEN, *indices], _LIMITS.camera_s)
         opened = dict(json.loads(line) for line in tried.out.splitlines() if line.startswith("["))
         if tried.code != 0:
             how = tried.how("does not answer", "ends the program that opens it")
@@ -137,25 +152,23 @@ def cameras(
 
 def torch(attempt: _Try = _try_python) -> HealthFinding:
     """Whether torch loads, and how long that takes; `vbaa check` and who gives tensors wait for it."""
-    tried = attempt(["-c", _TORCH], _TORCH_SECONDS)
+    tried = attempt(["-c", _TORCH], _LIMITS.torch_s)
     fields = tried.out.split()
     if tried.code != 0 or len(fields) != 4:
-        how = tried.how(f"takes longer than {_TORCH_SECONDS:.0f} s to load", "cannot be loaded")
+        how = tried.how(f"takes longer than {_LIMITS.torch_s:.0f} s to load", "cannot be loaded")
         again = pip("install", "--force-reinstall", '"torch>=2.4,<3"')
         remedy = by_system(again, again, f"winget install Microsoft.VCRedist.2015+.x64, then {again}")
         return HealthFinding("torch", "does not load", (Diagnosis("torch_broken", f"torch {how}", remedy, "wrong"),))
     seconds = float(fields[0])
     words = f"{fields[1]} loads in {seconds:.1f} s, {fields[2]} threads, {'with' if fields[3] == 'True' else 'no'} CUDA"
     problems: tuple[Diagnosis, ...] = ()
-    if seconds > _SLOW_TORCH_SECONDS:
+    if seconds > _LIMITS.slow_torch_s:
         slow = f"torch takes {seconds:.0f} s to load, and `vbaa check` waits for it"
         remedy = "put the environment on a local disk; have the virus scanner leave it out; try again when warm"
         problems = (Diagnosis("torch_slow", slow, remedy),)
     return HealthFinding("torch", words, problems, {"seconds": round(seconds, 3), "version": fields[1]})
 
 
-_MB, _GB = 1_000_000, 1_000_000_000
-_DISK_FULL, _DISK_LOW, _MEMORY_LOW = 200 * _MB, 2 * _GB, 2 * _GB
 _REMEDIES = {
     "current": "change to a folder of your own, or give outputs there",
     "temporary": "set TMPDIR (on Windows TEMP) to a folder that you may write to",
@@ -194,11 +207,13 @@ def writable(folders: Mapping[str, Path | None] | None = None) -> HealthFinding:
 def disk(free_bytes: int | None = None) -> HealthFinding:
     if free_bytes is None:
         free_bytes = shutil.disk_usage(Path.cwd()).free
-    said = f"only {free_bytes / _MB:.0f} MB are free on this disk, and a session with its pictures may need some GB"
-    severity: Severity = "wrong" if free_bytes < _DISK_FULL else "doubt"
+    said = (
+        f"only {free_bytes / 1_000_000:.0f} MB are free on this disk, and a session with its pictures may need some GB"
+    )
+    severity: Severity = "wrong" if free_bytes < _LIMITS.full_disk_bytes else "doubt"
     low = Diagnosis("disk_low", said, "make room, or work on another disk", severity)
-    problems = (low,) if free_bytes < _DISK_LOW else ()
-    return HealthFinding("disk", f"{free_bytes / _GB:.1f} GB free", problems, {"free_bytes": free_bytes})
+    problems = (low,) if free_bytes < _LIMITS.low_disk_bytes else ()
+    return HealthFinding("disk", f"{free_bytes / 1_000_000_000:.1f} GB free", problems, {"free_bytes": free_bytes})
 
 
 def _available_memory() -> int | None:
@@ -217,7 +232,7 @@ def computing(
 ) -> HealthFinding:
     free, threads = memory(), environ.get("OMP_NUM_THREADS")
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    said = f"{free / _GB:.1f} GB of memory" if free is not None else "memory unknown"
+    said = f"{free / 1_000_000_000:.1f} GB of memory" if free is not None else "memory unknown"
     seen = f"{count} cores, {said}, OMP_NUM_THREADS {threads or 'not set'}"
     low = "close other programs; large pictures and torch need about 2 GB"
     wrong = threads is not None and (not threads.isdigit() or int(threads) < 1)
@@ -225,7 +240,7 @@ def computing(
     setting = f"OMP_NUM_THREADS is {threads!r}, "
     waits = f"{setting}and there are {count} cores: threads wait for each other"
     rules = (
-        (free is not None and free < _MEMORY_LOW, "memory_low", f"only {said} are free", low),
+        (free is not None and free < _LIMITS.low_memory_bytes, "memory_low", f"only {said} are free", low),
         (wrong, "threads_wrong", f"{setting}which is no number of threads", f"set it to a number from 1 to {count}"),
         (many, "threads_many", waits, f"set it to {count}, or unset it"),
     )

@@ -138,8 +138,6 @@ def shadows(
     return HealthFinding("shadows", words, tuple(problems), {"places": places})
 
 
-_RIGHT = "opencv-contrib-python-headless"
-_RIGHT_RANGE = ">=4.14,<5"
 _NAMES = frozenset(
     f"opencv{contrib}-python{headless}" for contrib in ("", "-contrib") for headless in ("", "-headless")
 )
@@ -153,7 +151,7 @@ def opencv(
         known = {re.sub(r"[-_.]+", "-", each.metadata["Name"] or "").lower(): each for each in metadata.distributions()}
         installed = {name: each.version for name, each in known.items() if name in _NAMES}
     named = ", ".join(f"{name} {version}" for name, version in sorted(installed.items())) or "no wheel of OpenCV"
-    again = f'{pip("install", "--force-reinstall", "--no-deps")} "{_RIGHT}{_RIGHT_RANGE}"'
+    again = f'{pip("install", "--force-reinstall", "--no-deps")} "opencv-contrib-python-headless>=4.14,<5"'
     problems = []
     if len(installed) > 1:
         remedy = f"{pip('uninstall', '--yes', *sorted(installed))}, then {again}"

@@ -290,7 +290,6 @@ _READERS: Mapping[str, Callable[[Session], Sequence[Any]]] = {
     "loads": read_loads,
     "sweep": read_sweep,
 }
-_COLUMNS = ("pan_rad", "tilt_rad", *SILENT, "distance_m", "force_y_N", "force_z_N", "time_s")
 
 
 def adopt(store: Store, ui: Ui) -> None:
@@ -329,7 +328,10 @@ def _accepted(folder: Path, image: Path, row: Any) -> AcceptedPicture:
             f"lies outside {folder}", where=image, remedy="move it there, and correct its row in the table"
         )
     file = f"{folder.name}/{image.name}"
-    read = {name: getattr(row, name, None) for name in _COLUMNS}
+    read = {
+        name: getattr(row, name, None)
+        for name in ("pan_rad", "tilt_rad", *SILENT, "distance_m", "force_y_N", "force_z_N", "time_s")
+    }
     readings = {name: value for name, value in read.items() if value is not None and not math.isnan(value)}
     return AcceptedPicture(file=file, source=image.name, sha256=sha256(image), readings=readings)
 

@@ -21,11 +21,9 @@ from .steps import PictureCheck, Progress, Readings, Step
 from .stillness import ON_A_STAND, StillnessDetector
 from .ui import Interrupted, LivePicture, Ui
 
-_NO = "no: more pictures may be taken"
-GO_ON = Question("go_on", "", "Go on with the next step?", _NO, kind="yesno", default="yes")
-_WAIT_S = 0.2
-_ANSWERS = 5
-"""Lines of readings that are asked for before a picture is left out: a weight on a tilted antenna has none."""
+GO_ON = Question(
+    "go_on", "", "Go on with the next step?", "no: more pictures may be taken", kind="yesno", default="yes"
+)
 
 
 @dataclass
@@ -91,7 +89,7 @@ class Capture:
         if self.state.inputs(*PICTURES) != before:  # readings were corrected
             self.progress = None
             return None
-        picture = self.pending or self.source.next(_WAIT_S)
+        picture = self.pending or self.source.next(0.2)
         if picture is not None and self.source.live and picture is not self.pending:
             self._watch(picture)
         elif picture is not None:
@@ -246,7 +244,8 @@ class Capture:
         question = line_of(questions, picture.name)
         if self.unused:
             question = replace(question, default=[self.unused[one.key] for one in questions])
-        for left in reversed(range(_ANSWERS)):
+        # lines of readings asked for before a picture is left out: a weight on a tilted antenna has none
+        for left in reversed(range(5)):
             line = ui.ask(question)
             try:
                 typed = split_line(questions, line)

@@ -23,9 +23,14 @@ from .steps import REPORT, RIG, STEP_BY_NAME, Report, Step, conclude
 from .store import Store
 from .ui import Interrupted, Ui
 
-_TRY_AGAIN = Question("again", "", "Press Enter to try again", "what was taken is kept", kind="text", default="again")
-_BACK = "Press Enter to go back to the step before"
-_GO_BACK = Question("go_back", "", _BACK, "other pictures there may help", kind="text", default="back")
+_GO_BACK = Question(
+    "go_back",
+    "",
+    "Press Enter to go back to the step before",
+    "other pictures there may help",
+    kind="text",
+    default="back",
+)
 _ASKED_AGAIN = {
     "board": BOARD_ANSWERS,
     "lens": ("camera", *(one.key for one in OF_LENS_FILE)),
@@ -162,7 +167,11 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
         if lost is None:
             answer_all(state, ui, step)
         elif lost:
-            ui.ask(_TRY_AGAIN)
+            ui.ask(
+                Question(
+                    "again", "", "Press Enter to try again", "what was taken is kept", kind="text", default="again"
+                )
+            )
         else:
             _ask_for_source(state.store, ui, step.name)
 

@@ -16,8 +16,6 @@ from .steps import STEP_BY_NAME, PictureCheck
 from .ui import LivePicture, Ui, View
 
 _COLUMNS, _ROWS = 12, 8
-_WIDEST_PX = 1280
-_USUAL_SIZE = (1280, 720)
 _NOT_STILL: dict[str, Any] = {"hold": 0.0, "suggested_px": None, "suggestion": "", "closeness": None, "hints": []}
 
 
@@ -71,7 +69,7 @@ class Page(View):
                 self._look(ui, ui.picture)
             case "progress" if ui.progress.target is not None:
                 # no picture yet: the wanted pose in an empty frame
-                width, height = self._state.image_size or self._state.live_size or _USUAL_SIZE
+                width, height = self._state.image_size or self._state.live_size or (1280, 720)
                 blank = LivePicture(
                     np.zeros((height, width), np.uint8), PictureCheck(), 0.0, "no picture yet", live=False
                 )
@@ -144,7 +142,8 @@ class Page(View):
             "hints": [hint.to_dict() for hint in check.hints],
         }
         picture = view.image if view.drawn is None else view.drawn
-        shrunk = min(1.0, _WIDEST_PX / picture.shape[1])
+        # px: width of the page's picture
+        shrunk = min(1.0, 1280 / picture.shape[1])
         small = cv2.resize(picture, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
         self._jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
 

@@ -212,7 +212,6 @@ BY_KEY: Mapping[str, Question] = {question.key: question for question in QUESTIO
 DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
 OF_MATERIAL = ("youngs_modulus_GPa", "density_kg_m3")
 """What another material makes void."""
-_KNOWN_LENS = "Which file holds the lens, if it is known? camera.json, or one of ROS, OpenCV, Kalibr, mrcal or COLMAP"
 OF_LENS_FILE = (
     Question("camera_name", "lens", "Which camera of that file, if it holds several?", kind="text"),
     Question("size", "lens", "How large are its pictures, WxH in pixels, if it does not state that?", kind="sides"),
@@ -224,7 +223,12 @@ OF_LENS_FILE = (
 """What `vbaa_calib.cli.lens_file` has flags for."""
 SOURCES = (
     *(Question(f"{step}_source", step, "Where are its pictures, if not in source?", kind="text") for step in PICTURES),
-    Question("camera", "lens", _KNOWN_LENS, kind="text"),
+    Question(
+        "camera",
+        "lens",
+        "Which file holds the lens, if it is known? camera.json, or one of ROS, OpenCV, Kalibr, mrcal or COLMAP",
+        kind="text",
+    ),
     *OF_LENS_FILE,
 )
 """Never asked; flags and answers only."""
@@ -259,14 +263,11 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """Quantity → names under which it may be given, and their size in SI. The first one is what is kept."""
 COLUMNS = tuple(name for names in UNITS.values() for name in names)
-_STEADY_PART = 0.02
-"""Part of a weight's pull that may go along the antenna: a load of a session has no such component."""
 
 _JOINTS = (
     Question("pan_deg", "", "Pan angle", unit="degrees", default=0.0, low=-360.0, high=360.0),
     Question("tilt_deg", "", "Tilt angle", unit="degrees", default=0.0, low=-360.0, high=360.0),
 )
-_MOMENT = Question("moment_mNm", "", "Moment sensor's reading", unit="mN·m", low=-1e5, high=1e5)
 _LOAD = (
     Question("mass_g", "", "Mass on the antenna", unit="g", low=1e-6, high=1e6),
     Question("distance_mm", "", "Where it hangs, from the clamp along the antenna", unit="mm", low=0.01, high=10_000.0),
@@ -278,7 +279,7 @@ _ASKED = {"sweep": _JOINTS, "noload": _JOINTS, "loads": (*_LOAD, *_JOINTS)}
 def _sensed(column: str) -> Question:
     """What is asked for a column of the sensor's readings."""
     if column == "moment_Nm":
-        return _MOMENT
+        return Question("moment_mNm", "", "Moment sensor's reading", unit="mN·m", low=-1e5, high=1e5)
     quantity, axis, _ = column.rsplit("_", 2)
     if quantity == "moment":
         return Question(f"moment_{axis}_mNm", "", f"Moment about the sensor's {axis}", unit="mN·m", low=-1e5, high=1e5)
@@ -433,7 +434,8 @@ def complete(
     if not by_force and not any(pull):
         raise InputError("a mass pulls nowhere without gravity", where=where, remedy="give force_y_N and force_z_N")
     along = 0.0 if by_force else abs(pull[0]) / math.hypot(*pull)
-    if along > _STEADY_PART:
+    # part of a weight's pull: a load of a session has no component along the antenna
+    if along > 0.02:
         what = f"at these joint angles {100 * along:.0f} % of the weight pull along the antenna"
         raise InputError(what, where=where, remedy="hang weights on a level antenna; or give force_y_N, force_z_N")
     force = [part or 0.0 for part in given] if by_force else [readings["mass_kg"] * part for part in pull[1:]]

@@ -194,8 +194,19 @@ def _board_progress(state: SessionState) -> Progress:
     return Progress((seen, scale.words), next=scale.remedy, enough=True, usable=True, numbers=(number,))
 
 
-_FEWEST_VIEWS, _TRUSTED_VIEWS = 3, 6
-"""Pictures needed to solve for a lens, and to trust it."""
+@dataclass(frozen=True)
+class _StepSettings:
+    """When a step has enough pictures."""
+
+    least_views: int = 3  # of the board, to solve for a lens
+    trusted_views: int = 6  # of the board, to trust it
+    least_free: int = 2  # of the free antenna
+    enough_free: int = 5
+    least_loads: int = 2
+    stiffness_std: float = 0.01  # relative standard deviation of EI that suffices
+
+
+_LIMITS = _StepSettings()
 
 
 def _check_lens(state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
@@ -245,10 +256,10 @@ def _lens_progress(state: SessionState) -> Progress:
         seen.append(f"lens {now.solution.model}, rms {now.solution.rms_px:.2f} px")
         seen += [f"{one.name} is left out: {one.reason}" for one in now.solution.dropped]
     verdict = now.solution.verdict.diagnoses if now.solution is not None else ()
-    if len(views) < _FEWEST_VIEWS:
-        missing = f"{_counted(_FEWEST_VIEWS - len(views), 'more picture')}, then there is a first lens"
+    if len(views) < _LIMITS.least_views:
+        missing = f"{_counted(_LIMITS.least_views - len(views), 'more picture')}, then there is a first lens"
     # a lens of few pictures agrees with them by its freedom
-    means = now.solution is not None and np.isfinite(now.std_m) and len(views) >= _TRUSTED_VIEWS
+    means = now.solution is not None and np.isfinite(now.std_m) and len(views) >= _LIMITS.trusted_views
     reached, goal = bool(now.std_m <= GOAL_M), f"{1e3 * GOAL_M:.2f} mm"
     std = _Number("error that the lens adds where the antenna moves", f"{1e3 * now.std_m:.3f} mm", goal, reached)
     return Progress(
@@ -311,22 +322,17 @@ def _plane_progress(state: SessionState) -> Progress:
     )
 
 
-_FREE_LEAST, _FREE_ENOUGH, _LOADS_LEAST = 2, 5, 2
-_STIFFNESS_GOAL = 0.01
-"""Relative standard deviation of EI."""
-
-
 def _free_progress(state: SessionState) -> Progress:
     taken = state.taken("noload")
     missing, diagnoses, solved = list[str](), list[Diagnosis](), False
-    if len(taken) < _FREE_ENOUGH:
-        missing.append(_counted(_FREE_ENOUGH - len(taken), "more picture"))
+    if len(taken) < _LIMITS.enough_free:
+        missing.append(_counted(_LIMITS.enough_free - len(taken), "more picture"))
     if taken and np.ptp([np.degrees(one.readings["tilt_rad"]) for one in taken]) < 20.0:
         gain = " and the moment sensor's gain" * state.session.with_sensor
         missing.append(f"another tilt: how the antenna sags under its weight shows gravity{gain}")
     try:
         diagnoses = antenna_diagnoses(state, together=False)
-        if len(taken) >= _FREE_LEAST:
+        if len(taken) >= _LIMITS.least_free:
             diagnoses, solved = antenna_diagnoses(state), True
     except VbaaError as error:
         missing.append(str(error))
@@ -346,19 +352,19 @@ def _loads_progress(state: SessionState) -> Progress:
     seen = (_counted(len(taken), "load"),)
     masses = [1e-3 * float(mass) for mass in state.store.journal.answers["weights_g"]]
     try:
-        now = load_progress(state.joint(), state.session, masses, state.plane().kinematics, _STIFFNESS_GOAL)
+        now = load_progress(state.joint(), state.session, masses, state.plane().kinematics, _LIMITS.stiffness_std)
     except VbaaError as error:
         then = "correct what is said above; `back` leads to it" if taken else "hang a weight on the antenna"
         return Progress(seen, (str(error),), then)
-    enough = now.enough and len(taken) >= _LOADS_LEAST
-    value, goal = f"{100 * now.now.total:.2f} %", f"{100 * _STIFFNESS_GOAL:.0f} %"
+    enough = now.enough and len(taken) >= _LIMITS.least_loads
+    value, goal = f"{100 * now.now.total:.2f} %", f"{100 * _LIMITS.stiffness_std:.0f} %"
     std = _Number("stiffness EI, one standard deviation", value, goal, now.reached)
     return Progress(
         seen=seen,
         missing=(*(() if enough or now.reached else (now.words,)), *now.missing),
         next=_ENOUGH if enough else now.suggestion[2] if now.suggestion else "",
         enough=enough,
-        usable=len(taken) >= _LOADS_LEAST,
+        usable=len(taken) >= _LIMITS.least_loads,
         numbers=(std,) if taken else (),
         diagnoses=tuple(antenna_diagnoses(state)) if taken else (),
     )

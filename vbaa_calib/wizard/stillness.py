@@ -8,27 +8,28 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-_SMALL_PX = 320
-_TILE_PX = 20
-_SIGMAS = 5.0
-_FEWEST_CORNERS = 4
-_LEAST_SLOPE = 3.0
-"""Rms slope of a tile, grey levels per small pixel, below which it shows no motion."""
-_LEAST_SLOPE_PER_NOISE = 3.0
-_NOISE_MARGIN = 1.5
-"""Bright parts are noisier than dark ones, and a JPEG's small pixels noisier than white noise would make them."""
-_QUARTILE_OF_NOISE = 0.3186
-"""Lower quartile of |x| for standard normal x."""
-_WEAK_SHARE = 0.1
-"""Share of the squared slope in a tile's strongest direction that another direction needs to be used."""
-_UNLIKE_PX = 0.8
-"""Unexplained change over slope, small pixels, above which a tile shows something else."""
-_FAR_PX = 16.0
-"""Shift that such a tile counts as, small pixels."""
+
+@dataclass(frozen=True)
+class _TileSettings:
+    """How motion between two frames is read from their tiles. Small pixels: a frame shrunk to `small_px`."""
+
+    small_px: int = 320  # longer side of a shrunk frame
+    tile_px: int = 20  # side of a tile, small pixels
+    sigmas: float = 5.0  # standard deviations of its noise that a shift must exceed
+    fewest_corners: int = 4  # of a board that two frames share, to be compared by these alone
+    least_slope: float = 3.0  # rms slope of a tile, grey levels per small pixel, below which no motion is visible
+    slope_per_noise: float = 3.0  # the same, in standard deviations of a pixel's noise
+    noise_margin: float = 1.5  # bright parts, and a JPEG's small pixels, are noisier than white noise
+    weak_share: float = 0.1  # of the squared slope in a tile's strongest direction that another one needs to be used
+    unlike_px: float = 0.8  # unexplained change over slope, small pixels, above which the tile's content is another
+    far_px: float = 16.0  # shift that such a tile counts as, small pixels
+
+
+_TILES = _TileSettings()
 
 
 _NO_CORNERS, _NO_IDS = np.zeros((0, 2)), np.zeros(0, int)
-_X, _Y = (each.ravel() for each in np.meshgrid(*2 * [np.linspace(-1, 1, _TILE_PX, dtype=np.float32)]))
+_X, _Y = (each.ravel() for each in np.meshgrid(*2 * [np.linspace(-1, 1, _TILES.tile_px, dtype=np.float32)]))
 _BENDS = (np.ones_like(_X), _X, _Y, _X**2, _Y**2)
 """Polynomials by which the light's factor may vary across a tile."""
 
@@ -57,9 +58,9 @@ class _FrameFeatures:
 def _features_of(image: np.ndarray, time_s: float, corners_px: np.ndarray, ids: np.ndarray) -> _FrameFeatures:
     """Features of an (H, W) uint8 picture."""
     height, width = image.shape
-    scale = max(1.0, max(width, height) / _SMALL_PX)
-    columns, rows = (max(1, round(side / scale / _TILE_PX)) for side in (width, height))
-    means = cv2.resize(image, (columns * _TILE_PX, rows * _TILE_PX), interpolation=cv2.INTER_AREA)
+    scale = max(1.0, max(width, height) / _TILES.small_px)
+    columns, rows = (max(1, round(side / scale / _TILES.tile_px)) for side in (width, height))
+    means = cv2.resize(image, (columns * _TILES.tile_px, rows * _TILES.tile_px), interpolation=cv2.INTER_AREA)
     # area means of sharp edges are rough, and a shift read off rough slopes comes out too large
     small = cv2.GaussianBlur(means.astype(np.float32), (3, 3), 0)
     slopes = (cv2.Sobel(small, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(small, cv2.CV_32F, 0, 1, scale=1 / 8))
@@ -79,16 +80,18 @@ def _motion_px(frame: _FrameFeatures, other: _FrameFeatures) -> float:
     Small shifts come out up to twice too large; those above about 2 small pixels count as 16.
     """
     _, here, there = np.intersect1d(frame.ids, other.ids, return_indices=True)
-    if len(here) >= _FEWEST_CORNERS:
+    if len(here) >= _TILES.fewest_corners:
         return float(np.quantile(np.linalg.norm(frame.corners_px[here] - other.corners_px[there], axis=1), 0.9))
     slope = np.maximum(frame.slope, other.slope)
     noise = max(frame.noise, other.noise)
-    least_slope = max(_LEAST_SLOPE, _LEAST_SLOPE_PER_NOISE * noise)
+    least_slope = max(_TILES.least_slope, _TILES.slope_per_noise * noise)
     usable = slope > least_slope
     shift, unexplained = _shifts(frame.basis[usable], frame.tiles[usable] - other.tiles[usable], least_slope)
-    shift[unexplained > np.hypot(_UNLIKE_PX * slope[usable], np.sqrt(2) * _NOISE_MARGIN * noise)] = _FAR_PX
+    shift[unexplained > np.hypot(_TILES.unlike_px * slope[usable], np.sqrt(2) * _TILES.noise_margin * noise)] = (
+        _TILES.far_px
+    )
     measured = shift[np.isfinite(shift)]
-    return float(np.clip(measured.max(), 0.0, _FAR_PX)) * frame.scale if len(measured) else float("nan")
+    return float(np.clip(measured.max(), 0.0, _TILES.far_px)) * frame.scale if len(measured) else float("nan")
 
 
 def _shifts(basis: np.ndarray, change: np.ndarray, least_slope: float) -> tuple[np.ndarray, np.ndarray]:
@@ -112,8 +115,8 @@ def _shifts(basis: np.ndarray, change: np.ndarray, least_slope: float) -> tuple[
     left = np.maximum((change**2).sum(axis=1) - explained, 0.0) / (change.shape[1] - basis.shape[2])
     # twice the slope's noise is in the change, and a grey level's rounding is never less than this
     noise = np.sqrt((left[:, None] + 0.02) / values)
-    weak = (values < change.shape[1] * least_slope**2) | (values < _WEAK_SHARE * values[:, 1:])
-    beyond = np.where(weak, -np.inf, np.abs(along) / values - _SIGMAS * noise)
+    weak = (values < change.shape[1] * least_slope**2) | (values < _TILES.weak_share * values[:, 1:])
+    beyond = np.where(weak, -np.inf, np.abs(along) / values - _TILES.sigmas * noise)
     return beyond.max(axis=1), np.sqrt(left)
 
 
@@ -121,13 +124,14 @@ def _noise(image: np.ndarray) -> float:
     """Std of a pixel's noise, grey levels: lower quartile of second differences, as edges only enlarge them."""
     rows = image[::8].astype(np.int16)
     bends = np.abs(rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:])
-    return float(np.quantile(bends, 0.25)) / (_QUARTILE_OF_NOISE * np.sqrt(6)) if bends.size else 0.0
+    # 0.3186 is the lower quartile of |x| for standard normal x
+    return float(np.quantile(bends, 0.25)) / (0.3186 * np.sqrt(6)) if bends.size else 0.0
 
 
 def _cut(small: np.ndarray) -> np.ndarray:
-    rows, columns = (side // _TILE_PX for side in small.shape)
-    cut = small.reshape(rows, _TILE_PX, columns, _TILE_PX).swapaxes(1, 2)
-    return cut.reshape(rows * columns, _TILE_PX * _TILE_PX)
+    rows, columns = (side // _TILES.tile_px for side in small.shape)
+    cut = small.reshape(rows, _TILES.tile_px, columns, _TILES.tile_px).swapaxes(1, 2)
+    return cut.reshape(rows * columns, _TILES.tile_px * _TILES.tile_px)
 
 
 @dataclass(frozen=True)

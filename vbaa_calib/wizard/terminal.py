@@ -15,8 +15,6 @@ from typing import Any, TextIO
 from .questions import STEPS, Question, typed
 from .ui import COMMANDS, LivePicture, Ui, View
 
-_WIDEST = 100
-_NARROWEST = 40
 _STYLES = {"bold": "\033[1m", "dim": "\033[2m", "next": "\033[1;36m", "wrong": "\033[1;31m", "doubt": "\033[33m"}
 
 
@@ -57,7 +55,7 @@ class _Screen:
             columns = os.get_terminal_size(self._stream.fileno()).columns
         except (OSError, ValueError):
             columns = 0
-        return max(min(columns or shutil.get_terminal_size().columns, _WIDEST + 1) - 1, _NARROWEST)
+        return max(min(columns or shutil.get_terminal_size().columns, 100 + 1) - 1, 40)
 
     def write(self, text: str, style: str = "", indent: str = "", hang: str | None = None) -> None:
         """Write a paragraph."""
@@ -110,10 +108,8 @@ class _Screen:
         self._stream.flush()
 
 
-_STATUS_EVERY_S = 0.25
 _LABEL = 12 * " "
 _MOST_IN_PROMPT = 7  # choices; more stand above it
-_MESSAGE_STYLES = {"next": "next", "WRONG": "wrong", "look": "doubt"}
 _AFTER = "vbaa estimate finds contacts in a recording; vbaa check shows in a month whether the rig is still valid"
 
 
@@ -179,7 +175,9 @@ class Terminal(View):
                 for line in lines:
                     label = line.split(maxsplit=1)[0]
                     if line not in self._shown:
-                        self._write(line, _MESSAGE_STYLES.get(label, ""), "  ", _LABEL)
+                        self._write(
+                            line, {"next": "next", "WRONG": "wrong", "look": "doubt"}.get(label, ""), "  ", _LABEL
+                        )
                 self._shown = lines
             case "question" if ui.question is not None:
                 self._write("")
@@ -194,7 +192,7 @@ class Terminal(View):
                 self._screen.passing(f"  … {ui.doing}")
             case "live" if ui.picture is not None and ui.picture.live:
                 now = time.monotonic()
-                if now - self._status_s >= _STATUS_EVERY_S:
+                if now - self._status_s >= 0.25:
                     self._status, self._status_s = f"  {_live_words(ui.picture)}", now
             case "line":
                 self._write(ui.lines[-1], "doubt" if ui.problem == ui.lines[-1] else "", "  ", "    ")

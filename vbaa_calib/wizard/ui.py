@@ -25,7 +25,6 @@ COMMANDS = {
     "quit": "stop here; run the wizard again to go on",
     "help": "this list",
 }
-_TICK_S = 0.03
 _CHANGE = re.compile(r"\s*(\w+)\s*=\s*(\S.*)")
 """`key = value`, which changes an earlier answer."""
 
@@ -141,7 +140,7 @@ class Ui:
                     if view is not self.views[0]:
                         self.say(f"on the page: {typed(given)}")
                     return given
-            time.sleep(_TICK_S)
+            time.sleep(0.03)
 
     def commands(self) -> list[str]:
         """Commands since the last call; does not wait."""
