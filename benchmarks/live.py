@@ -31,7 +31,7 @@ from vbaa_calib.session import Frame, load_session, read_recording
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.sources.live import _CAMERA_FAULTS, LiveSource, StreamSettings
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
-from vbaa_calib.streams.devices import QUEUED, open_device
+from vbaa_calib.streams.devices import DEVICES, open_device
 from vbaa_calib.streams.recorded import TICK_S
 
 _RATE_HZ = 60.0
@@ -72,7 +72,7 @@ def alone(folder: Path, count: int) -> tuple[np.ndarray, np.ndarray, int]:
     spent, late_s = list[tuple[float, float]](), list[float]()
     while waiting or coming < count:
         while coming < count and coming / _RATE_HZ <= now_s:
-            if len(waiting) >= QUEUED:
+            if len(waiting) >= DEVICES.queued:
                 waiting.popleft()
             waiting.append(coming)
             coming += 1

@@ -21,9 +21,7 @@ from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, Joints, KnownLoad, S
 
 from .joint_paths import Place, sweep_joints
 
-_GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 _PLACES = ((0, 0), (-1, -1), (1, 1), (1, -1), (-1, 1), (-1, 0), (1, 0), (0, -1), (0, 1))
-_SPILL = 0.9
 
 
 def board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.random.Generator) -> list[Pose]:
@@ -34,10 +32,12 @@ def board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.r
     poses = []
     for index in range(spec.pictures):
         distance, tilt = rng.uniform(*spec.distance_m), rng.uniform(*spec.tilt_rad)
-        around = index * _GOLDEN_ANGLE + rng.uniform(-0.3, 0.3)
+        # the golden angle spreads directions evenly
+        around = index * (np.pi * (3.0 - np.sqrt(5.0))) + rng.uniform(-0.3, 0.3)
         turn = Rotation.from_rotvec(tilt * np.array([np.cos(around), np.sin(around), 0.0]))
         rotation = (turn * Rotation.from_rotvec([0.0, 0.0, rng.uniform(-0.5, 0.5)])).as_matrix()
-        room = np.maximum(middle - _SPILL * focal * size / (2 * distance), 0.0)
+        # part of the board's half that must stay inside
+        room = np.maximum(middle - 0.9 * focal * size / (2 * distance), 0.0)
         pixel = middle + room * _PLACES[index % len(_PLACES)] * rng.uniform(0.85, 1.0)
         centre = distance * np.append(normalise(lens, pixel[None])[0], 1.0)
         poses.append(Pose(rotation, centre - rotation[:, :2] @ middle_m))

@@ -20,10 +20,6 @@ from .shots import Wire, free_wires, wires_of
 from .traced.bench import antenna_surface, matt, rgb
 from .traced.tracer import Exposure, SurfacedTube, Tracer, tracer
 
-_INSTANTS = 5
-"""Of an open shutter."""
-_GREY = np.array([0.299, 0.587, 0.114], np.float32)
-
 
 class TracedPictures:
     """Takes path-traced pictures of a scene. Raises InputError where mitsuba is not installed."""
@@ -72,7 +68,9 @@ class TracedPictures:
     ) -> np.ndarray:
         spec, light = self._place.spec, self._place.light
         linear = from_.picture(exposures, things, int(rng.integers(2**31)))
-        linear, light = (linear[..., ::-1], light[..., None]) if self._scene.traced.color else (linear @ _GREY, light)
+        # red, green and blue in grey, as BT.601 weighs them
+        grey = np.array([0.299, 0.587, 0.114], np.float32)
+        linear, light = (linear[..., ::-1], light[..., None]) if self._scene.traced.color else (linear @ grey, light)
         return digitise(spec, 255.0 * blurred(np.ascontiguousarray(linear), spec.blur_px) * light, rng)
 
 
@@ -92,7 +90,7 @@ def _while_open(shot: AntennaShot, after: AntennaShot, shutter: float) -> list[A
     """The antenna at instants while the shutter is open, centred on the shot, on the way to the next frame."""
     ahead = CubicSpline(after.arclength_m, after.points_m)(shot.arclength_m)
     turn = np.subtract(*(np.array([at.pan_rad, at.tilt_rad]) for at in (after.joints, shot.joints)))
-    shares = shutter * ((np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5)
+    shares = shutter * ((np.arange(5) + 0.5) / 5 - 0.5)
     return [
         replace(
             shot,

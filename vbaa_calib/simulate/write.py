@@ -80,8 +80,6 @@ _PNG = (
     *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG),
 )
 """Noise does not compress: a real search takes three times as long and makes larger files."""
-_SWEEP = 1_000_000
-"""The sweep's pictures take their noise after all those of the plan."""
 
 
 def refuse_target(path: Path, force: bool, marker: str = "session.yaml") -> None:
@@ -216,7 +214,8 @@ def _write_sweep(scene: Scene, take: Take, sheet: Sheet, root: Path) -> Pose:
     for index, at in enumerate(joints):
         name = f"sweep_{index:03d}.png"
         shot = BoardShot(f"sweep/{name}", at, scene.T_world_camera(at).inverse() @ T_world_board)
-        _write_picture(folder / name, take(shot, None, stream(scene, "pictures", _SWEEP + index)))
+        # the sweep's pictures take their noise after all those of the plan
+        _write_picture(folder / name, take(shot, None, stream(scene, "pictures", 1_000_000 + index)))
         rows.append({"image": name, "pan_rad": at.pan_rad, "tilt_rad": at.tilt_rad})
     write_rows(folder / "sweep.csv", rows)
     return T_world_board

@@ -39,7 +39,6 @@ class Source(Protocol):
         """May be called twice."""
 
 
-_LONGEST = 4096
 _KINDS = "name a folder of pictures, a video, a bag, a camera like camera:0, or a stream like rtsp://host/path"
 
 
@@ -50,7 +49,7 @@ def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Sou
     """
     if not text.strip():
         raise InputError("no source of pictures is named", remedy=_KINDS)
-    if len(text) > _LONGEST or "\0" in text:
+    if len(text) > 4096 or "\0" in text:
         raise InputError("is not a path that can be", where=shown(text), remedy=_KINDS)
     if text.startswith("camera:"):
         return open_camera(*parse_camera(text.removeprefix("camera:")), seen)

@@ -23,22 +23,20 @@ from .files import Picture, SourceLost, frame_picture, shown, silence_opencv
 
 _Fault = Literal["closed", "blank", "broken", "hung"]
 """Cannot be opened; opened but without any frame; its frames stopped; does not respond."""
-_PAUSE_S = 0.05
-_LEAVE_S = 0.5
-_OLDEST_STAMP_S = 1.0
-"""A driver's stamp that is older is of another clock."""
-_BREAKS_TOLD = 10
-"""So many breaks are told at most; all are counted."""
 
 
 @dataclass(frozen=True)
 class StreamSettings:
-    """Timeouts for the first and the next frame, failed reads in a row, and waits before reopening (`retries_s`)."""
+    """How long a device may take, and how often it may fail."""
 
-    open_s: float = 10.0
-    silence_s: float = 5.0
-    failures: int = 20
-    retries_s: tuple[float, ...] = ()
+    open_s: float = 10.0  # timeout of the first frame
+    silence_s: float = 5.0  # timeout of the next frame
+    failures: int = 20  # failed reads in a row that end it
+    retries_s: tuple[float, ...] = ()  # waits before it is opened again
+    pause_s: float = 0.05  # after a failed read
+    leave_s: float = 0.5  # that its thread has to end
+    oldest_stamp_s: float = 1.0  # a driver's stamp that is older is of another clock
+    listed_breaks: int = 10  # that are reported one by one; all are counted
 
 
 class LiveSource:
@@ -97,7 +95,7 @@ class LiveSource:
     def notes(self) -> tuple[str, ...]:
         """How it is set up; then, as they come, its breaks."""
         broke_off = f"{self.name} broke off; it is opened again as soon as it can be"
-        return (*self.settings, *[broke_off] * min(self._breaks, _BREAKS_TOLD))
+        return (*self.settings, *[broke_off] * min(self._breaks, self._patience.listed_breaks))
 
     def frame(self, timeout_s: float) -> tuple[np.ndarray, float] | None:
         """The newest frame, waited for if necessary, as it came: pixels, and when since `start_s`; None if none comes.
@@ -133,7 +131,7 @@ class LiveSource:
 
     def close(self) -> None:
         self._stop.set()
-        self._thread.join(_LEAVE_S)
+        self._thread.join(self._patience.leave_s)
 
     def _error(self, kind: type[InputError], fault: _Fault) -> InputError:
         what, remedy = self._faults[fault]
@@ -188,7 +186,7 @@ class LiveSource:
                 taken_s = self._taken_s(capture)
                 if pixels is None:
                     failures += 1
-                    self._stop.wait(_PAUSE_S)
+                    self._stop.wait(self._patience.pause_s)
                     continue
                 self.reopened += self._away
                 self._away = False
@@ -229,7 +227,7 @@ class LiveSource:
             stamp_s = 1e-3 * capture.get(cv2.CAP_PROP_POS_MSEC) if self.stamped else -1.0
         except cv2.error:
             stamp_s = -1.0
-        return stamp_s if 0.0 <= now_s - stamp_s < _OLDEST_STAMP_S else now_s
+        return stamp_s if 0.0 <= now_s - stamp_s < self._patience.oldest_stamp_s else now_s
 
     def _expect_frame(self, within_s: float) -> None:
         with self._changed:

@@ -18,12 +18,11 @@ from .devices import open_device
 from .messages import MessageSource
 from .recorded import open_folder, open_lines, open_table, open_video, with_readings
 
-_VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".ts")
-
 
 def is_recorded(path: Path) -> bool:
     """Whether a path is meant for a stream that was recorded: a bag, a video, a table of pictures."""
-    return is_bag(path) or path.suffix.lower() in (*_VIDEOS, ".csv")
+    videos = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".ts")
+    return is_bag(path) or path.suffix.lower() in (*videos, ".csv")
 
 
 def open_recorded(

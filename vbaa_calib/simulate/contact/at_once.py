@@ -35,7 +35,6 @@ from vbaa_calib.simulate.scene.objects import TouchObject
 from .stick_slip import TOLERANCE, Bases, Contacts, Held, Setting, tangent_axes
 
 _SAMPLES = 400
-_PARALLEL = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +175,8 @@ def _line(
                 side[i] = side[i - 1]
     depth = reach_m - side * signed
     touches = present & (depth > 0.0)
-    along = np.flatnonzero(touches & (sine < _PARALLEL))
+    # sine of the angle between antenna and axis below which they are parallel
+    along = np.flatnonzero(touches & (sine < 0.05))
     if along.size:
         raise SolveError(f"frame {along[0]}: the antenna lies along the object's axis; a point contact needs an angle")
     return touches, depth, side[:, None] * normal

@@ -117,7 +117,7 @@ class Held(Rows):
 class Contacts:
     """One stroke of B frames: who touches, who sticks (B,), and the contacts, which mean nothing where none is.
 
-    A contact sticks if it has slid by less than `strokes.STICKS_M` since the frame before, in which it touched too.
+    A contact sticks if it has slid by less than `STROKE.sticks_m` since the frame before, in which it touched too.
     """
 
     touches: np.ndarray

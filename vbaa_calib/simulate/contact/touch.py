@@ -36,7 +36,7 @@ class Touch:
     force_antenna_N : (B, 3) the object's force on the antenna, antenna frame; zero without contact.
     contact_antenna_m : (B, 3) point of the centreline at the contact, antenna frame.
     touched_world_m, normal_world : (B, 3) touched point of the undeformed surface, and its outward normal.
-    sticks : (B,) bool; in contact in the previous frame, too, without slip since (`strokes.STICKS_M`).
+    sticks : (B,) bool; in contact in the previous frame, too, without slip since (`STROKE.sticks_m`).
     slip_world_m : (B, 3) slip of the antenna's material point since the previous frame; zero without contact there.
     shape : the antenna under its weight and this force.
     """

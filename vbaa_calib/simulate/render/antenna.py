@@ -12,8 +12,7 @@ from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import Lens, project
 
 from .picture import Patch, Studio, frame_around
-
-_SUBPIXELS = 4
+from .settings import PAINT
 
 DepthOfObstacle = Callable[[np.ndarray], np.ndarray]
 """Pixels (N, 2) to the depth (N,) along the camera's z of whatever may stand in front; inf where nothing does."""
@@ -85,11 +84,11 @@ def tube_patch(
     paint : albedo, 0 to 1.
     asymmetry : how much brighter one flank is; with 0 the centroid across the tube lies on the axis.
     """
-    steps = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
+    steps = (np.arange(PAINT.antenna_subpixels) + 0.5) / PAINT.antenna_subpixels - 0.5
     inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     curve = np.column_stack([seen.pixels, seen.tangents, seen.normals, seen.half_width_px])
     size = place.rays.lens.image_size
-    found = core.simulate.tube_pixels(curve, *size, inner, _SUBPIXELS, asymmetry)
+    found = core.simulate.tube_pixels(curve, *size, inner, PAINT.antenna_subpixels, asymmetry)
     rows, columns, nearest, coverage, shade = found
     if not rows.size:
         return None
@@ -103,11 +102,11 @@ def tube_patch(
     left, top, right, bottom = frame_around(place, centres)
 
     def laid_out(values: np.ndarray) -> np.ndarray:
-        fine = np.zeros((bottom - top, _SUBPIXELS, right - left, _SUBPIXELS), np.float32)
-        fine[rows - top, :, columns - left, :] = values.reshape(-1, _SUBPIXELS, _SUBPIXELS)
-        return fine.reshape((bottom - top) * _SUBPIXELS, (right - left) * _SUBPIXELS)
+        fine = np.zeros((bottom - top, PAINT.antenna_subpixels, right - left, PAINT.antenna_subpixels), np.float32)
+        fine[rows - top, :, columns - left, :] = values.reshape(-1, PAINT.antenna_subpixels, PAINT.antenna_subpixels)
+        return fine.reshape((bottom - top) * PAINT.antenna_subpixels, (right - left) * PAINT.antenna_subpixels)
 
-    return Patch(left, top, _SUBPIXELS, laid_out(light[:, None] * shade), laid_out(coverage))
+    return Patch(left, top, PAINT.antenna_subpixels, laid_out(light[:, None] * shade), laid_out(coverage))
 
 
 def visible_centreline(lens: Lens, seen: Tube, obstacle: DepthOfObstacle | None, step_px: float = 1.0) -> np.ndarray:

@@ -15,12 +15,10 @@ from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import Lens, RayMap, ray_map
 from vbaa_calib.simulate.scene.scene import PictureSpec
 
+from .settings import PAINT
+
 LAMP_WORLD = np.array([-0.32, 0.38, 0.87]) / np.linalg.norm([-0.32, 0.38, 0.87])
 """Direction toward the lamp, world frame: it shades board, antenna and object."""
-
-_BENCH_TEXELS, _BENCH_REACH = 1600, 1.3
-_SHAPES = 60
-"""Things that lie on the bench, in each of three degrees of focus."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +82,7 @@ def _light(lens: Lens, spec: PictureSpec) -> np.ndarray:
 
 
 def _bench(spec: PictureSpec, rng: np.random.Generator) -> np.ndarray:
-    size = (_BENCH_TEXELS, _BENCH_TEXELS)
+    size = (PAINT.bench_texels, PAINT.bench_texels)
     cloud = np.zeros(size, np.float32)
     for cells, weight in ((6, 0.5), (17, 0.25), (70, 0.12)):
         coarse = rng.standard_normal((cells, cells)).astype(np.float32)
@@ -97,9 +95,9 @@ def _bench(spec: PictureSpec, rng: np.random.Generator) -> np.ndarray:
 
 def _soft_shapes(rng: np.random.Generator, softness: float) -> np.ndarray:
     """Boards, discs and edges lying about, out of focus."""
-    canvas, one = np.zeros((2, _BENCH_TEXELS, _BENCH_TEXELS), np.float32)
-    for _ in range(_SHAPES):
-        centre, size = rng.uniform(0, _BENCH_TEXELS, 2), rng.uniform(25, 260, 2)
+    canvas, one = np.zeros((2, PAINT.bench_texels, PAINT.bench_texels), np.float32)
+    for _ in range(PAINT.bench_things):
+        centre, size = rng.uniform(0, PAINT.bench_texels, 2), rng.uniform(25, 260, 2)
         if rng.uniform() < 0.3:
             cv2.circle(one, centre.astype(int).tolist(), int(size[0] / 2), 1.0, -1)
         else:
@@ -119,7 +117,7 @@ def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
     The bench is far away: it turns with the camera and does not shift. Directions are laid out stereographically,
     straight down in the middle, so that it goes on past the horizon.
     """
-    texel = core.simulate.bench_texels(place.rays.padded, R_world_camera, _BENCH_TEXELS, _BENCH_REACH)
+    texel = core.simulate.bench_texels(place.rays.padded, R_world_camera, PAINT.bench_texels, PAINT.bench_reach)
     return cv2.remap(place.bench, texel, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
 
 

@@ -15,7 +15,6 @@ from vbaa_calib.native import core
 
 _PRECISE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
 _POINTS = 4000
-_NO_TURN, _NO_SHIFT = np.zeros((3, 1)), np.zeros((3, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +43,9 @@ def project(lens: Lens, points_camera_m: np.ndarray) -> np.ndarray:
     function = cv2.fisheye.projectPoints if lens.model == "fisheye" else cv2.projectPoints
     # OpenCV makes a Jacobian too: of few points at a time it stays in the processor's cache
     parts = np.split(safe, range(_POINTS, len(safe), _POINTS))
-    pixels = np.concatenate([function(p, _NO_TURN, _NO_SHIFT, lens.matrix, lens.distortion)[0] for p in parts])
+    pixels = np.concatenate(
+        [function(p, np.zeros((3, 1)), np.zeros((3, 1)), lens.matrix, lens.distortion)[0] for p in parts]
+    )
     pixels = np.asarray(pixels, float).reshape(-1, 2)
     return np.where(in_front[:, None], pixels, np.nan).reshape(*np.shape(points_camera_m)[:-1], 2)
 

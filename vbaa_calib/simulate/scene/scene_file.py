@@ -36,7 +36,6 @@ from .scene import (
     camera_pose,
 )
 
-_DISTORTION_LENGTHS = {"opencv": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 _Side = Annotated[WholeNumber, Field(ge=16, le=20_000)]
 _STEEPEST = 0.5
 """A bump's height over its width up to which `objects.implicit` still grows outwards near the surface: its slope there
@@ -71,7 +70,7 @@ class _Camera:
 
 
 def _lens_and_pose(read: _Camera) -> tuple[Lens, Pose]:
-    lengths = _DISTORTION_LENGTHS[read.model]
+    lengths = {"opencv": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}[read.model]
     if len(read.distortion) not in lengths:
         possible = f"{', '.join(map(str, lengths))} are possible for {read.model}"
         raise ValueError(f"has {len(read.distortion)} numbers", possible, "distortion")

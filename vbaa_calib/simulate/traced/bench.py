@@ -119,7 +119,7 @@ def bench(
 
     turn = Rotation.from_euler("z", along + rng.uniform(-0.6, 0.6)).as_matrix()
     top = placed([*middle, 0.0], turn, (_TEXTURED_MM / 2, _TEXTURED_MM / 2, 1.0))
-    texture = _TEXTURES.get(kind, _plain)(rng)
+    texture = {"wood": _wood, "cloth": _cloth, "patchwork": _patchwork}.get(kind, _plain)(rng)
     things: dict[str, _Solid] = {
         "top": {"type": "rectangle", "to_world": top, "bsdf": finish(picture_of(texture))},
         "around": {
@@ -212,6 +212,3 @@ def _patchwork(rng: np.random.Generator) -> np.ndarray:
         rng.uniform(0.15, 0.95, (40, 40, 3)).astype(np.float32), (_TEXELS, _TEXELS), interpolation=cv2.INTER_NEAREST
     )
     return np.clip(cells * (1.0 + 0.08 * _noise(rng, 500, 500))[..., None], 0.02, 0.95)
-
-
-_TEXTURES = {"wood": _wood, "cloth": _cloth, "patchwork": _patchwork}
