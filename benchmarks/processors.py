@@ -31,7 +31,6 @@ from threadpoolctl import threadpool_info
 
 from benchmarks.harness import markdown, replace_marked
 from benchmarks.real_sets import SETS
-from benchmarks.unchanged import SCENES
 from estimator.budget.budget import Budget, error_budget
 from estimator.contact.contacts import Contacts
 from estimator.object.estimate import ObjectEstimate, estimate_object
@@ -44,6 +43,7 @@ from vbaa_calib.detect.board.corners import detect_folder
 from vbaa_calib.native import core, levels
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.scene import bundled_scene
+from viz.cli.demo import SCENES
 
 ACROSS, _NORMALS = "surface", "normals"
 """Names of a surface's points, which are compared across it, and of the normals along which that is done."""

@@ -26,6 +26,7 @@ from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.questions import PICTURES
 from vbaa_calib.wizard.session_state import SessionState
 from vbaa_calib.wizard.steps import REPORT, RIG, PictureCheck, Progress, Step
+from vbaa_calib.wizard.store import LOCK
 
 from ..made_once import made_once
 
@@ -86,7 +87,7 @@ def tree(root: Path, besides: str = "aside/") -> dict[str, str]:
     """File → hash of everything that counts: the lock does not, nor what lies under `besides`."""
     found = {}
     for folder, _, names in os.walk(root):
-        for path in (os.path.join(folder, name) for name in names if name != ".wizard-lock"):
+        for path in (os.path.join(folder, name) for name in names if name != LOCK):
             name = os.path.relpath(path, root)
             if not (besides and name.startswith(besides)):
                 with open(path, "rb") as stream:

@@ -29,6 +29,7 @@ from .questions import OF_MATERIAL, PICTURES, QUESTIONS, READINGS, SOURCES, STEP
 
 NAME = "wizard.json"
 ASIDE = "aside"
+LOCK = ".wizard-lock"
 _SCHEMA = "vbaa.wizard/1"
 _HALF_WRITTEN = re.compile(r"\.(wizard|session|noload|loads|sweep|board|rig|camera|check|\d{4,})-[a-z0-9_]{8}\.\w+")
 _REMEDY = "move wizard.json away: the wizard then begins with session.yaml and what it names, or anew; nothing is lost"
@@ -169,7 +170,7 @@ class Store:
         remedy = "name a folder that can be written"
         if not os.access(self.root, os.W_OK | os.X_OK):
             raise InputError("is read-only", where=self.root, remedy=remedy)
-        self._lock = FileLock(self.root / ".wizard-lock", blocking=False)
+        self._lock = FileLock(self.root / LOCK, blocking=False)
         try:
             self._lock.acquire()
         except Timeout:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from estimator.table.contacts import ContactTable
     from vbaa_calib.rig import Rig
 
-
+SCENES = ("demo", "upright_knife", "steep_sphere")
 _GOALS = (
     ("contact point", "contact_point_rmse_m", 1e3, "mm", 1.5),
     ("contact distance", "distance_rmse_m", 1e3, "mm", None),
@@ -37,9 +37,7 @@ _GOALS = (
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=Path("demo"), help="folder for everything (default: demo)")
-    parser.add_argument(
-        "--scene", choices=("demo", "upright_knife", "steep_sphere"), default="demo", help="which bundled scene"
-    )
+    parser.add_argument("--scene", choices=SCENES, default="demo", help="which bundled scene")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
