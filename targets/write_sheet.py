@@ -16,13 +16,26 @@ from reportlab.pdfgen.canvas import FILL_EVEN_ODD, Canvas
 from .board import AprilGrid, BoardWithIds, opencv_board, spec_line
 from .sheet import PT_PER_MM, Drawing, Label, Loop, Shape, SheetLayout, Stroke, font_name
 
-_TICK_WIDTH_MM, _END_WIDTH_MM = 0.12, 0.2
+
+@dataclass(frozen=True)
+class _RulerSettings:
+    """How a ruler is drawn, mm; and limits of a picture of the board."""
+
+    tick_width_mm: float = 0.12
+    end_width_mm: float = 0.2  # of the two lines to measure between
+    number_mm: float = 2.2  # height of its numbers
+    baseline_mm: float = 4.0 + 0.75 * 2.2  # of the numbers: below the longest tick, at their height
+    unit_mm: float = 2.6  # from the last tick, past half its number
+    qr_quiet: int = 4  # modules of white around a QR code
+    least_module_px: int = 2  # side of a marker's module in a picture
+    most_pixels: int = 100_000_000  # of a picture
+
+
+_RULER = _RulerSettings()
+
+
 _TICKS_MM = {1: 1.8, 5: 2.6, 10: 3.6}
 """Length of the tick at every so many millimetres."""
-_NUMBER_MM = 2.2
-_BASELINE_MM = _TICKS_MM[10] + 0.4 + 0.75 * _NUMBER_MM
-_UNIT_MM = 2.6  # from the last tick, past half its number
-_QR_QUIET = 4
 
 
 def _outlines(black: np.ndarray) -> tuple[Loop, ...]:
@@ -101,7 +114,7 @@ def draw(spec: BoardWithIds, layout: SheetLayout) -> Drawing:
     count = code.getModuleCount()
     dark = np.array([[bool(code.isDark(row, column)) for column in range(count)] for row in range(count)])
     # the quiet zone is within the code's room, so that the code ends at the margin
-    module = layout.qr / (len(dark) + _QR_QUIET)
+    module = layout.qr / (len(dark) + _RULER.qr_quiet)
     qr = _placed(_outlines(dark), module, layout.width - layout.margin - module * len(dark), layout.margin)
     marks += [*_ruler(layout, turned=False), *_ruler(layout, turned=True), *layout.header, Shape(qr)]
     return Drawing(layout.width, layout.height, tuple(marks), layout.header[0].text, spec_line(spec))
@@ -120,21 +133,21 @@ def _ruler_origin(layout: SheetLayout) -> tuple[float, float, float, float]:
 def _ruler(layout: SheetLayout, turned: bool) -> Iterator[Stroke | Label]:
     """The ruler along x, or turned that along y: line, ticks, numbers and unit."""
     right, low, left, up = _ruler_origin(layout)
-    size, letters = layout.size, layout.size * _NUMBER_MM
+    size, letters = layout.size, layout.size * _RULER.number_mm
     length = layout.ruler_y if turned else layout.ruler_x
-    numbers = size * (_TICKS_MM[10] + 0.4) if turned else size * _BASELINE_MM
+    numbers = size * (_TICKS_MM[10] + 0.4) if turned else size * _RULER.baseline_mm
 
     def at(along: float, aside: float) -> tuple[float, float]:
         return (left - aside, up - along) if turned else (right + along, low + aside)
 
-    yield Stroke(*at(0, 0), *at(length, 0), _TICK_WIDTH_MM)
+    yield Stroke(*at(0, 0), *at(length, 0), _RULER.tick_width_mm)
     for place in range(round(length) + 1):
         tick = max(each for every, each in _TICKS_MM.items() if place % every == 0)
-        width = _END_WIDTH_MM if place in (0, round(length)) else _TICK_WIDTH_MM
+        width = _RULER.end_width_mm if place in (0, round(length)) else _RULER.tick_width_mm
         yield Stroke(*at(place, 0), *at(place, size * tick), width)
         if place % 10 == 0:
             yield Label(*at(place, numbers), str(place), letters, centred=True, turned=turned)
-    yield Label(*at(length + size * _UNIT_MM, numbers), "mm", letters, turned=turned)
+    yield Label(*at(length + size * _RULER.unit_mm, numbers), "mm", letters, turned=turned)
 
 
 def as_pdf(drawing: Drawing) -> bytes:
@@ -218,11 +231,6 @@ def _number(value: float) -> str:
     return f"{value:.6f}".rstrip("0").rstrip(".")
 
 
-_LEAST_MODULE_PX = 2
-_MOST_PIXELS = 100_000_000
-_PX_PER_MM = 0.5, 500.0
-
-
 @dataclass(frozen=True)
 class _ScreenBoard:
     """A board in pixels: sides of its squares and markers, and the white around it, all whole numbers.
@@ -257,7 +265,7 @@ def on_screen(wanted: BoardWithIds, px_per_mm: float) -> _ScreenBoard:
 
     Raises ValueError where a module would be smaller than two pixels, or the picture too large.
     """
-    low, high = _PX_PER_MM
+    low, high = (0.5, 500.0)
     if not low <= px_per_mm <= high:
         raise ValueError(f"the screen has {px_per_mm:g} pixels per mm: {low:g} to {high:g} are needed")
     if isinstance(wanted, AprilGrid):
@@ -266,8 +274,8 @@ def on_screen(wanted: BoardWithIds, px_per_mm: float) -> _ScreenBoard:
         name, lengths_m = "square", (wanted.square_m, wanted.marker_m)
     square, marker = (1e3 * length * px_per_mm for length in lengths_m)
     module = round(marker / wanted.modules)
-    if module < _LEAST_MODULE_PX:
-        least = _LEAST_MODULE_PX * wanted.modules / px_per_mm * square / marker
+    if module < _RULER.least_module_px:
+        least = _RULER.least_module_px * wanted.modules / px_per_mm * square / marker
         raise ValueError(
             f"{name}s of {1e3 * lengths_m[0]:g} mm are {square:.1f} pixels there, too few to draw the markers; "
             f"take {name}s of {least:.3g} mm or more"
@@ -283,6 +291,6 @@ def on_screen(wanted: BoardWithIds, px_per_mm: float) -> _ScreenBoard:
         spec = replace(wanted, square_m=square_m, marker_m=marker_m)
     board = _ScreenBoard(spec, side, marker_px, (side + 1) // 2)
     width, height = board.size_px
-    if width * height > _MOST_PIXELS:
+    if width * height > _RULER.most_pixels:
         raise ValueError(f"the picture would have {width} x {height} pixels, more than any screen")
     return board

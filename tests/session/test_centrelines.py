@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from vbaa_calib.core import csv_rows
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import Centrelines, centrelines, read_centrelines
+from vbaa_calib.session.centrelines import CENTRELINES
 
 HEADER = "frame,u_px,v_px,sigma_px"
 ORDERED = [(frame, frame + 0.1 * k, 100.0 - k, 0.1 + 0.01 * k) for frame in range(30) for k in range(1 + frame % 4)]
@@ -47,7 +49,7 @@ def assert_same(lines: Centrelines, expected: dict[int, np.ndarray]) -> None:
 @pytest.fixture(params=[64, 1 << 20])
 def block(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
     """Bytes that are read at once, the last to the end of a line."""
-    monkeypatch.setattr(centrelines, "BLOCK", request.param)
+    monkeypatch.setattr(centrelines, "CENTRELINES", replace(CENTRELINES, block=request.param))
     return int(request.param)
 
 
@@ -80,7 +82,7 @@ def test_the_same_numbers_however_they_are_written(tmp_path: Path, change) -> No
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
 def test_the_same_numbers_in_any_order(tmp_path: Path, change, monkeypatch: pytest.MonkeyPatch) -> None:
     """Read a few frames at a time."""
-    monkeypatch.setattr(centrelines, "LOT", 7)
+    monkeypatch.setattr(centrelines, "CENTRELINES", replace(CENTRELINES, lot=7))
     lines, expected = read(tmp_path, change(text(ORDERED))), grouped(ORDERED)
     assert_same(lines, expected)
     assert_same(lines, dict(reversed(expected.items())))
@@ -133,7 +135,7 @@ def test_a_point_that_stands_twice_was_measured_once(tmp_path: Path) -> None:
 def test_a_wrong_line_is_named_wherever_it_stands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int, cells: str, words: str
 ) -> None:
-    monkeypatch.setattr(centrelines, "BLOCK", block)
+    monkeypatch.setattr(centrelines, "CENTRELINES", replace(CENTRELINES, block=block))
     whole = text(ORDERED)
     with pytest.raises(InputError, match=f"line {whole.count(chr(10)) + 1}") as caught:
         read(tmp_path, whole + cells + "\n")
@@ -141,7 +143,7 @@ def test_a_wrong_line_is_named_wherever_it_stands(
 
 
 def test_a_line_without_an_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(centrelines, "BLOCK", 64)
+    monkeypatch.setattr(centrelines, "CENTRELINES", replace(CENTRELINES, block=64))
     monkeypatch.setattr(csv_rows, "_LONGEST", 128)
     for whole in (text(ORDERED) + "1" * 500, "1" * 500):
         with pytest.raises(InputError, match="a line of over"):

@@ -25,5 +25,10 @@ class LensModel:
         return self.name == "fisheye"
 
 
-_ALL = (LensModel("opencv", _NAMES, (0, 4, 5, 8, 12, 14)), LensModel("fisheye", ("k1", "k2", "k3", "k4"), (4,)))
-MODELS = {model.name: model for model in _ALL}  # name in camera.json → model
+MODELS = {
+    model.name: model
+    for model in (
+        LensModel("opencv", _NAMES, (0, 4, 5, 8, 12, 14)),
+        LensModel("fisheye", ("k1", "k2", "k3", "k4"), (4,)),
+    )
+}  # name in camera.json → model

@@ -22,9 +22,7 @@ from .lens import Intrinsics, prepared
 from .models import LensModel
 
 _SMALL_ANGLE_SQUARED = 1e-6
-_LEAST_DEPTH = 1e-12  # Z of a unit vector from which on X/Z counts as a number
 _BEFORE_TILT = 12  # coefficients
-_STEPS, _SHORTEST = 24, 1e-3  # of damped Newton
 
 _Matrix = tuple[Array, Array, Array, Array]  # (xx, xy, yx, yy), each (...)
 _Solution = tuple[Tensor, Tensor, Tensor]
@@ -41,7 +39,8 @@ def pixel_to_normalized(intrinsics: Intrinsics, pixels: Tensor) -> tuple[Tensor,
     x, y, valid = _pixel_to_chart(intrinsics, pixels[..., 0], pixels[..., 1])
     if intrinsics.model.is_fisheye:
         x, y, z = _to_ray(intrinsics.model, x, y)
-        ahead = z > _LEAST_DEPTH
+        # a unit vector's Z from which on X/Z counts as a number
+        ahead = z > 1e-12
         z, valid = torch.where(ahead, z, 1.0), valid & ahead
         x, y = x / z, y / z
     return torch.stack([x, y], -1), valid
@@ -342,10 +341,11 @@ def _solve_on_device(model: LensModel, lens: Any, c: Sequence[float], x: Tensor,
     deep = torch.where(_kept(lens, ideal, at), 1.0, 0.5 * lens.ideal_limit / radius.clip(0.5 * lens.ideal_limit, None))
     ideal = ideal[0] * deep, ideal[1] * deep
     at = _linearize(model, *ideal, c)
-    for _ in range(_STEPS):
+    # damped Newton
+    for _ in range(24):
         off_x, off_y = x - at[0], y - at[1]
         residual = torch.maximum(off_x.abs(), off_y.abs())
-        if bool(((residual <= allowed) | (length < _SHORTEST)).all()):
+        if bool(((residual <= allowed) | (length < 1e-3)).all()):
             break
         xx, xy, yx, yy = at[2:]
         scale = length / (xx * yy - xy * yx)

@@ -17,10 +17,6 @@ if TYPE_CHECKING:
     from vbaa_calib.calibrate.antenna.deflection_table import DeflectionTable
     from vbaa_calib.calibrate.antenna.stiffness import BeamFit, StiffnessSolution
 
-_SCHEMA = "vbaa.stiffness/1"
-_PLAUSIBLE_MODULUS_PA = (1e8, 1.3e12)
-_FEW_READINGS = 8
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -107,7 +103,7 @@ def _stiffness_document(
 
     fit, rows = solution.fit, zip(table.x_m, table.deflection_m, solution.residuals_m, strict=True)
     document: dict[str, Any] = {
-        "schema": _SCHEMA,
+        "schema": "vbaa.stiffness/1",
         "force_N": force_N,
         "distance_m": distance_m,
         "readings": len(table.x_m),
@@ -175,7 +171,7 @@ def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dic
         for index in solution.outliers
     ]
     kept, free, fit = len(table.x_m) - len(solution.outliers), solution.free_clamp, solution.fit
-    low, high = _PLAUSIBLE_MODULUS_PA
+    low, high = (1e8, 1.3e12)
     modulus = document.get("youngs_modulus_Pa", low + 1.0)
     sagging = float(table.unloaded_y_m.max() - table.unloaded_y_m.min()) > 0.2 * float(abs(table.deflection_m).max())
     few = f"{kept} readings are too few to see slips among them or whether neighbours err together"
@@ -188,7 +184,7 @@ def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dic
     sag = "the unloaded rod is not straight: with large deflections its sag does not cancel"
     solid = f"Young's modulus {modulus / 1e9:.3g} GPa is that of no solid: check the units and the section"
     rules = (
-        (kept < _FEW_READINGS, few),
+        (kept < 8, few),
         (solution.effective_readings < 0.5 * kept, together),
         (free is not None and abs(free.stiffness_Nm2 - fit.stiffness_Nm2) > 2.0 * free.std_Nm2, turns),
         (table.x_m[-1] < 0.6 * document["distance_m"], inner),

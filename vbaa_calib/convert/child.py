@@ -27,8 +27,6 @@ import numpy as np
 
 _SECONDS, _SECONDS_PER_MB = 4.0, 0.2
 """Limit of processor time: for any file, and per megabyte."""
-_WAITING = 20.0
-"""Limit of the wall clock, in multiples of that."""
 _ERROR = "error"
 
 Arrays = Mapping[str, np.ndarray]
@@ -71,13 +69,14 @@ def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.
     call = [sys.executable, "-P", __file__, module, reader.__name__, str(path.absolute()), *limits]
     places = os.pathsep.join(each or os.getcwd() for each in sys.path)
     try:
+        # limit of the wall clock, in multiples of the processor's time
         done = subprocess.run(
             call,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env=os.environ | {"PYTHONPATH": places},
-            timeout=_WAITING * seconds,
+            timeout=20.0 * seconds,
         )
     except subprocess.TimeoutExpired:
         raise ValueError(f"no end within {seconds:.0f} s") from None

@@ -45,7 +45,6 @@ _ROS_KEYS = {
     "p": "projection_matrix",
 }
 """A field of CameraInfo → its name in camera_info's YAML."""
-_ROS_MODELS = {("opencv", 5): "plumb_bob", ("opencv", 8): "rational_polynomial", ("fisheye", 4): "equidistant"}
 
 
 def _read_ros(path: Path, wanted: Wanted) -> Exchanged:
@@ -184,7 +183,11 @@ def _ini(text: str, path: Path) -> dict[str, Any]:
 
 def _write_ros(exchanged: Exchanged) -> str:
     camera = exchanged.camera
-    model, coefficients = stated(camera, _ROS_MODELS, "a camera_info of ROS")
+    model, coefficients = stated(
+        camera,
+        {("opencv", 5): "plumb_bob", ("opencv", 8): "rational_polynomial", ("fisheye", 4): "equidistant"},
+        "a camera_info of ROS",
+    )
     fx, fy, cx, cy = camera.parameters[:4].tolist()
 
     def block(rows: int, columns: int, data: list[float]) -> dict[str, Any]:

@@ -203,15 +203,12 @@ def _left_out_px(camera: Camera, count: int) -> float:
     return float(off.max()) if len(off) else float("nan")
 
 
-_LARGEST_SIDE_PX = 100_000
-"""As in the schema of rig.json."""
-
-
 def size_of(sides: Sequence[tuple[str, Any]], path: Path) -> tuple[int, int]:
     """(width, height) px of two keys with their values. Raises InputError for what is no whole number."""
     for key, value in sides:
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not 0 < value <= _LARGEST_SIDE_PX or value != int(value):
+        # as in the schema of rig.json
+        if not number or not 0 < value <= 100_000 or value != int(value):
             remedy = "a picture's side in whole pixels is needed"
             raise InputError(f"{key} is {shown(value)}", where=path, remedy=remedy)
     (_, width), (_, height) = sides

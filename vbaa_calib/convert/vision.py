@@ -33,7 +33,6 @@ from .values import (
     stated,
 )
 
-_OPENCV_COUNTS = (4, 5, 8, 12, 14)
 _NAMES = {
     "matrix": r"(camera|intrinsic)_?matrix|camera_?intrinsics|mtx|[mk]",
     "coefficients": r"dist(ortion)?(_?coef(f|ficient)?s?)?|d",
@@ -72,7 +71,7 @@ def _camera_of(
     if "coefficients" not in one or coefficients.size != max(coefficients.shape, default=0):
         raise InputError("distortion_coefficients is missing or no matrix", where=path, remedy=needs)
     matrix = np.reshape(numbers(matrix.ravel().tolist(), "camera_matrix", path, (9,)), (3, 3))
-    listed = numbers(coefficients.ravel().tolist(), "distortion_coefficients", path, (0, *_OPENCV_COUNTS))
+    listed = numbers(coefficients.ravel().tolist(), "distortion_coefficients", path, (0, 4, 5, 8, 12, 14))
     size = _size(one, matrix, wanted, path)
     notes = []
     fisheye = wanted.fisheye if wanted.fisheye is not None else one.get("fisheye_model")

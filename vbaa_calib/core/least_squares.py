@@ -12,7 +12,6 @@ import numpy as np
 from .robust import chi_square, huber_losses, huber_weights, soft_l1_losses, soft_l1_weights
 
 CHANCE_SCATTER = 1.2  # ratio of variances that noise alone often reaches: what is beyond widens a covariance
-_LEAST_DAMPING, _MOST_DAMPING = 1e-15, 1e12
 
 
 _Point = TypeVar("_Point", bound=Any)
@@ -83,11 +82,11 @@ def levenberg_marquardt(
         rounding = rules.may_rise + rules.may_rise_share * at.cost
         if trial is not None and np.isfinite(trial.cost) and trial.cost <= at.cost + rounding:
             decrease, at = at.cost - trial.cost, trial
-            damping = max(rules.relief * damping, _LEAST_DAMPING)
+            damping = max(rules.relief * damping, 1e-15)
             last |= rounding < decrease <= rules.tolerance * at.cost and damping < 1.0
         else:
             damping = max(rules.growth * damping, rules.after_failure)
-        if last or damping > _MOST_DAMPING:
+        if last or damping > 1e12:
             return _Descent(at, promise, False)
     return _Descent(at, promise, True)
 
@@ -247,9 +246,6 @@ def products(jacobian: np.ndarray, residuals: np.ndarray, nuisance: np.ndarray |
     return np.asarray(whole - mixed.T @ np.linalg.solve(np.eye(nuisance.shape[1]) + nuisance.T @ nuisance, mixed))
 
 
-_UNOBSERVED_STD, _FREE_STD = 10.0, 100.0  # in units of a scale: directions without information; free parameters
-
-
 def change_test(
     data: np.ndarray, covariance: np.ndarray, wanted: np.ndarray, scale: np.ndarray, free: Sequence[int] = ()
 ) -> ScoreTest:
@@ -263,11 +259,13 @@ def change_test(
     # in units of the scale, so that metres and radians weigh alike
     matrix, score = data[:-1, :-1] * np.outer(scale, scale), data[:-1, -1] * scale
     prior = covariance / np.outer(scale, scale)
-    prior[list(free), list(free)] += _FREE_STD**2
+    # standard deviation of a free parameter, in units of its scale
+    prior[list(free), list(free)] += 100.0**2
     spread = np.eye(len(covariance)) + matrix @ prior
     weight, score = np.linalg.solve(spread, matrix), np.linalg.solve(spread, score)
     values, axes = np.linalg.eigh(weight[np.ix_(wanted, wanted)])
-    seen, std = values > 1.0, 1.0 / np.sqrt(np.maximum(values, _UNOBSERVED_STD**-2))
+    # standard deviation of a direction without information, in units of its scale
+    seen, std = values > 1.0, 1.0 / np.sqrt(np.maximum(values, 10.0**-2))
     along, units = np.where(seen, (axes.T @ score[wanted]) * std**2, 0.0), scale[wanted]
     found = (axes * std**2) @ axes.T * np.outer(units, units)
     return ScoreTest((axes @ along) * units, found, 0.5 * float(((along / std) ** 2).sum()), units, int(seen.sum()))

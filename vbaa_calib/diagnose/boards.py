@@ -460,10 +460,6 @@ def _other_gap(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
     )
 
 
-_CHANGES = (_focus_changed, _centre_moved, _other_gap)
-"""What may have changed between the views, or is not as described."""
-
-
 def view_set_diagnoses(
     views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints
 ) -> list[Diagnosis]:
@@ -473,7 +469,7 @@ def view_set_diagnoses(
     if not used:
         return []
     data = ViewSet.of(used, solution, spec)
-    found = [] if data is None else diagnose(data, _CHANGES)
+    found = [] if data is None else diagnose(data, (_focus_changed, _centre_moved, _other_gap))
     # a lens that did not stay the same shifts the print's aspect by several of its standard deviations
     stretched = None if found or data is None else _print_stretched(solution.board_shape)
     found += [one for one in (stretched, _poorly_covered(used, spec)) if one is not None]

@@ -388,9 +388,6 @@ def _flipped(image: np.ndarray, flips: tuple[bool, bool]) -> np.ndarray:
     return np.ascontiguousarray(image[:: -1 if down else 1, :: -1 if across else 1])
 
 
-_HALF_TURNS = {name: Rotation.from_rotvec(np.pi * axis) for name, axis in zip("xyz", np.eye(3), strict=True)}
-
-
 def _typed(data: JigEvidence) -> Pose:
     """jig.T_antenna_board as session.yaml has it, of the board's back."""
     face = Pose(np.eye(3), np.array([0.0, 0.0, -data.session.board.thickness_m]))
@@ -427,8 +424,8 @@ def _slips(data: JigEvidence) -> Iterator[_JigMistake]:
         words = f"{names[0]} and {names[1]} of {key}.translation_m are exchanged: ({_numbers(shift[order])}) m fits"
         yield case("axes_exchanged", words, Pose(turn, shift[order]))
     middle = corner_points(data.session.board).mean(axis=0) * [1.0, 1.0, 0.0]
-    for name, half in _HALF_TURNS.items():
-        rotation = half.as_matrix()
+    for name, axis in zip("xyz", np.eye(3), strict=True):
+        rotation = Rotation.from_rotvec(np.pi * axis).as_matrix()
         about = Pose(rotation, middle - rotation @ middle)
         words = f"the board in the jig is turned by 180° about its {name} axis: {{}} fits"
         yield case("turned", words.format(_quaternion(turn @ rotation)), Pose(turn @ rotation, shift))

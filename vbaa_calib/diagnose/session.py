@@ -388,7 +388,6 @@ def _always(diagnosis: Diagnosis, fit: RigFit) -> Diagnosis:
     return diagnosis
 
 
-_AXES = {f"{'+−'[sign < 0]}{name}": sign * np.eye(3)[axis] for axis, name in enumerate("xyz") for sign in (1, -1)}
 _JOINTS = (
     ("the tilt turned the other way", "the sign of tilt_rad", np.diag([1.0, -1.0])),
     ("the pan turned the other way", "the sign of pan_rad", np.diag([-1.0, 1.0])),
@@ -412,7 +411,11 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
         known.append(pulls)
         return differs
 
-    worlds = {f"gravity pointed to {name} of the world": G * axis for name, axis in _AXES.items()}
+    worlds = {
+        f"gravity pointed to {'+−'[sign < 0]}{name} of the world": G * (sign * np.eye(3)[axis])
+        for axis, name in enumerate("xyz")
+        for sign in (1, -1)
+    }
     if world.any():
         worlds["there were no gravity"] = np.zeros(3)
     # what is no further away is a tilt

@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, Verdict
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber, checked
-from vbaa_calib.session import DRIFTS, LAB, FileDrift, MomentSensor, MovingClamp
+from vbaa_calib.session import DRIFTS, FileDrift, MomentSensor, MovingClamp
 from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, FileProfile, Gravity
 
 from .parts import SCHEMA, Antenna, AntennaImage
@@ -185,7 +185,7 @@ class RigFile(FileModel):
     gravity_world: Gravity
     image: AntennaImage
     joint: Joint
-    drift: Annotated[FileDrift, Field(description="what may change between calibration and recording")] = DRIFTS[LAB]
+    drift: Annotated[FileDrift, Field(description="what may change between calibration and recording")] = DRIFTS["lab"]
     clamp: Annotated[
         MovingClamp | None,
         Field(description="of antennas whose clamp moves and turns: what no picture shows; null: one that does not"),

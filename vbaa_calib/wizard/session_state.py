@@ -15,7 +15,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardWithIds
-from targets.print_scale import READING_STD_MM, PrintScale, print_scale, rescaled
+from targets.print_scale import SCALE, PrintScale, print_scale, rescaled
 from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import Observation
@@ -84,7 +84,7 @@ def scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
     where = "board_along_x_mm, board_along_y_mm"
     x, along_x, y, along_y = (float(answers[name]) for name in _MEASURED)
     try:
-        return print_scale(x, along_x, y, along_y, float(answers.get("board_reading_std_mm", READING_STD_MM)))
+        return print_scale(x, along_x, y, along_y, float(answers.get("board_reading_std_mm", SCALE.reading_std_mm)))
     except ValueError as error:
         # targets.print_scale knows its own parameters, not what they are called here
         what = str(error).replace("reading_std", "board_reading_std")
@@ -150,7 +150,7 @@ class SessionState:
         for axis, length_m in zip("xy", session.board.size_m, strict=True):
             found |= {f"measure_{axis}_mm": 1e3 * length_m, f"board_along_{axis}_mm": 1e3 * length_m}
         ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
-        found |= {"board": str(session_yaml), "board_reading_std_mm": READING_STD_MM}
+        found |= {"board": str(session_yaml), "board_reading_std_mm": SCALE.reading_std_mm}
         found |= {"material": session.antenna.material} if session.antenna.material in MATERIALS else {}
         found |= {"board_given": True, "gravity_given": True, "jig_given": ways["jig"], "over_given": ways["over"]}
         way = next((way for way, there in ways.items() if there), None)
