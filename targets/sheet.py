@@ -31,7 +31,7 @@ PAPERS_MM = {
 
 
 @dataclass(frozen=True)
-class _SheetSettings:
+class _PrintSettings:
     """Sizes on a printed sheet, mm."""
 
     least_mm: float = 60.0  # shorter side of a paper
@@ -55,7 +55,7 @@ class _SheetSettings:
     screen_square_mm: float = 20.0  # of a board on a screen
 
 
-SHEET = _SheetSettings()
+SHEET = _PrintSettings()
 
 
 @dataclass(frozen=True)

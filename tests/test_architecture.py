@@ -31,11 +31,11 @@ NATIVE = [path for kind in ("cpp", "hpp") for path in sorted((ROOT / "vbaa_calib
 CXX_CONSTANTS = re.compile(r"^(?:inline )?(?:constexpr|const) .*", re.MULTILINE)
 CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
-    "module constants": 1711,
+    "module constants": 1649,
     "class names used twice": 20,
     "classes": 484,
     "public names": 1287,
-    "private words": 698,
+    "private words": 697,
     "type: ignore": 4,
     "words on pages": 35540,
 }

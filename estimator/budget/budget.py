@@ -46,18 +46,21 @@ class _ErrorCause(NamedTuple):
 _JIG = "take more pictures of the board in the jig, with a better jig, or a sweep of the joints"
 _NO_LOAD = "take more pictures of the free antenna, at several tilts, and calibrate again"
 _LOADS = "hang more loads, heavier and at several distances, weighed and measured with a caliper"
-_LENS = "take more pictures of the board for the lens, up to the borders of the picture"
-_CAMERA = "bring the camera nearer, take one with more pixels or a longer lens, or light the antenna better"
-_SENSOR = "take a quieter moment sensor, or average more readings per picture"
-_AXES = "repeat the sweep of the joints with more poses, or measure the axes"
-_FORCE = "give the moment reading: the picture alone hardly holds the force here"
-_POLISH = "polish or grease the antenna, and say with --friction how slippery it is"
-_WEIGH = "weigh the antenna, or take more pictures of it free at several tilts"
 CAUSES = {
-    PIXELS: _ErrorCause("pixel noise", "#0f766e", _CAMERA),
-    MOMENT_NOISE: _ErrorCause("moment noise", "#b45309", _SENSOR),
-    FRICTION: _ErrorCause("friction angle", "#7c3aed", _POLISH),
-    LENS: _ErrorCause("lens", "#1d4ed8", _LENS),
+    PIXELS: _ErrorCause(
+        "pixel noise",
+        "#0f766e",
+        "bring the camera nearer, take one with more pixels or a longer lens, or light the antenna better",
+    ),
+    MOMENT_NOISE: _ErrorCause(
+        "moment noise", "#b45309", "take a quieter moment sensor, or average more readings per picture"
+    ),
+    FRICTION: _ErrorCause(
+        "friction angle", "#7c3aed", "polish or grease the antenna, and say with --friction how slippery it is"
+    ),
+    LENS: _ErrorCause(
+        "lens", "#1d4ed8", "take more pictures of the board for the lens, up to the borders of the picture"
+    ),
     "camera_rotation": _ErrorCause("camera rotation", "#0ea5e9", _JIG),
     "camera_position": _ErrorCause("camera position", "#7dd3fc", _JIG),
     "clamp_angle": _ErrorCause("clamp angle", "#15803d", _NO_LOAD),
@@ -65,12 +68,16 @@ CAUSES = {
     "clamp_give": _ErrorCause("clamp give", "#a3e635", _LOADS + "; or stiffen the clamp"),
     "bow": _ErrorCause("bow", "#facc15", _NO_LOAD),
     "stiffness": _ErrorCause("stiffness EI", "#dc2626", _LOADS),
-    "mass": _ErrorCause("mass", "#fda4af", _WEIGH),
+    "mass": _ErrorCause("mass", "#fda4af", "weigh the antenna, or take more pictures of it free at several tilts"),
     "moment_gain": _ErrorCause("moment gain", "#f97316", _LOADS),
     "moment_offset": _ErrorCause("moment offset", "#fdba74", "take more readings without a load"),
     "sensor_axes": _ErrorCause("sensor axes", "#fed7aa", _LOADS),
-    JOINT_AXES: _ErrorCause("joint axes", "#78716c", _AXES),
-    FORCE_PRIOR: _ErrorCause("likely force", "#cbd5e1", _FORCE),
+    JOINT_AXES: _ErrorCause(
+        "joint axes", "#78716c", "repeat the sweep of the joints with more poses, or measure the axes"
+    ),
+    FORCE_PRIOR: _ErrorCause(
+        "likely force", "#cbd5e1", "give the moment reading: the picture alone hardly holds the force here"
+    ),
 }
 """Every cause, in the order in which figures stack them."""
 ADVISED = ("distance_m", "force_N", "point_m")  # results that the advice is about

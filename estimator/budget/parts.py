@@ -23,13 +23,29 @@ from vbaa_calib.core.arrays import Rows
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 
 _RUNG = "rod"  # what a fit on a lower rung would say is as good as the same where that rung would be taken
-# Ordinary contacts: parts of the length; slopes of the antenna at the contact, of a light touch, a firm one, and nearly
-# as much as is ordinary; and directions around the antenna. Nearer to the clamp than `_STRONGEST_AT` of the length the
-# force stays what gives that slope there: who presses there with a force that bends the antenna as much presses several
-# times as hard.
-_DISTANCES, _SLOPES_DEG, _DIRECTIONS, _STRONGEST_AT = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95), (5.0, 15.0, 30.0), 8, 0.5
-_STEEPEST_RAD = np.radians(45.0)  # slopes beyond it are not compared with the rod
-_FORCE_TOLERANCE, _FORCE_STEPS = 1e-6, 6
+
+
+@dataclass(frozen=True)
+class BudgetSettings:
+    """At which contacts a rig's budget is taken, and how finely; ordinary ones, with light to firm touches."""
+
+    distances: tuple[float, ...] = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95)  # of the contacts, in lengths of the antenna
+    # of the antenna at the contact: a light touch, a firm one, nearly as much as is ordinary
+    slopes_deg: tuple[float, float, float] = (5.0, 15.0, 30.0)
+    directions: int = 8  # around the antenna
+    # nearer to the clamp, in lengths, the force stays what it is there: nobody presses harder
+    strongest_at: float = 0.5
+    steepest_rad: float = float(np.radians(45.0))  # slopes beyond it are not compared with the rod
+    force_tolerance: float = 1e-6  # relative error of a force that gives its slope
+    force_steps: int = 6  # of Newton's method for it
+    # part of itself at which noise counts as gone: without any, a picture would determine all
+    exact_noise: float = 0.01
+    dependent: float = 1e-7  # a row of unit deviation that adds less than this to others is determined by them
+    worthwhile: float = 0.05  # least gain of the results for which halving a deviation is advised
+    small: float = 0.005  # causes whose share and gain stay below this part are listed together
+    correlated: float = 0.1  # share of a variance that no cause has alone, from which it is reported
+
+
 LENS, JOINT_AXES = "lens", "joint_axes"
 RIG_CAUSES = {
     "camera_rotation": POSE_PARAMETERS[:3],
@@ -44,11 +60,9 @@ RIG_CAUSES = {
     "moment_offset": ("moment_offset_Nm",),
 }
 """Causes and their rows of the joint covariance; the lens' rows follow them."""
-_DEPENDENT = 1e-7  # a row of unit deviation that adds less than this to others is determined by them
 PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR = "pixels", "moment_noise", "friction", "force_prior"
 RESULTS = {"distance_m": (0,), "force_y_N": (1,), "force_z_N": (2,), "force_N": (1, 2), "point_m": (3, 4, 5)}
 """Results and the rows that they are made of: of several, the variance is the sum."""
-_EXACT_NOISE = 0.01  # noise counts as gone at this part of itself: without any, a picture would determine the whole rig
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +77,15 @@ class BudgetContacts(Rows):
 
 def ordinary_touches(rig: Rig, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> BudgetContacts:
     """A grid over distance, force by the slope that it makes, and direction of the force around the antenna."""
-    around = 2.0 * np.pi * (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
-    grid = np.meshgrid(np.array(_DISTANCES) * rig.antenna.length_m, np.radians(_SLOPES_DEG), around, indexing="ij")
+    around = 2.0 * np.pi * (np.arange(BudgetSettings.directions) + 0.5) / BudgetSettings.directions
+    grid = np.meshgrid(
+        np.array(BudgetSettings.distances) * rig.antenna.length_m,
+        np.radians(BudgetSettings.slopes_deg),
+        around,
+        indexing="ij",
+    )
     distance, slope, angle = (part.reshape(-1) for part in grid)
-    lever = np.maximum(distance, _STRONGEST_AT * rig.antenna.length_m)
+    lever = np.maximum(distance, BudgetSettings.strongest_at * rig.antenna.length_m)
     size = 2.0 * rig.antenna.stiffness_Nm2 * slope / lever**2 / rig.antenna.taper.turning(lever / rig.antenna.length_m)
     return BudgetContacts(distance, size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), pan_rad, tilt_rad)
 
@@ -87,15 +106,15 @@ def touch_of_force(
     empty = _empty(rig_arrays, touch)
     unknowns = unknowns_of(rig_arrays, touch)
     with np.errstate(all="ignore"):
-        for _ in range(_FORCE_STEPS):
+        for _ in range(BudgetSettings.force_steps):
             there = linearised(empty, _RUNG, unknowns)
             slopes = there.columns[:, 4:6, 1:3]
             if not np.isfinite(slopes).all():
                 break
             unknowns[:, 1:3] += np.linalg.solve(slopes, (force_N - there.point_force[:, 4:6])[..., None])[..., 0]
         there = linearised(empty, _RUNG, unknowns)
-        found = np.abs(there.point_force[0, 4:6] - force_N).max() <= _FORCE_TOLERANCE * np.hypot(*force_N)
-        ordinary = there.tangents[0, :, CONTACT] @ there.tangents[0, :, 0] >= np.cos(_STEEPEST_RAD)
+        found = np.abs(there.point_force[0, 4:6] - force_N).max() <= BudgetSettings.force_tolerance * np.hypot(*force_N)
+        ordinary = there.tangents[0, :, CONTACT] @ there.tangents[0, :, 0] >= np.cos(BudgetSettings.steepest_rad)
     return replace(touch, push_N=unknowns[:, 1:3] * (rig_arrays.force_unit_N if found and ordinary else np.nan))
 
 
@@ -155,7 +174,7 @@ def _subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
         unit = part / np.where(scale > 0.0, scale, 1.0)
         # what the cause adds to each of the sets without it
         _, lengths, new = np.linalg.svd(unit - unit @ determined, full_matrices=False)
-        new = new * (lengths > _DEPENDENT)[..., None]
+        new = new * (lengths > BudgetSettings.dependent)[..., None]
         determined = np.concatenate([determined, determined + np.swapaxes(new, 1, 2) @ new])
     return determined
 
@@ -236,7 +255,7 @@ def propagate(linear: Linearization, space: ErrorSpace, cause: str = "", factor:
     left = np.eye(linear.prior.shape[1])
     noise = {PIXELS: linear.points, MOMENT_NOISE: linear.readings}
     if cause in noise:
-        noise[cause] = noise[cause] / max(factor, _EXACT_NOISE) ** 2
+        noise[cause] = noise[cause] / max(factor, BudgetSettings.exact_noise) ** 2
     elif cause == FRICTION:
         left[UNKNOWNS - 1, UNKNOWNS - 1] = factor
     elif cause:

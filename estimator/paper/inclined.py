@@ -25,8 +25,7 @@ from vbaa_calib.core.errors import InputError
 from .two_point import Part, bending, elasticity, floats, in_pieces, relative_contact
 
 _CLOSE = 1e-9  # a step of Newton's, relative, after which one more reaches rounding
-_ENDLESS = 1e15  # l/x2 of deflections as if under a pure moment
-_HALVINGS, _ROUNDING = 36, 1e-9
+_ROUNDING = 1e-9
 
 
 def _candidates(xp1: Array, xp2: Array, ratio: Array, torque: Array) -> tuple[Array, Array, Array, Array]:
@@ -70,7 +69,8 @@ def _shape(v: Array, ratio: Array) -> tuple[Array, Array]:
     spread = (1.0 + v) / (ratio * v)
     known = spread**2 * ratio
     part = xp.where(known * (3.0 - spread) >= 2.0, int(Part.CURVED), int(Part.MIXED))
-    return part, xp.where(known < 1.0, relative_contact(part, spread, ratio), _ENDLESS)
+    # l/x2 of deflections as if under a pure moment
+    return part, xp.where(known < 1.0, relative_contact(part, spread, ratio), 1e15)
 
 
 def _pull(v: Array, ratio: Array) -> tuple[Array, Array]:
@@ -91,7 +91,7 @@ def _turn(place: Array, ratio: Array, first: Array, last: Array, fold: Array) ->
     place, ratio, low, high = place[fold], ratio[fold], first[fold], last[fold]
     xp = namespace(place)
     high = xp.maximum(low, high)
-    for _ in range(_HALVINGS):
+    for _ in range(36):
         middle = 0.5 * (low + high)
         before = 1.0 / (middle - place) + _pull(middle, ratio)[1] > 0.0
         low, high = xp.where(before, middle, low), xp.where(before, high, middle)

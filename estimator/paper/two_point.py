@@ -22,8 +22,7 @@ import numpy as np
 from vbaa_calib.core.arrays import Array, as_floats, is_tensor, like, namespace, widest_float
 from vbaa_calib.core.errors import InputError
 
-_PIECE, _PIECE_OF_TENSORS = 16384, 65536  # frames at a time: few enough for the cache, enough for torch's threads
-_ROUNDING, _ROUNDS = 1e-9, 3
+_ROUNDING = 1e-9
 
 
 def floats(*values: Any) -> list[Array]:
@@ -53,7 +52,8 @@ def in_pieces(work: Callable[..., tuple[Array, ...]], x_m: Array, y_m: Array, *v
     points = [xp.where(swap, xp.flip(pair, (1,)), pair) for pair in points]
     flat = [v if v.ndim == 0 and batch else xp.broadcast_to(v, batch).reshape(-1) for v in values]
     count = math.prod(batch)
-    step = _PIECE if xp is np else _PIECE_OF_TENSORS if y_m.device.type == "cpu" else max(count, 1)
+    # frames at a time: few enough for the cache, enough for torch's threads
+    step = 16384 if xp is np else 65536 if y_m.device.type == "cpu" else max(count, 1)
     with np.errstate(all="ignore"):
         pieces = [
             work(*(v if v.ndim == 0 else v[start : start + step] for v in (*points, *flat)))
@@ -190,9 +190,7 @@ def _mixed_root(spread: Array, known: Array) -> Array:
     return xp.minimum(xp.maximum(root, spread), xp.ones_like(root))
 
 
-def straight_line_contact(
-    x_m: Any, y_m: Any, guess_m: Any, stiffness_Nm2: Any, rounds: int = _ROUNDS
-) -> tuple[Array, Array]:
+def straight_line_contact(x_m: Any, y_m: Any, guess_m: Any, stiffness_Nm2: Any, rounds: int = 3) -> tuple[Array, Array]:
     """Contact distance and f_y (...) of points (..., N) on plane C, upright camera; NumPy or torch. NaN is left out.
 
     The first line goes through the points beyond `guess_m` (...), each further one through those beyond the l before;

@@ -437,9 +437,6 @@ _BESIDE = {"start": 4, "tip_px": 3, "moment_errors_Nm": len(READINGS), "joint_er
 """Of `Measured`: arrays, and how many numbers they have."""
 
 
-_FOREIGN_M = 1e-3  # world and antenna points that disagree by more than this come from another rig
-
-
 def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarray, np.ndarray]:
     """Pan and tilt (B,) in rad; NaN where the table has neither them nor a contact in both frames.
 
@@ -455,7 +452,8 @@ def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarra
     pan, tilt = np.where(recorded, table.pan_rad, pan), np.where(recorded, table.tilt_rad, tilt)
     rotation, translation = kinematics.world_antenna(pan, tilt)
     off = np.einsum("bij,bj->bi", rotation, table.point_antenna_m) + translation - table.point_world_m
-    if (np.linalg.norm(off, axis=1) > _FOREIGN_M).any():
+    # m: points that disagree by more are of another rig
+    if (np.linalg.norm(off, axis=1) > 1e-3).any():
         raise InputError(
             "the contacts do not fit the rig's kinematics",
             where="rig.json",

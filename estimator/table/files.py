@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 _PARQUET = ".parquet"
 _ROW_GROUP = 4096  # rows of a Parquet row group
-_ROW_BYTES = 700  # of memory that a row takes as columns
 _ROWS_TOGETHER = 1024  # rows that are put into columns at once: as columns they take a fifth of the room
 _UPPER = np.triu_indices(3)
 _NAMES = {field: column_names([field]) for field in COLUMNS}
@@ -354,7 +353,8 @@ def _parquet_rows(path: Path, columns: tuple[str, ...], optional: tuple[str, ...
         with ParquetFile(path) as file:
             groups = [file.metadata.row_group(index) for index in range(file.num_row_groups)]
             largest = max((group.total_byte_size for group in groups), default=0)
-            if file.metadata.num_rows * _ROW_BYTES + largest > most_memory(path.stat().st_size):
+            # bytes of memory that a row takes as columns
+            if file.metadata.num_rows * 700 + largest > most_memory(path.stat().st_size):
                 what = f"unpacks to {file.metadata.num_rows} rows, {largest / 1e6:.0f} MB at once"
                 raise InputError(what, where=path, remedy="it is damaged or forged: write it again")
             names = file.schema_arrow.names

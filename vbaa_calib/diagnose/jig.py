@@ -424,8 +424,8 @@ def _slips(data: JigEvidence) -> Iterator[_JigMistake]:
         words = f"{names[0]} and {names[1]} of {key}.translation_m are exchanged: ({_numbers(shift[order])}) m fits"
         yield case("axes_exchanged", words, Pose(turn, shift[order]))
     middle = corner_points(data.session.board).mean(axis=0) * [1.0, 1.0, 0.0]
-    for name, axis in zip("xyz", np.eye(3), strict=True):
-        rotation = Rotation.from_rotvec(np.pi * axis).as_matrix()
+    for name, about_axis in zip("xyz", np.eye(3), strict=True):
+        rotation = Rotation.from_rotvec(np.pi * about_axis).as_matrix()
         about = Pose(rotation, middle - rotation @ middle)
         words = f"the board in the jig is turned by 180° about its {name} axis: {{}} fits"
         yield case("turned", words.format(_quaternion(turn @ rotation)), Pose(turn @ rotation, shift))

@@ -23,7 +23,7 @@ from vbaa_calib.core.images import SUFFIXES, read_gray
 
 
 @dataclass(frozen=True)
-class _FileSettings:
+class _SourceSettings:
     """Limits on what is read from files."""
 
     bytes_per_pixel: int = 14  # of memory that a frame takes on its way to a picture
@@ -34,7 +34,7 @@ class _FileSettings:
     longest_name: int = 100  # letters of a name in a message
 
 
-_FILES = _FileSettings()
+_FILES = _SourceSettings()
 
 
 def _without_secrets(text: str) -> str:

@@ -24,7 +24,7 @@ from .stage import Stage, quiet
 
 
 @dataclass(frozen=True)
-class _SheetSettings:
+class _ScreenshotSettings:
     """Layout of a screenshot, px."""
 
     wide: int = 1900  # width of the sheet
@@ -36,7 +36,7 @@ class _SheetSettings:
     dpi: int = 100  # pixels per inch of matplotlib's lengths
 
 
-SHEET = _SheetSettings()
+SHEET = _ScreenshotSettings()
 
 
 @quiet()

@@ -25,9 +25,6 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 RUNG = "rod"
-_SLOPES_RAD = np.radians([4.0, 8.0, 14.0])
-"""A touch is pressed to one of these slopes of the antenna at the contact, through those before it."""
-_ROWS, _SWEEPS = 36, np.arange(-4, 5)
 
 
 @dataclass(frozen=True)
@@ -50,6 +47,9 @@ class TouchSettings:
     unknown_mu: float = 0.5  # largest μ of an object whose friction is unknown
     likely_mu: float = 0.3  # its expected μ
     interval_std: float = 1.96  # standard deviations of a 95 % interval
+    rows: int = 36  # contacts that strokes are tried from
+    # of the antenna at the contact, one after the other, up to the one of the touch
+    slopes_deg: tuple[float, float, float] = (4.0, 8.0, 14.0)
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,8 @@ def reachable(
 ) -> Reach:
     """Touches near those that were made, rows (P,) at joint angles (P, 2), pressed straight onto what is known of the
     surface: all the way from the first contact lies on places that `reconstruct` would draw."""
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).astype(int))] if len(rows) > _ROWS else rows
+    if len(rows) > TouchSettings.rows:
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, TouchSettings.rows).astype(int))]
     label = np.empty(len(found.touches), int)
     for index, one in enumerate(found.patches):
         label[one.members] = index
@@ -190,7 +191,8 @@ def reachable(
     across, speed = _ways(arrays, at, found.touches.point_m[rows], found.normals.normal[rows])
     extent = np.array([np.linalg.norm(np.ptp(found.point_m[one.members], axis=0)) for one in found.patches])
     stride = np.minimum(TouchSettings.swept_share * extent[label[rows]] / speed[:, 1], TouchSettings.farthest_step_rad)
-    row, sweep = (each.ravel() for each in np.meshgrid(np.arange(len(rows)), _SWEEPS, indexing="ij"))
+    # strokes from one contact
+    row, sweep = (each.ravel() for each in np.meshgrid(np.arange(len(rows)), np.arange(-4, 5), indexing="ij"))
     press, along = across[row, 0], across[row, 1]
     start = at[row] + (sweep * stride[row])[:, None] * along
     patch, distance = label[rows][row], found.touches.distance_m[rows][row] / length
@@ -213,7 +215,7 @@ def reachable(
     known &= std <= shown
     lever = _ways(arrays, np.nan_to_num(touch), begun.point_m, np.nan_to_num(normal))[1][:, 0]
     begin = touch - ((TouchSettings.clear_m + 3.0 * std) / lever)[:, None] * press
-    for level, slope in enumerate(_SLOPES_RAD):
+    for level, slope in enumerate(np.radians(TouchSettings.slopes_deg)):
         antenna = arrays.rig.antenna
         size = 2.0 * antenna.stiffness_Nm2 * slope / (unknowns[:, 0] * length) ** 2
         size /= antenna.taper.turning(unknowns[:, 0])

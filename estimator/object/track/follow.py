@@ -20,7 +20,6 @@ from scipy.special import log_ndtr, logsumexp
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.contact.motion import Beam
-from estimator.object.track.onset import TrackSettings
 from estimator.table.contacts import LOCATED, ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.geometry import Kinematics
@@ -43,16 +42,13 @@ from .onset import (
     ContactStates,
     Event,
     Track,
+    TrackSettings,
     baseline_candidates,
     contact_states,
     median_step,
 )
 
-_RATES = np.geomspace(0.3, 30.0, 36)  # trial rates of growth over the one that the last frame alone would ask for
 _COSINES = np.linspace(-0.8, 0.8, 5)
-# trial changes of the rate over the frames looked at, in `_UNEVEN`s, and their probabilities; `_UNEVEN` is how unevenly
-# an approach is thought to grow from t₀ to the last frame looked at: standard deviation of the share
-_BENDS, _SHARES, _UNEVEN = np.array([-1.4, 0.0, 1.4]), np.array([0.25, 0.5, 0.25]), 0.15
 
 
 def _ringing_frames(table: ContactTable) -> np.ndarray:
@@ -198,8 +194,10 @@ def _by_evidence(growth: _Growth, at: np.ndarray) -> np.ndarray:
     late = np.clip(time - at[:, None], 0.0, None)  # (A, N)
     span = max(float(time[-1] - at[0]), 1e-9)
     reached = np.sqrt(2.0 * max(float(evidence[-1]) - level, 1.0))
-    rate = _RATES * (reached / np.maximum(late[:, -1:], 1e-3 * span))  # (A, G)
-    bend = 1.0 + _UNEVEN * _BENDS[:, None] * (late / span)[:, None]  # (A, 3, N)
+    # trial rates of growth over the one that the last frame alone would ask for
+    rate = np.geomspace(0.3, 30.0, 36) * (reached / np.maximum(late[:, -1:], 1e-3 * span))  # (A, G)
+    # trial changes of the rate over the frames used
+    bend = 1.0 + TrackSettings.uneven_share * np.array([-1.4, 0.0, 1.4])[:, None] * (late / span)[:, None]  # (A, 3, N)
     # (A, G, 3, N); of log-likelihoods single precision has digits enough, and takes half the time
     x = (rate[:, :, None, None] * (bend * late[:, None])[:, None]).astype(np.float32)
     log = np.empty((*x.shape[:3], len(_COSINES)))
@@ -216,7 +214,8 @@ def _by_evidence(growth: _Growth, at: np.ndarray) -> np.ndarray:
                 (middle[..., -1] - np.cbrt(TrackSettings.trusted_evidence)) / np.sqrt(spread[..., -1])
             )
         log[..., index] = each.sum(axis=-1)
-    return logsumexp(log + np.log(_SHARES)[:, None], axis=(1, 2, 3))
+    # with their probabilities
+    return logsumexp(log + np.log(np.array([0.25, 0.5, 0.25]))[:, None], axis=(1, 2, 3))
 
 
 def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
@@ -226,7 +225,7 @@ def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
     late = growth.force_time_s - at[:, None]  # (A, F)
     span = late[:, -1:]
     rate = growth.force_N[-1] / span  # what the bend is a share of
-    bow = _UNEVEN * rate * late * (late / span - 1.0)
+    bow = TrackSettings.uneven_share * rate * late * (late / span - 1.0)
     own = (TrackSettings.own_share * growth.force_std_N) ** 2 + (TrackSettings.relative_force * growth.force_N) ** 2
     common = float(growth.force_std_N[0]) ** 2
     covariance = np.eye(late.shape[1]) * own + common + bow[:, :, None] * bow[:, None]
@@ -336,22 +335,6 @@ def _growth(table: ContactTable, contacting: ContactStates, change: ContactChang
     )
 
 
-_CLEAR, _STILL_CLEAR = 4.5, 2.5  # deviations by which a slip must stand out to be called one, and for it to go on
-# share of the joints' motion below which a slip is not called one: curved paths and rolling leave as much; and that it
-# must surely stay below where the contact is said to stick
-_NOTHING, _STUCK = 0.05, 0.15
-_REST_M_S = 3e-4  # nothing slower is distinguishable from rest
-_RADIUS_M = 0.5e-3  # the antenna's if no rig is given: only limits how much a sticking antenna may roll
-_GAP_FRAMES = 4.0  # a run of located frames ends where so many frames' time passes without one
-_LEAST_SECONDS = 6  # second differences needed for a scatter
-_MOST_SCATTER = 3.0  # how many times as much as said the points of a path may scatter across the antenna, at most
-# velocities are slopes over the frames within `half_window_s`, and over one neighbour on each side at least
-_LEAST_HALF = 1
-_SHARE = 0.01  # part of a slip that is left open: the object touches an antenna radius beside the centreline
-_LEANING_RAD = 0.35  # how far friction may lean the force from the normal across the antenna: standard deviation
-_UPRIGHT_RAD = 0.8  # a slip farther from the plane across the force says nothing about the normal: the object gives way
-
-
 def follow(
     table: ContactTable,
     rig: Rig | None = None,
@@ -370,7 +353,9 @@ def follow(
         shared = CommonErrors.none(table) if rig is None else shared_errors(rig, table)
     ringing = _ringing_frames(table)
     contact = contact_states(table, ringing)
-    kinematics, radius = (Kinematics(), _RADIUS_M) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
+    kinematics, radius = (
+        (Kinematics(), TrackSettings.radius_m) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
+    )
     phase = np.select([contact.state == 1, contact.state == 0], [TOUCHING, FREE], UNKNOWN).astype("<U8")
     count, good = len(table), table.located & (contact.state == 1) & np.isfinite(table.time_s)
     good &= np.isfinite(table.point_world_m).all(axis=1) & np.isfinite(table.tangent_world).all(axis=1)
@@ -431,17 +416,20 @@ def _phases(slip: _Slip, antenna_radius_m: float) -> np.ndarray:
     toward = slip.velocity_m_s / np.maximum(speed, 1e-12)[:, None]
     own = np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", toward, slip.covariance_m2_s2, toward), 0.0))
     carried = np.where(np.isfinite(slip.carried_m_s), slip.carried_m_s, slip.contact_m_s)
-    nothing = _NOTHING * carried + antenna_radius_m * slip.turning_rad_s
+    nothing = TrackSettings.no_slip_share * carried + antenna_radius_m * slip.turning_rad_s
     with np.errstate(invalid="ignore"):
-        std = np.where(speed > _CLEAR * widest, own, widest)
-        surely, still = speed - _CLEAR * std > nothing, speed - _STILL_CLEAR * std > nothing
-        fast = speed > _REST_M_S
+        std = np.where(speed > TrackSettings.slip_std * widest, own, widest)
+        surely = speed - TrackSettings.slip_std * std > nothing
+        still = speed - TrackSettings.still_slip_std * std > nothing
+        fast = speed > TrackSettings.rest_m_s
         held = np.cumsum(~(still & fast))  # one number for each run of frames in which a slip may go on
         sliding = still & fast & np.isin(held, np.unique(held[surely & still & fast]))
-        rest = np.maximum(antenna_radius_m * slip.turning_rad_s, _REST_M_S)
-        small = speed + 2.0 * std <= np.maximum(_STUCK * carried, rest)
-        stuck = ~sliding & small & (speed - _STILL_CLEAR * std <= rest)
-        walks = slip.contact_m_s - _CLEAR * slip.contact_std_m_s > 2.0 * np.maximum(speed + 2.0 * std, _REST_M_S)
+        rest = np.maximum(antenna_radius_m * slip.turning_rad_s, TrackSettings.rest_m_s)
+        small = speed + 2.0 * std <= np.maximum(TrackSettings.stuck_share * carried, rest)
+        stuck = ~sliding & small & (speed - TrackSettings.still_slip_std * std <= rest)
+        walks = slip.contact_m_s - TrackSettings.slip_std * slip.contact_std_m_s > 2.0 * np.maximum(
+            speed + 2.0 * std, TrackSettings.rest_m_s
+        )
     found = np.full(len(speed), TOUCHING, dtype=object)
     found[stuck] = STICKING
     found[stuck & walks] = ROLLING
@@ -455,7 +443,11 @@ def runs(table: ContactTable, rows: np.ndarray, free: np.ndarray, breaks_s: np.n
         return []
     time = table.time_s[rows]
     steps = np.diff(time)
-    ends = (steps > _GAP_FRAMES * median_step(table.time_s)) | (np.diff(np.cumsum(free)[rows]) > 0) | ~(steps > 0.0)
+    ends = (
+        (steps > TrackSettings.gap_frames * median_step(table.time_s))
+        | (np.diff(np.cumsum(free)[rows]) > 0)
+        | ~(steps > 0.0)
+    )
     at = np.searchsorted(time, breaks_s[np.isfinite(breaks_s)], side="right") - 1
     ends[at[(at >= 0) & (at < len(ends))]] = True
     return np.split(rows, np.flatnonzero(ends) + 1)
@@ -481,7 +473,7 @@ def _material_noise(
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     frame = np.stack([tangent, first, np.cross(tangent, first)], axis=1)
     path = np.einsum("pki,pi->pk", frame, material - material.mean(axis=0))
-    if len(path) < _LEAST_SECONDS + 2:
+    if len(path) < TrackSettings.fewest_bends + 2:
         return across + along * (predicted**2)[:, None, None]
     # by which a smooth path scatters, from its second differences' median
     before, after = np.diff(time)[:-1, None], np.diff(time)[1:, None]
@@ -493,7 +485,7 @@ def _material_noise(
     sideways = float(np.hypot(seen[1], seen[2]) / np.sqrt(2.0))
     if known and np.isfinite(predicted).all():
         # what swings more than this is motion, not noise
-        factor = np.clip(sideways / max(float(np.median(predicted)), 1e-12), 1.0, _MOST_SCATTER) ** 2
+        factor = np.clip(sideways / max(float(np.median(predicted)), 1e-12), 1.0, TrackSettings.most_scatter) ** 2
         return factor * across + along * seen[0] ** 2
     return along * seen[0] ** 2 + flat * sideways**2
 
@@ -530,7 +522,7 @@ def _slip(
     kernel = _slopes(time)
     moved, modes = kernel @ material, _sloped(kernel, modes)
     covariance = _sloped(kernel.power(2), noise) + modes @ np.swapaxes(modes, 1, 2)
-    covariance = covariance + np.eye(3) * (_SHARE**2 * (moved**2).sum(axis=1))[:, None, None]
+    covariance = covariance + np.eye(3) * (TrackSettings.open_share**2 * (moved**2).sum(axis=1))[:, None, None]
     across, upward = _tilted_axes(moved, covariance, *_axes(table.force_world_N[rows], tangent))
     if normal is not None:
         known = np.isfinite(normal).all(axis=1)[:, None]
@@ -571,7 +563,7 @@ def _slopes(time_s: np.ndarray) -> csr_array:
     row = np.arange(count)
     before = row - np.searchsorted(time_s, time_s - TrackSettings.half_window_s - 1e-9)
     after = np.searchsorted(time_s, time_s + TrackSettings.half_window_s + 1e-9, side="right") - 1 - row
-    half = np.maximum(np.minimum(before, after), _LEAST_HALF)
+    half = np.maximum(np.minimum(before, after), TrackSettings.least_neighbours)
     low, high = np.maximum(row - half, 0), np.minimum(row + half, count - 1)
     short = high - low < 2
     high = np.minimum(np.where(short, low + 2, high), count - 1)
@@ -607,6 +599,6 @@ def _tilted_axes(
     with np.errstate(divide="ignore", invalid="ignore"):
         lean = np.arctan(away / sideways)
         variance = noise / (sideways**2 + away**2) + 0.05**2
-        turn = lean * _LEANING_RAD**2 / (_LEANING_RAD**2 + variance)
-    turn = np.where(np.abs(lean) < _UPRIGHT_RAD, turn, 0.0)[:, None]
+        turn = lean * TrackSettings.friction_rad**2 / (TrackSettings.friction_rad**2 + variance)
+    turn = np.where(np.abs(lean) < TrackSettings.inclined_rad, turn, 0.0)[:, None]
     return np.cos(turn) * across + np.sin(turn) * upward, np.cos(turn) * upward - np.sin(turn) * across

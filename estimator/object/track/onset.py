@@ -24,8 +24,6 @@ from estimator.table.contacts import ContactTable
 FREE, TOUCHING, STICKING, SLIDING, ROLLING, UNKNOWN = "free", "touching", "sticking", "sliding", "rolling", "unknown"
 FIRST_CONTACT, LOSS, SLIP_START, SLIP_END, RINGING = "first_contact", "loss", "slip_start", "slip_end", "ringing"
 
-_TOUCHING = ("ok", "tip_contact", "low_signal")  # in contact; `no_contact` is free, all others are neither
-
 
 @dataclass(frozen=True)
 class TrackSettings:
@@ -63,6 +61,22 @@ class TrackSettings:
     relative_force: float = 0.03  # of a force's size that differs besides
     fewest_smoothed: int = 5  # frames of a piece; shorter ones stay as they are
     least_noise: float = 1e-6  # of a point's own variance in every direction: the filter divides by it
+    # how unevenly an approach grows from its start to the last frame used: standard deviation
+    uneven_share: float = 0.15
+    slip_std: float = 4.5  # standard deviations by which a slip must stand out,
+    still_slip_std: float = 2.5  # and by which, for it to go on
+    # of the joints' motion below which nothing slips: curved paths and rolling leave as much
+    no_slip_share: float = 0.05
+    stuck_share: float = 0.15  # of the joints' motion that a sticking contact surely stays below
+    rest_m_s: float = 3e-4  # nothing slower is distinguishable from rest
+    radius_m: float = 0.5e-3  # of an antenna without a rig: limits how much a sticking one may roll
+    gap_frames: float = 4.0  # a run of located frames ends where so many frames' time passes without one
+    fewest_bends: int = 6  # second differences needed for a scatter
+    most_scatter: float = 3.0  # largest ratio of a path's scatter across the antenna to the expected one
+    least_neighbours: int = 1  # frames on each side that a velocity is taken over, at least
+    open_share: float = 0.01  # of a slip that stays open: the object touches an antenna radius from the centreline
+    friction_rad: float = 0.35  # standard deviation of the angle between force and normal, across the antenna
+    inclined_rad: float = 0.8  # a slip farther from the plane across the force says nothing about the normal
 
 
 @dataclass(frozen=True)
@@ -128,7 +142,10 @@ class ContactStates:
 
 def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
     """Go through a recording once, forward, as a live judge would; a ringing antenna says nothing."""
-    said = np.where(np.isin(table.status, _TOUCHING), 1, np.where(table.status == "no_contact", 0, -1))
+    # in contact; `no_contact` is free, all others are neither
+    said = np.where(
+        np.isin(table.status, ("ok", "tip_contact", "low_signal")), 1, np.where(table.status == "no_contact", 0, -1)
+    )
     said = np.where(ringing, -1, said)
     joints = np.column_stack([table.pan_rad, table.tilt_rad])
     root = np.cbrt(np.clip(table.evidence, 0.0, None))

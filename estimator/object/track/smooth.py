@@ -22,8 +22,6 @@ from vbaa_calib.rig import Rig
 from .follow import follow, runs
 from .onset import LOSS, SLIP_END, SLIP_START, Track
 
-# trial intensities of the walk, about the one that would move the path by its own noise in its mean step
-_DECADES, _TRIALS = (-8.0, 4.0), 37
 _CHANGED = (
     *("point_world_m", "covariance_world_m2", "point_antenna_m", "distance_m", "distance_std_m"),
     *("force_world_N", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N"),
@@ -71,7 +69,8 @@ def _walk_intensity(time_s: np.ndarray, values: np.ndarray, variance: np.ndarray
     if not (sound and len(values) >= 4 and (np.diff(time_s) > 0.0).all()):
         return np.nan
     step = float(np.diff(time_s).mean())
-    trials = np.logspace(*_DECADES, _TRIALS) * (float(np.median(variance)) / step**3)
+    # trial intensities of the walk, about the one that would move the path by its own noise in its mean step
+    trials = np.logspace(-8.0, 4.0, 37) * (float(np.median(variance)) / step**3)
     log = _log_likelihoods(time_s - time_s[0], values - values.mean(), variance, trials)
     return float(np.exp(logsumexp(log + np.log(trials)) - logsumexp(log)))
 
