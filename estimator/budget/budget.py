@@ -15,12 +15,6 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 from .parts import (
-    FORCE_PRIOR,
-    FRICTION,
-    JOINT_AXES,
-    LENS,
-    MOMENT_NOISE,
-    PIXELS,
     RESULTS,
     BudgetContacts,
     ErrorSpace,
@@ -47,18 +41,18 @@ _JIG = "take more pictures of the board in the jig, with a better jig, or a swee
 _NO_LOAD = "take more pictures of the free antenna, at several tilts, and calibrate again"
 _LOADS = "hang more loads, heavier and at several distances, weighed and measured with a caliper"
 CAUSES = {
-    PIXELS: _ErrorCause(
+    "pixels": _ErrorCause(
         "pixel noise",
         "#0f766e",
         "bring the camera nearer, take one with more pixels or a longer lens, or light the antenna better",
     ),
-    MOMENT_NOISE: _ErrorCause(
+    "moment_noise": _ErrorCause(
         "moment noise", "#b45309", "take a quieter moment sensor, or average more readings per picture"
     ),
-    FRICTION: _ErrorCause(
+    "friction": _ErrorCause(
         "friction angle", "#7c3aed", "polish or grease the antenna, and say with --friction how slippery it is"
     ),
-    LENS: _ErrorCause(
+    "lens": _ErrorCause(
         "lens", "#1d4ed8", "take more pictures of the board for the lens, up to the borders of the picture"
     ),
     "camera_rotation": _ErrorCause("camera rotation", "#0ea5e9", _JIG),
@@ -72,16 +66,16 @@ CAUSES = {
     "moment_gain": _ErrorCause("moment gain", "#f97316", _LOADS),
     "moment_offset": _ErrorCause("moment offset", "#fdba74", "take more readings without a load"),
     "sensor_axes": _ErrorCause("sensor axes", "#fed7aa", _LOADS),
-    JOINT_AXES: _ErrorCause(
+    "joint_axes": _ErrorCause(
         "joint axes", "#78716c", "repeat the sweep of the joints with more poses, or measure the axes"
     ),
-    FORCE_PRIOR: _ErrorCause(
+    "force_prior": _ErrorCause(
         "likely force", "#cbd5e1", "give the moment reading: the picture alone hardly holds the force here"
     ),
 }
 """Every cause, in the order in which figures stack them."""
 ADVISED = ("distance_m", "force_N", "point_m")  # results that the advice is about
-OWN = (PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR)  # causes that are not the calibration's
+OWN = ("pixels", "moment_noise", "friction", "force_prior")  # causes that are not the calibration's
 
 
 @dataclass(frozen=True)
@@ -177,14 +171,14 @@ def error_budget(
     linear = every.picked(determined)
     now = propagate(linear, space)
     by_cause = {cause: part for cause, part in variance_by_cause(space, now).items() if part.any()}
-    without = () if with_moment else (MOMENT_NOISE, "moment_gain", "moment_offset")
+    without = () if with_moment else ("moment_noise", "moment_gain", "moment_offset")
     several = with_moment and rig.wrench_sensor is not None
-    aside = (FORCE_PRIOR, *without, *([] if several else ["sensor_axes"]))
+    aside = ("force_prior", *without, *([] if several else ["sensor_axes"]))
     whole, shared = _mean(now.variance), _mean(correlated_variance(space, now))
     parts: dict[str, dict[str, _CausePart]] = {name: {} for name in RESULTS}
     for cause, rows in by_cause.items():
         own, halved, exact = _mean(rows), whole, whole
-        if cause != FORCE_PRIOR:
+        if cause != "force_prior":
             halved, exact = (_mean(propagate(linear, space, cause, factor).variance) for factor in (0.5, 0.0))
         for name in RESULTS:
             std, if_halved, if_exact = (float(np.sqrt(each[name])) for each in (own, halved, exact))

@@ -46,7 +46,6 @@ class BudgetSettings:
     correlated: float = 0.1  # share of a variance that no cause has alone, from which it is reported
 
 
-LENS, JOINT_AXES = "lens", "joint_axes"
 RIG_CAUSES = {
     "camera_rotation": POSE_PARAMETERS[:3],
     "camera_position": POSE_PARAMETERS[3:],
@@ -60,7 +59,6 @@ RIG_CAUSES = {
     "moment_offset": ("moment_offset_Nm",),
 }
 """Causes and their rows of the joint covariance; the lens' rows follow them."""
-PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR = "pixels", "moment_noise", "friction", "force_prior"
 RESULTS = {"distance_m": (0,), "force_y_N": (1,), "force_z_N": (2,), "force_N": (1, 2), "point_m": (3, 4, 5)}
 """Results and the rows that they are made of: of several, the variance is the sum."""
 
@@ -132,7 +130,7 @@ def _empty(rig_arrays: RigArrays, touches: BudgetContacts) -> Frames:
 class ErrorSpace:
     """S independent errors of unit deviation that make all errors of rig and joint axes."""
 
-    causes: tuple[str, ...]  # G that have any error, of `RIG_CAUSES`, `LENS` and `JOINT_AXES`
+    causes: tuple[str, ...]  # G that have any error, of `RIG_CAUSES`, "lens", "sensor_axes" and "joint_axes"
     determined: np.ndarray  # (G, S, S) projector onto the errors determined once a cause is known, by correlation, too
     determined_by_others: np.ndarray  # (G, S, S) the same of all the other causes together
     shares: np.ndarray  # (G, S, S) each cause's part, see `_split`
@@ -155,7 +153,7 @@ class ErrorSpace:
         first, sensor = len(rig_arrays.rig.covariance), rig_arrays.rig.wrench_sensor
         after = first + (0 if sensor is None else len(sensor.covariance))
         lens = np.vstack([rig_rows[len(RIG_PARAMETERS) : first], rig_rows[after:]])
-        rows |= {LENS: lens, "sensor_axes": rig_rows[first:after], JOINT_AXES: axes}
+        rows |= {"lens": lens, "sensor_axes": rig_rows[first:after], "joint_axes": axes}
         rows = {cause: part for cause, part in rows.items() if part.any()}
         determined = _subsets(list(rows.values()), axes.shape[1])
         single = [1 << index for index in range(len(rows))]
@@ -253,14 +251,14 @@ def propagate(linear: Linearization, space: ErrorSpace, cause: str = "", factor:
     """The errors of contacts that are estimated with what is known, or with a cause's deviation times a factor: as if
     it were measured again, which narrows correlated ones, too."""
     left = np.eye(linear.prior.shape[1])
-    noise = {PIXELS: linear.points, MOMENT_NOISE: linear.readings}
+    noise = {"pixels": linear.points, "moment_noise": linear.readings}
     if cause in noise:
         noise[cause] = noise[cause] / max(factor, BudgetSettings.exact_noise) ** 2
-    elif cause == FRICTION:
+    elif cause == "friction":
         left[UNKNOWNS - 1, UNKNOWNS - 1] = factor
     elif cause:
         left[UNKNOWNS:, UNKNOWNS:] -= (1.0 - factor) * space.determined[space.causes.index(cause)]
-    information = left @ (noise[PIXELS] + noise[MOMENT_NOISE]) @ left
+    information = left @ (noise["pixels"] + noise["moment_noise"]) @ left
     information = information + np.eye(left.shape[-1]) * linear.prior[:, None]
     scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -270,7 +268,7 @@ def propagate(linear: Linearization, space: ErrorSpace, cause: str = "", factor:
     slopes = gain @ left
     by_noise = {cause: np.einsum("bqk,bkl,bql->bq", slopes, each, slopes) for cause, each in noise.items()}
     by_prior = gain[..., :UNKNOWNS] ** 2 * weights[..., :UNKNOWNS]
-    by_noise |= {FRICTION: by_prior[..., -1], FORCE_PRIOR: by_prior[..., 1:-1].sum(axis=-1)}
+    by_noise |= {"friction": by_prior[..., -1], "force_prior": by_prior[..., 1:-1].sum(axis=-1)}
     by_errors = -gain[..., UNKNOWNS:] * weights[..., UNKNOWNS:] - linear.beyond @ left[UNKNOWNS:, UNKNOWNS:]
     return _Propagation(gain, by_noise, by_errors)
 

@@ -14,19 +14,7 @@ import pytest
 from benchmarks.estimator.scenes import ShapesOf, rod_shapes
 from estimator import ContactEstimator
 from estimator.budget.budget import Budget, error_budget
-from estimator.budget.parts import (
-    FRICTION,
-    JOINT_AXES,
-    LENS,
-    MOMENT_NOISE,
-    PIXELS,
-    RIG_CAUSES,
-    _split,
-    _subsets,
-    propagate,
-    touch_of_force,
-    variance_by_cause,
-)
+from estimator.budget.parts import RIG_CAUSES, _split, _subsets, propagate, touch_of_force, variance_by_cause
 from estimator.contact.common_errors import MOST_POINTS, shared_errors
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.core.errors import InputError
@@ -91,8 +79,8 @@ def test_shares_are_never_negative_and_make_the_whole(rig: Rig) -> None:
     space = linearised(rig, three_touches(RIG))[1]
     np.testing.assert_allclose(space.shares.sum(axis=0), np.eye(space.size), atol=1e-8)
     assert np.linalg.eigvalsh(space.shares).min() > -1e-8
-    assert (LENS in space.causes) == rig.with_lens
-    assert (JOINT_AXES in space.causes) == (not rig.kinematics.axes_known)
+    assert ("lens" in space.causes) == rig.with_lens
+    assert ("joint_axes" in space.causes) == (not rig.kinematics.axes_known)
     assert "clamp_give" not in space.causes
     np.testing.assert_allclose(space.determined @ space.determined, space.determined, atol=1e-8)
 
@@ -103,11 +91,11 @@ def test_a_rig_without_errors_has_no_causes() -> None:
     assert space.causes == ()
     assert space.size == 0
     budget = error_budget(exact, three_touches(RIG), friction=0.0)
-    assert set(budget.variances) <= {PIXELS, MOMENT_NOISE, "force_prior"}
+    assert set(budget.variances) <= {"pixels", "moment_noise", "force_prior"}
     assert budget.first_of_rig is None
     assert budget.results["distance_m"].common_std == 0.0
     assert "the whole rig is exact" in budget.notes[0]
-    assert {*RIG_CAUSES, LENS, JOINT_AXES, FRICTION} <= set(budget.exact)
+    assert {*RIG_CAUSES, "lens", "joint_axes", "friction"} <= set(budget.exact)
 
 
 def test_the_estimator_is_off_as_said_by_every_parameter_and_by_friction() -> None:
@@ -161,10 +149,14 @@ def test_knowing_a_cause_better_is_what_a_rig_with_that_knowledge_has() -> None:
     _, space, here = linearised(RIG, touches)
     sensor = replace(RIG.moment_sensor, std_Nm=factor * RIG.moment_sensor.std_Nm)
     others = [
-        (PIXELS, factor, replace(RIG, image=replace(RIG.image, noise_px=factor * RIG.image.noise_px)), FRICTION_RAD),
-        (MOMENT_NOISE, factor, replace(RIG, moment_sensor=sensor), FRICTION_RAD),
-        (FRICTION, factor, RIG, factor * FRICTION_RAD),
-        *((cause, part, known_better(cause, part), FRICTION_RAD) for cause in ("bow", LENS) for part in (0.0, factor)),
+        ("pixels", factor, replace(RIG, image=replace(RIG.image, noise_px=factor * RIG.image.noise_px)), FRICTION_RAD),
+        ("moment_noise", factor, replace(RIG, moment_sensor=sensor), FRICTION_RAD),
+        ("friction", factor, RIG, factor * FRICTION_RAD),
+        *(
+            (cause, part, known_better(cause, part), FRICTION_RAD)
+            for cause in ("bow", "lens")
+            for part in (0.0, factor)
+        ),
     ]
     for cause, part, rig, friction in others:
         _, other, there = linearised(rig, touches, friction)
@@ -197,7 +189,7 @@ def test_the_advice_names_what_was_made_bad() -> None:
     std = whitened(RIG) * (RIG.covariance.diagonal() > 0.0)
     touches = three_touches(RIG)
     noisy = replace(RIG, covariance=np.diag(std**2), image=replace(RIG.image, noise_px=0.5))
-    assert error_budget(noisy, touches).first == PIXELS
+    assert error_budget(noisy, touches).first == "pixels"
     for cause, factor in (("bow", 30.0), ("moment_gain", 100.0), ("stiffness", 100.0)):
         worse = std.copy()
         worse[[RIG.parameter_names.index(name) for name in RIG_CAUSES[cause]]] *= factor
@@ -206,8 +198,8 @@ def test_the_advice_names_what_was_made_bad() -> None:
         assert cause == "bow" or budget.results["force_N"].first == cause
     turned = replace(RIG, kinematics=replace(RIG.kinematics, axes_std=np.array([0.05, 0.0, 0.05])))
     budget = error_budget(turned, touches)
-    assert budget.results["point_m"].first == JOINT_AXES
-    assert budget.results["distance_m"].parts[JOINT_AXES].share < 1e-12
+    assert budget.results["point_m"].first == "joint_axes"
+    assert budget.results["distance_m"].parts["joint_axes"].share < 1e-12
 
 
 def test_contacts_that_would_come_without_numbers_are_left_out(ordinary: Budget) -> None:
@@ -215,9 +207,9 @@ def test_contacts_that_would_come_without_numbers_are_left_out(ordinary: Budget)
         error_budget(RIG, friction=3.0)
     blind = error_budget(RIG_AXES, with_moment=False)
     assert len(blind.touches) < len(ordinary.touches)
-    assert MOMENT_NOISE not in blind.variances
+    assert "moment_noise" not in blind.variances
     assert any("Vision alone" in note for note in blind.notes)
-    assert MOMENT_NOISE not in blind.exact
+    assert "moment_noise" not in blind.exact
 
 
 def test_a_force_is_made_by_its_push() -> None:
@@ -233,7 +225,7 @@ def sampled(draws: int, seed: int, cause: str, made_by: ShapesOf = rung_shapes) 
     rng, touches = np.random.default_rng(seed), three_touches(RIG)
     _, space, given = linearised(RIG, touches)
     rig, rubs, friction = RIG, FRICTION_RAD * rng.normal(size=draws), FRICTION_RAD
-    if cause == FRICTION:
+    if cause == "friction":
         rubs, friction = 0.0 * rubs, 0.0
     elif cause:
         rig, rows = known_better(cause, 0.0), rows_of(cause)
@@ -246,7 +238,7 @@ def sampled(draws: int, seed: int, cause: str, made_by: ShapesOf = rung_shapes) 
     return np.sqrt((off**2).mean(axis=0)), np.sqrt(propagate(given, space, cause, 0.0).variance)
 
 
-@pytest.mark.parametrize(("cause", "draws"), [("", 60), (FRICTION, 40)])
+@pytest.mark.parametrize(("cause", "draws"), [("", 60), ("friction", 40)])
 def test_sampled_errors_are_as_large_as_predicted(cause: str, draws: int) -> None:
     """Rigs, noise and friction drawn as they are said to be; and again where friction is known to be none."""
     drawn, said = sampled(draws, 3, cause)
@@ -255,7 +247,7 @@ def test_sampled_errors_are_as_large_as_predicted(cause: str, draws: int) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cause", ["", FRICTION, LENS, "bow"])
+@pytest.mark.parametrize("cause", ["", "friction", "lens", "bow"])
 def test_more_samples_fall_as_predicted_when_a_cause_is_known(cause: str) -> None:
     drawn, said = sampled(400, 5, cause, rod_shapes)
     assert np.isfinite(drawn).all()

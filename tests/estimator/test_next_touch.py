@@ -15,7 +15,7 @@ from benchmarks.object.scenes import CASES, RIGID, SETUP, SOFT, Recorded, contac
 from benchmarks.recording.recording import lengthened, played
 from estimator.contact.common_errors import shared_errors
 from estimator.object.estimate import estimate_object
-from estimator.object.next_touch import FRICTION, STIFFNESS, SURFACE, JointLimits, NextTouch, next_touch
+from estimator.object.next_touch import JointLimits, NextTouch, next_touch
 from estimator.object.next_touch.plan import _Options, _places, _touches_within
 from estimator.object.next_touch.reach import _surface_std
 from estimator.object.surface import touches_of
@@ -46,7 +46,7 @@ def made(one: NextTouch, name: str, stiffness: float, rig: Rig, friction: float 
     """The touch as the true rig and the static rod make it: nine frames to the press, and on to a stroke's end."""
     begin, press, end = (np.array(each) for each in (one.begin_rad, one.press_rad, one.end_rad))
     path = [begin + share * (press - begin) for share in np.linspace(0.0, 1.0, 9)]
-    path += [press + share * (end - press) for share in np.linspace(0.0, 1.0, 20)[1:] if one.goal == FRICTION]
+    path += [press + share * (end - press) for share in np.linspace(0.0, 1.0, 20)[1:] if one.goal == "friction"]
     path += [path[-1] + share * (begin - press) for share in (0.3, 0.6, 0.9, 1.1)]
     obj = next(each for each in CASES if each.name == name).make(stiffness, friction)
     return play(SETUP.rig(), obj, [[Joints(*map(float, each)) for each in path]]).noisy(np.random.default_rng(7), rig)
@@ -101,9 +101,9 @@ def after_each(goal: str, name: str, stiffness: float, frames: int, seed: int) -
     place = solved(table, rig)
 
     def deviation(of: ContactTable) -> float:
-        if goal == SURFACE:
+        if goal == "surface":
             return surface_deviation(of, rig, place, options)
-        if goal == STIFFNESS:
+        if goal == "stiffness":
             return stiffness_deviation(of, rig)
         low, high = estimate_object(of, rig, events=False).friction.interval
         return float(high - low)
@@ -114,7 +114,7 @@ def after_each(goal: str, name: str, stiffness: float, frames: int, seed: int) -
 
 @cache
 def on_sphere() -> tuple[float, np.ndarray, _Options]:
-    return after_each(SURFACE, "sphere", RIGID, 74, 1)
+    return after_each("surface", "sphere", RIGID, 74, 1)
 
 
 def told_more(before: float, after: np.ndarray, least: float) -> None:
@@ -134,7 +134,7 @@ def test_the_proposed_touch_tells_more_of_the_surface_than_random_ones() -> None
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("goal", "name", "stiffness", "frames", "least"),
-    [(STIFFNESS, "cylinder", SOFT, 74, 1.5), (FRICTION, "sphere", RIGID, 37, 1.0)],
+    [("stiffness", "cylinder", SOFT, 74, 1.5), ("friction", "sphere", RIGID, 37, 1.0)],
 )
 def test_it_tells_more_of_stiffness_and_friction(
     goal: str, name: str, stiffness: float, frames: int, least: float
@@ -158,9 +158,9 @@ def test_a_touch_without_friction_comes_out_as_it_says() -> None:
 
 def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
     table, rig = given("sphere", RIGID, 37)
-    whole = _touches_within(table, rig, SURFACE, LIMITS).reach
+    whole = _touches_within(table, rig, "surface", LIMITS).reach
     narrow = replace(LIMITS, tilt_rad=(-0.6, float(np.median(whole.joints_rad[:, 1]))))
-    reach = _touches_within(table, rig, SURFACE, narrow).reach
+    reach = _touches_within(table, rig, "surface", narrow).reach
     assert 0 < len(reach) < len(whole)
     for joints in (reach.joints_rad, reach.begin_rad):
         assert narrow.hold(*joints.T).all()
@@ -168,7 +168,7 @@ def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
     shown = np.array([surely_known_m(found, index) for index in range(len(found.patches))])
     assert (_surface_std(found, whole.patch, whole.point_m, whole.normal) <= shown[whole.patch]).all()
     with pytest.raises(InputError, match="joint limits"):
-        next_touch(table, rig, SURFACE, limits=JointLimits((0.5, 0.6), (0.5, 0.6)))
+        next_touch(table, rig, "surface", limits=JointLimits((0.5, 0.6), (0.5, 0.6)))
 
 
 def test_what_cannot_be_planned_is_refused() -> None:

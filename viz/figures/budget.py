@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from estimator.budget.budget import CAUSES, OWN, Budget
-from estimator.budget.parts import FORCE_PRIOR, per_result
+from estimator.budget.parts import per_result
 from estimator.budget.report import RESULT_NAMES, TABLES, unit_of
 from viz.pages.page import number, render
 
@@ -33,7 +33,7 @@ def budget_figure(budget: Budget) -> str:
     drawn = [*_shares(grouped), *_shares(of_rig)]
     key = [(colour, name, "block") for name, colour in dict.fromkeys(drawn)]
     if len(np.unique(budget.touches.distance_m)) > 1:
-        kept = {one: rows for one, rows in grouped.items() if one != look[FORCE_PRIOR]}
+        kept = {one: rows for one, rows in grouped.items() if one != look["force_prior"]}
         panels.append(_along(budget, kept))
         key.append((STYLE.ink, "all", "line"))
     (wide, tall), width = panels[0].size, panels[0].size[0] * len(panels)

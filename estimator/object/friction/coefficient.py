@@ -18,8 +18,6 @@ import numpy as np
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.robust import NORMAL_QUARTILE, chi_square_p
 
-SLIDING, STICKING, UNUSED = "sliding", "sticking", "unused"
-
 
 @dataclass(frozen=True)
 class FrictionSettings:
@@ -101,12 +99,12 @@ class FrictionTouches:
     @property
     def across(self) -> np.ndarray:
         """(P,) bool: the lateral angle is used."""
-        return (self.used_as != UNUSED) & np.isfinite(self.lateral.angle_rad)
+        return (self.used_as != "unused") & np.isfinite(self.lateral.angle_rad)
 
     @property
     def counts(self) -> tuple[int, int]:
         """How many touches slide, and how many are used at all."""
-        return int(np.sum(self.used_as == SLIDING)), int(np.sum(self.used_as != UNUSED))
+        return int(np.sum(self.used_as == "sliding")), int(np.sum(self.used_as != "unused"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +123,8 @@ class FrictionAngles:
         """What is known of the touches that are used; of sliding ones along the sure parts of the slip. Where fewer
         slide than μ needs, none counts as sliding."""
         if rubs.counts[0] < FrictionSettings.fewest_sliding:
-            rubs = replace(rubs, used_as=np.where(rubs.used_as == SLIDING, STICKING, rubs.used_as))
-        used, slides = rubs.used_as != UNUSED, rubs.used_as == SLIDING
+            rubs = replace(rubs, used_as=np.where(rubs.used_as == "sliding", "sticking", rubs.used_as))
+        used, slides = rubs.used_as != "unused", rubs.used_as == "sliding"
         unsure = rubs.slip_std_rad[:, None] * np.abs(rubs.slip[:, ::-1])
         directed = ~slides[:, None] | (np.abs(rubs.slip) > FrictionSettings.directed_std * unsure)
         sides, rows = (rubs.lateral, rubs.longitudinal), []
@@ -336,7 +334,7 @@ def judge(rubs: FrictionTouches, mu: Coefficient | None) -> tuple[bool, str, np.
         )
         return False, f"{words} by far more than they should be; did the object move?", nothing
     if mu.std > max(FrictionSettings.determined_std, FrictionSettings.determined_share * mu.mu):
-        slides, words = rubs.used_as == SLIDING, f"the {sliding} sliding contacts"
+        slides, words = rubs.used_as == "sliding", f"the {sliding} sliding contacts"
         across = rubs.slip[slides, 0]
         if np.median(np.abs(across)) < 0.3:
             words += " slide along the antenna, where the force is hardly known; slide across it, too"

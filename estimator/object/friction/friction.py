@@ -14,17 +14,7 @@ from estimator.object.surface import Normals
 from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.core.robust import finite_or_none
 
-from .coefficient import (
-    SLIDING,
-    STICKING,
-    UNUSED,
-    Angles,
-    Coefficient,
-    FrictionAngles,
-    FrictionTouches,
-    coefficient,
-    judge,
-)
+from .coefficient import Angles, Coefficient, FrictionAngles, FrictionTouches, coefficient, judge
 
 if TYPE_CHECKING:
     from estimator.contact.common_errors import CommonErrors
@@ -141,7 +131,7 @@ def _fitted(rubs: FrictionTouches) -> tuple[FrictionTouches, Coefficient | None]
             break
         which = evidence.touch[inside]
         used, slides = rubs.used_as.copy(), rubs.slides.copy()
-        used[which], slides[which] = STICKING, False
+        used[which], slides[which] = "sticking", False
         rubs = replace(rubs, used_as=used, slides=slides)
     return rubs, mu
 
@@ -320,7 +310,7 @@ def _friction_touches(
     longitudinal_modes = np.hstack([seen.modes_rad, np.zeros_like(common)])
     normal_modes = np.hstack([0.0 * seen.modes_rad, common])
     rubs = FrictionTouches(
-        used_as=np.where(across | along, np.where(slides, SLIDING, STICKING), UNUSED),
+        used_as=np.where(across | along, np.where(slides, "sliding", "sticking"), "unused"),
         slides=slides,
         spread_across=side_by_side,
         lateral=Angles(

@@ -28,8 +28,8 @@ from vbaa_calib.rig import Rig
 
 from .reach import RUNG, JointLimits, Reach, along_surface, carried, reachable
 
-SURFACE, FRICTION, STIFFNESS = GOALS = ("surface", "friction", "stiffness")
-UNITS = {SURFACE: "m", FRICTION: "", STIFFNESS: "m/N"}
+GOALS = ("surface", "friction", "stiffness")
+UNITS = {"surface": "m", "friction": "", "stiffness": "m/N"}
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class NextTouch:
 
 
 @gate
-def next_touch(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits: JointLimits | None = None) -> NextTouch:
+def next_touch(contacts: ContactTable, rig: Rig, goal: str = "surface", limits: JointLimits | None = None) -> NextTouch:
     """The touch after which surface, friction or stiffness should be known best.
 
     contacts : of one object that stands still; refined ones with the updated rig tell more. goal : of `GOALS`.
@@ -106,7 +106,7 @@ class _Options:
 
 
 def _touches_within(
-    contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits: JointLimits | None = None
+    contacts: ContactTable, rig: Rig, goal: str = "surface", limits: JointLimits | None = None
 ) -> _Options:
     """All touches that `next_touch` compares; see there."""
     if goal not in GOALS:
@@ -133,10 +133,10 @@ def _touches_within(
         )
     reach = reach.picked(seen.rows)
     end = reach.joints_rad
-    if goal == FRICTION:
+    if goal == "friction":
         rub = estimate_object(contacts, rig, events=False).friction
         std, after, end = _of_friction(found, arrays, reach, seen, rub)
-    elif goal == STIFFNESS:
+    elif goal == "stiffness":
         found = fit(touches, rig.antenna.radius_at(touches.distance_m), found.patches, found.state, True)
         std, after = _of_stiffness(found, reach, seen)
     else:
@@ -144,7 +144,7 @@ def _touches_within(
     if not np.isfinite(after).any():
         raise InputError(
             f"no touch within the joint limits would tell anything of the {goal}",
-            remedy="widen the limits" if goal != FRICTION else "touch the object beside where it was touched first",
+            remedy="widen the limits" if goal != "friction" else "touch the object beside where it was touched first",
         )
     return _Options(goal, reach, end, std, after, arrays.length_m)
 

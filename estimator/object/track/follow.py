@@ -27,17 +27,6 @@ from vbaa_calib.geometry.independent_axes import largest_std
 from vbaa_calib.rig import Rig
 
 from .onset import (
-    FIRST_CONTACT,
-    FREE,
-    LOSS,
-    RINGING,
-    ROLLING,
-    SLIDING,
-    SLIP_END,
-    SLIP_START,
-    STICKING,
-    TOUCHING,
-    UNKNOWN,
     ContactChange,
     ContactStates,
     Event,
@@ -78,7 +67,7 @@ def _ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None)
         )
         pace = _frequency_words(table, slice(first, last), beam, step)
         words = f"the antenna swings from {time[0]:.3f} s to {time[-1]:.3f} s; {pace}"
-        events.append(Event(RINGING, int(table.frame[begin]), float(time[0]), std, 0.0, words))
+        events.append(Event("ringing", int(table.frame[begin]), float(time[0]), std, 0.0, words))
     return tuple(events)
 
 
@@ -249,8 +238,8 @@ def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.nd
     """Where sticking turns into sliding and back; `strokes` are rows of the table."""
     found = []
     for rows in strokes:
-        decided = rows[np.isin(phase[rows], (STICKING, ROLLING, SLIDING))]
-        slides = phase[decided] == SLIDING
+        decided = rows[np.isin(phase[rows], ("sticking", "rolling", "sliding"))]
+        slides = phase[decided] == "sliding"
         for at in np.flatnonzero(slides[1:] != slides[:-1]):
             after = decided[at + 1]
             low, high = table.time_s[decided[at]], table.time_s[after]
@@ -258,7 +247,9 @@ def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.nd
                 float(0.5 * (low + high)),
                 float(np.hypot((high - low) / np.sqrt(12.0), 0.3 * TrackSettings.half_window_s)),
             )
-            kind, what = (SLIP_START, "the contact begins to slip") if slides[at + 1] else (SLIP_END, "the slip ends")
+            kind, what = (
+                ("slip_start", "the contact begins to slip") if slides[at + 1] else ("slip_end", "the slip ends")
+            )
             words = f"{what} at {time:.3f} s ± {1e3 * std:.0f} ms"
             found.append(
                 Event(kind, int(table.frame[after]), time, std, float(high - time + TrackSettings.half_window_s), words)
@@ -267,7 +258,7 @@ def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.nd
 
 
 def _change(table: ContactTable, contacting: ContactStates, change: ContactChange, told: np.ndarray) -> Event:
-    kind, what = (FIRST_CONTACT, "first contact") if change.begins else (LOSS, "contact is lost")
+    kind, what = ("first_contact", "first contact") if change.begins else ("loss", "contact is lost")
     frame, decided = int(table.frame[change.row]), float(table.time_s[change.row])
     time = std = np.nan
     words = f"in contact from frame {frame} on, the first informative frame: when it began is undetermined"
@@ -356,7 +347,7 @@ def follow(
     kinematics, radius = (
         (Kinematics(), TrackSettings.radius_m) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
     )
-    phase = np.select([contact.state == 1, contact.state == 0], [TOUCHING, FREE], UNKNOWN).astype("<U8")
+    phase = np.select([contact.state == 1, contact.state == 0], ["touching", "free"], "unknown").astype("<U8")
     count, good = len(table), table.located & (contact.state == 1) & np.isfinite(table.time_s)
     good &= np.isfinite(table.point_world_m).all(axis=1) & np.isfinite(table.tangent_world).all(axis=1)
     strokes = runs(table, np.flatnonzero(good), contact.state == 0, np.empty(0))
@@ -370,8 +361,8 @@ def follow(
     for change, event in zip(contact.changes, happened, strict=events):
         if np.isfinite(event.time_s):  # frames between a change and its detection belong to what follows
             late = change.known_before[table.time_s[change.known_before] > event.time_s]
-            late = late[np.isin(phase[late], (FREE, TOUCHING))]
-            phase[late] = TOUCHING if change.begins else FREE
+            late = late[np.isin(phase[late], ("free", "touching"))]
+            phase[late] = "touching" if change.begins else "free"
     happened += _slip_events(table, phase, strokes)
     happened += _ringing_events(table, ringing, None if rig is None else Beam.of(rig))
     time_of = dict(zip(table.frame.tolist(), table.time_s.tolist(), strict=True))
@@ -430,10 +421,10 @@ def _phases(slip: _Slip, antenna_radius_m: float) -> np.ndarray:
         walks = slip.contact_m_s - TrackSettings.slip_std * slip.contact_std_m_s > 2.0 * np.maximum(
             speed + 2.0 * std, TrackSettings.rest_m_s
         )
-    found = np.full(len(speed), TOUCHING, dtype=object)
-    found[stuck] = STICKING
-    found[stuck & walks] = ROLLING
-    found[sliding] = SLIDING
+    found = np.full(len(speed), "touching", dtype=object)
+    found[stuck] = "sticking"
+    found[stuck & walks] = "rolling"
+    found[sliding] = "sliding"
     return found.astype(str)
 
 

@@ -21,9 +21,6 @@ from scipy.special import stdtrit
 
 from estimator.table.contacts import ContactTable
 
-FREE, TOUCHING, STICKING, SLIDING, ROLLING, UNKNOWN = "free", "touching", "sticking", "sliding", "rolling", "unknown"
-FIRST_CONTACT, LOSS, SLIP_START, SLIP_END, RINGING = "first_contact", "loss", "slip_start", "slip_end", "ringing"
-
 
 @dataclass(frozen=True)
 class TrackSettings:
@@ -83,6 +80,7 @@ class TrackSettings:
 class Event:
     """Something that happened: its kind, and the number of the frame with which it was known.
 
+    kind : "first_contact", "loss", "slip_start", "slip_end" or "ringing".
     `time_s`, `time_std_s` say when it happened, NaN where that is undetermined, `delay_s` how much later it was known,
     `words` the same for a reader.
     """

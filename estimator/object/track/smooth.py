@@ -20,7 +20,7 @@ from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.rig import Rig
 
 from .follow import follow, runs
-from .onset import LOSS, SLIP_END, SLIP_START, Track
+from .onset import Track
 
 _CHANGED = (
     *("point_world_m", "covariance_world_m2", "point_antenna_m", "distance_m", "distance_std_m"),
@@ -117,7 +117,7 @@ def smooth(
 def _smoothable_pieces(table: ContactTable, track: Track) -> list[np.ndarray]:
     """Rows of the table that may be smoothed together: never across a loss, a gap, or a beginning or end of slip."""
     good = table.located & np.isfinite(table.time_s) & np.isfinite(table.covariance_world_m2).all(axis=(1, 2))
-    breaks = np.array([event.time_s for event in track.events if event.kind in (LOSS, SLIP_START, SLIP_END)])
+    breaks = np.array([event.time_s for event in track.events if event.kind in ("loss", "slip_start", "slip_end")])
     free = track.phase == "free"
     return [
         part
