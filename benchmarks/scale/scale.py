@@ -14,7 +14,7 @@ from benchmarks.harness import Findings, Options, aligned
 from vbaa_calib.core.console import progress
 from viz.batch import cluster
 from viz.batch.cluster import Where, client_of
-from viz.batch.recordings import Recording
+from viz.batch.recordings import BatchRecording
 from viz.batch.results import Results
 from viz.batch.work import BatchSettings, do
 
@@ -62,7 +62,7 @@ def measure(options: Options) -> Findings:
         for index in range(options.draws):
             (short / f"{index:04d}").mkdir(parents=True)
             write_recording(short / f"{index:04d}", each, _POINTS, options.seed + index)
-        recordings = [Recording(path.name, path, path / "rig.json") for path in sorted(short.iterdir())]
+        recordings = [BatchRecording(path.name, path, path / "rig.json") for path in sorted(short.iterdir())]
         do(recordings[0], BatchSettings(), _results(root / "warm"))  # reads compiled code
         rows = [_serially(recordings[:_FEW], root / "serial")]
         task_s, idle = 0.0, {0: 0.0}
@@ -94,7 +94,7 @@ def _results(root: Path) -> Results:
     return results
 
 
-def _serially(recordings: Sequence[Recording], root: Path) -> Scale:
+def _serially(recordings: Sequence[BatchRecording], root: Path) -> Scale:
     results = _results(root)
     wall, begun = time.perf_counter(), time.process_time()
     rows = [do(recording, BatchSettings(), results).row for recording in recordings]
@@ -102,7 +102,7 @@ def _serially(recordings: Sequence[Recording], root: Path) -> Scale:
     return _scale(0, rows, time.perf_counter() - wall, (spent, spent), results, 0)
 
 
-def _on(client: Client, workers: int, recordings: Sequence[Recording], root: Path) -> Scale:
+def _on(client: Client, workers: int, recordings: Sequence[BatchRecording], root: Path) -> Scale:
     results = _results(root)
     before, moved, tasks = _spent_s(client), _moved(client), _in_tasks(client)
     wall = time.perf_counter()

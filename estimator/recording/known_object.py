@@ -9,7 +9,7 @@ import numpy as np
 from vbaa_calib.antenna.nodes import CONTACT
 
 if TYPE_CHECKING:
-    from estimator.solver.linearised import Linearised
+    from estimator.solver.linearised import LinearisedFrames
     from vbaa_calib.session import KnownObject
 
 _ROUND_M = 1e-5  # how far pin and antenna are from round and straight
@@ -17,7 +17,7 @@ _ROUND_M = 1e-5  # how far pin and antenna are from round and straight
 
 def known_equations(
     known: KnownObject,
-    found: Linearised,
+    found: LinearisedFrames,
     columns: np.ndarray,
     place: tuple[np.ndarray, np.ndarray],
     antenna_radius_m: float,

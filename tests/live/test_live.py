@@ -36,7 +36,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import DRIFTS
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams.bags import Topics
-from viz.batch.recordings import Recording
+from viz.batch.recordings import BatchRecording
 from viz.batch.results import Results
 from viz.batch.work import BatchSettings, do
 
@@ -311,7 +311,9 @@ def test_what_was_read_and_why_frames_have_no_contact(tmp_path: Path, capsys: py
         streams = StreamOptions(Topics(joints="none" if options else ""))
         results = Results(out / "batch")
         results.prepare([])
-        done = do(Recording("bag", bag, rig_file), BatchSettings(no_moment=bool(options), streams=streams), results).row
+        done = do(
+            BatchRecording("bag", bag, rig_file), BatchSettings(no_moment=bool(options), streams=streams), results
+        ).row
         results.write_summary([])
         numbers, again = json.loads(one.out), json.loads(other.out)
         assumed = {} if read else {"pan_rad": 0.0, "tilt_rad": 0.0}

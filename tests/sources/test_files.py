@@ -16,7 +16,7 @@ import pytest
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray
-from vbaa_calib.sources import Picture, Source, files, open_source
+from vbaa_calib.sources import Picture, PictureSource, files, open_source
 from vbaa_calib.sources.files import FolderSettings, FolderSource, SourceLost
 
 QUICK = FolderSettings(scan_s=0.02, settle_s=0.05, patience_s=0.25)
@@ -166,7 +166,7 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def frames(source: Source) -> list[Picture]:
+def frames(source: PictureSource) -> list[Picture]:
     found = []
     while not source.ended:
         offered = source.next(0.5)

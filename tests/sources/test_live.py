@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray
-from vbaa_calib.sources import Source, SourceLost, live, open_source
+from vbaa_calib.sources import PictureSource, SourceLost, live, open_source
 from vbaa_calib.sources.files import _without_secrets, frame_picture
 from vbaa_calib.sources.live import StreamSettings, open_camera, open_stream, parse_camera
 
@@ -91,7 +91,7 @@ def plug(monkeypatch: pytest.MonkeyPatch):
         fake.forever.set()
 
 
-def use_up(source: Source) -> None:
+def use_up(source: PictureSource) -> None:
     for _ in range(400):
         source.next(0.1)
 

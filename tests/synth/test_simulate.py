@@ -19,12 +19,12 @@ from vbaa_calib import session as session_files
 from vbaa_calib.cli import simulate as simulate_cli
 from vbaa_calib.simulate.plan import AntennaShot, Plan, plan
 from vbaa_calib.simulate.scene.lens import project
-from vbaa_calib.simulate.scene.scene import Scene, _bundled_names, bundled_scene, true_rod
+from vbaa_calib.simulate.scene.scene import SceneSpec, _bundled_names, bundled_scene, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
 
 
 @functools.cache
-def _bundled(name: str) -> tuple[Scene, Plan]:
+def _bundled(name: str) -> tuple[SceneSpec, Plan]:
     scene = load_scene(bundled_scene(name))
     return scene, plan(scene)
 

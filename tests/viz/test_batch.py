@@ -33,7 +33,7 @@ from vbaa_calib.core import threads as in_threads
 from vbaa_calib.core.errors import InputError
 from viz.batch import cluster, work
 from viz.batch.cluster import Where, client_of
-from viz.batch.recordings import Recording, recordings_of
+from viz.batch.recordings import BatchRecording, recordings_of
 from viz.batch.results import Results
 from viz.batch.work import BatchSettings
 from viz.cli.batch import _where, configure
@@ -86,7 +86,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def batch(
-    client: Client, given: Sequence[Recording], results: Results, settings: BatchSettings | None = None
+    client: Client, given: Sequence[BatchRecording], results: Results, settings: BatchSettings | None = None
 ) -> dict[str, work.Outcome]:
     results.prepare([])
     with results.locked():
@@ -264,7 +264,7 @@ def test_rows_are_those_of_estimate(folder: Path, tmp_path: Path) -> None:
     expected = serial(path, rig, tmp_path / "one.parquet")
     for threads in (1, 3):
         results = Results(tmp_path / f"results{threads}")
-        row = work.do(Recording("one", path, rig), BatchSettings(threads=threads), results).row
+        row = work.do(BatchRecording("one", path, rig), BatchSettings(threads=threads), results).row
         assert same_bits(read_table(results.contacts("one"), partitioning=None), expected)
         assert row == results.done("one")
         assert row["free_frames"] > 0
@@ -292,7 +292,7 @@ def test_what_fails_or_is_killed_leaves_no_room_taken(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On a full disk the next recording may find room, and readers of the data set find no half of a file."""
-    results, recording = Results(tmp_path), Recording("s0", folder / "s0", folder / "rig.json")
+    results, recording = Results(tmp_path), BatchRecording("s0", folder / "s0", folder / "rig.json")
     estimated = work.estimate_source
 
     def full(*given: Any) -> Iterator[Any]:

@@ -11,16 +11,16 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.simulate.render.meshes import object_mesh
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 from viz.parts.assemble import all_parts
-from viz.parts.part import Part, ball
+from viz.parts.part import ScenePart, ball
 from viz.scene.readable import thinned
 from viz.scene.scene import ObjectMesh, Scene, build_scene
 
 
-def named(parts: list[Part], name: str) -> Part:
+def named(parts: list[ScenePart], name: str) -> ScenePart:
     return next(part for part in parts if part.name == name)
 
 
-def pieces(part: Part, count: int) -> np.ndarray:
+def pieces(part: ScenePart, count: int) -> np.ndarray:
     """(count, P, 3) points of each of the stamped meshes."""
     return np.asarray(part.mesh.points, float).reshape(count, -1, 3)
 

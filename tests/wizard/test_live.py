@@ -26,7 +26,7 @@ from vbaa_calib.wizard.page import Page
 from vbaa_calib.wizard.session_state import SessionState
 from vbaa_calib.wizard.steps import Progress, _guidance
 from vbaa_calib.wizard.store import Store, _StepRecord
-from vbaa_calib.wizard.ui import LivePicture, Ui, View
+from vbaa_calib.wizard.ui import LivePicture, Ui, WizardView
 
 RIG = rigs()[1]
 FPS = 6.0
@@ -131,7 +131,7 @@ MOST_FRAMES = 150
 LENS = STEP_BY_NAME["lens"]
 
 
-class Watching(View):
+class Watching(WizardView):
     """Keeps the live pictures."""
 
     def __init__(self) -> None:

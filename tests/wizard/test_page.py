@@ -22,7 +22,7 @@ from vbaa_calib.wizard.server import _PageCommand
 from vbaa_calib.wizard.session_state import SessionState
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Store
-from vbaa_calib.wizard.ui import LivePicture, Ui, View
+from vbaa_calib.wizard.ui import LivePicture, Ui, WizardView
 
 
 class Shown:
@@ -139,7 +139,7 @@ def test_what_is_drawn_in_a_picture_stays_beside_the_question(led: Dialogue) -> 
     assert picture[:, 60].max() < 20
 
 
-class Clicking(View):
+class Clicking(WizardView):
     """Gives each of these answers once it is asked."""
 
     def __init__(self, *given: object) -> None:

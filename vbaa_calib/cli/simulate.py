@@ -16,7 +16,7 @@ from vbaa_calib.core.files import read_yaml
 
 if TYPE_CHECKING:
     from vbaa_calib.simulate.plan import Plan
-    from vbaa_calib.simulate.scene.scene import Scene
+    from vbaa_calib.simulate.scene.scene import SceneSpec
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +53,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _written(args: argparse.Namespace, scene: Scene, folder: Path) -> Plan:
+def _written(args: argparse.Namespace, scene: SceneSpec, folder: Path) -> Plan:
     from vbaa_calib.simulate.write import write_session
 
     return write_session(

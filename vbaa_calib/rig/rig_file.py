@@ -25,7 +25,7 @@ _Covariance = list[list[Annotated[Number, Field(ge=-1e12, le=1e12)]]]
 
 
 @dataclass(frozen=True)
-class _Camera:
+class _RigCamera:
     version: Annotated[Literal["vbaa.camera/1"], Field(alias="schema")]
     model: Literal["opencv", "fisheye"]
     image_size: tuple[_Side, _Side]
@@ -41,7 +41,7 @@ class _Camera:
 def can_hold(camera: Camera) -> bool:
     """Whether the numbers of a camera are within the bounds of rig.json."""
     try:
-        checked(_Camera, camera.to_dict(), where=SCHEMA, remedy="")
+        checked(_RigCamera, camera.to_dict(), where=SCHEMA, remedy="")
     except InputError:
         return False
     return True
@@ -70,7 +70,7 @@ class _FileTip:
 
 
 @dataclass(frozen=True, eq=False)
-class _Antenna:
+class _RigAntenna:
     length_m: AnyLength
     diameter_m: Diameter
     stiffness_Nm2: Annotated[Number, Field(ge=1e-12, le=1e4, description="EI")]
@@ -104,7 +104,7 @@ class _Antenna:
 
 
 @dataclass(frozen=True)
-class _MomentSensor(MomentSensor):
+class _RigSensor(MomentSensor):
     gain_std: Deviation | None = None
     offset_std_Nm: Deviation | None = None
 
@@ -154,7 +154,7 @@ class _AxesUncertainty:
 
 
 @dataclass(frozen=True, eq=False)
-class _Kinematics(FileKinematics):
+class _RigKinematics(FileKinematics):
     axes_uncertainty: _AxesUncertainty = field(default_factory=_AxesUncertainty)
 
 
@@ -172,16 +172,16 @@ class RigFile(FileModel):
     model_config = ConfigDict(extra="ignore")
     VERSION = SCHEMA
     version: Literal["vbaa.rig/1"] = Field(alias="schema")
-    camera: _Camera
+    camera: _RigCamera
     T_antenna_camera: FilePose
-    antenna: _Antenna
-    moment_sensor: Annotated[_MomentSensor | None, Field(description="about y; null: a rig without")]
+    antenna: _RigAntenna
+    moment_sensor: Annotated[_RigSensor | None, Field(description="about y; null: a rig without")]
     second_moment_sensor: Annotated[
         MomentSensor | None,
         Field(description="of older files: about z, as a wrench_sensor of mz that counts as exact"),
     ] = None
     wrench_sensor: _FileWrenchSensor | None = None
-    kinematics: _Kinematics
+    kinematics: _RigKinematics
     gravity_world: Gravity
     image: AntennaImage
     joint: Joint
@@ -190,7 +190,7 @@ class RigFile(FileModel):
         MovingClamp | None,
         Field(description="of antennas whose clamp moves and turns: what no picture shows; null: one that does not"),
     ] = None
-    antennas: Annotated[dict[str, _Antenna], Field(description="by name, where several in the same picture differ")] = (
+    antennas: Annotated[dict[str, _RigAntenna], Field(description="by name, where several in the same picture differ")] = (
         Field(default_factory=dict)
     )
     camera_name: Annotated[CameraName, Field(description="of camera, among cameras")] = "camera"

@@ -253,7 +253,7 @@ class _Jig:
 
 
 @dataclass(frozen=True)
-class _Noise:
+class _SensorNoise:
     std_Nm: Annotated[Number, Field(ge=1e-12, le=1e6)]
 
 
@@ -379,7 +379,8 @@ class SessionFile(FileModel):
     kinematics: _SessionKinematics | None = None
     gravity_world: Annotated[Gravity | None, Field(description="m/s²; null: weightless")]
     moment_sensor: Annotated[
-        _Noise | None, Field(description="about y; null, or left out: a rig without, calibrated by its pictures alone")
+        _SensorNoise | None,
+        Field(description="about y; null, or left out: a rig without, calibrated by its pictures alone"),
     ] = None
     second_moment_sensor: Annotated[
         MomentSensor | None,

@@ -14,7 +14,7 @@ from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import TouchObject
-from vbaa_calib.simulate.scene.scene import Joints, Scene, Sweep
+from vbaa_calib.simulate.scene.scene import Joints, SceneSpec, Sweep
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ _FULL = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1
 _HALF = ((1, 1), (-1, -1), (1, -1), (-1, 1))
 
 
-def sweep_of_the_board(scene: Scene, outline_m: np.ndarray) -> tuple[Pose, list[Joints]]:
+def sweep_of_the_board(scene: SceneSpec, outline_m: np.ndarray) -> tuple[Pose, list[Joints]]:
     """T_world_board and joint angles of the widest sweep that keeps the whole sheet in the picture.
 
     outline_m : (n, 3) points around the sheet's edge, board frame. Raises InputError if there is no such sweep.
@@ -137,7 +137,7 @@ def _pattern(reach: float) -> list[Joints]:
     ]
 
 
-def _board_in_front(scene: Scene, share: float) -> Pose:
+def _board_in_front(scene: SceneSpec, share: float) -> Pose:
     """T_world_board of a leaning board in the middle of the picture with the joints at zero, filling a share of it."""
     size = np.array(scene.board.size_m)
     focal = np.diag(scene.lens.matrix)[:2]
@@ -147,7 +147,7 @@ def _board_in_front(scene: Scene, share: float) -> Pose:
     return scene.T_world_camera(Joints(0.0, 0.0)) @ T_camera_board
 
 
-def _in_view(scene: Scene, outline_m: np.ndarray, T_world_board: Pose, joints: list[Joints]) -> bool:
+def _in_view(scene: SceneSpec, outline_m: np.ndarray, T_world_board: Pose, joints: list[Joints]) -> bool:
     poses = [scene.T_world_camera(at).inverse() @ T_world_board for at in joints]
     pixels = project(scene.lens, np.array([pose @ outline_m for pose in poses]))
     inside = (pixels >= 0) & (pixels <= np.array(scene.lens.image_size) - 1)

@@ -17,7 +17,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.session import READINGS
 from vbaa_calib.simulate.contact.touch import Touch, touch_strokes
 from vbaa_calib.simulate.scene.lens import Lens, normalise, project
-from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, Joints, KnownLoad, Scene, true_rod
+from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, Joints, KnownLoad, SceneSpec, true_rod
 
 from .joint_paths import Place, sweep_joints
 
@@ -44,7 +44,7 @@ def board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.r
     return poses
 
 
-def _frame_truth(scene: Scene, rod: Rod, touched: Touch, index: int, T_world_antenna: Pose) -> dict[str, Any]:
+def _frame_truth(scene: SceneSpec, rod: Rod, touched: Touch, index: int, T_world_antenna: Pose) -> dict[str, Any]:
     """What is true of one frame; None where there is no contact."""
     contact = T_world_antenna @ touched.contact_antenna_m[index]
     surface, normal = touched.touched_world_m[index], touched.normal_world[index]
@@ -72,7 +72,7 @@ def _plain(data: Any) -> dict[str, Any]:
     return {name: None if value == np.inf else value for name, value in fields.items()}
 
 
-def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
+def _rig_truth(scene: SceneSpec, rod: Rod) -> dict[str, Any]:
     """The rig, its sensors and the object."""
     return {
         "schema": "vbaa.truth/1",
@@ -102,7 +102,7 @@ _STREAMS = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines":
 """An independent stream of random numbers for each purpose."""
 
 
-def stream(scene: Scene, purpose: str, index: int = 0) -> np.random.Generator:
+def stream(scene: SceneSpec, purpose: str, index: int = 0) -> np.random.Generator:
     """The random numbers of one purpose, or of one picture."""
     return np.random.default_rng(np.random.SeedSequence(scene.seed, spawn_key=(_STREAMS[purpose], index)))
 
@@ -143,7 +143,7 @@ class Plan:
     truth: Mapping[str, Any] = field(default_factory=dict)
 
 
-def plan(scene: Scene, readout: float = 0.0) -> Plan:
+def plan(scene: SceneSpec, readout: float = 0.0) -> Plan:
     """Plan a scene. Raises InputError if the strokes miss the object, or a load is too large.
 
     readout : time between a recorded picture's first row and its last, as a fraction of that between two frames.
@@ -169,7 +169,12 @@ def plan(scene: Scene, readout: float = 0.0) -> Plan:
 
 
 def _measured(
-    scene: Scene, rod: Rod, shape: RodShape, force_N: np.ndarray, gravity_m_s2: np.ndarray, noise: np.random.Generator
+    scene: SceneSpec,
+    rod: Rod,
+    shape: RodShape,
+    force_N: np.ndarray,
+    gravity_m_s2: np.ndarray,
+    noise: np.random.Generator,
 ) -> tuple[list[float], list[dict[str, float]]]:
     """The true moments, x·f_z − z·f_x (the paper's τ_y), of forces (B, 3) and the weight, and what the sensor reads, by
     columns."""
@@ -191,7 +196,7 @@ def _row(image: str, joints: Joints, readings: Mapping[str, float]) -> dict[str,
 
 
 def _held(
-    scene: Scene, rod: Rod, cases: Sequence[Joints | KnownLoad], folder: str, noise: np.random.Generator
+    scene: SceneSpec, rod: Rod, cases: Sequence[Joints | KnownLoad], folder: str, noise: np.random.Generator
 ) -> tuple[list[AntennaShot], list[dict[str, Any]], list[dict[str, Any]]]:
     """Pictures, rows and truth of the antenna at rest, free or under a known load."""
     gravity = np.array([scene.T_world_antenna(at).rotation.T @ scene.gravity_world_m_s2 for at in cases])
@@ -217,7 +222,7 @@ def _held(
     return shots, rows, truth
 
 
-def _pressed(scene: Scene, rod: Rod) -> list[tuple[list[Joints], Touch]]:
+def _pressed(scene: SceneSpec, rod: Rod) -> list[tuple[list[Joints], Touch]]:
     """Each stroke's joint angles and contacts. Raises InputError when the antenna slips off or never touches."""
     sweeps = scene.recording.sweeps
     place = Place(scene.name, scene.object, scene.radius_m, scene.kinematics, scene.gravity_world_m_s2)
@@ -239,7 +244,7 @@ def _pressed(scene: Scene, rod: Rod) -> list[tuple[list[Joints], Touch]]:
 
 
 def _recording(
-    scene: Scene, rod: Rod, noise: np.random.Generator, readout: float
+    scene: SceneSpec, rod: Rod, noise: np.random.Generator, readout: float
 ) -> tuple[list[AntennaShot], list[dict[str, Any]], list[dict[str, Any]]]:
     shots: list[AntennaShot] = []
     rows: list[dict[str, Any]] = []
@@ -261,7 +266,7 @@ def _recording(
     return shots, rows, truth
 
 
-def _rolled(scene: Scene, shape: RodShape, index: int, readout: float) -> np.ndarray:
+def _rolled(scene: SceneSpec, shape: RodShape, index: int, readout: float) -> np.ndarray:
     """(N, 3) a stroke's antenna where it is when the row of the picture in which it appears is read.
 
     The middle row is read at the frame's time. The last frame of a stroke is an instant.

@@ -28,12 +28,12 @@ from .render.antenna import tube_patch, visible
 from .render.board import Sheet, outline, print_sheet
 from .render.picture import Studio, studio
 from .scene.lens import project
-from .scene.scene import Scene
+from .scene.scene import SceneSpec
 from .shots import free_wires, obstacle_of, render_over, render_shot, seen_antenna, seen_centreline
 from .traced_shots import TracedPictures
 
 
-def _antenna_mask(scene: Scene, place: Studio, shot: AntennaShot) -> np.ndarray:
+def _antenna_mask(scene: SceneSpec, place: Studio, shot: AntennaShot) -> np.ndarray:
     """(height, width) uint8, 255 times the share of each pixel that the antenna covers."""
     width, height = scene.lens.image_size
     mask = np.zeros((height, width), np.uint8)
@@ -45,7 +45,7 @@ def _antenna_mask(scene: Scene, place: Studio, shot: AntennaShot) -> np.ndarray:
     return mask
 
 
-def _centreline_rows(scene: Scene, place: Studio, shot: AntennaShot) -> list[dict[str, Any]]:
+def _centreline_rows(scene: SceneSpec, place: Studio, shot: AntennaShot) -> list[dict[str, Any]]:
     """The whole centreline, about a row a pixel from clamp to tip, also where it is hidden or outside the picture."""
     seen = seen_antenna(scene, shot)
     s = np.linspace(shot.arclength_m[0], shot.arclength_m[-1], len(seen.pixels))
@@ -58,7 +58,7 @@ def _centreline_rows(scene: Scene, place: Studio, shot: AntennaShot) -> list[dic
     ]
 
 
-def _contact_row(scene: Scene, place: Studio, shot: AntennaShot, truth: Mapping[str, Any]) -> dict[str, Any]:
+def _contact_row(scene: SceneSpec, place: Studio, shot: AntennaShot, truth: Mapping[str, Any]) -> dict[str, Any]:
     """The contact in one picture, with empty cells without contact. truth : of the frame."""
     row: dict[str, Any] = dict.fromkeys(("distance_m", "u_px", "v_px", "visible", "force_y_N", "force_z_N"), "")
     if truth.get("in_contact"):
@@ -98,7 +98,7 @@ def refuse_target(path: Path, force: bool, marker: str = "session.yaml") -> None
 
 
 def write_session(
-    scene: Scene,
+    scene: SceneSpec,
     folder: Path,
     *,
     force: bool = False,
@@ -158,13 +158,13 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         writer.writerows(rows)
 
 
-def _drawn_pictures(scene: Scene, place: Studio, sheet: Sheet) -> Take:
+def _drawn_pictures(scene: SceneSpec, place: Studio, sheet: Sheet) -> Take:
     """Takes pictures by our own drawing, each at one instant."""
     return lambda shot, after, rng: render_shot(scene, place, sheet, shot, rng)
 
 
 def _write_pictures(
-    scene: Scene, take: Take, planned: Plan, taken: Sequence[bool], root: Path, threads: int | None
+    scene: SceneSpec, take: Take, planned: Plan, taken: Sequence[bool], root: Path, threads: int | None
 ) -> None:
     following = dict(_following(planned, 1.0 / scene.recording.rate_hz))
 
@@ -188,7 +188,7 @@ def _following(planned: Plan, step_s: float) -> Iterator[tuple[str, AntennaShot]
             yield shot.path, after
 
 
-def _write_labels(scene: Scene, place: Studio, planned: Plan, taken: Sequence[bool], root: Path) -> None:
+def _write_labels(scene: SceneSpec, place: Studio, planned: Plan, taken: Sequence[bool], root: Path) -> None:
     """Write labels/: a mask for each picture of the antenna that was taken, centrelines.csv, contacts.csv."""
     shots = [shot for shot, wish in zip(planned.shots, taken, strict=True) if wish and isinstance(shot, AntennaShot)]
     truths = {f"recording/frame_{row['frame']:04d}.png": row for row in planned.truth["frames"]}
@@ -202,7 +202,7 @@ def _write_labels(scene: Scene, place: Studio, planned: Plan, taken: Sequence[bo
     write_rows(root / "labels/contacts.csv", contacts)
 
 
-def _write_sweep(scene: Scene, take: Take, sheet: Sheet, root: Path) -> Pose:
+def _write_sweep(scene: SceneSpec, take: Take, sheet: Sheet, root: Path) -> Pose:
     """Write sweep/*.png and sweep/sweep.csv: a board fixed in the world, always wholly in the picture.
 
     Returns T_world_board of the printed face. Raises InputError if the board cannot stay in view.
@@ -222,7 +222,7 @@ def _write_sweep(scene: Scene, take: Take, sheet: Sheet, root: Path) -> Pose:
 
 
 def _write_over(
-    scene: Scene, place: Studio, sheet: Sheet, root: Path, photographer: TracedPictures | None
+    scene: SceneSpec, place: Studio, sheet: Sheet, root: Path, photographer: TracedPictures | None
 ) -> dict[str, Any]:
     """Write over/over_000.png …, and return what truth.json should hold of them."""
     assert scene.over is not None
@@ -239,7 +239,7 @@ def _write_over(
     }
 
 
-def _centrelines(scene: Scene, place: Studio, planned: Plan) -> Iterator[dict[str, Any]]:
+def _centrelines(scene: SceneSpec, place: Studio, planned: Plan) -> Iterator[dict[str, Any]]:
     frames = planned.tables["recording/recording.csv"]
     shots = [s for s in planned.shots if isinstance(s, AntennaShot) and s.path.startswith("recording/")]
     for row, shot in zip(frames, shots, strict=True):
@@ -250,7 +250,7 @@ def _centrelines(scene: Scene, place: Studio, planned: Plan) -> Iterator[dict[st
             yield {"frame": row["frame"]} | pixel | {"sigma_px": _CENTRELINE_STD_PX}
 
 
-def _sensor(scene: Scene) -> dict[str, Any]:
+def _sensor(scene: SceneSpec) -> dict[str, Any]:
     """What session.yaml says of the sensor."""
     several = scene.wrench
     if several is None:
@@ -261,7 +261,7 @@ def _sensor(scene: Scene) -> dict[str, Any]:
     return {"wrench_sensor": {"components": list(several.components), **noise, "T_antenna_sensor": pose}}
 
 
-def _session_yaml(scene: Scene) -> str:
+def _session_yaml(scene: SceneSpec) -> str:
     """session.yaml: what the user of such a rig would know, not what is true of it."""
     antenna, over = scene.antenna, scene.over
     numbers = ("length_m", "diameter_m", "youngs_modulus_Pa", "density_kg_m3")

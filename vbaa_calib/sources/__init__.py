@@ -14,7 +14,7 @@ from .files import FolderSource, Picture, SourceLost, VideoSource, shown
 from .live import LiveSource, open_camera, open_stream, parse_camera
 
 
-class Source(Protocol):
+class PictureSource(Protocol):
     """Pictures one after the other.
 
     name : for the screen, without a URL's secrets. notes : messages so far. live : a stream of frames, of which one is
@@ -42,7 +42,7 @@ class Source(Protocol):
 _KINDS = "name a folder of pictures, a video, a bag, a camera like camera:0, or a stream like rtsp://host/path"
 
 
-def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Source:
+def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> PictureSource:
     """Open "camera:0", "/dev/video0", the path of a folder or video, or a stream's URL. Raises InputError.
 
     seen : names of pictures to skip. wait : watch a folder for more pictures.

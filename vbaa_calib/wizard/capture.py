@@ -11,7 +11,7 @@ from vbaa_calib.core.images import read_gray
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.diagnose.typed_loads import typed_load_diagnoses
 from vbaa_calib.session import Load
-from vbaa_calib.sources import Picture, Source, SourceLost
+from vbaa_calib.sources import Picture, PictureSource, SourceLost
 
 from .against_answers import jig_moved
 from .asking import show_axes
@@ -33,7 +33,7 @@ class Capture:
     state: SessionState
     ui: Ui
     step: Step
-    source: Source
+    source: PictureSource
     table: ReadingsTable = field(default_factory=ReadingsTable)
     declined: bool = False
 

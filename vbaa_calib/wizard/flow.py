@@ -12,7 +12,7 @@ from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.images import SUFFIXES
-from vbaa_calib.sources import Source, SourceLost, VideoSource, open_source
+from vbaa_calib.sources import PictureSource, SourceLost, VideoSource, open_source
 
 from ..streams.pictures import BagPictures
 from .asking import answer_all, change, set_unlisted_aside, take_back
@@ -200,7 +200,7 @@ def _closes_as_it_is(state: SessionState, ui: Ui, step: Step) -> tuple[bool, boo
     return True, False
 
 
-def _open(store: Store, ui: Ui, step: Step) -> Source:
+def _open(store: Store, ui: Ui, step: Step) -> PictureSource:
     """Open the source of a step's pictures, without those judged before; asks for another if it cannot be opened.
 
     Raises InputError where nobody answers.

@@ -13,13 +13,13 @@ from .questions import STEPS, typed
 from .server import PageServer
 from .session_state import SessionState
 from .steps import STEP_BY_NAME, PictureCheck
-from .ui import LivePicture, Ui, View
+from .ui import LivePicture, Ui, WizardView
 
 _COLUMNS, _ROWS = 12, 8
 _NOT_STILL: dict[str, Any] = {"hold": 0.0, "suggested_px": None, "suggestion": "", "closeness": None, "hints": []}
 
 
-class Page(View):
+class Page(WizardView):
     """The view in a browser."""
 
     def __init__(self, state: SessionState, port: int = 0) -> None:

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Any, TextIO
 
 from .questions import STEPS, Question, typed
-from .ui import COMMANDS, LivePicture, Ui, View
+from .ui import COMMANDS, LivePicture, Ui, WizardView
 
 _STYLES = {"bold": "\033[1m", "dim": "\033[2m", "next": "\033[1;36m", "wrong": "\033[1;31m", "doubt": "\033[33m"}
 
@@ -113,7 +113,7 @@ _MOST_IN_PROMPT = 7  # choices; more stand above it
 _AFTER = "vbaa estimate finds contacts in a recording; vbaa check shows in a month whether the rig is still valid"
 
 
-class Terminal(View):
+class Terminal(WizardView):
     """Questions and progress as lines of text; single words are commands."""
 
     def __init__(self) -> None:

@@ -52,7 +52,7 @@ class LivePicture:
     drawn: np.ndarray | None = None
 
 
-class View:
+class WizardView:
     """Displays a `Ui`. This one, for runs without a user, writes lines to stderr and delivers no input."""
 
     def update(self, ui: Ui, change: str) -> None:
@@ -82,8 +82,8 @@ class Ui:
     interactive : whether a user is there; else answers come from flags and files, and nothing waits.
     """
 
-    def __init__(self, *views: View, interactive: bool = False) -> None:
-        self.views, self.interactive = views or (View(),), interactive
+    def __init__(self, *views: WizardView, interactive: bool = False) -> None:
+        self.views, self.interactive = views or (WizardView(),), interactive
         self.greeting: Sequence[str] = ()
         self.step: Step | None = None
         self.progress = Progress()

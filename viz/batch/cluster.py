@@ -16,7 +16,7 @@ from vbaa_calib.core.files import require_file
 from vbaa_calib.core.threads import cores
 
 from . import work
-from .recordings import Recording
+from .recordings import BatchRecording
 from .results import Results
 from .work import BatchSettings, Outcome
 
@@ -154,7 +154,7 @@ def client_of(where: Where) -> Iterator[Client]:
 
 
 def run(
-    client: Client, recordings: Sequence[Recording], settings: BatchSettings, results: Results
+    client: Client, recordings: Sequence[BatchRecording], settings: BatchSettings, results: Results
 ) -> Iterator[Outcome]:
     """Every recording's outcome, as they come. Raises Lost with the scheduler.
 
@@ -163,7 +163,7 @@ def run(
     """
     from distributed import as_completed
 
-    waiting, underway, suspects = deque(recordings), dict[Any, Recording](), deque[Recording]()
+    waiting, underway, suspects = deque(recordings), dict[Any, BatchRecording](), deque[BatchRecording]()
     alone = False
     coming: Any = as_completed(loop=client.loop)
     while waiting or underway or suspects:
@@ -184,7 +184,7 @@ def run(
             yield outcome
 
 
-def _outcome(future: Future, recording: Recording, client: Client, alone: bool) -> Outcome | None:
+def _outcome(future: Future, recording: BatchRecording, client: Client, alone: bool) -> Outcome | None:
     """What a recording's task gave; None: its worker was lost, but not `alone`. Raises Lost."""
     from distributed import CancelledError, KilledWorker
 

@@ -18,7 +18,7 @@ _MOST = 50_000
 
 
 @dataclass(frozen=True)
-class Recording:
+class BatchRecording:
     """One recording of a batch. `name` is its partition of the data set."""
 
     name: str
@@ -26,7 +26,7 @@ class Recording:
     rig: Path
 
 
-def recordings_of(given: Sequence[str], rig: Path | None) -> list[Recording]:
+def recordings_of(given: Sequence[str], rig: Path | None) -> list[BatchRecording]:
     """Folders and patterns with the one rig; CSV files with the columns recording and, where it differs, rig, and name.
 
     Raises InputError for what names no recording, a recording without a rig, and names that stand twice.
@@ -60,7 +60,7 @@ def _listed(table: Path, rig: Path | None) -> list[tuple[str, Path, Path | None]
     ]
 
 
-def _named(found: Sequence[tuple[str, Path, Path | None]]) -> list[Recording]:
+def _named(found: Sequence[tuple[str, Path, Path | None]]) -> list[BatchRecording]:
     """With names: given ones, else the folder's, with as many of the folders above it as tell it from the others."""
     places = [path.resolve() for _, path, _ in found]
     for twice in (path for path, count in Counter(places).items() if count > 1):
@@ -68,7 +68,7 @@ def _named(found: Sequence[tuple[str, Path, Path | None]]) -> list[Recording]:
     depth = 1
     while len({path.parts[-depth:] for path in places}) < len(places):
         depth += 1
-    recordings: list[Recording] = []
+    recordings: list[BatchRecording] = []
     for (name, path, rig), place in zip(found, places, strict=True):
         if rig is None:
             raise InputError("has no rig", where=path, remedy="give --rig, or a column rig in the CSV")
@@ -77,7 +77,7 @@ def _named(found: Sequence[tuple[str, Path, Path | None]]) -> list[Recording]:
         if not re.fullmatch(r"\w[\w.-]*", name) or len(name) > 100:
             remedy = "give a name of letters, digits, ., - and _, in a column name of a CSV"
             raise InputError(f"the name {name!r} is none for a folder", where=path, remedy=remedy)
-        recordings.append(Recording(name, place, rig.resolve()))
+        recordings.append(BatchRecording(name, place, rig.resolve()))
     names = Counter(each.name.lower() for each in recordings)  # some disks tell no case
     for each in recordings:
         if names[each.name.lower()] > 1:

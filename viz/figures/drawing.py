@@ -29,7 +29,7 @@ Ticks = tuple[Sequence[float], Sequence[str]]
 
 
 @dataclass(frozen=True, eq=False)
-class Marks:
+class PlotMarks:
     """Marks that look alike, in the units of their axes.
 
     Attributes
@@ -66,7 +66,7 @@ class Plot:
     x_ticks: Ticks | None = None
     y_ticks: Ticks | None = None
     grid: str = "xy"
-    marks: list[Marks] = field(default_factory=list)
+    marks: list[PlotMarks] = field(default_factory=list)
     under: list[str] = field(default_factory=list)
     over: list[str] = field(default_factory=list)
     key: list[tuple[str, str, str]] = field(default_factory=list)
@@ -126,7 +126,7 @@ class Plot:
         """N lines or, with `fill`, polygons of K corners, (N, K, 2), as one mark; nothing for none."""
         points = np.asarray(points, float)
         if len(points):
-            self.marks.append(Marks(name, points, **look))
+            self.marks.append(PlotMarks(name, points, **look))
 
     def line(self, x: Places, y: Places, colour: str, width: float = 1.0, name: str = "line", **look: Any) -> None:
         """One line through x, y (K,)."""
@@ -150,7 +150,7 @@ class Plot:
         """Filled points at x, y (N,); any number of them is one short path."""
         if len(x):
             at = np.column_stack([x, y]).astype(float)[:, None]
-            self.marks.append(Marks("dots", at, stroke=colour, width=size, round_ends=True))
+            self.marks.append(PlotMarks("dots", at, stroke=colour, width=size, round_ends=True))
 
     def bars(self, x: np.ndarray, low: np.ndarray, high: np.ndarray, colour: str, width: float = 1.3) -> None:
         """Upright bars from low to high (N,), cut at the plot's edge."""
@@ -171,7 +171,7 @@ class Plot:
         for group in _groups(len(centre)):
             colour = colours[group[len(group) // 2]]
             fill, stroke = pale(colour, 0.22), pale(colour, 0.7)
-            self.marks.append(Marks("ellipses", shapes[group], fill, stroke, 0.7, ellipse=True))
+            self.marks.append(PlotMarks("ellipses", shapes[group], fill, stroke, 0.7, ellipse=True))
 
     def dots_by_time(self, at: np.ndarray, time_s: np.ndarray) -> None:
         """Points (P, 2) in the order of time, coloured by it: a few groups of equal colour."""
@@ -252,7 +252,7 @@ def _drawn(axes: Plot) -> Iterator[str]:
         yield f"<g><title>{escape(tip)}</title>{drawn}</g>" if tip else drawn
 
 
-def _mark_path(axes: Plot, mark: Marks) -> str:
+def _mark_path(axes: Plot, mark: PlotMarks) -> str:
     at = axes.pixels(mark.points)
     return _arcs(at[:, 0], at[:, 1:] - at[:, :1]) if mark.ellipse else _path(at, closed=bool(mark.fill))
 
@@ -276,7 +276,7 @@ def _arcs(centre_px: np.ndarray, half_axes_px: np.ndarray) -> str:
     return one * len(numbers) % tuple(np.clip(numbers, -1e5, 1e5).ravel().tolist())
 
 
-def _look(mark: Marks) -> str:
+def _look(mark: PlotMarks) -> str:
     """CSS of a mark. Colours that a page in the dark has another for are its variables."""
     parts = [_colour("fill", mark.fill)]
     if mark.stroke:

@@ -13,10 +13,10 @@ from viz.scene.readable import surface_scale, thinned
 from viz.scene.rig_items import RigItems
 from viz.scene.scene import ObjectMesh, Scene
 
-from .part import Part, arrow, ball, cone, joined, stamp, triangles, wire, wires
+from .part import ScenePart, arrow, ball, cone, joined, stamp, triangles, wire, wires
 
 
-def all_parts(scene: Scene) -> list[Part]:
+def all_parts(scene: Scene) -> list[ScenePart]:
     """Every part of the scene; their number does not grow with the recording."""
     parts = _contact_parts(scene)
     if scene.object is not None:
@@ -25,13 +25,13 @@ def all_parts(scene: Scene) -> list[Part]:
         parts += _object_parts(scene.other, scene.bounding_ball_m[1], "other")
     if scene.truth is not None:
         shape = object_mesh(scene.truth, rings=64)
-        parts.append(Part("truth", triangles(shape.vertices, shape.faces, shape.normals), opacity=0.22))
+        parts.append(ScenePart("truth", triangles(shape.vertices, shape.faces, shape.normals), opacity=0.22))
     if scene.rig is not None:
         parts += [*_rig_parts(scene, scene.rig), *_grid(scene, scene.rig)]
     return parts
 
 
-def _contact_parts(scene: Scene) -> list[Part]:
+def _contact_parts(scene: Scene) -> list[ScenePart]:
     """Balls, force arrows, ellipsoids and friction cones in order of time: an instant shows those up to then."""
     contacts = scene.contacts
     count = len(contacts.points_m)
@@ -55,14 +55,16 @@ def _contact_parts(scene: Scene) -> list[Part]:
     return parts
 
 
-def _stamped(scene: Scene, name: str, chosen: np.ndarray, mesh: pv.PolyData, linear: np.ndarray, **look: Any) -> Part:
+def _stamped(
+    scene: Scene, name: str, chosen: np.ndarray, mesh: pv.PolyData, linear: np.ndarray, **look: Any
+) -> ScenePart:
     """`mesh` at the chosen contacts; an instant shows those up to then, or of "now" only its own frame's."""
     rows, instants = scene.contacts.row[chosen], scene.instants.row
     last = np.searchsorted(rows, instants, side="right")
     first = np.searchsorted(rows, instants, side="left") if name == "now" else np.zeros_like(last)
     coloured = name in ("contacts", "forces")
     points = scene.contacts.points_m if name != "framewise" or scene.framewise_m is None else scene.framewise_m
-    return Part(
+    return ScenePart(
         name,
         stamp(mesh, np.broadcast_to(linear, (len(chosen), 3, 3)), points[chosen]),
         span=mesh.n_cells * np.column_stack([first, last]),
@@ -73,7 +75,7 @@ def _stamped(scene: Scene, name: str, chosen: np.ndarray, mesh: pv.PolyData, lin
     )
 
 
-def _object_parts(mesh: ObjectMesh, reach_m: float, name: str = "object") -> list[Part]:
+def _object_parts(mesh: ObjectMesh, reach_m: float, name: str = "object") -> list[ScenePart]:
     """The reconstructed object, coloured by how well it is known where that is known; the "other" one in one colour.
 
     Points outside all triangles are drawn as discs across their normal, or as balls without one.
@@ -101,10 +103,10 @@ def _object_parts(mesh: ObjectMesh, reach_m: float, name: str = "object") -> lis
         return []
     whole, _ = joined([piece for piece, _ in pieces])
     whole.point_data["colour"] = np.concatenate([colours for _, colours in pieces])
-    return [Part(name, whole, painted=True, opacity=1.0 if name == "object" else 0.6)]
+    return [ScenePart(name, whole, painted=True, opacity=1.0 if name == "object" else 0.6)]
 
 
-def _rig_parts(scene: Scene, rig: RigItems) -> list[Part]:
+def _rig_parts(scene: Scene, rig: RigItems) -> list[ScenePart]:
     """At each instant: antenna, free antenna, ghosts, plane C, camera and its picture."""
     width = rig.drawn_radius_m
     edge = float(np.linalg.norm(rig.plane_m[1] - rig.plane_m[0]))
@@ -113,23 +115,23 @@ def _rig_parts(scene: Scene, rig: RigItems) -> list[Part]:
     keep = np.linspace(0, rig.bent_m.shape[1] - 1, 29).round().astype(int)
     antenna, span = _over_time(rig.bent_m[:, keep], known, width)
     free, free_span = _over_time(rig.free_m[:, keep[::4]], known, 0.45 * width, sides=6)
-    parts = [Part("antenna", antenna, span=span), Part("free", free, span=free_span, opacity=0.6)]
+    parts = [ScenePart("antenna", antenna, span=span), ScenePart("free", free, span=free_span, opacity=0.6)]
     if len(rig.ghosts):
         ghosts = wires([rig.bent_m[index] for index in rig.ghosts], 0.6 * width)
-        parts.append(Part("ghosts", ghosts, opacity=0.3))
+        parts.append(ScenePart("ghosts", ghosts, opacity=0.3))
     corners = rig.plane_m[[0, 1, 2, 3, 0]]
     plane = triangles(rig.plane_m, np.array([[0, 1, 2], [0, 2, 3]]))
-    parts.append(Part("plane", plane, opacity=0.09, poses=rig.poses, lit=False))
-    parts.append(Part("plane", wires([corners], 0.0015 * edge, 6), opacity=0.55, poses=rig.poses))
+    parts.append(ScenePart("plane", plane, opacity=0.09, poses=rig.poses, lit=False))
+    parts.append(ScenePart("plane", wires([corners], 0.0015 * edge, 6), opacity=0.55, poses=rig.poses))
     grid, centre = rig.picture_m, rig.camera_m
     rim = np.concatenate([grid[0], grid[1:, -1], grid[-1, -2::-1], grid[-2:0:-1, 0], grid[:1, 0]])
     rays = (np.stack([centre, corner]) for corner in (grid[0, 0], grid[0, -1], grid[-1, -1], grid[-1, 0]))
     lens = pv.Icosphere(radius=0.012 * edge, center=centre, nsub=2)
     lens = triangles(lens.points, lens.regular_faces, (lens.points - centre) / (0.012 * edge))
-    parts.append(Part("camera", joined([wires([rim, *rays], 0.0016 * edge, 6), lens])[0], poses=rig.poses))
+    parts.append(ScenePart("camera", joined([wires([rim, *rays], 0.0016 * edge, 6), lens])[0], poses=rig.poses))
     seen = any(picture is not None for picture in scene.pictures)
     opacity = 1.0 if seen else 0.16
-    return [*parts, Part("camera", _sheet(grid), opacity=opacity, poses=rig.poses, textured=seen, lit=False)]
+    return [*parts, ScenePart("camera", _sheet(grid), opacity=opacity, poses=rig.poses, textured=seen, lit=False)]
 
 
 def _over_time(
@@ -153,10 +155,10 @@ def _sheet(grid: np.ndarray) -> pv.PolyData:
     return mesh
 
 
-def _grid(scene: Scene, rig: RigItems) -> list[Part]:
+def _grid(scene: Scene, rig: RigItems) -> list[ScenePart]:
     """A level grid under everything."""
     lines, step = scene.level_grid(rig)
     if not len(lines):
         return []
     thickness = 0.0011 * float(np.hypot(*np.ptp(lines.reshape(-1, 3), axis=0)[:2]))
-    return [Part("grid", wires(list(lines), thickness, 4), opacity=0.5, lit=False, note=f"{1e3 * step:g} mm")]
+    return [ScenePart("grid", wires(list(lines), thickness, 4), opacity=0.5, lit=False, note=f"{1e3 * step:g} mm")]

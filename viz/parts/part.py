@@ -11,7 +11,7 @@ from viz.scene.layout import LOOK
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ScenePart:
     """A mesh of one colour, of a colour per contact, with vertex colours, or with a picture as texture.
 
     Attributes
@@ -48,7 +48,7 @@ class Part:
         return LOOK[self.name][1] + (f", {self.note}" if self.note else "")
 
 
-def layers_of(parts: list[Part]) -> list[Part]:
+def layers_of(parts: list[ScenePart]) -> list[ScenePart]:
     """One part of each name, that with the longest label, for legends."""
     longest = {part.name: part for part in sorted(parts, key=lambda part: len(part.label))}
     return [longest[name] for name in dict.fromkeys(part.name for part in parts)]

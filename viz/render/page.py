@@ -25,7 +25,7 @@ from trame_vtk.tools.vtksz2html import write_html
 from vbaa_calib.core.files import write_text
 from viz.pages.page import render
 from viz.parts.assemble import all_parts
-from viz.parts.part import Part, layers_of
+from viz.parts.part import ScenePart, layers_of
 from viz.scene.readable import MODES, contact_scale, object_scale
 from viz.scene.scene import Scene
 
@@ -120,7 +120,7 @@ def _contacts(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _part(part: Part, identity: str) -> dict[str, Any]:
+def _part(part: ScenePart, identity: str) -> dict[str, Any]:
     data: dict[str, Any] = {"id": identity, "name": part.name, "textured": part.textured}
     if part.span is not None:
         data |= {"span": part.span.tolist(), "history": part.history}

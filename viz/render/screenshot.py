@@ -14,7 +14,7 @@ from matplotlib.patches import Rectangle
 
 from vbaa_calib.core.files import replacing
 from viz.parts.assemble import all_parts
-from viz.parts.part import Part, layers_of
+from viz.parts.part import ScenePart, layers_of
 from viz.scene.layout import INK
 from viz.scene.readable import contact_scale, object_scale, round_down
 from viz.scene.scene import Scene
@@ -83,7 +83,7 @@ def screenshot(scene: Scene, path: Path, *, mode: str = "force", force: bool = F
         canvas.print_png(str(temporary))
 
 
-def _without(parts: list[Part], *names: str) -> list[Part]:
+def _without(parts: list[ScenePart], *names: str) -> list[ScenePart]:
     return [part for part in parts if part.name not in names]
 
 
@@ -104,7 +104,7 @@ def _axes(figure: Figure, x: int, y: int, size: tuple[int, int]) -> Axes:
     return axes
 
 
-def _legend(sheet: Axes, scene: Scene, parts: list[Part], top: int) -> None:
+def _legend(sheet: Axes, scene: Scene, parts: list[ScenePart], top: int) -> None:
     scaled = ("contacts", "forces", "now", *(["object"] if object_scale(scene) is not None else []))
     rows = [part for part in layers_of(parts) if part.name not in scaled]
     y, half = top - 30, (len(rows) + 1) // 2

@@ -32,7 +32,7 @@ from vbaa_calib.core.errors import SolveError
 from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.objects import TouchObject
 
-from .stick_slip import TOLERANCE, Bases, Contacts, Held, Setting, tangent_axes
+from .stick_slip import TOLERANCE, Bases, Held, Setting, SlidContacts, tangent_axes
 
 _SAMPLES = 400
 
@@ -53,7 +53,7 @@ class _Core:
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class _FrictionlessProblem:
     """All B frames of a stroke, each in its own antenna frame.
 
     gravity : (B, 3). unloaded : the antenna under its weight alone. reach_m : the object's radius plus the antenna's
@@ -75,7 +75,7 @@ class _Problem:
     normal: np.ndarray
 
 
-def touch_at_once(setting: Setting, bases: Bases) -> Contacts:
+def touch_at_once(setting: Setting, bases: Bases) -> SlidContacts:
     """The contacts of one stroke of B frames; the object's friction is left out.
 
     Raises SolveError naming the first frame in which a real antenna could not be held.
@@ -91,10 +91,10 @@ def touch_at_once(setting: Setting, bases: Bases) -> Contacts:
     touches, held, at = np.zeros(len(problem.touches), bool), Held.nowhere(len(problem.touches)), rows[firm]
     touches[at], held.arclength_m[at], held.press_N[at], held.grip_N[at] = True, arclength[firm], press[firm], 0.0
     held.normal[at] = np.einsum("bij,bj->bi", bases.rotation[at], normal[firm])
-    return Contacts(touches, np.zeros_like(touches), held)
+    return SlidContacts(touches, np.zeros_like(touches), held)
 
 
-def _problem(setting: Setting, bases: Bases) -> _Problem:
+def _problem(setting: Setting, bases: Bases) -> _FrictionlessProblem:
     rod, obj = setting.rod, setting.object
     core = _Core(
         center_m=np.einsum("bji,bj->bi", bases.rotation, obj.center_world_m - bases.origin_m),
@@ -114,7 +114,9 @@ def _problem(setting: Setting, bases: Bases) -> _Problem:
         touches, depth, normal = _line(obj, core, offset, tangent, (reaches, within), reach)
     compliance = 1.0 / obj.stiffness_N_m
     at_clamp, radius = obj.radius_m + setting.antenna_radius_m, setting.antenna_radius_m
-    return _Problem(rod, core, gravity, unloaded, at_clamp, radius, compliance, touches, depth, arclength, normal)
+    return _FrictionlessProblem(
+        rod, core, gravity, unloaded, at_clamp, radius, compliance, touches, depth, arclength, normal
+    )
 
 
 def _nearest(core: _Core, shape: RodShape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -182,7 +184,7 @@ def _line(
     return touches, depth, side[:, None] * normal
 
 
-def _first_guess(problem: _Problem, rows: np.ndarray) -> np.ndarray:
+def _first_guess(problem: _FrictionlessProblem, rows: np.ndarray) -> np.ndarray:
     """(R, 7) of frames `rows` (R,): a straight cantilever and the object's spring in series, displaced by the depth."""
     rod = problem.rod
     arclength = np.clip(problem.arclength_m[rows], 0.05 * rod.length_m, 0.999 * rod.length_m)
@@ -199,7 +201,7 @@ def _first_guess(problem: _Problem, rows: np.ndarray) -> np.ndarray:
     return np.hstack([*scaled, np.zeros((rows.size, 2))])
 
 
-def _solved(problem: _Problem, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _solved(problem: _FrictionlessProblem, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Arc length, normal force (R,) and normal (R, 3); frames that do not converge are pushed in step by step."""
     rod, normal = problem.rod, problem.normal[rows]
     state = _first_guess(problem, rows)

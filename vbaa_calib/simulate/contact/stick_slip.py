@@ -114,7 +114,7 @@ class Held(Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Contacts:
+class SlidContacts:
     """One stroke of B frames: who touches, who sticks (B,), and the contacts, which mean nothing where none is.
 
     A contact sticks if it has slid by less than `STROKE.sticks_m` since the frame before, in which it touched too.

@@ -16,7 +16,7 @@ from vbaa_calib.antenna.rod import RodShape, sample_shape, solve_rod
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.simulate.scene.objects import WEDGES
 
-from .stick_slip import Bases, Contacts, Held, Setting, advance
+from .stick_slip import Bases, Held, Setting, SlidContacts, advance
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ _Place = tuple[Bases, np.ndarray]
 """Bases, and the free antenna's nodes (B, N, 3) in their frames."""
 
 
-def follow(setting: Setting, strokes: Sequence[Bases]) -> list[Contacts]:
+def follow(setting: Setting, strokes: Sequence[Bases]) -> list[SlidContacts]:
     """The contacts of all strokes of one recording; each stroke is its bases (at least one) in order of time.
 
     A stroke that begins in contact is first pressed on along the object's normal, without friction.
@@ -67,10 +67,10 @@ def follow(setting: Setting, strokes: Sequence[Bases]) -> list[Contacts]:
         sticks.append(before & walk.touches & (slid_m < STROKE.sticks_m) & (friction > 0.0))
         held.append(replace(walk.contacts, slipped_m=way))
 
-    def of(stroke: int, frames: int) -> Contacts:
+    def of(stroke: int, frames: int) -> SlidContacts:
         columns = ([getattr(at, each.name)[stroke] for at in held[:frames]] for each in fields(Held))
         touching, sticking = (np.array(each)[:frames, stroke] for each in (touches, sticks))
-        return Contacts(touching, sticking, Held(*map(np.array, columns)))
+        return SlidContacts(touching, sticking, Held(*map(np.array, columns)))
 
     return [of(stroke, len(bases.origin_m)) for stroke, bases in enumerate(strokes)]
 

@@ -21,7 +21,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.objects import TouchObject
 
 from .at_once import touch_at_once
-from .stick_slip import Bases, Contacts, Setting
+from .stick_slip import Bases, Setting, SlidContacts
 from .strokes import follow
 
 
@@ -90,7 +90,7 @@ def touch_strokes(
     return [replace(_touch(setting, at, found), slip_world_m=found.held.slipped_m) for at, found in followed]
 
 
-def _touch(setting: Setting, bases: Bases, contacts: Contacts) -> Touch:
+def _touch(setting: Setting, bases: Bases, contacts: SlidContacts) -> Touch:
     """The antenna's shapes under the contacts' forces. Raises SolveError for contacts that are impossible."""
     rod, obj = setting.rod, setting.object
     touching, held = contacts.touches, contacts.held

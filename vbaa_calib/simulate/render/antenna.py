@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import Lens, project
 
-from .picture import Patch, Studio, frame_around
+from .picture import ImagePatch, Studio, frame_around
 from .settings import PAINT
 
 DepthOfObstacle = Callable[[np.ndarray], np.ndarray]
@@ -76,7 +76,7 @@ def tube(
 
 def tube_patch(
     place: Studio, seen: Tube, paint: float, asymmetry: float = 0.0, obstacle: DepthOfObstacle | None = None
-) -> Patch | None:
+) -> ImagePatch | None:
     """The tube's picture, hidden where the obstacle is nearer to the camera; None when it is outside the picture.
 
     Parameters
@@ -106,7 +106,7 @@ def tube_patch(
         fine[rows - top, :, columns - left, :] = values.reshape(-1, PAINT.antenna_subpixels, PAINT.antenna_subpixels)
         return fine.reshape((bottom - top) * PAINT.antenna_subpixels, (right - left) * PAINT.antenna_subpixels)
 
-    return Patch(left, top, PAINT.antenna_subpixels, laid_out(light[:, None] * shade), laid_out(coverage))
+    return ImagePatch(left, top, PAINT.antenna_subpixels, laid_out(light[:, None] * shade), laid_out(coverage))
 
 
 def visible_centreline(lens: Lens, seen: Tube, obstacle: DepthOfObstacle | None, step_px: float = 1.0) -> np.ndarray:

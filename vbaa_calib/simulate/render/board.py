@@ -12,7 +12,7 @@ from targets.board import AprilGrid, BoardWithIds, opencv_board
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.lens import project
 
-from .picture import LAMP_WORLD, Patch, Studio, frame_around
+from .picture import LAMP_WORLD, ImagePatch, Studio, frame_around
 from .settings import PAINT
 
 _FULL = 65535
@@ -73,7 +73,7 @@ def outline(sheet: Sheet) -> np.ndarray:
     return np.pad(np.concatenate(sides), ((0, 0), (0, 1)))
 
 
-def board_patch(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camera: np.ndarray) -> Patch | None:
+def board_patch(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camera: np.ndarray) -> ImagePatch | None:
     """The sheet in front of the camera, or None when it is outside the picture or seen from behind.
 
     R_world_camera : (3, 3), for the light on it.
@@ -100,4 +100,4 @@ def board_patch(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camer
     facing = -(R_world_camera @ rotation[:, 2]) @ LAMP_WORLD
     light = (0.6 + 0.4 * max(facing, 0.0)) / _FULL
     ink, presence = cv2.split(fine)
-    return Patch(left, top, PAINT.board_subpixels, np.float32(light) * ink, np.float32(1 / _FULL) * presence)
+    return ImagePatch(left, top, PAINT.board_subpixels, np.float32(light) * ink, np.float32(1 / _FULL) * presence)

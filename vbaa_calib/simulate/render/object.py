@@ -15,7 +15,7 @@ from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, LINES, WEDGES, ObjectNumbers, TouchObject
 
 from .antenna import DepthOfObstacle
-from .picture import LAMP_WORLD, Patch, Studio, frame_around
+from .picture import LAMP_WORLD, ImagePatch, Studio, frame_around
 from .settings import PAINT
 
 
@@ -110,7 +110,7 @@ def _shaded(
     return albedo * shade, np.isfinite(depth), face
 
 
-def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Patch | None:
+def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> ImagePatch | None:
     """The object's picture, edges antialiased; None when it is outside the picture."""
     corners = T_world_camera.inverse() @ _bounding_points(obj)
     left, top, right, bottom = frame_around(place, project(place.rays.lens, corners))
@@ -133,4 +133,4 @@ def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Patch
         brightness[rows, columns], alpha[rows, columns] = (
             each.reshape(len(rows), -1).mean(axis=1) for each in _shaded(obj, origin, fine, albedo)[:2]
         )
-    return Patch(left, top, 1, brightness.astype(np.float32), alpha.astype(np.float32))
+    return ImagePatch(left, top, 1, brightness.astype(np.float32), alpha.astype(np.float32))

@@ -39,7 +39,7 @@ class Studio:
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class ImagePatch:
     """Something in front of what was drawn before; in sub-pixels where its edges are measured: blur before sampling.
 
     Attributes
@@ -63,7 +63,7 @@ class Patch:
         return slice(self.top, self.top + rows), slice(self.left, self.left + columns)
 
 
-def behind(canvas: np.ndarray, patch: Patch) -> np.ndarray:
+def behind(canvas: np.ndarray, patch: ImagePatch) -> np.ndarray:
     """The canvas behind a patch, in its sub-pixels."""
     return cv2.resize(canvas[patch.where], patch.alpha.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
@@ -121,7 +121,7 @@ def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
     return cv2.remap(place.bench, texel, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
 
 
-def composed(canvas: np.ndarray, patch: Patch) -> np.ndarray:
+def composed(canvas: np.ndarray, patch: ImagePatch) -> np.ndarray:
     """A new picture, (H, W) as the canvas is, with a patch of whole pixels in front."""
     result = canvas.copy()
     result[patch.where] = result[patch.where] * (1.0 - patch.alpha) + patch.brightness
@@ -142,7 +142,7 @@ def frame_around(place: Studio, pixels: np.ndarray) -> tuple[int, int, int, int]
     return int(left), int(top), int(right), int(bottom)
 
 
-def expose(place: Studio, canvas: np.ndarray, patches: Sequence[Patch] = ()) -> np.ndarray:
+def expose(place: Studio, canvas: np.ndarray, patches: Sequence[ImagePatch] = ()) -> np.ndarray:
     """(height, width) grey levels, float, before noise and quantisation: the patches in front, blur, light.
 
     The patches must not overlap one another.

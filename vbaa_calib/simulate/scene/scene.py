@@ -73,7 +73,7 @@ class TrueAntenna:
 
 
 @dataclass(frozen=True)
-class MomentSensor:
+class SceneSensor:
     """The sensor reads gain · moment + offset + noise."""
 
     std_Nm: Annotated[Number, Field(ge=1e-12, le=10)]
@@ -249,7 +249,7 @@ class Sweep:
 
 
 @dataclass(frozen=True)
-class Recording:
+class PlannedStrokes:
     """Strokes along the object, one after the other, at one rate; `pause_s` passes between two strokes."""
 
     rate_hz: Annotated[Number, Field(ge=1e-3, le=1e5)]
@@ -293,7 +293,7 @@ class OverSpec:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class SceneSpec:
     """A whole scene file.
 
     Attributes
@@ -312,7 +312,7 @@ class Scene:
     jig_pictures: int
     antenna: NominalAntenna
     true: TrueAntenna
-    moment: MomentSensor | None
+    moment: SceneSensor | None
     wrench: WrenchSpec | None
     kinematics: Kinematics
     gravity_world_m_s2: np.ndarray
@@ -321,7 +321,7 @@ class Scene:
     intrinsics: IntrinsicsSpec
     noload: tuple[Joints, ...]
     loads: tuple[KnownLoad, ...]
-    recording: Recording
+    recording: PlannedStrokes
     sweep: bool = False
     over: OverSpec | None = None
     traced: TraceSpec = field(default_factory=TraceSpec)
@@ -345,7 +345,7 @@ class Scene:
         return self.T_world_antenna(joints) @ self.T_antenna_camera
 
 
-def true_rod(scene: Scene) -> Rod:
+def true_rod(scene: SceneSpec) -> Rod:
     """The antenna as it really is. A round wire: GJ = EI / (1 + ν)."""
     stiffness = scene.antenna.stiffness_Nm2 * scene.true.stiffness_factor
     taper, tip = scene.antenna.taper, scene.true.tip_factor

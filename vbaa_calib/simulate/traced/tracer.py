@@ -22,7 +22,7 @@ from vbaa_calib.simulate.render.board import Sheet
 from vbaa_calib.simulate.render.meshes import Triangles, object_mesh, tube_mesh
 from vbaa_calib.simulate.scene.lens import RayMap
 from vbaa_calib.simulate.scene.objects import TouchObject
-from vbaa_calib.simulate.scene.scene import Joints, Scene
+from vbaa_calib.simulate.scene.scene import Joints, SceneSpec
 
 from .bench import bench, facing, lights, matt, picture_of, placed, rgb
 
@@ -86,7 +86,7 @@ class Tracer:
     """What all pictures of a scene share: mitsuba, the lens, the surroundings, and the radiance of a white card."""
 
     mi: Any
-    scene: Scene
+    scene: SceneSpec
     rays: RayMap
     around: dict[str, Any]
     card: float
@@ -166,7 +166,7 @@ class Tracer:
         }
 
 
-def tracer(scene: Scene, rays: RayMap, rng: np.random.Generator) -> Tracer:
+def tracer(scene: SceneSpec, rays: RayMap, rng: np.random.Generator) -> Tracer:
     """Prepare a scene. Raises InputError without mitsuba, or for a lens too wide for a pinhole."""
     mi = _load_mitsuba()
     if np.abs(rays.padded).max() > _TRACE.widest:
@@ -183,7 +183,7 @@ def tracer(scene: Scene, rays: RayMap, rng: np.random.Generator) -> Tracer:
     return Tracer(mi, scene, rays, around, _card(mi, lit, middle))
 
 
-def _origin(scene: Scene) -> np.ndarray:
+def _origin(scene: SceneSpec) -> np.ndarray:
     return scene.kinematics.position_world_m
 
 
