@@ -32,7 +32,7 @@ from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.sources.live import _CAMERA_FAULTS, LiveSource, StreamSettings
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams.devices import DEVICES, open_device
-from vbaa_calib.streams.recorded import TICK_S
+from vbaa_calib.streams.messages import TICK_S
 
 _RATE_HZ = 60.0
 _CHANNELS = ("moment_Nm", "pan_rad", "tilt_rad")

@@ -78,7 +78,7 @@ def of_the_window(demo: Path) -> None:
     parser = argparse.ArgumentParser()
     view.configure(parser)
     words = (demo / "contacts.csv", "--rig", demo / "rig.json", "--session", demo / "session")
-    scene, _ = view.scene_of(parser.parse_args(list(map(str, words))))
+    scene, _ = view._scene_of(parser.parse_args(list(map(str, words))))
     stage = Stage(scene, all_parts(scene), size=(1250, 850))
     controls = _Controls(stage, "force")
     controls.add_to_window()

@@ -34,8 +34,8 @@ MOST = {
     "module constants": 1623,
     "class names used twice": 1,
     "classes": 484,
-    "public names": 1287,
-    "private words": 697,
+    "public names": 1255,
+    "private words": 695,
     "type: ignore": 4,
     "words on pages": 35540,
 }

@@ -14,7 +14,7 @@ import pytest
 
 from tests.estimator.budget_draws import correlated_rig
 from vbaa_calib.streams import Reading
-from vbaa_calib.streams.recorded import line_messages
+from vbaa_calib.streams.messages import line_messages
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "build.md").read_text(encoding="utf-8")

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .budget import ADVISED, CAUSES, OWN, Budget, ResultBudget
-from .parts import BudgetSettings, per_result
+from .budget import ADVISED, CAUSES, OWN, Budget, BudgetSettings, ResultBudget, per_result
 
 RESULT_NAMES = {
     "distance_m": "distance l",

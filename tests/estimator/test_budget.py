@@ -13,8 +13,16 @@ import pytest
 
 from benchmarks.estimator.scenes import ShapesOf, rod_shapes
 from estimator import ContactEstimator
-from estimator.budget.budget import Budget, error_budget
-from estimator.budget.parts import RIG_CAUSES, _split, _subsets, propagate, touch_of_force, variance_by_cause
+from estimator.budget.budget import (
+    RIG_CAUSES,
+    Budget,
+    _propagate,
+    _split,
+    _subsets,
+    _variance_by_cause,
+    error_budget,
+    touch_of_force,
+)
 from estimator.contact.common_errors import MOST_POINTS, shared_errors
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.core.errors import InputError
@@ -43,8 +51,8 @@ def whitened(rig: Rig) -> np.ndarray:
 def test_parts_add_up_to_what_the_estimator_says() -> None:
     rig, touches = RIG_AXES, three_touches(RIG)
     _, space, given = linearised(rig, touches)
-    now = propagate(given, space)
-    whole = np.sum(list(variance_by_cause(space, now).values()), axis=0)
+    now = _propagate(given, space)
+    whole = np.sum(list(_variance_by_cause(space, now).values()), axis=0)
     np.testing.assert_allclose(whole, now.variance, rtol=1e-9)
     seen = seen_of(rig, touches, points=MOST_POINTS)
     estimator = ContactEstimator(rig, "rod", friction=FRICTION_RAD)
@@ -102,7 +110,7 @@ def test_the_estimator_is_off_as_said_by_every_parameter_and_by_friction() -> No
     """Rigs off by a third of a deviation in one parameter after the other, contacts that rub: no noise, all weights."""
     touches = three_touches(RIG)
     rig_arrays, space, given = linearised(RIG, touches)
-    now, std = propagate(given, space), whitened(RIG)
+    now, std = _propagate(given, space), whitened(RIG)
     scale = np.sqrt(now.variance)
     said = now.by_errors @ np.linalg.pinv(rig_arrays.axes / std[:, None])
     size, count = 0.3, len(std)
@@ -123,7 +131,7 @@ def test_common_errors_are_those_of_a_recording() -> None:
     rig_arrays, space, given = linearised(RIG_AXES, touches, 0.2)
     seen = seen_of(RIG_AXES, touches)
     shared = shared_errors(RIG_AXES, table_of(seen)).point_m[..., :-1]
-    said = propagate(given, space).by_errors[:, 3:]
+    said = _propagate(given, space).by_errors[:, 3:]
     np.testing.assert_allclose((shared**2).sum(axis=(1, 2)), (said**2).sum(axis=(1, 2)), rtol=0.06)
     size = rig_arrays.axes.shape[1]
     np.testing.assert_allclose(shared[..., :size], said[..., :size], atol=0.08 * np.abs(said).max())
@@ -160,8 +168,8 @@ def test_knowing_a_cause_better_is_what_a_rig_with_that_knowledge_has() -> None:
     ]
     for cause, part, rig, friction in others:
         _, other, there = linearised(rig, touches, friction)
-        less = propagate(here, space, cause, part).variance
-        np.testing.assert_allclose(less, propagate(there, other).variance, rtol=1e-3, err_msg=cause)
+        less = _propagate(here, space, cause, part).variance
+        np.testing.assert_allclose(less, _propagate(there, other).variance, rtol=1e-3, err_msg=cause)
 
 
 @pytest.fixture(scope="module")
@@ -235,7 +243,7 @@ def sampled(draws: int, seed: int, cause: str, made_by: ShapesOf = rung_shapes) 
     axes = RigArrays.from_rig(rig, FRICTION_RAD).axes
     steps = rng.normal(size=(draws, axes.shape[1])) @ axes.T
     off = errors(rig, steps, touches, rubs, rng, friction, made_by)
-    return np.sqrt((off**2).mean(axis=0)), np.sqrt(propagate(given, space, cause, 0.0).variance)
+    return np.sqrt((off**2).mean(axis=0)), np.sqrt(_propagate(given, space, cause, 0.0).variance)
 
 
 @pytest.mark.parametrize(("cause", "draws"), [("", 60), ("friction", 40)])

@@ -16,8 +16,7 @@ from benchmarks.recording.recording import lengthened, played
 from estimator.contact.common_errors import shared_errors
 from estimator.object.estimate import estimate_object
 from estimator.object.next_touch import JointLimits, NextTouch, next_touch
-from estimator.object.next_touch.plan import _Options, _places, _touches_within
-from estimator.object.next_touch.reach import _surface_std
+from estimator.object.next_touch.plan import _Options, _places, _surface_std, _touches_within
 from estimator.object.surface import touches_of
 from estimator.object.surface.build import fitted, surely_known_m
 from estimator.object.surface.fit import SurfaceFit, fit

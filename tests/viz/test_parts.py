@@ -10,8 +10,7 @@ import pytest
 from estimator.table.contacts import ContactTable
 from vbaa_calib.simulate.render.meshes import object_mesh
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
-from viz.parts.assemble import all_parts
-from viz.parts.part import ScenePart, ball
+from viz.parts.assemble import ScenePart, _ball, all_parts
 from viz.scene.readable import thinned
 from viz.scene.scene import ObjectMesh, Scene, build_scene
 
@@ -36,7 +35,7 @@ def test_arrows_begin_at_the_contacts_and_run_along_the_force(scene: Scene) -> N
 
 def test_ellipsoids_are_two_deviations_large_times_what_the_legend_says(scene: Scene) -> None:
     part = named(all_parts(scene), "spread")
-    chosen = thinned(np.arange(90), part.mesh.n_points // ball(2).n_points)
+    chosen = thinned(np.arange(90), part.mesh.n_points // _ball(2).n_points)
     offset = pieces(part, len(chosen)) - scene.contacts.points_m[chosen][:, None]
     weight = np.linalg.inv(scene.contacts.covariance_m2[chosen])
     distance = np.sqrt(np.einsum("kpi,kij,kpj->kp", offset, weight, offset))

@@ -15,8 +15,7 @@ from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.sources.files import SourceLost
 from vbaa_calib.sources.live import LiveSource
 
-from .messages import Messages, MessageSource, Reading, Taken, now_s
-from .recorded import TICK_S, line_messages
+from .messages import TICK_S, Messages, MessageSource, Reading, Taken, line_messages, now_s
 
 
 @dataclass(frozen=True)

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import base64
+import binascii
+import json
+import math
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from vbaa_calib.core.arrays import LARGEST_NM, LARGEST_RAD, as_float
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.errors import InputError, clipped, shown
+from vbaa_calib.core.images import read_picture
 from vbaa_calib.session import SILENT
 
+TICK_S = 0.02
+"""How often a source that has nothing new says so."""
 CHANNELS = (*SILENT, "pan_rad", "tilt_rad")
 """What is read beside the pictures, named as the columns of recording.csv are."""
 
@@ -145,3 +155,44 @@ class MessageSource:
                     yield each
 
         return replace(self, messages=messages, channels=self.channels - {*SILENT})
+
+
+def line_messages(line: bytes, root: Path | None, arrived_s: float | None = None) -> Iterator[Taken | Reading]:
+    """What one JSON line says, readings first; without `root` pictures are not taken. Raises InputError.
+
+    arrived_s : when it came, by `now_s`; just now where it is not given.
+    """
+    try:
+        said = json.loads(line)
+        assert isinstance(said, dict)
+    except (ValueError, AssertionError, RecursionError):
+        remedy = '{"time_s": 1.5, "moment_Nm": 0.004}'
+        raise InputError(f"{line[:40]!r} is no JSON object", remedy=f"write lines like {remedy}") from None
+    arrived_s, received_s = now_s() if arrived_s is None else arrived_s, perf_counter()
+    time_s = _number(said, "time_s", arrived_s)
+    for channel in CHANNELS:
+        if said.get(channel) is not None:
+            yield Reading(time_s, channel, _number(said, channel), arrived_s)
+    if root is not None and said.get("image") is not None:
+        image = said["image"]
+        if not isinstance(image, str):
+            raise InputError("image is no text", remedy="give a path, or a picture's bytes in base64")
+        yield Taken(time_s, _picture(image, root), arrived_s, received_s)
+
+
+def _number(said: Mapping[str, Any], name: str, default: float = math.nan) -> float:
+    value = said.get(name, default)
+    # a whole number may be larger than any float
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
+        raise InputError(f"{name} is {clipped(repr(value))}", remedy="give a finite number in SI units")
+    return float(value)
+
+
+def _picture(text: str, root: Path) -> Any:
+    if len(text) < 1024 and (root / text).suffix:
+        return read_picture(root / text)
+    try:
+        data = base64.b64decode(text.removeprefix("data:").rpartition("base64,")[2], validate=True)
+    except (binascii.Error, ValueError):
+        raise InputError("image is neither a path nor base64", remedy="give one of them") from None
+    return read_picture(Path("picture"), data)

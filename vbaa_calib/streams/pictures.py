@@ -15,7 +15,7 @@ from vbaa_calib.sources.files import Picture, frame_picture, shown
 
 from .bags import Topics, open_bag
 from .messages import Messages, Taken
-from .open import open_pictures
+from .recorded import open_pictures
 
 _T = TypeVar("_T")
 

@@ -13,7 +13,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_outputs, write_json, write_text
 
 if TYPE_CHECKING:
-    from estimator.budget.parts import BudgetContacts
+    from estimator.budget.budget import BudgetContacts
     from vbaa_calib.rig import Rig
 
 _FRICTION_RAD = 0.2  # as the contacts' default, which is not imported for the sake of a quick --help
@@ -91,7 +91,7 @@ def _touches(args: argparse.Namespace, rig: Rig) -> BudgetContacts:
     """The contacts that are asked for. Raises InputError for one that is not on the antenna, or bends it too far."""
     import numpy as np
 
-    from estimator.budget.parts import ordinary_touches, touch_of_force
+    from estimator.budget.budget import ordinary_touches, touch_of_force
     from estimator.solver.rig_arrays import RigArrays
     from vbaa_calib.native import core
 

@@ -109,8 +109,8 @@ def _board(args: argparse.Namespace) -> Board:
 def _folder_of(args: argparse.Namespace) -> Iterator[Path]:
     """The pictures' folder; of a video or bag one of its sharp and different pictures. Raises InputError."""
     from vbaa_calib.streams.bags import Topics
-    from vbaa_calib.streams.open import is_recorded
     from vbaa_calib.streams.pictures import unpack_views
+    from vbaa_calib.streams.recorded import is_recorded
 
     from .streams import named_topics
 

@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _clocked(args: argparse.Namespace, estimator: ContactEstimator, timing: Timing, ground: Ground | None) -> Timing:
     """With the clocks' offset. Raises InputError where it cannot be estimated."""
     from vbaa_calib.core.errors import InputError
-    from vbaa_calib.streams.open import is_recorded
+    from vbaa_calib.streams.recorded import is_recorded
 
     path = Path(args.source)
     if args.clock_offset == streams.ESTIMATE and (args.source == "-" or not is_recorded(path)):
@@ -134,7 +134,7 @@ def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> MessageSource
     """The source that is named, with its readings. Raises InputError."""
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.devices import udp_socket, with_datagrams
-    from vbaa_calib.streams.open import is_recorded, open_running
+    from vbaa_calib.streams.recorded import is_recorded, open_running
 
     path = Path(args.source)
     if is_recorded(path) and args.source != "-":

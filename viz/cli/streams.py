@@ -175,7 +175,7 @@ def named_topics(given: Iterable[str], roles: Sequence[str] = _ROLES) -> dict[st
 def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> MessageSource:
     """A bag, a video or a table of pictures, with its readings. Raises InputError."""
     from vbaa_calib.convert.child import is_bag
-    from vbaa_calib.streams.open import open_recorded
+    from vbaa_calib.streams.recorded import open_recorded
 
     table = args.readings
     if table is None and not is_bag(path) and path.suffix.lower() == ".csv":

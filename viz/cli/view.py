@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     if not outputs:
         require_opengl()
-    scene, frames = scene_of(args)
+    scene, frames = _scene_of(args)
     look = {"mode": args.color, "force": args.force}
     # page and glTF need no OpenGL: they are written before the picture may fail
     if args.html is not None:
@@ -125,7 +125,7 @@ def _no_display() -> Exception:
     return InputError("there is no display to open a window on", remedy=remedy)
 
 
-def scene_of(args: argparse.Namespace) -> tuple[Scene, int]:
+def _scene_of(args: argparse.Namespace) -> tuple[Scene, int]:
     """All that is read and found, as a scene, and how many frames that was."""
     from estimator.object.estimate import estimate_object
     from estimator.table.files import read_contacts

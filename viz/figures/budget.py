@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.budget.budget import CAUSES, OWN, Budget
-from estimator.budget.parts import per_result
+from estimator.budget.budget import CAUSES, OWN, Budget, per_result
 from estimator.budget.report import RESULT_NAMES, TABLES, unit_of
 from viz.pages.page import number, render
 

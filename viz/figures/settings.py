@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class FigureSettings:
+class _FigureSettings:
     """Colours, sizes and limits of the figures. Colours are a page's in daylight; lengths are px of the drawing."""
 
     ink: str = "#1f2937"  # text, means, axes
@@ -61,4 +61,4 @@ class FigureSettings:
         return self.width_px - self.left_px - self.right_px
 
 
-STYLE = FigureSettings()
+STYLE = _FigureSettings()

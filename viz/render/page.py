@@ -24,8 +24,7 @@ from trame_vtk.tools.vtksz2html import write_html
 
 from vbaa_calib.core.files import write_text
 from viz.pages.page import render
-from viz.parts.assemble import all_parts
-from viz.parts.part import ScenePart, layers_of
+from viz.parts.assemble import ScenePart, all_parts, layers_of
 from viz.scene.readable import MODES, contact_scale, object_scale
 from viz.scene.scene import Scene
 

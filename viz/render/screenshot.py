@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from vbaa_calib.core.files import replacing
-from viz.parts.assemble import all_parts
-from viz.parts.part import ScenePart, layers_of
+from viz.parts.assemble import ScenePart, all_parts, layers_of
 from viz.scene.layout import INK
 from viz.scene.readable import contact_scale, object_scale, round_down
 from viz.scene.scene import Scene

@@ -9,7 +9,7 @@ import numpy as np
 import pyvista as pv
 from vtkmodules.vtkCommonCore import vtkLogger
 
-from viz.parts.part import ScenePart
+from viz.parts.assemble import ScenePart
 from viz.scene.layout import view_direction
 from viz.scene.readable import contact_scale
 from viz.scene.scene import Scene

@@ -8,7 +8,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class PaintSettings:
+class _PaintSettings:
     """Samples, brightness and sizes of what is drawn; brightness from 0 to 1."""
 
     antenna_subpixels: int = 4  # samples per pixel and axis, of the antenna
@@ -27,4 +27,4 @@ class PaintSettings:
     bench_things: int = 60  # that lie on the bench, in each of three degrees of focus
 
 
-PAINT = PaintSettings()
+PAINT = _PaintSettings()
