@@ -101,7 +101,7 @@ def _tray(plate_mm: tuple[float, float], back_mm: float, gap_mm: float, wall_mm:
 def _write_jig(
     folder: Path, outline_mm: tuple[float, float], *, margin_mm: float, thickness_mm: float, wire_mm: float
 ) -> str:
-    """Write jig.stl, clamp.stl, cap.stl and jig.yaml, whose text this returns, into a folder.
+    """Write jig.stl, clamp.stl, cap.stl and jig.yaml into a folder; return the text of the last.
 
     outline_mm : the board's squares, along x and y. margin_mm : of the plate around them. thickness_mm : of the plate.
     Raises ValueError for sizes that cannot be printed.

@@ -176,7 +176,7 @@ class SheetLayout:
 
     board_x, board_y : the board's first corner. quiet : least white margin around the board.
     ruler_x, ruler_y : lengths of the rulers along x and y.
-    header : lines of text; `header_height` is the room for them and the QR code beside them.
+    header : lines of text; `header_height` is the room for them and the QR code next to them.
     size : scale of rulers, text and QR code.
     """
 

@@ -46,8 +46,8 @@ def _outlines(black: np.ndarray) -> tuple[Loop, ...]:
     steps: defaultdict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
     padded = np.pad(np.asarray(black, bool), 1)
     # edges below a cell run along x, edges beside it along y
-    below, beside = (np.argwhere(changes).tolist() for changes in (np.diff(padded, axis=0), np.diff(padded, axis=1)))
-    for a, b in [((x - 1, y), (x, y)) for y, x in below] + [((x, y - 1), (x, y)) for y, x in beside]:
+    below, across = (np.argwhere(changes).tolist() for changes in (np.diff(padded, axis=0), np.diff(padded, axis=1)))
+    for a, b in [((x - 1, y), (x, y)) for y, x in below] + [((x, y - 1), (x, y)) for y, x in across]:
         steps[a].append(b)
         steps[b].append(a)
     loops = []
@@ -86,7 +86,7 @@ def _board_shapes(spec: BoardWithIds) -> list[tuple[Loop, ...]]:
 
 
 def _grid_shapes(spec: AprilGrid) -> list[tuple[Loop, ...]]:
-    """Those of an AprilGrid, whose tags Kalibr turns by half against OpenCV's."""
+    """Those of an AprilGrid: Kalibr turns its tags by half against OpenCV's."""
     tag, gap = 1e3 * spec.tag_m, 1e3 * spec.pitch_m
     spots = [(column, row) for row in range(spec.rows + 1) for column in range(spec.columns + 1)]
     unit = _outlines(np.ones((1, 1), bool))
@@ -137,8 +137,8 @@ def _ruler(layout: SheetLayout, turned: bool) -> Iterator[Stroke | Label]:
     length = layout.ruler_y if turned else layout.ruler_x
     numbers = size * (_TICKS_MM[10] + 0.4) if turned else size * _RULER.baseline_mm
 
-    def at(along: float, aside: float) -> tuple[float, float]:
-        return (left - aside, up - along) if turned else (right + along, low + aside)
+    def at(along: float, across: float) -> tuple[float, float]:
+        return (left - across, up - along) if turned else (right + along, low + across)
 
     yield Stroke(*at(0, 0), *at(length, 0), _RULER.tick_width_mm)
     for place in range(round(length) + 1):
@@ -261,7 +261,7 @@ class _ScreenBoard:
 
 
 def on_screen(wanted: BoardWithIds, px_per_mm: float) -> _ScreenBoard:
-    """The board nearest to the wanted one whose squares, markers, modules and gaps are whole pixels.
+    """The board nearest to the wanted one with squares, markers, modules and gaps of whole pixels.
 
     Raises ValueError where a module would be smaller than two pixels, or the picture too large.
     """

@@ -35,7 +35,7 @@ MOST = {
     "class names used twice": 1,
     "classes": 484,
     "public names": 1255,
-    "private words": 695,
+    "private words": 398,
     "type: ignore": 4,
     "words on pages": 35540,
 }

@@ -103,7 +103,7 @@ def _unknowns_of(rig_arrays: RigArrays, touches: BudgetContacts) -> np.ndarray:
 def touch_of_force(
     rig_arrays: RigArrays, distance_m: float, force_N: np.ndarray, pan_rad: float, tilt_rad: float
 ) -> BudgetContacts:
-    """The one contact whose lateral force, antenna frame, is `force_N` (2,); of a push NaN where it bends too far."""
+    """The one contact with the lateral force `force_N` (2,), antenna frame; of a push NaN where it bends too far."""
     touch = BudgetContacts(np.array([distance_m]), force_N[None].astype(float), pan_rad, tilt_rad)
     empty = _empty(rig_arrays, touch)
     unknowns = _unknowns_of(rig_arrays, touch)
@@ -452,7 +452,7 @@ def error_budget(
     by_cause = {cause: part for cause, part in _variance_by_cause(space, now).items() if part.any()}
     without = () if with_moment else ("moment_noise", "moment_gain", "moment_offset")
     several = with_moment and rig.wrench_sensor is not None
-    aside = ("force_prior", *without, *([] if several else ["sensor_axes"]))
+    excluded = ("force_prior", *without, *([] if several else ["sensor_axes"]))
     whole, shared = _mean(now.variance), _mean(_correlated_variance(space, now))
     parts: dict[str, dict[str, _CausePart]] = {name: {} for name in RESULTS}
     for cause, rows in by_cause.items():
@@ -465,7 +465,7 @@ def error_budget(
     results = {
         name: ResultBudget(float(np.sqrt(whole[name])), shared[name] / whole[name], parts[name]) for name in RESULTS
     }
-    exact_causes = tuple(cause for cause in CAUSES if cause not in (*by_cause, *aside))
+    exact_causes = tuple(cause for cause in CAUSES if cause not in (*by_cause, *excluded))
     notes = []
     if not rig.covariance.any():
         notes.append("rig.json says that the whole rig is exact: nothing of the calibration is counted. Calibrate it.")

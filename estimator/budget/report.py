@@ -144,5 +144,5 @@ def _first(result: ResultBudget, name: str) -> str:
 
 
 def unit_of(name: str) -> str:
-    """In which a result is shown: mm or mN."""
+    """Unit of a result in the report: mm or mN."""
     return "mm" if name.endswith("_m") else "mN"

@@ -40,7 +40,7 @@ _PARTS = {
 @dataclass(eq=False)
 class RigWatch:
     """Frames of a rig in use, judged in a thread of its own: a camera that was knocked or refocused, a clamp that gave
-    way, a bent or exchanged antenna, a sensor whose zero or gain has changed or that is dead.
+    way, a bent or exchanged antenna, a sensor with another zero or gain, or a dead one.
 
     The last frames are judged together by the hypotheses that a recording's verdict compares (`RecordingWatch`). A part
     of the rig (camera, antenna, sensor) is named once, until a later judgement is without it.

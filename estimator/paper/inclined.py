@@ -100,7 +100,8 @@ def _turn(place: Array, ratio: Array, first: Array, last: Array, fold: Array) ->
 
 
 def _root(function: Callable[[Array], tuple[Array, Array]], above: Array, below: Array, start: Array) -> Array:
-    """Root between `above`, where the function (value and slope) is positive, and `below`, by Newton's held steps."""
+    """Root between `above`, where the function (value and slope) is positive, and `below`, by Newton's steps, kept
+    inside."""
     xp = namespace(above)
     v, middle = start, 0.5 * (above + below)
     v = xp.where((v - above) * (v - below) < 0.0, v, middle)
@@ -166,15 +167,15 @@ def eq29_baseline(
     With γ = τ_y·tanφ/6EI (2EI is printed). It gives the *curved* points the depth of the straight part. Smallest root
     in 0 < l ≤ L, NaN where there is none. NumPy alone.
     """
-    given = [
+    arrays = [
         as_floats(each, "an argument", "give numbers")
         for each in (xp_m, y_m, moment_Nm, stiffness_Nm2, camera_tilt_rad, length_m)
     ]
-    if {given[0].shape[-1:], given[1].shape[-1:]} != {(2,)}:
-        what = f"the points have the shapes {given[0].shape} and {given[1].shape}"
+    if {arrays[0].shape[-1:], arrays[1].shape[-1:]} != {(2,)}:
+        what = f"the points have the shapes {arrays[0].shape} and {arrays[1].shape}"
         raise InputError(what, remedy="give (..., 2) of x and of y")
     with np.errstate(all="ignore"):
-        return np.vectorize(_eq29, signature="(2),(2),(),(),(),()->()", otypes=[float])(*given)
+        return np.vectorize(_eq29, signature="(2),(2),(),(),(),()->()", otypes=[float])(*arrays)
 
 
 def _eq29(position: np.ndarray, y: np.ndarray, moment: float, stiffness: float, tilt: float, length: float) -> float:

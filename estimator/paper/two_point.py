@@ -143,7 +143,7 @@ def elasticity(x: Array, contact: Array) -> Array:
 
 
 def relative_contact(part: Array, spread: Array, ratio: Array) -> Array:
-    """λ = l/x2 (...) of points in the given part with q = x1/x2 and r = y2/y1: Eq. (11), Eq. (15), and for the
+    """λ = l/x2 (...) of points in a part with q = x1/x2 and r = y2/y1: Eq. (11), Eq. (15), and for the
     case that the paper omits Eq. (8) at x1 and Eq. (13) at x2, −y1·l³ + 3x2y1·l² − 3x1²y2·l + x1³y2 = 0."""
     xp = namespace(spread)
     known = spread * spread * ratio
@@ -198,15 +198,15 @@ def straight_line_contact(x_m: Any, y_m: Any, guess_m: Any, stiffness_Nm2: Any, 
     """
     x, y, contact, stiffness = floats(x_m, y_m, guess_m, stiffness_Nm2)
     xp = namespace(x)
-    given = (x == x) & (y == y)
-    x, y = xp.where(given, x, 0.0), xp.where(given, y, 0.0)
+    finite = (x == x) & (y == y)
+    x, y = xp.where(finite, x, 0.0), xp.where(finite, y, 0.0)
     with np.errstate(all="ignore"):
         for _ in range(rounds):
-            weight = like(x, given & (x >= contact[..., None]))
+            weight = like(x, finite & (x >= contact[..., None]))
             count = weight.sum(-1)
             mean_x, mean_y = (weight * x).sum(-1) / count, (weight * y).sum(-1) / count
-            aside = weight * (x - mean_x[..., None])
-            slope = (aside * y).sum(-1) / (aside * x).sum(-1)
+            centred = weight * (x - mean_x[..., None])
+            slope = (centred * y).sum(-1) / (centred * x).sum(-1)
             contact = 3.0 * (mean_x - mean_y / slope)
             contact = xp.where((count >= 2.0) & (contact > 0.0) & (contact < np.inf), contact, np.nan)
         return contact, 2.0 * stiffness * slope / contact**2

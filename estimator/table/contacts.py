@@ -255,7 +255,7 @@ class ContactRow(_Columns[int, float, bool, str]):
         )
 
     def estimate(self, kinematics: Kinematics) -> Contact:
-        """The contact whose numbers these are; of the force along x a table has no deviation, and none in old ones."""
+        """The contact of this row; of the force along x a table has no standard deviation, and none in old ones."""
         along = kinematics.T_world_antenna(self.pan_rad, self.tilt_rad).rotation[:, 0] @ self.force_world_N
         return Contact(
             reason=self.reason,
@@ -344,7 +344,7 @@ class Measured:
     time_s : NaN where not known; a recording's frames are then taken as static.
     start : (4,) initial unknowns, as `ContactEstimator.rough` gives them; NaN where there are none.
     tip_px : (3,) the antenna's visible end, and its deviation along the antenna; NaN where it is not known.
-    moment_errors_Nm : (6,) deviations of the moments beside the sensors' noise.
+    moment_errors_Nm : (6,) standard deviations of the moments besides the sensors' noise.
     joint_errors_rad : (2,) deviations of pan and tilt.
     outside_points : number of points that were left out because they lie outside the picture.
     sigma_factor : by which `sigma_px` was widened, as the recording's points scatter more than was stated.
@@ -401,8 +401,8 @@ class Measured:
 
     def __post_init__(self) -> None:
         """Raises InputError for what is no number, or in another unit."""
-        given = self.points_px, self.sigma_px
-        points, sigma = (as_floats(each, "points_px or sigma_px", "give px") for each in given)
+        arrays = self.points_px, self.sigma_px
+        points, sigma = (as_floats(each, "points_px or sigma_px", "give px") for each in arrays)
         if points.ndim != 2 or points.shape[1] != 2 or sigma.shape != points.shape[:1]:
             what = f"points_px and sigma_px have shapes {points.shape}, {sigma.shape}"
             raise InputError(what, remedy="give (N, 2) and (N,)")
@@ -475,6 +475,6 @@ def _from_points(
         reach = np.clip(up / np.hypot(p[:, 0], p[:, 2]), -1.0, 1.0)
         tilt = np.arcsin(reach) - np.arctan2(p[:, 2], p[:, 0])
         forward = kinematics.axis_offset_m + np.cos(tilt) * p[:, 0] - np.sin(tilt) * p[:, 2]
-        aside = cos * p[:, 1] - sin * up
-        pan = np.arctan2(q[:, 1], q[:, 0]) - np.arctan2(aside, forward)
+        across = cos * p[:, 1] - sin * up
+        pan = np.arctan2(q[:, 1], q[:, 0]) - np.arctan2(across, forward)
     return pan, tilt - kinematics.tilt_zero_rad

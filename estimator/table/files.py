@@ -372,7 +372,7 @@ def _parquet_rows(path: Path, columns: tuple[str, ...], optional: tuple[str, ...
 
 
 def _row_of(record: Mapping[str, str], path: Path) -> ContactRow:
-    """The row behind a record of texts, whose place in the file is its `line`. Raises InputError for a wrong cell."""
+    """The row of a record of texts; `line` is its place in the file. Raises InputError for a wrong cell."""
     where, status = f"{path} line {record['line']}", record["status"]
     if status not in STATUSES:
         raise InputError(f"status is {status!r}", where=where, remedy=f"one of {', '.join(STATUSES)} is needed")

@@ -19,7 +19,7 @@ from vbaa_calib.core.images import read_gray
 from vbaa_calib.sources import Picture, PictureSource, files, open_source
 from vbaa_calib.sources.files import FolderSettings, FolderSource, SourceLost
 
-QUICK = FolderSettings(scan_s=0.02, settle_s=0.05, patience_s=0.25)
+QUICK = FolderSettings(scan_s=0.02, steady_s=0.05, patience_s=0.25)
 
 
 def picture(seed: int, suffix: str = ".png") -> bytes:

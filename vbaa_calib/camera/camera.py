@@ -62,7 +62,7 @@ def _checked_covariance(covariance: Any, count: int) -> np.ndarray:
 
 
 def _numbers(values: Any, name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
-    """A read-only copy of finite numbers, of a shape where one is given."""
+    """A read-only copy of finite numbers, of the wanted shape, if any."""
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -84,7 +84,7 @@ class ValidRegion:
     ideal_radius : largest radius of X/Z, Y/Z (angle from the axis in rad for the fisheye) trusted in every direction.
     distorted_radius : what it becomes on the sensor's normalized plane. Both are inf where nothing ends.
     half_angle_rad : the same as an angle from the axis.
-    image_fraction : share of the image whose pixels have a ray.
+    image_fraction : share of the image with a ray for each pixel.
     """
 
     ideal_radius: float

@@ -150,8 +150,8 @@ def _padded(c: Sequence[Array]) -> tuple[Array, ...]:
 
 
 def _distort(model: LensModel, x: Tensor, y: Tensor, c: Tensor) -> tuple[Tensor, Tensor]:
-    """The distorted point before the sensor's tilt, by kornia, whose gradients others have tested; one point to each of
-    its batches, so that coefficients may broadcast against points."""
+    """The distorted point before the sensor's tilt, by kornia, with gradients that others have tested; one point to
+    each of its batches, so that coefficients may broadcast against points."""
     if model.is_fisheye:
         gain, _, _ = _radial(model, x * x + y * y, c.unbind(-1))
         return x * gain, y * gain
@@ -322,7 +322,7 @@ def _by_core(lens: Any, x: Tensor, y: Tensor) -> _Solution:
 def _solve_on_device(model: LensModel, lens: Any, c: Sequence[float], x: Tensor, y: Tensor) -> _Solution:
     """Ideal points (...) of distorted points (...) on an untilted sensor, and which of them are valid; the others are
     (0, 0). By Newton from the core's table, each step shortened until it stays inside the region and the residual
-    falls; the same on every device, for those whose memory the core cannot read."""
+    falls; the same on every device, also where the core cannot read the memory."""
     distorted = torch.sqrt(x * x + y * y)
     if lens.undistorted:
         valid = torch.isfinite(distorted) & (distorted < lens.ideal_limit)

@@ -218,12 +218,12 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardWithIds:
         if length is not None and not 0 < length < _LARGEST_MM:
             what, remedy = f"--{name.replace('_', '-')} is {length:g}", f"give millimetres, 0 to {_LARGEST_MM:g}"
             raise InputError(what, where="vbaa board", remedy=remedy)
-    given = {name: getattr(args, name) for name in ("square_mm", "marker_mm", "dictionary")} | room
-    given |= {"first_id": args.first_id or 0, "legacy_pattern": bool(args.legacy)}
-    given |= {"thickness_m": round(1e-3 * (args.thickness_mm or 0.0), 12)}
+    options = {name: getattr(args, name) for name in ("square_mm", "marker_mm", "dictionary")} | room
+    options |= {"first_id": args.first_id or 0, "legacy_pattern": bool(args.legacy)}
+    options |= {"thickness_m": round(1e-3 * (args.thickness_mm or 0.0), 12)}
     if args.squares is None:
-        return fill_in(**given)
-    return fill_in(counts(args.squares, "--squares", "vbaa board"), **given)
+        return fill_in(**options)
+    return fill_in(counts(args.squares, "--squares", "vbaa board"), **options)
 
 
 def _description(args: argparse.Namespace, spec: BoardWithIds, changed: bool) -> tuple[Path | None, bool]:

@@ -144,9 +144,9 @@ def _stiffness_document(
 
 def _not_separated(solution: StiffnessSolution) -> list[str]:
     fit, other, free = solution.fit, solution.other_offset, solution.free_clamp
-    held = "held at 0" if solution.offset_free else "free"
+    state = "held at 0" if solution.offset_free else "free"
     sentences = [
-        f"the gauge's offset: with it {held}, EI would be {_percent(other, fit)}, at {1e3 * other.rms_m:.3g} mm rms "
+        f"the gauge's offset: with it {state}, EI would be {_percent(other, fit)}, at {1e3 * other.rms_m:.3g} mm rms "
         f"against {1e3 * fit.rms_m:.3g}",
     ]
     if free is not None:

@@ -221,8 +221,8 @@ def _with_candidates(
     error: InputError, args: argparse.Namespace, photo: Path, picture: np.ndarray, search: RodSearch
 ) -> InputError:
     """The error, with the name of a picture in which the candidates are numbered, if there are any and it can be."""
-    beside = args.output or args.overlay
-    path = (beside.parent if beside else Path()) / f"{photo.stem}_candidates.png"
+    written = args.output or args.overlay
+    path = (written.parent if written else Path()) / f"{photo.stem}_candidates.png"
     if not search.candidates or path.resolve() == photo.resolve():
         return error
     from vbaa_calib.detect.drawing.canvas import Canvas

@@ -223,7 +223,7 @@ def read_camera_infos(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_video_head(path: Path) -> dict[str, np.ndarray]:
-    """`size`, (width, height) px, of a video whose first frame can be read.
+    """`size`, (width, height) px, of a video, if its first frame can be read.
 
     Raises
     ------

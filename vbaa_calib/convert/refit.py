@@ -241,7 +241,7 @@ def _thin_prism_fisheye(values: Sequence[float], coefficients: Sequence[float]) 
 
 
 def _skewed(camera: Camera, skew: float) -> Projection:
-    """A lens of ours whose matrix has a skew, px."""
+    """A lens of ours with a skew in its matrix, px."""
 
     def project(rays: np.ndarray) -> np.ndarray:
         pixels, valid = camera.project(rays)

@@ -34,7 +34,7 @@ _FLOATS = ("float32", "float64")
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Arrays with one first axis, whose length it has; fields of other kinds belong to all rows."""
+    """Arrays with the same first axis, which gives the length; fields of other kinds belong to all rows."""
 
     def __len__(self) -> int:
         return len(next(each for each in vars(self).values() if isinstance(each, np.ndarray)))
@@ -66,7 +66,7 @@ def _is_masked(values: Any) -> bool:
 
 
 def namespace(values: Array) -> ModuleType:
-    """The library whose functions work on these values."""
+    """The library that works on these values."""
     return sys.modules["torch"] if is_tensor(values) else np
 
 
@@ -227,10 +227,10 @@ _AT_ONCE = {float: "float", int: "int", str: "str", bool: "bool"}
 
 
 def gate(call: _Call) -> _Call:
-    """A public function or record that looks, by its annotations, at what it is given before it works with it.
+    """A public function or record that validates its arguments by its annotations.
 
     Numbers must be numbers, arrays consist of them (what is masked is missing), lists be no text, records be of their
-    class; an annotation that says `Any` is not looked at. It raises InputError for anything else.
+    class; an argument annotated `Any` is not validated. It raises InputError for anything else.
     """
     function: Any = vars(call)["__init__"] if isinstance(call, type) else call
     names = function.__code__.co_varnames[: function.__code__.co_argcount]
@@ -238,7 +238,7 @@ def gate(call: _Call) -> _Call:
     wanted = {name: re.split(r" \| (?![^\[]*\])", str(kinds)) for name, kinds in function.__annotations__.items()}
 
     @wraps(function)
-    def looked_at(*args: Any, **named: Any) -> Any:
+    def validated(*args: Any, **named: Any) -> Any:
         pairs = zip(names, args, strict=False)
         known = [_taken(value, name, wanted[name]) if name in wanted else value for name, value in pairs]
         for name in named:
@@ -247,9 +247,9 @@ def gate(call: _Call) -> _Call:
         return function(*known, *args[len(known) :], **named)
 
     if isinstance(call, type):
-        call.__init__ = looked_at  # type: ignore[misc]
+        call.__init__ = validated  # type: ignore[misc]
         return call
-    return looked_at  # type: ignore[return-value]
+    return validated  # type: ignore[return-value]
 
 
 def _taken(value: Any, name: str, kinds: list[str]) -> Any:

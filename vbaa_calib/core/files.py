@@ -94,7 +94,7 @@ def read_text(path: Path, most: int = FILE_LIMITS.most_bytes) -> str:
 
 
 def with_lines(text: str) -> tuple[Any, Callable[[Sequence[str | int]], int | None]]:
-    """What a YAML text holds, parsed once, and the line of a place in it, given by its keys."""
+    """What a YAML text holds, parsed once, and the line of a place in it, found by its keys."""
     loader = _UniqueKeyLoader(text)
     root = loader.get_single_node()
 
@@ -117,7 +117,7 @@ def with_lines(text: str) -> tuple[Any, Callable[[Sequence[str | int]], int | No
 
 
 class _UniqueKeyLoader(Composer, CParser, SafeConstructor, Resolver):
-    """YAML without silent surprises: a key given twice is an error, not the last one wins.
+    """YAML without silent surprises: a repeated key is an error, not the last one wins.
 
     libyaml reads the text; the tree is built in Python, where nesting raises RecursionError: PyYAML's CSafeLoader
     ends the process.
@@ -150,7 +150,7 @@ class _UniqueKeyLoader(Composer, CParser, SafeConstructor, Resolver):
         return super().construct_scalar(node)
 
     def get_single_node(self) -> yaml.Node | None:
-        """As SafeLoader's, but a small file whose aliases make it endless is refused."""
+        """As SafeLoader's, but a small file that its aliases make endless is refused."""
         node = super().get_single_node()
         if node is not None and _size(node, {}) > FILE_LIMITS.most_values:
             raise ComposerError(None, None, "its aliases never end", node.start_mark)
@@ -320,7 +320,7 @@ def refuse_folder_of(path: Path) -> None:
 
 @contextmanager
 def replacing(path: Path, force: bool = True) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its place only when the block ends well (write, fsync, rename).
+    """A temporary path next to `path` that takes its place only when the block ends well (write, fsync, rename).
 
     A link is followed: the file it leads to is replaced. Raises InputError as `refuse_overwrite` does.
     """
@@ -352,18 +352,18 @@ def replacing(path: Path, force: bool = True) -> Iterator[Path]:
 @contextmanager
 def signals_held() -> Iterator[None]:
     """Ctrl-C and the signals that end a process wait until the block is over. Other threads never get them."""
-    held, before = [], {}
+    delayed, before = [], {}
     try:
         if threading.current_thread() is threading.main_thread():
             for number in filter(None, (getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP"))):
                 if signal.getsignal(number) not in (signal.SIG_IGN, None):
-                    before[number] = signal.signal(number, lambda sent, _: held.append(sent))
+                    before[number] = signal.signal(number, lambda sent, _: delayed.append(sent))
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        if held:
-            signal.raise_signal(held[0])
+        if delayed:
+            signal.raise_signal(delayed[0])
 
 
 def umask() -> int:

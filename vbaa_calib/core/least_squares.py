@@ -24,7 +24,7 @@ class Rules:
 
     iterations : at most.
     tolerance, standstill : it ends at a step that promises to lower the cost by less than this share, or this amount.
-    takes_last : whether that step is still taken. Where the slopes are exact and a linearisation is expensive it need
+    takes_last : whether that step is taken, too. Where the slopes are exact and a linearisation is expensive it need
         not be; where they are differences it brings the parameters the last millionth of a deviation closer.
     may_rise_share, may_rise : a cost that rises by no more than this, of the cost or as such, is rounding.
     damping : of the first step.
@@ -92,7 +92,7 @@ def levenberg_marquardt(
 
 
 def solve_scaled(matrix: np.ndarray, right: np.ndarray, damping: float = 0.0) -> np.ndarray:
-    """Solution (P,) or (P, K) of normal equations (P, P) whose unknowns differ by many orders of magnitude."""
+    """Solution (P,) or (P, K) of normal equations (P, P) with unknowns of very different magnitude."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-30))
     rows = scale.reshape(-1, *[1] * (right.ndim - 1))
     scaled = matrix * np.outer(scale, scale) + damping * np.eye(len(matrix))
@@ -129,19 +129,19 @@ def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -
     information : (G, S, S), pull : (G, S), in units of the prior's deviations. total : (S, S).
     """
     values, vectors = np.linalg.eigh(information)
-    told = values > TELLS
+    identified = values > TELLS
     along = np.einsum("gsk,gs->gk", vectors, pull)
     mixed = np.swapaxes(vectors, 1, 2) @ information
     covariance = values[:, :, None] * np.eye(values.shape[1]) - mixed @ np.linalg.solve(total, np.swapaxes(mixed, 1, 2))
-    both = told[:, :, None] & told[:, None, :]
-    scale = np.where(told, 1.0 / np.sqrt(np.where(told, values, 1.0)), 0.0)
+    both = identified[:, :, None] & identified[:, None, :]
+    scale = np.where(identified, 1.0 / np.sqrt(np.where(identified, values, 1.0)), 0.0)
     unit = np.where(both, covariance * scale[:, :, None] * scale[:, None, :], np.eye(values.shape[1]))
     # a group that is nearly all there is has nothing to disagree with
     roots, turns = np.linalg.eigh(unit)
     free = roots > 1e-3
     parts = np.einsum("gkj,gk->gj", turns, along * scale)
     square = np.where(free, parts**2 / np.where(free, roots, 1.0), 0.0).sum(axis=1)
-    return square, np.maximum(told.sum(axis=1) - (~free).sum(axis=1), 0)
+    return square, np.maximum(identified.sum(axis=1) - (~free).sum(axis=1), 0)
 
 
 def disagreement_p(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:

@@ -174,10 +174,12 @@ def _with_line(where: object, data: Any, loc: Sequence[int | str]) -> object:
     if not isinstance(where, Path) or where.suffix not in (".yaml", ".yml"):
         return where
     try:
-        held, line_of = with_lines(read_text(where))
+        content, line_of = with_lines(read_text(where))
     except (InputError, YAMLError, ValueError, RecursionError):
         return where
-    above = () if held == data else ("board",) if isinstance(held, dict) and held.get("board") == data else None
+    above = (
+        () if content == data else ("board",) if isinstance(content, dict) and content.get("board") == data else None
+    )
     line = None if above is None else line_of([*above, *_keys_of(loc)])
     return where if line is None else f"{where} line {line}"
 

@@ -159,7 +159,7 @@ def _little_variety(views: Sequence[BoardView], solution: LensSolution, spec: Bo
 
 
 def _print_stretched(shape: BoardShape) -> Diagnosis | None:
-    """A print whose x and y differ in scale."""
+    """A print with different scales along x and y."""
     excess, std = float(shape.parameters[STRETCH]), float(shape.std[STRETCH])
     if abs(excess) < max(_LIMITS.stretch_std * std, _LIMITS.stretch):
         return None
@@ -204,7 +204,7 @@ def _rectified_already(data: LensReadings) -> Iterator[Explanation[LensReadings]
 
 
 def _not_rectified(data: LensReadings) -> Iterator[Explanation[LensReadings]]:
-    """Straight lines bend in the pictures by the file's distortion, which --rectified sets aside."""
+    """Straight lines bend in the pictures by the file's distortion, which --rectified removes."""
     camera, other, *_ = data
     if other is None or camera.distortion.any():
         return

@@ -136,16 +136,16 @@ class JigEvidence:
         Within a few standard deviations: nothing that lies elsewhere speaks for the hypothesis.
         """
         pose, session = self.estimate(case).T_antenna_camera, self.session
-        stills = list(self.free[: self.limits.free_frames])
-        pulls = gravity_antenna(session.kinematics, session.gravity_world_m_s2, stills)
-        if not stills or not self._in_picture(pose, pulls[0]):
+        frames = list(self.free[: self.limits.free_frames])
+        pulls = gravity_antenna(session.kinematics, session.gravity_world_m_s2, frames)
+        if not frames or not self._in_picture(pose, pulls[0]):
             return []
-        images = [_flipped(read_picture(still.image), case.flips) for still in stills if still.image is not None]
+        images = [_flipped(read_picture(frame.image), case.flips) for frame in frames if frame.image is not None]
         nominal = nominal_parameters(session.antenna)
         expected = ExpectedAntenna(session.antenna, self.camera, pose, nominal, reaches=self.limits.reaches)
         try:
-            expected = replace(expected, paint=expected.learned(stills, images, list(pulls)))
-            seen = [expected.observe(*each) for each in zip(stills, images, pulls, strict=True)]
+            expected = replace(expected, paint=expected.learned(frames, images, list(pulls)))
+            seen = [expected.observe(*each) for each in zip(frames, images, pulls, strict=True)]
         except InputError:
             return []
         return self._flipped(seen, case.flips)

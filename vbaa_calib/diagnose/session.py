@@ -63,8 +63,8 @@ def _restilled(problem: Problem, change: Callable[[int, Still], Still]) -> Probl
 def _reloaded(problem: Problem, which: Sequence[int], change: Callable[[Load], Load]) -> Problem:
     """With other readings of some loads."""
 
-    def of(index: int, still: Still) -> Still:
-        return change(still) if isinstance(still, Load) and index in which else still
+    def of(index: int, frame: Still) -> Still:
+        return change(frame) if isinstance(frame, Load) and index in which else frame
 
     return _restilled(problem, of)
 
@@ -402,7 +402,7 @@ _JOINTS = (
 def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
     """Where gravity points, and what the joints read."""
     kinematics, world = witness.kinematics, witness.session.gravity_world_m_s2
-    stills = [one.still for one in witness.problem.observations]
+    frames = [one.still for one in witness.problem.observations]
     noted = np.array([one.gravity_m_s2 for one in witness.problem.observations])
     known = [noted]
 
@@ -422,7 +422,7 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
     near = np.cos(4.0 * s.turn_rad) * G * np.linalg.norm(world)
     worlds = {words: gravity for words, gravity in worlds.items() if not gravity @ world > near}
     for words, gravity in worlds.items():
-        pulls = gravity_antenna(kinematics, gravity, stills)
+        pulls = gravity_antenna(kinematics, gravity, frames)
         numbers = ", ".join(f"{value + 0.0:g}" for value in gravity)
         likely = Diagnosis(
             "gravity_direction",
@@ -433,8 +433,8 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
         if new(pulls):
             yield Mistake(partial(_with_gravity, pulls), partial(_always, likely), (), s.mistake - 1.5, moments=True)
     for words, what, turn in _JOINTS:
-        angles = [turn @ (one.pan_rad, one.tilt_rad) for one in stills]
-        moved = [replace(one, pan_rad=float(a[0]), tilt_rad=float(a[1])) for one, a in zip(stills, angles, strict=True)]
+        angles = [turn @ (one.pan_rad, one.tilt_rad) for one in frames]
+        moved = [replace(one, pan_rad=float(a[0]), tilt_rad=float(a[1])) for one, a in zip(frames, angles, strict=True)]
         pulls = gravity_antenna(kinematics, world, moved)
         likely = Diagnosis(
             "joint_readings_wrong",
@@ -450,7 +450,7 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
     def tilted(problem: Problem, v: np.ndarray) -> Problem:
         turn = Rotation.from_rotvec([v[0], v[1], 0.0]).as_matrix()
 
-        carried = kinematics.world_antenna(*np.array([(one.pan_rad, one.tilt_rad) for one in stills]).T)[0]
+        carried = kinematics.world_antenna(*np.array([(one.pan_rad, one.tilt_rad) for one in frames]).T)[0]
         before = np.array([one.gravity_m_s2 for one in problem.observations])
         world_pulls = np.einsum("fij,fj->fi", turn @ carried, before)
         return _with_gravity(np.einsum("fji,fj->fi", carried, world_pulls), problem, v)
@@ -636,18 +636,18 @@ def _uneven(problem: Problem, by: Sequence[float]) -> np.ndarray:
 
 
 def _touched(witness: Witness, s: SessionSettings, index: int, less: float) -> Iterator[Mistake]:
-    """A no-load frame in which something pushes the antenna aside."""
+    """A no-load frame in which something pushes the antenna."""
     length, observations = witness.problem.length_m, witness.problem.observations
     stiffness = float(np.exp(witness.problem.prior.mean[6]))
-    still = observations[index].still
+    frame = observations[index].still
 
     for part in (0.35, 0.6, 0.95):
         std = 3.0 * stiffness * s.touch * length / (part * length) ** 3 * part**2
 
         def touched(problem: Problem, v: np.ndarray, part: float = part) -> Problem:
             load = Load(
-                still.image, still.pan_rad, still.tilt_rad, still.moment_Nm, part * length, float(v[0]), float(v[1]),
-                time_s=still.time_s,
+                frame.image, frame.pan_rad, frame.tilt_rad, frame.moment_Nm, part * length, float(v[0]), float(v[1]),
+                time_s=frame.time_s,
             )  # fmt: skip
             return _restilled(problem, lambda i, one: load if i == index else one)
 

@@ -207,17 +207,17 @@ def writable(folders: Mapping[str, Path | None] | None = None) -> HealthFinding:
 def disk(free_bytes: int | None = None) -> HealthFinding:
     if free_bytes is None:
         free_bytes = shutil.disk_usage(Path.cwd()).free
-    said = (
+    words_now = (
         f"only {free_bytes / 1_000_000:.0f} MB are free on this disk, and a session with its pictures may need some GB"
     )
     severity: Severity = "wrong" if free_bytes < _LIMITS.full_disk_bytes else "doubt"
-    low = Diagnosis("disk_low", said, "make room, or work on another disk", severity)
+    low = Diagnosis("disk_low", words_now, "make room, or work on another disk", severity)
     problems = (low,) if free_bytes < _LIMITS.low_disk_bytes else ()
     return HealthFinding("disk", f"{free_bytes / 1_000_000_000:.1f} GB free", problems, {"free_bytes": free_bytes})
 
 
 def _available_memory() -> int | None:
-    """Bytes that may still be used; None where the system does not say."""
+    """Bytes that are free; None where the system does not say."""
     with contextlib.suppress(OSError):
         found = re.search(r"MemAvailable:\s*(\d+) kB", Path("/proc/meminfo").read_text())
         if found:
@@ -232,15 +232,15 @@ def computing(
 ) -> HealthFinding:
     free, threads = memory(), environ.get("OMP_NUM_THREADS")
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    said = f"{free / 1_000_000_000:.1f} GB of memory" if free is not None else "memory unknown"
-    seen = f"{count} cores, {said}, OMP_NUM_THREADS {threads or 'not set'}"
+    words_now = f"{free / 1_000_000_000:.1f} GB of memory" if free is not None else "memory unknown"
+    seen = f"{count} cores, {words_now}, OMP_NUM_THREADS {threads or 'not set'}"
     low = "close other programs; large pictures and torch need about 2 GB"
     wrong = threads is not None and (not threads.isdigit() or int(threads) < 1)
     many = threads is not None and not wrong and int(threads) > count
     setting = f"OMP_NUM_THREADS is {threads!r}, "
     waits = f"{setting}and there are {count} cores: threads wait for each other"
     rules = (
-        (free is not None and free < _LIMITS.low_memory_bytes, "memory_low", f"only {said} are free", low),
+        (free is not None and free < _LIMITS.low_memory_bytes, "memory_low", f"only {words_now} are free", low),
         (wrong, "threads_wrong", f"{setting}which is no number of threads", f"set it to a number from 1 to {count}"),
         (many, "threads_many", waits, f"set it to {count}, or unset it"),
     )

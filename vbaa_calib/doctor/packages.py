@@ -88,7 +88,7 @@ def shadows(
     folder: Path | None = None,
     owners: Callable[[], Mapping[str, list[str]]] = metadata.packages_distributions,
 ) -> HealthFinding:
-    """Where packages are taken from now, what the current folder would put in their place, and whose files are ours.
+    """Where packages are taken from now, what the current folder would put in their place, and the owner of our files.
 
     owners : package → the distributions that bring it.
     """

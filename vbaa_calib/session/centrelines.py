@@ -594,7 +594,7 @@ def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
 
 
 def _numbered(table: Any, frame: str) -> np.ndarray:
-    """(W, 3) frame, number and label, −1 without, of a table of whisk's in HDF5, whose labels have no sign."""
+    """(W, 3) frame, number and label, −1 without, of a table of whisk's in HDF5, with labels without a sign."""
     names = table.dtype.names if hasattr(table, "dtype") else table.keys()
     number = next(name for name in ("whisker_id", "wid", "id") if name in names)
     columns = [np.asarray(table[name], np.int64) for name in (frame, number)]

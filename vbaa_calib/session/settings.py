@@ -410,7 +410,7 @@ class Session:
     T_antenna_board : pose of the board's printed face in the jig, or None without a jig.
     gravity_world_m_s2 : (3,), zero when weightless.
     print_scale_std : relative, of the board's printed size, as far as it was measured.
-    over : how the antenna is held over the board in over/, or None where session.yaml does not say.
+    over : how the antenna is mounted over the board in over/, or None where session.yaml does not say.
     moment_std_Nm : noise of the moment sensor, infinite where there is none.
     sensor_stated : whether session.yaml says that there is a sensor, or none.
     wrench_sensor : of several axes; then moment_std_Nm is that of its moment about y.

@@ -69,8 +69,8 @@ class Load(Still):
 class Frame(Still):
     """One frame of a recording.
 
-    moment_errors_Nm, joint_errors_rad : deviations of the readings (beside the sensor's noise) and of pan and tilt, by
-        interpolation and by the clocks' offset.
+    moment_errors_Nm, joint_errors_rad : standard deviations of the readings (besides the sensor's noise) and of pan and
+        tilt, by interpolation and by the clocks' offset.
     joints_read : whether pan and tilt were read; else they are what a rig without them is taken to have.
     """
 
@@ -151,7 +151,7 @@ def refuse_measured(output: Path, root: Path) -> None:
 def check_pictures(
     pictures: Iterable[Path],
     image_size: tuple[int, int],
-    whose: str,
+    reference: str,
     remedy: str = "use one camera at one resolution throughout",
 ) -> None:
     """Raises InputError for the first picture that is not whole or has another size than (width, height) px.
@@ -161,7 +161,7 @@ def check_pictures(
     for path in pictures:
         width, height = picture_size(path)
         if (width, height) != tuple(image_size):
-            what = f"is {width}x{height} px, {whose} {image_size[0]}x{image_size[1]} px"
+            what = f"is {width}x{height} px, {reference} {image_size[0]}x{image_size[1]} px"
             raise InputError(what, where=path, remedy=remedy)
 
 
@@ -180,7 +180,7 @@ def read_sweep(session: Session) -> list[SweepPicture]:
 def read_noload(session: Session) -> list[Still]:
     """noload/noload.csv: the free antenna."""
     why = "calibration needs the free antenna"
-    return [still for _, still in _pictures(session, "noload", why, Still)]
+    return [frame for _, frame in _pictures(session, "noload", why, Still)]
 
 
 def read_loads(session: Session) -> list[Load]:
@@ -272,16 +272,16 @@ def _view(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[s
     if with_image and not os.path.isfile(seen["image"]):  # Path.is_file raises for a name that is too long
         raise wrong(row, path, f"the picture {row['image']} is not there", f"put it at {seen['image']}")
     for name in _ANGLES:
-        given = name if name in row else _IN_DEGREES[name]
-        angle = number(row, given, path)
-        if given != name:
+        column = name if name in row else _IN_DEGREES[name]
+        angle = number(row, column, path)
+        if column != name:
             angle = math.radians(angle)
         seen[name] = check_angle(angle, name, lambda what, remedy: wrong(row, path, what, remedy))
     return seen | ({"time_s": number(row, "time_s", path)} if "time_s" in row else {})
 
 
 def _refuse_misspelt(path: Path, wanted: str, known: Sequence[str]) -> None:
-    """Raises InputError for a misspelt optional column `wanted`, whose readings would else be ignored in silence."""
+    """Raises InputError for a misspelt optional column `wanted`: its readings would else be ignored in silence."""
     header = header_of(path)
     strange = {name.lower(): name for name in header if name not in known}
     close = difflib.get_close_matches(wanted.lower(), strange, n=1, cutoff=0.75)

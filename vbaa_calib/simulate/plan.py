@@ -163,8 +163,8 @@ def plan(scene: SceneSpec, readout: float = 0.0) -> Plan:
         "loads/loads.csv": load_rows,
         "recording/recording.csv": frame_rows,
     }
-    held = {"noload": noload_truth, "loads": load_truth, "frames": frame_truth}
-    truth = _rig_truth(scene, rod) | {"T_camera_board": [pose.to_dict() for pose in poses]} | held
+    truths = {"noload": noload_truth, "loads": load_truth, "frames": frame_truth}
+    truth = _rig_truth(scene, rod) | {"T_camera_board": [pose.to_dict() for pose in poses]} | truths
     return Plan([*boards, *noload, *loads, *frames], tables, truth)
 
 

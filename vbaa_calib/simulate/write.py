@@ -49,12 +49,12 @@ def _centreline_rows(scene: SceneSpec, place: Studio, shot: AntennaShot) -> list
     """The whole centreline, about a row a pixel from clamp to tip, also where it is hidden or outside the picture."""
     seen = seen_antenna(scene, shot)
     s = np.linspace(shot.arclength_m[0], shot.arclength_m[-1], len(seen.pixels))
-    shown = visible(scene.lens, seen.pixels, seen.depth_m, obstacle_of(scene, place, shot))
+    in_sight = visible(scene.lens, seen.pixels, seen.depth_m, obstacle_of(scene, place, shot))
     numbers = np.column_stack([s, seen.pixels, seen.normals, 2 * seen.half_width_px])
     names = ("s_m", "u_px", "v_px", "normal_u", "normal_v", "width_px")
     return [
         {"image": shot.path} | dict(zip(names, np.round(row, 5).tolist(), strict=True)) | {"visible": int(one)}
-        for row, one in zip(numbers[::2], shown[::2], strict=True)
+        for row, one in zip(numbers[::2], in_sight[::2], strict=True)
     ]
 
 
@@ -64,9 +64,9 @@ def _contact_row(scene: SceneSpec, place: Studio, shot: AntennaShot, truth: Mapp
     if truth.get("in_contact"):
         point = scene.T_antenna_camera.inverse() @ np.array([truth["contact_antenna_m"]])
         u, v = pixel = project(scene.lens, point)[0]
-        shown = visible(scene.lens, pixel[None], point[:, 2] - scene.radius_m, obstacle_of(scene, place, shot))
+        in_sight = visible(scene.lens, pixel[None], point[:, 2] - scene.radius_m, obstacle_of(scene, place, shot))
         where = {"distance_m": truth["distance_m"], "u_px": round(float(u), 4), "v_px": round(float(v), 4)}
-        row |= where | {"visible": int(shown[0]), "force_y_N": truth["force_N"][1], "force_z_N": truth["force_N"][2]}
+        row |= where | {"visible": int(in_sight[0]), "force_y_N": truth["force_N"][1], "force_z_N": truth["force_N"][2]}
     return {"image": shot.path, "in_contact": int(bool(truth.get("in_contact")))} | row
 
 

@@ -18,7 +18,7 @@ class PictureSource(Protocol):
     """Pictures one after the other.
 
     name : for the screen, without a URL's secrets. notes : messages so far. live : a stream of frames, of which one is
-    accepted when it is held still; else every picture counts.
+    accepted when the scene rests; else every picture counts.
     """
 
     live: bool

@@ -104,7 +104,7 @@ class FolderSettings:
     """Times between scans of a folder, until an unchanged file counts as complete, and, unreadable, as broken."""
 
     scan_s: float = 0.25
-    settle_s: float = 0.5
+    steady_s: float = 0.5
     patience_s: float = 3.0
 
 
@@ -173,14 +173,14 @@ class FolderSource:
             time.sleep(min(left_s, self._pace.scan_s))
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Nothing stays open."""
 
     def _unchanging(self) -> list[str]:
         """Names, in order, of unchanging files to try: once, and once more when patience ends."""
         now_s = time.monotonic()
         unchanging = []
         for name, watched in sorted(self._watched.items()):
-            wait_s = self._pace.patience_s if watched.failed else self._pace.settle_s
+            wait_s = self._pace.patience_s if watched.failed else self._pace.steady_s
             if now_s - watched.since_s >= wait_s:
                 if not watched.reported:
                     unchanging.append(name)
@@ -297,7 +297,7 @@ def _refuse_large(path: Path) -> None:
 
 
 class VideoSource:
-    """Every frame of a video, named by its index; none is dropped. Taken when held still, like a live stream."""
+    """Every frame of a video, named by its index; none is dropped. Taken when the scene rests, like a live stream."""
 
     live = True
 

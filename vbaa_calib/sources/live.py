@@ -251,12 +251,12 @@ _CAMERA_FAULTS: dict[_Fault, tuple[str, str]] = {
 def parse_camera(text: str) -> tuple[int | str, dict[str, Any]]:
     """The device (OpenCV's index or a file) and its settings, from the text behind "camera:". Raises InputError."""
     device, _, query = text.partition("?")
-    where, given = f"camera:{shown(text)}", dict[str, Any]()
+    where, settings = f"camera:{shown(text)}", dict[str, Any]()
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key == "fourcc" and re.fullmatch(r"[\x20-\x7e]{4}", value):
-            given[key] = value
+            settings[key] = value
         elif key in _MOST and re.fullmatch(r"[0-9]{1,5}", value) and 1 <= int(value) <= _MOST[key]:
-            given[key] = int(value)
+            settings[key] = int(value)
         else:
             known = key in _MOST or key == "fourcc"
             what = f"{shown(key)} cannot be {shown(value)!r}" if known else f"{shown(key)!r} is not known of a camera"
@@ -265,7 +265,7 @@ def parse_camera(text: str) -> tuple[int | str, dict[str, Any]]:
     number = re.fullmatch(r"[0-9]{1,3}", device)
     if not number and not device.startswith("/"):
         raise InputError("is neither a camera's number nor its device", where=where, remedy=_LIKE)
-    return int(device) if number else device, given
+    return int(device) if number else device, settings
 
 
 def open_camera(
@@ -323,7 +323,7 @@ def _set_up(capture: cv2.VideoCapture, wanted: Mapping[str, Any]) -> tuple[str, 
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     has = [int(capture.get(key)) for key in sides]
     size = f"the camera gives {has[0]}x{has[1]} px"
-    if any(asked not in (None, given) for asked, given in zip(sides.values(), has, strict=True)):
+    if any(asked not in (None, settings) for asked, settings in zip(sides.values(), has, strict=True)):
         size = f"{'x'.join(str(value or 'any') for value in sides.values())} px were asked for, but {size}"
     if capture.set(cv2.CAP_PROP_AUTOFOCUS, 0) and capture.get(cv2.CAP_PROP_AUTOFOCUS) == 0:
         return size, "autofocus is switched off"

@@ -69,7 +69,7 @@ def _write(path: Path, frames: Iterable[Frame], lens: BagLens) -> None:
 
 
 def _logged(frame: Frame, lens: BagLens) -> Iterator[Logged]:
-    """What is logged of a frame: the readings first, as they come while the picture is still read out."""
+    """What is logged of a frame: the readings first, as they come while the picture is read out."""
     assert frame.image is not None
     # a bag begins a second after the clock's zero: a stamp of zero means none
     time_ns = 1_000_000_000 + round(1e9 * frame.time_s)

@@ -129,9 +129,9 @@ def _refuse_bombs(reader: Any, path: Path) -> None:
             what = f"unpacks to {largest / 1e6:.0f} MB at once"
             raise InputError(what, where=path, remedy=_REMEDY)
         if hasattr(storage, "dbconn"):
-            ((held,),) = storage.dbconn.execute("SELECT total(octet_length(data)) FROM messages")
-            if held > size:
-                what = f"its messages have {held / 1e6:.0f} MB, the file {size / 1e6:.3g} MB"
+            ((stored,),) = storage.dbconn.execute("SELECT total(octet_length(data)) FROM messages")
+            if stored > size:
+                what = f"its messages have {stored / 1e6:.0f} MB, the file {size / 1e6:.3g} MB"
                 raise InputError(what, where=path, remedy="it is damaged or forged: record it again")
 
 
@@ -391,7 +391,7 @@ def _whole(messages: Iterator[Any], path: Path, notes: list[str]) -> Iterator[An
 
 
 def _bag_files(path: Path) -> list[Path]:
-    """The bag itself, or the files of a ROS 2 bag's folder whose metadata.yaml was never written."""
+    """The bag itself, or the files of a ROS 2 bag's folder without metadata.yaml."""
     if not os.path.isdir(path) or os.path.isfile(path / "metadata.yaml"):
         return [path]
     return sorted((each for each in path.iterdir() if is_bag(each)), key=lambda each: (len(each.name), each.name))
@@ -489,9 +489,9 @@ def _foxglove_picture(data: bytes, kind: str) -> Any:
 
 
 def _json_fields(data: bytes) -> tuple[int, int, str, bytes]:
-    said = json.loads(data)
-    stamp = said["timestamp"]
-    return int(stamp["sec"]), int(stamp["nsec"]), str(said["format"]), base64.b64decode(said["data"], validate=True)
+    header = json.loads(data)
+    stamp = header["timestamp"]
+    return int(stamp["sec"]), int(stamp["nsec"]), str(header["format"]), base64.b64decode(header["data"], validate=True)
 
 
 def _protobuf_fields(data: bytes) -> tuple[int, int, str, bytes]:
@@ -665,11 +665,11 @@ class BagWriter:
     def _fields(self, kind: str) -> Sequence[tuple[str, Any]]:
         return self._types.fielddefs[kind][1]
 
-    def _built(self, kind: str, given: Mapping[str, Any]) -> Any:
-        """A message; what is not given of it is zero or empty."""
+    def _built(self, kind: str, fields: Mapping[str, Any]) -> Any:
+        """A message; fields that are left out are zero or empty."""
         values = {}
         for name, (node, of) in self._fields(kind):
-            value = given.get(name, given.get(name.lower()))
+            value = fields.get(name, fields.get(name.lower()))
             if node.name == "NAME":
                 values[name] = self._built(of, value or {})
             elif node.name == "BASE":

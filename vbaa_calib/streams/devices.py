@@ -146,13 +146,13 @@ def open_device(camera: LiveSource) -> MessageSource:
 
     def messages() -> Messages:
         camera.forget()
-        told = 0
+        reported = 0
         try:
             while True:
                 frame = camera.frame(TICK_S / 10)
-                news = camera.notes[told:]
+                news = camera.notes[reported:]
                 notes.extend(news)
-                told += len(news)
+                reported += len(news)
                 if frame is None:
                     yield None
                     continue
@@ -162,7 +162,7 @@ def open_device(camera: LiveSource) -> MessageSource:
         except SourceLost as error:
             notes.append(str(error))
         finally:
-            notes.extend(camera.notes[told:])
+            notes.extend(camera.notes[reported:])
             if camera.reopened:
                 notes.append(f"{camera.name} broke off and was reached again, {camera.reopened} times in all")
             camera.close()

@@ -100,8 +100,8 @@ class MessageSource:
     name : for the screen.
     messages : what comes. Called once.
     channels : those known to come; more may.
-    live : the pictures are taken while they are looked at; else they were taken before.
-    dropped : how many pictures were not given, since newer ones had come.
+    live : the pictures are taken while they are read; else they were taken before.
+    dropped : how many pictures were left out, since newer ones had come.
     reopened : how often it broke off and was reached again.
     notes : what else there is to tell, so far.
     """
@@ -160,28 +160,28 @@ class MessageSource:
 def line_messages(line: bytes, root: Path | None, arrived_s: float | None = None) -> Iterator[Taken | Reading]:
     """What one JSON line says, readings first; without `root` pictures are not taken. Raises InputError.
 
-    arrived_s : when it came, by `now_s`; just now where it is not given.
+    arrived_s : when it came, by `now_s`; just now by default.
     """
     try:
-        said = json.loads(line)
-        assert isinstance(said, dict)
+        entry = json.loads(line)
+        assert isinstance(entry, dict)
     except (ValueError, AssertionError, RecursionError):
         remedy = '{"time_s": 1.5, "moment_Nm": 0.004}'
         raise InputError(f"{line[:40]!r} is no JSON object", remedy=f"write lines like {remedy}") from None
     arrived_s, received_s = now_s() if arrived_s is None else arrived_s, perf_counter()
-    time_s = _number(said, "time_s", arrived_s)
+    time_s = _number(entry, "time_s", arrived_s)
     for channel in CHANNELS:
-        if said.get(channel) is not None:
-            yield Reading(time_s, channel, _number(said, channel), arrived_s)
-    if root is not None and said.get("image") is not None:
-        image = said["image"]
+        if entry.get(channel) is not None:
+            yield Reading(time_s, channel, _number(entry, channel), arrived_s)
+    if root is not None and entry.get("image") is not None:
+        image = entry["image"]
         if not isinstance(image, str):
             raise InputError("image is no text", remedy="give a path, or a picture's bytes in base64")
         yield Taken(time_s, _picture(image, root), arrived_s, received_s)
 
 
-def _number(said: Mapping[str, Any], name: str, default: float = math.nan) -> float:
-    value = said.get(name, default)
+def _number(entry: Mapping[str, Any], name: str, default: float = math.nan) -> float:
+    value = entry.get(name, default)
     # a whole number may be larger than any float
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
         raise InputError(f"{name} is {clipped(repr(value))}", remedy="give a finite number in SI units")

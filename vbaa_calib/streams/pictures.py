@@ -100,7 +100,7 @@ def unpack_views(path: Path, folder: Path, topics: Topics, most: int) -> int:
 
 class BagPictures:
     """A bag's pictures as a source of the wizard: all of them, named by their place from 0 on, one taken when it is
-    held still. PATH#TOPIC chooses between several topics."""
+    at rest. PATH#TOPIC chooses between several topics."""
 
     live = True
 

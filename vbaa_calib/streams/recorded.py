@@ -1,6 +1,6 @@
 """The source that a command line names: one that runs, or one recorded before.
 
-Recorded are readings in a CSV, a video, a folder of pictures that may still grow, a bag, and JSON lines.
+Recorded are readings in a CSV, a video, a folder of pictures that may grow, a bag, and JSON lines.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def is_recorded(path: Path) -> bool:
 def open_recorded(
     path: Path, camera: Camera, table: Path | None, offset_s: float | None = 0.0, topics: Topics | None = None
 ) -> MessageSource:
-    """A bag, a video or a table of pictures, with the readings of a table, if one is given.
+    """A bag, a video or a table of pictures, with the readings of a table, if any.
 
     offset_s : added to the readings' times; None: to be estimated. Raises InputError, also for a bag of another camera.
     """
@@ -184,7 +184,7 @@ def _open_folder(path: Path, idle_s: float) -> MessageSource:
 
     It ends when nothing has come for `idle_s`. Raises InputError when it cannot be read.
     """
-    folder = FolderSource(path, wait=True, pace=FolderSettings(scan_s=0.05, settle_s=0.1))
+    folder = FolderSource(path, wait=True, pace=FolderSettings(scan_s=0.05, steady_s=0.1))
     notes: list[str] = []
 
     def messages() -> Messages:
@@ -237,7 +237,7 @@ def _open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> Message
 
 def _lines(stream: BinaryIO, idle_s: float, notes: list[str]) -> Iterator[bytes | None]:
     """Whole lines, and None while there is nothing."""
-    number_of, held = stream.fileno(), b""
+    number_of, rest = stream.fileno(), b""
     until_s = time.monotonic() + idle_s
     while True:
         if not select.select([number_of], [], [], TICK_S)[0]:
@@ -248,13 +248,13 @@ def _lines(stream: BinaryIO, idle_s: float, notes: list[str]) -> Iterator[bytes 
             continue
         block = os.read(number_of, 1 << 20)
         until_s = time.monotonic() + idle_s
-        *whole, held = (held + block).split(b"\n")
+        *whole, rest = (rest + block).split(b"\n")
         yield from (line for line in whole if line.strip())
         if not block:
-            if held.strip():
-                yield held
+            if rest.strip():
+                yield rest
             return
-        if len(held) > _LONGEST_LINE:
+        if len(rest) > _LONGEST_LINE:
             notes.append(
                 f"standard input holds a line of over {_LONGEST_LINE / 1e6:.0f} MB: what comes after it is lost"
             )

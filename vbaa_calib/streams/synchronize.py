@@ -33,9 +33,9 @@ class Timing:
     """How readings and pictures belong together.
 
     offset_s : what is added to a reading's time to have it on the pictures' clock.
-    gap_s : a picture between two readings further apart, or beside the only one at such a distance, has none.
+    gap_s : a picture between two readings further apart, or so far from the only one, has none.
     wait_s : how long a picture waits for the readings after it, by the source's clock.
-    joints_rad : pan and tilt of a rig whose joints are not read, or NaN: they must be.
+    joints_rad : pan and tilt of a rig without readings of its joints, or NaN: they must be read.
     offset_std_s : deviation of the offset. moment_std_Nm : noise of the moments about y and
         z, and of what else `session.READINGS` has, as far as it is known.
     jump_s : a stamp that steps further ahead of arrival, or back, waits for the next ones to bear it out: queues and
@@ -111,7 +111,8 @@ class _Channel:
             del self.times[:_KEPT], self.values[:_KEPT]
 
     def error(self, time_s: float, timing: Timing, std: float) -> float:
-        """Deviation of the value at a time beside the readings' noise `std`: of interpolation, and of the clocks.
+        """Standard deviation of the value at a time, besides the readings' noise `std`: of interpolation, and of the
+        clocks.
 
         Between two readings the value may leave the line by as much as its rate changes there, s·(1 − s) of how far the
         second lies off the line through the first and the one before. What noise alone makes of that is taken off, and
@@ -143,7 +144,7 @@ class _Stamps:
 
     live : arrival is by a clock of its own. last : the latest message that counts.
     step_s : by how much it is later than the one before; 0 for the first.
-    doubted : messages whose stamps jump, all to one side, each later than the one before.
+    doubted : messages with stamps that jump, all to one side, each later than the one before.
     """
 
     timing: Timing
@@ -200,8 +201,8 @@ class Synchronizer:
 
     A picture waits until every channel has a reading after it, or for `Timing.wait_s`. Between the readings on either
     side its own are interpolated; where they are missing, or too far apart, the frame has none. Pictures and readings
-    that come twice or out of order are left out, and so are those whose stamps jump, unless `Timing.agreeing` do so in
-    a row, or live nothing speaks against them for `Timing.wait_s`: then the clock was set, and it goes on by the new
+    that come twice or out of order are left out, and so are those with stamps that jump, unless `Timing.agreeing` do so
+    in a row, or live nothing speaks against them for `Timing.wait_s`: then the clock was set, and it goes on by the new
     one. Where that is earlier, the frames' times run on.
 
     counts : of what came and of what was left out, by name.
@@ -277,9 +278,9 @@ class Synchronizer:
             yield self._frame(self._waiting.popleft())
 
     def finish(self) -> Iterator[Synchronized]:
-        """Those that still wait; nothing comes after them.
+        """Those that wait; nothing comes after them.
 
-        Raises InputError for a recording whose pictures and readings have no instant in common.
+        Raises InputError for a recording without an instant that pictures and readings share.
         """
         for stream, stamps in self._stamps.items():
             last = stamps.last
@@ -304,16 +305,16 @@ class Synchronizer:
     def left_out(self) -> list[str]:
         """What was left out, in words."""
         usual = ("pictures", "readings")
-        said = [f"{count} {what}" for what, count in sorted(self.counts.items()) if what not in usual and count]
+        lines = [f"{count} {what}" for what, count in sorted(self.counts.items()) if what not in usual and count]
         gap = f": their readings are further apart than --gap ({self._timing.gap_s:g} s), or on one side only"
-        return [f"{words}{gap}" if "pictures without" in words else words for words in said]
+        return [f"{words}{gap}" if "pictures without" in words else words for words in lines]
 
     def _refuse(self, size: Sequence[int]) -> None:
         assert self._image_size is not None
         if not self.counts["pictures"]:
-            given, rig = ("x".join(map(str, each)) for each in (size, self._image_size))
+            measured, rig = ("x".join(map(str, each)) for each in (size, self._image_size))
             remedy = "use the resolution of the calibration"
-            raise InputError(f"the pictures are {given} px, the rig's camera {rig}", remedy=remedy)
+            raise InputError(f"the pictures are {measured} px, the rig's camera {rig}", remedy=remedy)
         self.counts["pictures of another size"] += 1
 
     def _judged(

@@ -57,8 +57,8 @@ def take_back(store: Store, step: str) -> bool:
     The way to plane C stays while it has pictures, which are in its folder.
     """
     answers = store.journal.answers
-    still = open_questions(step, answers)
-    before = QUESTIONS[: QUESTIONS.index(BY_KEY[still[0].key])] if still else QUESTIONS
+    remaining = open_questions(step, answers)
+    before = QUESTIONS[: QUESTIONS.index(BY_KEY[remaining[0].key])] if remaining else QUESTIONS
     asked = [q for q in before if q.step == step and not q.usual]
     answered = [q.key for q in asked if q.key in answers and q.needed(answers)]
     if not answered or (step == "board" and answers.get("board_given")):
@@ -153,13 +153,13 @@ def _typed_doubts(state: SessionState, key: str) -> list[Diagnosis]:
     return state.session.antenna.material_doubts
 
 
-def show_axes(state: SessionState, ui: Ui, shown: Picture | None = None) -> None:
+def show_axes(state: SessionState, ui: Ui, live: Picture | None = None) -> None:
     """Draw the board's axes into a picture of it, and keep that in the session: into the jig's picture, with the
     antenna where the answers put it; or into the last one for the lens, since the board is not in the jig yet."""
     in_jig = state.taken("plane") if state.store.folder("plane") == "plane" else ()
     if not (taken := in_jig or state.taken("lens")):
         return
-    image = read_gray(state.store.path(taken[-1])) if shown is None else shown.image
+    image = read_gray(state.store.path(taken[-1])) if live is None else live.image
     try:
         path, drawn = draw_axes(state, image, in_jig=bool(in_jig))
     except VbaaError:  # the lens does not explain the picture, which is reported elsewhere
@@ -167,7 +167,7 @@ def show_axes(state: SessionState, ui: Ui, shown: Picture | None = None) -> None
     where = "the board's axes and the antenna as the answers put it" if in_jig else "the board's x and y"
     words = f"{where} are drawn in {path}"
     ui.live(LivePicture(image, PictureCheck(), 0.0, words, live=False, drawn=drawn))
-    if len(in_jig) < 2 or shown is None:
+    if len(in_jig) < 2 or live is None:
         ui.say(f"{words}: look whether that is so" if in_jig else words)
 
 
@@ -298,11 +298,11 @@ def adopt(store: Store, ui: Ui) -> None:
     if not store.is_new or not path.exists():
         return
     session, answers = load_session(store.root), SessionState.answers_of(path)
-    given = store.root / ASIDE / "given"
-    given.mkdir(parents=True, exist_ok=True)
+    inputs = store.root / ASIDE / "given"
+    inputs.mkdir(parents=True, exist_ok=True)
     for file in (path, *(store.root / folder / f"{folder}.csv" for folder in READINGS)):
         if file.is_file():
-            write_text(given / file.name, read_text(file))
+            write_text(inputs / file.name, read_text(file))
     journal = store.journal.with_answers({**_make_board(store, answers), **answers})
     for step, words in PICTURES.items():
         folder = store.root / (FOLDERS.get(step) or WAYS.get(str(answers.get("plane_way")), "plane"))
@@ -337,10 +337,10 @@ def _accepted(folder: Path, image: Path, row: Any) -> AcceptedPicture:
 
 
 def set_unlisted_aside(store: Store, ui: Ui) -> None:
-    """Set aside pictures that wizard.json does not list: left by an interruption, or put there by hand."""
+    """Move away pictures that wizard.json does not list: left by an interruption, or put there by hand."""
     unlisted = store.unlisted()
     if unlisted:
         names = [path.relative_to(store.root).as_posix() for path in unlisted]
         place = store.set_aside(unlisted, "found")
-        shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-        ui.say(f"not taken by the wizard, and set aside in {place}: {shown}")
+        live = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+        ui.say(f"not taken by the wizard, and set aside in {place}: {live}")

@@ -1,4 +1,4 @@
-"""The pictures of one step: wait for a still scene, check, ask for the readings, store."""
+"""The pictures of one step: wait for a scene at rest, check, ask for the readings, store."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class Capture:
         self.noted = len(self.source.notes)
 
     def _show_last(self) -> None:
-        """Show the step's last picture unless a stream is shown."""
+        """Show the step's last picture unless a stream is on."""
         if self.source.live or not self.ui.interactive or not (taken := self.state.taken(self.step.name)):
             return
         path = self.store.path(taken[-1])
@@ -176,7 +176,7 @@ class Capture:
             self.detector.rearm()
 
     def _jig_begins(self, check: PictureCheck) -> bool:
-        """Whether the board came into its jig only now: it has moved since, and what was taken is set aside."""
+        """Whether the board came into its jig only now: it has moved since, and what was taken is moved away."""
         if not self.as_it_stands or (self.progress is not None and self.progress.enough):
             return False
         how = jig_moved(self.state, check.corners_px, check.ids) if len(check.ids) >= LEAST_CORNERS else ""

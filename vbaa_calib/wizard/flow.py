@@ -247,7 +247,7 @@ def _pictures_in(text: str) -> list[Path]:
 def _begin(store: Store, ui: Ui, step: str) -> None:
     """Note the pictures of a shared folder that belong to earlier steps; a folder of the step's own counts whole.
 
-    Not before the step's questions are answered: until then somebody may still be at the step before.
+    Not before the step's questions are answered: until then somebody may be at the step before.
     """
     text = _source_text(store, step)
     if store.journal.of(step).past is not None or not text:
@@ -284,5 +284,5 @@ def _readings_table(store: Store, step: str) -> ReadingsTable:
         return ReadingsTable.written(named, f"{step}_readings")
     if named:
         return ReadingsTable.read(Path(str(named)))
-    beside = Path(_source_text(store, step)) / f"{store.folder(step)}.csv"
-    return ReadingsTable.read(beside) if os.path.isfile(beside) else ReadingsTable()
+    table = Path(_source_text(store, step)) / f"{store.folder(step)}.csv"
+    return ReadingsTable.read(table) if os.path.isfile(table) else ReadingsTable()

@@ -42,20 +42,20 @@ class Page(WizardView):
         for command in self._server.take_commands():
             seen = self._number if command.seen is None else command.seen
             late = seen < self._commands_from and command.kind not in ("take", "quit")
-            given = None
+            value = None
             if command.kind == "answer":
                 if "change" in (command.value or {}) and command.value:
                     yield "answer", command.value["change"]
                     continue
                 key = ui.question.key if ui.question else ""
                 fits = key in (command.value or {}) and seen >= self._answers_from
-                given = command.value[key] if fits and command.value else None
+                value = command.value[key] if fits and command.value else None
             else:
                 fits = command.kind in self._possible(ui) and not late
             if fits:
                 # a second click came before the page showed what the first one did
                 self._commands_from = self._number + 1
-                yield command.kind, given
+                yield command.kind, value
 
     def update(self, ui: Ui, change: str) -> None:
         match change:

@@ -69,11 +69,11 @@ class Question:
         typical = {"youngs_modulus_GPa": 1e-9 * known.youngs_modulus_Pa, "density_kg_m3": known.density_kg_m3}
         return replace(self, default=typical[self.key])
 
-    def read(self, given: object, where: object = None) -> Any:
+    def read(self, entered: object, where: object = None) -> Any:
         """The answer, converted and checked. Raises InputError saying what is expected."""
         readers = {"number": self._number, "numbers": self._numbers, "choice": self._choice}
         try:
-            return (readers | {"yesno": _yesno, "sides": _sides}).get(self.kind, _text)(given)
+            return (readers | {"yesno": _yesno, "sides": _sides}).get(self.kind, _text)(entered)
         except (TypeError, ValueError, OverflowError) as error:
             unit = f" in {self.unit}" if self.unit else ""
             if math.isfinite(self.low) and math.isfinite(self.high):
@@ -86,35 +86,35 @@ class Question:
                 "sides": "a whole number, or two such as 2x1",
                 "text": f"a text: {self.words}",
             }[self.kind]
-            what = f"{self.key} is {'empty' if given is None else shown(given)}: {error}"
+            what = f"{self.key} is {'empty' if entered is None else shown(entered)}: {error}"
             raise InputError(what, where=where, remedy=f"give {expected}") from None
 
-    def _number(self, given: object) -> float:
-        value = _as_number(given, self.unit)
+    def _number(self, entered: object) -> float:
+        value = _as_number(entered, self.unit)
         if not self.low <= value <= self.high:
             raise ValueError(f"{value:g}{' ' + self.unit if self.unit else ''} cannot be")
         return value
 
-    def _numbers(self, given: object) -> list[float]:
-        parts = given
-        if isinstance(given, str):
-            parts = [part.strip() for part in given.replace(";", ",").split(",") if part.strip()]
-            if len(parts) == 1 and not _NUMBER.sub("", given):
-                parts = [found[0] for found in _NUMBER.finditer(given)]
+    def _numbers(self, entered: object) -> list[float]:
+        parts = entered
+        if isinstance(entered, str):
+            parts = [part.strip() for part in entered.replace(";", ",").split(",") if part.strip()]
+            if len(parts) == 1 and not _NUMBER.sub("", entered):
+                parts = [found[0] for found in _NUMBER.finditer(entered)]
             # a unit behind the last number is that of all
             units = [(found := _NUMBER.fullmatch(part)) and found[2] for part in parts]
             if units and units[-1] and not any(units[:-1]):
                 parts = [f"{part} {units[-1]}" for part in parts[:-1]] + parts[-1:]
-        elif isinstance(given, int | float) and not isinstance(given, bool):
-            parts = [given]
+        elif isinstance(entered, int | float) and not isinstance(entered, bool):
+            parts = [entered]
         if not isinstance(parts, list | tuple):
             raise ValueError("those are not numbers")
         if not parts or (self.length and len(parts) != self.length):
             raise ValueError(f"those are {len(parts)} numbers")
         return [self._number(part) for part in parts]
 
-    def _choice(self, given: object) -> str:
-        text = str(given).strip().lower() if isinstance(given, str | int | float) else ""
+    def _choice(self, entered: object) -> str:
+        text = str(entered).strip().lower() if isinstance(entered, str | int | float) else ""
         fitting = [choice for choice in self.choices if choice.lower() == text]
         fitting = fitting or [choice for choice in self.choices if text and choice.lower().startswith(text)]
         if len(fitting) != 1:
@@ -131,49 +131,49 @@ def typed(value: Any) -> str:
     return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
-def _as_number(given: object, unit: str) -> float:
+def _as_number(entered: object, unit: str) -> float:
     """A number in this unit, also one with another unit of the same kind behind it.
 
     Raises ValueError, also for 1_0, true and a decimal comma.
     """
-    if isinstance(given, bool) or not isinstance(given, int | float | str):
+    if isinstance(entered, bool) or not isinstance(entered, int | float | str):
         raise ValueError("that is not a number")
     factor = 1.0
-    if isinstance(given, str):
-        if given.count(",") == 1 and "." not in given:
+    if isinstance(entered, str):
+        if entered.count(",") == 1 and "." not in entered:
             raise ValueError("the decimal sign is a point")
-        if not given.replace("°", "").replace("·", "").isascii() or not (found := _NUMBER.fullmatch(given.strip())):
+        if not entered.replace("°", "").replace("·", "").isascii() or not (found := _NUMBER.fullmatch(entered.strip())):
             raise ValueError("that is not a number")
-        given, other = found.groups()
+        entered, other = found.groups()
         if other and other != unit:
             sizes = next((kind for kind in _SAME_KIND if unit in kind and other in kind), None)
             if sizes is None:
                 raise ValueError(f"{other!r} is no unit of it")
             factor = sizes[other] / sizes[unit]
-    if not math.isfinite(value := factor * float(given)):
+    if not math.isfinite(value := factor * float(entered)):
         raise ValueError("that is not a finite number")
     return value
 
 
-def _yesno(given: object) -> bool:
-    text = str(given).strip().lower()
+def _yesno(entered: object) -> bool:
+    text = str(entered).strip().lower()
     if text not in _YES_NO:
         raise ValueError("that is neither")
     return _YES_NO[text]
 
 
-def _sides(given: object) -> str:
-    if type(given) not in (int, str) or not re.fullmatch(r"\d{1,6}([xX,]\d{1,6})?", str(given).strip(), re.ASCII):
+def _sides(entered: object) -> str:
+    if type(entered) not in (int, str) or not re.fullmatch(r"\d{1,6}([xX,]\d{1,6})?", str(entered).strip(), re.ASCII):
         raise ValueError("that is neither one nor two")
-    return str(given).strip()
+    return str(entered).strip()
 
 
-def _text(given: object) -> str:
-    if not isinstance(given, str) or not given.strip():
+def _text(entered: object) -> str:
+    if not isinstance(entered, str) or not entered.strip():
         raise ValueError("that is no text")
-    if "\0" in given or len(given) > 4096:
+    if "\0" in entered or len(entered) > 4096:
         raise ValueError("that cannot be")
-    return given.strip()
+    return entered.strip()
 
 
 STEPS = ("board", "lens", "plane", "noload", "loads", "sensor", "verdict")
@@ -243,7 +243,7 @@ BOARD_ANSWERS = (*_FILE["board"], "measure_x_mm", "measure_y_mm", "board_given")
 
 
 def open_questions(step: str, answers: Answers, *, usual: bool = False) -> list[Question]:
-    """What a step still has to ask, given the answers so far; or whose defaults it takes without asking (`usual`)."""
+    """What a step has to ask after the answers so far; or (`usual`) what it takes by default without asking."""
     mine = (one.as_known(answers) for one in QUESTIONS if one.step == step)
     return [one for one in mine if one.usual == usual and one.key not in answers and one.needed(answers)]
 
@@ -383,13 +383,13 @@ class ReadingsTable:
 
 
 def in_si(typed: Mapping[str, Any], where: object) -> dict[str, float]:
-    """Readings in SI by their first names. Raises InputError for what is no number or is given twice."""
+    """Readings in SI by their first names. Raises InputError for what is no number or is there twice."""
     found: dict[str, float] = {}
     for names in UNITS.values():
-        given = [name for name in names if name in typed]
-        if len(given) > 1:
-            raise InputError(f"gives {given[0]} and {given[1]}", where=where, remedy="give one of them")
-        for name in given:
+        entered = [name for name in names if name in typed]
+        if len(entered) > 1:
+            raise InputError(f"gives {entered[0]} and {entered[1]}", where=where, remedy="give one of them")
+        for name in entered:
             found[next(iter(names))] = Question(name, "", name).read(typed[name], where) * names[name]
     for name in ("distance_m", "mass_kg"):
         if not found.get(name, 1.0) > 0:
@@ -425,8 +425,8 @@ def complete(
     if readings["distance_m"] > length_m:
         what = f"distance_m is {readings['distance_m']:g}, the antenna {length_m:g} m long"
         raise InputError(what, where=where, remedy="measure from the clamp along the antenna; is the unit right?")
-    given = [readings.get(name) for name in ("force_y_N", "force_z_N")]
-    by_force = given != [None, None]
+    entered = [readings.get(name) for name in ("force_y_N", "force_z_N")]
+    by_force = entered != [None, None]
     if by_force == ("mass_kg" in readings):
         what = "gives both mass and force" if by_force else "gives neither a mass nor a force"
         raise InputError(what, where=where, remedy="give mass_g, or force_y_N and force_z_N")
@@ -438,7 +438,7 @@ def complete(
     if along > 0.02:
         what = f"at these joint angles {100 * along:.0f} % of the weight pull along the antenna"
         raise InputError(what, where=where, remedy="hang weights on a level antenna; or give force_y_N, force_z_N")
-    force = [part or 0.0 for part in given] if by_force else [readings["mass_kg"] * part for part in pull[1:]]
+    force = [part or 0.0 for part in entered] if by_force else [readings["mass_kg"] * part for part in pull[1:]]
     if not any(force):
         raise InputError("the force is zero", where=where, remedy="free frames belong to the step before")
     return readings | dict(zip(("force_y_N", "force_z_N"), force, strict=True))

@@ -232,12 +232,12 @@ class PageServer:
 
     def _refusal(self, request: Request) -> Response | None:
         """The response to a refused request, or to the one with the token in its address; None for all others."""
-        headers, told = request.headers, request.query_params.getlist("token")
+        headers, tokens = request.headers, request.query_params.getlist("token")
         if len(headers.getlist("host")) != 1 or headers["host"].lower() not in self._hosts:
             return PlainTextResponse("this server answers only to its own address\n", 421)
-        if told and request.scope["path"] == "/" and request.method == "GET":
+        if tokens and request.scope["path"] == "/" and request.method == "GET":
             # move the token from the address into a cookie
-            if len(told) == 1 and self._is_token(told[0]):
+            if len(tokens) == 1 and self._is_token(tokens[0]):
                 cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
                 return Response(status_code=303, headers={"Location": "/", "Set-Cookie": cookie})
             words = "the token in this address is not this run's: open the address that the wizard printed\n"
@@ -314,7 +314,7 @@ class PageServer:
 
 
 def _number_in(request: Request, name: str) -> int:
-    told = request.query_params.getlist(name) or ["0"]
-    if len(told) != 1 or not (told[0].isascii() and told[0].isdigit() and len(told[0]) <= 15):
+    tokens = request.query_params.getlist(name) or ["0"]
+    if len(tokens) != 1 or not (tokens[0].isascii() and tokens[0].isdigit() and len(tokens[0]) <= 15):
         raise HTTPException(400, f"{name} is a whole number")
-    return int(told[0])
+    return int(tokens[0])

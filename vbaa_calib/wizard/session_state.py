@@ -206,7 +206,7 @@ class SessionState:
         return read_yaml(self._session_yaml) if self._session_yaml.exists() else {}
 
     def _session_data(self, before: Mapping[str, Any]) -> dict[str, Any]:
-        """session.yaml from answers and defaults. before : its content, whose other keys stay."""
+        """session.yaml from answers and defaults. before : its content; other keys stay."""
         answers, board, scale = self._answers, self.board, self.scale
         value = {key: answers.get(key, question.as_known(answers).default) for key, question in BY_KEY.items()}
         read = {
@@ -272,8 +272,8 @@ class SessionState:
     def readings(self, step: str, typed: Mapping[str, Any], where: str) -> dict[str, float]:
         """Readings of a picture, under whichever names, as the session's tables hold them. Raises InputError."""
         session, si = self.session, in_si(typed, where)
-        still = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
-        pull = session.gravity_antenna([still])[0]
+        frame = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
+        pull = session.gravity_antenna([frame])[0]
         return complete(self.store.folder(step), typed, pull, session.antenna.length_m, where, session.columns)
 
     def _view(self, taken: AcceptedPicture) -> BoardView:
@@ -341,33 +341,34 @@ class SessionState:
 
     def observe(
         self,
-        still: Still,
+        frame: Still,
         step: str,
         image: np.ndarray,
         pose: Pose | None = None,
         antenna: NominalAntenna | None = None,
     ) -> Observation:
-        """The antenna in a still's picture (as `read_picture` gives it). pose : T_antenna_camera, if not plane C's.
+        """The antenna in a static frame's picture (as `read_picture` gives it). pose : T_antenna_camera, if not plane
+        C's.
         antenna : if not the session's."""
         session, plane, camera = self.session, self.plane(), self.lens().camera
         antenna = antenna or session.antenna
-        pull = gravity_antenna(plane.kinematics, session.gravity_world_m_s2, [still])[0]
+        pull = gravity_antenna(plane.kinematics, session.gravity_world_m_s2, [frame])[0]
         # the first free picture shows how the antenna differs from its background
         first = self.taken("noload")[:1]
         paint = self.observation("noload", first[0]).paint if first and step != "noload" else None
         pose = pose or fused(plane.estimates)
         expected = ExpectedAntenna(antenna, camera, pose, nominal_parameters(antenna), paint)
-        return expected.observe(still, image, pull)
+        return expected.observe(frame, image, pull)
 
     def observation(self, step: str, taken: AcceptedPicture) -> Observation:
         """The antenna in an accepted picture of a step."""
         inputs = taken.sha256, tuple(taken.readings.items()), self.inputs("lens", "plane")
         path = self.store.path(taken)
-        still = still_of(step, path, taken.readings)
-        return self.cached(("antenna", taken.file), inputs, lambda: self.observe(still, step, read_picture(path)))
+        frame = still_of(step, path, taken.readings)
+        return self.cached(("antenna", taken.file), inputs, lambda: self.observe(frame, step, read_picture(path)))
 
     def joint(self) -> BundleAdjustment:
-        """The bundle adjustment of lens, plane C, antenna and sensor with the stills so far, free ones first."""
+        """The bundle adjustment of lens, plane C, antenna and sensor with the static frames so far, free ones first."""
 
         def made() -> BundleAdjustment:
             session, first = self.session, self.lens()
@@ -407,6 +408,6 @@ class SessionState:
 
 
 def still_of(step: str, path: Path | None, readings: Mapping[str, float]) -> Still:
-    """A still with its readings; a `Load` in the step of loads."""
+    """A static frame with its readings; a `Load` in the step of loads."""
     values = {**SILENT, **{name: readings[name] for name in READINGS[step] if name in readings}}
     return (Load if step == "loads" else Still)(path, **values, time_s=readings.get("time_s"))

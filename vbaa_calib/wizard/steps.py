@@ -161,7 +161,7 @@ def _board_in_the_way(state: SessionState, image: np.ndarray) -> str:
 
 
 def _check_antenna(step: str, state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
-    """Whether the antenna is found in a picture; without readings, whether it is worth asking for them."""
+    """Whether the antenna is found in a picture; without readings, whether to ask for them."""
     height, width = picture.image.shape
     changed = _other_size(state, (width, height))
     if changed is not None:
@@ -169,11 +169,11 @@ def _check_antenna(step: str, state: SessionState, picture: Picture, readings: R
     if not readings:
         return PictureCheck(_board_in_the_way(state, picture.image))
     path = Path(picture.name)
-    still, image = still_of(step, path, readings), read_picture(path, picture.data)
+    frame, image = still_of(step, path, readings), read_picture(path, picture.data)
     try:
-        seen = state.observe(still, step, image)
+        seen = state.observe(frame, step, image)
     except InputError as error:
-        if not state.taken(step) and (other := entries_that_show_it(state, still, step, image)):
+        if not state.taken(step) and (other := entries_that_show_it(state, frame, step, image)):
             return PictureCheck(
                 f"the antenna is not where the jig's answers put it, but where {other} puts it: type that"
             )
@@ -400,12 +400,12 @@ Report = Callable[[dict[str, Any]], str]
 """From check.json's content to its page: what draws stands above the wizard."""
 
 
-def conclude(root: Path, report: Report, given: GivenLens | None = None) -> dict[str, Any]:
+def conclude(root: Path, report: Report, known_lens: GivenLens | None = None) -> dict[str, Any]:
     """Calibrate the session, write rig.json and check.html into it. Returns check.json's content.
 
     rig.json does not depend on how the wizard was called. Raises InputError and SolveError as `calibrate` does.
     """
-    calibration = calibrate(load_session(root), given=given)
+    calibration = calibrate(load_session(root), given=known_lens)
     write_json(root / RIG, rig_document(calibration, ["vbaa", "wizard"]), readable_as=Rig.from_dict)
     document = assess(root / RIG, root).to_dict()
     write_text(root / REPORT, report(document))

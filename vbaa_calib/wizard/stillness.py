@@ -1,4 +1,4 @@
-"""Detects when the scene is held still, so that pictures are taken without a key press."""
+"""Detects when the scene rests, so that pictures are taken without a key press."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def _cut(small: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _StillnessSettings:
-    """When a scene counts as still; the defaults are for a board held by hand.
+    """When a scene counts as resting; the defaults are for a board in the hand.
 
     hold_s, hold_frames : duration and number of frames. gap_s : pause between frames that restarts the hold.
     step_px, speed_px_s : motion between frames that counts as none, whichever is more: 30 px/s blur 1/60 s by 0.5 px.
@@ -170,7 +170,7 @@ class _Stillness:
 
 
 class StillnessDetector:
-    """Decides for each frame whether the scene has been still for long enough to take it.
+    """Decides for each frame whether the scene has rested for long enough to take it.
 
     A frame must be nearly as sharp as the hold's best: the lens may be focusing. Then the scene must move clearly, and
     differ from the taken frame, before another is taken. Deterministic in frames and times.
@@ -225,16 +225,16 @@ class StillnessDetector:
     def _go_on(self, frame: _FrameFeatures, hold: tuple[_FrameFeatures, int, float], scale: float) -> _Stillness:
         settings = self._settings
         first, frames, best = self._hold = (hold[0], hold[1] + 1, max(hold[2], frame.sharpness))
-        held_s = frame.time_s - first.time_s
+        hold_s = frame.time_s - first.time_s
         # a frame's time stamp is rounded, to milliseconds in videos
-        share = min((held_s + 1e-3) / settings.hold_s, frames / settings.hold_frames)
+        share = min((hold_s + 1e-3) / settings.hold_s, frames / settings.hold_frames)
         if share < 1:
             return _Stillness(share, False, "hold still")
         before = None if settings.same else self._taken
         if before is not None and _motion_px(frame, before) <= 2 * settings.step_px * scale:
             return _Stillness(0.0, False, "nothing has changed since the last picture: move on")
         if frame.sharpness < settings.sharp_share * best:
-            if held_s > 2 * settings.hold_s:
+            if hold_s > 2 * settings.hold_s:
                 return self._restart(frame, "the focus has changed: hold still")
             return _Stillness(1.0, False, "hold still: waiting for a sharp frame")
         self._taken, self._moved, self._hold = frame, False, None

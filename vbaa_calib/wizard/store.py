@@ -1,7 +1,7 @@
 """The wizard's state on the disk: pictures in the session folder, answers and their list in wizard.json.
 
 Each picture is written (write, fsync, rename) before wizard.json that lists it. A picture that an interruption left
-unlisted is set aside at the next start. session.yaml and the tables are derived from wizard.json.
+unlisted is moved away at the next start. session.yaml and the tables are derived from wizard.json.
 """
 
 from __future__ import annotations
@@ -277,7 +277,7 @@ class Store:
             self._record(step, closed=how)
 
     def drop(self, step: str, taken: AcceptedPicture) -> Path:
-        """Set a picture aside, never to be offered again. Returns where it is now."""
+        """Move a picture away, never to be offered again. Returns where it is now."""
         record = self.journal.of(step)
         kept = tuple(one for one in record.taken if one is not taken)
         refused = _RefusedPicture(source=taken.source, sha256=taken.sha256, why="taken back")
@@ -331,7 +331,7 @@ class Store:
         return unlisted + [folder for folder in ways if folder.is_dir()]
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file that the user may have changed; its previous version is set aside."""
+        """Write a file that the user may have changed; its previous version is kept in another folder."""
         path = self.root / name
         if path.exists():
             if path.read_bytes() == data:

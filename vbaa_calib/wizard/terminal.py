@@ -83,7 +83,7 @@ class _Screen:
         self._prompt = self._status = None
 
     def passing(self, text: str) -> None:
-        """Show a line until something else is shown."""
+        """Show a line until the next one."""
         self.clear()
         if self._moves:
             self._prompt = _clipped(text, self.width)

@@ -1,4 +1,4 @@
-"""Who does the work: a dask cluster of this machine or one that is there, and what it is given to do."""
+"""Who does the work: a dask cluster of this machine or one that exists, and its tasks."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def run(
 ) -> Iterator[Outcome]:
     """Every recording's outcome, as they come. Raises Lost with the scheduler.
 
-    A recording whose worker was lost too often is done once more at the end, with no other beside it: a neighbour may
+    A recording that lost its worker too often is done once more at the end, with no other next to it: a neighbour may
     have ended its workers.
     """
     from distributed import as_completed
@@ -220,6 +220,8 @@ def with_progress(outcomes: Iterable[Outcome], count: int) -> Iterator[tuple[Out
         seconds = time.monotonic() - begun
         frames += int(outcome.row["frames"]) if outcome.state == "done" else 0
         rate = f", {frames / seconds:.0f} frames/s" if frames else ""
-        said = f"{outcome.row['frames']} frames, {outcome.row['ok']} ok" if outcome.state != "failed" else ""
-        what = {"done": said, "unchanged": f"unchanged ({said})"}.get(outcome.state, str(outcome.row.get("sentence")))
+        counts = f"{outcome.row['frames']} frames, {outcome.row['ok']} ok" if outcome.state != "failed" else ""
+        what = {"done": counts, "unchanged": f"unchanged ({counts})"}.get(
+            outcome.state, str(outcome.row.get("sentence"))
+        )
         yield outcome, f"[{done}/{count}{rate}, {(count - done) * seconds / done:.0f} s left] {outcome.name}: {what}"

@@ -26,13 +26,13 @@ class BatchRecording:
     rig: Path
 
 
-def recordings_of(given: Sequence[str], rig: Path | None) -> list[BatchRecording]:
+def recordings_of(named: Sequence[str], rig: Path | None) -> list[BatchRecording]:
     """Folders and patterns with the one rig; CSV files with the columns recording and, where it differs, rig, and name.
 
     Raises InputError for what names no recording, a recording without a rig, and names that stand twice.
     """
     found: list[tuple[str, Path, Path | None]] = []
-    for each in given:
+    for each in named:
         path = Path(each)
         if path.suffix == ".csv" and path.name != "centrelines.csv":
             found += _listed(path, rig)
@@ -61,7 +61,8 @@ def _listed(table: Path, rig: Path | None) -> list[tuple[str, Path, Path | None]
 
 
 def _named(found: Sequence[tuple[str, Path, Path | None]]) -> list[BatchRecording]:
-    """With names: given ones, else the folder's, with as many of the folders above it as tell it from the others."""
+    """With names: those of the list, else the folder's, with as many of the folders above it as tell it from the
+    others."""
     places = [path.resolve() for _, path, _ in found]
     for twice in (path for path, count in Counter(places).items() if count > 1):
         raise InputError("is given twice", where=twice, remedy="name every recording once")

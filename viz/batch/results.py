@@ -87,7 +87,7 @@ class Results:
                 self.remove_work()
 
     def done(self, name: str) -> Row | None:
-        """The summary of a recording whose contacts are there; None where they are not, or cannot be read."""
+        """The summary of a recording with contacts; None where they are not, or cannot be read."""
         import pyarrow
         from pyarrow.parquet import read_metadata
 
@@ -97,7 +97,7 @@ class Results:
             return None
 
     def every(self) -> list[Row]:
-        """The summaries of all recordings whose contacts are there."""
+        """The summaries of all recordings with contacts."""
         parts = sorted((self.root / "contacts").glob("recording=*"))
         return [row for part in parts if (row := self.done(part.name.partition("=")[2])) is not None]
 

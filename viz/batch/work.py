@@ -56,8 +56,8 @@ class BatchSettings:
         pixels = None if self.background is None else str(self.background)
         if self.background is not None and self.background != AUTO:
             pixels = sha256(self.background)
-        said = {name: getattr(self, name) for name in names} | {"background": pixels}
-        return said | {"streams": asdict(self.streams)} if is_stream(path) else said
+        settings = {name: getattr(self, name) for name in names} | {"background": pixels}
+        return settings | {"streams": asdict(self.streams)} if is_stream(path) else settings
 
 
 @dataclass(frozen=True)

@@ -186,19 +186,19 @@ def _address_in(file: Path) -> str:
     return address
 
 
-def _check_memory(said: str) -> None:
+def _check_memory(size: str) -> None:
     from vbaa_calib.core.errors import InputError
 
     try:
         from dask.utils import parse_bytes
 
-        enough = parse_bytes(said) >= 300_000_000
+        enough = parse_bytes(size) >= 300_000_000
     except ImportError:
         return  # told later
     except ValueError:
         enough = False
     if not enough:
-        raise InputError(f"--memory is {said!r}", remedy="give a size such as 2GB; a worker needs 0.3 GB for itself")
+        raise InputError(f"--memory is {size!r}", remedy="give a size such as 2GB; a worker needs 0.3 GB for itself")
 
 
 def _described(client: Any, where: Where) -> str:
@@ -208,5 +208,5 @@ def _described(client: Any, where: Where) -> str:
     limits = [worker["memory_limit"] for worker in workers if worker["memory_limit"]]
     each = f", each of {max(limits) / 1e9:.1f} GB at most" if limits else ""
     kernels = f" of {where.threads} threads" if where.threads > 1 else ""
-    shown = f"; dashboard: {client.dashboard_link}" if where.address and find_spec("bokeh") else ""
-    return f"{len(workers)} workers{kernels}{each}{shown}"
+    dashboard = f"; dashboard: {client.dashboard_link}" if where.address and find_spec("bokeh") else ""
+    return f"{len(workers)} workers{kernels}{each}{dashboard}"

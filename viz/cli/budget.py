@@ -62,14 +62,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     rig = usable_rig(args.rig)
     touches = _touches(args, rig)
     budget = error_budget(rig, touches, friction=args.friction, with_moment=not args.no_moment)
-    given = {
+    inputs = {
         "rig": str(args.rig),
         "friction_rad": args.friction,
         "with_moment": not args.no_moment,
         "pan_rad": touches.pan_rad,
         "tilt_rad": touches.tilt_rad,
     }
-    result = given | as_data(budget)
+    result = inputs | as_data(budget)
     say(table(budget))
     say("")
     for line in [*budget.notes, *advice(budget)]:

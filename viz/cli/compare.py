@@ -116,9 +116,11 @@ def _lines(name: str, one: ComparedContacts, tolerance: float) -> list[str]:
         return []
     changed = [f"{count} x {a} to {b}" for (a, b), count in one.changed.items()]
     largest = one.to_dict(tolerance)["deviations"]
-    said = [f"{what} {each['largest']:.2g}" for what, each in largest.items() if each and each["largest"] is not None]
+    largest_words = [
+        f"{what} {each['largest']:.2g}" for what, each in largest.items() if each and each["largest"] is not None
+    ]
     alone = [f"{count} frames only in {side}" for side, count in (("A", one.only_a), ("B", one.only_b)) if count]
-    return [f"{name}: " + "; ".join([*changed, *alone, "largest deviations: " + (", ".join(said) or "none")])]
+    return [f"{name}: " + "; ".join([*changed, *alone, "largest deviations: " + (", ".join(largest_words) or "none")])]
 
 
 def _tables(root: Path) -> dict[str, Path]:

@@ -115,7 +115,7 @@ def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
 def _score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> dict[str, Any]:
     """Root mean square errors over the frames that were located, and the calibration's errors. SI units.
 
-    `frames_ok` counts the frames whose status is right: located where there is contact, free where not. Force and
+    `frames_ok` counts the frames with the right status: located where there is contact, free where not. Force and
     direction are those across the antenna (y, z), the force's error over its true size. `nees` is the mean squared
     error of the contact point over its own covariance, per degree of freedom; 1 is honest.
 

@@ -78,12 +78,12 @@ def _board(args: argparse.Namespace) -> Board:
     if len(ways) != 1:
         what = " and ".join(f"--{name}" for name in ways) + " each describe a board" if ways else "no board is given"
         raise InputError(what, where=_VERB, remedy="give one of --board FILE, --squares CxR, --circles CxR")
-    given: dict[str, Any] = {}
+    options: dict[str, Any] = {}
     for way, keys in _OF_FLAG.items():
         for flag in (flag for flag in keys if getattr(args, flag) is not None):
             if way != ways[0]:
                 raise InputError(f"--{flag} does not go with --{ways[0]}", where=_VERB, remedy="leave it out")
-            given[keys[flag]] = value = getattr(args, flag)
+            options[keys[flag]] = value = getattr(args, flag)
             # no board has squares of a metre
             if isinstance(value, float) and value >= 1.0:
                 remedy = f"give metres: {value / 1e3:g}, if that is {value:g} mm"
@@ -94,15 +94,15 @@ def _board(args: argparse.Namespace) -> Board:
     if getattr(args, needed) is None:
         raise InputError(f"--{ways[0]} without --{needed}", where=_VERB, remedy="measure it, and give it in metres")
     if args.squares is not None:
-        given["squares_x"], given["squares_y"] = counts(args.squares, "--squares", _VERB)
+        options["squares_x"], options["squares_y"] = counts(args.squares, "--squares", _VERB)
         if args.marker is None and (args.dict or args.legacy or args.first_id is not None):
             what, remedy = "--dict, --first-id and --legacy are of markers", "give --marker, or leave them out"
             raise InputError(what, where=_VERB, remedy=remedy)
-        given["type"] = "chessboard" if args.marker is None else "charuco"
+        options["type"] = "chessboard" if args.marker is None else "charuco"
     else:
-        given["columns"], given["rows"] = counts(args.circles, "--circles", _VERB)
-        given["type"] = "asymmetric_circles" if args.asymmetric else "circles"
-    return board_from(given, _VERB)
+        options["columns"], options["rows"] = counts(args.circles, "--circles", _VERB)
+        options["type"] = "asymmetric_circles" if args.asymmetric else "circles"
+    return board_from(options, _VERB)
 
 
 @contextmanager

@@ -277,7 +277,7 @@ def _interruptible() -> Iterator[list[int]]:
 
 @dataclass(eq=False)
 class _Monitor:
-    """What a person sees while it runs, and what is told in the end."""
+    """What a person sees while it runs, and the summary in the end."""
 
     source: MessageSource
     live: LiveEstimator
@@ -290,7 +290,7 @@ class _Monitor:
     begin_s: float = field(default_factory=time.monotonic)
     warned: set[str] = field(default_factory=set)
     at_once: dict[int, str] = field(default_factory=dict)
-    told: int = 0
+    reported: int = 0
 
     def __post_init__(self) -> None:
         from estimator.table.overview import Overview
@@ -327,9 +327,9 @@ class _Monitor:
         """Says what the source has to tell, as it comes, and once that the pictures have changed their size."""
         from vbaa_calib.core.console import say
 
-        for note in self.source.notes[self.told :]:
+        for note in self.source.notes[self.reported :]:
             say(note)
-        self.told = len(self.source.notes)
+        self.reported = len(self.source.notes)
         other = "pictures of another size"
         if other not in self.warned and self.live.synchronizer.counts[other]:
             self.warned.add(other)

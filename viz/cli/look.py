@@ -50,8 +50,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.session import Frame, check_pictures
 
     rig = usable_rig(args.rig)
-    given = [path for path in (args.image, args.background) if path not in (None, AUTO)]
-    check_pictures(given, rig.camera.image_size, "the rig was calibrated at")
+    pictures = [path for path in (args.image, args.background) if path not in (None, AUTO)]
+    check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
     frame = Frame(image=args.image, pan_rad=pan, tilt_rad=tilt, moment_Nm=0.0, frame=0, time_s=0.0)
     plane, own = rig.image.paint.plane, read_picture(args.image)
     plain = plane(own)

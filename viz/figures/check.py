@@ -178,23 +178,23 @@ def residuals_by_radius(boards: Sequence[Mapping[str, Any]], centre_px: Sequence
 def views_rms(boards: Sequence[Mapping[str, Any]], expected_px: float | None) -> Plot:
     """Each picture's rms; the worst where there are many."""
     worst = sorted(boards, key=lambda view: -float(view["rms_px"]))[: STYLE.most_views]
-    shown = sorted(worst, key=lambda view: (view["folder"], view["name"]))
-    names, rms = [str(view["name"])[-24:] for view in shown], [float(view["rms_px"]) for view in shown]
+    listed = sorted(worst, key=lambda view: (view["folder"], view["name"]))
+    names, rms = [str(view["name"])[-24:] for view in listed], [float(view["rms_px"]) for view in listed]
     left, most = 14.0 + 8.2 * max(map(len, names)), max(rms + ([expected_px] if expected_px else []))
     axes = Plot(
         "rms of every picture",
-        (520.0, 110.0 + 17.0 * len(shown)),
+        (520.0, 110.0 + 17.0 * len(listed)),
         (left, 18, 54, 50),
         x=(0.0, 1.12 * most),
-        y=(len(shown) - 0.5, -0.5),
+        y=(len(listed) - 0.5, -0.5),
         labels=("rms, px", ""),
         y_ticks=(range(len(names)), names),
         grid="x",
     )
-    for row, (view, long) in enumerate(zip(shown, rms, strict=True)):
+    for row, (view, long) in enumerate(zip(listed, rms, strict=True)):
         corners = np.array([[0.0, row - 0.3], [long, row - 0.3], [long, row + 0.3], [0.0, row + 0.3]])
         axes.paths(corners[None], "bar", fill=STYLE.amber if view["folder"] == "plane" else STYLE.teal)
-    folders = {view["folder"] for view in shown}
+    folders = {view["folder"] for view in listed}
     kinds = (("intrinsics", STYLE.teal, "intrinsics"), ("plane", STYLE.amber, "jig")) if len(folders) > 1 else ()
     entries = [(colour, words, "dot") for _, colour, words in kinds]
     if expected_px:
@@ -221,11 +221,11 @@ def stiffness_by_load(loads: Sequence[Mapping[str, Any]]) -> Plot:
     """EI by each load alone, against the rig's."""
     step = np.array([row["stiffness_percent"] for row in loads], float)
     std = np.array([row["stiffness_std_percent"] for row in loads], float)
-    odd = np.array([row["look_at"] for row in loads], bool)
+    suspect = np.array([row["look_at"] for row in loads], bool)
     ends = limits(step - 2 * std, step + 2 * std, [0.0])
     axes = _counted_axes("EI by each load, against the rig's", len(loads), ends, ("load", "difference of EI, %"))
     number = np.arange(1, len(loads) + 1)
-    for chosen, colour in ((~odd, STYLE.teal), (odd, STYLE.red)):
+    for chosen, colour in ((~suspect, STYLE.teal), (suspect, STYLE.red)):
         axes.bars(number[chosen], (step - 2 * std)[chosen], (step + 2 * std)[chosen], colour, 1.6)
         axes.dots(number[chosen], step[chosen], colour, 8.0)
     axes.legend([(STYLE.teal, "± 2 std", "dot"), (STYLE.red, "look at", "dot")])

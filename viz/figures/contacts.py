@@ -26,9 +26,9 @@ def contact_maps(contacts: ContactTable, surface: Surface | None, truth_m: np.nd
 
     Also returns how many times larger ellipses are drawn, so that the usual one can be seen; 1 where it can.
     """
-    shown = 1e3 * np.concatenate([contacts.point_world_m, truth_m])
-    middle = 0.5 * (shown.min(axis=0) + shown.max(axis=0))
-    half = max(0.56 * float(np.ptp(shown, axis=0).max()), 1.12)
+    drawn = 1e3 * np.concatenate([contacts.point_world_m, truth_m])
+    middle = 0.5 * (drawn.min(axis=0) + drawn.max(axis=0))
+    half = max(0.56 * float(np.ptp(drawn, axis=0).max()), 1.12)
     std_mm = 1e3 * np.sqrt(np.trace(contacts.covariance_world_m2, axis1=1, axis2=2))
     factor = enlargement(STYLE.side_px / half * std_mm, STYLE.visible_px)
     ends = middle[:, None] + half * np.array([-1.0, 1.0])
@@ -64,8 +64,8 @@ def _contact_map(
     known = thinned(np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2))), STYLE.most_ellipses)
     blocks = 1e6 * factor**2 * covariance[known][:, pair][:, :, pair]
     axes.ellipses(points[known], blocks, _picked(time_colours(contacts.time_s), known))
-    shown = thinned(np.arange(len(points)), STYLE.most_points)
-    axes.dots_by_time(points[shown], contacts.time_s[shown])
+    drawn = thinned(np.arange(len(points)), STYLE.most_points)
+    axes.dots_by_time(points[drawn], contacts.time_s[drawn])
     return axes
 
 
@@ -80,13 +80,13 @@ def forces_across(contacts: ContactTable) -> Plot:
     axes = Plot("force across the antenna", STYLE.size, (90, 68, 70, 48), ends, ends, ("f_y, mN", "f_z, mN"))
     axes.level()
     axes.upright(0.0)
-    shown = thinned(np.arange(len(force)), STYLE.most_points)
-    if len(shown) <= STYLE.most_ellipses:
-        tips = force[shown]
+    drawn = thinned(np.arange(len(force)), STYLE.most_points)
+    if len(drawn) <= STYLE.most_ellipses:
+        tips = force[drawn]
         axes.paths(np.stack([0 * tips, tips], axis=1), "arrows", stroke=STYLE.soft, width=0.4)
-    known = thinned(shown[np.isfinite(std[shown]).all(axis=1)], STYLE.most_ellipses)
+    known = thinned(drawn[np.isfinite(std[drawn]).all(axis=1)], STYLE.most_ellipses)
     axes.ellipses(force[known], std[known, :, None] ** 2 * np.eye(2), _picked(time_colours(time_s), known))
-    axes.dots_by_time(force[shown], time_s[shown])
+    axes.dots_by_time(force[drawn], time_s[drawn])
     axes.dots(np.zeros(1), np.zeros(1), STYLE.ink)
     return axes
 
@@ -107,15 +107,15 @@ def friction_cone(friction: Friction, force_N: np.ndarray, true_mu: float = np.n
     axes = Plot("friction cone", STYLE.size, (70, 14, 52, 48), (0.0, furthest), (-reach, reach), labels)
     entries = _cone_lines(axes, mu, friction.interval, true_mu)
     axes.level()
-    shown = thinned(np.flatnonzero(known), STYLE.most_points)
-    used_as = np.asarray(friction.used_as)[shown]
+    drawn = thinned(np.flatnonzero(known), STYLE.most_points)
+    used_as = np.asarray(friction.used_as)[drawn]
     marks = []
     for here, words, colour, mark in (
         (~np.isin(used_as, ("sliding", "sticking")), "neither", STYLE.unused, "dot"),
         (used_as == "sticking", "sticks, or undecided", STYLE.sticking, "ring"),
         (used_as == "sliding", "slides", STYLE.sliding, "dot"),
     ):
-        index = shown[here]
+        index = drawn[here]
         if len(index):
             _std_bars(axes, normal[index], tangential[index], (size * friction.lateral_std_rad)[index], colour)
             axes.dots(normal[index], tangential[index], colour)

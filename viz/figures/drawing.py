@@ -213,7 +213,7 @@ def _text(x: float, y: float, words: str, anchor: str, kind: str = "", turned: b
 
 
 def picture(image: bytes, corners_px: np.ndarray) -> str:
-    """A PNG or JPEG whose upper left, upper right and lower left corners are at (3, 2) px, as SVG."""
+    """A PNG or JPEG with its upper left, upper right and lower left corners at (3, 2) px, as SVG."""
     kind = "png" if image.startswith(b"\x89PNG") else "jpeg"
     data = base64.b64encode(image).decode()
     start, right, down = corners_px

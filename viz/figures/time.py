@@ -28,8 +28,8 @@ class TimeAxis:
         self.step_s = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
         self.ends_s = float(self.time_s[0]) - 0.5 * self.step_s, float(self.time_s[-1]) + 0.5 * self.step_s
         self.pixel_s = (self.ends_s[1] - self.ends_s[0]) / STYLE.plot_px
-        shown = [(at - self.start_s, words) for at, words in events_s if np.isfinite(at)]
-        self.events_s = shown if len(shown) <= STYLE.most_events else []
+        finite = [(at - self.start_s, words) for at, words in events_s if np.isfinite(at)]
+        self.events_s = finite if len(finite) <= STYLE.most_events else []
 
     def axes(self, title: str, y: tuple[float, float], height: float = 190.0, bottom: float = 24.0) -> Plot:
         """Axes over the whole recording."""

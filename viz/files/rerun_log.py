@@ -78,7 +78,7 @@ class RerunLog:
         self._start_s = np.nan
 
     def write(self, contact: LiveContact) -> None:
-        """A contact as it comes, with its picture and what was seen in it; a final one's numbers beside them."""
+        """A contact as it comes, with its picture and what was seen in it; a final one's numbers next to them."""
         self.row(contact.row, "final" if contact.final else "contact")
         if contact.final or contact.image is None:
             return

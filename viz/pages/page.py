@@ -147,12 +147,12 @@ def _flat(data: Mapping[str, Any], before: str = "", depth: int = 0) -> Iterator
 def _row(name: str, values: Sequence[Any]) -> list[str]:
     label, unit, scale = labelled(name)
     numeric = bool(values) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-    shown = ", ".join(number(scale * v) if numeric else _cell(v) for v in values)
-    return [label, shown or "–", unit if numeric else ""]
+    written = ", ".join(number(scale * v) if numeric else _cell(v) for v in values)
+    return [label, written or "–", unit if numeric else ""]
 
 
 def labelled(name: str) -> tuple[str, str, float]:
-    """A name of rig.json in words, the unit it is shown in, and the factor to it; of a logarithm, percent."""
+    """A name of rig.json in words, the unit on the page, and the factor to it; of a logarithm, percent."""
     if name.startswith("log_"):
         return labelled(name.removeprefix("log_"))[0], "%", 100.0
     found = next((unit for unit in _UNITS if name.endswith(unit[0]) or f"{unit[0]} ·" in name), None)

@@ -23,7 +23,7 @@ class ScenePart:
     ----------
     name : a key of `LOOK`; several parts may share it.
     mesh : triangles with `Normals`; with uint8 RGB `colour` where `painted`, with texture coordinates where `textured`.
-    span : (M, 2) first and one past the last triangle shown at each of M instants; None for all.
+    span : (M, 2) first and one past the last triangle visible at each of M instants; None for all.
     history : spans grow with time, so that all triangles together show the whole recording.
     poses : (M, 4, 4) of the mesh at each instant, NaN where it is hidden; None for a mesh in the world frame.
     contact : (K,) contacts for which the mesh repeats one shape, coloured by the chosen scale; None for other meshes.
@@ -60,7 +60,7 @@ def layers_of(parts: list[ScenePart]) -> list[ScenePart]:
 
 
 def _triangles(points: np.ndarray, faces: np.ndarray, normals: np.ndarray | None = None) -> pv.PolyData:
-    """A mesh of points (V, 3) and triangles (T, 3) in single precision; smooth normals (V, 3) where none are given."""
+    """A mesh of points (V, 3) and triangles (T, 3) in single precision; smooth normals (V, 3) by default."""
     mesh = pv.PolyData.from_regular_faces(np.asarray(points, np.float32), np.asarray(faces, int))
     if normals is None:
         mesh = mesh.compute_normals(
@@ -167,9 +167,9 @@ def _contact_parts(scene: Scene) -> list[ScenePart]:
     parts = [_stamped(scene, "contacts", chosen, sphere, size, note=note)]
     if scene.framewise_m is not None:
         parts.append(_stamped(scene, "framewise", chosen, sphere, 0.6 * size))
-    shown = np.flatnonzero(np.isin(contacts.row, scene.instants.row))
-    if len(shown):
-        parts.append(_stamped(scene, "now", shown, sphere, 1.9 * size, opacity=0.35))
+    drawn = np.flatnonzero(np.isin(contacts.row, scene.instants.row))
+    if len(drawn):
+        parts.append(_stamped(scene, "now", drawn, sphere, 1.9 * size, opacity=0.35))
     for name, mesh, (chosen, linear, note), opacity in (
         ("forces", _arrow(), scene.arrows(), 1.0),
         ("spread", _ball(2), scene.spreads(), 0.22),

@@ -87,7 +87,7 @@ def _without(parts: list[ScenePart], *names: str) -> list[ScenePart]:
 
 
 def _drawn(stage: Stage) -> np.ndarray:
-    """(H, W, 3) of what the stage shows, whose plotter is then closed."""
+    """(H, W, 3) of what the stage shows; its plotter is then closed."""
     plotter = stage.plotter
     plotter.enable_anti_aliasing("ssaa")
     plotter.enable_depth_peeling(8)

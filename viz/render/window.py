@@ -84,7 +84,7 @@ class _Controls:
         self.refresh()
 
     def contact_at(self, x: float, y: float) -> int | None:
-        """The contact whose ball is drawn at a pixel, from the lower left; beside all balls, the nearest one."""
+        """The contact with its ball at a pixel, from the lower left; where none is, the nearest one."""
         scene, camera, size = self.stage.scene, self.plotter.camera, np.array(self.plotter.render_window.GetSize())
         view = pv.array_from_vtkmatrix(camera.GetModelViewTransformMatrix())
         projection = pv.array_from_vtkmatrix(camera.GetProjectionTransformMatrix(size[0] / size[1], -1, 1))
@@ -202,11 +202,11 @@ class _Controls:
             f"{instants.time_s[now]:.2f} s, frame {instants.frame[now]}: {instants.words[now]}\n"
             f"contacts and forces coloured by {self.mode}\n{_HELP}"
         )
-        for shown, at, font, name in (
+        for text_now, at, font, name in (
             (words, "upper_left", 10, "words"),
             (self._numbers(), "left_edge", 9, "numbers"),
         ):
-            actor = self.plotter.add_text(shown, position=at, font_size=font, color=INK, name=name, render=False)
+            actor = self.plotter.add_text(text_now, position=at, font_size=font, color=INK, name=name, render=False)
             actor.prop.background_color, actor.prop.background_opacity = "white", 0.8
         self._mark()
         self._follow()

@@ -164,11 +164,11 @@ def _row(words: str, data: Mapping[str, Any], name: str, suffix: str, scale: flo
 
 def _quality(quality: Mapping[str, Any]) -> dict[str, Any]:
     """What the calibration wrote down of itself; any part may be missing or of another shape."""
-    verdict, stills, dropped = at(quality, "lens", "verdict"), at(quality, "stills"), at(quality, "lens", "dropped")
-    if isinstance(stills, list):
-        stills = [
+    verdict, frames, dropped = at(quality, "lens", "verdict"), at(quality, "stills"), at(quality, "lens", "dropped")
+    if isinstance(frames, list):
+        frames = [
             row | {"moment_residual_uNm": 1e6 * residual} if isinstance(residual, int | float) else row
-            for row, residual in ((row, at(row, "moment_residual_Nm")) for row in stills)
+            for row, residual in ((row, at(row, "moment_residual_Nm")) for row in frames)
         ]
     return {
         "lens_verdict": verdict if isinstance(verdict, str) else "",
@@ -176,6 +176,6 @@ def _quality(quality: Mapping[str, Any]) -> dict[str, Any]:
         "nothing_dropped": dropped == [],
         "dropped": records(dropped, DROPPED, 2),
         "plane": listing(at(quality, "plane")),
-        "stills": records(stills, _STILLS),
+        "stills": records(frames, _STILLS),
         "checks": listing(at(quality, "checks")),
     }

@@ -105,7 +105,7 @@ def _maps(camera: Camera, distance_m: float) -> tuple[dict[str, Any], dict[str, 
 
 
 def _straightened(camera: Camera, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The picture, and what a lens without distortion would have shown of it, as wide as it is."""
+    """The picture, and the same through a lens without distortion, as wide as it is."""
     width, height = camera.image_size
     edge = np.concatenate(
         [np.column_stack([np.arange(width), np.full(width, row)]) for row in (0, height - 1)]

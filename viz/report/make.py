@@ -41,9 +41,9 @@ class Sources:
     rig : rig.json: adds friction, stiffness, the scene and the residual's scale.
     session : adds a picture of the recording; needs the rig.
     ground : what `vbaa estimate` took off the pictures.
-    truth : truth.json, drawn beside the estimates.
+    truth : truth.json, drawn with the estimates.
     drift : what has changed since the calibration (`estimator.contact.drift.summary`).
-    framewise : contacts.csv that the contacts were refined from, drawn beside them.
+    framewise : contacts.csv that the contacts were refined from, drawn with them.
     readings : what was read with the frames (`estimator.table.overview.Overview.numbers`).
     verdict : on the recording.
     antenna : the one of several that it is about.

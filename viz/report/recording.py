@@ -66,11 +66,11 @@ class Report:
 
     table : the contacts, at least one row. rig : adds the moment residual in the sensor's deviations.
     estimate, track, facts : what the contacts say together; None where it is undetermined.
-    truth : drawn beside the estimates. summary : errors against truth, or other numbers with a goal each.
+    truth : drawn with the estimates. summary : errors against truth, or other numbers with a goal each.
     pictures : the scene, the recording, or why there is none, as HTML (`picture.html.j2`).
     origin : names and text or HTML of what the page was made from.
     drift : what has changed of the rig since its calibration, as far as it is known.
-    framewise : the same frames before they were refined, drawn beside.
+    framewise : the same frames before they were refined, drawn, too.
     """
 
     title: str
@@ -109,7 +109,7 @@ def page(report: Report) -> str:
         ("Quantities", Table(("name", "unit", "meaning"), (*quantities, *_OTHER_QUANTITIES))),
     ]
     events = () if track is None else track.events
-    told = [
+    rows = [
         (
             event.kind.replace("_", " "),
             Markup('<span class="long">{}</span>').format(event.words),
@@ -119,7 +119,7 @@ def page(report: Report) -> str:
         )
         for event in events[:MOST_ROWS]
     ]
-    cut = "" if len(told) == len(events) else f"The first {len(told)} of {len(events)}."
+    cut = "" if len(rows) == len(events) else f"The first {len(rows)} of {len(events)}."
     return render(
         "recording.html.j2",
         title=report.title,
@@ -129,7 +129,7 @@ def page(report: Report) -> str:
         pictures=report.pictures,
         times=_over_time(report),
         crowded=len(table) > STYLE.most_dots,
-        events=Table(("event", "in words", "time, s", "decided after, s", "frame"), told, ("event", "in words"), cut),
+        events=Table(("event", "in words", "time, s", "decided after, s", "frame"), rows, ("event", "in words"), cut),
         **_contacts(report),
         summary=Table(("quantity", "error", "unit", "goal", ""), errors, ("quantity", "unit")),
         drift=_drift_table(report.drift),
@@ -257,7 +257,7 @@ def _contacts(report: Report) -> dict[str, Any]:
 
 
 def _drift_table(drift: Mapping[str, Any] | None) -> Table:
-    """What has changed of the rig, parameter by parameter, beside what was thought possible."""
+    """What has changed of the rig, parameter by parameter, against what was thought possible."""
     drift = drift or {"parameters": {}, "beyond": ()}
     marks = dict.fromkeys(drift["beyond"], "beyond")
     rows = [
@@ -284,8 +284,8 @@ def _drift_figure(drift: Mapping[str, Any] | None) -> Markup | None:
 
 def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
     """A row for every frame, evenly thinned where there are more than a page holds; its columns are `SYMBOLS`."""
-    shown = thinned(np.arange(len(table)), MOST_ROWS)
-    part = table.picked(shown)
+    rows = thinned(np.arange(len(table)), MOST_ROWS)
+    part = table.picked(rows)
     columns: dict[str, Sequence[object]] = {
         "frame": part.frame.tolist(),
         "time, s": [f"{time_s:.3f}" for time_s in part.time_s],
@@ -293,7 +293,7 @@ def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
         "model": part.model.tolist(),
     }
     if phase is not None:
-        columns["phase"] = [phase[row] for row in shown]
+        columns["phase"] = [phase[row] for row in rows]
     text = [name for name in columns if name in ("status", "model", "phase")]
 
     def cell(value: float, std: float, scale: float) -> str:
@@ -307,7 +307,7 @@ def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
         for symbol, value, own in zip(symbols, values, std, strict=True):
             columns[f"{symbol}, {unit}"] = [cell(*pair, scale) for pair in zip(value, own, strict=True)]
     columns["reason"] = [Markup('<small class="long">{}</small>').format(reason) for reason in part.reason]
-    cut = "" if len(shown) == len(table) else f"{len(shown)} of {len(table)} frames, evenly spread."
+    cut = "" if len(rows) == len(table) else f"{len(rows)} of {len(table)} frames, evenly spread."
     return Table(tuple(columns), list(zip(*columns.values(), strict=True)), (*text, "reason"), cut)
 
 

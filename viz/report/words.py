@@ -147,10 +147,10 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
         for frame, status, reason in zip(table.frame[lost], table.status[lost], table.reason[lost], strict=True):
             overview.add_result(int(frame), str(status), str(reason))
         reasons = overview.numbers()["reasons"]
-        shown = [f"{one['reason']} ({one['frames']} ×)" for one in reasons[:3]]
-        shown += [f"and {len(reasons) - 3} other reason{'s' * (len(reasons) != 4)}"] if len(reasons) > 3 else []
+        items = [f"{one['reason']} ({one['frames']} ×)" for one in reasons[:3]]
+        items += [f"and {len(reasons) - 3} other reason{'s' * (len(reasons) != 4)}"] if len(reasons) > 3 else []
         count = int(lost.sum())
-        words = f"{count} frame{'s' * (count != 1)} gave no contact point: {'; '.join(shown)}."
+        words = f"{count} frame{'s' * (count != 1)} gave no contact point: {'; '.join(items)}."
         facts.append(Fact("Lost", words, "look"))
     residual = table.moment_residual_Nm[np.isfinite(table.moment_residual_Nm)]
     if rig is not None and rig.moment_sensor.exists and len(residual):

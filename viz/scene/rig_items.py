@@ -28,7 +28,7 @@ class RigItems:
     poses : (M, 4, 4) T_world_antenna.
     bent_m : (M, N, 3) the antenna; free_m (M, N, 3): where it would be without the object.
     seen : (M, N + 1, 2) where the picture shows `bent_m`, and last the contact, as shares of its width and height.
-    ghosts : (G,) the instants whose antennas are drawn faintly.
+    ghosts : (G,) the instants with antennas that are drawn faintly.
     antenna_radius_m : of the wire.
     plane_m : (4, 3) antenna frame: corners of the drawn patch of plane C.
     camera_m : (3,) antenna frame: the camera's centre.
@@ -85,8 +85,8 @@ def _shapes(rig: Rig, table: ContactTable, rows: np.ndarray, poses: np.ndarray, 
     across = np.nan_to_num(np.column_stack([table.force_y_N[rows], table.force_z_N[rows]]))
     # `bend` takes the part along the antenna's normal there, which turns with the antenna
     size = np.nan_to_num(np.linalg.norm(table.force_world_N[rows], axis=1)) * np.cos(angle)
-    aside = np.hypot(*across.T)
-    push = np.divide(size, aside, out=np.zeros(count), where=(aside > 0) & table.located[rows])
+    across_m = np.hypot(*across.T)
+    push = np.divide(size, across_m, out=np.zeros(count), where=(across_m > 0) & table.located[rows])
     curves = bend(
         np.repeat(rig.antenna.parameters[None], count, axis=0),
         length,
@@ -104,8 +104,8 @@ def _seen(rig: Rig, points_m: np.ndarray, poses: np.ndarray) -> np.ndarray:
     in_antenna = np.einsum("mji,mnj->mni", poses[:, :3, :3], points_m - poses[:, None, :3, 3])
     in_camera = rig.T_antenna_camera.inverse() @ np.nan_to_num(in_antenna).reshape(-1, 3)
     pixels, valid = rig.camera.project(in_camera)
-    shown = valid & rig.camera.in_picture(pixels) & np.isfinite(in_antenna).all(axis=-1).ravel()
-    shares = np.where(shown[:, None], (pixels + 0.5) / rig.camera.image_size, np.nan)
+    visible = valid & rig.camera.in_picture(pixels) & np.isfinite(in_antenna).all(axis=-1).ravel()
+    shares = np.where(visible[:, None], (pixels + 0.5) / rig.camera.image_size, np.nan)
     return shares.reshape(*points_m.shape[:2], 2)
 
 

@@ -34,7 +34,7 @@ class Instants:
     ----------
     row : (M,) index into the contact table. frame : (M,) number of the frame.
     time_s : (M,) since the recording's first frame.
-    main : the instant of the greatest force: what a picture that stands still shows.
+    main : the instant of the greatest force: what a single picture shows.
     words : M sentences on what is known of each instant.
     """
 
@@ -214,7 +214,7 @@ def build_scene(
     friction, known = estimate.friction, estimate.normals.std_rad < np.radians(20)
     normals = np.full((len(table), 3), np.nan)
     normals[friction.row[known]] = estimate.normals.normal[known]
-    said = [f"{fact.label}: {fact.words}" for fact in object_facts(estimate)]
+    facts = [f"{fact.label}: {fact.words}" for fact in object_facts(estimate)]
     return Scene(
         contacts,
         instants,
@@ -223,7 +223,7 @@ def build_scene(
         truth,
         normals=normals[row],
         cone_rad=float(friction.cone_half_angle_rad) if friction.determined else None,
-        facts=(*said, *map(sentence, estimate.surface.notes)),
+        facts=(*facts, *map(sentence, estimate.surface.notes)),
     )
 
 

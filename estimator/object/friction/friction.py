@@ -357,8 +357,8 @@ def _judge(rubs: _FrictionTouches, mu: _Coefficient | None) -> tuple[bool, str, 
             words += "; stroke the same place the other way, too" if one_way else ""
         return False, f"{words}{_bound_words(mu.bounds)}", mu.bounds
     widened = f", scattering {mu.scatter:.1f} times as much as they should" if mu.scatter > 1.5 else ""
-    beside = f" and {used - sliding} others, which only bound it" if used > sliding else ""
-    return True, f"from {sliding} sliding contacts{widened}{beside}", mu.interval
+    others = f" and {used - sliding} others, which only bound it" if used > sliding else ""
+    return True, f"from {sliding} sliding contacts{widened}{others}", mu.interval
 
 
 def _bound_words(bounds: np.ndarray) -> str:
@@ -506,10 +506,10 @@ def _update_normals(
     sound = np.isfinite(angle) & np.isfinite(variance) & (before > 0)
     angle = np.where(sound, angle, 0.0)
     base = np.where(sound[:, None], np.nan_to_num(axes.normal), normals.normal)
-    beside = np.where(sound[:, None], np.nan_to_num(lateral), 0.0)
+    others = np.where(sound[:, None], np.nan_to_num(lateral), 0.0)
     stretched = np.sqrt(np.where(sound, variance, 1.0) / np.where(sound, before, 1.0)) - 1.0
-    stretch = np.eye(3) + stretched[:, None, None] * beside[:, :, None] * beside[:, None, :]
-    turned = np.cos(angle)[:, None] * base + np.sin(angle)[:, None] * beside
+    stretch = np.eye(3) + stretched[:, None, None] * others[:, :, None] * others[:, None, :]
+    turned = np.cos(angle)[:, None] * base + np.sin(angle)[:, None] * others
     return Normals(turned, stretch @ normals.covariance @ np.swapaxes(stretch, 1, 2))
 
 
@@ -523,9 +523,9 @@ def _by_force(
     angle, variance = found.angle_rad, cone + whole
     if mu is not None and np.isfinite(largest_mu):
         rim = rubs.slides & ~rubs.across
-        lean = np.arctan(mu.mu * np.nan_to_num(rubs.slip[:, 0]))
+        friction_angle = np.arctan(mu.mu * np.nan_to_num(rubs.slip[:, 0]))
         unsure = mu.std**2 + (mu.mu * np.nan_to_num(rubs.slip[:, 1] * rubs.slip_std_rad)) ** 2
-        angle, variance = np.where(rim, angle + lean, angle), np.where(rim, whole + unsure, variance)
+        angle, variance = np.where(rim, angle + friction_angle, angle), np.where(rim, whole + unsure, variance)
     return angle, np.where(fitted, np.inf, variance)
 
 
@@ -541,8 +541,8 @@ def _by_fit(before: np.ndarray, rubs: _FrictionTouches, mu: _Coefficient) -> tup
     spreads = max(mu.scatter, 1.0) * evidence.spread(found.mu)[:, side]
     for index in np.flatnonzero(mu.weight > 1e-6):
         weight, spread, error = mu.weight[index], spreads[index], found.off[index, side]
-        held = evidence.slides[side] & (np.abs(error) < FrictionSettings.wrong_std)
-        share = np.where(held, own / spread**2, 0.0)
+        sure = evidence.slides[side] & (np.abs(error) < FrictionSettings.wrong_std)
+        share = np.where(sure, own / spread**2, 0.0)
         turn = modes @ found.modes[index]
         left = np.einsum("pk,kl,pl->p", modes, found.covariance[index], modes, optimize=True) + beyond
         turn[touch] += share * error * spread

@@ -221,8 +221,8 @@ def _reachable(
     begun = _bent(arrays, np.nan_to_num(touch), unknowns)
     _, _, normal = _against(found, patch, begun, radius)
     std = _surface_std(found, patch, begun.point_m, normal)
-    shown = np.array([surely_known_m(found, index) for index in range(len(found.patches))])[patch]
-    known &= std <= shown
+    bound_m = np.array([surely_known_m(found, index) for index in range(len(found.patches))])[patch]
+    known &= std <= bound_m
     lever = _ways(arrays, np.nan_to_num(touch), begun.point_m, np.nan_to_num(normal))[1][:, 0]
     begin = touch - ((_TouchSettings.clear_m + 3.0 * std) / lever)[:, None] * press
     for level, slope in enumerate(np.radians(_TouchSettings.slopes_deg)):
@@ -237,7 +237,7 @@ def _reachable(
         made, bent, outward = _pressed(found, arrays, patch, pressed, begun_at)
         std = _surface_std(found, patch, bent.point_m, outward)
         inside = (made[:, 0] > _TouchSettings.nearest) & (made[:, 0] < _TouchSettings.farthest)
-        known = known & np.isfinite(made).all(axis=1) & inside & (std <= shown)
+        known = known & np.isfinite(made).all(axis=1) & inside & (std <= bound_m)
         known &= np.sum(bent.force_N * outward, axis=1) > 0.0
         allowed = known & limits.hold(*pressed.T) & limits.hold(*begin.T)
         allowed[allowed] = _clear(found, patch[allowed], bent.nodes_m[allowed], radius)
@@ -361,7 +361,7 @@ class NextTouch:
 def next_touch(contacts: ContactTable, rig: Rig, goal: str = "surface", limits: JointLimits | None = None) -> NextTouch:
     """The touch after which surface, friction or stiffness should be known best.
 
-    contacts : of one object that stands still; refined ones with the updated rig tell more. goal : of `GOALS`.
+    contacts : of one object at rest; refined ones with the updated rig contain more information. goal : of `GOALS`.
     limits : of the joints; by default the angles of the recording.
 
     Raises
@@ -511,7 +511,7 @@ def _equations(found: SurfaceFit, index: int, reach: _Reach, seen: _Offered, m: 
     local = (reach.point_m[m] - one.center_m) @ frame.T
     x = local[:, : one.dimensions]
     pressed = np.einsum("ni,nis->ns", normal, seen.shared.force_N[m])
-    given = LocalTouches(
+    hypothetical = LocalTouches(
         point_m=local,
         tangent=reach.tangent[m] @ frame.T,
         own_m2=frame @ seen.shared.own_m2[m] @ frame.T,
@@ -523,11 +523,11 @@ def _equations(found: SurfaceFit, index: int, reach: _Reach, seen: _Offered, m: 
         normal=normal @ frame.T,
         ignored=np.zeros(len(m), bool),
     )
-    return height_field(given) if one.wide else curve(given)
+    return height_field(hypothetical) if one.wide else curve(hypothetical)
 
 
 def _seen(solution: ShapeSolution, index: int, new: ShapeEquations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """M new equations beside those solved: (K, M) whitened against the old ones; their covariance (M, M) without
+    """M new equations added to those solved: (K, M) whitened against the old ones; their covariance (M, M) without
     the compliance's; what they see (M,) of the compliance beyond what the old ones predict, N."""
     model = solution.patches[index]
     modes = np.concatenate([each.equations.modes for each in solution.patches])
@@ -568,8 +568,8 @@ def _of_surface(found: SurfaceFit, reach: _Reach, seen: _Offered) -> tuple[float
         for place, row in enumerate(m.tolist()):
             own = _own(place, len(m), len(new))
             lower = np.linalg.cholesky(left[np.ix_(own, own)])
-            told = float(np.sum(solve_triangular(lower, cross[:, own].T, lower=True) ** 2))
-            after[row] = np.sqrt(max(whole - told, 0.0) / count)
+            explained = float(np.sum(solve_triangular(lower, cross[:, own].T, lower=True) ** 2))
+            after[row] = np.sqrt(max(whole - explained, 0.0) / count)
     return float(np.sqrt(whole / count)), after
 
 
@@ -594,8 +594,8 @@ def _of_stiffness(found: SurfaceFit, reach: _Reach, seen: _Offered) -> tuple[flo
         for place, row in enumerate(m.tolist()):
             own = _own(place, len(m), len(new))
             pulled = compliance_N[own]
-            told = pulled @ np.linalg.solve(left[np.ix_(own, own)], pulled)
-            after[row] = 1.0 / np.sqrt(information + told)
+            explained = pulled @ np.linalg.solve(left[np.ix_(own, own)], pulled)
+            after[row] = 1.0 / np.sqrt(information + explained)
     return float(np.sqrt(1.0 / information)) if information else float("inf"), after
 
 

@@ -88,7 +88,7 @@ def _frequency_words(table: ContactTable, near: slice, beam: Beam | None, step: 
 
 
 def _frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tuple[float, float] | None:
-    """Frequency in Hz and standard deviation of the strongest line in a signal (N,) beside a slope (Lomb–Scargle); None
+    """Frequency in Hz and standard deviation of the strongest line in a signal (N,) on a slope (Lomb–Scargle); None
     where noise would show as much (beta distribution of the power's share)."""
     time = time_s - time_s.mean()
     away = signal - np.polyval(np.polyfit(time, signal, 1), time)
@@ -111,7 +111,7 @@ def _frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tup
 
 @dataclass(frozen=True, eq=False)
 class _Growth:
-    """What surrounds a change, in order of time; a loss is looked at backwards."""
+    """What surrounds a change, in order of time; a loss is taken backwards."""
 
     time_s: np.ndarray  # (N,) of frames before and after
     evidence: np.ndarray  # (N,)
@@ -230,8 +230,8 @@ def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
 
 def _contact_events(table: ContactTable, contacting: ContactStates) -> tuple[Event, ...]:
     """First contacts and losses, timed by the growth of the deflection."""
-    told = np.flatnonzero((contacting.state >= 0) & np.isfinite(table.evidence))
-    return tuple(_change(table, contacting, change, told) for change in contacting.changes)
+    decisive = np.flatnonzero((contacting.state >= 0) & np.isfinite(table.evidence))
+    return tuple(_change(table, contacting, change, decisive) for change in contacting.changes)
 
 
 def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.ndarray]) -> tuple[Event, ...]:
@@ -257,14 +257,14 @@ def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.nd
     return tuple(found)
 
 
-def _change(table: ContactTable, contacting: ContactStates, change: ContactChange, told: np.ndarray) -> Event:
+def _change(table: ContactTable, contacting: ContactStates, change: ContactChange, decisive: np.ndarray) -> Event:
     kind, what = ("first_contact", "first contact") if change.begins else ("loss", "contact is lost")
     frame, decided = int(table.frame[change.row]), float(table.time_s[change.row])
     time = std = np.nan
     words = f"in contact from frame {frame} on, the first informative frame: when it began is undetermined"
     if len(change.known_before):
         words = f"{what} with frame {frame}: without usable times"
-        growth = _growth(table, contacting, change, told)
+        growth = _growth(table, contacting, change, decisive)
         if growth is None:
             low = float(table.time_s[change.known_before[-1]])
             time, std = 0.5 * (low + decided), (decided - low) / np.sqrt(12.0)
@@ -281,21 +281,23 @@ def _change(table: ContactTable, contacting: ContactStates, change: ContactChang
     return Event(kind, frame, float(time), float(std), float(delay), words)
 
 
-def _growth(table: ContactTable, contacting: ContactStates, change: ContactChange, told: np.ndarray) -> _Growth | None:
+def _growth(
+    table: ContactTable, contacting: ContactStates, change: ContactChange, decisive: np.ndarray
+) -> _Growth | None:
     """The informative frames (T,) around a change; of a loss turned round in time."""
     state, time = contacting.state, table.time_s
-    place = int(np.searchsorted(told, change.row))
+    place = int(np.searchsorted(decisive, change.row))
     if change.begins:
         free = np.array(baseline_candidates(change.known_before.tolist()), int)
         early, late = (
-            told[max(place - TrackSettings.frames_before, 0) : place],
-            told[place : place + TrackSettings.frames_after],
+            decisive[max(place - TrackSettings.frames_before, 0) : place],
+            decisive[place : place + TrackSettings.frames_after],
         )
         early = early[state[early] == 0]
     else:
         early, late = (
-            told[place : place + TrackSettings.frames_before],
-            told[max(place - TrackSettings.frames_after, 0) : place][::-1],
+            decisive[place : place + TrackSettings.frames_before],
+            decisive[max(place - TrackSettings.frames_after, 0) : place][::-1],
         )
         free = early = early[np.cumprod(state[early] == 0).astype(bool)][::-1]
     late = late[np.cumprod(state[late] == 1).astype(bool)]
@@ -411,10 +413,10 @@ def _phases(slip: _Slip, antenna_radius_m: float) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         std = np.where(speed > TrackSettings.slip_std * widest, own, widest)
         surely = speed - TrackSettings.slip_std * std > nothing
-        still = speed - TrackSettings.still_slip_std * std > nothing
+        continues = speed - TrackSettings.still_slip_std * std > nothing
         fast = speed > TrackSettings.rest_m_s
-        held = np.cumsum(~(still & fast))  # one number for each run of frames in which a slip may go on
-        sliding = still & fast & np.isin(held, np.unique(held[surely & still & fast]))
+        run = np.cumsum(~(continues & fast))  # one number for each run of frames in which a slip may go on
+        sliding = continues & fast & np.isin(run, np.unique(run[surely & continues & fast]))
         rest = np.maximum(antenna_radius_m * slip.turning_rad_s, TrackSettings.rest_m_s)
         small = speed + 2.0 * std <= np.maximum(TrackSettings.stuck_share * carried, rest)
         stuck = ~sliding & small & (speed - TrackSettings.still_slip_std * std <= rest)
@@ -429,7 +431,7 @@ def _phases(slip: _Slip, antenna_radius_m: float) -> np.ndarray:
 
 
 def runs(table: ContactTable, rows: np.ndarray, free: np.ndarray, breaks_s: np.ndarray) -> list[np.ndarray]:
-    """Rows of a table, split at gaps in time, at clocks that stand still, at free frames (B,) and at times (K,)."""
+    """Rows of a table, split at gaps in time, at clocks that stop, at free frames (B,) and at times (K,)."""
     if len(rows) == 0:
         return []
     time = table.time_s[rows]
@@ -526,13 +528,11 @@ def _slip(
     speed = np.linalg.norm(contact, axis=1)
     toward = contact / np.maximum(speed, 1e-12)[:, None]
     contact_variance = np.einsum("pi,pij,pj->p", toward, _sloped(kernel.power(2), own), toward)
-    pan, tilt, held = table.pan_rad[rows], table.tilt_rad[rows], table.point_antenna_m[rows]
+    pan, tilt, run = table.pan_rad[rows], table.tilt_rad[rows], table.point_antenna_m[rows]
     carried = np.full(len(rows), np.nan)
-    if np.isfinite(pan).all() and np.isfinite(tilt).all() and np.isfinite(held).all():
+    if np.isfinite(pan).all() and np.isfinite(tilt).all() and np.isfinite(run).all():
         rotation, translation = kinematics.world_antenna(pan, tilt)
-        carried = np.linalg.norm(
-            np.einsum("pab,pb->pa", _sloped(kernel, rotation), held) + kernel @ translation, axis=1
-        )
+        carried = np.linalg.norm(np.einsum("pab,pb->pa", _sloped(kernel, rotation), run) + kernel @ translation, axis=1)
     return _Slip(
         velocity_m_s=np.einsum("pij,pj->pi", plane, moved),
         covariance_m2_s2=plane @ covariance @ plane,
@@ -588,8 +588,8 @@ def _tilted_axes(
     sideways, away = (np.einsum("pi,pi->p", axis, moved) for axis in (across, upward))
     noise = np.einsum("pi,pij,pj->p", upward, covariance, upward)
     with np.errstate(divide="ignore", invalid="ignore"):
-        lean = np.arctan(away / sideways)
+        inclination = np.arctan(away / sideways)
         variance = noise / (sideways**2 + away**2) + 0.05**2
-        turn = lean * TrackSettings.friction_rad**2 / (TrackSettings.friction_rad**2 + variance)
-    turn = np.where(np.abs(lean) < TrackSettings.inclined_rad, turn, 0.0)[:, None]
+        turn = inclination * TrackSettings.friction_rad**2 / (TrackSettings.friction_rad**2 + variance)
+    turn = np.where(np.abs(inclination) < TrackSettings.inclined_rad, turn, 0.0)[:, None]
     return np.cos(turn) * across + np.sin(turn) * upward, np.cos(turn) * upward - np.sin(turn) * across

@@ -3,7 +3,7 @@ each frame gives for a contact.
 
 A slow approach shows in several frames together before it shows in one, but not in their sum: the calibration's
 error is common to all frames, and a rig that is off within its covariance gives every free frame the same little
-evidence. So the last frames are held against the ones before them, which is what this very antenna shows when free.
+evidence. So the last frames are compared with the ones before them, which is what this very antenna shows when free.
 
 Without contact the evidence follows χ²₃/2, or with a common error a noncentral χ² of smaller scatter. Its cube root is
 nearly normal either way (Wilson and Hilferty 1931), so that the difference of two means follows Student's t, the
@@ -141,20 +141,20 @@ class ContactStates:
 def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
     """Go through a recording once, forward, as a live judge would; a ringing antenna says nothing."""
     # in contact; `no_contact` is free, all others are neither
-    said = np.where(
+    contact_by_status = np.where(
         np.isin(table.status, ("ok", "tip_contact", "low_signal")), 1, np.where(table.status == "no_contact", 0, -1)
     )
-    said = np.where(ringing, -1, said)
+    contact_by_status = np.where(ringing, -1, contact_by_status)
     joints = np.column_stack([table.pan_rad, table.tilt_rad])
     root = np.cbrt(np.clip(table.evidence, 0.0, None))
     state = np.full(len(table), -1)
     changes: list[ContactChange] = []
     run: list[int] = []
     now, tested, last = -1, False, -np.inf
-    for row in np.flatnonzero(said >= 0).tolist():
+    for row in np.flatnonzero(contact_by_status >= 0).tolist():
         if table.time_s[row] - last > TrackSettings.gap_s:
             now, run = -1, []
-        last, alone = float(table.time_s[row]), int(said[row])
+        last, alone = float(table.time_s[row]), int(contact_by_status[row])
         before = changes[-1].known_before if changes and changes[-1].begins else np.empty(0, int)
         # the last free frames in poses like this frame's; none where the joints are not known
         base = np.array(baseline_candidates(run if now == 0 else before.tolist()), int)
@@ -166,7 +166,7 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
             if not (table.evidence[run[-TrackSettings.recent_frames :]] <= TrackSettings.firm_evidence).all():
                 stays = _exceeds(root[[row]], root[base], TrackSettings.free_again_std)
             else:  # a weak contact continues over a few frames, with one clear frame, or by all together
-                some = len(late) < TrackSettings.leaving_frames or bool((said[late] == 1).any())
+                some = len(late) < TrackSettings.leaving_frames or bool((contact_by_status[late] == 1).any())
                 stays = some or _exceeds(root[late], root[base], TrackSettings.free_together_std)
             found = 1 if alone == 1 or stays else 0
         else:

@@ -64,9 +64,9 @@ def _active_antenna_3d(press: Press) -> Answer:
     direction = turn[-1] - (turn[0] if len(turn) > 1 else 0.0)
     direction = direction / max(float(np.linalg.norm(direction)), 1e-300)
     slope = _slope(press, turn @ direction, -moment @ direction)
-    aside, aside_std, _ = _slope(press, turn @ direction, -moment @ [-direction[1], direction[0]])
-    (along, std, _), angle = slope, float(np.arctan2(abs(aside), slope[0]))
-    angle_std = np.hypot(aside_std, angle * std) / max(abs(along), 1e-300)
+    lateral, lateral_std, _ = _slope(press, turn @ direction, -moment @ [-direction[1], direction[0]])
+    (along, std, _), angle = slope, float(np.arctan2(abs(lateral), slope[0]))
+    angle_std = np.hypot(lateral_std, angle * std) / max(abs(along), 1e-300)
     if angle > max(PressSettings.lateral_rad, 0.0 if np.isnan(angle_std) else PressSettings.stands_out_std * angle_std):
         return Answer(reason=f"the antenna slips sideways: the moment leans {np.degrees(angle):.0f}° from the turn")
     return _distance(press, slope, moment[-1], direction)
@@ -75,13 +75,13 @@ def _active_antenna_3d(press: Press) -> Answer:
 def _slope(press: Press, turn: np.ndarray, moment: np.ndarray) -> _Slope:
     """Of the moment over the turn (F,) by least squares, with an intercept if F > 1, its deviation, and how much the
     last moment moves it; NaN where nothing turns."""
-    aside = turn - turn.mean() if len(turn) > 1 else turn
-    spread = float(aside @ aside)
+    lateral = turn - turn.mean() if len(turn) > 1 else turn
+    spread = float(lateral @ lateral)
     if spread <= 0.0:
         return np.nan, np.nan, np.nan
-    slope = float(aside @ moment) / spread
+    slope = float(lateral @ moment) / spread
     noise = np.hypot(press.noise.moment_Nm, 0.0 if np.isnan(press.noise.turn_rad) else slope * press.noise.turn_rad)
-    return slope, float(noise / np.sqrt(spread)), float(aside[-1]) / spread
+    return slope, float(noise / np.sqrt(spread)), float(lateral[-1]) / spread
 
 
 def _distance(press: Press, found: _Slope, moment_Nm: np.ndarray, direction: np.ndarray) -> Answer:
@@ -126,27 +126,27 @@ def _dynamic_active_antenna(press: Press) -> Answer:
     pace = f"{natural / (2.0 * np.pi):.1f} Hz"
     if natural < free + 2.0 * std:
         return Answer(reason=f"{pace} is the free antenna's frequency, or below: nothing holds it")
-    held = curve.solve(natural, extrapolate=False)
-    if len(held) == 0:
+    roots = curve.solve(natural, extrapolate=False)
+    if len(roots) == 0:
         return Answer(reason=f"{pace} is faster than the first mode is with any contact")
-    distances = np.sort(held) * wire.length_m
+    distances = np.sort(roots) * wire.length_m
     if natural > tip - 2.0 * std:
         distances = distances if len(distances) > 1 else np.array([distances[0], wire.length_m])
         listed = " and ".join(f"{1e3 * value:.0f}" for value in distances)
         words = f"{pace} is rung with a contact on either side of the second mode's node: {listed} mm"
         return Answer(candidates_m=distances, reason=words)
-    return Answer(float(distances[0]), std * wire.length_m / float(curve(held[0], 1)), candidates_m=distances)
+    return Answer(float(distances[0]), std * wire.length_m / float(curve(roots[0], 1)), candidates_m=distances)
 
 
 def _fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, float] | str:
     """Natural frequency √(ω² + decay²) of the strongest damped sinusoid over a constant, and the deviation of ω from
     the misfit that is left, rad/s; in words why there is none.
 
-    It is looked for in the band, within which a first mode can be: higher modes may be louder.
+    It is sought in the band of possible first modes: higher modes may be louder.
     """
     time, signal = np.asarray(ring.time_s, float), np.asarray(ring.moment_Nm, float)
-    given = np.isfinite(time) & np.isfinite(signal)
-    time, signal = time[given] - (time[given].min() if given.any() else 0.0), signal[given]
+    finite = np.isfinite(time) & np.isfinite(signal)
+    time, signal = time[finite] - (time[finite].min() if finite.any() else 0.0), signal[finite]
     if len(time) < PressSettings.fewest_samples:
         return f"{len(time)} samples: at least {PressSettings.fewest_samples} are needed"
     omega = _strongest(time, signal, band_rad_s)
@@ -203,9 +203,9 @@ def _vbaa_3d_camera_a(press: Press) -> Answer:
 def _vbaa_3d_camera_b(press: Press) -> Answer:
     """l, f_y and f_z from two points and the moment together, exactly; parallel rays, inclined by ϕ to the clamp."""
 
-    def solve(given: np.ndarray) -> np.ndarray:
+    def solve(finite: np.ndarray) -> np.ndarray:
         found = inclined_two_point_contact(
-            given[:, 0:2], given[:, 2:4], given[:, 4], given[:, 5], press.camera_tilt_rad, press.wire.length_m
+            finite[:, 0:2], finite[:, 2:4], finite[:, 4], finite[:, 5], press.camera_tilt_rad, press.wire.length_m
         )
         alone = np.where(found.solutions > 1, np.nan, found.contact_m)
         return np.stack([alone, found.force_y_N, found.force_z_N], axis=1)
@@ -216,8 +216,8 @@ def _vbaa_3d_camera_b(press: Press) -> Answer:
 def _vbaa_2d_pushing(press: Press) -> Answer:
     """`_vbaa_2d` of the last frame, and the object's stiffness from all of them.
 
-    Assumes, besides: a turn within plane C against an object whose normal is along y, a linear spring, no friction. At
-    least three frames of different force. Frames whose two points no contact explains are left out. What the beam's
+    Assumes, besides: a turn within plane C against an object with its normal along y, a linear spring, no friction. At
+    least three frames of different force. Frames are left out where no contact explains the two points. What the beam's
     second order leaves, some 0.1 % of the antenna's own compliance l³/3EI at slopes of 3°, 0.3 % at 7°, is a bias.
     """
     last = _vbaa_2d(press)
@@ -250,18 +250,18 @@ def _two_points(press: Press, frame: int) -> np.ndarray | None:
     return points[[first, second]] if first != second else None
 
 
-def _propagate(solve: _Formula, given: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _propagate(solve: _Formula, finite: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Results (Q,) of one input (K,), and what independent noise of these deviations (K,) moves them by, (Q, K): half
     the difference over ± one deviation; NaN where that reaches out of what has a solution."""
-    values = solve(given + np.concatenate([np.zeros((1, len(given))), np.diag(std), -np.diag(std)]))
+    values = solve(finite + np.concatenate([np.zeros((1, len(finite))), np.diag(std), -np.diag(std)]))
     up, down = np.split(values[1:], 2)
     return values[0], 0.5 * (up - down).T
 
 
 def _upright(press: Press, moment_Nm: float) -> Answer:
-    def solve(given: np.ndarray) -> np.ndarray:
-        found = two_point_contact(given[:, 0:2], given[:, 2:4], given[:, 5], press.wire.length_m)
-        return np.stack([found.contact_m, found.force_y_N, force_z(given[:, 4], found.contact_m)], axis=1)
+    def solve(finite: np.ndarray) -> np.ndarray:
+        found = two_point_contact(finite[:, 0:2], finite[:, 2:4], finite[:, 5], press.wire.length_m)
+        return np.stack([found.contact_m, found.force_y_N, force_z(finite[:, 4], found.contact_m)], axis=1)
 
     points = _two_points(press, -1)
     if points is not None and abs(np.diff(points[:, 1])) > PressSettings.steep * abs(np.diff(points[:, 0])):
@@ -297,7 +297,7 @@ def compliance_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, fl
     Least is Σ (u − u₀ − slope·(−f))²/variance of that, which depends on the slope, since the errors of f and u go
     together. The deviation grows with the scatter where that is more than the noise, or where no noise is known.
     """
-    force, given = values.T
+    force, finite = values.T
     if len(values) < PressSettings.fewest_frames or not np.ptp(force) > 0.0:
         return np.nan, np.nan
     noisy = bool(np.isfinite(covariance).all() and (covariance[:, 1, 1] > 0.0).all())
@@ -305,10 +305,10 @@ def compliance_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, fl
 
     def cost(slope: float) -> float:
         weight = 1.0 / np.einsum("i,nij,j->n", [-slope, 1.0], noise, [-slope, 1.0])
-        residual = given - slope * force
+        residual = finite - slope * force
         return float(weight @ (residual - (weight @ residual) / weight.sum()) ** 2)
 
-    rough, step = np.polyfit(force, given, 1)[0], float(np.ptp(given) + 1e-9 * np.ptp(force)) / float(np.ptp(force))
+    rough, step = np.polyfit(force, finite, 1)[0], float(np.ptp(finite) + 1e-9 * np.ptp(force)) / float(np.ptp(force))
     best = float(minimize_scalar(cost, bracket=(rough - 0.1 * step, rough + 0.1 * step)).x)
     step = 1e-3 * step
     curvature = (cost(best + step) - 2.0 * cost(best) + cost(best - step)) / step**2
@@ -324,11 +324,11 @@ def _yield_at(press: Press, frame: int, turn_rad: float) -> tuple[np.ndarray, np
     if points is None:
         return None
 
-    def solve(given: np.ndarray) -> np.ndarray:
-        found = two_point_contact(points[:, 0], given[:, :2], stiffness, press.wire.length_m)
+    def solve(finite: np.ndarray) -> np.ndarray:
+        found = two_point_contact(points[:, 0], finite[:, :2], stiffness, press.wire.length_m)
         contact, force = found.contact_m, found.force_y_N
         bent = force * contact**3 / (3.0 * stiffness)
-        return np.stack([-force, contact * np.sin(given[:, 2]) + bent * np.cos(given[:, 2])], axis=1)
+        return np.stack([-force, contact * np.sin(finite[:, 2]) + bent * np.cos(finite[:, 2])], axis=1)
 
     point_std, turn_std = np.nan_to_num([press.noise.point_m, press.noise.turn_rad])
     values, moved = _propagate(solve, np.array([*points[:, 1], turn_rad]), np.array([point_std, point_std, turn_std]))

@@ -78,7 +78,7 @@ class _FrictionlessProblem:
 def touch_at_once(setting: Setting, bases: Bases) -> SlidContacts:
     """The contacts of one stroke of B frames; the object's friction is left out.
 
-    Raises SolveError naming the first frame in which a real antenna could not be held.
+    Raises SolveError naming the first frame in which a real antenna could not be in equilibrium.
     """
     problem = _problem(setting, bases)
     rows = np.flatnonzero(problem.touches)
@@ -88,10 +88,15 @@ def touch_at_once(setting: Setting, bases: Bases) -> SlidContacts:
         raise SolveError(f"frame {rows[np.argmax(pulls)]}: the force would have to pull")
     # within the solver's accuracy of first touch the force may come out as nothing
     firm = press > 0.0
-    touches, held, at = np.zeros(len(problem.touches), bool), Held.nowhere(len(problem.touches)), rows[firm]
-    touches[at], held.arclength_m[at], held.press_N[at], held.grip_N[at] = True, arclength[firm], press[firm], 0.0
-    held.normal[at] = np.einsum("bij,bj->bi", bases.rotation[at], normal[firm])
-    return SlidContacts(touches, np.zeros_like(touches), held)
+    touches, gripped, at = np.zeros(len(problem.touches), bool), Held.nowhere(len(problem.touches)), rows[firm]
+    touches[at], gripped.arclength_m[at], gripped.press_N[at], gripped.grip_N[at] = (
+        True,
+        arclength[firm],
+        press[firm],
+        0.0,
+    )
+    gripped.normal[at] = np.einsum("bij,bj->bi", bases.rotation[at], normal[firm])
+    return SlidContacts(touches, np.zeros_like(touches), gripped)
 
 
 def _problem(setting: Setting, bases: Bases) -> _FrictionlessProblem:

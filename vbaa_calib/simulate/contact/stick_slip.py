@@ -7,7 +7,7 @@ force) and place p satisfy
     r(s) = p − N/k n                      the surfaces touch, indented by N/k
     distance(p) = antenna radius          p is where the centreline would be if the object did not give way
     n·t(s) = 0, or s = L and n·t ≤ 0      s is the nearest point: inside the antenna, or its tip
-    g = held(g before − K Δu)             friction, where held() cuts off at the cone's rim, |g| ≤ μN
+    g = cut(g before − K Δu)              friction, where cut() ends at the cone's rim, |g| ≤ μN
 
 with n the object's normal at p and Δu = Δr − t Δs, across n, the way of the antenna's material point at the contact:
 the contact may roll on without it. This is backward Euler's return mapping. K is a tiny compliance of the grip in place

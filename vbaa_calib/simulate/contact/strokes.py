@@ -57,7 +57,7 @@ def follow(setting: Setting, strokes: Sequence[Bases]) -> list[SlidContacts]:
     path, count = _path(setting, strokes), len(strokes)
     gap = _gaps(setting, path.at(1, 0.0), path.arclength_m)[0]
     walk = _Walk(setting, path, Held.nowhere(count), np.zeros(count, bool), gap)
-    touches, sticks, held = [], [], []
+    touches, sticks, gripped = [], [], []
     for frame in range(1, len(path.bases)):
         # the first frame is where it is pressed on
         friction = 0.0 if frame == 1 else setting.object.friction
@@ -65,10 +65,10 @@ def follow(setting: Setting, strokes: Sequence[Bases]) -> list[SlidContacts]:
         walk, way, slid_m = _to_frame(walk, frame, friction)
         touches.append(walk.touches)
         sticks.append(before & walk.touches & (slid_m < STROKE.sticks_m) & (friction > 0.0))
-        held.append(replace(walk.contacts, slipped_m=way))
+        gripped.append(replace(walk.contacts, slipped_m=way))
 
     def of(stroke: int, frames: int) -> SlidContacts:
-        columns = ([getattr(at, each.name)[stroke] for at in held[:frames]] for each in fields(Held))
+        columns = ([getattr(at, each.name)[stroke] for at in gripped[:frames]] for each in fields(Held))
         touching, sticking = (np.array(each)[:frames, stroke] for each in (touches, sticks))
         return SlidContacts(touching, sticking, Held(*map(np.array, columns)))
 

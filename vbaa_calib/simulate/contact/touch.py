@@ -93,18 +93,18 @@ def touch_strokes(
 def _touch(setting: Setting, bases: Bases, contacts: SlidContacts) -> Touch:
     """The antenna's shapes under the contacts' forces. Raises SolveError for contacts that are impossible."""
     rod, obj = setting.rod, setting.object
-    touching, held = contacts.touches, contacts.held
+    touching, gripped = contacts.touches, contacts.held
     lost = ~touching[:, None]
-    normal = np.where(lost, np.nan, held.normal)
-    force_world = np.where(lost, 0.0, held.press_N[:, None] * held.normal + held.grip_N)
+    normal = np.where(lost, np.nan, gripped.normal)
+    force_world = np.where(lost, 0.0, gripped.press_N[:, None] * gripped.normal + gripped.grip_N)
     force = np.einsum("bji,bj->bi", bases.rotation, force_world)
-    where = np.where(touching, held.arclength_m, rod.length_m / 2)
+    where = np.where(touching, gripped.arclength_m, rod.length_m / 2)
     radius = setting.radius_at(where)
     shape = solve_rod(rod, setting.gravity_world_m_s2 @ bases.rotation, where, force)
     point, tangent = (values[:, 0] for values in sample_shape(shape, where[:, None]))
     point = np.where(lost, np.nan, point)
-    in_world, indentation = bases.world(point), held.press_N / obj.stiffness_N_m
-    contact = np.where(touching, held.arclength_m, np.nan)
+    in_world, indentation = bases.world(point), gripped.press_N / obj.stiffness_N_m
+    contact = np.where(touching, gripped.arclength_m, np.nan)
     slip = _slips(in_world, contact, np.einsum("bij,bj->bi", bases.rotation, tangent), normal)
     # of the surface, next to where it touches
     deepest = (obj.signed_distance(bases.world(shape.points_m))[0] - setting.radius_at(shape.arclength_m)).min(axis=1)

@@ -114,8 +114,8 @@ def visible_centreline(lens: Lens, seen: Tube, obstacle: DepthOfObstacle | None,
     stride = max(1, round(2 * step_px))
     keep = np.arange(0, len(seen.pixels), stride)
     pixels = seen.pixels[keep]
-    shown = visible(lens, pixels, seen.depth_m[keep], obstacle)
-    return np.concatenate([pixels, seen.normals[keep]], axis=1)[shown]
+    in_sight = visible(lens, pixels, seen.depth_m[keep], obstacle)
+    return np.concatenate([pixels, seen.normals[keep]], axis=1)[in_sight]
 
 
 def visible(lens: Lens, pixels: np.ndarray, depth_m: np.ndarray, obstacle: DepthOfObstacle | None) -> np.ndarray:

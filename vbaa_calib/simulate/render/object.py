@@ -74,7 +74,7 @@ def pressed_in(obj: TouchObject, depth_m: float) -> TouchObject:
 
 
 def _world_rays(rays: np.ndarray, T_world_camera: Pose) -> np.ndarray:
-    """(N, 2) x/z, y/z to (N, 3) directions in the world whose length counts depth along the camera's z."""
+    """(N, 2) x/z, y/z to (N, 3) directions in the world, as long as depth 1 along the camera's z makes them."""
     turn = T_world_camera.rotation
     return rays @ turn[:, :2].T + turn[:, 2]
 

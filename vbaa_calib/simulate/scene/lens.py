@@ -95,7 +95,7 @@ class RayMap:
 
 
 def invertible(lens: Lens, step_px: int = 8) -> bool:
-    """Whether every pixel has its own ray: looked at every few pixels, and one pixel beyond the picture."""
+    """Whether every pixel has its own ray: tested at every few pixels, and one pixel beyond the picture."""
     return _inverted(lens, step_px)[1]
 
 

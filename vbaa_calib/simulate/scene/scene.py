@@ -164,7 +164,7 @@ larger (m; labels have the bare antenna)."""
 
 @dataclass(frozen=True)
 class TraceSpec:
-    """What a path-traced picture shows beside what every picture shows.
+    """What a path-traced picture shows in addition to what every picture shows.
 
     Attributes
     ----------
@@ -200,7 +200,7 @@ class TraceSpec:
 
 @dataclass(frozen=True)
 class IntrinsicsSpec:
-    """Pictures of the hand-held board: how many, and the ranges of distance and tilt."""
+    """Pictures of the board in the hand: how many, and the ranges of distance and tilt."""
 
     pictures: Annotated[WholeNumber, Field(ge=1, le=1000)]
     distance_m: Annotated[tuple[float, float], _Range(0.01, 10)]
@@ -337,11 +337,11 @@ class SceneSpec:
         return self.antenna.diameter_m / 2
 
     def T_world_antenna(self, joints: Joints) -> Pose:
-        """Pose of the antenna frame at given joint angles."""
+        """Pose of the antenna frame at joint angles."""
         return self.kinematics.T_world_antenna(joints.pan_rad, joints.tilt_rad)
 
     def T_world_camera(self, joints: Joints) -> Pose:
-        """Pose of the camera at given joint angles."""
+        """Pose of the camera at joint angles."""
         return self.T_world_antenna(joints) @ self.T_antenna_camera
 
 

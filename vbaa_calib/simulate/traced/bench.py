@@ -19,7 +19,7 @@ _TEXELS, _TEXTURED_MM, _BENCH_MM = 2048, 800.0, 4000.0
 
 
 def rgb(*value: float) -> _Thing:
-    """A colour; grey where one number is given."""
+    """A colour; of one number a grey."""
     return {"type": "rgb", "value": list(value) if len(value) == 3 else 3 * [float(value[0])]}
 
 
@@ -32,7 +32,7 @@ def placed(middle: Any, turn: np.ndarray | None = None, scale: Any = (1.0, 1.0, 
 
 
 def facing(middle: Any, target: Any) -> np.ndarray:
-    """(3, 3) whose z axis runs from `middle` to `target`."""
+    """(3, 3) rotation with z from `middle` to `target`."""
     z = np.asarray(target, float) - np.asarray(middle, float)
     z /= np.linalg.norm(z)
     x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
