@@ -25,14 +25,6 @@ class _ScaleSettings:
 SCALE = _ScaleSettings()
 
 
-_SLIPS = {
-    0.1: "centimetres were read",
-    1 / 25.4: "inches were read",
-    1e-3: "metres were read",
-    10.0: "a digit too many",
-}
-
-
 @dataclass(frozen=True)
 class PrintScale:
     """Scale of a print: measured over nominal length of its rulers.
@@ -128,7 +120,12 @@ def _refuse_senseless(rulers: tuple[float, float], readings: tuple[float, float]
         )
     for axis, ruler, reading in zip("xy", rulers, readings, strict=True):
         ratio, hint = reading / ruler, "read it again, in mm, or print the sheet at 100 %"
-        for factor, slip in _SLIPS.items():
+        for factor, slip in {
+            0.1: "centimetres were read",
+            1 / 25.4: "inches were read",
+            1e-3: "metres were read",
+            10.0: "a digit too many",
+        }.items():
             if abs(ratio / factor - 1) < 0.1:
                 hint = f"{slip}, it seems, {reading / factor:.5g} mm would do"
         if not SCALE.range[0] <= ratio <= SCALE.range[1]:

@@ -412,11 +412,15 @@ class Measured:
         if not ((len(sigma) and sigma.min() > 0.0) or (sigma[np.isfinite(points).all(axis=1)] > 0.0).all()):
             raise InputError("sigma_px is not everywhere positive", remedy="give standard deviations in px")
         values: dict[str, np.ndarray | float] = {"points_px": points, "sigma_px": sigma}
-        for name, (most, remedy) in _GIVEN.items():
+        for name, (most, remedy) in {
+            **dict.fromkeys(READINGS.values(), (LARGEST_NM, MOMENT_REMEDY)),
+            **dict.fromkeys(("pan_rad", "tilt_rad"), (LARGEST_RAD, ANGLE_REMEDY)),
+            "time_s": (np.inf, "give seconds"),
+        }.items():
             number = values[name] = as_float(getattr(self, name), name, remedy)
             if abs(number) > most:
                 raise InputError(f"{name} is {number:g}", remedy=remedy)
-        for name, count in _BESIDE.items():
+        for name, count in {"start": 4, "tip_px": 3, "moment_errors_Nm": len(READINGS), "joint_errors_rad": 2}.items():
             several = values[name] = as_floats(getattr(self, name), name, f"give ({count},) numbers")
             if several.shape != (count,):
                 raise InputError(f"{name} has shape {several.shape}", remedy=f"give ({count},) numbers")
@@ -425,16 +429,6 @@ class Measured:
             raise InputError(what, remedy="give (N, 2, 2)")
         for name, each in values.items():
             object.__setattr__(self, name, each)
-
-
-_GIVEN = {
-    **dict.fromkeys(READINGS.values(), (LARGEST_NM, MOMENT_REMEDY)),
-    **dict.fromkeys(("pan_rad", "tilt_rad"), (LARGEST_RAD, ANGLE_REMEDY)),
-    "time_s": (np.inf, "give seconds"),
-}
-"""Of `Measured`: the largest that there is, and what to give."""
-_BESIDE = {"start": 4, "tip_px": 3, "moment_errors_Nm": len(READINGS), "joint_errors_rad": 2}
-"""Of `Measured`: arrays, and how many numbers they have."""
 
 
 def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarray, np.ndarray]:

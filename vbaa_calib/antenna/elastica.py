@@ -23,8 +23,6 @@ from scipy.special import ellipeinc, ellipkinc
 
 from vbaa_calib.native import core
 
-_DEAD_LOAD = 60.0
-
 
 @dataclass(frozen=True, eq=False)
 class _PlanarShape:
@@ -128,7 +126,8 @@ def _inclination_at_contact(load: np.ndarray, inclination: np.ndarray) -> np.nda
     so that Newton's steps never overshoot after the first.
     """
     m_clamp, rest_clamp = 0.5 * (1.0 - np.sin(inclination)), 0.5 * (1.0 + np.sin(inclination))
-    amount = np.where(load <= _DEAD_LOAD, np.maximum(load, 1e-200), np.nan)
+    # beyond, the antenna is within 0.1° of the force
+    amount = np.where(load <= 60.0, np.maximum(load, 1e-200), np.nan)
     eta = np.minimum(amount * np.cos(inclination) ** 2 / (4.0 * rest_clamp), 2.0 * np.sqrt(amount))
     for _ in range(60):
         excess, rest = -rest_clamp * np.expm1(-eta), rest_clamp * np.exp(-eta)

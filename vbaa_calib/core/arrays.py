@@ -29,8 +29,6 @@ Array: TypeAlias = Any
 
 ArrayT = TypeVar("ArrayT", np.ndarray, "torch.Tensor")
 
-_FLOATS = ("float32", "float64")
-
 
 @dataclass(frozen=True, eq=False)
 class Rows:
@@ -83,7 +81,7 @@ def working(values: Array, last: int, name: str) -> tuple[Array, Callable[[Array
         except ValueError:
             raise InputError(f"{name} are lists of different lengths", remedy=f"give them as (..., {last})") from None
     kind = str(values.dtype).removeprefix("torch.")
-    if kind not in _FLOATS:
+    if kind not in ("float32", "float64"):
         raise InputError(f"{name} are {kind}", remedy="convert them to float32 or float64")
     if values.ndim == 0 or values.shape[-1] != last:
         raise InputError(f"{name} have the shape {tuple(values.shape)}", remedy=f"give them as (..., {last})")

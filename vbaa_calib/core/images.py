@@ -17,7 +17,7 @@ from .files import most_memory, read_bytes
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 _MOST_PIXELS = 200_000_000
-_PNG, _JPEG, _BMP, _TIFF = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM", (b"II*\0", b"MM\0*")
+_PNG, _JPEG, _BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
 _AGAIN = "copy or export the picture again, or remove it"
 _log_level = threading.Lock()
 
@@ -111,7 +111,7 @@ def _announced(data: bytes, path: Path) -> tuple[int, int]:
         bytes_per_pixel = samples * (6 if data[24] == 16 else 2)
     elif data.startswith(_JPEG) and width > 0:
         bytes_per_pixel = 3 * data[_start_of_frame(data) + 9]  # a progressive one has its coefficients beside it
-    elif data.startswith(_TIFF):
+    elif data.startswith((b"II*\0", b"MM\0*")):
         width, height, at_once, bytes_per_pixel = _of_tiff(data)
     else:
         bytes_per_pixel = 12

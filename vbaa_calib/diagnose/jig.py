@@ -6,7 +6,7 @@ weighed on the same lines, each by the evidence (Laplace) of a solve of camera p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -495,16 +495,13 @@ def _quaternion(rotation: np.ndarray) -> str:
     return f"rotation_xyzw ({_numbers(Rotation.from_matrix(rotation).as_quat())})"
 
 
-_TABLE: tuple[Callable[[JigEvidence], Iterator[_JigMistake]], ...] = (_slips, _mirrored_pictures, _changes)
-
-
 def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:
     """What is wrong with the jig, or changed since its picture; empty where all may be as reported, or another cause
     explains the pictures as well."""
     lines, scale, _ = data.seen
     if data.fits(lines, scale) if lines else not data.others:
         return []
-    best = decide(data.explanation(case) for row in _TABLE for case in row(data))
+    best = decide(data.explanation(case) for row in (_slips, _mirrored_pictures, _changes) for case in row(data))
     # the antenna's length is for those who know its loads
     return [] if not best or best[0].diagnosis.name == "antenna_length" else [joined(best)]
 

@@ -169,13 +169,6 @@ def torch(attempt: _Try = _try_python) -> HealthFinding:
     return HealthFinding("torch", words, problems, {"seconds": round(seconds, 3), "version": fields[1]})
 
 
-_REMEDIES = {
-    "current": "change to a folder of your own, or give outputs there",
-    "temporary": "set TMPDIR (on Windows TEMP) to a folder that you may write to",
-    "cache": "set MPLCONFIGDIR to a folder that you may write to; else every start is slow",
-}
-
-
 def writable(folders: Mapping[str, Path | None] | None = None) -> HealthFinding:
     """Whether the current folder, the temporary folder and the cache are writable. None: there is none."""
     if folders is None:
@@ -198,7 +191,16 @@ def writable(folders: Mapping[str, Path | None] | None = None) -> HealthFinding:
         except OSError as error:
             words = f"the {name} folder {folder or ''} cannot be written to ({error.strerror or error})"
             problems.append(
-                Diagnosis("folder_not_writable", words, _REMEDIES[name], "doubt" if name == "cache" else "wrong")
+                Diagnosis(
+                    "folder_not_writable",
+                    words,
+                    {
+                        "current": "change to a folder of your own, or give outputs there",
+                        "temporary": "set TMPDIR (on Windows TEMP) to a folder that you may write to",
+                        "cache": "set MPLCONFIGDIR to a folder that you may write to; else every start is slow",
+                    }[name],
+                    "doubt" if name == "cache" else "wrong",
+                )
             )
     words = ", ".join(f"{name} {folder}" for name, folder in folders.items())
     return HealthFinding("folders", words, tuple(problems))

@@ -166,8 +166,8 @@ def check_pictures(
 
 
 _Row = TypeVar("_Row", SweepPicture, Still, Load)
-_ANGLES = ("pan_rad", "tilt_rad")
-_IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
+ANGLES = ("pan_rad", "tilt_rad")
+IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
 """Columns in degrees that may stand in their place."""
 
 
@@ -210,8 +210,8 @@ def _pictures(
         remedy = "give moment_sensor: {std_Nm: …} in session.yaml, or moment_sensor: null to leave the readings aside"
         raise InputError(what, where=path, remedy=remedy)
     unread = {"moment_Nm": np.nan} if of_antenna else {}
-    columns, optional = ("image", *_ANGLES, *values), ("time_s",) if of_antenna else ()
-    for row in read_csv(path, columns, optional, _IN_DEGREES):
+    columns, optional = ("image", *ANGLES, *values), ("time_s",) if of_antenna else ()
+    for row in read_csv(path, columns, optional, IN_DEGREES):
         view = _view(row, path)
         if view["image"] in lines:
             what = f"the picture {row['image']} stands in line {lines[view['image']]}, too"
@@ -233,12 +233,12 @@ def read_recording(session: Session) -> Sequence[Frame]:
 
 def recording_of(path: Path, *, with_images: bool) -> Sequence[Frame]:
     """As `read_recording`, of any file. Raises InputError with file, line and remedy."""
-    columns = ("frame", "time_s", *(("image",) if with_images else ()), *_ANGLES)
+    columns = ("frame", "time_s", *(("image",) if with_images else ()), *ANGLES)
     plain = None if with_images else plain_columns(path, columns, tuple(SILENT))
     if plain is not None and "moment_Nm" in plain and _is_sound(plain):
         unread = dict.fromkeys(SILENT, np.full(len(plain["frame"]), np.nan))
         return _FrameColumns(**unread | plain | {"frame": plain["frame"].astype(np.int64)})
-    rows = csv_rows(path, columns, tuple(SILENT), _IN_DEGREES)
+    rows = csv_rows(path, columns, tuple(SILENT), IN_DEGREES)
     first = next(rows)
     _refuse_misspelt(path, "moment_Nm", (*columns, *SILENT))
     frames: list[Frame] = []
@@ -259,7 +259,7 @@ def _is_sound(columns: Mapping[str, np.ndarray]) -> bool:
     """Whether frames by columns are as `recording_of` wants them."""
     frame, time_s = columns["frame"], columns["time_s"]
     whole = (frame >= 0) & (frame < MOST_WHOLE) & (frame == np.floor(frame))
-    angles = np.abs([columns[name] for name in _ANGLES]) <= LARGEST_RAD
+    angles = np.abs([columns[name] for name in ANGLES]) <= LARGEST_RAD
     once, forward = np.diff(np.sort(frame)) > 0, np.diff(time_s) >= 0
     return bool(whole.all() and angles.all() and forward.all() and once.all())
 
@@ -271,8 +271,8 @@ def _view(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[s
         raise wrong(row, path, "image is empty", "name the picture")
     if with_image and not os.path.isfile(seen["image"]):  # Path.is_file raises for a name that is too long
         raise wrong(row, path, f"the picture {row['image']} is not there", f"put it at {seen['image']}")
-    for name in _ANGLES:
-        column = name if name in row else _IN_DEGREES[name]
+    for name in ANGLES:
+        column = name if name in row else IN_DEGREES[name]
         angle = number(row, column, path)
         if column != name:
             angle = math.radians(angle)

@@ -104,10 +104,6 @@ def sweep_joints(place: Place, rod: Rod, sweep: Sweep) -> list[Joints]:
     return [Joints(float(pan), float(tilt)) for pan, tilt in zip(*_joints(sweep.press, pressed, others), strict=True)]
 
 
-_FULL = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
-_HALF = ((1, 1), (-1, -1), (1, -1), (-1, 1))
-
-
 def sweep_of_the_board(scene: SceneSpec, outline_m: np.ndarray) -> tuple[Pose, list[Joints]]:
     """T_world_board and joint angles of the widest sweep that keeps the whole sheet in the picture.
 
@@ -131,7 +127,10 @@ def sweep_of_the_board(scene: SceneSpec, outline_m: np.ndarray) -> tuple[Pose, l
 
 
 def _pattern(reach: float) -> list[Joints]:
-    moves = [*_FULL, *((0.5 * pan, 0.5 * tilt) for pan, tilt in _HALF)]
+    moves = [
+        *((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)),
+        *((0.5 * pan, 0.5 * tilt) for pan, tilt in ((1, 1), (-1, -1), (1, -1), (-1, 1))),
+    ]
     return [
         Joints(round(reach * _PATHS.pan_rad * pan, 6), round(reach * _PATHS.tilt_rad * tilt, 6)) for pan, tilt in moves
     ]

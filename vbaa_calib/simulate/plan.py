@@ -98,13 +98,11 @@ def _rig_truth(scene: SceneSpec, rod: Rod) -> dict[str, Any]:
     }
 
 
-_STREAMS = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines": 4, "over": 5}
-"""An independent stream of random numbers for each purpose."""
-
-
 def stream(scene: SceneSpec, purpose: str, index: int = 0) -> np.random.Generator:
     """The random numbers of one purpose, or of one picture."""
-    return np.random.default_rng(np.random.SeedSequence(scene.seed, spawn_key=(_STREAMS[purpose], index)))
+    # an independent stream of random numbers for each purpose
+    streams = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines": 4, "over": 5}
+    return np.random.default_rng(np.random.SeedSequence(scene.seed, spawn_key=(streams[purpose], index)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,10 +49,6 @@ def shown(text: str) -> str:
     return line if len(line) <= _FILES.longest_name else f"{line[: _FILES.longest_name]}…"
 
 
-_TO_GRAY = np.array([[3737 / 2**15, 19234 / 2**15, 9797 / 2**15, 2**-16 - 0.5]])
-"""libpng's grey of blue, green and red, which truncates; half a level less makes OpenCV's rounding do that."""
-
-
 class SourceLost(InputError):
     """A source gives no more pictures: unplugged, disconnected, removed."""
 
@@ -95,7 +91,9 @@ def silence_opencv() -> None:
 
 def frame_picture(name: str, pixels: np.ndarray, time_s: float) -> Picture:
     """A frame (H, W) grey or (H, W, 3) BGR, uint8, as a picture."""
-    gray = pixels if pixels.ndim == 2 else cv2.transform(pixels, _TO_GRAY)
+    # libpng's grey of blue, green and red, which truncates; half a level less makes OpenCV's rounding do that
+    weights = np.array([[3737 / 2**15, 19234 / 2**15, 9797 / 2**15, 2**-16 - 0.5]])
+    gray = pixels if pixels.ndim == 2 else cv2.transform(pixels, weights)
     return Picture(name, gray, ".png", pixels, time_s)
 
 

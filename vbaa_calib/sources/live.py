@@ -334,7 +334,6 @@ def _set_up(capture: cv2.VideoCapture, wanted: Mapping[str, Any]) -> tuple[str, 
 
 
 _SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "rtp", "rtmp", "tcp", "srt")
-_NO_HOST = ("udp", "rtp")
 _REACH = "check that camera and network are up, then run this again: it goes on where it was"
 _STREAM_FAULTS: dict[_Fault, tuple[str, str]] = {
     "closed": ("the stream cannot be opened", "try the address, user and password in a video player"),
@@ -388,7 +387,7 @@ def _check_url(url: str, name: str) -> None:
         (scheme == "file", "is a URL of a file", "name the file's path itself"),
         (scheme not in _SCHEMES, f"{shown(parts.scheme)}:// is not read", f"these are: {kinds}"),
         (re.search(r"\s", url) or not url.isprintable(), "holds blanks or control characters", "write a blank as %20"),
-        (not host and not (port and scheme in _NO_HOST), "names no host", like),
+        (not host and not (port and scheme in ("udp", "rtp")), "names no host", like),
     )
     for wrong, what, remedy in faults:
         if wrong:

@@ -26,6 +26,7 @@ from vbaa_calib.core.csv_rows import csv_rows, number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import require_file
 from vbaa_calib.core.images import read_picture
+from vbaa_calib.session.tables import IN_DEGREES
 from vbaa_calib.sources import open_source
 from vbaa_calib.sources.files import FolderSettings, FolderSource, SourceLost, VideoSource
 from vbaa_calib.sources.live import LiveSource
@@ -71,7 +72,6 @@ def open_running(text: str, idle_s: float) -> MessageSource:
     return open_device(found)
 
 
-_IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
 _LONGEST_LINE = 64_000_000
 
 
@@ -91,10 +91,10 @@ def _csv_readings(path: Path) -> tuple[frozenset[str], Iterator[Reading]]:
 
     pan_deg and tilt_deg are taken, too; an empty cell is no reading. Raises InputError with file, line and remedy.
     """
-    rows = csv_rows(path, ("time_s",), (*CHANNELS, *_IN_DEGREES.values()))
+    rows = csv_rows(path, ("time_s",), (*CHANNELS, *IN_DEGREES.values()))
     first = next(rows)
     names = {name: name for name in CHANNELS if name in first}
-    names |= {name: other for name, other in _IN_DEGREES.items() if name not in first and other in first}
+    names |= {name: other for name, other in IN_DEGREES.items() if name not in first and other in first}
     if not names:
         raise InputError("has no column of readings", where=path, remedy=f"time_s and any of {','.join(CHANNELS)}")
 

@@ -15,6 +15,7 @@ import numpy as np
 from vbaa_calib.core.arrays import ANGLE_REMEDY, LARGEST_RAD, as_floats, check_each, gate
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.session import READINGS, Frame
+from vbaa_calib.session.tables import ANGLES
 
 from .messages import CHANNELS, Reading, Taken
 
@@ -23,7 +24,6 @@ _KEPT = 4096
 _INSTANT_S = 1e-3
 """Before the first reading and after the last, one so near counts, and readings apart by so much more than the gap are
 still near enough: videos round their times to that."""
-_ANGLES = ("pan_rad", "tilt_rad")
 _Message = Taken | Reading
 
 
@@ -385,11 +385,11 @@ class Synchronizer:
     def _frame(self, taken: Taken) -> Synchronized:
         read = {name: channel.at(taken.time_s, self._timing.gap_s) for name, channel in self._channels.items()}
         values: dict[str, Any] = {name: read[name][0] if name in read else np.nan for name in CHANNELS}
-        for name, joint in zip(_ANGLES, self._timing.joints_rad, strict=True):
+        for name, joint in zip(ANGLES, self._timing.joints_rad, strict=True):
             if name not in read:
                 values[name] = joint
         self.counts["pictures without a moment"] += "moment_Nm" in read and math.isnan(values["moment_Nm"])
-        self.counts["pictures without joint angles"] += any(math.isnan(values[name]) for name in _ANGLES)
+        self.counts["pictures without joint angles"] += any(math.isnan(values[name]) for name in ANGLES)
         self._given_s, self._number = taken.time_s, self._number + 1
         ages = [age for _, age in read.values()]
         # joint angles count as free of noise
@@ -401,7 +401,7 @@ class Synchronizer:
             for name in CHANNELS
         ]
         values["moment_errors_Nm"], values["joint_errors_rad"] = tuple(errors[:-2]), tuple(errors[-2:])
-        values["joints_read"] = tuple(name in read for name in _ANGLES)
+        values["joints_read"] = tuple(name in read for name in ANGLES)
         time_s = taken.time_s + self._set_back_s
         frame = Frame(image=None, frame=self._number - 1, time_s=time_s, **values)
         return Synchronized(frame, taken, max(ages, default=np.nan))

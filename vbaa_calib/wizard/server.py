@@ -55,7 +55,6 @@ FILES = {"/": "page.html"} | {
 }
 FILES |= {f"/step_{step}.svg": f"step_{step}.svg" for step in ("board", "lens", "plane", "noload", "loads", "sensor")}
 _TYPES = {".html": "text/html", ".svg": "image/svg+xml", ".css": "text/css", ".js": "text/javascript"}
-_STATIC = Path(__file__).with_name("static")
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -260,7 +259,7 @@ class PageServer:
         return hmac.compare_digest(text.encode("utf-8", "replace"), self._token.encode())
 
     async def _file(self, request: Request) -> Response:
-        path = _STATIC / FILES[request.scope["path"]]
+        path = Path(__file__).with_name("static") / FILES[request.scope["path"]]
         return Response(path.read_bytes(), media_type=_TYPES[path.suffix])
 
     async def _state(self, request: Request) -> Response:

@@ -31,18 +31,21 @@ NAME = "wizard.json"
 ASIDE = "aside"
 LOCK = ".wizard-lock"
 _SCHEMA = "vbaa.wizard/1"
-_HALF_WRITTEN = re.compile(r"\.(wizard|session|noload|loads|sweep|board|rig|camera|check|\d{4,})-[a-z0-9_]{8}\.\w+")
 _REMEDY = "move wizard.json away: the wizard then begins with session.yaml and what it names, or anew; nothing is lost"
 FOLDERS = {"lens": "intrinsics", "noload": "noload", "loads": "loads"}
 """Step → folder of its pictures; plane C's depends on the chosen way."""
 WAYS = {"jig": "plane", "sweep": "sweep", "over": "over"}
-_TABLES = {question.key for question in TABLES}
-_FOLLOWING = (
-    *(Question(f"measure_{axis}_mm", "", "") for axis in "xy"),
-    *(Question(f"{name}_given", "", "", kind="yesno") for name in ("board", "jig", "over", "gravity")),
-)
-"""Kept with the answers: what follows from them, or from a session that existed before."""
-_QUESTIONS = {question.key: question for question in (*QUESTIONS, *SOURCES, *TABLES, *_FOLLOWING)}
+# kept with the answers: what follows from them, or from a session that existed before
+_QUESTIONS = {
+    question.key: question
+    for question in (
+        *QUESTIONS,
+        *SOURCES,
+        *TABLES,
+        *(Question(f"measure_{axis}_mm", "", "") for axis in "xy"),
+        *(Question(f"{name}_given", "", "", kind="yesno") for name in ("board", "jig", "over", "gravity")),
+    )
+}
 
 
 def _inside(file: str) -> str:
@@ -62,7 +65,9 @@ def _answers(answers: dict[str, Any]) -> dict[str, Any]:
         raise ValueError(f"{key!r} is no question")
     try:
         return {
-            key: value if key in _TABLES and isinstance(value, list) else _QUESTIONS[key].read(value)
+            key: value
+            if key in {question.key for question in TABLES} and isinstance(value, list)
+            else _QUESTIONS[key].read(value)
             for key, value in answers.items()
         }
     except InputError as error:
@@ -184,9 +189,10 @@ class Store:
             undo.callback(self._lock.release)
             if not self.is_new:
                 self.journal = _Journal.read(self.root / NAME)
+            unfinished = r"\.(wizard|session|noload|loads|sweep|board|rig|camera|check|\d{4,})-[a-z0-9_]{8}\.\w+"
             for folder in (self.root, *(self.root / name for name in (*FOLDERS.values(), *WAYS.values()))):
                 for path in folder.iterdir() if folder.is_dir() else ():
-                    if _HALF_WRITTEN.fullmatch(path.name):
+                    if re.fullmatch(unfinished, path.name):
                         path.unlink(missing_ok=True)
             undo.pop_all()
         return self

@@ -25,8 +25,6 @@ COMMANDS = {
     "quit": "stop here; run the wizard again to go on",
     "help": "this list",
 }
-_CHANGE = re.compile(r"\s*(\w+)\s*=\s*(\S.*)")
-"""`key = value`, which changes an earlier answer."""
 
 
 class Interrupted(Exception):
@@ -154,7 +152,7 @@ class Ui:
 
     def _is_change(self, entered: object) -> bool:
         """Whether `key = value` was typed; it is carried out then."""
-        found = _CHANGE.fullmatch(entered) if isinstance(entered, str) else None
+        found = re.fullmatch(r"\s*(\w+)\s*=\s*(\S.*)", entered) if isinstance(entered, str) else None
         return found is not None and self.change(*found.groups())
 
     def take_usual(self, lines: Sequence[str]) -> None:

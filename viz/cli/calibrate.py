@@ -17,8 +17,6 @@ from vbaa_calib.core.folders import make_folder
 
 from .intrinsics import MODELS
 
-_DATE = re.compile(r"(?<!\d)(\d{4})-?(\d\d)-?(\d\d)(?:[T_-]?(\d\d)[:-]?(\d\d))?(?!\d)")
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -159,7 +157,9 @@ def _dated(known: list[Path]) -> list[tuple[datetime, Path]]:
                     raise InputError(f"date is {row['date']!r}", where=place, remedy=remedy) from None
                 found.append((date, path.parent / row["session"]))
             continue
-        date_of = _DATE.search(path.absolute().name)  # a link has a name of its own
+        # a link has a name of its own
+        pattern = r"(?<!\d)(\d{4})-?(\d\d)-?(\d\d)(?:[T_-]?(\d\d)[:-]?(\d\d))?(?!\d)"
+        date_of = re.search(pattern, path.absolute().name)
         try:
             if date_of is None:
                 raise ValueError

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from estimator.object.friction import Friction
     from estimator.object.surface import Surface
 
-_VIEWS = (("from above", 0, 1), ("from the side, along y", 0, 2), ("from the side, along x", 1, 2))
-"""Name, and which world axes run to the right and up."""
-
 
 def contact_maps(contacts: ContactTable, surface: Surface | None, truth_m: np.ndarray) -> tuple[list[Plot], int]:
     """Three views of located contacts with their ellipses, the object and true points (Q, 3), equal scales in mm.
@@ -32,7 +29,10 @@ def contact_maps(contacts: ContactTable, surface: Surface | None, truth_m: np.nd
     std_mm = 1e3 * np.sqrt(np.trace(contacts.covariance_world_m2, axis1=1, axis2=2))
     factor = enlargement(STYLE.side_px / half * std_mm, STYLE.visible_px)
     ends = middle[:, None] + half * np.array([-1.0, 1.0])
-    return [_contact_map(contacts, surface, truth_m, ends, view, factor) for view in _VIEWS], factor
+    return [
+        _contact_map(contacts, surface, truth_m, ends, view, factor)
+        for view in (("from above", 0, 1), ("from the side, along y", 0, 2), ("from the side, along x", 1, 2))
+    ], factor
 
 
 def _contact_map(

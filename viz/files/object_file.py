@@ -201,7 +201,6 @@ def _cells(indices: np.ndarray) -> np.ndarray | None:
 # --- .ply
 
 
-_HEADER = re.compile(rb"ply\r?\n(.*?)\bend_header\r?\n", re.DOTALL)
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _PLY_TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -243,7 +242,7 @@ def _read_ply(data: bytes) -> dict[str, Any]:
 
     Raises KeyError, IndexError, ValueError or StopIteration where the header makes no sense or rows are missing.
     """
-    header = _HEADER.match(data)
+    header = re.match(rb"(?s)ply\r?\n(.*?)\bend_header\r?\n", data)
     if header is None:
         raise ValueError
     lines = [line.split() for line in header[1].decode("ascii").splitlines()]
@@ -319,7 +318,6 @@ def _row_kind(body: bytes, position: int, properties: list[_Property]) -> np.dty
 
 
 _NAME = "reconstructed object"
-_TRIANGLES, _LINES, _POINTS = 4, 1, 0
 _GLB_TYPES = {5126: "<f4", 5125: "<u4"}
 
 
@@ -347,7 +345,8 @@ def _glb_bytes(mesh: ObjectMesh) -> bytes:
     numbers = {name: _add(made, blob, np.asarray(values, "<f4"), 5126) for name, values in attributes.items()}
     loose = np.setdiff1d(np.arange(len(std)), np.union1d(mesh.triangles, mesh.lines))
     primitives = []
-    for mode, indices in ((_TRIANGLES, mesh.triangles), (_LINES, mesh.lines), (_POINTS, loose)):
+    # modes of glTF: triangles 4, lines 1, points 0
+    for mode, indices in ((4, mesh.triangles), (1, mesh.lines), (0, loose)):
         if len(indices):
             added = _add(made, blob, indices.astype("<u4").ravel(), 5125)
             primitives.append({"attributes": numbers, "material": 0, "mode": mode, "indices": added})
@@ -388,7 +387,7 @@ def _read_glb(data: bytes) -> dict[str, Any]:
     points, normals, std = (_values(made, blob, names[name]) for name in ("POSITION", "NORMAL", "_STD_M"))
     triangles, lines = (
         _values(made, blob, parts[mode]["indices"]).reshape(-1, corners) if mode in parts else np.empty((0, corners))
-        for mode, corners in ((_TRIANGLES, 3), (_LINES, 2))
+        for mode, corners in ((4, 3), (1, 2))
     )
     std = np.where(std >= 0, std, np.nan)
     return {"points_m": points, "triangles": triangles, "lines": lines, "normals": normals, "std_m": std}

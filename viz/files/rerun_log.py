@@ -22,13 +22,12 @@ if TYPE_CHECKING:
     from estimator.live import LiveContact
     from estimator.table.contacts import ContactRow
 
-_SPAWN = "spawn"
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
 
 
 def refuse_log(target: str, force: bool) -> None:
     """Raises InputError for what is neither a viewer nor an .rrd file that may be written."""
-    if target == _SPAWN or "://" in target:
+    if target == "spawn" or "://" in target:
         return
     if Path(target).suffix != ".rrd":
         raise InputError("is no .rrd", where=target, remedy="name a file.rrd, a viewer's URL, or give --rerun alone")
@@ -66,7 +65,7 @@ class RerunLog:
         self._rerun = require_extra("rerun", "live")
         self._stream = self._rerun.RecordingStream("vbaa")
         try:
-            if target == _SPAWN:
+            if target == "spawn":
                 self._stream.connect_grpc(_open_viewer())
             elif "://" in target:
                 self._stream.connect_grpc(target)

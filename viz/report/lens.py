@@ -121,16 +121,17 @@ def _straightened(camera: Camera, image: np.ndarray) -> tuple[np.ndarray, np.nda
     return image, cv2.remap(image, u, v, cv2.INTER_LINEAR, borderValue=(255, 255, 255))
 
 
-_SHAPES = (("bow along x", "mm"), ("bow along y", "mm"), ("twist", "mm"), ("longer along x", "%"), ("shear", "mrad"))
-"""Of the board, in the order of its parameters."""
-
-
 def _board(shape: BoardShape) -> Table:
     """How the board differs from a flat print with square squares."""
     scales = {"mm": 1e3, "%": 1e2, "mrad": 1e3}
     rows = [
         [words, with_std(float(value), float(std), scales[unit]), unit]
-        for (words, unit), value, std in zip(_SHAPES, shape.parameters, shape.std, strict=True)
+        for (words, unit), value, std in zip(
+            (("bow along x", "mm"), ("bow along y", "mm"), ("twist", "mm"), ("longer along x", "%"), ("shear", "mrad")),
+            shape.parameters,
+            shape.std,
+            strict=True,
+        )
     ]
     return Table(("what", "value", "unit"), rows, ("what",))
 

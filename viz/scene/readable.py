@@ -17,7 +17,6 @@ MODES = ("force", "time", "uncertainty")
 """What contacts may be coloured by."""
 UNKNOWN = (150, 158, 170)
 """Grey of what has no number."""
-_ENLARGEMENTS = (1, 2, 5, 10, 20, 50, 100)
 _RAMPS = {
     "time": "440154 481769 472a7a 433e85 3c4f8a 355f8d 2e6f8e 287d8e 228b8d 1f9a8a 22a884 32b67a 4ec36b 6ece58 95d840 "
     "bddf26 e5e419",
@@ -40,7 +39,7 @@ def enlargement(sizes: np.ndarray, visible: float) -> int:
     """How many times larger than life the middle one of sizes (N,) can be seen, a round number up to 100."""
     known = sizes[np.isfinite(sizes)]
     wanted = visible / max(float(np.median(known)), 1e-12) if len(known) else 1.0
-    return next((factor for factor in _ENLARGEMENTS if factor >= wanted), _ENLARGEMENTS[-1])
+    return next((factor for factor in (1, 2, 5, 10, 20, 50) if factor >= wanted), 100)
 
 
 def round_down(value: float) -> float:

@@ -22,11 +22,6 @@ from vbaa_calib.rig import Rig
 from .follow import follow, runs
 from .onset import Track
 
-_CHANGED = (
-    *("point_world_m", "covariance_world_m2", "point_antenna_m", "distance_m", "distance_std_m"),
-    *("force_world_N", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N"),
-)
-
 
 def _kalman_smooth(
     time_s: np.ndarray, values: np.ndarray, covariance: np.ndarray, walk: np.ndarray
@@ -107,7 +102,13 @@ def smooth(
     """
     shared = shared_errors(rig, table) if shared is None else shared
     track = follow(table, rig, shared) if track is None else track
-    changed = {name: getattr(table, name).copy() for name in _CHANGED}
+    changed = {
+        name: getattr(table, name).copy()
+        for name in (
+            *("point_world_m", "covariance_world_m2", "point_antenna_m", "distance_m", "distance_std_m"),
+            *("force_world_N", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N"),
+        )
+    }
     rotation, _ = rig.kinematics.world_antenna(*joint_angles(rig.kinematics, table))
     for rows in _smoothable_pieces(table, track):
         _smooth_piece(table, rows, shared.own_m2[rows], shared, rotation[rows], changed)
