@@ -190,9 +190,9 @@ class RigFile(FileModel):
         MovingClamp | None,
         Field(description="of antennas whose clamp moves and turns: what no picture shows; null: one that does not"),
     ] = None
-    antennas: Annotated[dict[str, _RigAntenna], Field(description="by name, where several in the same picture differ")] = (
-        Field(default_factory=dict)
-    )
+    antennas: Annotated[
+        dict[str, _RigAntenna], Field(description="by name, where several in the same picture differ")
+    ] = Field(default_factory=dict)
     camera_name: Annotated[CameraName, Field(description="of camera, among cameras")] = "camera"
     cameras: Annotated[
         dict[CameraName, dict[str, Any]],
