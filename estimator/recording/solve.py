@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vbaa_calib.core.least_squares import TELLS, Rules, disagreement, disagreement_p, levenberg_marquardt
+from vbaa_calib.core.least_squares import MIN_INFORMATION, Rules, disagreement, disagreement_p, levenberg_marquardt
 from vbaa_calib.native import core
 
 from .problem import Equations, RecordingProblem, State, spread_evenly
@@ -130,7 +130,7 @@ def _trend(
     alike = in_stroke @ (when[: len(weight), None] * rubbed[:, :rig])
     alike -= in_stroke @ rubbed @ np.linalg.solve(total, across.T)
     values, vectors = np.linalg.eigh(of_trend)
-    vectors = vectors[:, values > TELLS]
+    vectors = vectors[:, values > MIN_INFORMATION]
     along = vectors.T @ side
     square = along @ np.linalg.solve(vectors.T @ (of_trend + alike.T @ alike) @ vectors, along)
     p = disagreement_p(np.array([square]), np.array([len(along)]))[0]
@@ -155,7 +155,7 @@ def _beginning(problem: RecordingProblem, state: State, strokes: np.ndarray) -> 
         (np.einsum("gb,bst->gst", sums, equations.information), sums @ equations.side, which),
     ):
         values, vectors = np.linalg.eigh(information)
-        told = values > TELLS
+        told = values > MIN_INFORMATION
         along = np.einsum("gsk,gs->gk", vectors, pull)
         square = np.where(told, along**2 / np.where(told, values + values**2, 1.0), 0.0).sum(axis=1)
         weight[(disagreement_p(square, told.sum(axis=1)) < _BEYOND_DOUBT)[of]] = 0.0

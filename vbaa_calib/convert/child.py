@@ -30,7 +30,6 @@ _SECONDS = 4.0
 _ERROR = "error"
 
 Arrays = Mapping[str, np.ndarray]
-_LITERAL_KEYS = ("lens_model", "lensmodel", "intrinsics", "extrinsics", "imagersize", "valid_intrinsics_region")
 
 
 def is_bag(path: Path) -> bool:
@@ -151,7 +150,8 @@ def read_literal(path: Path) -> dict[str, np.ndarray]:
             data = ast.literal_eval(path.read_text(encoding="utf-8-sig"))
         if not isinstance(data, dict):
             raise ValueError("is no mapping")
-        return {key: np.array(json.dumps(data[key])) for key in _LITERAL_KEYS if key in data}
+        keys = ("lens_model", "lensmodel", "intrinsics", "extrinsics", "imagersize", "valid_intrinsics_region")
+        return {key: np.array(json.dumps(data[key])) for key in keys if key in data}
     except (SyntaxError, TypeError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None)
         raise ValueError(f"line {line} is no Python" if line else "is no Python literal") from None

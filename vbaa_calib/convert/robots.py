@@ -38,13 +38,6 @@ _ROS_COUNTS = {
 }
 """Coefficients by model, as files in the wild have them. Azure Kinect's driver and others write the name fisheye,
 Tango's a rational_polynomial of five."""
-_ROS_KEYS = {
-    "k": "camera_matrix",
-    "d": "distortion_coefficients",
-    "r": "rectification_matrix",
-    "p": "projection_matrix",
-}
-"""A field of CameraInfo → its name in camera_info's YAML."""
 
 
 def _read_ros(path: Path, wanted: Wanted) -> Exchanged:
@@ -107,10 +100,17 @@ def _camera_of_message(message: Mapping[str, Any], path: Path, wanted: Wanted) -
     """
 
     def block(key: str, *counts: int) -> np.ndarray:
+        # A field of CameraInfo → its name in camera_info's YAML.
+        names = {
+            "k": "camera_matrix",
+            "d": "distortion_coefficients",
+            "r": "rectification_matrix",
+            "p": "projection_matrix",
+        }
         if message.get(key) is None:
             remedy = "a mapping with rows, cols and data is needed, or CameraInfo's k, d, r, p"
-            raise InputError(f"{_ROS_KEYS[key]} is missing", where=path, remedy=remedy)
-        return np.array(numbers(message[key], f"{_ROS_KEYS[key]}.data", path, counts))
+            raise InputError(f"{names[key]} is missing", where=path, remedy=remedy)
+        return np.array(numbers(message[key], f"{names[key]}.data", path, counts))
 
     model = one_of(message.get("distortion_model") or "plumb_bob", _ROS_COUNTS, "distortion_model", path)
     size = size_of([(f"image_{key}", message.get(key)) for key in ("width", "height")], path)
@@ -212,11 +212,6 @@ def _is_ros(text: str) -> bool:
     return "opencv-matrix" not in text and (echoed or any(all(key in text for key in keys) for keys in files))
 
 
-_KALIBR_MODELS = {"radtan": "opencv", "equidistant": "fisheye", "none": "opencv"}
-_KALIBR_REFITTED = {"omni": (5, ("none", "radtan")), "ds": (6, ("none",)), "eucm": (6, ("none",))}
-"""Camera models that are refitted: their number of intrinsics, and the distortions they come with."""
-
-
 def _read_kalibr(path: Path, wanted: Wanted) -> Exchanged:
     """ethz-asl/kalibr, wiki: YAML formats, supported models. One of cam0, cam1, … where it holds several cameras.
 
@@ -229,8 +224,11 @@ def _read_kalibr(path: Path, wanted: Wanted) -> Exchanged:
     data = {str(name): each for name, each in read_yaml(path).items() if str(name).startswith("cam")}
     name = wanted.one_of([name for name, each in data.items() if isinstance(each, dict)], path)
     data = data[name]
-    kind = one_of(data.get("camera_model"), ("pinhole", *_KALIBR_REFITTED), f"{name}: camera_model", path)
-    count, known = _KALIBR_REFITTED.get(kind, (4, (*_KALIBR_MODELS, "fov")))
+    # Camera models that are refitted: their number of intrinsics, and the distortions they come with.
+    refitted_models = {"omni": (5, ("none", "radtan")), "ds": (6, ("none",)), "eucm": (6, ("none",))}
+    kind = one_of(data.get("camera_model"), ("pinhole", *refitted_models), f"{name}: camera_model", path)
+    models = {"radtan": "opencv", "equidistant": "fisheye", "none": "opencv"}
+    count, known = refitted_models.get(kind, (4, (*models, "fov")))
     model = one_of(data.get("distortion_model", "none"), known, f"{name}: distortion_model", path)
     key = f"{name}.resolution"
     size = size_of([(key, side) for side in numbers(data.get("resolution"), key, path, (2,))], path)
@@ -241,7 +239,7 @@ def _read_kalibr(path: Path, wanted: Wanted) -> Exchanged:
     alone = pose is None and data.get("T_cn_cnm1") is not None
     notes = (f"{name}.T_cn_cnm1 counts from the camera before it, which is not taken along: left out",) if alone else ()
     if kind == "pinhole" and model != "fov":
-        camera = checked(_KALIBR_MODELS[model], size, core, coefficients, path)
+        camera = checked(models[model], size, core, coefficients, path)
         return Exchanged(camera, pose, notes=notes)
     projection = PROJECTIONS["fov" if model == "fov" else kind](core, coefficients)
     camera, words = refitted(projection, size, f"{kind}-{model}", path)

@@ -373,18 +373,16 @@ def umask() -> int:
     return mask
 
 
-_DISK = {errno.ENOSPC: "free", errno.EDQUOT: "free", errno.EFBIG: "allow", errno.EROFS: ""}
-
-
 @contextmanager
 def disk_errors_named(path: Path) -> Iterator[None]:
     """Raises InputError naming `path` in place of a disk's error: full, over a quota or a limit, read-only."""
+    causes = {errno.ENOSPC: "free", errno.EDQUOT: "free", errno.EFBIG: "allow", errno.EROFS: ""}
     try:
         yield
     except OSError as error:
-        if error.errno not in _DISK:
+        if error.errno not in causes:
             raise
-        do = _DISK[error.errno]
+        do = causes[error.errno]
         remedy = f"{do} more space, or write somewhere else" if do else "write somewhere else"
         raise InputError(f"cannot be written ({error.strerror})", where=path, remedy=remedy) from None
 

@@ -116,8 +116,8 @@ def schur_complement(total: np.ndarray, cross: np.ndarray, own: np.ndarray) -> t
     return total - np.einsum("vki,vkj->ij", cross, through), through
 
 
-TELLS = 0.05
-"""Directions count in which a group of residuals tells more than this part of what is known beforehand."""
+MIN_INFORMATION = 0.05
+"""Smallest ratio of a group's information to that of all the others with which a direction counts."""
 
 
 def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -129,7 +129,7 @@ def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -
     information : (G, S, S), pull : (G, S), in units of the prior's deviations. total : (S, S).
     """
     values, vectors = np.linalg.eigh(information)
-    identified = values > TELLS
+    identified = values > MIN_INFORMATION
     along = np.einsum("gsk,gs->gk", vectors, pull)
     mixed = np.swapaxes(vectors, 1, 2) @ information
     covariance = values[:, :, None] * np.eye(values.shape[1]) - mixed @ np.linalg.solve(total, np.swapaxes(mixed, 1, 2))

@@ -215,16 +215,6 @@ def _at(whole: Mapping[str, Any], part: Mapping[str, Any], loc: tuple[int | str,
     return _at(whole, inner, loc[1:])
 
 
-_TYPES = {
-    "object": "a mapping",
-    "array": "a list",
-    "string": "a text",
-    "number": "a number",
-    "integer": "a whole number",
-    "boolean": "true or false",
-}
-
-
 def _wanted(error: ErrorDetails, part: Mapping[str, Any]) -> str:
     kind, context = error["type"], error.get("ctx", {})
     if kind.startswith(("greater_than", "less_than")):
@@ -241,7 +231,15 @@ def _wanted(error: ErrorDetails, part: Mapping[str, Any]) -> str:
         return f"{part.get('minItems', '')} or more values" if "maxItems" not in part else f"{part['maxItems']} values"
     if kind == "literal_error":
         return str(context["expected"])
-    return _TYPES.get(part.get("type", ""), error["msg"][0].lower() + error["msg"][1:])
+    types = {
+        "object": "a mapping",
+        "array": "a list",
+        "string": "a text",
+        "number": "a number",
+        "integer": "a whole number",
+        "boolean": "true or false",
+    }
+    return types.get(part.get("type", ""), error["msg"][0].lower() + error["msg"][1:])
 
 
 def _not_finite(data: Any, loc: tuple[int | str, ...] = ()) -> tuple[int | str, ...] | None:

@@ -134,18 +134,6 @@ def _lengths(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
 # ---- loads
 
 
-_SLIPS = (
-    ("with its sign turned round", -np.eye(2)),
-    ("with the sign of y turned round", np.diag([-1.0, 1.0])),
-    ("with the sign of z turned round", np.diag([1.0, -1.0])),
-    ("with y and z exchanged", np.array([[0.0, 1.0], [1.0, 0.0]])),
-    ("with y and z exchanged, and the sign turned round", np.array([[0.0, -1.0], [-1.0, 0.0]])),
-    ("with y and z exchanged, and the sign of one of them turned round", np.array([[0.0, 1.0], [-1.0, 0.0]])),
-    ("with y and z exchanged, and the sign of one of them turned round", np.array([[0.0, -1.0], [1.0, 0.0]])),
-)
-"""Wrong directions of a force, and the matrix that puts each right."""
-
-
 def _cells(before: Load, after: Load) -> str:
     """The cells of a row that change."""
     names = ("distance_m", "force_y_N", "force_z_N")
@@ -192,7 +180,17 @@ def _slips(witness: Witness, which: Sequence[int], log_prior: float) -> Iterator
         yield cause("force", how, partial(_turned_load, matrix=factor * np.eye(2)), 1.0)
     known: list[np.ndarray] = [np.eye(2)]
     forces = np.array([[load.force_y_N, load.force_z_N] for _, load in rows]).T
-    for how, turn in _SLIPS:
+    # Wrong directions of a force, and the matrix that puts each right.
+    slips = (
+        ("with its sign turned round", -np.eye(2)),
+        ("with the sign of y turned round", np.diag([-1.0, 1.0])),
+        ("with the sign of z turned round", np.diag([1.0, -1.0])),
+        ("with y and z exchanged", np.array([[0.0, 1.0], [1.0, 0.0]])),
+        ("with y and z exchanged, and the sign turned round", np.array([[0.0, -1.0], [-1.0, 0.0]])),
+        ("with y and z exchanged, and the sign of one of them turned round", np.array([[0.0, 1.0], [-1.0, 0.0]])),
+        ("with y and z exchanged, and the sign of one of them turned round", np.array([[0.0, -1.0], [1.0, 0.0]])),
+    )
+    for how, turn in slips:
         if all(np.abs((turn - other) @ forces).max() > 1e-6 * np.abs(forces).max() for other in known):
             known.append(turn)
             yield cause("force", how, partial(_turned_load, matrix=turn), 1.5)
@@ -388,17 +386,6 @@ def _always(diagnosis: Diagnosis, fit: RigFit) -> Diagnosis:
     return diagnosis
 
 
-_JOINTS = (
-    ("the tilt turned the other way", "the sign of tilt_rad", np.diag([1.0, -1.0])),
-    ("the pan turned the other way", "the sign of pan_rad", np.diag([-1.0, 1.0])),
-    ("pan and tilt were exchanged", "the columns pan_rad and tilt_rad", np.array([[0.0, 1.0], [1.0, 0.0]])),
-    ("the angles were in degrees", "the unit: angles are in rad", np.pi / 180 * np.eye(2)),
-    ("the angles had been turned into rad twice", "the angles: they are in rad once", 180 / np.pi * np.eye(2)),
-    ("the tilt stayed at 0", "tilt_rad, or connect its encoder", np.diag([1.0, 0.0])),
-)
-"""How the joints would have moved, what to correct, and the matrix that puts (pan, tilt) right."""
-
-
 def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
     """Where gravity points, and what the joints read."""
     kinematics, world = witness.kinematics, witness.session.gravity_world_m_s2
@@ -432,7 +419,16 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
         )
         if new(pulls):
             yield Mistake(partial(_with_gravity, pulls), partial(_always, likely), (), s.mistake - 1.5, moments=True)
-    for words, what, turn in _JOINTS:
+    # How the joints would have moved, what to correct, and the matrix that puts (pan, tilt) right.
+    faults = (
+        ("the tilt turned the other way", "the sign of tilt_rad", np.diag([1.0, -1.0])),
+        ("the pan turned the other way", "the sign of pan_rad", np.diag([-1.0, 1.0])),
+        ("pan and tilt were exchanged", "the columns pan_rad and tilt_rad", np.array([[0.0, 1.0], [1.0, 0.0]])),
+        ("the angles were in degrees", "the unit: angles are in rad", np.pi / 180 * np.eye(2)),
+        ("the angles had been turned into rad twice", "the angles: they are in rad once", 180 / np.pi * np.eye(2)),
+        ("the tilt stayed at 0", "tilt_rad, or connect its encoder", np.diag([1.0, 0.0])),
+    )
+    for words, what, turn in faults:
         angles = [turn @ (one.pan_rad, one.tilt_rad) for one in frames]
         moved = [replace(one, pan_rad=float(a[0]), tilt_rad=float(a[1])) for one, a in zip(frames, angles, strict=True)]
         pulls = gravity_antenna(kinematics, world, moved)

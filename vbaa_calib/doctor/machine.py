@@ -37,20 +37,6 @@ class _MachineSettings:
 _LIMITS = _MachineSettings()
 
 
-_OPEN = (
-    "import json, sys, cv2\n"
-    "for index in map(int, sys.argv[1:]):\n"
-    "    camera = cv2.VideoCapture(index)\n"
-    "    taken, image = camera.read() if camera.isOpened() else (False, None)\n"
-    "    print(json.dumps([index, list(image.shape[1::-1]) if taken else None]), flush=True)\n"
-    "    camera.release()\n"
-)
-_TORCH = (
-    "import time; begun = time.perf_counter(); import torch; "
-    "print(time.perf_counter() - begun, torch.__version__, torch.get_num_threads(), torch.cuda.is_available())"
-)
-
-
 @dataclass(frozen=True)
 class _EndedProcess:
     """How a process ended: its exit code, None when it took too long; negative when a signal ended it."""
@@ -130,7 +116,15 @@ def cameras(
         devices, indices = [], ["0", "1"]  # there is nothing to list: the first two are tried
     opened = {}
     if indices:
-        tried = attempt(["-c", _OPEN, *indices], _LIMITS.camera_s)
+        program = (
+            "import json, sys, cv2\n"
+            "for index in map(int, sys.argv[1:]):\n"
+            "    camera = cv2.VideoCapture(index)\n"
+            "    taken, image = camera.read() if camera.isOpened() else (False, None)\n"
+            "    print(json.dumps([index, list(image.shape[1::-1]) if taken else None]), flush=True)\n"
+            "    camera.release()\n"
+        )
+        tried = attempt(["-c", program, *indices], _LIMITS.camera_s)
         opened = dict(json.loads(line) for line in tried.out.splitlines() if line.startswith("["))
         if tried.code != 0:
             how = tried.how("does not answer", "ends the program that opens it")
@@ -152,7 +146,11 @@ def cameras(
 
 def torch(attempt: _Try = _try_python) -> HealthFinding:
     """Whether torch loads, and how long that takes; `vbaa check` and who gives tensors wait for it."""
-    tried = attempt(["-c", _TORCH], _LIMITS.torch_s)
+    program = (
+        "import time; begun = time.perf_counter(); import torch; "
+        "print(time.perf_counter() - begun, torch.__version__, torch.get_num_threads(), torch.cuda.is_available())"
+    )
+    tried = attempt(["-c", program], _LIMITS.torch_s)
     fields = tried.out.split()
     if tried.code != 0 or len(fields) != 4:
         how = tried.how(f"takes longer than {_LIMITS.torch_s:.0f} s to load", "cannot be loaded")

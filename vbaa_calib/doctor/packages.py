@@ -138,18 +138,16 @@ def shadows(
     return HealthFinding("shadows", words, tuple(problems), {"places": places})
 
 
-_NAMES = frozenset(
-    f"opencv{contrib}-python{headless}" for contrib in ("", "-contrib") for headless in ("", "-headless")
-)
-
-
 def opencv(
     installed: Mapping[str, str] | None = None, load: Callable[[], Any] = lambda: importlib.import_module("cv2")
 ) -> HealthFinding:
     """Several wheels at once overwrite each other's files; OpenCV 5 lacks what is needed; some wheels need libGL."""
     if installed is None:
         known = {re.sub(r"[-_.]+", "-", each.metadata["Name"] or "").lower(): each for each in metadata.distributions()}
-        installed = {name: each.version for name, each in known.items() if name in _NAMES}
+        wheels = frozenset(
+            f"opencv{contrib}-python{headless}" for contrib in ("", "-contrib") for headless in ("", "-headless")
+        )
+        installed = {name: each.version for name, each in known.items() if name in wheels}
     named = ", ".join(f"{name} {version}" for name, version in sorted(installed.items())) or "no wheel of OpenCV"
     again = f'{pip("install", "--force-reinstall", "--no-deps")} "opencv-contrib-python-headless>=4.14,<5"'
     problems = []

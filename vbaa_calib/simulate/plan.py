@@ -21,8 +21,6 @@ from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, Joints, KnownLoad, S
 
 from .joint_paths import Place, sweep_joints
 
-_PLACES = ((0, 0), (-1, -1), (1, 1), (1, -1), (-1, 1), (-1, 0), (1, 0), (0, -1), (0, 1))
-
 
 def board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.random.Generator) -> list[Pose]:
     """T_camera_board of every picture: about inside the picture, and reaching its borders and corners."""
@@ -30,6 +28,7 @@ def board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.r
     focal = np.diag(lens.matrix)[:2]
     middle = (np.array(lens.image_size) - 1) / 2
     poses = []
+    places = ((0, 0), (-1, -1), (1, 1), (1, -1), (-1, 1), (-1, 0), (1, 0), (0, -1), (0, 1))
     for index in range(spec.pictures):
         distance, tilt = rng.uniform(*spec.distance_m), rng.uniform(*spec.tilt_rad)
         # the golden angle spreads directions evenly
@@ -38,7 +37,7 @@ def board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.r
         rotation = (turn * Rotation.from_rotvec([0.0, 0.0, rng.uniform(-0.5, 0.5)])).as_matrix()
         # part of the board's half that must stay inside
         room = np.maximum(middle - 0.9 * focal * size / (2 * distance), 0.0)
-        pixel = middle + room * _PLACES[index % len(_PLACES)] * rng.uniform(0.85, 1.0)
+        pixel = middle + room * places[index % len(places)] * rng.uniform(0.85, 1.0)
         centre = distance * np.append(normalise(lens, pixel[None])[0], 1.0)
         poses.append(Pose(rotation, centre - rotation[:, :2] @ middle_m))
     return poses

@@ -74,12 +74,6 @@ Take = Callable[[BoardShot | AntennaShot, AntennaShot | None, np.random.Generato
 """Of a shot, the frame after it in its stroke (None: there is none) and random numbers: the picture, uint8."""
 
 _CENTRELINE_STD_PX = 0.1
-_PNG = (
-    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
-    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
-    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG),
-)
-"""Noise does not compress: a real search takes three times as long and makes larger files."""
 
 
 def refuse_target(path: Path, force: bool, marker: str = "session.yaml") -> None:
@@ -147,7 +141,13 @@ def write_session(
 
 
 def _write_picture(path: Path, picture: np.ndarray) -> None:
-    path.write_bytes(cv2.imencode(".png", picture, _PNG)[1].tobytes())
+    # Noise does not compress: a real search takes three times as long and makes larger files.
+    options = (
+        *(cv2.IMWRITE_PNG_COMPRESSION, 1),
+        *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
+        *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG),
+    )
+    path.write_bytes(cv2.imencode(".png", picture, options)[1].tobytes())
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:

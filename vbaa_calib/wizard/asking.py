@@ -285,13 +285,6 @@ def check_together(answers: Mapping[str, Any]) -> None:
         raise InputError(what, where="jig_board_x, jig_board_y", remedy="the two are at right angles: answer anew")
 
 
-_READERS: Mapping[str, Callable[[Session], Sequence[Any]]] = {
-    "noload": read_noload,
-    "loads": read_loads,
-    "sweep": read_sweep,
-}
-
-
 def adopt(store: Store, ui: Ui) -> None:
     """Start from a session made without the wizard: its settings are answers, its pictures are accepted."""
     path = store.root / "session.yaml"
@@ -304,12 +297,17 @@ def adopt(store: Store, ui: Ui) -> None:
         if file.is_file():
             write_text(inputs / file.name, read_text(file))
     journal = store.journal.with_answers({**_make_board(store, answers), **answers})
+    readers: Mapping[str, Callable[[Session], Sequence[Any]]] = {
+        "noload": read_noload,
+        "loads": read_loads,
+        "sweep": read_sweep,
+    }
     for step, words in PICTURES.items():
         folder = store.root / (FOLDERS.get(step) or WAYS.get(str(answers.get("plane_way")), "plane"))
         if not folder.is_dir():
             continue
-        if folder.name in _READERS:
-            rows = ((row.image, row) for row in _READERS[folder.name](session))
+        if folder.name in readers:
+            rows = ((row.image, row) for row in readers[folder.name](session))
         else:
             rows = ((image, None) for image in list_images(folder))
         taken = tuple(_accepted(folder, image, row) for image, row in rows)

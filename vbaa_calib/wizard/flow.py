@@ -23,14 +23,6 @@ from .steps import REPORT, RIG, STEP_BY_NAME, Report, Step, conclude
 from .store import Store
 from .ui import Interrupted, Ui
 
-_GO_BACK = Question(
-    "go_back",
-    "",
-    "Press Enter to go back to the step before",
-    "other pictures there may help",
-    kind="text",
-    default="back",
-)
 _ASKED_AGAIN = {
     "board": BOARD_ANSWERS,
     "lens": ("camera", *(one.key for one in OF_LENS_FILE)),
@@ -46,6 +38,14 @@ def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
     """
     at, store = 0, state.store
     ui.change = partial(change, state, ui)
+    back = Question(
+        "go_back",
+        "",
+        "Press Enter to go back to the step before",
+        "other pictures there may help",
+        kind="text",
+        default="back",
+    )
     while True:
         step = STEP_BY_NAME[STEPS[at]]
         is_last = step.name == STEPS[-1]
@@ -65,7 +65,7 @@ def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
                 raise
             ui.wrong(str(error))
             try:
-                ui.ask(_GO_BACK)
+                ui.ask(back)
                 command = "back"
             except Interrupted as interrupt:
                 command = interrupt.command

@@ -16,7 +16,6 @@ from .steps import STEP_BY_NAME, PictureCheck
 from .ui import LivePicture, Ui, WizardView
 
 _COLUMNS, _ROWS = 12, 8
-_NOT_STILL: dict[str, Any] = {"hold": 0.0, "suggested_px": None, "suggestion": "", "closeness": None, "hints": []}
 
 
 class Page(WizardView):
@@ -64,7 +63,14 @@ class Page(WizardView):
             case "question" | "problem":
                 self._answers_from = self._number + 1
                 # the live picture stands still until the answer
-                self._live = self._live and self._live | _NOT_STILL
+                moving: dict[str, Any] = {
+                    "hold": 0.0,
+                    "suggested_px": None,
+                    "suggestion": "",
+                    "closeness": None,
+                    "hints": [],
+                }
+                self._live = self._live and self._live | moving
             case "live" | "progress" if ui.picture is not None:
                 self._look(ui, ui.picture)
             case "progress" if ui.progress.target is not None:

@@ -22,15 +22,6 @@ if TYPE_CHECKING:
 
 Answers = Mapping[str, Any]
 _NUMBER = re.compile(r"([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d.,;+-]*)\s*")
-_SAME_KIND = (
-    {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "inch": 0.0254, "inches": 0.0254},
-    {"g": 1e-3, "kg": 1.0, "oz": 0.028349523, "lb": 0.45359237},
-    {"degrees": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad": 1.0},
-    {"GPa": 1e9, "MPa": 1e6, "Pa": 1.0},
-    {"mN·m": 1e-3, "mNm": 1e-3, "N·m": 1.0, "Nm": 1.0},
-)
-"""Units that may be typed behind a number, each with its size in SI, by what they measure."""
-_YES_NO = dict.fromkeys(("y", "yes", "true"), True) | dict.fromkeys(("n", "no", "false"), False)
 
 
 @dataclass(frozen=True)
@@ -146,7 +137,15 @@ def _as_number(entered: object, unit: str) -> float:
             raise ValueError("that is not a number")
         entered, other = found.groups()
         if other and other != unit:
-            sizes = next((kind for kind in _SAME_KIND if unit in kind and other in kind), None)
+            # Units that may be typed behind a number, each with its size in SI, by what they measure.
+            kinds = (
+                {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "inch": 0.0254, "inches": 0.0254},
+                {"g": 1e-3, "kg": 1.0, "oz": 0.028349523, "lb": 0.45359237},
+                {"degrees": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad": 1.0},
+                {"GPa": 1e9, "MPa": 1e6, "Pa": 1.0},
+                {"mN·m": 1e-3, "mNm": 1e-3, "N·m": 1.0, "Nm": 1.0},
+            )
+            sizes = next((kind for kind in kinds if unit in kind and other in kind), None)
             if sizes is None:
                 raise ValueError(f"{other!r} is no unit of it")
             factor = sizes[other] / sizes[unit]
@@ -157,9 +156,10 @@ def _as_number(entered: object, unit: str) -> float:
 
 def _yesno(entered: object) -> bool:
     text = str(entered).strip().lower()
-    if text not in _YES_NO:
+    meaning = dict.fromkeys(("y", "yes", "true"), True) | dict.fromkeys(("n", "no", "false"), False)
+    if text not in meaning:
         raise ValueError("that is neither")
-    return _YES_NO[text]
+    return meaning[text]
 
 
 def _sides(entered: object) -> str:

@@ -73,8 +73,6 @@ _UNITS = {
     },
 }
 """Section and key of session.yaml → the answer, and the size of its unit in SI."""
-_PASSING = {"antenna_length_mm": 100.0, "antenna_diameter_mm": 1.0}
-"""Taken until they are answered, since they have no default."""
 
 
 def scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
@@ -209,8 +207,10 @@ class SessionState:
         """session.yaml from answers and defaults. before : its content; other keys stay."""
         answers, board, scale = self._answers, self.board, self.scale
         value = {key: answers.get(key, question.as_known(answers).default) for key, question in BY_KEY.items()}
+        # Taken until they are answered, since they have no default.
+        passing = {"antenna_length_mm": 100.0, "antenna_diameter_mm": 1.0}
         read = {
-            section: {key: size * (value[name] or _PASSING.get(name, 0.0)) for key, (name, size) in keys.items()}
+            section: {key: size * (value[name] or passing.get(name, 0.0)) for key, (name, size) in keys.items()}
             for section, keys in _UNITS.items()
         }
         antenna = dict(before.get("antenna") or {}) | read["antenna"]

@@ -275,17 +275,15 @@ def _lens_progress(state: SessionState) -> Progress:
     )
 
 
-_WAYS = {
-    "plane": (1, 0, "the board in the jig, the jig fixed to the antenna's base"),
-    "sweep": (5, 10, "the board fixed in the world; turn pan and tilt to another place, let them rest, read them"),
-    "over": (1, 3, "the board flat under the free antenna, at rest"),
-}
-"""Way to plane C → fewest pictures, enough pictures (0: judged from the pictures), and what to shoot."""
-
-
 def _plane_progress(state: SessionState) -> Progress:
     way, count = state.store.folder("plane"), len(state.taken("plane"))
-    least, most, shoot = _WAYS[way]
+    # Way to plane C → fewest pictures, enough pictures (0: judged from the pictures), and what to shoot.
+    ways = {
+        "plane": (1, 0, "the board in the jig, the jig fixed to the antenna's base"),
+        "sweep": (5, 10, "the board fixed in the world; turn pan and tilt to another place, let them rest, read them"),
+        "over": (1, 3, "the board flat under the free antenna, at rest"),
+    }
+    least, most, shoot = ways[way]
     seen = _counted(count, "picture")
     if count < least:
         return Progress((seen,), (f"{least - count} more at least",), shoot)

@@ -110,7 +110,6 @@ class _Screen:
 
 _LABEL = 12 * " "
 _MOST_IN_PROMPT = 7  # choices; more stand above it
-_AFTER = "vbaa estimate finds contacts in a recording; vbaa check shows in a month whether the rig is still valid"
 
 
 class Terminal(WizardView):
@@ -201,7 +200,11 @@ class Terminal(WizardView):
                 self._write(ui.document["headline"], "bold")
                 for one in ui.to_be_done:
                     self._write(f"- {one['question']} {one['words']} → {one['remedy']}", "doubt", "  ", "    ")
-                rows = ("report", ui.report, ""), ("rig", ui.document["rig"], ""), ("next", _AFTER, "next")
+                after = (
+                    "vbaa estimate finds contacts in a recording; "
+                    "vbaa check shows in a month whether the rig is still valid"
+                )
+                rows = ("report", ui.report, ""), ("rig", ui.document["rig"], ""), ("next", after, "next")
                 for label, words, style in rows:
                     self._write(f"{label:9s} {words}", style, "  ", _LABEL)
 

@@ -37,20 +37,6 @@ class _PoolSettings:
 POOL = _PoolSettings()
 
 
-_QUIET = {
-    "distributed.scheduler.allowed-failures": POOL.retries,
-    # looks at every thread a hundred times a second
-    "distributed.worker.profile.enabled": False,
-    "distributed.admin.system-monitor.interval": "5s",
-    # fifty and ten times a second, in each process and its guard: 5 % of a core
-    "distributed.admin.tick.interval": "1s",
-    "distributed.worker.memory.monitor-interval": "500ms",
-    # an HTTP server is there in each process in any case, for every user of the machine: it has nothing to tell
-    "distributed.scheduler.http.routes": [],
-    "distributed.worker.http.routes": [],
-}
-
-
 _LOST = "the scheduler is lost; run again to do what is missing"
 
 
@@ -132,7 +118,19 @@ def client_of(where: Where) -> Iterator[Client]:
         place = dask.config.get("temporary-directory")
         own = TemporaryDirectory(prefix="vbaa-batch-", dir=place, ignore_cleanup_errors=True)
         folder = open_ones.enter_context(own)
-        open_ones.enter_context(dask.config.set({**_QUIET, "temporary-directory": folder}))
+        quiet = {
+            "distributed.scheduler.allowed-failures": POOL.retries,
+            # looks at every thread a hundred times a second
+            "distributed.worker.profile.enabled": False,
+            "distributed.admin.system-monitor.interval": "5s",
+            # fifty and ten times a second, in each process and its guard: 5 % of a core
+            "distributed.admin.tick.interval": "1s",
+            "distributed.worker.memory.monitor-interval": "500ms",
+            # an HTTP server is there in each process in any case, for every user of the machine: it has nothing to tell
+            "distributed.scheduler.http.routes": [],
+            "distributed.worker.http.routes": [],
+        }
+        open_ones.enter_context(dask.config.set({**quiet, "temporary-directory": folder}))
         cluster = open_ones.enter_context(
             distributed.LocalCluster(
                 n_workers=where.jobs,

@@ -48,7 +48,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         refuse_output(args.html, PAGES, args.force, (args.a, args.b))
     kinds = [_kind(path) for path in (args.a, args.b)]
     if kinds[0] != kinds[1]:
-        what = f"{args.a} is {_NAMES[kinds[0]]}, {args.b} {_NAMES[kinds[1]]}"
+        names = {"rigs": "a rig", "results": "a results folder", "contacts": "a table of contacts"}
+        what = f"{args.a} is {names[kinds[0]]}, {args.b} {names[kinds[1]]}"
         raise InputError(what, where="vbaa compare", remedy="give two of a kind")
     result, page = (_rigs if kinds[0] == "rigs" else _contacts)(args, kinds[0])
     for line in (*result["words"], *result.get("missing", ())[:_SHOWN]):
@@ -58,9 +59,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_text(args.html, page, args.force)
         say(f"wrote {args.html}")
     return {"kind": kinds[0], **result, "exit_code": 0 if result["agree"] else 1}
-
-
-_NAMES = {"rigs": "a rig", "results": "a results folder", "contacts": "a table of contacts"}
 
 
 def _kind(path: Path) -> str:

@@ -60,13 +60,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--html", type=Path, metavar="REPORT", help="write a page that opens offline in any browser")
 
 
-_OF_FLAG = {
-    "squares": {"square": "square_m", "marker": "marker_m", "dict": "dictionary", "legacy": "legacy_pattern"}
-    | {"first_id": "first_id"},
-    "circles": {"spacing": "spacing_m", "asymmetric": "type"},
-    "board": {},
-}
-"""The flags that go with each way to describe a board, and the keys of board.yaml that they stand for."""
 _VERB = "vbaa intrinsics"
 
 
@@ -74,12 +67,19 @@ def _board(args: argparse.Namespace) -> Board:
     """The board of --board, or of the flags. Raises InputError."""
     from vbaa_calib.detect.board.board_file import board_from, counts, load_lens_board
 
-    ways = [name for name in _OF_FLAG if getattr(args, name) is not None]
+    # The flags that go with each way to describe a board, and the keys of board.yaml that they stand for.
+    flags_of = {
+        "squares": {"square": "square_m", "marker": "marker_m", "dict": "dictionary", "legacy": "legacy_pattern"}
+        | {"first_id": "first_id"},
+        "circles": {"spacing": "spacing_m", "asymmetric": "type"},
+        "board": {},
+    }
+    ways = [name for name in flags_of if getattr(args, name) is not None]
     if len(ways) != 1:
         what = " and ".join(f"--{name}" for name in ways) + " each describe a board" if ways else "no board is given"
         raise InputError(what, where=_VERB, remedy="give one of --board FILE, --squares CxR, --circles CxR")
     options: dict[str, Any] = {}
-    for way, keys in _OF_FLAG.items():
+    for way, keys in flags_of.items():
         for flag in (flag for flag in keys if getattr(args, flag) is not None):
             if way != ways[0]:
                 raise InputError(f"--{flag} does not go with --{ways[0]}", where=_VERB, remedy="leave it out")

@@ -22,7 +22,6 @@ _THEMED = re.compile(
     r"#(ffffff|1f2937|111827|334155|5b6676|64748b|dde3ea|eceff3|0f766e|b45309|dc2626|0072b2|c2410c|7c3aed|12355b)\b"
 )
 """Colours for which a page in the dark has others, by the variables of `viz/pages/templates/style.css`."""
-_SIGNS = {"dot": "●", "ring": "○", "line": "━", "dashes": "╍", "band": "■", "block": "■"}
 Places = Sequence[float] | np.ndarray
 Ticks = tuple[Sequence[float], Sequence[str]]
 """Places on an axis, and what is written at each."""
@@ -190,7 +189,8 @@ class Plot:
 def _entry(entry: tuple[str, str, str]) -> str:
     colour, words, sign = entry
     look = _colour("fill", pale(colour, 0.35) if sign == "band" else colour)
-    return f'<tspan style="{look}" dx="13">{_SIGNS[sign]}</tspan><tspan dx="4">{escape(words, quote=False)}</tspan>'
+    signs = {"dot": "●", "ring": "○", "line": "━", "dashes": "╍", "band": "■", "block": "■"}
+    return f'<tspan style="{look}" dx="13">{signs[sign]}</tspan><tspan dx="4">{escape(words, quote=False)}</tspan>'
 
 
 def key_rows(entries: Sequence[tuple[str, str, str]], width_px: float) -> list[str]:

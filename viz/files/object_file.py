@@ -201,7 +201,6 @@ def _cells(indices: np.ndarray) -> np.ndarray | None:
 # --- .ply
 
 
-_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _PLY_TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
@@ -246,7 +245,8 @@ def _read_ply(data: bytes) -> dict[str, Any]:
     if header is None:
         raise ValueError
     lines = [line.split() for line in header[1].decode("ascii").splitlines()]
-    order = next(_ORDERS[words[1]] for words in lines if words[:1] == ["format"])
+    orders = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+    order = next(orders[words[1]] for words in lines if words[:1] == ["format"])
     # numbers in words are read as if they were doubles
     body = data[header.end() :] if order else np.array(data[header.end() :].split(), float).tobytes()
     found, position = {}, 0
@@ -318,7 +318,6 @@ def _row_kind(body: bytes, position: int, properties: list[_Property]) -> np.dty
 
 
 _NAME = "reconstructed object"
-_GLB_TYPES = {5126: "<f4", 5125: "<u4"}
 
 
 def _glb_bytes(mesh: ObjectMesh) -> bytes:
@@ -397,5 +396,6 @@ def _values(made: dict[str, Any], blob: bytes, number: int) -> np.ndarray:
     """An accessor's numbers. Raises ValueError where the data end before them."""
     about = made["accessors"][number]
     start, width = made["bufferViews"][about["bufferView"]]["byteOffset"], {"SCALAR": 1, "VEC3": 3}[about["type"]]
-    values = np.frombuffer(blob, _GLB_TYPES[about["componentType"]], about["count"] * width, start).astype(float)
+    types = {5126: "<f4", 5125: "<u4"}
+    values = np.frombuffer(blob, types[about["componentType"]], about["count"] * width, start).astype(float)
     return values.reshape(-1, width) if width > 1 else values

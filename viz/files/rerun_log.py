@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from estimator.live import LiveContact
     from estimator.table.contacts import ContactRow
 
-_JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
-
 
 def refuse_log(target: str, force: bool) -> None:
     """Raises InputError for what is neither a viewer nor an .rrd file that may be written."""
@@ -81,7 +79,8 @@ class RerunLog:
         self.row(contact.row, "final" if contact.final else "contact")
         if contact.final or contact.image is None:
             return
-        data = cv2.imencode(".jpg", np.clip(contact.image, 0, 255).astype(np.uint8), _JPEG)[1].tobytes()
+        quality = [cv2.IMWRITE_JPEG_QUALITY, 85]
+        data = cv2.imencode(".jpg", np.clip(contact.image, 0, 255).astype(np.uint8), quality)[1].tobytes()
         self._log("picture", self._rerun.EncodedImage(contents=data, media_type="image/jpeg"))
         points = contact.item.measured.points_px
         self._log("picture/antenna", self._rerun.Points2D(points, radii=1.0, colors=(0, 220, 120)))

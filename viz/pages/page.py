@@ -13,23 +13,6 @@ import jinja2
 import numpy as np
 from markupsafe import Markup, escape
 
-_UNITS = (
-    ("_percent", "%", 1.0),
-    ("_kg_m3", "kg/m³", 1.0),
-    ("_kg_m", "g/m", 1e3),
-    ("_Nm2", "N·m²", 1.0),
-    ("_Nm_per_s", "µN·m/s", 1e6),
-    ("_Nm_per_row", "µN·m per row", 1e6),
-    ("_Nm", "mN·m", 1e3),
-    ("_per_m", "1/m", 1.0),
-    ("_mrad", "mrad", 1.0),
-    ("_rad", "mrad", 1e3),
-    ("_mm", "mm", 1.0),
-    ("_m", "mm", 1e3),
-    ("_px", "px", 1.0),
-    ("_N", "mN", 1e3),
-    ("_s", "s", 1.0),
-)
 _MOST_ROWS = 400
 
 
@@ -155,6 +138,23 @@ def labelled(name: str) -> tuple[str, str, float]:
     """A name of rig.json in words, the unit on the page, and the factor to it; of a logarithm, percent."""
     if name.startswith("log_"):
         return labelled(name.removeprefix("log_"))[0], "%", 100.0
-    found = next((unit for unit in _UNITS if name.endswith(unit[0]) or f"{unit[0]} ·" in name), None)
+    units = (
+        ("_percent", "%", 1.0),
+        ("_kg_m3", "kg/m³", 1.0),
+        ("_kg_m", "g/m", 1e3),
+        ("_Nm2", "N·m²", 1.0),
+        ("_Nm_per_s", "µN·m/s", 1e6),
+        ("_Nm_per_row", "µN·m per row", 1e6),
+        ("_Nm", "mN·m", 1e3),
+        ("_per_m", "1/m", 1.0),
+        ("_mrad", "mrad", 1.0),
+        ("_rad", "mrad", 1e3),
+        ("_mm", "mm", 1.0),
+        ("_m", "mm", 1e3),
+        ("_px", "px", 1.0),
+        ("_N", "mN", 1e3),
+        ("_s", "s", 1.0),
+    )
+    found = next((unit for unit in units if name.endswith(unit[0]) or f"{unit[0]} ·" in name), None)
     suffix, unit, scale = found or ("", "", 1.0)
     return (name.replace(suffix, "", 1) if suffix else name).replace("_", " "), unit, scale

@@ -19,11 +19,6 @@ from viz.scene.scene import Scene
 from .probe import require_opengl
 from .stage import Stage, quiet
 
-_HELP = (
-    "c: colour by force, time, uncertainty    a: contacts of all times, or up to this one    q: close\n"
-    "left click or n, b: a contact's numbers    m: measure from it    z: close up, or all    g: save the picture"
-)
-
 
 @dataclass(frozen=True)
 class _WindowSettings:
@@ -198,9 +193,14 @@ class _Controls:
         """Update picture, text and colour bar."""
         instants, now = self.stage.scene.instants, self.instant
         self.stage.show(now, everything=self.everything)
+        help_words = (
+            "c: colour by force, time, uncertainty    a: contacts of all times, or up to this one    q: close\n"
+            "left click or n, b: a contact's numbers    m: measure from it    z: close up, or all    "
+            "g: save the picture"
+        )
         words = (
             f"{instants.time_s[now]:.2f} s, frame {instants.frame[now]}: {instants.words[now]}\n"
-            f"contacts and forces coloured by {self.mode}\n{_HELP}"
+            f"contacts and forces coloured by {self.mode}\n{help_words}"
         )
         for text_now, at, font, name in (
             (words, "upper_left", 10, "words"),

@@ -25,8 +25,6 @@ _QUANTITIES = {
     "force_y": ("force_y_N", "force_y_std_N", "N"),
     "force_z": ("force_z_N", "force_z_std_N", "N"),
 }
-_GRID = 9
-"""By so many pixels a side lenses of two models are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +192,8 @@ def _apart_px(a: Camera, b: Camera) -> tuple[float, float, float]:
     """How far apart two lenses show the same rays, in px, and A's and B's deviations of that: where over the picture,
     along its columns or rows, it is most in deviations. NaN where no ray of A is seen by B."""
     width, height = a.image_size
-    u, v = np.meshgrid(np.linspace(0.0, width - 1.0, _GRID), np.linspace(0.0, height - 1.0, _GRID))
+    grid = 9
+    u, v = np.meshgrid(np.linspace(0.0, width - 1.0, grid), np.linspace(0.0, height - 1.0, grid))
     pixels = np.column_stack([u.ravel(), v.ravel()])
     rays, known = a.unproject(pixels)
     there, seen = b.project(rays)

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 MOST_ROWS = 500
 SummaryRow = tuple[str, float, str, float | None]
 """Name, value, unit, and the goal that the value must not exceed, if there is one."""
-_GOAL = {True: Markup('<span class="good">met</span>'), False: Markup('<span class="bad">missed</span>')}
 _MODELS = {
     "linear": ("#56b4e9", "small deflections, with weight, natural curvature and clamp"),
     "elastica": ("#0072b2", "large deflections; weight, curvature, clamp and torsion in one pass"),
@@ -52,12 +51,6 @@ SYMBOLS = {
     "moment_residual_Nm": ("residual",),
 }
 """Column of contacts.csv that the report shows → its symbols there."""
-_OTHER_QUANTITIES = (
-    ("antenna frame", "", "x along the undeformed antenna from its clamp, xy the calibration plane C"),
-    ("slip", "mm/s", "velocity of the antenna's material at the contact against the object at rest"),
-    ("μ, α", "1, °", "coefficient of friction; half angle of the friction cone, tan α = μ"),
-    ("±", "", "one standard deviation, calibration errors included; bands and ellipses are two of them"),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +84,9 @@ def page(report: Report) -> str:
     """The whole report as HTML."""
     table, track = report.table, report.track
     verdict, colour = headline(table)
+    outcome = {True: Markup('<span class="good">met</span>'), False: Markup('<span class="bad">missed</span>')}
     errors = [
-        (name, f"{value:.4g}", unit, *(("", "") if goal is None else (f"≤ {goal:.4g}", _GOAL[value <= goal])))
+        (name, f"{value:.4g}", unit, *(("", "") if goal is None else (f"≤ {goal:.4g}", outcome[value <= goal])))
         for name, value, unit, goal in report.summary
     ]
     use = {name: "may be used" if name in LOCATED else "no contact point" for name in STATUS_COLOURS}
@@ -102,11 +96,17 @@ def page(report: Report) -> str:
         [(_dotted(colour, name), words) for name, (colour, words) in kinds.items()] for kinds in (_PHASES, _MODELS)
     )
     quantities = [(", ".join(names), _shown_unit(key)[0], COLUMNS[key].meaning) for key, names in SYMBOLS.items()]
+    others = (
+        ("antenna frame", "", "x along the undeformed antenna from its clamp, xy the calibration plane C"),
+        ("slip", "mm/s", "velocity of the antenna's material at the contact against the object at rest"),
+        ("μ, α", "1, °", "coefficient of friction; half angle of the friction cone, tan α = μ"),
+        ("±", "", "one standard deviation, calibration errors included; bands and ellipses are two of them"),
+    )
     glossary = [
         ("Status of a frame", Table(("status", "meaning", "its numbers"), statuses)),
         ("Phase of a frame", Table(("phase", "meaning"), phases)),
         ("Mechanical model, the lowest that suffices", Table(("model", "meaning"), models)),
-        ("Quantities", Table(("name", "unit", "meaning"), (*quantities, *_OTHER_QUANTITIES))),
+        ("Quantities", Table(("name", "unit", "meaning"), (*quantities, *others))),
     ]
     events = () if track is None else track.events
     rows = [

@@ -37,8 +37,6 @@ from .onset import (
     median_step,
 )
 
-_COSINES = np.linspace(-0.8, 0.8, 5)
-
 
 def _ringing_frames(table: ContactTable) -> np.ndarray:
     """(B,) bool: the frame is `not_quasistatic`, or between two such."""
@@ -189,8 +187,9 @@ def _by_evidence(growth: _Growth, at: np.ndarray) -> np.ndarray:
     bend = 1.0 + TrackSettings.uneven_share * np.array([-1.4, 0.0, 1.4])[:, None] * (late / span)[:, None]  # (A, 3, N)
     # (A, G, 3, N); of log-likelihoods single precision has digits enough, and takes half the time
     x = (rate[:, :, None, None] * (bend * late[:, None])[:, None]).astype(np.float32)
-    log = np.empty((*x.shape[:3], len(_COSINES)))
-    for index, cosine in enumerate(_COSINES.tolist()):
+    cosines = np.linspace(-0.8, 0.8, 5)
+    log = np.empty((*x.shape[:3], len(cosines)))
+    for index, cosine in enumerate(cosines.tolist()):
         expected = (0.5 * x + cosine * common) * x + level
         variance = np.maximum(2.0 * noise * (expected - 1.5 * noise), 0.0) + 1.5 * noise**2
         # the cube root is nearly normal, also where there is hardly a deflection; `np.cbrt` takes ten times as long

@@ -339,13 +339,6 @@ def _yield_at(press: Press, frame: int, turn_rad: float) -> tuple[np.ndarray, np
     return values, moved @ moved.T
 
 
-_NEEDS = {
-    "turns": "the base's turns since first contact",
-    "moment_y": "a moment sensor about y",
-    "moment_z": "a moment sensor about z",
-    "centreline": "the antenna's centreline on plane C",
-    "ring": "a ring-down of the moment, and the wire's mass",
-}
 METHODS: dict[str, tuple[Callable[[Press], Answer], str]] = {
     "Active Antenna": (_active_antenna, "turns moment_y|moment_z"),
     "3D Active Antenna": (_active_antenna_3d, "turns moment_y moment_z"),
@@ -368,5 +361,12 @@ def run_method(name: str, press: Press) -> Answer:
         raise InputError(f"no method {name!r}", remedy=f"one of {', '.join(METHODS)}")
     solve, needs = METHODS[name]
     any_of = [need.split("|") for need in needs.split()]
-    lacking = [" or ".join(_NEEDS[each] for each in need) for need in any_of if press.has.isdisjoint(need)]
+    words = {
+        "turns": "the base's turns since first contact",
+        "moment_y": "a moment sensor about y",
+        "moment_z": "a moment sensor about z",
+        "centreline": "the antenna's centreline on plane C",
+        "ring": "a ring-down of the moment, and the wire's mass",
+    }
+    lacking = [" or ".join(words[each] for each in need) for need in any_of if press.has.isdisjoint(need)]
     return Answer(reason=f"needs {' and '.join(lacking)}") if lacking else solve(press)

@@ -44,13 +44,6 @@ class _TraceSettings:
 _TRACE = _TraceSettings()
 
 
-_PROBE = (
-    "import mitsuba as mi, drjit as dr, numpy as np; mi.set_variant('llvm_ad_rgb'); "
-    "print(np.array(dr.minimum(mi.Float([1, 2]), mi.Float([2, 1]))))"
-)
-"""A program that an LLVM too old for this processor cannot compile."""
-
-
 @cache
 def _load_mitsuba() -> Any:
     """The module, set to its fastest variant. Raises InputError if it is not installed."""
@@ -61,8 +54,13 @@ def _load_mitsuba() -> Any:
             f"needs mitsuba ({error})", where="--render mitsuba", remedy="pip install 'vbaa-calib[render]'"
         ) from error
     # an unsuitable LLVM aborts the process: try in another one
+    # A program that an LLVM too old for this processor cannot compile.
+    program = (
+        "import mitsuba as mi, drjit as dr, numpy as np; mi.set_variant('llvm_ad_rgb'); "
+        "print(np.array(dr.minimum(mi.Float([1, 2]), mi.Float([2, 1]))))"
+    )
     probe = subprocess.run(
-        [sys.executable, "-c", _PROBE], capture_output=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+        [sys.executable, "-c", program], capture_output=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     )
     mitsuba.set_variant("scalar_rgb" if probe.returncode else "llvm_ad_rgb")
     return mitsuba
