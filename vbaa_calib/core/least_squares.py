@@ -117,7 +117,7 @@ def schur_complement(total: np.ndarray, cross: np.ndarray, own: np.ndarray) -> t
 
 
 MIN_INFORMATION = 0.05
-"""Smallest ratio of a group's information to that of all the others with which a direction counts."""
+"""Smallest ratio of data to prior information with which a direction counts."""
 
 
 def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
