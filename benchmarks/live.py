@@ -32,7 +32,7 @@ from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.sources.live import _CAMERA_FAULTS, LiveSource, StreamSettings
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams.devices import DEVICES, open_device
-from vbaa_calib.streams.messages import TICK_S
+from vbaa_calib.streams.messages import MESSAGES
 
 _RATE_HZ = 60.0
 _CHANNELS = ("moment_Nm", "pan_rad", "tilt_rad")
@@ -78,12 +78,12 @@ def alone(folder: Path, count: int) -> tuple[np.ndarray, np.ndarray, int]:
             coming += 1
         begun = time.process_time()
         if not waiting:
-            if coming / _RATE_HZ < now_s + TICK_S / 10:
+            if coming / _RATE_HZ < now_s + MESSAGES.tick_s / 10:
                 now_s = coming / _RATE_HZ
                 continue
             for _ in live.push(None):
                 pass
-            now_s += TICK_S / 10 + time.process_time() - begun
+            now_s += MESSAGES.tick_s / 10 + time.process_time() - begun
             continue
         index, at_once_s = waiting.popleft(), 0.0
         at, time_s = index % len(lap), index / _RATE_HZ

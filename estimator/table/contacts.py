@@ -14,17 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from vbaa_calib.camera.from_plane import pixels_on_plane
-from vbaa_calib.core.arrays import (
-    ANGLE_REMEDY,
-    FARTHEST_PX,
-    LARGEST_NM,
-    LARGEST_RAD,
-    MOMENT_REMEDY,
-    Rows,
-    as_float,
-    as_floats,
-    check_each,
-)
+from vbaa_calib.core.arrays import ANGLE_REMEDY, MOMENT_REMEDY, PLAUSIBLE, Rows, as_float, as_floats, check_each
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import READINGS
@@ -407,14 +397,14 @@ class Measured:
             what = f"points_px and sigma_px have shapes {points.shape}, {sigma.shape}"
             raise InputError(what, remedy="give (N, 2) and (N,)")
         # each of these is quick for frames that are sound
-        if not (len(points) and np.abs(points).max() <= FARTHEST_PX):
-            check_each(points, FARTHEST_PX, "points_px", "give pixels", "infinite")
+        if not (len(points) and np.abs(points).max() <= PLAUSIBLE.pixel_px):
+            check_each(points, PLAUSIBLE.pixel_px, "points_px", "give pixels", "infinite")
         if not ((len(sigma) and sigma.min() > 0.0) or (sigma[np.isfinite(points).all(axis=1)] > 0.0).all()):
             raise InputError("sigma_px is not everywhere positive", remedy="give standard deviations in px")
         values: dict[str, np.ndarray | float] = {"points_px": points, "sigma_px": sigma}
         for name, (most, remedy) in {
-            **dict.fromkeys(READINGS.values(), (LARGEST_NM, MOMENT_REMEDY)),
-            **dict.fromkeys(("pan_rad", "tilt_rad"), (LARGEST_RAD, ANGLE_REMEDY)),
+            **dict.fromkeys(READINGS.values(), (PLAUSIBLE.moment_Nm, MOMENT_REMEDY)),
+            **dict.fromkeys(("pan_rad", "tilt_rad"), (PLAUSIBLE.angle_rad, ANGLE_REMEDY)),
             "time_s": (np.inf, "give seconds"),
         }.items():
             number = values[name] = as_float(getattr(self, name), name, remedy)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import FARTHEST_M, gate
+from vbaa_calib.core.arrays import PLAUSIBLE, gate
 from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, number, whole_number
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.files import most_memory, replacing, require_file
@@ -254,7 +254,7 @@ def _in_order(table: ContactTable) -> bool:
     length = np.linalg.norm(table.tangent_world, axis=1)
     located = table.picked(table.located)
     needed = all(np.isfinite(getattr(located, name)).all() for name in NEEDED)
-    reached = (located.distance_m > 0.0) & (located.distance_m < FARTHEST_M)
+    reached = (located.distance_m > 0.0) & (located.distance_m < PLAUSIBLE.place_m)
     known = np.isfinite(table.covariance_world_m2).all(axis=(1, 2))
     variances = np.linalg.eigvalsh(table.covariance_world_m2[known])
     return bool(
@@ -392,7 +392,7 @@ def _row_of(record: Mapping[str, str], path: Path) -> ContactRow:
             if not np.isfinite(values[name]).all():
                 what = f"{', '.join(_NAMES[name])} is empty in a row that is {status}"
                 raise InputError(what, where=where, remedy="give it, or a status that says why it is missing")
-        if not 0.0 < values["distance_m"] < FARTHEST_M:
+        if not 0.0 < values["distance_m"] < PLAUSIBLE.place_m:
             what = f"distance_m is {values['distance_m']:g} in a row that is {status}"
             raise InputError(what, where=where, remedy="give metres from the clamp along the antenna, above 0")
     upper, matrix = values["covariance_world_m2"], np.empty((3, 3))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from vbaa_calib.core.arrays import FARTHEST_M
+from vbaa_calib.core.arrays import PLAUSIBLE
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.files import read_text, read_yaml
 from vbaa_calib.geometry import Pose
@@ -250,7 +250,7 @@ def _pose_of(matrix: Any, key: str, path: Path) -> Pose:
     """A pose from four rows of four numbers. Raises InputError where the rotation is none."""
     if not isinstance(matrix, list | tuple) or len(matrix) != 4:
         raise InputError(f"{key} is {shown(matrix)}", where=path, remedy="four rows of four numbers are needed")
-    rows = np.array([numbers(row, key, path, (4,), FARTHEST_M) for row in matrix])
+    rows = np.array([numbers(row, key, path, (4,), PLAUSIBLE.place_m) for row in matrix])
     turn = rows[:3, :3]
     off = np.abs(turn @ turn.T - np.eye(3)).max() if np.abs(turn).max() < 2 else math.inf
     if off > 1e-3 or np.linalg.det(turn) < 0 or np.abs(rows[3] - [0, 0, 0, 1]).max() > 1e-9:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.arrays import FARTHEST_M
+from vbaa_calib.core.arrays import PLAUSIBLE
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.files import read_bytes, read_json, read_text, read_yaml
 from vbaa_calib.geometry import Pose
@@ -196,7 +196,7 @@ def _read_mrcal(path: Path, _: Wanted) -> Exchanged:
         raise InputError(f"lens_model is {shown(whole)}", where=path, remedy="order, Nx, Ny and fov_x_deg are needed")
     sides = numbers(data.get("imagersize"), "imagersize", path, (2,))
     size = size_of([("imagersize", side) for side in sides], path)
-    turn_shift = np.array(numbers(data.get("extrinsics"), "extrinsics", path, (6,), FARTHEST_M))
+    turn_shift = np.array(numbers(data.get("extrinsics"), "extrinsics", path, (6,), PLAUSIBLE.place_m))
     pose = Pose.from_rotvec(turn_shift[:3], turn_shift[3:]).inverse()
     region = data.get("valid_intrinsics_region")
     if name in _MRCAL_COUNTS:
@@ -239,7 +239,7 @@ def _read_cahvor(path: Path, wanted: Wanted) -> Exchanged:
             listed = [float(cell) for cell in cells[key]]
         except (KeyError, ValueError):
             listed = []
-        return np.array(numbers(listed, key, path, counts or (3,), FARTHEST_M))
+        return np.array(numbers(listed, key, path, counts or (3,), PLAUSIBLE.place_m))
 
     size = size_of([("Dimensions", side) for side in vector("Dimensions", 2).tolist()], path)
     place, axis, across, down = (vector(key) for key in "CAHV")

@@ -114,15 +114,17 @@ def masked(values: Array, valid: Array) -> Array:
     return namespace(values).where(mask, values, np.nan)
 
 
-FARTHEST_PX = 1e7
-"""Pixels beyond this belong to no camera: coordinates of another kind."""
-LARGEST_RAD = 2.0 * math.pi
-"""Joint angles beyond a turn are degrees, or counts of an encoder."""
-LARGEST_NM = 100.0
-"""Moments beyond this are in mN·m or µN·m: a whisker's are some mN·m."""
-FARTHEST_M = 1e6
-"""Positions beyond this are in millimetres at least."""
+@dataclass(frozen=True)
+class _PlausibleSettings:
+    """Largest sizes that can be meant: what is larger is in another unit."""
 
+    pixel_px: float = 1e7  # beyond, coordinates are of another kind
+    angle_rad: float = 2.0 * math.pi  # of a joint: beyond a turn they are degrees, or counts of an encoder
+    moment_Nm: float = 100.0  # beyond, they are mN·m or µN·m: an antenna's are some mN·m
+    place_m: float = 1e6  # beyond, positions are in millimetres at least
+
+
+PLAUSIBLE = _PlausibleSettings()
 ANGLE_REMEDY = "give radians, up to a turn (degrees where the call or the table says so)"
 MOMENT_REMEDY = "give N·m"
 
@@ -281,7 +283,7 @@ def _is(value: Any, kind: str) -> bool:
 
 def check_angle(value: float, name: str, refuse: Callable[[str, str], InputError] | None = None) -> float:
     """A joint angle, rad. Raises InputError, or what `refuse(what, remedy)` returns, for one beyond a turn."""
-    if abs(value) <= LARGEST_RAD:
+    if abs(value) <= PLAUSIBLE.angle_rad:
         return value
     what = f"{name} is {value:g}, more than a turn" if math.isfinite(value) else f"{name} is {value:g}"
     raise refuse(what, ANGLE_REMEDY) if refuse else InputError(what, remedy=ANGLE_REMEDY)

@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vbaa_calib.core.arrays import LARGEST_RAD, check_angle, fixed, gate
+from vbaa_calib.core.arrays import PLAUSIBLE, check_angle, fixed, gate
 from vbaa_calib.core.errors import InputError
 
 from .pose import Pose
@@ -103,7 +103,7 @@ class Kinematics:
         Raises InputError for angles beyond a turn: they are degrees.
         """
         for name, angle in (("pan_rad", pan_rad), ("tilt_rad", tilt_rad)):
-            if abs(angle) > LARGEST_RAD:
+            if abs(angle) > PLAUSIBLE.angle_rad:
                 check_angle(angle, name)
         return Pose(*self.world_antenna(pan_rad, tilt_rad))
 

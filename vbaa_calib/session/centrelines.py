@@ -23,7 +23,7 @@ from typing import Any, BinaryIO, Self
 
 import numpy as np
 
-from vbaa_calib.core.arrays import FARTHEST_PX
+from vbaa_calib.core.arrays import PLAUSIBLE
 from vbaa_calib.core.csv_rows import (
     MOST_WHOLE,
     csv_rows,
@@ -250,7 +250,7 @@ def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
         return np.empty((0, 3), np.int64)
     frame, others = cells[:, 0], cells[:, 1:]
     sound = ((frame >= 0) & (frame < MOST_WHOLE) & (frame == np.floor(frame))).all()
-    if not sound or (np.abs(others) > FARTHEST_PX).any() or not (others[:, 2:] > 0.0).all():
+    if not sound or (np.abs(others) > PLAUSIBLE.pixel_px).any() or not (others[:, 2:] > 0.0).all():
         return None
     first = np.concatenate([[0], np.flatnonzero(np.diff(frame)) + 1])
     last = np.concatenate([first[1:], [len(frame)]]) - 1
@@ -273,7 +273,7 @@ def _plain_rows(path: Path, more: tuple[str, ...] = ()) -> Iterator[tuple[dict[s
             raise wrong(row, path, "sigma_px is not positive", "give a standard deviation in pixels")
         frame, values = whole_number(row, "frame", path), [number(row, name, path) for name in columns[1:]]
         for name, value in zip(columns[1:], values, strict=True):
-            if abs(value) > FARTHEST_PX:
+            if abs(value) > PLAUSIBLE.pixel_px:
                 raise wrong(row, path, f"{name} is {row[name]}", "give pixels: no picture is that large")
         yield row, columns, f"{frame},{','.join(map(repr, values))}\n".encode()
 

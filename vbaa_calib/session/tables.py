@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from vbaa_calib.core.arrays import LARGEST_RAD, Rows, check_angle
+from vbaa_calib.core.arrays import PLAUSIBLE, Rows, check_angle
 from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, header_of, number, plain_columns, read_csv, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import SUFFIXES, picture_size
@@ -259,7 +259,7 @@ def _is_sound(columns: Mapping[str, np.ndarray]) -> bool:
     """Whether frames by columns are as `recording_of` wants them."""
     frame, time_s = columns["frame"], columns["time_s"]
     whole = (frame >= 0) & (frame < MOST_WHOLE) & (frame == np.floor(frame))
-    angles = np.abs([columns[name] for name in ANGLES]) <= LARGEST_RAD
+    angles = np.abs([columns[name] for name in ANGLES]) <= PLAUSIBLE.angle_rad
     once, forward = np.diff(np.sort(frame)) > 0, np.diff(time_s) >= 0
     return bool(whole.all() and angles.all() and forward.all() and once.all())
 

@@ -28,7 +28,7 @@ from vbaa_calib.core.files import most_memory, read_yaml, require_file
 from vbaa_calib.core.images import as_levels, read_picture
 from vbaa_calib.session import READINGS
 
-from .messages import ONE_CLOCK_S, Messages, MessageSource, Reading, Taken
+from .messages import MESSAGES, Messages, MessageSource, Reading, Taken
 
 
 @dataclass(frozen=True)
@@ -328,7 +328,7 @@ def _refuse_two_clocks(lags: Mapping[str, Sequence[float]], offset_s: float, pat
         if min(len(lags["image"]), len(lags[role])) < 5:
             continue
         ahead_s = float(np.median(lags["image"]) - np.median(lags[role]))
-        if abs(ahead_s - offset_s) > ONE_CLOCK_S:
+        if abs(ahead_s - offset_s) > MESSAGES.one_clock_s:
             side = "before" if ahead_s > 0.0 else "after"
             what = (
                 f"{words} are stamped {abs(ahead_s):.6g} s {side} the pictures that were logged with them: two clocks"

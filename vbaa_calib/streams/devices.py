@@ -15,7 +15,7 @@ from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.sources.files import SourceLost
 from vbaa_calib.sources.live import LiveSource
 
-from .messages import TICK_S, Messages, MessageSource, Reading, Taken, line_messages, now_s
+from .messages import MESSAGES, Messages, MessageSource, Reading, Taken, line_messages, now_s
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def open_device(camera: LiveSource) -> MessageSource:
         reported = 0
         try:
             while True:
-                frame = camera.frame(TICK_S / 10)
+                frame = camera.frame(MESSAGES.tick_s / 10)
                 news = camera.notes[reported:]
                 notes.extend(news)
                 reported += len(news)

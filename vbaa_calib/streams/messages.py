@@ -16,13 +16,25 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import LARGEST_NM, LARGEST_RAD, as_float
+from vbaa_calib.core.arrays import PLAUSIBLE, as_float
 from vbaa_calib.core.errors import InputError, clipped, shown
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.session import SILENT
 
-TICK_S = 0.02
-"""How often a source that has nothing new says so."""
+
+@dataclass(frozen=True)
+class _MessageSettings:
+    """Times and amounts of what comes in a stream."""
+
+    tick_s: float = 0.02  # between two reports of a source that it has nothing new
+    one_clock_s: float = 10.0  # stamps further apart than their messages were logged are of two clocks
+    longest_line: int = 64_000_000  # bytes of a line of JSON
+    readings: int = 4096  # of one channel that are kept: four seconds at a thousand a second
+    instant_s: float = 1e-3  # to which videos round their times: such a gap to the nearest reading is none
+
+
+MESSAGES = _MessageSettings()
+
 CHANNELS = (*SILENT, "pan_rad", "tilt_rad")
 """What is read beside the pictures, named as the columns of recording.csv are."""
 
@@ -72,12 +84,10 @@ class Reading:
     @property
     def possible(self) -> bool:
         """Whether it is a number that such a channel may have, at a time that may be."""
-        most = LARGEST_NM if self.channel in SILENT else LARGEST_RAD
+        most = PLAUSIBLE.moment_Nm if self.channel in SILENT else PLAUSIBLE.angle_rad
         return abs(self.value) <= most and abs(self.time_s) < 1e12
 
 
-ONE_CLOCK_S = 10.0
-"""Stamps that are further apart than the messages were logged are of two clocks: nothing waits so long."""
 _BEGAN_S = time.time() - time.monotonic()
 
 

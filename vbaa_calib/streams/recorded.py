@@ -33,7 +33,7 @@ from vbaa_calib.sources.live import LiveSource
 
 from .bags import Topics, open_bag
 from .devices import open_device
-from .messages import CHANNELS, TICK_S, Messages, MessageSource, Reading, Taken, line_messages, now_s
+from .messages import CHANNELS, MESSAGES, Messages, MessageSource, Reading, Taken, line_messages, now_s
 from .synchronize import Timing
 
 
@@ -70,9 +70,6 @@ def open_running(text: str, idle_s: float) -> MessageSource:
     if not isinstance(found, LiveSource):
         raise InputError("is no source", where=text, remedy="name a camera, a stream, a folder, a bag or a video, or -")
     return open_device(found)
-
-
-_LONGEST_LINE = 64_000_000
 
 
 def _in_turn(rows: Iterable[Mapping[str, str]], path: Path) -> Iterator[tuple[Mapping[str, str], float, float]]:
@@ -191,7 +188,7 @@ def _open_folder(path: Path, idle_s: float) -> MessageSource:
         until_s = time.monotonic() + idle_s
         try:
             while time.monotonic() < until_s:
-                picture = folder.next(TICK_S)
+                picture = folder.next(MESSAGES.tick_s)
                 if picture is None:
                     yield None
                     continue
@@ -240,7 +237,7 @@ def _lines(stream: BinaryIO, idle_s: float, notes: list[str]) -> Iterator[bytes 
     number_of, rest = stream.fileno(), b""
     until_s = time.monotonic() + idle_s
     while True:
-        if not select.select([number_of], [], [], TICK_S)[0]:
+        if not select.select([number_of], [], [], MESSAGES.tick_s)[0]:
             if time.monotonic() > until_s:
                 notes.append(f"standard input gave nothing for {idle_s:g} s")
                 return
@@ -254,8 +251,8 @@ def _lines(stream: BinaryIO, idle_s: float, notes: list[str]) -> Iterator[bytes 
             if rest.strip():
                 yield rest
             return
-        if len(rest) > _LONGEST_LINE:
+        if len(rest) > MESSAGES.longest_line:
             notes.append(
-                f"standard input holds a line of over {_LONGEST_LINE / 1e6:.0f} MB: what comes after it is lost"
+                f"standard input holds a line of over {MESSAGES.longest_line / 1e6:.0f} MB: what comes after it is lost"
             )
             return

@@ -12,18 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import ANGLE_REMEDY, LARGEST_RAD, as_floats, check_each, gate
+from vbaa_calib.core.arrays import ANGLE_REMEDY, PLAUSIBLE, as_floats, check_each, gate
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.session import READINGS, Frame
 from vbaa_calib.session.tables import ANGLES
 
-from .messages import CHANNELS, Reading, Taken
+from .messages import CHANNELS, MESSAGES, Reading, Taken
 
-_KEPT = 4096
-"""Readings of one channel that are kept: four seconds at a thousand a second."""
-_INSTANT_S = 1e-3
-"""Before the first reading and after the last, one so near counts, and readings apart by so much more than the gap are
-still near enough: videos round their times to that."""
 _Message = Taken | Reading
 
 
@@ -61,7 +56,7 @@ class Timing:
         for name, several, most in (("joints_rad", pan_tilt, 2), ("moment_std_Nm", std_Nm, len(READINGS))):
             if several.ndim != 1 or not 2 <= len(several) <= most:
                 raise InputError(f"{name} is {shown(getattr(self, name))}", remedy="give two numbers")
-        check_each(pan_tilt, LARGEST_RAD, "joints_rad", ANGLE_REMEDY)
+        check_each(pan_tilt, PLAUSIBLE.angle_rad, "joints_rad", ANGLE_REMEDY)
         for name in ("gap_s", "wait_s", "offset_std_s", "jump_s"):
             if not getattr(self, name) >= 0.0:
                 raise InputError(f"{name} is {getattr(self, name)}", remedy="give seconds, 0 or more")
@@ -95,9 +90,9 @@ class _Channel:
         if after in (0, len(self.times)):
             near = min(after, len(self.times) - 1)
             age_s = abs(self.times[near] - time_s) if self.times else np.inf
-            return (self.values[near], age_s) if age_s <= _INSTANT_S else (np.nan, np.nan)
+            return (self.values[near], age_s) if age_s <= MESSAGES.instant_s else (np.nan, np.nan)
         (t0, t1), (v0, v1) = self.times[after - 1 : after + 1], self.values[after - 1 : after + 1]
-        if t1 - t0 > gap_s + _INSTANT_S:
+        if t1 - t0 > gap_s + MESSAGES.instant_s:
             return np.nan, np.nan
         return v0 + (v1 - v0) * ((time_s - t0) / (t1 - t0)), max(time_s - t0, t1 - time_s)
 
@@ -107,8 +102,8 @@ class _Channel:
         del self.times[after:], self.values[after:]
         self.times.append(time_s)
         self.values.append(value)
-        if len(self.times) > 2 * _KEPT:
-            del self.times[:_KEPT], self.values[:_KEPT]
+        if len(self.times) > 2 * MESSAGES.readings:
+            del self.times[: MESSAGES.readings], self.values[: MESSAGES.readings]
 
     def error(self, time_s: float, timing: Timing, std: float) -> float:
         """Standard deviation of the value at a time, besides the readings' noise `std`: of interpolation, and of the
@@ -270,7 +265,7 @@ class Synchronizer:
             taken = self._waiting[0]
             # where nobody waits for it, and its readings are kept meanwhile
             several = self.live or self._stamps["pictures"].step_s > 0.0
-            if not (several or any(len(each.times) > _KEPT for each in self._channels.values())):
+            if not (several or any(len(each.times) > MESSAGES.readings for each in self._channels.values())):
                 return
             complete = all(each.times and each.times[-1] >= taken.time_s for each in self._channels.values())
             if not complete and now_s - taken.arrived_s < self._timing.wait_s:
@@ -295,7 +290,7 @@ class Synchronizer:
         if channel not in self._spans or "pictures" not in self._spans:
             return
         (first_s, last_s), (begin_s, end_s) = self._spans[channel], self._spans["pictures"]
-        if max(first_s - end_s, begin_s - last_s) <= self._timing.gap_s + _INSTANT_S:
+        if max(first_s - end_s, begin_s - last_s) <= self._timing.gap_s + MESSAGES.instant_s:
             return
         what = f"{channel} was read from {first_s:.10g} to {last_s:.10g} s, the pictures are of {begin_s:.10g} to "
         offset_s = self._timing.offset_s + begin_s - first_s
@@ -355,7 +350,9 @@ class Synchronizer:
                     # what waits for readings by the clock as it was would wait in vain
                     frames, self._given_s = list(self._flushed()), -np.inf
                     # the frames' times run on, and only these
-                    onward_s = max(arrival_s, _INSTANT_S, *(b.time_s - a.time_s for a, b in pairwise(counted[:2])))
+                    onward_s = max(
+                        arrival_s, MESSAGES.instant_s, *(b.time_s - a.time_s for a, b in pairwise(counted[:2]))
+                    )
                     self._set_back_s += (onward_s - by_s) * (kind == "pictures")
         for message in counted:
             self.counts[kind] += 1

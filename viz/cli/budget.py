@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from estimator.budget.budget import BudgetContacts
     from vbaa_calib.rig import Rig
 
-_FRICTION_RAD = 0.2  # as the contacts' default, which is not imported for the sake of a quick --help
+from .estimate import FRICTION_RAD
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -26,9 +26,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--friction",
         type=float,
-        default=_FRICTION_RAD,
+        default=FRICTION_RAD,
         metavar="RAD",
-        help=f"deviation of the friction angle, as for `vbaa estimate` (default: {_FRICTION_RAD}); 0: no friction",
+        help=f"deviation of the friction angle, as for `vbaa estimate` (default: {FRICTION_RAD}); 0: no friction",
     )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment reading aside")
     one = parser.add_argument_group("one contact", "all three together; without them ordinary contacts all over")

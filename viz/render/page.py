@@ -43,9 +43,6 @@ _POLICY = (
 """The page stands alone: it loads nothing, and sends nothing anywhere."""
 
 
-_META = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
-
-
 @quiet()
 def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", force: bool = False) -> None:
     """Write an HTML page with the scene to turn, its times to go through, and its legend.
@@ -97,8 +94,9 @@ def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", for
     viewer = io.StringIO()
     write_html(packed, viewer)
     html = viewer.getvalue().replace(_DARKENED, _CLEAR).replace(_ICON, "data:,")
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
     start, end = html.index("<title>"), html.index("</title>")
-    head, body, rest = (html[:start] + _META + f"<title>{escape(title)}" + html[end:]).partition("<body>")
+    head, body, rest = (html[:start] + policy + f"<title>{escape(title)}" + html[end:]).partition("<body>")
     write_text(path, f"{head}<style>{render('scene.css')}</style>{body}{cards}{rest}", force)
 
 

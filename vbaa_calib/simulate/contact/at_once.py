@@ -32,9 +32,7 @@ from vbaa_calib.core.errors import SolveError
 from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.objects import TouchObject
 
-from .stick_slip import TOLERANCE, Bases, Held, Setting, SlidContacts, tangent_axes
-
-_SAMPLES = 400
+from .stick_slip import STROKE, Bases, Held, Setting, SlidContacts, tangent_axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,14 +125,14 @@ def _problem(setting: Setting, bases: Bases) -> _FrictionlessProblem:
 def _nearest(core: _Core, shape: RodShape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Arc length (B,), point and tangent (B, 3) where each shape is nearest to the core."""
     length = shape.arclength_m[:, -1:]
-    grid = np.linspace(0.0, 1.0, _SAMPLES + 1) * length
+    grid = np.linspace(0.0, 1.0, STROKE.samples + 1) * length
     square = (core.offset(sample_shape(shape, grid)[0]) ** 2).sum(axis=-1)
-    inner = np.clip(np.argmin(square, axis=1), 1, _SAMPLES - 1)[:, None]
+    inner = np.clip(np.argmin(square, axis=1), 1, STROKE.samples - 1)[:, None]
     low, middle, high = (np.take_along_axis(square, inner + i, axis=1) for i in (-1, 0, 1))
     curvature = low - 2.0 * middle + high
     shift = 0.5 * (low - high) / np.where(curvature > 0.0, curvature, np.inf)
     # at an end only the parabola's minimum inside the rod counts
-    arclength = np.clip((inner + np.clip(shift, -1.0, 1.0)) / _SAMPLES, 0.0, 1.0) * length
+    arclength = np.clip((inner + np.clip(shift, -1.0, 1.0)) / STROKE.samples, 0.0, 1.0) * length
     point, tangent = sample_shape(shape, arclength)
     return arclength[:, 0], point[:, 0], tangent[:, 0]
 
@@ -215,7 +213,13 @@ def _solved(problem: _FrictionlessProblem, rows: np.ndarray) -> tuple[np.ndarray
     upper = np.stack([*[50.0 * steep] * 3, ones, 50.0 * steep**2, 3.0 * ones, 3.0 * ones], axis=1)
     limits = np.stack([np.where(np.arange(7) == 3, 0.01, -upper), upper], axis=1)
     force_unit = rod.bending_stiffness_Nm2 / rod.length_m**2
-    pressing = problem.reach_m, problem.compliance_m_N * force_unit, force_unit, TOLERANCE, problem.antenna_radius_m
+    pressing = (
+        problem.reach_m,
+        problem.compliance_m_N * force_unit,
+        force_unit,
+        STROKE.tolerance,
+        problem.antenna_radius_m,
+    )
     depth = problem.depth_m[rows, None, None] * normal[:, None]
     middle, across = problem.core.center_m[rows, None], problem.core.across[rows]
     vectors = [problem.gravity[rows, None], middle, depth, across, normal[:, None], tangent_axes(normal)]

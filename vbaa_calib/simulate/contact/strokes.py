@@ -16,30 +16,7 @@ from vbaa_calib.antenna.rod import RodShape, sample_shape, solve_rod
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.simulate.scene.objects import WEDGES
 
-from .stick_slip import Bases, Held, Setting, SlidContacts, advance
-
-
-@dataclass(frozen=True)
-class _StrokeSettings:
-    """How finely the motion between two frames is followed.
-
-    On a cylinder at μ = 0.3, steps of 4 mm agree with steps of 0.5 mm within 0.3 µm of the contact's place, 0.5 % of N,
-    and 0.5° of the direction of friction but in the frame of first touch.
-    """
-
-    # slip that counts as none: a sticking contact creeps by nanometres, as the antenna yields along itself
-    sticks_m: float = 1e-6
-    step_m: float = 4e-3  # largest motion of the free antenna in one step
-    most_steps: int = 100  # between two frames
-    halvings: int = 6  # of a step that does not converge
-    doublings: int = 8  # of the length in which the first touch is bracketed
-    snap_m: float = 2e-4  # depth behind the place of contact from which the antenna has snapped past the object
-    clear_m: float = 2e-3  # gap that is surely open
-    fine: int = 24  # places along a bracket at which the gap is looked up
-
-
-STROKE = _StrokeSettings()
-
+from .stick_slip import STROKE, Bases, Held, Setting, SlidContacts, advance
 
 _Place = tuple[Bases, np.ndarray]
 """Bases, and the free antenna's nodes (B, N, 3) in their frames."""

@@ -24,24 +24,9 @@ from vbaa_calib.simulate.scene.lens import RayMap
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, SceneSpec
 
-from .bench import bench, facing, lights, matt, picture_of, placed, rgb
+from .bench import TRACE, bench, facing, lights, matt, picture_of, placed, rgb
 
 _MM = 1000.0
-
-
-@dataclass(frozen=True)
-class _TraceSettings:
-    """How mitsuba traces a picture. Its lengths are mm."""
-
-    finer: float = 2.0  # pixels of mitsuba's picture per pixel of ours, in the middle of it
-    subpixels: int = 4  # samples per pixel and axis when the lens is applied
-    widest: float = 3.0  # largest tangent of the angle of view
-    full_well: float = 2.0  # brightness at which a pixel saturates
-    clear_m: float = 0.05  # height above everything on the bench
-    depth: int = 4  # longest path of light, in reflections
-
-
-_TRACE = _TraceSettings()
 
 
 @cache
@@ -93,13 +78,13 @@ class Tracer:
     def picture(self, exposures: Sequence[Exposure], things: dict[str, Any], seed: int) -> np.ndarray:
         """(height, width, 3) float32 brightness in linear red, green, blue; the mean over the exposures."""
         spec = self.scene.traced
-        each = round(spec.samples / _TRACE.finer**2 / len(exposures))
+        each = round(spec.samples / TRACE.finer**2 / len(exposures))
         total: Any = sum(
             _render(self.mi, self._around_and(one, things), self._sensor(one), each, seed + n)
             for n, one in enumerate(exposures)
         )
         # pixels saturate; without a limit a rare path through nylon would be a spark
-        fine = np.minimum(total / len(exposures) * (spec.exposure / self.card), _TRACE.full_well)
+        fine = np.minimum(total / len(exposures) * (spec.exposure / self.card), TRACE.full_well)
         return _through_lens(self.rays, _pinhole(self.rays), fine)
 
     def _around_and(self, one: Exposure, things: dict[str, Any]) -> dict[str, Any]:
@@ -117,7 +102,7 @@ class Tracer:
 
     def raised_above(self, points_world_m: np.ndarray) -> Tracer:
         """The same with the rig lifted until points (N, 3) are above everything on the bench."""
-        needed = _TRACE.clear_m - self.scene.traced.bench_below_m + _origin(self.scene)[2] - points_world_m[:, 2].min()
+        needed = TRACE.clear_m - self.scene.traced.bench_below_m + _origin(self.scene)[2] - points_world_m[:, 2].min()
         return replace(self, lift_m=max(float(needed), 0.0))
 
     def touched(self, obj: TouchObject) -> Any:
@@ -167,7 +152,7 @@ class Tracer:
 def tracer(scene: SceneSpec, rays: RayMap, rng: np.random.Generator) -> Tracer:
     """Prepare a scene. Raises InputError without mitsuba, or for a lens too wide for a pinhole."""
     mi = _load_mitsuba()
-    if np.abs(rays.padded).max() > _TRACE.widest:
+    if np.abs(rays.padded).max() > TRACE.widest:
         what = "sees more than 143°, too wide for a pinhole picture"
         raise InputError(what, where=f"scene {scene.name}: camera", remedy="take a longer lens or the other renderer")
     spec = scene.traced
@@ -233,14 +218,14 @@ def _native(mi: Any, thing: Any) -> Any:
 
 
 def _render(mi: Any, things: dict[str, Any], sensor: dict[str, Any], samples: int, seed: int) -> np.ndarray:
-    scene = {"type": "scene", "integrator": {"type": "path", "max_depth": _TRACE.depth}, "eye": _native(mi, sensor)}
+    scene = {"type": "scene", "integrator": {"type": "path", "max_depth": TRACE.depth}, "eye": _native(mi, sensor)}
     loaded = mi.load_dict(scene | {name: _native(mi, thing) for name, thing in things.items()})
     return np.array(mi.render(loaded, spp=max(1, samples), seed=seed), np.float32)[..., :3]
 
 
 def _pinhole(rays: RayMap) -> tuple[float, tuple[int, int]]:
     """Focal length and size, px, of the pinhole picture that holds all of the lens's rays, axis in its middle."""
-    focal = _TRACE.finer * float(np.diag(rays.lens.matrix)[:2].mean())
+    focal = TRACE.finer * float(np.diag(rays.lens.matrix)[:2].mean())
     width, height = 2 * np.ceil(focal * np.abs(rays.padded).max(axis=(0, 1))).astype(int) + 4
     return focal, (int(width), int(height))
 
@@ -249,6 +234,6 @@ def _through_lens(rays: RayMap, pinhole: tuple[float, tuple[int, int]], fine: np
     """(height, width, 3) what the lens makes of the pinhole's picture: the mean over each of its own pixels."""
     focal, size = pinhole
     width, height = rays.lens.image_size
-    where = rays.block(0, 0, width, height, _TRACE.subpixels) * np.float32(focal) + np.float32(np.array(size) / 2 - 0.5)
+    where = rays.block(0, 0, width, height, TRACE.subpixels) * np.float32(focal) + np.float32(np.array(size) / 2 - 0.5)
     samples = cv2.remap(fine, where.astype(np.float32), np.empty(0), cv2.INTER_LINEAR)
     return cv2.resize(samples, (width, height), interpolation=cv2.INTER_AREA)
