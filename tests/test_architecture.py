@@ -34,7 +34,7 @@ MOST = {
     "module constants": 1536,
     "class names used twice": 1,
     "classes": 484,
-    "public names": 1255,
+    "public names": 1249,
     "private words": 394,
     "type: ignore": 4,
     "words on pages": 35540,

@@ -16,7 +16,7 @@ from .plan import AntennaShot, BoardShot
 from .render.antenna import DepthOfObstacle, Tube, tube, tube_patch, visible_centreline
 from .render.board import Sheet, board_patch
 from .render.object import object_patch, obstacle, pressed_in
-from .render.picture import LAMP_WORLD, ImagePatch, Studio, behind, composed, digitise, expose, surroundings
+from .render.picture import LAMP_WORLD, ImagePatch, Studio, digitise, expose, surroundings
 from .scene.scene import Joints, OverSpec, SceneSpec, true_rod
 
 
@@ -82,7 +82,7 @@ def render_shot(
         patches = [_wire_patch(scene, place, antenna, T_world_camera, obstacle_of(scene, place, shot))]
         patches += [_wire_patch(scene, place, wire, T_world_camera) for wire in holder]
         thing = None if shot.indentation_m is None else object_patch(place, scene.object, T_world_camera)
-        canvas = canvas if thing is None else composed(canvas, thing)
+        canvas = canvas if thing is None else thing.over(canvas)
     grey = expose(place, canvas, [patch for patch in patches if patch is not None])
     return digitise(place.spec, grey, rng)
 
@@ -135,7 +135,7 @@ def _in_front(canvas: np.ndarray, patch: ImagePatch, board: ImagePatch) -> Image
     brightness.
     """
     alpha, brightness = (_resampled(values, board, patch) for values in (board.alpha, board.brightness))
-    lacking = patch.alpha * (behind(canvas, patch) * alpha - brightness)
+    lacking = patch.alpha * (patch.behind(canvas) * alpha - brightness)
     return replace(patch, brightness=(patch.brightness + lacking).astype(np.float32))
 
 

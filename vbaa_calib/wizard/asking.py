@@ -29,10 +29,10 @@ from .questions import (
     PICTURES,
     QUESTIONS,
     READINGS,
+    Answers,
     Question,
     asked,
     keeps_jig,
-    open_questions,
     split_line,
     typed,
 )
@@ -57,7 +57,7 @@ def take_back(store: Store, step: str) -> bool:
     The way to plane C stays while it has pictures, which are in its folder.
     """
     answers = store.journal.answers
-    remaining = open_questions(step, answers)
+    remaining = _open_questions(step, answers)
     before = QUESTIONS[: QUESTIONS.index(BY_KEY[remaining[0].key])] if remaining else QUESTIONS
     asked = [q for q in before if q.step == step and not q.usual]
     answered = [q.key for q in asked if q.key in answers and q.needed(answers)]
@@ -88,7 +88,7 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
     store = state.store
     while True:
         answers = store.journal.answers
-        questions = open_questions(step.name, answers)
+        questions = _open_questions(step.name, answers)
         first = questions[0].key if questions else ""
         if step.name == "board" and "measure_x_mm" not in answers and first != "board":
             if answers["board"] == "new" and "paper" not in answers:
@@ -173,7 +173,7 @@ def show_axes(state: SessionState, ui: Ui, live: Picture | None = None) -> None:
 
 def _take_usual(store: Store, ui: Ui, step: Step) -> None:
     """Answer the questions that are not asked with their defaults, and show them."""
-    usual = open_questions(step.name, store.journal.answers, usual=True)
+    usual = _open_questions(step.name, store.journal.answers, usual=True)
     if not usual:
         return
     store.answer({one.key: one.read(store.retracted.get(one.key, one.default)) for one in usual})
@@ -342,3 +342,9 @@ def set_unlisted_aside(store: Store, ui: Ui) -> None:
         place = store.set_aside(unlisted, "found")
         live = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
         ui.say(f"not taken by the wizard, and set aside in {place}: {live}")
+
+
+def _open_questions(step: str, answers: Answers, *, usual: bool = False) -> list[Question]:
+    """What a step has to ask after the answers so far; or (`usual`) what it takes by default without asking."""
+    mine = (one.as_known(answers) for one in QUESTIONS if one.step == step)
+    return [one for one in mine if one.usual == usual and one.key not in answers and one.needed(answers)]

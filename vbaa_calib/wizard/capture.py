@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from vbaa_calib.sources import Picture, PictureSource, SourceLost
 
 from .against_answers import jig_moved
 from .asking import show_axes
-from .questions import PICTURES, Question, ReadingsTable, asked, in_si, line_of, split_line, typed
+from .questions import PICTURES, Question, ReadingsTable, asked, in_si, split_line, typed
 from .session_state import SessionState, still_of
 from .steps import PictureCheck, Progress, Readings, Step
 from .stillness import ON_A_STAND, StillnessDetector
@@ -241,7 +241,7 @@ class Capture:
             raise InputError(what, where=picture.name, remedy=remedy)
         if self._check(picture, None).refusal:
             return {}
-        question = line_of(questions, picture.name)
+        question = _line_of(questions, picture.name)
         if self.unused:
             question = replace(question, default=[self.unused[one.key] for one in questions])
         # lines of readings asked for before a picture is left out: a weight on a tilted antenna has none
@@ -295,3 +295,13 @@ class Capture:
     def _close(self, how: str) -> str:
         self.store.close(self.step.name, how)
         return "closed"
+
+
+def _line_of(questions: Sequence[Question], picture: str) -> Question:
+    """One question for all readings of a picture, answered in one line."""
+    names = ", ".join(f"{question.words.lower()} ({question.unit})" for question in questions)
+    kept = [question for question in questions if question.default is not None]
+    default = [question.default for question in questions] if len(kept) == len(questions) else None
+    angles = ", ".join(f"{question.key.removesuffix('_deg')} {question.default:g}°" for question in kept)
+    why = f"in one line, blanks between the numbers; without the angles they are {angles}" if kept else ""
+    return Question("readings", "", f"{picture}: {names}?", why, kind="numbers", default=default)

@@ -242,12 +242,6 @@ BOARD_ANSWERS = (*_FILE["board"], "measure_x_mm", "measure_y_mm", "board_given")
 """What is known of the board; another board makes all of it void."""
 
 
-def open_questions(step: str, answers: Answers, *, usual: bool = False) -> list[Question]:
-    """What a step has to ask after the answers so far; or (`usual`) what it takes by default without asking."""
-    mine = (one.as_known(answers) for one in QUESTIONS if one.step == step)
-    return [one for one in mine if one.usual == usual and one.key not in answers and one.needed(answers)]
-
-
 _DEGREES = math.pi / 180.0
 UNITS: Mapping[str, Mapping[str, float]] = {
     "pan": {"pan_rad": 1.0, "pan_deg": _DEGREES},
@@ -308,16 +302,6 @@ def asked(
     elif taken and questions:
         angles = {f"{name}_deg": round(taken[-1][f"{name}_rad"] / _DEGREES, 9) for name in ("pan", "tilt")}
     return [replace(one, default=angles.get(one.key, one.default)) for one in questions]
-
-
-def line_of(questions: Sequence[Question], picture: str) -> Question:
-    """One question for all readings of a picture, answered in one line."""
-    names = ", ".join(f"{question.words.lower()} ({question.unit})" for question in questions)
-    kept = [question for question in questions if question.default is not None]
-    default = [question.default for question in questions] if len(kept) == len(questions) else None
-    angles = ", ".join(f"{question.key.removesuffix('_deg')} {question.default:g}°" for question in kept)
-    why = f"in one line, blanks between the numbers; without the angles they are {angles}" if kept else ""
-    return Question("readings", "", f"{picture}: {names}?", why, kind="numbers", default=default)
 
 
 def split_line(questions: Sequence[Question], numbers: Sequence[float]) -> dict[str, Any]:

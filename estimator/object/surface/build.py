@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
 
 from estimator.object.surface.settings import SurfaceSettings
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 
 from .fit import SurfaceFit, begin, deviations_along, fit, with_common_errors
-from .patches import across_curve, bridged_gap, tree_gaps
+from .patches import across_curve, bridged_gap
 from .touches import Touches, touches_of
 
 _Piece = dict[str, np.ndarray]
@@ -251,7 +253,8 @@ def _footprint(flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places (V, 2) of a regular grid between touches (N, 2), and the grid (I, J) of their numbers, −1 elsewhere: a
     closing by a disc as wide as a bridged gap."""
     low, high = flat_m.min(axis=0), flat_m.max(axis=0)
-    extent, gaps = float(np.linalg.norm(high - low)), tree_gaps(flat_m)
+    extent = float(np.linalg.norm(high - low))
+    gaps = minimum_spanning_tree(np.maximum(cdist(flat_m, flat_m), 1e-12)).data
     radius = SurfaceSettings.closing * bridged_gap(gaps, extent)
     width = float(np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(flat_m.T))[0], 0.0)))
     margin = min(max(SurfaceSettings.margin * extent, float(np.median(gaps)) / 2), radius / 2, width)

@@ -47,11 +47,6 @@ def bridged_gap(gaps_m: np.ndarray, extent_m: float) -> float:
     return max(SurfaceSettings.link_factor * usual, SurfaceSettings.link_extent * extent_m)
 
 
-def tree_gaps(points: np.ndarray) -> np.ndarray:
-    """(N − 1,) edges of the minimum spanning tree of points (N, D)."""
-    return minimum_spanning_tree(np.maximum(cdist(points, points), 1e-12)).data
-
-
 def _facing_alike(members: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
     """Split until no normal leans too far from the mean of its patch."""
     mean = normals[members].sum(axis=0)

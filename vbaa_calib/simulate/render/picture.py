@@ -62,10 +62,15 @@ class ImagePatch:
         rows, columns = (length // self.factor for length in self.alpha.shape)
         return slice(self.top, self.top + rows), slice(self.left, self.left + columns)
 
+    def behind(self, canvas: np.ndarray) -> np.ndarray:
+        """The canvas behind the patch, in its sub-pixels."""
+        return cv2.resize(canvas[self.where], self.alpha.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
-def behind(canvas: np.ndarray, patch: ImagePatch) -> np.ndarray:
-    """The canvas behind a patch, in its sub-pixels."""
-    return cv2.resize(canvas[patch.where], patch.alpha.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    def over(self, canvas: np.ndarray) -> np.ndarray:
+        """A new picture, (H, W) as the canvas is, with this patch of whole pixels in front."""
+        result = canvas.copy()
+        result[self.where] = result[self.where] * (1.0 - self.alpha) + self.brightness
+        return result
 
 
 def studio(lens: Lens, spec: PictureSpec, rng: np.random.Generator) -> Studio:
@@ -121,13 +126,6 @@ def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
     return cv2.remap(place.bench, texel, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
 
 
-def composed(canvas: np.ndarray, patch: ImagePatch) -> np.ndarray:
-    """A new picture, (H, W) as the canvas is, with a patch of whole pixels in front."""
-    result = canvas.copy()
-    result[patch.where] = result[patch.where] * (1.0 - patch.alpha) + patch.brightness
-    return result
-
-
 def frame_around(place: Studio, pixels: np.ndarray) -> tuple[int, int, int, int]:
     """(left, top, right, bottom) of the pixels around points (n, 2), with room for the blur.
 
@@ -150,7 +148,7 @@ def expose(place: Studio, canvas: np.ndarray, patches: Sequence[ImagePatch] = ()
     picture = blurred(canvas, place.spec.blur_px)
     for patch in patches:
         # blur is linear: what the patch adds to what it hides can be blurred by itself, as finely as it was drawn
-        change = blurred(patch.brightness - patch.alpha * behind(canvas, patch), place.spec.blur_px * patch.factor)
+        change = blurred(patch.brightness - patch.alpha * patch.behind(canvas), place.spec.blur_px * patch.factor)
         region = picture[patch.where]
         region += cv2.resize(change, region.shape[::-1], interpolation=cv2.INTER_AREA)
     return 255.0 * picture * place.light
