@@ -34,10 +34,6 @@ class _RulerSettings:
 _RULER = _RulerSettings()
 
 
-_TICKS_MM = {1: 1.8, 5: 2.6, 10: 3.6}
-"""Length of the tick at every so many millimetres."""
-
-
 def _outlines(black: np.ndarray) -> tuple[Loop, ...]:
     """The outlines of the black cells of a (rows, columns) mask, in cells, for the even-odd rule.
 
@@ -135,14 +131,16 @@ def _ruler(layout: SheetLayout, turned: bool) -> Iterator[Stroke | Label]:
     right, low, left, up = _ruler_origin(layout)
     size, letters = layout.size, layout.size * _RULER.number_mm
     length = layout.ruler_y if turned else layout.ruler_x
-    numbers = size * (_TICKS_MM[10] + 0.4) if turned else size * _RULER.baseline_mm
+    # Length of the tick at every so many millimetres.
+    ticks_mm = {1: 1.8, 5: 2.6, 10: 3.6}
+    numbers = size * (ticks_mm[10] + 0.4) if turned else size * _RULER.baseline_mm
 
     def at(along: float, across: float) -> tuple[float, float]:
         return (left - across, up - along) if turned else (right + along, low + across)
 
     yield Stroke(*at(0, 0), *at(length, 0), _RULER.tick_width_mm)
     for place in range(round(length) + 1):
-        tick = max(each for every, each in _TICKS_MM.items() if place % every == 0)
+        tick = max(each for every, each in ticks_mm.items() if place % every == 0)
         width = _RULER.end_width_mm if place in (0, round(length)) else _RULER.tick_width_mm
         yield Stroke(*at(place, 0), *at(place, size * tick), width)
         if place % 10 == 0:

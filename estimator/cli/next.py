@@ -15,16 +15,14 @@ from vbaa_calib.core.files import refuse_overwrite, write_json
 if TYPE_CHECKING:
     from estimator.object.next_touch import NextTouch
 
-_GOALS = ("surface", "friction", "stiffness")  # as `estimator.object.next_touch.GOALS`, not imported for a quick --help
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet of one object that stands still")
     add_antenna(parser)
     parser.add_argument("--rig", type=Path, required=True, help="rig.json that the contacts were made with")
-    parser.add_argument(
-        "--goal", choices=_GOALS, default=_GOALS[0], help="what is to be known better (default: surface)"
-    )
+    # as `estimator.object.next_touch.GOALS`, not imported for a quick --help
+    goals = ("surface", "friction", "stiffness")
+    parser.add_argument("--goal", choices=goals, default=goals[0], help="what is to be known better (default: surface)")
     for name in ("pan", "tilt"):
         parser.add_argument(
             f"--{name}",

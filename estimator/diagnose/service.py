@@ -29,14 +29,6 @@ class _WatchSettings:
     share: float = 0.1  # of one core's time that judging may take, where frames do not wait for it
 
 
-_PARTS = {
-    **dict.fromkeys((row.name for row in CHANGES), "antenna"),
-    **dict.fromkeys(("picture_moved", "camera_turned", "camera_moved", "focus_changed", "picture_scaled"), "camera"),
-    **dict.fromkeys(("moment_gain", "moment_zero", "moment_dead", "moment_stuck"), "sensor"),
-}
-"""Of a rig, what each change is of: which of a camera's it is shows later than that it is one."""
-
-
 @dataclass(eq=False)
 class RigWatch:
     """Frames of a rig in use, judged in a thread of its own: a camera that was knocked or refocused, a clamp that gave
@@ -108,8 +100,16 @@ class RigWatch:
 
     def _news(self, found: RecordingVerdict) -> list[Diagnosis]:
         sure = found.log_odds >= self.settings.least_log_odds
-        cause = next((one for one in found.verdict.findings if sure and one.grave and one.name in _PARTS), None)
-        part = "" if cause is None else _PARTS[cause.name]
+        # Of a rig, what each change is of: which of a camera's it is shows later than that it is one.
+        parts = {
+            **dict.fromkeys((row.name for row in CHANGES), "antenna"),
+            **dict.fromkeys(
+                ("picture_moved", "camera_turned", "camera_moved", "focus_changed", "picture_scaled"), "camera"
+            ),
+            **dict.fromkeys(("moment_gain", "moment_zero", "moment_dead", "moment_stuck"), "sensor"),
+        }
+        cause = next((one for one in found.verdict.findings if sure and one.grave and one.name in parts), None)
+        part = "" if cause is None else parts[cause.name]
         self._times = self._times + 1 if part == self._part else 1
         self._part = part
         if cause is None or self._times < self.settings.confirmed or part == self._named:

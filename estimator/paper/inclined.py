@@ -25,7 +25,6 @@ from vbaa_calib.core.errors import InputError
 from .two_point import Part, bending, elasticity, floats, in_pieces, relative_contact
 
 _CLOSE = 1e-9  # a step of Newton's, relative, after which one more reaches rounding
-_ROUNDING = 1e-9
 
 
 def _candidates(xp1: Array, xp2: Array, ratio: Array, torque: Array) -> tuple[Array, Array, Array, Array]:
@@ -203,7 +202,8 @@ def _solved(
     twist = moment * xp.tan(tilt)
     part, contact, x1, x2 = _candidates(xp1, xp2, y2 / y1, twist / (2.0 * stiffness))
     limit = (length + 0.0 * y1)[:, None]
-    contact = xp.where((contact > 0.0) & (contact <= limit * (1.0 + _ROUNDING)), xp.minimum(contact, limit), np.nan)
+    rounding = 1e-9
+    contact = xp.where((contact > 0.0) & (contact <= limit * (1.0 + rounding)), xp.minimum(contact, limit), np.nan)
     force = (6.0 * stiffness * y2)[:, None] / bending(x2, contact)
     found = contact == contact
     # of several, the one that small deflections allow best

@@ -22,8 +22,6 @@ import numpy as np
 from vbaa_calib.core.arrays import Array, as_floats, is_tensor, like, namespace, widest_float
 from vbaa_calib.core.errors import InputError
 
-_ROUNDING = 1e-9
-
 
 def floats(*values: Any) -> list[Array]:
     """Values in float64: tensors on one device as soon as one of them is a tensor, otherwise arrays."""
@@ -160,7 +158,8 @@ def _solved(x: Array, y: Array, stiffness: Array, length: Array) -> tuple[Array,
     spread, ratio = x[:, 0] / x[:, 1], y[:, 1] / y[:, 0]
     part = _part(spread, ratio)
     contact = x[:, 1] * relative_contact(part, spread, ratio)
-    fits = (contact > 0.0) & (contact <= length * (1.0 + _ROUNDING)) & (x[:, 0] > 0.0)
+    rounding = 1e-9
+    fits = (contact > 0.0) & (contact <= length * (1.0 + rounding)) & (x[:, 0] > 0.0)
     contact = xp.where(fits, xp.minimum(contact, length), np.nan)
     return xp.where(fits, part, int(Part.NONE)), contact, 6.0 * stiffness * y[:, 1] / bending(x[:, 1], contact)
 

@@ -17,12 +17,6 @@ from vbaa_calib.core.files import refuse_overwrite, replacing
 if TYPE_CHECKING:
     from targets.board import AprilGrid, BoardWithIds
 
-_SUFFIXES = (".pdf", ".svg", ".png")
-_LARGEST_MM = 10_000.0
-_OF_CHARUCO = ("squares", "square_mm", "marker_mm", "legacy")
-_OF_GRID = ("tags", "tag_mm", "tag_spacing")
-_TAG_MM = range(5, 200)
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -75,8 +69,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the sheet and, where flags described the board, its board.yaml. Returns the numbers."""
     kind = args.output.suffix.lower()
-    if kind not in _SUFFIXES:
-        raise InputError(f"has the suffix {kind!r}", where=args.output, remedy=f"take one of {', '.join(_SUFFIXES)}")
+    suffixes = (".pdf", ".svg", ".png")
+    if kind not in suffixes:
+        raise InputError(f"has the suffix {kind!r}", where=args.output, remedy=f"take one of {', '.join(suffixes)}")
     _refuse_flags(
         args,
         ("px_per_mm", "screen_ppi") if kind != ".png" else ("paper", "margin_mm"),
@@ -171,18 +166,20 @@ def _wanted_grid(args: argparse.Namespace, lay_out: Callable[[AprilGrid], Any] |
     from targets.board import AprilGrid
     from vbaa_calib.detect.board.board_file import counts, load_lens_board
 
+    of_charuco = ("squares", "square_mm", "marker_mm", "legacy")
+    of_grid = ("tags", "tag_mm", "tag_spacing")
     if args.spec is not None:
         _refuse_flags(
             args,
-            (*_OF_CHARUCO, *_OF_GRID, "dictionary", "first_id", "thickness_mm", "type"),
+            (*of_charuco, *of_grid, "dictionary", "first_id", "thickness_mm", "type"),
             "and --spec both describe the board",
         )
         spec = load_lens_board(args.spec)
         return spec if isinstance(spec, AprilGrid) else None
     if args.type != "aprilgrid":
-        _refuse_flags(args, _OF_GRID, "is of an AprilGrid: give --type aprilgrid")
+        _refuse_flags(args, of_grid, "is of an AprilGrid: give --type aprilgrid")
         return None
-    _refuse_flags(args, _OF_CHARUCO, "is of a ChArUco board")
+    _refuse_flags(args, of_charuco, "is of a ChArUco board")
     columns, rows = (6, 6) if args.tags is None else counts(args.tags, "--tags", "vbaa board")
     spacing = 0.3 if args.tag_spacing is None else args.tag_spacing
     family = args.dictionary or "DICT_APRILTAG_36h11"
@@ -203,7 +200,8 @@ def _wanted_grid(args: argparse.Namespace, lay_out: Callable[[AprilGrid], Any] |
             return True
         return False
 
-    return grid(_TAG_MM[max(bisect_left(_TAG_MM, True, key=is_too_large) - 1, 0)])
+    sizes_mm = range(5, 200)
+    return grid(sizes_mm[max(bisect_left(sizes_mm, True, key=is_too_large) - 1, 0)])
 
 
 def _wanted(args: argparse.Namespace, **room: Any) -> BoardWithIds:
@@ -213,10 +211,11 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardWithIds:
 
     if args.spec is not None:
         return load_board(args.spec)
+    largest_mm = 10_000.0
     for name in ("square_mm", "marker_mm"):
         length = getattr(args, name)
-        if length is not None and not 0 < length < _LARGEST_MM:
-            what, remedy = f"--{name.replace('_', '-')} is {length:g}", f"give millimetres, 0 to {_LARGEST_MM:g}"
+        if length is not None and not 0 < length < largest_mm:
+            what, remedy = f"--{name.replace('_', '-')} is {length:g}", f"give millimetres, 0 to {largest_mm:g}"
             raise InputError(what, where="vbaa board", remedy=remedy)
     options = {name: getattr(args, name) for name in ("square_mm", "marker_mm", "dictionary")} | room
     options |= {"first_id": args.first_id or 0, "legacy_pattern": bool(args.legacy)}

@@ -30,15 +30,6 @@ from .values import (
     stated,
 )
 
-_ROS_COUNTS = {
-    "plumb_bob": (5, 4, 0),
-    "rational_polynomial": (8, 12, 14, 5, 4),
-    "equidistant": (4,),
-    "fisheye": (4,),
-}
-"""Coefficients by model, as files in the wild have them. Azure Kinect's driver and others write the name fisheye,
-Tango's a rational_polynomial of five."""
-
 
 def _read_ros(path: Path, wanted: Wanted) -> Exchanged:
     """As camera_calibration_parsers writes and reads it (ros-perception/image_common, parse_yml.cpp, parse_ini.cpp), or
@@ -112,10 +103,18 @@ def _camera_of_message(message: Mapping[str, Any], path: Path, wanted: Wanted) -
             raise InputError(f"{names[key]} is missing", where=path, remedy=remedy)
         return np.array(numbers(message[key], f"{names[key]}.data", path, counts))
 
-    model = one_of(message.get("distortion_model") or "plumb_bob", _ROS_COUNTS, "distortion_model", path)
+    # coefficients by model, as files in the wild have them: Azure Kinect's driver and others write fisheye, Tango's a
+    # rational_polynomial of five
+    known = {
+        "plumb_bob": (5, 4, 0),
+        "rational_polynomial": (8, 12, 14, 5, 4),
+        "equidistant": (4,),
+        "fisheye": (4,),
+    }
+    model = one_of(message.get("distortion_model") or "plumb_bob", known, "distortion_model", path)
     size = size_of([(f"image_{key}", message.get(key)) for key in ("width", "height")], path)
     matrix = block("k", 9).reshape(3, 3)
-    coefficients = block("d", *_ROS_COUNTS[model])
+    coefficients = block("d", *known[model])
     notes = []
     if model == "rational_polynomial" and len(coefficients) < 8:
         notes.append(f"{model} with {len(coefficients)} coefficients is read as plumb_bob")
@@ -142,7 +141,7 @@ def _camera_of_message(message: Mapping[str, Any], path: Path, wanted: Wanted) -
         return replace(found, notes=(*notes, *found.notes), **part)
     if not matrix.any():
         raise InputError("is of a camera that is not calibrated: k is zero", where=path, remedy="calibrate it")
-    found = Exchanged.of("fisheye" if _ROS_COUNTS[model] == (4,) else "opencv", size, matrix, coefficients, path)
+    found = Exchanged.of("fisheye" if known[model] == (4,) else "opencv", size, matrix, coefficients, path)
     notes += found.notes
     if turned:
         notes.append("rectification_matrix turns the picture for a stereo pair: it is left out")

@@ -309,7 +309,6 @@ _COLMAP_MODELS = {
 }
 """Name → our model, or the projection that is refitted; focal lengths, coefficients (filled up with zeros to four)."""
 _HALF = Decimal("0.5")
-_DIGITS = 400
 
 
 def _read_colmap(path: Path, wanted: Wanted) -> Exchanged:
@@ -396,14 +395,15 @@ def _plain(text: str, place: Path) -> float:
 
 def _decimal(text: str, place: Path | None, shift: Decimal) -> Decimal:
     """A number as it is written, plus a shift, exactly."""
+    digits = 400
     try:
         value = Decimal(text)
-        if not value.is_finite() or abs(value.adjusted()) > 320 or len(text) > _DIGITS:
+        if not value.is_finite() or abs(value.adjusted()) > 320 or len(text) > digits:
             raise InvalidOperation
     except InvalidOperation:
         raise InputError(f"{text!r:.60} is no number", where=place, remedy="write the line again") from None
     with localcontext() as context:
-        context.prec = _DIGITS
+        context.prec = digits
         return value + shift
 
 

@@ -73,8 +73,6 @@ def _contact_row(scene: SceneSpec, place: Studio, shot: AntennaShot, truth: Mapp
 Take = Callable[[BoardShot | AntennaShot, AntennaShot | None, np.random.Generator], np.ndarray]
 """Of a shot, the frame after it in its stroke (None: there is none) and random numbers: the picture, uint8."""
 
-_CENTRELINE_STD_PX = 0.1
-
 
 def refuse_target(path: Path, force: bool, marker: str = "session.yaml") -> None:
     """Raises InputError unless a session may be written to `path`; only folders with a `marker`, as sessions have, and
@@ -242,12 +240,13 @@ def _write_over(
 def _centrelines(scene: SceneSpec, place: Studio, planned: Plan) -> Iterator[dict[str, Any]]:
     frames = planned.tables["recording/recording.csv"]
     shots = [s for s in planned.shots if isinstance(s, AntennaShot) and s.path.startswith("recording/")]
+    std_px = 0.1
     for row, shot in zip(frames, shots, strict=True):
         points = seen_centreline(scene, place, shot)
         noise = stream(scene, "centrelines", int(row["frame"])).standard_normal(len(points))
-        for u, v in points[:, :2] + _CENTRELINE_STD_PX * noise[:, None] * points[:, 2:]:
+        for u, v in points[:, :2] + std_px * noise[:, None] * points[:, 2:]:
             pixel = {"u_px": round(float(u), 4), "v_px": round(float(v), 4)}
-            yield {"frame": row["frame"]} | pixel | {"sigma_px": _CENTRELINE_STD_PX}
+            yield {"frame": row["frame"]} | pixel | {"sigma_px": std_px}
 
 
 def _sensor(scene: SceneSpec) -> dict[str, Any]:

@@ -234,8 +234,6 @@ class LiveSource:
             self._due_s = time.monotonic() + within_s
 
 
-_LIKE = "write it like camera:0 or camera:0?width=1920&height=1080&fourcc=MJPG"
-_MOST = {"width": 65535, "height": 65535, "fps": 1000}
 _PLUG = "check cable and plug, close other programs that use the camera, then run this again: it goes on where it was"
 _CAMERA_FAULTS: dict[_Fault, tuple[str, str]] = {
     "closed": ("the camera cannot be opened", "close other programs that use it, or name another camera"),
@@ -252,19 +250,21 @@ def parse_camera(text: str) -> tuple[int | str, dict[str, Any]]:
     """The device (OpenCV's index or a file) and its settings, from the text behind "camera:". Raises InputError."""
     device, _, query = text.partition("?")
     where, settings = f"camera:{shown(text)}", dict[str, Any]()
+    like = "write it like camera:0 or camera:0?width=1920&height=1080&fourcc=MJPG"
+    most = {"width": 65535, "height": 65535, "fps": 1000}
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key == "fourcc" and re.fullmatch(r"[\x20-\x7e]{4}", value):
             settings[key] = value
-        elif key in _MOST and re.fullmatch(r"[0-9]{1,5}", value) and 1 <= int(value) <= _MOST[key]:
+        elif key in most and re.fullmatch(r"[0-9]{1,5}", value) and 1 <= int(value) <= most[key]:
             settings[key] = int(value)
         else:
-            known = key in _MOST or key == "fourcc"
+            known = key in most or key == "fourcc"
             what = f"{shown(key)} cannot be {shown(value)!r}" if known else f"{shown(key)!r} is not known of a camera"
-            remedy = f"width, height, fps and fourcc can be asked for; {_LIKE}"
+            remedy = f"width, height, fps and fourcc can be asked for; {like}"
             raise InputError(what, where=where, remedy=remedy)
     number = re.fullmatch(r"[0-9]{1,3}", device)
     if not number and not device.startswith("/"):
-        raise InputError("is neither a camera's number nor its device", where=where, remedy=_LIKE)
+        raise InputError("is neither a camera's number nor its device", where=where, remedy=like)
     return int(device) if number else device, settings
 
 
@@ -333,14 +333,6 @@ def _set_up(capture: cv2.VideoCapture, wanted: Mapping[str, Any]) -> tuple[str, 
     )
 
 
-_SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "rtp", "rtmp", "tcp", "srt")
-_REACH = "check that camera and network are up, then run this again: it goes on where it was"
-_STREAM_FAULTS: dict[_Fault, tuple[str, str]] = {
-    "closed": ("the stream cannot be opened", "try the address, user and password in a video player"),
-    "blank": ("the stream opens but gives no picture", "try the address in a video player"),
-    "broken": ("the stream broke off and cannot be reached again", _REACH),
-    "hung": ("the stream does not answer", _REACH),
-}
 # FFmpeg has tried on its own before a read fails
 _STREAM_PATIENCE = StreamSettings(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
 
@@ -367,7 +359,14 @@ def open_stream(url: str, seen: Container[str] = (), patience: StreamSettings = 
         return capture
 
     try:
-        return LiveSource(name, opened, patience, _STREAM_FAULTS, seen)
+        reach = "check that camera and network are up, then run this again: it goes on where it was"
+        faults: dict[_Fault, tuple[str, str]] = {
+            "closed": ("the stream cannot be opened", "try the address, user and password in a video player"),
+            "blank": ("the stream opens but gives no picture", "try the address in a video player"),
+            "broken": ("the stream broke off and cannot be reached again", reach),
+            "hung": ("the stream does not answer", reach),
+        }
+        return LiveSource(name, opened, patience, faults, seen)
     except InputError:
         if not stored:
             raise
@@ -382,10 +381,11 @@ def _check_url(url: str, name: str) -> None:
         scheme, host, port = parts.scheme.lower(), parts.hostname, parts.port
     except ValueError:
         raise InputError("is not a valid URL", where=name, remedy=like) from None
-    kinds = ", ".join(f"{each}://" for each in _SCHEMES)
+    schemes = ("rtsp", "rtsps", "http", "https", "udp", "rtp", "rtmp", "tcp", "srt")
+    kinds = ", ".join(f"{each}://" for each in schemes)
     faults = (
         (scheme == "file", "is a URL of a file", "name the file's path itself"),
-        (scheme not in _SCHEMES, f"{shown(parts.scheme)}:// is not read", f"these are: {kinds}"),
+        (scheme not in schemes, f"{shown(parts.scheme)}:// is not read", f"these are: {kinds}"),
         (re.search(r"\s", url) or not url.isprintable(), "holds blanks or control characters", "write a blank as %20"),
         (not host and not (port and scheme in ("udp", "rtp")), "names no host", like),
     )

@@ -15,8 +15,6 @@ from .session_state import SessionState
 from .steps import STEP_BY_NAME, PictureCheck
 from .ui import LivePicture, Ui, WizardView
 
-_COLUMNS, _ROWS = 12, 8
-
 
 class Page(WizardView):
     """The view in a browser."""
@@ -133,13 +131,12 @@ class Page(WizardView):
         check, target = view.check, ui.progress.target
         is_lens = ui.step is not None and ui.step.name == "lens"
         u, v = np.concatenate([np.zeros((0, 2)), *(seen.corners_px for seen in self._state.views("lens"))]).T
-        counts, *_ = np.histogram2d(v, u, bins=(_ROWS, _COLUMNS), range=((0, height), (0, width)))
+        rows, columns = 8, 12
+        counts, *_ = np.histogram2d(v, u, bins=(rows, columns), range=((0, height), (0, width)))
         self._live = {
             "image_size": [width, height],
             "corners_px": check.corners_px.tolist(),
-            "coverage": {"columns": _COLUMNS, "rows": _ROWS, "counts": counts.astype(int).tolist()}
-            if is_lens
-            else None,
+            "coverage": {"columns": columns, "rows": rows, "counts": counts.astype(int).tolist()} if is_lens else None,
             "found": (check.words or check.refusal or view.words) if view.live else view.words,
             "suggested_px": None if target is None else target.outline_px.tolist(),
             "suggestion": (target.words if target else "") + (f" · {check.closer}" if check.closer else ""),

@@ -232,7 +232,6 @@ SOURCES = (
     *OF_LENS_FILE,
 )
 """Never asked; flags and answers only."""
-KEEP = Question("keep", "", "Keep this as it is?", kind="yesno", default="no")
 TABLES = tuple(
     Question(f"{step}_readings", step, f"CSV with what was read with each picture of the step {step}", kind="text")
     for step in ("plane", "noload", "loads")

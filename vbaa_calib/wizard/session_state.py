@@ -57,8 +57,6 @@ _Result = TypeVar("_Result")
 BOARD = "board.yaml"
 _STILLS = ("noload", "loads")
 _ALL = ("lens", "plane", *_STILLS)
-_MEASURED = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
-"""What the rulers of the sheet say, and what was read on them."""
 _UNITS = {
     "antenna": {
         "length_m": ("antenna_length_mm", 1e-3),
@@ -77,10 +75,11 @@ _UNITS = {
 
 def scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
     """The print's scale, None before both readings are known. Raises InputError for impossible readings."""
-    if any(name not in answers for name in _MEASURED):
+    measured = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
+    if any(name not in answers for name in measured):
         return None
     where = "board_along_x_mm, board_along_y_mm"
-    x, along_x, y, along_y = (float(answers[name]) for name in _MEASURED)
+    x, along_x, y, along_y = (float(answers[name]) for name in measured)
     try:
         return print_scale(x, along_x, y, along_y, float(answers.get("board_reading_std_mm", SCALE.reading_std_mm)))
     except ValueError as error:

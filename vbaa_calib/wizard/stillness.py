@@ -29,9 +29,6 @@ _TILES = _TileSettings()
 
 
 _NO_CORNERS, _NO_IDS = np.zeros((0, 2)), np.zeros(0, int)
-_X, _Y = (each.ravel() for each in np.meshgrid(*2 * [np.linspace(-1, 1, _TILES.tile_px, dtype=np.float32)]))
-_BENDS = (np.ones_like(_X), _X, _Y, _X**2, _Y**2)
-"""Polynomials by which the light's factor may vary across a tile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +63,10 @@ def _features_of(image: np.ndarray, time_s: float, corners_px: np.ndarray, ids: 
     slopes = (cv2.Sobel(small, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(small, cv2.CV_32F, 0, 1, scale=1 / 8))
     tiles, along, down = (_cut(each) for each in (small, *slopes))
     light = tiles - tiles.mean(axis=1, keepdims=True)
-    basis = np.stack([along, down, np.ones_like(tiles), *(tiles * bend for bend in _BENDS)], axis=-1)
+    # polynomials by which the light's factor may vary across a tile
+    x, y = (each.ravel() for each in np.meshgrid(*2 * [np.linspace(-1, 1, _TILES.tile_px, dtype=np.float32)]))
+    bends = (np.ones_like(x), x, y, x**2, y**2)
+    basis = np.stack([along, down, np.ones_like(tiles), *(tiles * bend for bend in bends)], axis=-1)
     energy = (along**2 + down**2).mean(axis=1)
     contrast = float((light**2).mean())
     sharpness = float(np.sqrt(energy.mean() / contrast)) / scale if contrast > 0 else 0.0

@@ -15,8 +15,6 @@ from typing import Any, TextIO
 from .questions import STEPS, Question, typed
 from .ui import COMMANDS, LivePicture, Ui, WizardView
 
-_STYLES = {"bold": "\033[1m", "dim": "\033[2m", "next": "\033[1;36m", "wrong": "\033[1;31m", "doubt": "\033[33m"}
-
 
 def _wrapped(text: str, width: int, indent: str = "", hang: str | None = None) -> str:
     """Text wrapped at blanks only, so that paths and addresses can be copied. hang : indent of continued lines."""
@@ -60,7 +58,8 @@ class _Screen:
     def write(self, text: str, style: str = "", indent: str = "", hang: str | None = None) -> None:
         """Write a paragraph."""
         self.clear()
-        begin, end = (_STYLES[style], "\033[0m") if style and self._styled else ("", "")
+        styles = {"bold": "\033[1m", "dim": "\033[2m", "next": "\033[1;36m", "wrong": "\033[1;31m", "doubt": "\033[33m"}
+        begin, end = (styles[style], "\033[0m") if style and self._styled else ("", "")
         self._put(f"{begin}{_wrapped(text, self.width, indent, hang)}{end}\n")
 
     def below(self, prompt: str, status: str | None = None) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import Diagnosis, InputError
 
-from .questions import KEEP, Question, typed
+from .questions import Question, typed
 from .steps import PictureCheck, Progress, Step
 
 COMMANDS = {
@@ -125,7 +125,8 @@ class Ui:
         """Whether what looks wrong is to stay, which is asked where somebody is there."""
         for doubt in doubts:
             self.wrong(str(doubt))
-        return bool(self.ask(KEEP)) if self.interactive else True
+        keep = Question("keep", "", "Keep this as it is?", kind="yesno", default="no")
+        return bool(self.ask(keep)) if self.interactive else True
 
     def _first_answer(self) -> object:
         while True:

@@ -35,13 +35,6 @@ from vbaa_calib.core.robust import finite_median, finite_or_none
 
 SCHEMA = "vbaa.batch/1"
 _KEY = b"vbaa.batch"
-_SUMMARY = (
-    *("recording", "state", "sentence", "verdict", "path", "rig", "rig_sha256", "inputs_sha256", "digest", "version"),
-    *("frames", *STATUSES, "distance_median_m", "distance_std_median_m", "force_median_N", "force_std_median_N"),
-    *("moment_residual_rms_Nm", "free_frames", "drift_picture_px", "drift_moment_zero_std", "drift_beyond"),
-    *("outside_points", "warnings", "cpu_s", "object", "readings", "reasons"),
-)
-"""Columns of summary.csv; state is done or failed."""
 Row = Mapping[str, Any]
 
 
@@ -108,7 +101,31 @@ class Results:
             if self.object(name).exists():
                 row["object"] = self.object(name).relative_to(self.root)
         text = io.StringIO()
-        writer = csv.DictWriter(text, _SUMMARY, restval="", extrasaction="ignore", lineterminator="\n")
+        columns = (
+            *(
+                "recording",
+                "state",
+                "sentence",
+                "verdict",
+                "path",
+                "rig",
+                "rig_sha256",
+                "inputs_sha256",
+                "digest",
+                "version",
+            ),
+            *(
+                "frames",
+                *STATUSES,
+                "distance_median_m",
+                "distance_std_median_m",
+                "force_median_N",
+                "force_std_median_N",
+            ),
+            *("moment_residual_rms_Nm", "free_frames", "drift_picture_px", "drift_moment_zero_std", "drift_beyond"),
+            *("outside_points", "warnings", "cpu_s", "object", "readings", "reasons"),
+        )
+        writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore", lineterminator="\n")
         writer.writeheader()
         for _, row in sorted(rows.items()):
             words: Row = {} if "readings" not in row else {"readings": readings_in_words(row["readings"])}
@@ -116,7 +133,7 @@ class Results:
             findings = row.get("verdict", {}).get("findings", ())
             verdict = [f"{one['severity']}: {one['words']}; {one['remedy']}" for one in findings]
             cells = {**row, **words, "reasons": reasons, "verdict": verdict}
-            writer.writerow({name: _cell(cells.get(name)) for name in _SUMMARY})
+            writer.writerow({name: _cell(cells.get(name)) for name in columns})
         write_text(self.summary, text.getvalue())
         return list(rows.values())
 

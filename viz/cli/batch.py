@@ -109,8 +109,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         sorted(name for name, verdict in verdicts.items() if verdict["severity"] == severity)
         for severity in ("wrong", "doubt")
     )
+    most = 20
     for label, names in (("wrong", bad), ("look at", doubted)):
-        for name in names[:_NAMED]:
+        for name in names[:most]:
             worst = verdicts[name]["findings"][0]
             say(f"{label}: {name}: {worst['words']}; {worst['remedy']}")
     counts = {"done": len(states["done"]), "unchanged": len(states["unchanged"]), "missing": len(missing)}
@@ -129,7 +130,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             overview.join({"status": statuses, **row}, recording=row["recording"])
     for words in overview_in_words(overview.numbers()) if overview.frames else ():
         say(words)
-    for name in missing[:_NAMED]:
+    for name in missing[:most]:
         say(f"  missing: {name}")
     return {
         "results": str(args.output),
@@ -145,9 +146,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         **overview.numbers(),
         "exit_code": int(bool(missing or bad)),
     }
-
-
-_NAMED = 20
 
 
 def _where(args: argparse.Namespace, count: int) -> Where:

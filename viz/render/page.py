@@ -35,12 +35,6 @@ _DARKENED, _CLEAR = "max(t2Color,0.01)", "max(t2Color,0.00001)"
 clear weighs less, and would lose its colour."""
 _ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
 """What the viewer would ask for from elsewhere."""
-_POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' data: blob:; style-src 'unsafe-inline'; "
-    "img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:; base-uri 'none'; "
-    "form-action 'none'"
-)
-"""The page stands alone: it loads nothing, and sends nothing anywhere."""
 
 
 @quiet()
@@ -94,7 +88,13 @@ def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", for
     viewer = io.StringIO()
     write_html(packed, viewer)
     html = viewer.getvalue().replace(_DARKENED, _CLEAR).replace(_ICON, "data:,")
-    policy = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+    # The page stands alone: it loads nothing, and sends nothing anywhere.
+    alone = (
+        "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' data: blob:; style-src 'unsafe-inline'; "
+        "img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:; base-uri 'none'; "
+        "form-action 'none'"
+    )
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{alone}">'
     start, end = html.index("<title>"), html.index("</title>")
     head, body, rest = (html[:start] + policy + f"<title>{escape(title)}" + html[end:]).partition("<body>")
     write_text(path, f"{head}<style>{render('scene.css')}</style>{body}{cards}{rest}", force)

@@ -9,7 +9,6 @@ from viz.figures import check as figures
 from viz.figures.settings import STYLE
 from viz.pages.page import Table, at, fixed, listing, number, records, render, with_std
 
-_LEVEL_COLOURS = {"holds": STYLE.teal, "look at": STYLE.amber, "does not hold": STYLE.red, "not given": STYLE.slate}
 LENSES = (
     ("model", "lens", None),
     ("free_parameters", "free numbers", 0),
@@ -31,12 +30,13 @@ def page(document: Mapping[str, Any]) -> str:
     if maps["projection"] is not None:
         drawn.append(figures.heat_map("of the projection, px", maps["projection"] | rays, size))
     along = [[f"{1e3 * row['arclength_m']:.0f}", number(row["std_mm"], 3)] for row in maps["along_antenna"]]
+    level_colours = {"holds": STYLE.teal, "look at": STYLE.amber, "does not hold": STYLE.red, "not given": STYLE.slate}
     return render(
         "check.html.j2",
         title=document["rig"],
         own_pictures=document["own_pictures"],
-        colour=_LEVEL_COLOURS[document["verdict"]],
-        colours=_LEVEL_COLOURS,
+        colour=level_colours[document["verdict"]],
+        colours=level_colours,
         headline=document["headline"],
         problems=[one for level in ("does not hold", "look at") for one in findings if one["level"] == level],
         answered=sum(one["level"] != "not given" for one in findings),

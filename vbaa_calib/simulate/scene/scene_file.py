@@ -37,9 +37,6 @@ from .scene import (
 )
 
 _Side = Annotated[WholeNumber, Field(ge=16, le=20_000)]
-_STEEPEST = 0.5
-"""A bump's height over its width up to which `objects.implicit` still grows outwards near the surface: its slope there
-is above 1 − 0.61·0.5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +100,12 @@ class _SceneBump:
 
 
 def _bump(read: _SceneBump) -> Bump:
-    if abs(read.height_m) > _STEEPEST * read.width_m:
+    # up to such a height over its width `objects.implicit` grows outwards near the surface: its slope there is above
+    # 1 − 0.61·0.5
+    steepest = 0.5
+    if abs(read.height_m) > steepest * read.width_m:
         what = f"does not fit: a bump {read.height_m} m high and {read.width_m} m wide is too steep"
-        raise ValueError(what, f"keep its height below {_STEEPEST} of its width", "height_m")
+        raise ValueError(what, f"keep its height below {steepest} of its width", "height_m")
     return Bump(**vars(read))
 
 
