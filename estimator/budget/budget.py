@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.contact.common_errors import empty_frames, noise_free_frames
-from estimator.contact.status import EDGE_ON_BLIND_RAD, FEWEST_POINTS, LOW_SIGNAL, LOW_SIGNAL_RELATIVE
+from estimator.contact.settings import ContactSettings
 from estimator.solver.frames import Frames
 from estimator.solver.linearised import edge_on, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
@@ -485,16 +485,17 @@ def _determined(
     rig_arrays: RigArrays, space: _ErrorSpace, touches: BudgetContacts, linear: _Linearization, with_moment: bool
 ) -> np.ndarray:
     """(B,) whether the estimator would give numbers, as `contact.status` decides for contacts that fit well."""
-    sound = np.isfinite(linear.points).all(axis=(1, 2)) & (linear.usable >= FEWEST_POINTS)
+    sound = np.isfinite(linear.points).all(axis=(1, 2)) & (linear.usable >= ContactSettings.fewest_points)
     std = np.full((len(linear), 6), np.nan)
     if sound.any():
         std[sound] = np.sqrt(_propagate(linear.picked(sound), space).variance)
-    limit = np.minimum(LOW_SIGNAL * rig_arrays.length_m, LOW_SIGNAL_RELATIVE * touches.distance_m)
+    relative_m = ContactSettings.low_signal_relative * touches.distance_m
+    limit = np.minimum(ContactSettings.low_signal * rig_arrays.length_m, relative_m)
     determined = np.isfinite(std).all(axis=1) & (std[:, 0] < limit)
     if with_moment:
         return determined
     force = np.hypot(*touches.push_N.T)
-    seen = edge_on(rig_arrays, _unknowns_of(rig_arrays, touches)) >= EDGE_ON_BLIND_RAD
+    seen = edge_on(rig_arrays, _unknowns_of(rig_arrays, touches)) >= ContactSettings.edge_on_blind_rad
     return determined & seen & (std[:, 1:3].max(axis=1) < 0.5 * force)
 
 

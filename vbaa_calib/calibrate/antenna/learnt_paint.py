@@ -14,12 +14,7 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import SHOWN, Paint
 from vbaa_calib.detect.whisker.profile import measure_on
 
-WELL_SEEN, CLEARLY_MORE = 0.9, 0.1
-"""Share of the antenna that one polarity must show. Where it shows less, a polarity that changes along the antenna is
-taken if it sees more by `CLEARLY_MORE`."""
-PULLED_ASIDE = 0.018
-"""By which part of its width a line must lie off the middle between its edges, in free pictures, to be measured by
-these."""
+from .settings import AntennaSettings
 
 
 def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
@@ -34,9 +29,9 @@ def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Pai
         in_colour = _Tried.of(Paint(None), finders, images)
         return in_colour.paint if in_colour.seen else None
     best = max((_Tried.of(Paint(bright), finders, images) for bright in (True, False)), key=_Tried.clearness)
-    if best.seen < WELL_SEEN:
+    if best.seen < AntennaSettings.well_seen:
         changing = _Tried.of(Paint(None), finders, images)
-        best = changing if changing.seen > best.seen + CLEARLY_MORE else best
+        best = changing if changing.seen > best.seen + AntennaSettings.clearly_more else best
     return best.pulled(finders, images).paint if best.seen else None
 
 
@@ -62,10 +57,10 @@ class _Tried:
         return float(np.mean(heights))
 
     def pulled(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
-        """Measured by both edges where its lines lie aside of their middle."""
+        """The same, measured by both edges where its lines lie off their middle."""
         if self.paint.bright is None:
             return self
-        where, aside = finders[0].corridor, []
+        where, offsets = finders[0].corridor, []
         width, taper = where.width_px, where.taper
         for image, line in zip(images, self.lines, strict=True):
             plane = self.paint.plane(image)
@@ -74,7 +69,7 @@ class _Tried:
                 # the thin part of an antenna that tapers has noise alone
                 half = len(line.points_px) // 2
                 thick = line.points_px[: half if taper < 0.0 else None][half if taper > 0.0 else 0 :]
-                aside.append(np.sqrt(np.mean(beside(between.guide_px, thick)[1] ** 2)))
+                offsets.append(np.sqrt(np.mean(beside(between.guide_px, thick)[1] ** 2)))
         thickest = width * (1.0 + 0.25 * abs(taper))
-        both = bool(aside) and float(np.median(aside)) > PULLED_ASIDE * thickest
+        both = bool(offsets) and float(np.median(offsets)) > AntennaSettings.off_middle * thickest
         return replace(self, paint=replace(self.paint, both_edges=both))

@@ -53,18 +53,18 @@ def _opponent(picture: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class _Level:
     """A reduced picture (channels, H, W), `scale` of its pixels to one of the photograph's."""
 
     planes: np.ndarray
     scale: float
 
-    def reduced(self, scale: float, shape: tuple[int, int]) -> Level:
-        """The picture of a shape (H, W) at a scale of at most this one's."""
+    def reduced(self, scale: float, shape: tuple[int, int]) -> _Level:
+        """The picture reduced to a shape (H, W) and a scale, which is at most this one's."""
         size = (max(8, round(scale * shape[1])), max(8, round(scale * shape[0])))
         if size == self.planes.shape[:0:-1]:
             return self
-        return Level(np.stack([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in self.planes]), scale)
+        return _Level(np.stack([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in self.planes]), scale)
 
     def noise(self, settings: RodSettings) -> np.ndarray:
         """(channels,) standard deviation of a pixel, from second differences."""
@@ -81,11 +81,11 @@ class Level:
 
 
 def _shading_of(channels: int, settings: RodSettings) -> np.ndarray:
-    """(channels,) by which the colour of one surface differs between neighbouring places."""
+    """(channels,) usual difference in colour of neighbouring places on one surface."""
     return np.array([settings.shading[min(channel, 1)] for channel in range(channels)])
 
 
-def ribbon_evidence(level: Level, width: float, settings: RodSettings) -> np.ndarray:
+def _ribbon_evidence(level: _Level, width: float, settings: RodSettings) -> np.ndarray:
     """Log odds (steps, directions, columns) of ribbons so wide down a picture."""
     shading = np.hypot(_shading_of(len(level.planes), settings), level.texture(settings.flank_widths * width, settings))
     shares = (settings.flat, settings.edge, settings.chance)
@@ -99,14 +99,14 @@ def _most_scale(planes: np.ndarray, settings: RodSettings) -> float:
     return float(min(1.0, np.sqrt(1e6 * settings.most_megapixels / np.prod(planes.shape[1:]))))
 
 
-def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[Level, float]]:
+def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[_Level, float]]:
     """The picture reduced for ribbons of each width, in pixels of the picture; the widest first."""
     height, width = planes.shape[1:]
     most = _most_scale(planes, settings)
     widths = [settings.narrowest_px / most]
     while widths[-1] < settings.widest * min(height, width):
         widths.append(widths[-1] * settings.width_step)
-    level, levels = Level(planes, 1.0), []
+    level, levels = _Level(planes, 1.0), []
     for width_px in widths:
         level = level.reduced(min(most, settings.level_width_px / width_px), (height, width))
         levels.append((level, width_px))
@@ -114,7 +114,7 @@ def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[Level, f
 
 
 def _paths_at(
-    level: Level,
+    level: _Level,
     width_px: float,
     ends: tuple[np.ndarray | None, np.ndarray | None],
     settings: RodSettings,
@@ -128,8 +128,8 @@ def _paths_at(
     width, diagonal = width_px * level.scale, float(np.hypot(height, columns))
     if min(height, columns) < 2 * core.search.ROW_STEP:
         return []
-    down = ribbon_evidence(level, width, settings)
-    across = ribbon_evidence(Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale), width, settings)
+    down = _ribbon_evidence(level, width, settings)
+    across = _ribbon_evidence(_Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale), width, settings)
     if colours is not None:
         spread = settings.other_colour * _shading_of(len(level.planes), settings)
         smooth = [cv2.blur(each, (3, 3)) for each in level.planes]
@@ -178,7 +178,7 @@ def _from_clamp(path: _RodPath, clamp: np.ndarray | None, tip: np.ndarray | None
     return replace(path, path_px=path.path_px[::-1]) if turned else path
 
 
-def shared(path: _RodPath, other: _RodPath, settings: RodSettings) -> float:
+def _shared(path: _RodPath, other: _RodPath, settings: RodSettings) -> float:
     """Part of a path's length that runs along another, nearer than a part of the width."""
     along = arc_lengths(other.path_px)
     at = np.linspace(0.0, along[-1], max(2, int(2.0 * along[-1] / path.width_px)))
@@ -199,14 +199,14 @@ class _PhotoPatch:
 
     @staticmethod
     def about(planes: np.ndarray, path: _RodPath, settings: RodSettings) -> _PhotoPatch:
-        """About a path."""
+        """The patch about a path."""
         size, room = np.array(planes.shape[:0:-1]), settings.patch_widths * path.width_px + 10.0
         times = max(1, int(path.width_px / settings.measured_width_px))
         low = np.clip(np.floor(path.path_px.min(axis=0) - room).astype(int), 0, size - 2 * times)
         high = np.clip(np.ceil(path.path_px.max(axis=0) + room).astype(int), low + 2 * times, size)
         high -= (high - low) % times
         part = planes[:, low[1] : high[1], low[0] : high[0]]
-        level = Level(part, 1.0).reduced(1.0 / times, part.shape[1:])
+        level = _Level(part, 1.0).reduced(1.0 / times, part.shape[1:])
         noise = level.noise(settings)
         return _PhotoPatch(level.planes, level.scale, low, noise, np.hypot(noise, _shading_of(len(planes), settings)))
 
@@ -289,11 +289,11 @@ class _MeasuredRod:
 
     @property
     def hangs(self) -> bool:
-        """Whether it comes from the picture's border and ends before plain background."""
+        """Whether the rod enters at the picture's border and ends before plain background."""
         return self.inside[0] != self.inside[1] and self.holder[0 if self.inside[0] else 1] < 0.0
 
     def is_good(self, settings: RodSettings) -> bool:
-        """Whether nothing better is to be expected."""
+        """Whether the evidence is so good that the search may end."""
         return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.parts["edges"] > 0.9
 
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
@@ -310,7 +310,8 @@ class _MeasuredRod:
         )
 
     def alone(self, settings: RodSettings) -> _MeasuredRod:
-        """The same where nothing is known of the ends: a rod's tip is before the background, within the picture."""
+        """Log odds of a rod where nothing is known of its ends: a rod's tip is before the background, within the
+        picture."""
         tip = min(
             odds if inside else settings.no_tip_cost for odds, inside in zip(self.holder, self.inside, strict=True)
         )
@@ -319,7 +320,7 @@ class _MeasuredRod:
         return replace(self, evidence=(self.evidence - max(0.0, tip)) * (settings.straight_share if straight else 1.0))
 
 
-def fitted(
+def _fitted(
     picture_planes: np.ndarray,
     path: _RodPath,
     first: np.ndarray | None,
@@ -407,8 +408,8 @@ def _along(
     sigma = 0.4 * np.sqrt(max(fine**2 - 1.0, 0.0))
     soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
     strip = _Strip.along(soft, curve, fine, 4.0 * width, fine)
-    level = Level(np.ascontiguousarray(strip.values), 1.0 / fine)
-    each = ribbon_evidence(level, settings.level_width_px, settings)
+    level = _Level(np.ascontiguousarray(strip.values), 1.0 / fine)
+    each = _ribbon_evidence(level, settings.level_width_px, settings)
     log = each[:, each.shape[1] // 2, len(strip.across_px) // 2].astype(float)
     inside = np.asarray(strip.inside[:, np.abs(strip.across_px) < width].all(axis=1))
     step = core.search.ROW_STEP
@@ -577,8 +578,8 @@ def _centred(
 def _edges(
     planes: np.ndarray, spread: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings, last: bool
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Middles (N, 2) between edges, or half a width from one of them; the width, and (S,) whether stations have two
-    edges so far apart. At the last, edges are looked for next to those of the curve.
+    """Middles (N, 2) of the rod by its edges, half a width from a single edge; its width; and (S,) whether a station
+    has two edges that far apart. In the last round, edges are searched for next to those of the curve.
 
     spread : (channels,) deviation of places of one surface.
     """
@@ -638,7 +639,7 @@ def _edges(
 
 
 def _median_width(widths: np.ndarray, before: float) -> float:
-    """Of those that were measured, not NaN; the one before where none was."""
+    """Median of the measured widths, which are not NaN; the one before where none was measured."""
     return float(np.nanmedian(widths)) if np.isfinite(widths).any() else before
 
 
@@ -740,7 +741,7 @@ def _to_the_ends(
 
 
 def _other(middle: np.ndarray, sides: list[np.ndarray], least_chroma: float) -> np.ndarray:
-    """(S,) 1 where colours (channels, S) differ from their surroundings by another hue than they usually do, else 0."""
+    """(S,) 1 where colours (channels, S) differ from their surroundings by an unusual hue, else 0."""
     chroma = (middle - 0.5 * (sides[0] + sides[1]))[1:]
     known = np.isfinite(chroma).all(axis=0)
     usual = np.median(chroma[:, known], axis=1) if len(chroma) and known.any() else np.zeros(2)
@@ -763,7 +764,7 @@ def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray, darkest
     return np.where(np.isfinite(there), there, 0.0)
 
 
-_END_REMEDY = "give --clamp U,V and --tip U,V"
+_END_REMEDY = "give --clamp U,V and --tip U,V"  # where the ends are not known
 
 
 @dataclass(frozen=True, eq=False)
@@ -838,7 +839,7 @@ class RodSearch:
         return self._directed(best)
 
     def _directed(self, found: _MeasuredRod) -> RodLine:
-        """From clamp to tip."""
+        """The line in the order from clamp to tip."""
         inside, ends = found.inside, found.curve_px[[0, -1]]
         if self.clamp is not None or self.tip is not None:
             turned = False  # it was fitted from the clamp to the tip
@@ -907,7 +908,7 @@ def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: R
 
 def _measured(
     planes: np.ndarray,
-    levels: list[tuple[Level, float]],
+    levels: list[tuple[_Level, float]],
     clamp: np.ndarray,
     tip: np.ndarray,
     colours: np.ndarray | None,
@@ -927,14 +928,14 @@ def _measured(
             bound = min(bound, settings.slack[0] * path.cost + settings.slack[1])
             if any(line.contains(path.path_px) and width_px < 1.5 * line.width_px for line in found):
                 continue
-            line = fitted(planes, path, clamp, tip, settings)
+            line = _fitted(planes, path, clamp, tip, settings)
             if line is not None:
                 found.append(line)
     return found
 
 
 def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredRod]:
-    """The likeliest first: of lines whose mean evidence is about the same the one with the most."""
+    """Lines in order of likelihood: by mean evidence, and by total evidence where that is about the same."""
     best = max((line.parts["mean"] for line in found), default=0.0)
     return sorted(found, key=lambda line: (line.parts["mean"] < best - settings.alike, -line.evidence))
 
@@ -942,12 +943,12 @@ def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredR
 def _lines(
     planes: np.ndarray, groups: list[list[_RodPath]], ends: list[np.ndarray | None], settings: RodSettings
 ) -> list[_MeasuredRod]:
-    """The likeliest line of each group of paths."""
+    """The most likely measured line of each group of paths."""
     found = []
     for group in groups:
         likely: _MeasuredRod | None = None
         for path in group:
-            fit = fitted(planes, path, ends[0], ends[1], settings)
+            fit = _fitted(planes, path, ends[0], ends[1], settings)
             if fit is not None and (likely is None or fit.evidence > likely.evidence):
                 likely = fit
             if likely is not None and 0.6 < likely.width_px / path.width_px < 1.7:
@@ -961,7 +962,7 @@ def _grouped(paths: list[_RodPath], settings: RodSettings) -> list[list[_RodPath
     """The best paths, each apart from those before it over half of its length, and with each one of another width."""
     groups: list[list[_RodPath]] = []
     for path in paths:
-        group = next((each for each in groups if shared(path, each[0], settings) > 0.5), None)
+        group = next((each for each in groups if _shared(path, each[0], settings) > 0.5), None)
         if group is None:
             if len(groups) < settings.candidates:
                 groups.append([path])
