@@ -27,7 +27,7 @@ import yaml
 from viz.cli import view
 from viz.parts.assemble import all_parts
 from viz.render.stage import Stage
-from viz.render.window import Controls
+from viz.render.window import _Controls
 
 IMAGES = Path(__file__).parent / "images"
 VISIBLE, HIDDEN = 10, 50
@@ -78,9 +78,9 @@ def of_the_window(demo: Path) -> None:
     parser = argparse.ArgumentParser()
     view.configure(parser)
     words = (demo / "contacts.csv", "--rig", demo / "rig.json", "--session", demo / "session")
-    scene, _ = view.scene_of(parser.parse_args(list(map(str, words))))
+    scene, _ = view._scene_of(parser.parse_args(list(map(str, words))))
     stage = Stage(scene, all_parts(scene), size=(1250, 850))
-    controls = Controls(stage, "force")
+    controls = _Controls(stage, "force")
     controls.add_to_window()
     stage.look_at_all()
     controls.pick(12)

@@ -1,4 +1,4 @@
-"""The inverse problem: from what is seen and felt to where the antenna touches, and how hard."""
+"""The inverse problem: from picture and moment to where the antenna touches, and how hard."""
 
 from __future__ import annotations
 

@@ -167,7 +167,7 @@ class Chessboard(_OfSquares):
 
     @property
     def has_one_reading(self) -> bool:
-        """Whether a picture of the whole board shows which corner is which: by the corner whose square is black."""
+        """Whether a picture of the whole board shows which corner is which: by the corner with a black square."""
         return (self.squares_x + self.squares_y) % 2 == 1
 
     @property

@@ -98,10 +98,10 @@ def _tray(plate_mm: tuple[float, float], back_mm: float, gap_mm: float, wall_mm:
     return _mesh(boxes)
 
 
-def write_jig(
+def _write_jig(
     folder: Path, outline_mm: tuple[float, float], *, margin_mm: float, thickness_mm: float, wire_mm: float
 ) -> str:
-    """Write jig.stl, clamp.stl, cap.stl and jig.yaml, whose text this returns, into a folder.
+    """Write jig.stl, clamp.stl, cap.stl and jig.yaml into a folder; return the text of the last.
 
     outline_mm : the board's squares, along x and y. margin_mm : of the plate around them. thickness_mm : of the plate.
     Raises ValueError for sizes that cannot be printed.
@@ -141,7 +141,7 @@ def _run() -> None:
         columns, rows = (int(number) for number in args.squares.split("x"))
         outline = (columns * args.square_mm, rows * args.square_mm)
         sizes = {"margin_mm": args.margin_mm, "thickness_mm": args.thickness_mm, "wire_mm": args.wire_mm}
-        print(write_jig(args.output, outline, **sizes), end="")
+        print(_write_jig(args.output, outline, **sizes), end="")
     except ValueError as error:
         parser.error(str(error))
 

@@ -8,22 +8,21 @@ from typing import Any
 
 from .board import BoardSpec, BoardWithIds
 
-READING_STD_MM = 0.25
-_SIGNIFICANT = 3.0
-_MOST_ASPECT = 1e-3
-"""Difference of the scales below which a board counts as square: 0.12 mm over 240 mm."""
-_LEAST_PRECISION = 0.01
-"""Largest standard deviation of a usable scale."""
-_REACH_MM = 240.0
-"""A usual antenna's length, for which errors are stated."""
-_RANGE = (0.8, 1.25)
-_SHORT_MM = 100.0
-_SLIPS = {
-    0.1: "centimetres were read",
-    1 / 25.4: "inches were read",
-    1e-3: "metres were read",
-    10.0: "a digit too many",
-}
+
+@dataclass(frozen=True)
+class _ScaleSettings:
+    """When the rulers of a sheet say that it was printed at another scale."""
+
+    reading_std_mm: float = 0.25  # standard deviation of one reading with a ruler
+    significant: float = 3.0  # standard deviations from which a scale differs from 1, or from the other axis
+    most_aspect: float = 1e-3  # difference of the scales below which a board counts as square: 0.12 mm over 240 mm
+    most_std: float = 0.01  # largest standard deviation of a usable scale
+    reach_mm: float = 240.0  # a usual antenna's length, for which errors are stated
+    range: tuple[float, float] = (0.8, 1.25)  # of scales that a printer can cause; others are slips
+    short_mm: float = 100.0  # length of a ruler below which its scale is vague
+
+
+SCALE = _ScaleSettings()
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ def print_scale(
     reading_x_mm: float,
     ruler_y_mm: float,
     reading_y_mm: float,
-    reading_std_mm: float = READING_STD_MM,
+    reading_std_mm: float = SCALE.reading_std_mm,
 ) -> PrintScale:
     """The scale of a print. Raises ValueError for implausible readings: not positive, in another unit, or exchanged.
 
@@ -70,26 +69,25 @@ def print_scale(
     aspect = x / y - 1
     aspect_std = (x / y) * math.hypot(std_x / x, std_y / y)
     axes = f"{_percent(x, std_x)} along x, {_percent(y, std_y)} along y"
-    if abs(aspect) > max(_SIGNIFICANT * aspect_std, _MOST_ASPECT):
+    if abs(aspect) > max(SCALE.significant * aspect_std, SCALE.most_aspect):
         words = (
             f"printed at {axes}: the axes differ by {100 * abs(aspect):.2f} ± {100 * aspect_std:.2f} %, so its squares "
-            f"are not square; without these readings lengths of {_REACH_MM:g} mm would be off by "
-            f"{_REACH_MM * abs(aspect) / 2:.2g} mm"
+            f"are not square; without these readings lengths of {SCALE.reach_mm:g} mm would be off by "
+            f"{SCALE.reach_mm * abs(aspect) / 2:.2g} mm"
         )
         remedy = "go on with both as measured; if the readings were rough, measure again"
         return PrintScale((x + y) / 2, math.hypot(std_x, std_y) / 2, aspect, aspect_std, words, remedy, differs=True)
     scale = (weight_x * x + weight_y * y) / (weight_x + weight_y)
     # an accepted difference of the axes stays in the squares, half of it on either side
-    std = math.hypot((weight_x + weight_y) ** -0.5, min(abs(aspect), _MOST_ASPECT) / 2)
-    words = (
-        f"printed at {_percent(scale, std)} ({axes}): lengths of {_REACH_MM:g} mm are known to {_REACH_MM * std:.2g} mm"
-    )
-    if _SIGNIFICANT * aspect_std > _MOST_ASPECT:
-        words += f"; a difference of the axes below {100 * _SIGNIFICANT * aspect_std:.1f} % would not show"
+    std = math.hypot((weight_x + weight_y) ** -0.5, min(abs(aspect), SCALE.most_aspect) / 2)
+    reach = f"lengths of {SCALE.reach_mm:g} mm are known to {SCALE.reach_mm * std:.2g} mm"
+    words = f"printed at {_percent(scale, std)} ({axes}): {reach}"
+    if SCALE.significant * aspect_std > SCALE.most_aspect:
+        words += f"; a difference of the axes below {100 * SCALE.significant * aspect_std:.1f} % would not show"
     remedy = "go on with the size as measured"
-    if min(rulers) < _SHORT_MM:
+    if min(rulers) < SCALE.short_mm:
         remedy = "measure over a longer stretch of the rulers, with a caliper: it is the length that makes it sure"
-    elif abs(scale - 1) > _SIGNIFICANT * std:
+    elif abs(scale - 1) > SCALE.significant * std:
         fitted = 0.9 < scale < 0.99
         remedy = f"the viewer fitted it to the page, it seems: {remedy}" if fitted else remedy
         remedy += ", or print at 100 %" if fitted else ": every length follows it"
@@ -101,7 +99,7 @@ def _refuse_senseless(rulers: tuple[float, float], readings: tuple[float, float]
         raise ValueError(f"rulers and readings are {(*rulers, *readings, std_mm)!r:.200}: lengths in mm are needed")
     if not 0 < std_mm <= 5:
         raise ValueError(f"reading_std_mm is {std_mm!r}: more than 0, at most 5 mm is needed")
-    least = std_mm / _LEAST_PRECISION
+    least = std_mm / SCALE.most_std
     for kind, lengths, wanted in (("ruler", rulers, "the sheet's ruler says"), ("reading", readings, "you measured")):
         for axis, length in zip("xy", lengths, strict=True):
             if not 0 < length < math.inf:
@@ -122,10 +120,15 @@ def _refuse_senseless(rulers: tuple[float, float], readings: tuple[float, float]
         )
     for axis, ruler, reading in zip("xy", rulers, readings, strict=True):
         ratio, hint = reading / ruler, "read it again, in mm, or print the sheet at 100 %"
-        for factor, slip in _SLIPS.items():
+        for factor, slip in {
+            0.1: "centimetres were read",
+            1 / 25.4: "inches were read",
+            1e-3: "metres were read",
+            10.0: "a digit too many",
+        }.items():
             if abs(ratio / factor - 1) < 0.1:
                 hint = f"{slip}, it seems, {reading / factor:.5g} mm would do"
-        if not _RANGE[0] <= ratio <= _RANGE[1]:
+        if not SCALE.range[0] <= ratio <= SCALE.range[1]:
             raise ValueError(f"reading_{axis}_mm is {reading:g} where about {ruler:g} is expected: {hint}")
 
 

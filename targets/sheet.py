@@ -28,7 +28,34 @@ PAPERS_MM = {
     "A0": (841.0, 1189.0),
 }
 """Upright, the smallest first."""
-_LEAST_MM, _MOST_MM = 60.0, 5000.0  # a PDF page without user units ends at 5080 mm
+
+
+@dataclass(frozen=True)
+class _PrintSettings:
+    """Sizes on a printed sheet, mm."""
+
+    least_mm: float = 60.0  # shorter side of a paper
+    most_mm: float = 5000.0  # longer side of a paper: a PDF page without user units ends at 5080 mm
+    margin_mm: float = 8.0  # that printers leave white
+    most_margin_mm: float = 200.0
+    ruler_mm: float = 8.0  # height of a ruler with its numbers
+    ruler_end_mm: float = 5.5  # room past a ruler's end lines
+    least_ruler_mm: float = 30.0
+    qr_mm: float = 22.0  # side of the QR code
+    gap_mm: float = 3.0  # between header, rulers and board
+    least_quiet_mm: float = 5.0  # white around the board
+    quiet_squares: float = 0.35  # the same, in squares of the board; the larger of both is left
+    line_spacing: float = 1.35  # of the text, in its size
+    # scales of rulers, text and QR code; the largest with which the board fits is taken
+    sizes: tuple[float, ...] = (1.0, 0.9, 0.8, 0.7)
+    squares: tuple[int, int] = (11, 7)  # of a board: with an odd number of rows OpenCV's old and new patterns agree
+    marker_share: float = 0.75  # of the square: a marker of six modules then has a white margin of one
+    family: str = "DICT_4X4"  # of dictionaries
+    usual_markers: int = 100  # that a board's dictionary has at least
+    screen_square_mm: float = 20.0  # of a board on a screen
+
+
+SHEET = _PrintSettings()
 
 
 @dataclass(frozen=True)
@@ -52,8 +79,8 @@ def paper_named(text: str) -> _Paper:
             f"paper is {text!r}: {', '.join(PAPERS_MM)} or width x height in mm, such as 300x200, is needed"
         )
     width, height = sorted(float(side) for side in found.groups())
-    if width < _LEAST_MM or height > _MOST_MM:
-        raise ValueError(f"paper is {text!r}: sides from {_LEAST_MM:g} to {_MOST_MM:g} mm are needed")
+    if width < SHEET.least_mm or height > SHEET.most_mm:
+        raise ValueError(f"paper is {text!r}: sides from {SHEET.least_mm:g} to {SHEET.most_mm:g} mm are needed")
     return _Paper(f"{width:g}x{height:g}", width, height)
 
 
@@ -140,22 +167,7 @@ def size_words(spec: BoardWithIds) -> str:
     )
 
 
-MARGIN_MM = 8.0
-_MOST_MARGIN_MM = 200.0
-_RULER_MM = 8.0
-_QR_MM = 22.0
-_GAP_MM = 3.0
-_SIZES = (1.0, 0.9, 0.8, 0.7)
-"""Scales of rulers, text and QR code; the largest with which the board fits is taken."""
-_LEAST_QUIET_MM, _QUIET_SQUARES = 5.0, 0.35
-_LEAST_RULER_MM = 30.0
-_RULER_END_MM = 5.5
-_LINE_SPACING = 1.35
 PT_PER_MM = 72 / 25.4
-_ADVICE = (
-    "Print at 100 % (“actual size”), not fitted to the page. Then measure both rulers from end line to end line, "
-    "best with a caliper."
-)
 
 
 @dataclass(frozen=True)
@@ -164,7 +176,7 @@ class SheetLayout:
 
     board_x, board_y : the board's first corner. quiet : least white margin around the board.
     ruler_x, ruler_y : lengths of the rulers along x and y.
-    header : lines of text; `header_height` is the room for them and the QR code beside them.
+    header : lines of text; `header_height` is the room for them and the QR code next to them.
     size : scale of rulers, text and QR code.
     """
 
@@ -185,11 +197,11 @@ class SheetLayout:
     @property
     def ruler(self) -> float:
         """Room for a ruler, across it."""
-        return _RULER_MM * self.size
+        return SHEET.ruler_mm * self.size
 
     @property
     def qr(self) -> float:
-        return _QR_MM * self.size
+        return SHEET.qr_mm * self.size
 
     @property
     def orientation(self) -> str:
@@ -201,7 +213,7 @@ def font_name(bold: bool) -> str:
     return "Helvetica-Bold" if bold else "Helvetica"
 
 
-def lay_out(spec: BoardWithIds, paper: _Paper, margin_mm: float = MARGIN_MM) -> SheetLayout:
+def lay_out(spec: BoardWithIds, paper: _Paper, margin_mm: float = SHEET.margin_mm) -> SheetLayout:
     """The sheet for a board on a paper, in the orientation that leaves more room.
 
     Raises ValueError if it does not fit, with the largest fitting square and the smallest sufficient paper.
@@ -237,10 +249,10 @@ def _largest_square_mm(spec: BoardWithIds, paper: _Paper, margin_mm: float) -> f
 
 
 def _fitting(spec: BoardWithIds, paper: _Paper, margin: float) -> SheetLayout | None:
-    if not 0 <= margin <= _MOST_MARGIN_MM:
-        raise ValueError(f"the margin is {margin:g} mm: 0 to {_MOST_MARGIN_MM:g} mm are needed")
+    if not 0 <= margin <= SHEET.most_margin_mm:
+        raise ValueError(f"the margin is {margin:g} mm: 0 to {SHEET.most_margin_mm:g} mm are needed")
     pages = [(paper.width_mm, paper.height_mm), (paper.height_mm, paper.width_mm)]
-    for size in _SIZES:
+    for size in SHEET.sizes:
         layouts = [layout for page in pages if (layout := _on_page(spec, page, margin, size)) is not None]
         if layouts:
             # the one with the most white around the board
@@ -255,22 +267,22 @@ def _fitting(spec: BoardWithIds, paper: _Paper, margin: float) -> SheetLayout | 
 
 def _on_page(spec: BoardWithIds, page: tuple[float, float], margin: float, size: float) -> SheetLayout | None:
     width, height = page
-    ruler, end = _RULER_MM * size, _RULER_END_MM * size
-    text_width = width - 2 * margin - _QR_MM * size - _GAP_MM
+    ruler, end = SHEET.ruler_mm * size, SHEET.ruler_end_mm * size
+    text_width = width - 2 * margin - SHEET.qr_mm * size - SHEET.gap_mm
     if text_width < 15:
         return None
     header = _header(spec, margin, text_width, size)
-    header_height = max(_QR_MM * size, _LINE_SPACING * sum(line.size_mm for line in header))
+    header_height = max(SHEET.qr_mm * size, SHEET.line_spacing * sum(line.size_mm for line in header))
     side_m = spec.tag_m if isinstance(spec, AprilGrid) else spec.square_m
-    quiet = max(_LEAST_QUIET_MM, _QUIET_SQUARES * 1e3 * side_m)
+    quiet = max(SHEET.least_quiet_mm, SHEET.quiet_squares * 1e3 * side_m)
     board_width, board_height = (1e3 * side for side in spec.size_m)
     left, right = margin + ruler + quiet, margin + quiet
     top, bottom = margin + header_height + quiet, margin + ruler + quiet
     # whole centimetres, with room for the unit behind the last number
     ruler_x = _floor_to(width - margin - ruler - margin - 2 * end, 10.0)
-    ruler_y = _floor_to(height - margin - header_height - _GAP_MM - ruler - margin - 2 * end, 10.0)
+    ruler_y = _floor_to(height - margin - header_height - SHEET.gap_mm - ruler - margin - 2 * end, 10.0)
     free = 1e-9 + width - left - right - board_width, 1e-9 + height - top - bottom - board_height
-    if min(free) < 0 or min(ruler_x, ruler_y) < _LEAST_RULER_MM:
+    if min(free) < 0 or min(ruler_x, ruler_y) < SHEET.least_ruler_mm:
         return None
     # in the page's middle, or as near to it as the rulers let it
     board_x = max(left, (width - board_width) / 2)
@@ -280,18 +292,22 @@ def _on_page(spec: BoardWithIds, page: tuple[float, float], margin: float, size:
 
 
 def _header(spec: BoardWithIds, margin: float, width_mm: float, size: float) -> tuple[Label, ...]:
+    advice = (
+        "Print at 100 % (“actual size”), not fitted to the page. Then measure both rulers from end line to end line, "
+        "best with a caliper."
+    )
     texts = (
         (_title(spec), 4.2, True),
         (size_words(spec), 3.0, False),
         (spec_line(spec), 2.1, False),
-        (_ADVICE, 2.6, False),
+        (advice, 2.6, False),
     )
     labels, y = [], margin
     for text, usual, bold in texts:
         letters = size * usual
         for line in simpleSplit(text, font_name(bold), letters * PT_PER_MM, width_mm * PT_PER_MM):
             labels.append(Label(margin, y + letters, line, letters, bold))
-            y += _LINE_SPACING * letters
+            y += SHEET.line_spacing * letters
     return tuple(labels)
 
 
@@ -300,42 +316,34 @@ def _floor_to(value: float, step: float) -> float:
     return step * math.floor(value / step + 1e-9)
 
 
-# with an odd number of rows OpenCV's old and new patterns agree, so that the legacy flag cannot be wrong
-SQUARES = (11, 7)
-# a marker of six modules then has a white margin of one module
-_MARKER_SHARE = 0.75
-_FAMILY, _USUAL = "DICT_4X4", 100
-_SCREEN_SQUARE_MM = 20.0
-
-
 def fill_in(
     squares: tuple[int, int] | None = None,
     square_mm: float | None = None,
     marker_mm: float | None = None,
     paper: _Paper | None = None,
-    margin_mm: float = MARGIN_MM,
+    margin_mm: float = SHEET.margin_mm,
     **other: Any,
 ) -> BoardSpec:
     """A spec from partial data; the default square is the largest round one that fits on the paper, 20 mm without one.
 
     other : further fields of BoardSpec. Raises ValueError if they make no board, or none fits.
     """
-    columns, rows = squares or SQUARES
+    columns, rows = squares or SHEET.squares
     other |= {"squares_x": columns, "squares_y": rows}
     if other.get("dictionary") is None:
-        enough = [size for size in DICTIONARY_SIZES if size >= max(_USUAL, columns * rows // 2)]
+        enough = [size for size in DICTIONARY_SIZES if size >= max(SHEET.usual_markers, columns * rows // 2)]
         if not enough:
             most = 2 * DICTIONARY_SIZES[-1] + 1
             raise ValueError(f"{columns}x{rows} squares are too many: at most {most} have markers")
-        other["dictionary"] = f"{_FAMILY}_{enough[0]}"
+        other["dictionary"] = f"{SHEET.family}_{enough[0]}"
     if square_mm is None and paper is not None:
         # the room depends on squares and dictionary only
-        largest = _largest_square_mm(BoardSpec(square_m=1.0, marker_m=_MARKER_SHARE, **other), paper, margin_mm)
+        largest = _largest_square_mm(BoardSpec(square_m=1.0, marker_m=SHEET.marker_share, **other), paper, margin_mm)
         if largest is None:
             what = f"no board of {columns}x{rows} squares fits on {paper.name}"
             raise ValueError(f"{what}; take fewer squares or more paper")
         # a module (an eighth) is then round, too
         square_mm = round(_floor_to(largest, 4.0 if largest >= 12 else 1.0 if largest >= 2 else 0.1), 6)
-    square = _SCREEN_SQUARE_MM if square_mm is None else square_mm
-    marker = _MARKER_SHARE * square if marker_mm is None else marker_mm
+    square = SHEET.screen_square_mm if square_mm is None else square_mm
+    marker = SHEET.marker_share * square if marker_mm is None else marker_mm
     return BoardSpec(square_m=round(1e-3 * square, 12), marker_m=round(1e-3 * marker, 12), **other)

@@ -16,16 +16,25 @@ from reportlab.pdfgen.canvas import FILL_EVEN_ODD, Canvas
 from .board import AprilGrid, BoardWithIds, opencv_board, spec_line
 from .sheet import PT_PER_MM, Drawing, Label, Loop, Shape, SheetLayout, Stroke, font_name
 
-_TICK_WIDTH_MM, _END_WIDTH_MM = 0.12, 0.2
-_TICKS_MM = {1: 1.8, 5: 2.6, 10: 3.6}
-"""Length of the tick at every so many millimetres."""
-_NUMBER_MM = 2.2
-_BASELINE_MM = _TICKS_MM[10] + 0.4 + 0.75 * _NUMBER_MM
-_UNIT_MM = 2.6  # from the last tick, past half its number
-_QR_QUIET = 4
+
+@dataclass(frozen=True)
+class _RulerSettings:
+    """How a ruler is drawn, mm; and limits of a picture of the board."""
+
+    tick_width_mm: float = 0.12
+    end_width_mm: float = 0.2  # of the two lines to measure between
+    number_mm: float = 2.2  # height of its numbers
+    baseline_mm: float = 4.0 + 0.75 * 2.2  # of the numbers: below the longest tick, at their height
+    unit_mm: float = 2.6  # from the last tick, past half its number
+    qr_quiet: int = 4  # modules of white around a QR code
+    least_module_px: int = 2  # side of a marker's module in a picture
+    most_pixels: int = 100_000_000  # of a picture
 
 
-def outlines(black: np.ndarray) -> tuple[Loop, ...]:
+_RULER = _RulerSettings()
+
+
+def _outlines(black: np.ndarray) -> tuple[Loop, ...]:
     """The outlines of the black cells of a (rows, columns) mask, in cells, for the even-odd rule.
 
     Neighbouring cells share an outline: viewers that smooth edges show hairlines between touching rectangles.
@@ -33,8 +42,8 @@ def outlines(black: np.ndarray) -> tuple[Loop, ...]:
     steps: defaultdict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
     padded = np.pad(np.asarray(black, bool), 1)
     # edges below a cell run along x, edges beside it along y
-    below, beside = (np.argwhere(changes).tolist() for changes in (np.diff(padded, axis=0), np.diff(padded, axis=1)))
-    for a, b in [((x - 1, y), (x, y)) for y, x in below] + [((x, y - 1), (x, y)) for y, x in beside]:
+    below, across = (np.argwhere(changes).tolist() for changes in (np.diff(padded, axis=0), np.diff(padded, axis=1)))
+    for a, b in [((x - 1, y), (x, y)) for y, x in below] + [((x, y - 1), (x, y)) for y, x in across]:
         steps[a].append(b)
         steps[b].append(a)
     loops = []
@@ -53,7 +62,7 @@ def outlines(black: np.ndarray) -> tuple[Loop, ...]:
     return tuple(loops)
 
 
-def board_shapes(spec: BoardWithIds) -> list[tuple[Loop, ...]]:
+def _board_shapes(spec: BoardWithIds) -> list[tuple[Loop, ...]]:
     """Outlines of all black squares, then of each marker, for the even-odd rule, mm from the print's first corner.
 
     The squares are one shape, since viewers snap single rectangles to whole pixels.
@@ -68,32 +77,32 @@ def board_shapes(spec: BoardWithIds) -> list[tuple[Loop, ...]]:
         black[row, column] = False
         cells = cv2.aruco.generateImageMarker(board.getDictionary(), int(number), spec.modules) < 128
         at = (length * square + (square - marker) / 2 for length in (column, row))
-        markers.append(placed(outlines(cells), marker / spec.modules, *at))
-    return [placed(outlines(black), square, 0.0, 0.0), *markers]
+        markers.append(_placed(_outlines(cells), marker / spec.modules, *at))
+    return [_placed(_outlines(black), square, 0.0, 0.0), *markers]
 
 
 def _grid_shapes(spec: AprilGrid) -> list[tuple[Loop, ...]]:
-    """Those of an AprilGrid, whose tags Kalibr turns by half against OpenCV's."""
+    """Those of an AprilGrid: Kalibr turns its tags by half against OpenCV's."""
     tag, gap = 1e3 * spec.tag_m, 1e3 * spec.pitch_m
     spots = [(column, row) for row in range(spec.rows + 1) for column in range(spec.columns + 1)]
-    unit = outlines(np.ones((1, 1), bool))
-    squares = tuple(placed(unit, gap, (tag + gap) * x, (tag + gap) * y)[0] for x, y in spots)
+    unit = _outlines(np.ones((1, 1), bool))
+    squares = tuple(_placed(unit, gap, (tag + gap) * x, (tag + gap) * y)[0] for x, y in spots)
     family, shapes = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, spec.dictionary)), [squares]
     for index, number in enumerate(spec.marker_ids.tolist()):
         row, column = divmod(index, spec.columns)
         cells = cv2.aruco.generateImageMarker(family, number, spec.modules, borderBits=spec.border) < 128
         at = (gap + length * (tag + gap) for length in (column, row))
-        shapes.append(placed(outlines(np.rot90(cells, 2)), tag / spec.modules, *at))
+        shapes.append(_placed(_outlines(np.rot90(cells, 2)), tag / spec.modules, *at))
     return shapes
 
 
-def placed(loops: tuple[Loop, ...], scale: float, x: float, y: float) -> tuple[Loop, ...]:
+def _placed(loops: tuple[Loop, ...], scale: float, x: float, y: float) -> tuple[Loop, ...]:
     return tuple(tuple((x + scale * u, y + scale * v) for u, v in loop) for loop in loops)
 
 
 def draw(spec: BoardWithIds, layout: SheetLayout) -> Drawing:
     marks: list[Shape | Stroke | Label] = [
-        Shape(placed(shape, 1.0, layout.board_x, layout.board_y)) for shape in board_shapes(spec)
+        Shape(_placed(shape, 1.0, layout.board_x, layout.board_y)) for shape in _board_shapes(spec)
     ]
     code = qrencoder.QRCode(None, qrencoder.QRErrorCorrectLevel.M)
     code.addData(spec_line(spec))
@@ -101,13 +110,13 @@ def draw(spec: BoardWithIds, layout: SheetLayout) -> Drawing:
     count = code.getModuleCount()
     dark = np.array([[bool(code.isDark(row, column)) for column in range(count)] for row in range(count)])
     # the quiet zone is within the code's room, so that the code ends at the margin
-    module = layout.qr / (len(dark) + _QR_QUIET)
-    qr = placed(outlines(dark), module, layout.width - layout.margin - module * len(dark), layout.margin)
+    module = layout.qr / (len(dark) + _RULER.qr_quiet)
+    qr = _placed(_outlines(dark), module, layout.width - layout.margin - module * len(dark), layout.margin)
     marks += [*_ruler(layout, turned=False), *_ruler(layout, turned=True), *layout.header, Shape(qr)]
     return Drawing(layout.width, layout.height, tuple(marks), layout.header[0].text, spec_line(spec))
 
 
-def ruler_origin(layout: SheetLayout) -> tuple[float, float, float, float]:
+def _ruler_origin(layout: SheetLayout) -> tuple[float, float, float, float]:
     """x and y of the horizontal ruler's zero, then x and y of the vertical one's, mm from the page's corner."""
     low = layout.margin + layout.ruler
     x0 = low + (layout.width - layout.margin - low - layout.ruler_x) / 2
@@ -119,22 +128,24 @@ def ruler_origin(layout: SheetLayout) -> tuple[float, float, float, float]:
 
 def _ruler(layout: SheetLayout, turned: bool) -> Iterator[Stroke | Label]:
     """The ruler along x, or turned that along y: line, ticks, numbers and unit."""
-    right, low, left, up = ruler_origin(layout)
-    size, letters = layout.size, layout.size * _NUMBER_MM
+    right, low, left, up = _ruler_origin(layout)
+    size, letters = layout.size, layout.size * _RULER.number_mm
     length = layout.ruler_y if turned else layout.ruler_x
-    numbers = size * (_TICKS_MM[10] + 0.4) if turned else size * _BASELINE_MM
+    # Length of the tick at every so many millimetres.
+    ticks_mm = {1: 1.8, 5: 2.6, 10: 3.6}
+    numbers = size * (ticks_mm[10] + 0.4) if turned else size * _RULER.baseline_mm
 
-    def at(along: float, aside: float) -> tuple[float, float]:
-        return (left - aside, up - along) if turned else (right + along, low + aside)
+    def at(along: float, across: float) -> tuple[float, float]:
+        return (left - across, up - along) if turned else (right + along, low + across)
 
-    yield Stroke(*at(0, 0), *at(length, 0), _TICK_WIDTH_MM)
+    yield Stroke(*at(0, 0), *at(length, 0), _RULER.tick_width_mm)
     for place in range(round(length) + 1):
-        tick = max(each for every, each in _TICKS_MM.items() if place % every == 0)
-        width = _END_WIDTH_MM if place in (0, round(length)) else _TICK_WIDTH_MM
+        tick = max(each for every, each in ticks_mm.items() if place % every == 0)
+        width = _RULER.end_width_mm if place in (0, round(length)) else _RULER.tick_width_mm
         yield Stroke(*at(place, 0), *at(place, size * tick), width)
         if place % 10 == 0:
             yield Label(*at(place, numbers), str(place), letters, centred=True, turned=turned)
-    yield Label(*at(length + size * _UNIT_MM, numbers), "mm", letters, turned=turned)
+    yield Label(*at(length + size * _RULER.unit_mm, numbers), "mm", letters, turned=turned)
 
 
 def as_pdf(drawing: Drawing) -> bytes:
@@ -218,11 +229,6 @@ def _number(value: float) -> str:
     return f"{value:.6f}".rstrip("0").rstrip(".")
 
 
-_LEAST_MODULE_PX = 2
-_MOST_PIXELS = 100_000_000
-_PX_PER_MM = 0.5, 500.0
-
-
 @dataclass(frozen=True)
 class _ScreenBoard:
     """A board in pixels: sides of its squares and markers, and the white around it, all whole numbers.
@@ -253,11 +259,11 @@ class _ScreenBoard:
 
 
 def on_screen(wanted: BoardWithIds, px_per_mm: float) -> _ScreenBoard:
-    """The board nearest to the wanted one whose squares, markers, modules and gaps are whole pixels.
+    """The board nearest to the wanted one with squares, markers, modules and gaps of whole pixels.
 
     Raises ValueError where a module would be smaller than two pixels, or the picture too large.
     """
-    low, high = _PX_PER_MM
+    low, high = (0.5, 500.0)
     if not low <= px_per_mm <= high:
         raise ValueError(f"the screen has {px_per_mm:g} pixels per mm: {low:g} to {high:g} are needed")
     if isinstance(wanted, AprilGrid):
@@ -266,8 +272,8 @@ def on_screen(wanted: BoardWithIds, px_per_mm: float) -> _ScreenBoard:
         name, lengths_m = "square", (wanted.square_m, wanted.marker_m)
     square, marker = (1e3 * length * px_per_mm for length in lengths_m)
     module = round(marker / wanted.modules)
-    if module < _LEAST_MODULE_PX:
-        least = _LEAST_MODULE_PX * wanted.modules / px_per_mm * square / marker
+    if module < _RULER.least_module_px:
+        least = _RULER.least_module_px * wanted.modules / px_per_mm * square / marker
         raise ValueError(
             f"{name}s of {1e3 * lengths_m[0]:g} mm are {square:.1f} pixels there, too few to draw the markers; "
             f"take {name}s of {least:.3g} mm or more"
@@ -283,6 +289,6 @@ def on_screen(wanted: BoardWithIds, px_per_mm: float) -> _ScreenBoard:
         spec = replace(wanted, square_m=square_m, marker_m=marker_m)
     board = _ScreenBoard(spec, side, marker_px, (side + 1) // 2)
     width, height = board.size_px
-    if width * height > _MOST_PIXELS:
+    if width * height > _RULER.most_pixels:
         raise ValueError(f"the picture would have {width} x {height} pixels, more than any screen")
     return board

@@ -15,7 +15,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.board import print_sheet
 from vbaa_calib.simulate.render.picture import studio
 from vbaa_calib.simulate.scene.lens import project
-from vbaa_calib.simulate.scene.scene import OverSpec, Scene, bundled_scene, camera_pose
+from vbaa_calib.simulate.scene.scene import OverSpec, SceneSpec, bundled_scene, camera_pose
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.shots import free_wires, render_over
 
@@ -45,7 +45,7 @@ class View:
 class Shown:
     """A rendered scene: its picture, the camera, and what the user would say of the antenna."""
 
-    scene: Scene
+    scene: SceneSpec
     over: OverSpec
     picture: np.ndarray
     camera: Camera

@@ -31,11 +31,11 @@ NATIVE = [path for kind in ("cpp", "hpp") for path in sorted((ROOT / "vbaa_calib
 CXX_CONSTANTS = re.compile(r"^(?:inline )?(?:constexpr|const) .*", re.MULTILINE)
 CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
-    "module constants": 1476,
-    "class names used twice": 20,
+    "module constants": 948,
+    "class names used twice": 1,
     "classes": 484,
-    "public names": 1345,
-    "private words": 576,
+    "public names": 1237,
+    "private words": 268,
     "type: ignore": 4,
     "words on pages": 35535,
 }

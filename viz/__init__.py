@@ -1,1 +1,1 @@
-"""What was found, shown: scenes, pages, object files and reports."""
+"""Results to look at: scenes, pages, object files and reports."""

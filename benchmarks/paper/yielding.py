@@ -10,7 +10,7 @@ from benchmarks.estimator.setup import drawn_truth, rod_of
 from benchmarks.harness import column, of_any, or_none, rms_known, spread
 from estimator import ContactEstimator
 from estimator.paper.baselines import Answer, Ring, press_from_recording, run_method
-from estimator.paper.baselines.methods import STANDS_OUT, compliance_of
+from estimator.paper.baselines.methods import PressSettings, compliance_of
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.contact.touch import touch
 
@@ -115,7 +115,7 @@ def _by_all_points(rig: Rig, drawn: Pictures) -> Answer:
     covariance = np.einsum("nai,nij,nbj->nab", picked, found.numbers.covariance[known], picked)
     values = np.stack([-found.force_world_N[known, 1], found.point_world_m[known, 1]], axis=1)
     compliance, std = compliance_of(values, covariance)
-    if not compliance > STANDS_OUT * std:
+    if not compliance > PressSettings.compliance_std * std:
         return last
     return replace(last, object_stiffness_N_m=1.0 / compliance, object_stiffness_std_N_m=std / compliance**2)
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vbaa_calib.simulate.render.antenna import Tube, tube_patch
-from vbaa_calib.simulate.render.picture import Patch, Studio, digitise, expose
+from vbaa_calib.simulate.render.picture import ImagePatch, Studio, digitise, expose
 from vbaa_calib.simulate.scene.lens import Lens, RayMap
 from vbaa_calib.simulate.scene.scene import PictureSpec
 
@@ -205,11 +205,11 @@ def bare_studio(lens: Lens, spec: PictureSpec) -> Studio:
     return Studio(spec, RayMap(lens, np.empty((0, 0, 2))), level.astype(np.float32), np.empty((0, 0), np.float32))
 
 
-def _antenna_patches(place: Studio, shot: Shot, path: np.ndarray) -> list[Patch]:
+def _antenna_patches(place: Studio, shot: Shot, path: np.ndarray) -> list[ImagePatch]:
     def obstacle(points: np.ndarray) -> np.ndarray:
         return np.where(np.any([block.holds(points) for block in shot.blocks], axis=0), 0.0, np.inf)
 
-    def drawn(line: np.ndarray, half_px: float, brightness: float, asymmetry: float = 0.0) -> Patch | None:
+    def drawn(line: np.ndarray, half_px: float, brightness: float, asymmetry: float = 0.0) -> ImagePatch | None:
         across, ones = normals(line), np.ones(len(line))
         tube = Tube(line, across[:, ::-1] * [1.0, -1.0], across, half_px * ones, ones, ones)
         return tube_patch(place, tube, brightness, asymmetry, obstacle if shot.blocks else None)

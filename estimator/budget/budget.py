@@ -1,38 +1,311 @@
-"""The error budget of a rig: what each cause contributes to contacts, and what knowing it better would gain."""
+"""The error budget of a rig: what each cause contributes to contacts, and what knowing it better would gain.
+
+Contacts are taken as a rig would see them, without noise. To first order an estimate is off by
+T·C·Jᵀ·W·n − T·C·P·x − D·z: n is the noise of points and readings, weighed by W; x holds the friction angle and the
+independent errors of rig and joint axes, z of them, all of unit standard deviation, with the prior's weights P. C is
+the inverse of JᵀWJ + P. T says how results follow the unknowns, D their errors that no frame determines. Noise and
+errors are independent, so that the variance is the sum of their parts.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import factorial
 from typing import NamedTuple
 
 import numpy as np
 
+from estimator.contact.common_errors import empty_frames, noise_free_frames
 from estimator.contact.settings import ContactSettings
-from estimator.solver.linearised import edge_on
-from estimator.solver.rig_arrays import RigArrays
+from estimator.solver.frames import Frames
+from estimator.solver.linearised import edge_on, linearised
+from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import FRICTION_RAD
+from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.rig import Rig
+from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 
-from .parts import (
-    FORCE_PRIOR,
-    FRICTION,
-    JOINT_AXES,
-    LENS,
-    MOMENT_NOISE,
-    PIXELS,
-    RESULTS,
-    BudgetContacts,
-    ErrorSpace,
-    Linearization,
-    correlated_variance,
-    linearize,
-    ordinary_touches,
-    per_result,
-    propagate,
-    unknowns_of,
-    variance_by_cause,
-)
+_RUNG = "rod"  # what a fit on a lower rung would say is as good as the same where that rung would be taken
+
+
+@dataclass(frozen=True)
+class BudgetSettings:
+    """At which contacts a rig's budget is taken, and how finely; ordinary ones, with light to firm touches."""
+
+    distances: tuple[float, ...] = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95)  # of the contacts, in lengths of the antenna
+    # of the antenna at the contact: a light touch, a firm one, nearly as much as is ordinary
+    slopes_deg: tuple[float, float, float] = (5.0, 15.0, 30.0)
+    directions: int = 8  # around the antenna
+    # nearer to the clamp, in lengths, the force stays what it is there: nobody presses harder
+    strongest_at: float = 0.5
+    steepest_rad: float = float(np.radians(45.0))  # slopes beyond it are not compared with the rod
+    force_tolerance: float = 1e-6  # relative error of a force that gives its slope
+    force_steps: int = 6  # of Newton's method for it
+    # part of itself at which noise counts as gone: without any, a picture would determine all
+    exact_noise: float = 0.01
+    dependent: float = 1e-7  # a row of unit deviation that adds less than this to others is determined by them
+    worthwhile: float = 0.05  # least gain of the results for which halving a deviation is advised
+    small: float = 0.005  # causes whose share and gain stay below this part are listed together
+    correlated: float = 0.1  # share of a variance that no cause has alone, from which it is reported
+
+
+RIG_CAUSES = {
+    "camera_rotation": POSE_PARAMETERS[:3],
+    "camera_position": POSE_PARAMETERS[3:],
+    "clamp_offset": ("clamp_y_m", "clamp_z_m"),
+    "clamp_angle": ("clamp_about_y_rad", "clamp_about_z_rad"),
+    "clamp_give": ("clamp_give_m",),
+    "bow": ("bow_about_y_per_m", "bow_about_z_per_m"),
+    "stiffness": ("log_stiffness_Nm2",),
+    "mass": ("log_mass_per_length_kg_m",),
+    "moment_gain": ("moment_gain",),
+    "moment_offset": ("moment_offset_Nm",),
+}
+"""Causes and their rows of the joint covariance; the lens' rows follow them."""
+RESULTS = {"distance_m": (0,), "force_y_N": (1,), "force_z_N": (2,), "force_N": (1, 2), "point_m": (3, 4, 5)}
+"""Results and the rows that they are made of: of several, the variance is the sum."""
+
+
+@dataclass(frozen=True, eq=False)
+class BudgetContacts(Rows):
+    """B contacts, antenna frame, at one pair of joint angles."""
+
+    distance_m: np.ndarray  # (B,)
+    push_N: np.ndarray  # (B, 2) force across the clamp's x axis before friction
+    pan_rad: float = 0.0
+    tilt_rad: float = 0.0
+
+
+def ordinary_touches(rig: Rig, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> BudgetContacts:
+    """A grid over distance, force by the slope that it makes, and direction of the force around the antenna."""
+    around = 2.0 * np.pi * (np.arange(BudgetSettings.directions) + 0.5) / BudgetSettings.directions
+    grid = np.meshgrid(
+        np.array(BudgetSettings.distances) * rig.antenna.length_m,
+        np.radians(BudgetSettings.slopes_deg),
+        around,
+        indexing="ij",
+    )
+    distance, slope, angle = (part.reshape(-1) for part in grid)
+    lever = np.maximum(distance, BudgetSettings.strongest_at * rig.antenna.length_m)
+    size = 2.0 * rig.antenna.stiffness_Nm2 * slope / lever**2 / rig.antenna.taper.turning(lever / rig.antenna.length_m)
+    return BudgetContacts(distance, size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), pan_rad, tilt_rad)
+
+
+def _unknowns_of(rig_arrays: RigArrays, touches: BudgetContacts) -> np.ndarray:
+    """(B, 4) `rig_arrays.UNKNOWNS`, without friction."""
+    unknowns = np.zeros((len(touches), UNKNOWNS))
+    unknowns[:, 0] = touches.distance_m / rig_arrays.length_m
+    unknowns[:, 1:3] = touches.push_N / rig_arrays.force_unit_N
+    return unknowns
+
+
+def touch_of_force(
+    rig_arrays: RigArrays, distance_m: float, force_N: np.ndarray, pan_rad: float, tilt_rad: float
+) -> BudgetContacts:
+    """The one contact with the lateral force `force_N` (2,), antenna frame; of a push NaN where it bends too far."""
+    touch = BudgetContacts(np.array([distance_m]), force_N[None].astype(float), pan_rad, tilt_rad)
+    empty = _empty(rig_arrays, touch)
+    unknowns = _unknowns_of(rig_arrays, touch)
+    with np.errstate(all="ignore"):
+        for _ in range(BudgetSettings.force_steps):
+            there = linearised(empty, _RUNG, unknowns)
+            slopes = there.columns[:, 4:6, 1:3]
+            if not np.isfinite(slopes).all():
+                break
+            unknowns[:, 1:3] += np.linalg.solve(slopes, (force_N - there.point_force[:, 4:6])[..., None])[..., 0]
+        there = linearised(empty, _RUNG, unknowns)
+        found = np.abs(there.point_force[0, 4:6] - force_N).max() <= BudgetSettings.force_tolerance * np.hypot(*force_N)
+        ordinary = there.tangents[0, :, CONTACT] @ there.tangents[0, :, 0] >= np.cos(BudgetSettings.steepest_rad)
+    return replace(touch, push_N=unknowns[:, 1:3] * (rig_arrays.force_unit_N if found and ordinary else np.nan))
+
+
+def _world_rotation(rig: Rig, touches: BudgetContacts) -> np.ndarray:
+    """(3, 3) from the antenna frame to the world's at the contacts' joints."""
+    return np.asarray(rig.kinematics.T_world_antenna(touches.pan_rad, touches.tilt_rad).rotation)
+
+
+def _empty(rig_arrays: RigArrays, touches: BudgetContacts) -> Frames:
+    gravity = _world_rotation(rig_arrays.rig, touches).T @ rig_arrays.rig.gravity_world_m_s2
+    return empty_frames(rig_arrays, np.tile(gravity, (len(touches), 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class _ErrorSpace:
+    """S independent errors of unit deviation that make all errors of rig and joint axes."""
+
+    causes: tuple[str, ...]  # G that have any error, of `RIG_CAUSES`, "lens", "sensor_axes" and "joint_axes"
+    determined: np.ndarray  # (G, S, S) projector onto the errors determined once a cause is known, by correlation, too
+    determined_by_others: np.ndarray  # (G, S, S) the same of all the other causes together
+    shares: np.ndarray  # (G, S, S) each cause's part, see `_split`
+    rig: int  # how many of the S, the first ones, are the estimator's own rig steps
+    axes: np.ndarray  # (3, S) errors of the joint axes' skew, offset and tilt zero
+
+    @property
+    def size(self) -> int:
+        """S."""
+        return self.axes.shape[1]
+
+    @staticmethod
+    def of(rig_arrays: RigArrays) -> _ErrorSpace:
+        """Of a rig as the estimator knows it."""
+        rig_axes, kinematics = np.asarray(rig_arrays.axes), rig_arrays.rig.kinematics
+        own = np.diag(kinematics.axes_std)[:, kinematics.axes_std > 0.0]
+        axes = np.hstack([kinematics.axes_by_pose @ rig_axes[: len(POSE_PARAMETERS)], own])
+        rig_rows = np.hstack([rig_axes, np.zeros((len(rig_axes), own.shape[1]))])
+        rows = {cause: rig_rows[[RIG_PARAMETERS.index(name) for name in names]] for cause, names in RIG_CAUSES.items()}
+        first, sensor = len(rig_arrays.rig.covariance), rig_arrays.rig.wrench_sensor
+        after = first + (0 if sensor is None else len(sensor.covariance))
+        lens = np.vstack([rig_rows[len(RIG_PARAMETERS) : first], rig_rows[after:]])
+        rows |= {"lens": lens, "sensor_axes": rig_rows[first:after], "joint_axes": axes}
+        rows = {cause: part for cause, part in rows.items() if part.any()}
+        determined = _subsets(list(rows.values()), axes.shape[1])
+        single = [1 << index for index in range(len(rows))]
+        without = [len(determined) - 1 - one for one in single]
+        return _ErrorSpace(
+            tuple(rows), determined[single], determined[without], _split(determined), rig_axes.shape[1], axes
+        )
+
+
+def _subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
+    """(2^G, S, S) projectors onto what any set of causes determines of the independent errors; bit g is cause g. `rows`
+    are G arrays (P_g, S): a cause's parameters by the errors."""
+    determined = np.zeros((1, size, size))
+    for part in rows:
+        scale = np.linalg.norm(part, axis=1, keepdims=True)
+        unit = part / np.where(scale > 0.0, scale, 1.0)
+        # what the cause adds to each of the sets without it
+        _, lengths, new = np.linalg.svd(unit - unit @ determined, full_matrices=False)
+        new = new * (lengths > BudgetSettings.dependent)[..., None]
+        determined = np.concatenate([determined, determined + np.swapaxes(new, 1, 2) @ new])
+    return determined
+
+
+def _split(determined: np.ndarray) -> np.ndarray:
+    """(G, S, S) Shapley's shares of G causes that add up to what all determine: what a cause adds to those known before
+    it, averaged over all orders, so that correlated causes divide what they have in common."""
+    count = len(determined).bit_length() - 1
+    members = (np.arange(len(determined))[:, None] >> np.arange(count)) & 1
+    sizes = members.sum(axis=1)
+    weight = np.array([factorial(k) * factorial(count - k - 1) / factorial(count) for k in range(count)])
+    if not count:
+        return np.zeros((0, *determined.shape[1:]))
+    joins, stays = weight[np.clip(sizes - 1, 0, None)][:, None], weight[np.clip(sizes, None, count - 1)][:, None]
+    return np.asarray(np.einsum("ug,uij->gij", np.where(members == 1, joins, -stays), determined))
+
+
+@dataclass(frozen=True, eq=False)
+class _Linearization(Rows):
+    """B contacts, linearised: K = 4 + S unknowns, of which the last are the errors of rig and joint axes."""
+
+    points: np.ndarray  # (B, K, K) information in the picture
+    readings: np.ndarray  # (B, K, K) information in the readings
+    prior: np.ndarray  # (B, K) the weights P
+    results: np.ndarray  # (B, 6, K) is T
+    beyond: np.ndarray  # (B, 6, S) is D
+    usable: np.ndarray  # (B,) how many points the picture shows
+
+
+def _linearize(
+    rig_arrays: RigArrays, space: _ErrorSpace, touches: BudgetContacts, with_moment: bool = True
+) -> _Linearization:
+    """Linearise contacts about their noise-free frames."""
+    available = np.full(len(touches), with_moment)
+    unknowns = _unknowns_of(rig_arrays, touches)
+    frames = noise_free_frames(_empty(rig_arrays, touches), _RUNG, unknowns, available, point_per_px=True)
+    there = linearised(frames, _RUNG, unknowns)
+    prior, moved, touch = there.prior, there.readings, there.columns
+    by_readings = np.swapaxes(moved, 1, 2) @ moved
+    points = there.information - np.eye(prior.shape[1]) * prior[:, None] - by_readings
+    rotation = _world_rotation(rig_arrays.rig, touches)
+    distance = np.zeros_like(touch[:, :1])
+    distance[:, 0, 0] = rig_arrays.length_m
+    results = np.concatenate([distance, touch[:, 4:6], rotation @ touch[:, :3]], axis=1)
+    pan, tilt = (np.full(len(touches), angle) for angle in (touches.pan_rad, touches.tilt_rad))
+    turned, shifted = rig_arrays.rig.kinematics.by_axes(pan, tilt)
+    moved_by_axes = np.einsum("kbij,bj->bik", turned, there.point_force[:, :3]) + np.moveaxis(shifted, 0, -1)
+    beyond = np.concatenate([np.zeros((len(touches), 3, space.size)), moved_by_axes @ space.axes], axis=1)
+    more = (0, space.size - space.rig)
+    return _Linearization(
+        np.pad(points, ((0, 0), more, more)),
+        np.pad(by_readings, ((0, 0), more, more)),
+        np.pad(prior, ((0, 0), more), constant_values=1.0),
+        np.pad(results, ((0, 0), (0, 0), more)),
+        beyond,
+        frames.usable.sum(axis=1),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Propagation:
+    """The errors of B results."""
+
+    gain: np.ndarray  # (B, 6, K) by what pulls at the unknowns
+    by_noise: dict[str, np.ndarray]  # variance (B, 6) by each kind of noise, friction and the force's prior
+    by_errors: np.ndarray  # (B, 6, S) by each independent error
+
+    @property
+    def variance(self) -> np.ndarray:
+        """(B, 6) of the results, all causes together."""
+        whole: np.ndarray = sum(self.by_noise.values(), np.zeros(()))
+        return np.asarray(whole + (self.by_errors**2).sum(axis=-1))
+
+
+def _propagate(linear: _Linearization, space: _ErrorSpace, cause: str = "", factor: float = 1.0) -> _Propagation:
+    """The errors of contacts that are estimated with what is known, or with a cause's deviation times a factor: as if
+    it were measured again, which narrows correlated ones, too."""
+    left = np.eye(linear.prior.shape[1])
+    noise = {"pixels": linear.points, "moment_noise": linear.readings}
+    if cause in noise:
+        noise[cause] = noise[cause] / max(factor, BudgetSettings.exact_noise) ** 2
+    elif cause == "friction":
+        left[UNKNOWNS - 1, UNKNOWNS - 1] = factor
+    elif cause:
+        left[UNKNOWNS:, UNKNOWNS:] -= (1.0 - factor) * space.determined[space.causes.index(cause)]
+    information = left @ (noise["pixels"] + noise["moment_noise"]) @ left
+    information = information + np.eye(left.shape[-1]) * linear.prior[:, None]
+    scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    with np.errstate(all="ignore"):
+        covariance = _inverse(information / (scale[:, :, None] * scale[:, None])) / (scale[:, :, None] * scale[:, None])
+    gain, weights = linear.results @ left @ covariance, linear.prior[:, None]
+    slopes = gain @ left
+    by_noise = {cause: np.einsum("bqk,bkl,bql->bq", slopes, each, slopes) for cause, each in noise.items()}
+    by_prior = gain[..., :UNKNOWNS] ** 2 * weights[..., :UNKNOWNS]
+    by_noise |= {"friction": by_prior[..., -1], "force_prior": by_prior[..., 1:-1].sum(axis=-1)}
+    by_errors = -gain[..., UNKNOWNS:] * weights[..., UNKNOWNS:] - linear.beyond @ left[UNKNOWNS:, UNKNOWNS:]
+    return _Propagation(gain, by_noise, by_errors)
+
+
+def _correlated_variance(space: _ErrorSpace, propagation: _Propagation) -> np.ndarray:
+    """(B, 6) variance by errors that belong to no cause alone: of all, less what each makes beyond what the others
+    determine; negative where they cancel. `_variance_by_cause` divides it."""
+    errors = propagation.by_errors
+    whole = (errors**2).sum(axis=-1)
+    others = np.einsum("bqi,gij,bqj->gbq", errors, space.determined_by_others, errors, optimize=True)
+    return np.asarray(whole - (whole - others).sum(axis=0))
+
+
+def _variance_by_cause(space: _ErrorSpace, propagation: _Propagation) -> dict[str, np.ndarray]:
+    """(B, 6) variance by every cause; they add up to `Propagation.variance`."""
+    errors = propagation.by_errors
+    shared = np.einsum("bqi,gij,bqj->gbq", errors, space.shares, errors, optimize=True)
+    # rounding leaves what is nothing a little below it
+    return propagation.by_noise | dict(zip(space.causes, np.clip(shared, 0.0, None), strict=True))
+
+
+def per_result(rows: np.ndarray) -> dict[str, np.ndarray]:
+    """(B,) variance of each of `RESULTS` from that of their rows (B, 6)."""
+    return {name: rows[:, list(which)].sum(axis=1) for name, which in RESULTS.items()}
+
+
+def _inverse(matrices: np.ndarray) -> np.ndarray:
+    """Inverses (B, K, K); infinite where there is none."""
+    values, vectors = np.linalg.eigh(np.where(np.isfinite(matrices), matrices, 0.0))
+    regular = values[:, :1] > 1e-15 * values[:, -1:]
+    with np.errstate(all="ignore"):
+        inverse = (vectors / np.where(regular, values, 1.0)[:, None]) @ np.swapaxes(vectors, 1, 2)
+    return np.where(regular[..., None], inverse, np.inf)
 
 
 class _ErrorCause(NamedTuple):
@@ -46,18 +319,21 @@ class _ErrorCause(NamedTuple):
 _JIG = "take more pictures of the board in the jig, with a better jig, or a sweep of the joints"
 _NO_LOAD = "take more pictures of the free antenna, at several tilts, and calibrate again"
 _LOADS = "hang more loads, heavier and at several distances, weighed and measured with a caliper"
-_LENS = "take more pictures of the board for the lens, up to the borders of the picture"
-_CAMERA = "bring the camera nearer, take one with more pixels or a longer lens, or light the antenna better"
-_SENSOR = "take a quieter moment sensor, or average more readings per picture"
-_AXES = "repeat the sweep of the joints with more poses, or measure the axes"
-_FORCE = "give the moment reading: the picture alone hardly holds the force here"
-_POLISH = "polish or grease the antenna, and say with --friction how slippery it is"
-_WEIGH = "weigh the antenna, or take more pictures of it free at several tilts"
 CAUSES = {
-    PIXELS: _ErrorCause("pixel noise", "#0f766e", _CAMERA),
-    MOMENT_NOISE: _ErrorCause("moment noise", "#b45309", _SENSOR),
-    FRICTION: _ErrorCause("friction angle", "#7c3aed", _POLISH),
-    LENS: _ErrorCause("lens", "#1d4ed8", _LENS),
+    "pixels": _ErrorCause(
+        "pixel noise",
+        "#0f766e",
+        "bring the camera nearer, take one with more pixels or a longer lens, or light the antenna better",
+    ),
+    "moment_noise": _ErrorCause(
+        "moment noise", "#b45309", "take a quieter moment sensor, or average more readings per picture"
+    ),
+    "friction": _ErrorCause(
+        "friction angle", "#7c3aed", "polish or grease the antenna, and say with --friction how slippery it is"
+    ),
+    "lens": _ErrorCause(
+        "lens", "#1d4ed8", "take more pictures of the board for the lens, up to the borders of the picture"
+    ),
     "camera_rotation": _ErrorCause("camera rotation", "#0ea5e9", _JIG),
     "camera_position": _ErrorCause("camera position", "#7dd3fc", _JIG),
     "clamp_angle": _ErrorCause("clamp angle", "#15803d", _NO_LOAD),
@@ -65,20 +341,24 @@ CAUSES = {
     "clamp_give": _ErrorCause("clamp give", "#a3e635", _LOADS + "; or stiffen the clamp"),
     "bow": _ErrorCause("bow", "#facc15", _NO_LOAD),
     "stiffness": _ErrorCause("stiffness EI", "#dc2626", _LOADS),
-    "mass": _ErrorCause("mass", "#fda4af", _WEIGH),
+    "mass": _ErrorCause("mass", "#fda4af", "weigh the antenna, or take more pictures of it free at several tilts"),
     "moment_gain": _ErrorCause("moment gain", "#f97316", _LOADS),
     "moment_offset": _ErrorCause("moment offset", "#fdba74", "take more readings without a load"),
     "sensor_axes": _ErrorCause("sensor axes", "#fed7aa", _LOADS),
-    JOINT_AXES: _ErrorCause("joint axes", "#78716c", _AXES),
-    FORCE_PRIOR: _ErrorCause("likely force", "#cbd5e1", _FORCE),
+    "joint_axes": _ErrorCause(
+        "joint axes", "#78716c", "repeat the sweep of the joints with more poses, or measure the axes"
+    ),
+    "force_prior": _ErrorCause(
+        "likely force", "#cbd5e1", "give the moment reading: the picture alone hardly holds the force here"
+    ),
 }
 """Every cause, in the order in which figures stack them."""
 ADVISED = ("distance_m", "force_N", "point_m")  # results that the advice is about
-OWN = (PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR)  # causes that are not the calibration's
+OWN = ("pixels", "moment_noise", "friction", "force_prior")  # causes that are not the calibration's
 
 
 @dataclass(frozen=True)
-class CausePart:
+class _CausePart:
     """One cause's part of one result, rms over the contacts, in the result's unit."""
 
     std: float  # the deviation that it contributes; squares add up
@@ -93,7 +373,7 @@ class ResultBudget:
 
     std: float  # whole deviation
     in_common: float  # share of the variance that belongs to no one cause, by correlations; the parts hold it divided
-    parts: dict[str, CausePart]  # by cause; they add up
+    parts: dict[str, _CausePart]  # by cause; they add up
 
     @property
     def first(self) -> str:
@@ -156,9 +436,9 @@ def error_budget(
     touches = ordinary_touches(rig) if touches is None else touches
     with_moment = with_moment and any(rig.reading_noise)
     rig_arrays = RigArrays.from_rig(rig, float(friction), drift=False)
-    space = ErrorSpace.of(rig_arrays)
+    space = _ErrorSpace.of(rig_arrays)
     with np.errstate(all="ignore"):  # what leaves the domain of the model is left out below
-        every = linearize(rig_arrays, space, touches, with_moment)
+        every = _linearize(rig_arrays, space, touches, with_moment)
         determined = _determined(rig_arrays, space, touches, every, with_moment)
     if not determined.any():
         which = f"any of {len(determined)} contacts" if len(determined) > 1 else "this"
@@ -168,24 +448,24 @@ def error_budget(
             remedy="give a contact that is pressed harder and in the picture, or calibrate the rig better",
         )
     linear = every.picked(determined)
-    now = propagate(linear, space)
-    by_cause = {cause: part for cause, part in variance_by_cause(space, now).items() if part.any()}
-    without = () if with_moment else (MOMENT_NOISE, "moment_gain", "moment_offset")
+    now = _propagate(linear, space)
+    by_cause = {cause: part for cause, part in _variance_by_cause(space, now).items() if part.any()}
+    without = () if with_moment else ("moment_noise", "moment_gain", "moment_offset")
     several = with_moment and rig.wrench_sensor is not None
-    aside = (FORCE_PRIOR, *without, *([] if several else ["sensor_axes"]))
-    whole, shared = _mean(now.variance), _mean(correlated_variance(space, now))
-    parts: dict[str, dict[str, CausePart]] = {name: {} for name in RESULTS}
+    excluded = ("force_prior", *without, *([] if several else ["sensor_axes"]))
+    whole, shared = _mean(now.variance), _mean(_correlated_variance(space, now))
+    parts: dict[str, dict[str, _CausePart]] = {name: {} for name in RESULTS}
     for cause, rows in by_cause.items():
         own, halved, exact = _mean(rows), whole, whole
-        if cause != FORCE_PRIOR:
-            halved, exact = (_mean(propagate(linear, space, cause, factor).variance) for factor in (0.5, 0.0))
+        if cause != "force_prior":
+            halved, exact = (_mean(_propagate(linear, space, cause, factor).variance) for factor in (0.5, 0.0))
         for name in RESULTS:
             std, if_halved, if_exact = (float(np.sqrt(each[name])) for each in (own, halved, exact))
-            parts[name][cause] = CausePart(std, own[name] / whole[name], if_halved, if_exact)
+            parts[name][cause] = _CausePart(std, own[name] / whole[name], if_halved, if_exact)
     results = {
         name: ResultBudget(float(np.sqrt(whole[name])), shared[name] / whole[name], parts[name]) for name in RESULTS
     }
-    exact_causes = tuple(cause for cause in CAUSES if cause not in (*by_cause, *aside))
+    exact_causes = tuple(cause for cause in CAUSES if cause not in (*by_cause, *excluded))
     notes = []
     if not rig.covariance.any():
         notes.append("rig.json says that the whole rig is exact: nothing of the calibration is counted. Calibrate it.")
@@ -202,20 +482,20 @@ def error_budget(
 
 
 def _determined(
-    rig_arrays: RigArrays, space: ErrorSpace, touches: BudgetContacts, linear: Linearization, with_moment: bool
+    rig_arrays: RigArrays, space: _ErrorSpace, touches: BudgetContacts, linear: _Linearization, with_moment: bool
 ) -> np.ndarray:
     """(B,) whether the estimator would give numbers, as `contact.status` decides for contacts that fit well."""
     sound = np.isfinite(linear.points).all(axis=(1, 2)) & (linear.usable >= ContactSettings.fewest_points)
     std = np.full((len(linear), 6), np.nan)
     if sound.any():
-        std[sound] = np.sqrt(propagate(linear.picked(sound), space).variance)
+        std[sound] = np.sqrt(_propagate(linear.picked(sound), space).variance)
     relative_m = ContactSettings.low_signal_relative * touches.distance_m
     limit = np.minimum(ContactSettings.low_signal * rig_arrays.length_m, relative_m)
     determined = np.isfinite(std).all(axis=1) & (std[:, 0] < limit)
     if with_moment:
         return determined
     force = np.hypot(*touches.push_N.T)
-    seen = edge_on(rig_arrays, unknowns_of(rig_arrays, touches)) >= ContactSettings.edge_on_blind_rad
+    seen = edge_on(rig_arrays, _unknowns_of(rig_arrays, touches)) >= ContactSettings.edge_on_blind_rad
     return determined & seen & (std[:, 1:3].max(axis=1) < 0.5 * force)
 
 

@@ -6,12 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from .budget import ADVISED, CAUSES, OWN, Budget, ResultBudget
-from .parts import per_result
+from .budget import ADVISED, CAUSES, OWN, Budget, BudgetSettings, ResultBudget, per_result
 
-_WORTHWHILE = 0.05  # halving a deviation is not suggested where it takes less than this part off the results
-_SMALL = 0.005  # causes whose share, and the good of knowing them, stay below this part are shown together
-_CORRELATED = 0.1  # share of a result's variance that no cause has alone, from which on it is said
 RESULT_NAMES = {
     "distance_m": "distance l",
     "force_y_N": "force f_y",
@@ -41,7 +37,7 @@ def advice(budget: Budget) -> list[str]:
     gain, (name, _, remedy) = 100 * budget.gain(first), CAUSES[first]
     lines.append(
         f"No cause stands out: half of {name} would take {gain:.1f} % off."
-        if gain < 100 * _WORTHWHILE
+        if gain < 100 * BudgetSettings.worthwhile
         else f"Improve first: {name}. Half of it takes {gain:.0f} % off, on average. To do so, {remedy}."
     )
     leads = budget.leads("distance_m")
@@ -55,7 +51,9 @@ def advice(budget: Budget) -> list[str]:
         )
     shares = {name: budget.results[name].in_common for name in ADVISED}
     shared = [
-        f"{100 * share:.0f} % of the {RESULT_NAMES[name]}" for name, share in shares.items() if abs(share) > _CORRELATED
+        f"{100 * share:.0f} % of the {RESULT_NAMES[name]}"
+        for name, share in shares.items()
+        if abs(share) > BudgetSettings.correlated
     ]
     if shared:
         listed = ", ".join(shared)
@@ -123,7 +121,11 @@ def _table(budget: Budget, name: str) -> list[str]:
         f"{1e3 * result.common_std:.3g} {unit}"
     )
     lines = [head, f"  {'cause':<18}{'part ' + unit:>10}{'share %':>10}{'if halved':>11}{'if exact':>11}"]
-    small = [part for part in result.parts.values() if max(part.share, 1.0 - part.if_exact / result.std) < _SMALL]
+    small = [
+        part
+        for part in result.parts.values()
+        if max(part.share, 1.0 - part.if_exact / result.std) < BudgetSettings.small
+    ]
     for cause, part in sorted(result.parts.items(), key=lambda item: -item[1].share):
         if part in small:
             continue
@@ -142,5 +144,5 @@ def _first(result: ResultBudget, name: str) -> str:
 
 
 def unit_of(name: str) -> str:
-    """In which a result is shown: mm or mN."""
+    """Unit of a result in the report: mm or mN."""
     return "mm" if name.endswith("_m") else "mN"

@@ -15,16 +15,14 @@ from vbaa_calib.core.files import refuse_overwrite, write_json
 if TYPE_CHECKING:
     from estimator.object.next_touch import NextTouch
 
-_GOALS = ("surface", "friction", "stiffness")  # as `estimator.object.next_touch.GOALS`, not imported for a quick --help
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet of one object that stands still")
     add_antenna(parser)
     parser.add_argument("--rig", type=Path, required=True, help="rig.json that the contacts were made with")
-    parser.add_argument(
-        "--goal", choices=_GOALS, default=_GOALS[0], help="what is to be known better (default: surface)"
-    )
+    # as `estimator.object.next_touch.GOALS`, not imported for a quick --help
+    goals = ("surface", "friction", "stiffness")
+    parser.add_argument("--goal", choices=goals, default=goals[0], help="what is to be known better (default: surface)")
     for name in ("pan", "tilt"):
         parser.add_argument(
             f"--{name}",
@@ -63,16 +61,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _limits(args: argparse.Namespace, name: str) -> tuple[float, float] | None:
     """rad. Raises InputError for limits that are none."""
-    given = getattr(args, name)
-    if given is None:
+    limits = getattr(args, name)
+    if limits is None:
         return None
     turn = 360.0 if args.degrees else 2.0 * math.pi
-    if not -turn <= given[0] < given[1] <= turn:
+    if not -turn <= limits[0] < limits[1] <= turn:
         remedy = "give degrees" if args.degrees else "give radians, or add --degrees"
         raise InputError(
-            f"--{name} is {given[0]:g} to {given[1]:g}", remedy=f"{remedy}, the lower limit first, up to a turn"
+            f"--{name} is {limits[0]:g} to {limits[1]:g}", remedy=f"{remedy}, the lower limit first, up to a turn"
         )
-    low, high = (math.radians(each) if args.degrees else each for each in given)
+    low, high = (math.radians(each) if args.degrees else each for each in limits)
     return low, high
 
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Session
 
-_SAME_MOMENT_S = 1e-3  # pictures of two cameras that are farther apart in time are not of one frame
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet, as vbaa estimate writes it")
@@ -70,7 +68,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError("is not a .json", where=args.update_rig, remedy="name it something.json")
     table = read_contacts(args.contacts, antenna=args.antenna)
     rig, session, recording = _recording(table, args.rig, args.session, args.accept_rig)
-    others = [_recording(table, path, folder, args.accept_rig, _SAME_MOMENT_S) for path, folder in args.view]
+    # s: pictures of two cameras farther apart are not of one frame
+    others = [_recording(table, path, folder, args.accept_rig, 1e-3) for path, folder in args.view]
     with about(args.contacts):
         views = [View(other, seen) for other, _, seen in others]
         found = refine(table, rig, recording, session.known_object, views)

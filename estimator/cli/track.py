@@ -21,7 +21,6 @@ COLUMNS = (
     *("slip_X_m_s", "slip_Y_m_s", "slip_Z_m_s", "ringing"),
 )
 """Of track.csv; a number that does not exist is an empty cell. The three in capitals are along the world's axes."""
-_MOST_EVENTS = 20  # that are printed; --json has all
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -65,10 +64,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_contacts(args.smooth, smoothed.rows(), args.force)
     counts = Counter(track.phase.tolist())
     say(f"{len(table)} frames: " + ", ".join(f"{count} {phase}" for phase, count in counts.most_common()))
-    for event in track.events[:_MOST_EVENTS]:
+    # printed; --json has all
+    most = 20
+    for event in track.events[:most]:
         say(f"  {event.words}")
-    if len(track.events) > _MOST_EVENTS:
-        say(f"  … and {len(track.events) - _MOST_EVENTS} more events: --json has all")
+    if len(track.events) > most:
+        say(f"  … and {len(track.events) - most} more events: --json has all")
     for line in track.notes:
         say(f"  {line}")
     say("wrote " + ", ".join(map(str, outputs)))

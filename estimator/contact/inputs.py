@@ -15,16 +15,7 @@ from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Measured
 from vbaa_calib.camera.from_plane import pixels_on_plane
-from vbaa_calib.core.arrays import (
-    ANGLE_REMEDY,
-    FARTHEST_PX,
-    LARGEST_NM,
-    LARGEST_RAD,
-    MOMENT_REMEDY,
-    Rows,
-    as_floats,
-    check_each,
-)
+from vbaa_calib.core.arrays import ANGLE_REMEDY, MOMENT_REMEDY, PLAUSIBLE, Rows, as_floats, check_each
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.polyline import beside, resample
 from vbaa_calib.core.robust import mad_std
@@ -237,9 +228,9 @@ class Batch(Rows):
         moments = {name: _column(name, values, len(points)) for name, values in readings.items()}
         angles = {name: _column(name, values, len(points)) for name, values in joints.items()}
         for name, values in angles.items():
-            check_each(values, LARGEST_RAD, name, ANGLE_REMEDY, missing="")
+            check_each(values, PLAUSIBLE.angle_rad, name, ANGLE_REMEDY, missing="")
         for name, values in moments.items():
-            check_each(values, LARGEST_NM, name, f"{MOMENT_REMEDY}, or None where there is no reading")
+            check_each(values, PLAUSIBLE.moment_Nm, name, f"{MOMENT_REMEDY}, or None where there is no reading")
         sigma = _deviations(points, own if sigma_px is None else cast(Any, sigma_px))
         no_tips = np.full((len(points), 3), np.nan)
         points, sigma, shape, outside, order = _in_order(rig, points, sigma, shape)
@@ -554,14 +545,14 @@ def _end(tip_px: np.ndarray) -> np.ndarray:
 def _points(lines: Any, name: str = "centrelines_px", remedy: str = "give (N, 2) pixels for every frame") -> np.ndarray:
     """(B, N, 2) of centrelines of one length or of many; NaN where there is no point. Raises InputError."""
     if getattr(lines, "ndim", 0) == 3 and lines.shape[2] == 2:
-        return check_each(as_floats(lines, name, remedy), FARTHEST_PX, name, remedy, "infinite")
+        return check_each(as_floats(lines, name, remedy), PLAUSIBLE.pixel_px, name, remedy, "infinite")
     if not isinstance(lines, Iterable) or isinstance(lines, Mapping):
         raise InputError(f"{name} is {shown(lines)}", remedy=remedy)
     lines = [as_floats(line, name, remedy) for line in lines]
     for line in lines:
         if line.ndim != 2 or line.shape[1] != 2:
             raise InputError(f"a centreline has shape {line.shape}", remedy=remedy)
-        check_each(line, FARTHEST_PX, name, remedy, "infinite")
+        check_each(line, PLAUSIBLE.pixel_px, name, remedy, "infinite")
     return _padded(lines, np.nan) if lines else np.empty((0, 0, 2))
 
 

@@ -35,8 +35,8 @@ from vbaa_calib.session import (
 from vbaa_calib.streams import MessageSource as Opened
 from vbaa_calib.streams import Synchronizer, Timing, taken_frames
 from vbaa_calib.streams.bags import Topics
-from vbaa_calib.streams.open import is_recorded, open_recorded
 from vbaa_calib.streams.pictures import stored, thinned
+from vbaa_calib.streams.recorded import is_recorded, open_recorded
 
 from .clock import recorded_clock_offset
 from .estimate import ContactEstimator

@@ -223,7 +223,7 @@ def axes_of(rig: Rig, rows: Sequence[Change]) -> tuple[np.ndarray, list[np.ndarr
 
 
 @dataclass(frozen=True, eq=False)
-class Changed:
+class _Changed:
     """A change that was fitted: by how much, in units of its row's standard deviations, and how well it explains."""
 
     row: Change
@@ -250,7 +250,7 @@ class Changed:
         return self.row.words.format(f"{self.size:{sign}.3g} ± {spread:.2g} {self.row.unit}")
 
 
-def fitted(case: Case, row: Change, axes: np.ndarray, first: int = 0) -> Changed | None:
+def fitted(case: Case, row: Change, axes: np.ndarray, first: int = 0) -> _Changed | None:
     """A row's change from a frame on, by Gauss–Newton steps from none, from what most frames share as free ones, and
     from other scales of the picture. None where the frames say nothing about it."""
     starts = [(np.zeros(axes.shape[1]), as_free) for as_free in (False, True)]
@@ -281,7 +281,7 @@ def _moved(rig: Rig, row: Change, step: np.ndarray) -> Rig:
 
 def _descended(
     case: Case, row: Change, axes: np.ndarray, steps: np.ndarray, as_free: bool, first: int
-) -> Changed | None:
+) -> _Changed | None:
     recorded, settings, cost, best = case.recorded, case.settings, np.inf, None
     for turn in range(settings.iterations):
         try:
@@ -299,7 +299,7 @@ def _descended(
             if total > cost - settings.gain:
                 break
             cost = total
-            best = Changed(row, axes, steps, np.linalg.inv(unit), case.cost - cost, now)
+            best = _Changed(row, axes, steps, np.linalg.inv(unit), case.cost - cost, now)
         steps = steps + np.linalg.solve(unit, score - steps)
         if not np.abs(steps).max() < settings.farthest:
             break

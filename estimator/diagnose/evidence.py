@@ -74,16 +74,16 @@ class Recorded:
         return [(rows, own) for rows, own in both if len(rows)]
 
     @cached_property
-    def fit(self) -> Fitted:
+    def fit(self) -> _Fitted:
         """The frames, each fitted by itself, and what all of them say of the rig."""
-        return Fitted(self)
+        return _Fitted(self)
 
 
 # many hypotheses are about readings, and have the same rig
 _arrays = lru_cache(maxsize=8)(RigArrays.from_rig)
 
 
-class Fitted:
+class _Fitted:
     """Fits of recorded frames, each as the free antenna or one contact, whichever is likelier."""
 
     def __init__(self, recorded: Recorded) -> None:
@@ -237,7 +237,7 @@ class _Weighed:
 
 
 def weighed(
-    fits: Fitted,
+    fits: _Fitted,
     best: np.ndarray,
     scale: np.ndarray,
     more: np.ndarray | None = None,
@@ -246,7 +246,7 @@ def weighed(
 ) -> _Weighed:
     """The frames together, robustly. best, scale : (F,) least cost of each frame, and what its noise multiplies it by.
 
-    more : (18 + P, Q) further axes about which information is wanted. as_free : as `Fitted.shared`. log_density : of a
+    more : (18 + P, Q) further axes about which information is wanted. as_free : as `_Fitted.shared`. log_density : of a
     frame's readings in the reported unit over that in their own; a frame that nothing explains has none.
     """
     settings, size = fits.settings, fits.steps

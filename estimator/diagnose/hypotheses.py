@@ -20,7 +20,7 @@ from .evidence import Case, Recorded
 from .settings import RecordingSettings
 
 
-class Reading(NamedTuple):
+class _ReadingMistake(NamedTuple):
     """A row: readings or pictures that are not what they are reported to be.
 
     correct : of recorded frames, those with the mistake put right; None where it cannot have happened.
@@ -95,7 +95,7 @@ def _joints(turn: np.ndarray, recorded: Recorded) -> Recorded | None:
 
 
 def _frozen(recorded: Recorded) -> Recorded | None:
-    """The joints' readings stand still: the tilt that fits each frame best."""
+    """The joints' readings do not change: the tilt that fits each frame best."""
     batch = recorded.batch
     if max(np.ptp(batch.pan_rad), np.ptp(batch.tilt_rad)) > 0.0:
         return None
@@ -171,13 +171,13 @@ _UNITS = {
 }
 _ROWS = "shift the column by a row, and check how readings and pictures are matched"
 READINGS = (
-    Reading(
+    _ReadingMistake(
         "moment_sign",
         "the moment readings have the wrong sign",
         "change the sign of moment_Nm (of a bag --moment-axis -y, or y), or exchange the sensor's leads",
         partial(_moments, np.negative),
     ),
-    Reading(
+    _ReadingMistake(
         "moment_absolute",
         "the moment readings have lost their sign",
         "record moment_Nm with its sign",
@@ -185,7 +185,7 @@ READINGS = (
         -np.log(2.0),
     ),
     *(
-        Reading(
+        _ReadingMistake(
             "moment_unit",
             f"the moment readings are {words}",
             f"multiply moment_Nm by {factor:.6g}: it is in N·m",
@@ -195,7 +195,7 @@ READINGS = (
         for factor, words in _UNITS.items()
     ),
     *(
-        Reading(
+        _ReadingMistake(
             "moment_axis",
             f"the moment is read about {'+' if sign > 0 else '−'}z, not about y",
             "turn the sensor by 90° about the antenna, or give --moment-axis",
@@ -204,7 +204,7 @@ READINGS = (
         for sign in (1.0, -1.0)
     ),
     *(
-        Reading(
+        _ReadingMistake(
             "moment_channels",
             f"{first} and {second} are exchanged" if first != second else f"{first} has the wrong sign",
             "put each channel into its column as in the calibration",
@@ -213,98 +213,98 @@ READINGS = (
         for (a, first), (b, second) in combinations_with_replacement(enumerate(SENSED.values()), 2)
         if first.endswith("_Nm") == second.endswith("_Nm") and (a, b) != (0, 0)
     ),
-    Reading(
+    _ReadingMistake(
         "moment_late",
         "each moment belongs to the picture of the row before",
         _ROWS,
         partial(_neighbour, _AFTER, ("moments",)),
     ),
-    Reading(
+    _ReadingMistake(
         "moment_late",
         "each moment belongs to the picture of the row after",
         _ROWS,
         partial(_neighbour, _BEFORE, ("moments",)),
     ),
-    Reading(
+    _ReadingMistake(
         "tilt_sign",
         "the tilt has the wrong sign",
         "change the sign of tilt_rad",
         partial(_joints, np.diag([1.0, -1.0])),
     ),
-    Reading(
+    _ReadingMistake(
         "joints_exchanged",
         "pan and tilt are exchanged",
         "exchange the columns pan_rad and tilt_rad",
         partial(_joints, np.array([[0.0, 1.0], [1.0, 0.0]])),
     ),
-    Reading(
+    _ReadingMistake(
         "joints_degrees",
         "the joint angles are in degrees",
         "give radians in pan_rad and tilt_rad",
         partial(_joints, np.pi / 180 * np.eye(2)),
     ),
-    Reading(
+    _ReadingMistake(
         "joints_degrees",
         "the joint angles were turned into radians twice",
         "give radians in pan_rad and tilt_rad",
         partial(_joints, 180 / np.pi * np.eye(2)),
     ),
-    Reading(
+    _ReadingMistake(
         "joints_frozen",
         "the joint readings stand still while the antenna moves",
         "connect the encoders, and record again",
         _frozen,
         -1.0,
     ),
-    Reading(
+    _ReadingMistake(
         "joints_late",
         "the joint angles belong to the picture of the row before",
         _ROWS,
         partial(_neighbour, _AFTER, ("joints",)),
     ),
-    Reading(
+    _ReadingMistake(
         "joints_late",
         "the joint angles belong to the picture of the row after",
         _ROWS,
         partial(_neighbour, _BEFORE, ("joints",)),
     ),
-    Reading(
+    _ReadingMistake(
         "pictures_late",
         "each picture belongs to the readings of the row before",
         _ROWS,
         partial(_neighbour, _BEFORE, ("moments", "joints")),
     ),
-    Reading(
+    _ReadingMistake(
         "pictures_late",
         "each picture belongs to the readings of the row after",
         _ROWS,
         partial(_neighbour, _AFTER, ("moments", "joints")),
     ),
-    Reading(
+    _ReadingMistake(
         "picture_mirrored",
         "the pictures are mirrored left to right",
         "record the pictures as the camera takes them",
         partial(_points, lambda pixels, size: pixels * [-1.0, 1.0] + [size[0] - 1.0, 0.0]),
     ),
-    Reading(
+    _ReadingMistake(
         "picture_mirrored",
         "the pictures are mirrored top to bottom",
         "record the pictures as the camera takes them",
         partial(_points, lambda pixels, size: pixels * [1.0, -1.0] + [0.0, size[1] - 1.0]),
     ),
-    Reading(
+    _ReadingMistake(
         "picture_turned",
         "the pictures are turned by 180°",
         "record the pictures as the camera takes them",
         partial(_points, lambda pixels, size: size - 1.0 - pixels),
     ),
-    Reading(
+    _ReadingMistake(
         "points_exchanged",
         "u and v are exchanged",
         "exchange the columns u_px and v_px",
         partial(_points, lambda pixels, _: pixels[..., ::-1]),
     ),
-    Reading(
+    _ReadingMistake(
         "picture_rectified",
         "the pictures' distortion was taken out already",
         "record the pictures as the camera takes them, or use a rig.json for rectified ones",
@@ -314,7 +314,7 @@ READINGS = (
 """What is not as reported. The first of two rows that do the same is named."""
 
 
-def explanations(case: Case) -> Iterator[Explanation[Case]]:
+def _explanations(case: Case) -> Iterator[Explanation[Case]]:
     """What else may explain a recording: other readings or pictures, or a rig that has changed before or during it."""
     found = [*_moments_explained(case), *_others_explained(case)]
     yield from found
@@ -374,7 +374,7 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
     yield from _compared(case, likely, known)
 
 
-def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[Reading, Recorded] | None:
+def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[_ReadingMistake, Recorded] | None:
     """The moments' zero walks, by the line through how far they lie off (F,) what the pictures say."""
     weights = np.where(np.isfinite(off) & np.isfinite(std), 1.0 / std, 0.0)
     if (weights > 0.0).sum() < RecordingSettings.fewest_moments or not np.ptp(recorded.order):
@@ -395,7 +395,7 @@ def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[Rea
     words = (
         f"the moment sensor's zero walks by {walk / noise:+.0f} standard deviations of its noise during the recording"
     )
-    row = Reading("moment_drift", words, "let it warm up, or give --track-zero", lambda _: None)
+    row = _ReadingMistake("moment_drift", words, "let it warm up, or give --track-zero", lambda _: None)
     readings = recorded.batch.readings_Nm - np.pad((walk * share)[:, None], ((0, 0), (0, 5)))
     return row, recorded.with_readings(readings_Nm=readings)
 
@@ -410,7 +410,7 @@ def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
 
 
 @lru_cache(maxsize=1)
-def _tried(case: Case) -> list[tuple[Reading, float]]:
+def _tried(case: Case) -> list[tuple[_ReadingMistake, float]]:
     """Rows about joints and pictures that the least bent frames could tell, and what these gain by each."""
     few, calm, found = case.picked(_least_bent(case)), case.sound and not case.changed, []
     for row in READINGS:
@@ -442,7 +442,7 @@ def _least_bent(case: Case) -> np.ndarray:
 
 
 def _compared(
-    case: Case, likely: list[tuple[float, Reading, Recorded]], known: np.ndarray | None = None
+    case: Case, likely: list[tuple[float, _ReadingMistake, Recorded]], known: np.ndarray | None = None
 ) -> Iterator[Explanation[Case]]:
     """The likeliest of some rows, by all frames. known : (F,) frames of which a reading's density counts."""
     counts = np.ones(len(case.recorded)) if known is None else known
@@ -519,4 +519,4 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
         yield Explanation(diagnosis, odds, partial(case.explained_by, found.recorded), first=begin)
 
 
-TABLE: tuple[Hypothesis[Case], ...] = (explanations,)
+TABLE: tuple[Hypothesis[Case], ...] = (_explanations,)

@@ -18,7 +18,7 @@ from .watch import RecordingVerdict, RecordingWatch
 
 
 @dataclass(frozen=True)
-class WatchSettings:
+class _WatchSettings:
     """Which frames are judged together, how often, and what is an alarm."""
 
     without_contact: int = 40  # last frames without a contact
@@ -29,18 +29,10 @@ class WatchSettings:
     share: float = 0.1  # of one core's time that judging may take, where frames do not wait for it
 
 
-_PARTS = {
-    **dict.fromkeys((row.name for row in CHANGES), "antenna"),
-    **dict.fromkeys(("picture_moved", "camera_turned", "camera_moved", "focus_changed", "picture_scaled"), "camera"),
-    **dict.fromkeys(("moment_gain", "moment_zero", "moment_dead", "moment_stuck"), "sensor"),
-}
-"""Of a rig, what each change is of: which of a camera's it is shows later than that it is one."""
-
-
 @dataclass(eq=False)
 class RigWatch:
     """Frames of a rig in use, judged in a thread of its own: a camera that was knocked or refocused, a clamp that gave
-    way, a bent or exchanged antenna, a sensor whose zero or gain has changed or that is dead.
+    way, a bent or exchanged antenna, a sensor with another zero or gain, or a dead one.
 
     The last frames are judged together by the hypotheses that a recording's verdict compares (`RecordingWatch`). A part
     of the rig (camera, antenna, sensor) is named once, until a later judgement is without it.
@@ -56,7 +48,7 @@ class RigWatch:
     rig: Rig
     alarm: Callable[[int, Diagnosis], None] | None = None
     waits: bool = False
-    settings: WatchSettings = WatchSettings()
+    settings: _WatchSettings = _WatchSettings()
     alarms: list[tuple[int, Diagnosis]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -108,8 +100,16 @@ class RigWatch:
 
     def _news(self, found: RecordingVerdict) -> list[Diagnosis]:
         sure = found.log_odds >= self.settings.least_log_odds
-        cause = next((one for one in found.verdict.findings if sure and one.grave and one.name in _PARTS), None)
-        part = "" if cause is None else _PARTS[cause.name]
+        # Of a rig, what each change is of: which of a camera's it is shows later than that it is one.
+        parts = {
+            **dict.fromkeys((row.name for row in CHANGES), "antenna"),
+            **dict.fromkeys(
+                ("picture_moved", "camera_turned", "camera_moved", "focus_changed", "picture_scaled"), "camera"
+            ),
+            **dict.fromkeys(("moment_gain", "moment_zero", "moment_dead", "moment_stuck"), "sensor"),
+        }
+        cause = next((one for one in found.verdict.findings if sure and one.grave and one.name in parts), None)
+        part = "" if cause is None else parts[cause.name]
         self._times = self._times + 1 if part == self._part else 1
         self._part = part
         if cause is None or self._times < self.settings.confirmed or part == self._named:

@@ -81,7 +81,7 @@ class ObjectEstimate:
 def estimate_object(
     table: ContactTable, rig: Rig | None = None, friction_rad: float | None = None, *, events: bool = True
 ) -> ObjectEstimate:
-    """What the contacts of one object that stood still say of it; the frames are in order of time.
+    """What the contacts of one object at rest say of it; the frames are in order of time.
 
     Without the rig that they were made with the antenna has no radius, and which of the errors are common is not known:
     the shape takes them for each frame's own, friction for both. `friction_rad` is what the contacts were estimated

@@ -25,8 +25,6 @@ from vbaa_calib.core.errors import InputError
 from .two_point import Part, bending, elasticity, floats, in_pieces, relative_contact
 
 _CLOSE = 1e-9  # a step of Newton's, relative, after which one more reaches rounding
-_ENDLESS = 1e15  # l/x2 of deflections as if under a pure moment
-_HALVINGS, _ROUNDING = 36, 1e-9
 
 
 def _candidates(xp1: Array, xp2: Array, ratio: Array, torque: Array) -> tuple[Array, Array, Array, Array]:
@@ -70,7 +68,8 @@ def _shape(v: Array, ratio: Array) -> tuple[Array, Array]:
     spread = (1.0 + v) / (ratio * v)
     known = spread**2 * ratio
     part = xp.where(known * (3.0 - spread) >= 2.0, int(Part.CURVED), int(Part.MIXED))
-    return part, xp.where(known < 1.0, relative_contact(part, spread, ratio), _ENDLESS)
+    # l/x2 of deflections as if under a pure moment
+    return part, xp.where(known < 1.0, relative_contact(part, spread, ratio), 1e15)
 
 
 def _pull(v: Array, ratio: Array) -> tuple[Array, Array]:
@@ -91,7 +90,7 @@ def _turn(place: Array, ratio: Array, first: Array, last: Array, fold: Array) ->
     place, ratio, low, high = place[fold], ratio[fold], first[fold], last[fold]
     xp = namespace(place)
     high = xp.maximum(low, high)
-    for _ in range(_HALVINGS):
+    for _ in range(36):
         middle = 0.5 * (low + high)
         before = 1.0 / (middle - place) + _pull(middle, ratio)[1] > 0.0
         low, high = xp.where(before, middle, low), xp.where(before, high, middle)
@@ -100,7 +99,8 @@ def _turn(place: Array, ratio: Array, first: Array, last: Array, fold: Array) ->
 
 
 def _root(function: Callable[[Array], tuple[Array, Array]], above: Array, below: Array, start: Array) -> Array:
-    """Root between `above`, where the function (value and slope) is positive, and `below`, by Newton's held steps."""
+    """Root between `above`, where the function (value and slope) is positive, and `below`, by Newton's steps, kept
+    inside."""
     xp = namespace(above)
     v, middle = start, 0.5 * (above + below)
     v = xp.where((v - above) * (v - below) < 0.0, v, middle)
@@ -166,15 +166,15 @@ def eq29_baseline(
     With γ = τ_y·tanφ/6EI (2EI is printed). It gives the *curved* points the depth of the straight part. Smallest root
     in 0 < l ≤ L, NaN where there is none. NumPy alone.
     """
-    given = [
+    arrays = [
         as_floats(each, "an argument", "give numbers")
         for each in (xp_m, y_m, moment_Nm, stiffness_Nm2, camera_tilt_rad, length_m)
     ]
-    if {given[0].shape[-1:], given[1].shape[-1:]} != {(2,)}:
-        what = f"the points have the shapes {given[0].shape} and {given[1].shape}"
+    if {arrays[0].shape[-1:], arrays[1].shape[-1:]} != {(2,)}:
+        what = f"the points have the shapes {arrays[0].shape} and {arrays[1].shape}"
         raise InputError(what, remedy="give (..., 2) of x and of y")
     with np.errstate(all="ignore"):
-        return np.vectorize(_eq29, signature="(2),(2),(),(),(),()->()", otypes=[float])(*given)
+        return np.vectorize(_eq29, signature="(2),(2),(),(),(),()->()", otypes=[float])(*arrays)
 
 
 def _eq29(position: np.ndarray, y: np.ndarray, moment: float, stiffness: float, tilt: float, length: float) -> float:
@@ -202,7 +202,8 @@ def _solved(
     twist = moment * xp.tan(tilt)
     part, contact, x1, x2 = _candidates(xp1, xp2, y2 / y1, twist / (2.0 * stiffness))
     limit = (length + 0.0 * y1)[:, None]
-    contact = xp.where((contact > 0.0) & (contact <= limit * (1.0 + _ROUNDING)), xp.minimum(contact, limit), np.nan)
+    rounding = 1e-9
+    contact = xp.where((contact > 0.0) & (contact <= limit * (1.0 + rounding)), xp.minimum(contact, limit), np.nan)
     force = (6.0 * stiffness * y2)[:, None] / bending(x2, contact)
     found = contact == contact
     # of several, the one that small deflections allow best

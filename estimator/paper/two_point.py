@@ -22,9 +22,6 @@ import numpy as np
 from vbaa_calib.core.arrays import Array, as_floats, is_tensor, like, namespace, widest_float
 from vbaa_calib.core.errors import InputError
 
-_PIECE, _PIECE_OF_TENSORS = 16384, 65536  # frames at a time: few enough for the cache, enough for torch's threads
-_ROUNDING, _ROUNDS = 1e-9, 3
-
 
 def floats(*values: Any) -> list[Array]:
     """Values in float64: tensors on one device as soon as one of them is a tensor, otherwise arrays."""
@@ -53,7 +50,8 @@ def in_pieces(work: Callable[..., tuple[Array, ...]], x_m: Array, y_m: Array, *v
     points = [xp.where(swap, xp.flip(pair, (1,)), pair) for pair in points]
     flat = [v if v.ndim == 0 and batch else xp.broadcast_to(v, batch).reshape(-1) for v in values]
     count = math.prod(batch)
-    step = _PIECE if xp is np else _PIECE_OF_TENSORS if y_m.device.type == "cpu" else max(count, 1)
+    # frames at a time: few enough for the cache, enough for torch's threads
+    step = 16384 if xp is np else 65536 if y_m.device.type == "cpu" else max(count, 1)
     with np.errstate(all="ignore"):
         pieces = [
             work(*(v if v.ndim == 0 else v[start : start + step] for v in (*points, *flat)))
@@ -93,7 +91,7 @@ class TwoPointContact:
     @cached_property
     def _conditions(self) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
-            return conditions(*(elasticity(self.x_m[..., point], self.contact_m) for point in (0, 1)))
+            return _conditions(*(elasticity(self.x_m[..., point], self.contact_m) for point in (0, 1)))
 
 
 def two_point_contact(x_m: Any, y_m: Any, stiffness_Nm2: Any, length_m: Any = np.inf) -> TwoPointContact:
@@ -123,7 +121,7 @@ def contact_position(contact_m: Any, force_y_N: Any, force_z_N: Any, stiffness_N
     return xp.stack([xp.broadcast_to(part, shape) for part in parts], -1)
 
 
-def conditions(elasticity_1: Array, elasticity_2: Array) -> tuple[Array, Array]:
+def _conditions(elasticity_1: Array, elasticity_2: Array) -> tuple[Array, Array]:
     """Condition numbers (...) of l and f_y, each point's ln y_i moving by d ln f + e_i·d ln l."""
     gap = abs(elasticity_2 - elasticity_1)
     return 2.0 / gap, (abs(elasticity_1) + abs(elasticity_2)) / gap
@@ -143,7 +141,7 @@ def elasticity(x: Array, contact: Array) -> Array:
 
 
 def relative_contact(part: Array, spread: Array, ratio: Array) -> Array:
-    """λ = l/x2 (...) of points in the given part with q = x1/x2 and r = y2/y1: Eq. (11), Eq. (15), and for the
+    """λ = l/x2 (...) of points in a part with q = x1/x2 and r = y2/y1: Eq. (11), Eq. (15), and for the
     case that the paper omits Eq. (8) at x1 and Eq. (13) at x2, −y1·l³ + 3x2y1·l² − 3x1²y2·l + x1³y2 = 0."""
     xp = namespace(spread)
     known = spread * spread * ratio
@@ -160,7 +158,8 @@ def _solved(x: Array, y: Array, stiffness: Array, length: Array) -> tuple[Array,
     spread, ratio = x[:, 0] / x[:, 1], y[:, 1] / y[:, 0]
     part = _part(spread, ratio)
     contact = x[:, 1] * relative_contact(part, spread, ratio)
-    fits = (contact > 0.0) & (contact <= length * (1.0 + _ROUNDING)) & (x[:, 0] > 0.0)
+    rounding = 1e-9
+    fits = (contact > 0.0) & (contact <= length * (1.0 + rounding)) & (x[:, 0] > 0.0)
     contact = xp.where(fits, xp.minimum(contact, length), np.nan)
     return xp.where(fits, part, int(Part.NONE)), contact, 6.0 * stiffness * y[:, 1] / bending(x[:, 1], contact)
 
@@ -190,9 +189,7 @@ def _mixed_root(spread: Array, known: Array) -> Array:
     return xp.minimum(xp.maximum(root, spread), xp.ones_like(root))
 
 
-def straight_line_contact(
-    x_m: Any, y_m: Any, guess_m: Any, stiffness_Nm2: Any, rounds: int = _ROUNDS
-) -> tuple[Array, Array]:
+def straight_line_contact(x_m: Any, y_m: Any, guess_m: Any, stiffness_Nm2: Any, rounds: int = 3) -> tuple[Array, Array]:
     """Contact distance and f_y (...) of points (..., N) on plane C, upright camera; NumPy or torch. NaN is left out.
 
     The first line goes through the points beyond `guess_m` (...), each further one through those beyond the l before;
@@ -200,15 +197,15 @@ def straight_line_contact(
     """
     x, y, contact, stiffness = floats(x_m, y_m, guess_m, stiffness_Nm2)
     xp = namespace(x)
-    given = (x == x) & (y == y)
-    x, y = xp.where(given, x, 0.0), xp.where(given, y, 0.0)
+    finite = (x == x) & (y == y)
+    x, y = xp.where(finite, x, 0.0), xp.where(finite, y, 0.0)
     with np.errstate(all="ignore"):
         for _ in range(rounds):
-            weight = like(x, given & (x >= contact[..., None]))
+            weight = like(x, finite & (x >= contact[..., None]))
             count = weight.sum(-1)
             mean_x, mean_y = (weight * x).sum(-1) / count, (weight * y).sum(-1) / count
-            aside = weight * (x - mean_x[..., None])
-            slope = (aside * y).sum(-1) / (aside * x).sum(-1)
+            centred = weight * (x - mean_x[..., None])
+            slope = (centred * y).sum(-1) / (centred * x).sum(-1)
             contact = 3.0 * (mean_x - mean_y / slope)
             contact = xp.where((count >= 2.0) & (contact > 0.0) & (contact < np.inf), contact, np.nan)
         return contact, 2.0 * stiffness * slope / contact**2

@@ -11,13 +11,13 @@ from vbaa_calib.antenna.nodes import CONTACT
 from .settings import RefineSettings
 
 if TYPE_CHECKING:
-    from estimator.solver.linearised import Linearised
+    from estimator.solver.linearised import LinearisedFrames
     from vbaa_calib.session import KnownObject
 
 
 def known_equations(
     known: KnownObject,
-    found: Linearised,
+    found: LinearisedFrames,
     columns: np.ndarray,
     place: tuple[np.ndarray, np.ndarray],
     antenna_radius_m: float,

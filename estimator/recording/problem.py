@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.contact.inputs import Batch
 from estimator.contact.settings import ContactSettings
-from estimator.solver.linearised import Linearised, free_antennas, linearised
+from estimator.solver.linearised import LinearisedFrames, free_antennas, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.core.arrays import Rows
@@ -71,7 +71,7 @@ class Equations:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class RecordingProblem:
     """A recording of B contacts and F frames of the free antenna, to be fitted as one."""
 
     friction_rad: float  # unit of the friction angle among the unknowns
@@ -96,7 +96,7 @@ class Problem:
         """What the first camera and the sensor measured in contact."""
         return self.views[0].touching
 
-    def picked(self, rows: np.ndarray, most_free: int) -> Problem:
+    def picked(self, rows: np.ndarray, most_free: int) -> RecordingProblem:
         """With these contacts alone, and so many free frames of each camera at most."""
         views = []
         for view in self.views:
@@ -176,7 +176,7 @@ class Problem:
         return split
 
     @staticmethod
-    def _data(found: Linearised, unknowns: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _data(found: LinearisedFrames, unknowns: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Information and side of what was measured alone, the solver's priors taken out; ends : (B,) 0 where the
         antenna's end is another thing's."""
         whole, side = found.information.copy(), found.side.copy()
@@ -250,7 +250,7 @@ class Problem:
         )
 
 
-def _trust(taken: Batch, found: Linearised) -> np.ndarray:
+def _trust(taken: Batch, found: LinearisedFrames) -> np.ndarray:
     """(B, 2) as `Equations.trust`, of one camera: by how much its points scatter more than noise does, and whether the
     end lies where the antenna's may be."""
     points = np.maximum(np.isfinite(taken.points_px).all(axis=-1).sum(axis=1), 1)

@@ -23,7 +23,7 @@ from vbaa_calib.rig import POSE_PARAMETERS, Rig
 from vbaa_calib.session import SILENT, KnownObject
 
 from .coulomb import as_estimated, by_coulomb, contradicted
-from .problem import RUNG, FrictionPrior, Problem, State
+from .problem import RUNG, FrictionPrior, RecordingProblem, State
 from .settings import RefineSettings
 from .solve import Solution, solved
 from .views import View, beside, completed, pictures_of
@@ -151,8 +151,8 @@ def refine(
 
 
 def _with_coulomb(
-    problem: Problem, found: Solution, prior: FrictionPrior, strokes: np.ndarray
-) -> tuple[Problem, Solution, list[str]]:
+    problem: RecordingProblem, found: Solution, prior: FrictionPrior, strokes: np.ndarray
+) -> tuple[RecordingProblem, Solution, list[str]]:
     """Solved again with the friction angles by Coulomb's law, but in frames that contradict it, and notes; where many
     do, all stays."""
     again = replace(problem, friction=prior)
@@ -224,7 +224,7 @@ def begun(
     rows: np.ndarray,
     known: KnownObject | None,
     views: Sequence[View] = (),
-) -> tuple[Problem, State]:
+) -> tuple[RecordingProblem, State]:
     """The problem, and where it begins: at the contacts as they are, the rigs as calibrated."""
     arrays = RigArrays.from_rig(rig, FRICTION_RAD)
     placed, several = [(rig, arrays.axes)], [recording]
@@ -238,7 +238,7 @@ def begun(
         for seen, (each, axes) in zip(several, placed, strict=True)
     )
     at = contacts.picked(rows)
-    problem = Problem(
+    problem = RecordingProblem(
         friction_rad=FRICTION_RAD,
         views=pictures,
         held=at.status == "tip_contact",
@@ -280,14 +280,14 @@ def _object(table: ContactTable, rig: Rig) -> ObjectEstimate | None:
 
 
 def _friction_prior(
-    table: ContactTable, touched: ObjectEstimate, problem: Problem, rows: np.ndarray
+    table: ContactTable, touched: ObjectEstimate, problem: RecordingProblem, rows: np.ndarray
 ) -> FrictionPrior | None:
     """What the object's friction says of the frames (P,), by contacts that are refined already."""
     whole = by_coulomb(table, touched.track, touched.friction, as_estimated(table, problem.friction_rad))
     return None if whole is None else whole.picked(rows)
 
 
-def _rig_of(problem: Problem, found: Solution) -> Rig:
+def _rig_of(problem: RecordingProblem, found: Solution) -> Rig:
     """The rig as the frames tell it, with the covariance that is left."""
     axes, count = problem.axes, problem.axes.shape[1]
     covariance = axes @ found.covariance[:count, :count] @ axes.T
@@ -299,7 +299,7 @@ def _refined_reason(reason: str) -> str:
     return "; ".join([*(each for each in reason.split("; ") if "(--friction)" not in each), "refined"])
 
 
-def _table(contacts: ContactTable, problem: Problem, found: Solution, rows: np.ndarray) -> ContactTable:
+def _table(contacts: ContactTable, problem: RecordingProblem, found: Solution, rows: np.ndarray) -> ContactTable:
     """The table with the refined frames' numbers. A frame's covariance is its own noise and what it shares: what is
     left of the rig's errors, and of the friction angle, since neighbours rub alike."""
     belongs = found.weight > 0.0

@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from vbaa_calib.core.least_squares import TELLS, Rules, disagreement, disagreement_p, levenberg_marquardt
+from vbaa_calib.core.least_squares import MIN_INFORMATION, Rules, disagreement, disagreement_p, levenberg_marquardt
 from vbaa_calib.native import core
 
-from .problem import Equations, Problem, State, spread_evenly
+from .problem import Equations, RecordingProblem, State, spread_evenly
 from .settings import RefineSettings
 
 _RULES = Rules(
@@ -45,7 +45,7 @@ class Solution:
         return replace(self, covariance=covariance)
 
 
-def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float = 1.0) -> Solution:
+def solved(problem: RecordingProblem, start: State, strokes: np.ndarray, widening: float = 1.0) -> Solution:
     """The most probable recording. What frames share is solved for with `most_frames` of them at most, evenly over the
     recording, then held while the others are fitted: a frame's bias is of second order in its noise, but the same in
     many. strokes : (B,) number of each frame's; widening : on the deviations of the calibration.
@@ -97,7 +97,7 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
 
 
 def _trend(
-    problem: Problem, at: tuple[State, Equations, np.ndarray, np.ndarray], strokes: np.ndarray
+    problem: RecordingProblem, at: tuple[State, Equations, np.ndarray, np.ndarray], strokes: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """How a rig that changes evenly with time does so, by the frames' pulls at a solution: its steps (R,), and the
     probability of as much by accident (score test). Friction angles of a stroke may be off alike, as neighbours rub."""
@@ -121,7 +121,7 @@ def _trend(
     alike = in_stroke @ (when[: len(weight), None] * rubbed[:, :rig])
     alike -= in_stroke @ rubbed @ np.linalg.solve(total, across.T)
     values, vectors = np.linalg.eigh(of_trend)
-    vectors = vectors[:, values > TELLS]
+    vectors = vectors[:, values > MIN_INFORMATION]
     along = vectors.T @ side
     square = along @ np.linalg.solve(vectors.T @ (of_trend + alike.T @ alike) @ vectors, along)
     p = disagreement_p(np.array([square]), np.array([len(along)]))[0]
@@ -134,7 +134,7 @@ def _offness(covariance: np.ndarray, prior: np.ndarray, rig: int, excess: float)
     return float(np.sqrt(max(1.0 + excess / max(told, 1e-9), 0.0)))
 
 
-def _beginning(problem: Problem, state: State, strokes: np.ndarray) -> np.ndarray:
+def _beginning(problem: RecordingProblem, state: State, strokes: np.ndarray) -> np.ndarray:
     """(B,) weights to begin with: 0 for frames and strokes that contradict the calibration beyond doubt, if most do
     not: they would lead the others astray."""
     equations = problem.equations(state)
@@ -146,7 +146,7 @@ def _beginning(problem: Problem, state: State, strokes: np.ndarray) -> np.ndarra
         (np.einsum("gb,bst->gst", sums, equations.information), sums @ equations.side, which),
     ):
         values, vectors = np.linalg.eigh(information)
-        told = values > TELLS
+        told = values > MIN_INFORMATION
         along = np.einsum("gsk,gs->gk", vectors, pull)
         square = np.where(told, along**2 / np.where(told, values + values**2, 1.0), 0.0).sum(axis=1)
         weight[(disagreement_p(square, told.sum(axis=1)) < RefineSettings.excluded)[of]] = 0.0
@@ -162,12 +162,12 @@ def _weights(equations: Equations, pull: np.ndarray, total: np.ndarray) -> np.nd
     return np.where((p < RefineSettings.foreign) | ~equations.sound, 0.0, weight)
 
 
-def _pull(problem: Problem, state: State, equations: Equations) -> np.ndarray:
+def _pull(problem: RecordingProblem, state: State, equations: Equations) -> np.ndarray:
     """(B, S) with what force frames pull at the shared steps."""
     return equations.side - np.einsum("bst,t->bs", equations.information, _ahead(problem, state))
 
 
-def _others(problem: Problem, state: State, found: np.ndarray, chosen: np.ndarray) -> tuple[State, Equations]:
+def _others(problem: RecordingProblem, state: State, found: np.ndarray, chosen: np.ndarray) -> tuple[State, Equations]:
     """All frames fitted with the shared steps as they are; those chosen begin where they were found. Of frames whose
     steps became longer twice half a step is taken, then a quarter, and so on."""
     unknowns, trust = state.unknowns.copy(), np.full((len(state.unknowns), len(problem.views), 2), np.nan)
@@ -198,7 +198,7 @@ def _length(own: np.ndarray, covariance: np.ndarray) -> float:
     return float(np.quantile(_lengths(own, covariance), RefineSettings.nearly_all)) if len(own) else 0.0
 
 
-def _ahead(problem: Problem, state: State) -> np.ndarray:
+def _ahead(problem: RecordingProblem, state: State) -> np.ndarray:
     """(S,) the shared steps ahead of where the equations stand: the lines' errors are linear, and taken about 0."""
     first = problem.axes.shape[1]
     ahead = np.zeros(problem.size)
@@ -207,7 +207,7 @@ def _ahead(problem: Problem, state: State) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Linearised:
+class _LinearisedRecording:
     """A recording about a state, and its Gauss–Newton step."""
 
     state: State
@@ -235,8 +235,8 @@ class _Linearised:
 
 
 def _linearised(
-    problem: Problem, state: State, weight: np.ndarray, prior: np.ndarray, trust: np.ndarray | None = None
-) -> _Linearised | None:
+    problem: RecordingProblem, state: State, weight: np.ndarray, prior: np.ndarray, trust: np.ndarray | None = None
+) -> _LinearisedRecording | None:
     """About a state; None where there is no step. Where a trust is kept, frames that do not belong need not come to
     an end."""
     equations = problem.equations(state, trust)
@@ -251,12 +251,12 @@ def _linearised(
     own = equations.step - np.einsum("bks,s->bk", equations.through, step)
     counted = (weight > 0.0) | (trust is None)
     trust = equations.trust if trust is None else trust
-    return _Linearised(state, equations, weight, total, own, here + step - state.shared, trust, counted)
+    return _LinearisedRecording(state, equations, weight, total, own, here + step - state.shared, trust, counted)
 
 
 def _descended(
-    problem: Problem, state: State, weight: np.ndarray, prior: np.ndarray, trust: np.ndarray | None = None
-) -> tuple[_Linearised, bool]:
+    problem: RecordingProblem, state: State, weight: np.ndarray, prior: np.ndarray, trust: np.ndarray | None = None
+) -> tuple[_LinearisedRecording, bool]:
     """Descends to where no step is longer than a small part of a standard deviation; and whether it came there.
 
     A step along which the objective rises, by its slopes at both ends, is taken in part. Once one was, or led to a
@@ -265,15 +265,17 @@ def _descended(
     first = _linearised(problem, state, weight, prior, trust)
     if first is None:
         equations, nowhere = problem.equations(state), (np.zeros_like(state.unknowns), np.zeros_like(state.shared))
-        return _Linearised(state, equations, weight, np.diag(prior), *nowhere, equations.trust, weight > 0.0), False
+        return _LinearisedRecording(
+            state, equations, weight, np.diag(prior), *nowhere, equations.trust, weight > 0.0
+        ), False
     keeps = trust is not None
 
-    def step(now: _Linearised, damping: float) -> tuple[np.ndarray, float]:
+    def step(now: _LinearisedRecording, damping: float) -> tuple[np.ndarray, float]:
         nonlocal keeps
         keeps = keeps or damping >= _RULES.after_failure
         return np.append(now.own.ravel(), now.shared) / (1.0 + damping), now.length**2
 
-    def moved(now: _Linearised, move: np.ndarray) -> _Linearised | None:
+    def moved(now: _LinearisedRecording, move: np.ndarray) -> _LinearisedRecording | None:
         nonlocal keeps
         own, shared = move[: now.own.size].reshape(now.own.shape), move[now.own.size :]
         further = State(_moved(problem, now.state.unknowns, own), now.state.shared + shared)
@@ -288,7 +290,7 @@ def _descended(
     return descent.at, descent.promise <= _RULES.standstill
 
 
-def _moved(problem: Problem, unknowns: np.ndarray, step: np.ndarray) -> np.ndarray:
+def _moved(problem: RecordingProblem, unknowns: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Unknowns (B, 4) after a step, straight in the clamp's moment: in the force its valley is bent."""
     old = unknowns[:, :1]
     limited = np.clip(step[:, :1], -RefineSettings.longest * old, RefineSettings.longest * old)

@@ -14,7 +14,7 @@ from .frames import Frames
 from .rig_arrays import ANTENNA, UNKNOWNS, RigArrays
 
 
-class Linearised(NamedTuple):
+class LinearisedFrames(NamedTuple):
     """B contacts, in K = 4 + R unknowns and rig steps.
 
     Attributes
@@ -38,12 +38,12 @@ class Linearised(NamedTuple):
     excess: np.ndarray
 
 
-def linearised(frames: Frames, rung: str, unknowns: np.ndarray) -> Linearised:
+def linearised(frames: Frames, rung: str, unknowns: np.ndarray) -> LinearisedFrames:
     """The frames at unknowns (B, 4), the rig as calibrated."""
     count, size = len(frames), UNKNOWNS + frames.rig_arrays.steps
     read = len(frames.rig_arrays.std)
     shapes = ((3, core.solver.NODES), (6,), (6, size), (read,), (read, size), (size, size), (size,), (size,), ())
-    found = Linearised(*(np.empty((count, *shape)) for shape in shapes))
+    found = LinearisedFrames(*(np.empty((count, *shape)) for shape in shapes))
     rig, at = frames.rig_arrays.core, np.ascontiguousarray(unknowns, float)
     core.solver.linearise(rig, frames, RUNGS.index(rung), at, found)
     return found

@@ -14,17 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from vbaa_calib.camera.from_plane import pixels_on_plane
-from vbaa_calib.core.arrays import (
-    ANGLE_REMEDY,
-    FARTHEST_PX,
-    LARGEST_NM,
-    LARGEST_RAD,
-    MOMENT_REMEDY,
-    Rows,
-    as_float,
-    as_floats,
-    check_each,
-)
+from vbaa_calib.core.arrays import ANGLE_REMEDY, MOMENT_REMEDY, PLAUSIBLE, Rows, as_float, as_floats, check_each
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import READINGS
@@ -60,7 +50,7 @@ Text = TypeVar("Text")
 
 
 @dataclass(frozen=True)
-class Column:
+class _Column:
     """What one field of a contact is. `names` are its columns in the file, where they differ from the field's name."""
 
     unit: str
@@ -72,12 +62,12 @@ class Column:
 
 def _column(unit: str, meaning: str, default: Any = np.nan, digits: int = 9) -> Any:
     """A number, flag or text."""
-    return field(default=default, metadata={"column": Column(unit, meaning, digits=digits)})
+    return field(default=default, metadata={"column": _Column(unit, meaning, digits=digits)})
 
 
 def _vector(unit: str, meaning: str, names: str = "", shape: tuple[int, ...] = (3,)) -> Any:
     """A vector, or a symmetric matrix by its upper triangle; NaN where it is unknown."""
-    column = Column(unit, meaning, tuple(names.split()), shape)
+    column = _Column(unit, meaning, tuple(names.split()), shape)
     return field(default_factory=lambda: np.full(shape, np.nan), metadata={"column": column})
 
 
@@ -138,12 +128,12 @@ class ContactEstimate(_Common[Number, Flag, Text]):
     deflection_m: np.ndarray = _vector("m", "contact point minus the same point of the free antenna, antenna frame")
 
 
-def declared(cls: type) -> dict[str, Column]:
+def _declared(cls: type) -> dict[str, _Column]:
     """The declared fields of a contact class."""
     return {f.name: f.metadata["column"] for f in fields(cls) if "column" in f.metadata}
 
 
-_SHARED = tuple(declared(_Common))
+_SHARED = tuple(_declared(_Common))
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +245,7 @@ class ContactRow(_Columns[int, float, bool, str]):
         )
 
     def estimate(self, kinematics: Kinematics) -> Contact:
-        """The contact whose numbers these are; of the force along x a table has no deviation, and none in old ones."""
+        """The contact of this row; of the force along x a table has no standard deviation, and none in old ones."""
         along = kinematics.T_world_antenna(self.pan_rad, self.tilt_rad).rotation[:, 0] @ self.force_world_N
         return Contact(
             reason=self.reason,
@@ -310,7 +300,7 @@ OPTIONAL = (
     *("antenna", "clamp_world_m", "clamp_angle_rad"),
 )
 """What ours has after that; optional when read. The last three only where antennas are named."""
-COLUMNS: dict[str, Column] = {name: declared(_Columns)[name] for name in (*REQUIRED, *OPTIONAL)}
+COLUMNS: dict[str, _Column] = {name: _declared(_Columns)[name] for name in (*REQUIRED, *OPTIONAL)}
 """Field → its declaration, in the order of the file."""
 
 
@@ -327,7 +317,7 @@ def column_names(which: Sequence[str] = tuple(COLUMNS)) -> tuple[str, ...]:
 for _class in (Contact, ContactRow, ContactTable):
     _attributes = "\n".join(
         f"{name} : {f'{column.shape} ' if column.shape else ''}{column.meaning}; {column.unit}."
-        for name, column in declared(_class).items()
+        for name, column in _declared(_class).items()
     )
     _class.__doc__ = f"{cleandoc(_class.__doc__ or '')}\n\nAttributes\n----------\n{_attributes}"
 
@@ -344,7 +334,7 @@ class Measured:
     time_s : NaN where not known; a recording's frames are then taken as static.
     start : (4,) initial unknowns, as `ContactEstimator.rough` gives them; NaN where there are none.
     tip_px : (3,) the antenna's visible end, and its deviation along the antenna; NaN where it is not known.
-    moment_errors_Nm : (6,) deviations of the moments beside the sensors' noise.
+    moment_errors_Nm : (6,) standard deviations of the moments besides the sensors' noise.
     joint_errors_rad : (2,) deviations of pan and tilt.
     outside_points : number of points that were left out because they lie outside the picture.
     sigma_factor : by which `sigma_px` was widened, as the recording's points scatter more than was stated.
@@ -401,22 +391,26 @@ class Measured:
 
     def __post_init__(self) -> None:
         """Raises InputError for what is no number, or in another unit."""
-        given = self.points_px, self.sigma_px
-        points, sigma = (as_floats(each, "points_px or sigma_px", "give px") for each in given)
+        arrays = self.points_px, self.sigma_px
+        points, sigma = (as_floats(each, "points_px or sigma_px", "give px") for each in arrays)
         if points.ndim != 2 or points.shape[1] != 2 or sigma.shape != points.shape[:1]:
             what = f"points_px and sigma_px have shapes {points.shape}, {sigma.shape}"
             raise InputError(what, remedy="give (N, 2) and (N,)")
         # each of these is quick for frames that are sound
-        if not (len(points) and np.abs(points).max() <= FARTHEST_PX):
-            check_each(points, FARTHEST_PX, "points_px", "give pixels", "infinite")
+        if not (len(points) and np.abs(points).max() <= PLAUSIBLE.pixel_px):
+            check_each(points, PLAUSIBLE.pixel_px, "points_px", "give pixels", "infinite")
         if not ((len(sigma) and sigma.min() > 0.0) or (sigma[np.isfinite(points).all(axis=1)] > 0.0).all()):
             raise InputError("sigma_px is not everywhere positive", remedy="give standard deviations in px")
         values: dict[str, np.ndarray | float] = {"points_px": points, "sigma_px": sigma}
-        for name, (most, remedy) in _GIVEN.items():
+        for name, (most, remedy) in {
+            **dict.fromkeys(READINGS.values(), (PLAUSIBLE.moment_Nm, MOMENT_REMEDY)),
+            **dict.fromkeys(("pan_rad", "tilt_rad"), (PLAUSIBLE.angle_rad, ANGLE_REMEDY)),
+            "time_s": (np.inf, "give seconds"),
+        }.items():
             number = values[name] = as_float(getattr(self, name), name, remedy)
             if abs(number) > most:
                 raise InputError(f"{name} is {number:g}", remedy=remedy)
-        for name, count in _BESIDE.items():
+        for name, count in {"start": 4, "tip_px": 3, "moment_errors_Nm": len(READINGS), "joint_errors_rad": 2}.items():
             several = values[name] = as_floats(getattr(self, name), name, f"give ({count},) numbers")
             if several.shape != (count,):
                 raise InputError(f"{name} has shape {several.shape}", remedy=f"give ({count},) numbers")
@@ -425,19 +419,6 @@ class Measured:
             raise InputError(what, remedy="give (N, 2, 2)")
         for name, each in values.items():
             object.__setattr__(self, name, each)
-
-
-_GIVEN = {
-    **dict.fromkeys(READINGS.values(), (LARGEST_NM, MOMENT_REMEDY)),
-    **dict.fromkeys(("pan_rad", "tilt_rad"), (LARGEST_RAD, ANGLE_REMEDY)),
-    "time_s": (np.inf, "give seconds"),
-}
-"""Of `Measured`: the largest that there is, and what to give."""
-_BESIDE = {"start": 4, "tip_px": 3, "moment_errors_Nm": len(READINGS), "joint_errors_rad": 2}
-"""Of `Measured`: arrays, and how many numbers they have."""
-
-
-_FOREIGN_M = 1e-3  # world and antenna points that disagree by more than this come from another rig
 
 
 def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarray, np.ndarray]:
@@ -451,11 +432,12 @@ def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarra
         what = "the clamp moved in this recording, which needs none of the rig's joints"
         raise InputError(what, remedy="leave out --rig; refine, next and track need a clamp that does not move")
     recorded = np.isfinite(table.pan_rad) & np.isfinite(table.tilt_rad)
-    pan, tilt = from_points(kinematics, table.point_antenna_m, table.point_world_m)
+    pan, tilt = _from_points(kinematics, table.point_antenna_m, table.point_world_m)
     pan, tilt = np.where(recorded, table.pan_rad, pan), np.where(recorded, table.tilt_rad, tilt)
     rotation, translation = kinematics.world_antenna(pan, tilt)
     off = np.einsum("bij,bj->bi", rotation, table.point_antenna_m) + translation - table.point_world_m
-    if (np.linalg.norm(off, axis=1) > _FOREIGN_M).any():
+    # m: points that disagree by more are of another rig
+    if (np.linalg.norm(off, axis=1) > 1e-3).any():
         raise InputError(
             "the contacts do not fit the rig's kinematics",
             where="rig.json",
@@ -464,7 +446,7 @@ def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarra
     return pan, tilt
 
 
-def from_points(
+def _from_points(
     kinematics: Kinematics, point_antenna_m: np.ndarray, point_world_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The angles (B,) that carry points (B, 3) of the antenna frame to their places in the world; |tilt| below 90°."""
@@ -477,6 +459,6 @@ def from_points(
         reach = np.clip(up / np.hypot(p[:, 0], p[:, 2]), -1.0, 1.0)
         tilt = np.arcsin(reach) - np.arctan2(p[:, 2], p[:, 0])
         forward = kinematics.axis_offset_m + np.cos(tilt) * p[:, 0] - np.sin(tilt) * p[:, 2]
-        aside = cos * p[:, 1] - sin * up
-        pan = np.arctan2(q[:, 1], q[:, 0]) - np.arctan2(aside, forward)
+        across = cos * p[:, 1] - sin * up
+        pan = np.arctan2(q[:, 1], q[:, 0]) - np.arctan2(across, forward)
     return pan, tilt - kinematics.tilt_zero_rad

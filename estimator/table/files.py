@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import FARTHEST_M, gate
+from vbaa_calib.core.arrays import PLAUSIBLE, gate
 from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, number, whole_number
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.files import most_memory, replacing, require_file
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 _PARQUET = ".parquet"
 _ROW_GROUP = 4096  # rows of a Parquet row group
-_ROW_BYTES = 700  # of memory that a row takes as columns
 _ROWS_TOGETHER = 1024  # rows that are put into columns at once: as columns they take a fifth of the room
 _UPPER = np.triu_indices(3)
 _NAMES = {field: column_names([field]) for field in COLUMNS}
@@ -255,7 +254,7 @@ def _in_order(table: ContactTable) -> bool:
     length = np.linalg.norm(table.tangent_world, axis=1)
     located = table.picked(table.located)
     needed = all(np.isfinite(getattr(located, name)).all() for name in NEEDED)
-    reached = (located.distance_m > 0.0) & (located.distance_m < FARTHEST_M)
+    reached = (located.distance_m > 0.0) & (located.distance_m < PLAUSIBLE.place_m)
     known = np.isfinite(table.covariance_world_m2).all(axis=(1, 2))
     variances = np.linalg.eigvalsh(table.covariance_world_m2[known])
     return bool(
@@ -354,7 +353,8 @@ def _parquet_rows(path: Path, columns: tuple[str, ...], optional: tuple[str, ...
         with ParquetFile(path) as file:
             groups = [file.metadata.row_group(index) for index in range(file.num_row_groups)]
             largest = max((group.total_byte_size for group in groups), default=0)
-            if file.metadata.num_rows * _ROW_BYTES + largest > most_memory(path.stat().st_size):
+            # bytes of memory that a row takes as columns
+            if file.metadata.num_rows * 700 + largest > most_memory(path.stat().st_size):
                 what = f"unpacks to {file.metadata.num_rows} rows, {largest / 1e6:.0f} MB at once"
                 raise InputError(what, where=path, remedy="it is damaged or forged: write it again")
             names = file.schema_arrow.names
@@ -372,7 +372,7 @@ def _parquet_rows(path: Path, columns: tuple[str, ...], optional: tuple[str, ...
 
 
 def _row_of(record: Mapping[str, str], path: Path) -> ContactRow:
-    """The row behind a record of texts, whose place in the file is its `line`. Raises InputError for a wrong cell."""
+    """The row of a record of texts; `line` is its place in the file. Raises InputError for a wrong cell."""
     where, status = f"{path} line {record['line']}", record["status"]
     if status not in STATUSES:
         raise InputError(f"status is {status!r}", where=where, remedy=f"one of {', '.join(STATUSES)} is needed")
@@ -392,7 +392,7 @@ def _row_of(record: Mapping[str, str], path: Path) -> ContactRow:
             if not np.isfinite(values[name]).all():
                 what = f"{', '.join(_NAMES[name])} is empty in a row that is {status}"
                 raise InputError(what, where=where, remedy="give it, or a status that says why it is missing")
-        if not 0.0 < values["distance_m"] < FARTHEST_M:
+        if not 0.0 < values["distance_m"] < PLAUSIBLE.place_m:
             what = f"distance_m is {values['distance_m']:g} in a row that is {status}"
             raise InputError(what, where=where, remedy="give metres from the clamp along the antenna, above 0")
     upper, matrix = values["covariance_world_m2"], np.empty((3, 3))

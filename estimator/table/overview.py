@@ -28,7 +28,7 @@ class Overview:
     outside : centreline points outside the picture, which are left out; frames with such, and the points used in these.
     ends : frames in which the antenna's visible end was seen, and those in which it contradicts the rest and is not
         used.
-    partly : contacts whose force is not known in all directions.
+    partly : contacts with a force that is unknown in some direction.
     """
 
     columns: tuple[str, ...] = ()

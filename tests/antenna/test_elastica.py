@@ -103,7 +103,7 @@ def test_dead_force_against_a_boundary_value_solver(lean: float) -> None:
 def test_dead_forces_of_every_lean_and_load_close_at_the_clamp() -> None:
     """θ_c = β − α everywhere; the last digits go only where a strong force nearly pulls along the antenna."""
     lean, load = (value.ravel() for value in np.meshgrid(np.linspace(-1.5, 1.56, 60), np.geomspace(1e-6, 60.0, 60)))
-    at_contact = elastica._lean_at_contact(load, lean)
+    at_contact = elastica._inclination_at_contact(load, lean)
     theta = elastica.normal_load([1.0], load, at_contact).theta_rad[:, 0]
     assert np.abs(theta + at_contact - lean).max() < 1e-9
     assert np.abs(theta + at_contact - lean)[load < 10.0].max() < 1e-13

@@ -20,10 +20,10 @@ from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.simulate.plan import AntennaShot, BoardShot, plan, stream
 from vbaa_calib.simulate.render.board import Sheet, print_sheet
 from vbaa_calib.simulate.render.picture import Studio, studio
-from vbaa_calib.simulate.scene.scene import Joints, Scene, bundled_scene, true_rod
+from vbaa_calib.simulate.scene.scene import Joints, SceneSpec, bundled_scene, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.shots import render_shot
-from vbaa_calib.simulate.write import session_yaml
+from vbaa_calib.simulate.write import _session_yaml
 
 from ..made_once import made_once
 
@@ -60,7 +60,7 @@ def changed_answers(found: Assessment) -> set[str]:
 
 
 @cache
-def scene() -> Scene:
+def scene() -> SceneSpec:
     """The upright camera of the bundled scene, with few pictures."""
     whole = load_scene(bundled_scene("upright_knife"))
     loads = (whole.loads[0], whole.loads[8])
@@ -77,13 +77,13 @@ def scene() -> Scene:
     )
 
 
-def leaning() -> Scene:
+def leaning() -> SceneSpec:
     """The same with the camera, and the jig, of the demo: it leans by 30° from the normal of plane C."""
     demo = load_scene(bundled_scene("demo"))
     return replace(scene(), T_antenna_camera=demo.T_antenna_camera, T_antenna_board=demo.T_antenna_board)
 
 
-def rig_of(scene: Scene, seed: int = 3) -> Rig:
+def rig_of(scene: SceneSpec, seed: int = 3) -> Rig:
     """The rig that a calibration of the scene could have found: its truth, off as its deviations say."""
     rng, true = np.random.default_rng(seed), scene.true
     off = RIG_STD * rng.normal(size=17)
@@ -114,63 +114,63 @@ def rig_of(scene: Scene, seed: int = 3) -> Rig:
     )
 
 
-def rig_document(scene: Scene, seed: int = 3) -> dict[str, Any]:
+def rig_document(scene: SceneSpec, seed: int = 3) -> dict[str, Any]:
     """rig.json of `rig_of`, with board and jig recorded as `vbaa calibrate` does."""
     lens = dict(QUALITY["lens"]) | {"board": scene.board.to_dict()}
     recorded = {"lens": lens, "jig": {"T_antenna_board": scene.T_antenna_face.to_dict()}}
     return rig_of(scene, seed).to_dict() | {"quality": QUALITY | recorded}
 
 
-def with_camera_moved(scene: Scene, step: np.ndarray) -> Scene:
+def with_camera_moved(scene: SceneSpec, step: np.ndarray) -> SceneSpec:
     """The camera a step (6,) away from where it was."""
     return replace(scene, T_antenna_camera=scene.T_antenna_camera.retract(step))
 
 
-def with_lens(scene: Scene, factor: float) -> Scene:
+def with_lens(scene: SceneSpec, factor: float) -> SceneSpec:
     """Refocused: another focal length."""
     matrix = scene.lens.matrix.copy()
     matrix[[0, 1], [0, 1]] *= factor
     return replace(scene, lens=replace(scene.lens, matrix=matrix))
 
 
-def with_clamp_turned(scene: Scene, about_z_rad: float, about_y_rad: float = 0.0) -> Scene:
+def with_clamp_turned(scene: SceneSpec, about_z_rad: float, about_y_rad: float = 0.0) -> SceneSpec:
     """The clamp slipped."""
     angles = scene.true.clamp_angle_rad + np.array([about_y_rad, about_z_rad])
     return replace(scene, true=replace(scene.true, clamp_angle_rad=angles))
 
 
-def with_wire_bent(scene: Scene, about_z_per_m: float, about_y_per_m: float = 0.0) -> Scene:
+def with_wire_bent(scene: SceneSpec, about_z_per_m: float, about_y_per_m: float = 0.0) -> SceneSpec:
     """The wire has another bow."""
     bow = scene.true.natural_curvature_per_m + np.array([about_y_per_m, about_z_per_m])
     return replace(scene, true=replace(scene.true, natural_curvature_per_m=bow))
 
 
-def with_stiffness(scene: Scene, factor: float) -> Scene:
+def with_stiffness(scene: SceneSpec, factor: float) -> SceneSpec:
     """Another wire."""
     return replace(scene, true=replace(scene.true, stiffness_factor=factor * scene.true.stiffness_factor))
 
 
-def with_sensor(scene: Scene, gain: float = 1.0, offset_Nm: float = 0.0) -> Scene:
+def with_sensor(scene: SceneSpec, gain: float = 1.0, offset_Nm: float = 0.0) -> SceneSpec:
     """The moment sensor's gain by a factor and its offset by an amount."""
     sensor = scene.moment
     return replace(scene, moment=replace(sensor, gain=gain * sensor.gain, offset_Nm=sensor.offset_Nm + offset_Nm))
 
 
-def with_antenna(scene: Scene, diameter: float = 1.0, length: float = 1.0) -> Scene:
+def with_antenna(scene: SceneSpec, diameter: float = 1.0, length: float = 1.0) -> SceneSpec:
     """Another wire of the same steel, its diameter and length by factors."""
     wire = scene.antenna
     other = replace(wire, diameter_m=diameter * wire.diameter_m, length_m=length * wire.length_m)
     return replace(scene, antenna=other)
 
 
-def with_board(scene: Scene, scale: float = 1.0, dictionary: str | None = None) -> Scene:
+def with_board(scene: SceneSpec, scale: float = 1.0, dictionary: str | None = None) -> SceneSpec:
     """Another board in the jig: printed at another scale, or with other markers."""
     board = scene.board
     spec = replace(board, square_m=scale * board.square_m, marker_m=scale * board.marker_m)
     return replace(scene, board=replace(spec, dictionary=dictionary or board.dictionary))
 
 
-def with_jig_shifted(scene: Scene, shift_m: tuple[float, float, float]) -> Scene:
+def with_jig_shifted(scene: SceneSpec, shift_m: tuple[float, float, float]) -> SceneSpec:
     """The board does not sit in the jig as it did."""
     old = scene.T_antenna_board
     return replace(scene, T_antenna_board=replace(old, translation_m=old.translation_m + np.array(shift_m)))
@@ -193,7 +193,7 @@ def _studio(matrix: bytes, distortion: bytes, seed: int, bench: int | None) -> S
     return studio(own, seen.picture, rng)
 
 
-def one_picture_each(scene: Scene, folder: Path) -> NewPictures:
+def one_picture_each(scene: SceneSpec, folder: Path) -> NewPictures:
     """One picture of the board in its jig and one of the free antenna, as it now is, with the sensor's reading.
 
     The bench behind them is one of four, by the scene's seed.
@@ -229,12 +229,12 @@ def only(session: Path, target: Path, parts: tuple[str, ...]) -> Path:
     return target
 
 
-def month_later(scene: Scene, folder: Path, parts: tuple[str, ...] = PARTS) -> Path:
+def month_later(scene: SceneSpec, folder: Path, parts: tuple[str, ...] = PARTS) -> Path:
     """A session of the scene as it now is, with some of its parts."""
     planned = plan(scene)
     place = _studio(scene.lens.matrix.tobytes(), scene.lens.distortion.tobytes(), scene.seed, None)
     folder.mkdir()
-    (folder / "session.yaml").write_text(session_yaml(scene))
+    (folder / "session.yaml").write_text(_session_yaml(scene))
     for index, shot in enumerate(planned.shots):
         part = shot.path.partition("/")[0]
         if part in parts:

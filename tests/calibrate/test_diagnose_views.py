@@ -11,7 +11,7 @@ from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import STRETCH
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.detect.board.corners import BoardView
-from vbaa_calib.diagnose.boards import ViewSet, find_change, same_pose, view_set_diagnoses
+from vbaa_calib.diagnose.boards import ViewSet, _find_change, same_pose, view_set_diagnoses
 from vbaa_calib.geometry import Pose
 
 from .photo_sets import detected
@@ -76,7 +76,7 @@ def test_the_size_of_a_step_is_off_by_what_its_deviation_says(unflat_m: float) -
     off, at = [], (np.arange(16) >= 8).astype(float)[None]
     for seed in range(16):
         views = linear(pictures(seed, np.repeat([1.0, 1.003], 8), unflat_m=unflat_m))
-        _, size, std, _ = find_change(*views.own_scores(ViewSet.FOCAL), at, views.variance_px2, 0.01)
+        _, size, std, _ = _find_change(*views.own_scores(ViewSet.FOCAL), at, views.variance_px2, 0.01)
         off.append((size - 0.003) / std)
     assert np.mean(off) == pytest.approx(0.0, abs=0.6)
     assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.4
@@ -117,9 +117,9 @@ def test_scatter_is_no_change() -> None:
             strength = rng.uniform(0.2, 3.0, 12)
             information = np.diag(strength**2)
             score = factor * strength * rng.normal(size=12)
-            clean.append(find_change(score, information, at, 1e-12, 3.0 * factor)[-1])
+            clean.append(_find_change(score, information, at, 1e-12, 3.0 * factor)[-1])
             score += information @ (10.0 * factor * at[4])
-            changed.append(find_change(score, information, at, 1e-12, 3.0 * factor)[-1])
+            changed.append(_find_change(score, information, at, 1e-12, 3.0 * factor)[-1])
         assert np.mean(np.array(clean) > 5.0) < 0.005
         assert np.mean(np.array(changed) > 5.0) > 0.97
 

@@ -19,7 +19,7 @@ from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.calibrate.check.finding import Checked
 from vbaa_calib.core.files import sha256
 from vbaa_calib.geometry import Pose
-from vbaa_calib.simulate.scene.scene import Scene
+from vbaa_calib.simulate.scene.scene import SceneSpec
 
 from .checked_rigs import (
     QUALITY,
@@ -84,7 +84,7 @@ def step_of(pose: dict[str, Any]) -> np.ndarray:
 MOVED = np.array([0.0, np.radians(0.3), 0.0, 5e-4, 0.0, 0.0])
 _FAR = np.array([np.radians(1.0), 0.0, 0.0, 0.0, 0.0, 0.0])
 SENSED = ("plane", "noload", "loads")
-CHANGES: dict[str, tuple[Callable[[Scene], Scene], tuple[str, ...], set[str]]] = {
+CHANGES: dict[str, tuple[Callable[[SceneSpec], SceneSpec], tuple[str, ...], set[str]]] = {
     "camera": (lambda old: with_camera_moved(old, MOVED), MONTH, {"camera_pose"}),
     "bent wire": (lambda old: with_wire_bent(old, 0.05), MONTH, {"free_antenna"}),
     "slipped clamp": (lambda old: with_clamp_turned(old, 0.004), MONTH, {"free_antenna"}),

@@ -14,7 +14,7 @@ from vbaa_calib.calibrate.check.finding import Discrepancy, Finding
 from vbaa_calib.calibrate.check.rig import _plane_map
 from vbaa_calib.core.least_squares import change_test, products
 from vbaa_calib.rig import Rig
-from vbaa_calib.simulate.write import session_yaml
+from vbaa_calib.simulate.write import _session_yaml
 
 from .checked_rigs import QUALITY, answers, one_picture_each, rig_document, rig_of, scene
 
@@ -26,7 +26,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     (folder / "rig.json").write_text(json.dumps(rig_document(scene())))
     (folder / "old.json").write_text(json.dumps(rig_of(scene()).to_dict() | {"quality": QUALITY}))
     (folder / "session").mkdir()
-    (folder / "session" / "session.yaml").write_text(session_yaml(scene()))
+    (folder / "session" / "session.yaml").write_text(_session_yaml(scene()))
     new = one_picture_each(scene(), folder)
     return SimpleNamespace(folder=folder, rig=folder / "rig.json", old=folder / "old.json", new=new)
 

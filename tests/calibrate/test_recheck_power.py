@@ -17,7 +17,7 @@ import pytest
 
 from vbaa_calib.calibrate.check.assessment import NewPictures, assess
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.simulate.scene.scene import Scene
+from vbaa_calib.simulate.scene.scene import SceneSpec
 
 from .checked_rigs import (
     leaning,
@@ -38,18 +38,18 @@ TIP_BOW_PER_M = 2e-3 / 0.24**2
 """Curvature that takes the tip of the wire 1 mm away."""
 
 
-def turned(angle_rad: float, old: Scene) -> Scene:
+def turned(angle_rad: float, old: SceneSpec) -> SceneSpec:
     """The camera turned about the axis that its picture's rows run along: it nods."""
     return with_camera_moved(old, np.concatenate([angle_rad * old.T_antenna_camera.rotation[:, 0], np.zeros(3)]))
 
 
-def moved(shift_m: float, axis: int, old: Scene) -> Scene:
+def moved(shift_m: float, axis: int, old: SceneSpec) -> SceneSpec:
     """The camera moved along one of its own axes: 0 across, 2 along its line of sight."""
     return with_camera_moved(old, np.concatenate([np.zeros(3), shift_m * old.T_antenna_camera.rotation[:, axis]]))
 
 
-SCENES: dict[str, Callable[[], Scene]] = {"upright": scene, "leaning 30°": leaning}
-CHANGES: dict[str, Callable[[Scene], Scene]] = {
+SCENES: dict[str, Callable[[], SceneSpec]] = {"upright": scene, "leaning 30°": leaning}
+CHANGES: dict[str, Callable[[SceneSpec], SceneSpec]] = {
     "nothing": lambda old: old,
     **{f"camera turned by {angle} mrad": partial(turned, 1e-3 * angle) for angle in (1, 2, 5)},
     **{f"camera moved {shift} mm across": partial(moved, 1e-3 * shift, 0) for shift in (0.2, 0.5, 1)},
@@ -71,7 +71,7 @@ CHANGES: dict[str, Callable[[Scene], Scene]] = {
 }
 
 
-def outcome(change: Callable[[Scene], Scene], name: str, seed: int, folder: Path) -> dict[str, str]:
+def outcome(change: Callable[[SceneSpec], SceneSpec], name: str, seed: int, folder: Path) -> dict[str, str]:
     """Levels by finding for one drawn rig and one pair of pictures; `refused` where a picture was."""
     old = replace(SCENES[name](), seed=1000 + seed)
     (folder / "rig.json").write_text(json.dumps(rig_document(old, seed)))

@@ -21,7 +21,7 @@ from vbaa_calib.core.polyline import beside
 from vbaa_calib.detect.board.corners import detect_folder
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Session, Still, load_session, read_loads, read_noload
-from vbaa_calib.simulate.scene.scene import Scene, bundled_scene
+from vbaa_calib.simulate.scene.scene import SceneSpec, bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.write import write_session
 
@@ -36,7 +36,7 @@ WAYS = {
 class Rendered:
     """A session that shows plane C in three ways, what is true of it, and its lens."""
 
-    scene: Scene
+    scene: SceneSpec
     session: Session
     lens: LensSolution
     views: PlaneViews

@@ -22,9 +22,9 @@ from vbaa_calib.session import SweepPicture
 from vbaa_calib.simulate.plan import stream
 from vbaa_calib.simulate.render.board import print_sheet
 from vbaa_calib.simulate.render.picture import studio
-from vbaa_calib.simulate.scene.scene import Scene, bundled_scene
+from vbaa_calib.simulate.scene.scene import SceneSpec, bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
-from vbaa_calib.simulate.write import drawn_pictures, write_sweep
+from vbaa_calib.simulate.write import _drawn_pictures, _write_sweep
 
 from .synthetic_views import CENTRE, SPEC, board_view, project_board
 
@@ -212,18 +212,18 @@ class TestWrongRows:
 
 
 @pytest.fixture(scope="module")
-def small_scene() -> Scene:
+def small_scene() -> SceneSpec:
     """The demo's rig with small pictures."""
     scene = load_scene(bundled_scene("demo"))
     matrix = np.array([[669.4, 0.0, 317.0], [0.0, 667.4, 241.4], [0.0, 0.0, 1.0]])
     return replace(scene, lens=replace(scene.lens, image_size=(640, 480), matrix=matrix))
 
 
-def test_a_drawn_sweep_gives_the_scenes_camera(small_scene: Scene, tmp_path: Path) -> None:
+def test_a_drawn_sweep_gives_the_scenes_camera(small_scene: SceneSpec, tmp_path: Path) -> None:
     scene = small_scene
     place = studio(scene.lens, scene.picture, stream(scene, "bench"))
     sheet = print_sheet(scene.board)
-    true_board = write_sweep(scene, drawn_pictures(scene, place, sheet), sheet, tmp_path)
+    true_board = _write_sweep(scene, _drawn_pictures(scene, place, sheet), sheet, tmp_path)
     with (tmp_path / "sweep" / "sweep.csv").open() as table:
         rows = list(csv.DictReader(table))
     pictures = [

@@ -8,7 +8,7 @@ import torch
 from torch.autograd import gradcheck, gradgradcheck
 
 from vbaa_calib.camera.lens import Intrinsics, ray_derivatives
-from vbaa_calib.camera.tensors import chart_to_pixel, pixel_to_chart, pixel_to_ray, to_chart
+from vbaa_calib.camera.tensors import _chart_to_pixel, _pixel_to_chart, _to_chart, pixel_to_ray
 
 from .lenses import LENSES
 
@@ -51,8 +51,8 @@ def test_projection_derivatives(name):
 
     def function(points, K, c):
         intrinsics = Intrinsics(camera.intrinsics.model, K[0, 0], K[1, 1], K[0, 2], K[1, 2], c)
-        x, y, _ = to_chart(camera.intrinsics.model, *points.unbind(-1))
-        return torch.stack(chart_to_pixel(intrinsics, x, y)[:2])
+        x, y, _ = _to_chart(camera.intrinsics.model, *points.unbind(-1))
+        return torch.stack(_chart_to_pixel(intrinsics, x, y)[:2])
 
     assert gradcheck(function, (rays.requires_grad_(), K, c), eps=1e-6, atol=1e-4)
 
@@ -79,7 +79,7 @@ def test_invalid_points_leave_the_gradients_of_the_others_alone(name):
     def gradients(pixels):
         pixels = pixels.clone().requires_grad_()
         intrinsics = Intrinsics(camera.intrinsics.model, K[0, 0], K[1, 1], K[0, 2], K[1, 2], c)
-        x, y, valid = pixel_to_chart(intrinsics, *pixels.unbind(-1))
+        x, y, valid = _pixel_to_chart(intrinsics, *pixels.unbind(-1))
         assert valid.tolist() == [True] + [False] * (len(pixels) - 1)
         total = (x + 2 * y).sum()
         return torch.autograd.grad(total, (pixels, K, c))

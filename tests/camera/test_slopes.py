@@ -10,7 +10,7 @@ import torch
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.lens import prepared, ray_derivatives
-from vbaa_calib.camera.tensors import solve_on_device
+from vbaa_calib.camera.tensors import _solve_on_device
 
 from .lenses import LENSES, border_and_grid
 from .lenses import camera as camera_of
@@ -101,6 +101,6 @@ def test_the_search_on_other_devices_is_the_cores(name):
     pixels = np.concatenate([border_and_grid(camera, 15), [[np.nan, 1.0], [np.inf, 1.0]]])
     sensor = (pixels - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
     expected, known = lens.chart(sensor)
-    x, y, valid = solve_on_device(camera.intrinsics.model, lens, own, *torch.tensor(sensor).unbind(-1))
+    x, y, valid = _solve_on_device(camera.intrinsics.model, lens, own, *torch.tensor(sensor).unbind(-1))
     np.testing.assert_array_equal(valid.numpy(), known)
     np.testing.assert_allclose(np.stack([x, y], -1)[known], expected[known], rtol=1e-7, atol=1e-9)

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from vbaa_calib.cli import doctor as verb
-from vbaa_calib.doctor import FAILS, LOOK, OK, HealthFinding, machine, packages
-from vbaa_calib.doctor.machine import EndedProcess
+from vbaa_calib.doctor import HealthFinding, machine, packages
+from vbaa_calib.doctor.machine import _EndedProcess
 
 
 def names(found: HealthFinding) -> list[str]:
@@ -26,13 +26,13 @@ def test_this_machine_has_what_it_needs() -> None:
     """The installation that runs the tests: nothing that was looked at fails."""
     slow = ("torch", "drawing")
     found = list(verb._examine({name: check for name, check in verb.CHECKS.items() if name not in slow}))
-    assert [each.name for each in found if each.status == FAILS] == []
+    assert [each.name for each in found if each.status == "fails"] == []
     assert {each.name for each in found} == set(verb.CHECKS) - set(slow)
 
 
-def ends(code: int | None, out: str = "", err: str = "") -> Callable[[Sequence[str], float], EndedProcess]:
+def ends(code: int | None, out: str = "", err: str = "") -> Callable[[Sequence[str], float], _EndedProcess]:
     """A process that ends like this."""
-    return lambda arguments, seconds: EndedProcess(code, out, err)
+    return lambda arguments, seconds: _EndedProcess(code, out, err)
 
 
 def installed(*asked: str, **known: str) -> HealthFinding:
@@ -74,41 +74,41 @@ threads = partial(machine.computing, lambda: 2**40)
 @pytest.mark.parametrize(
     ("check", "status", "problems", "words"),
     [
-        (partial(packages.python_version, (3, 11, 0)), OK, [], ""),
-        (partial(packages.python_version, (3, 9, 2)), FAILS, ["python_too_old"], "3.11"),
-        (partial(installed, "numpy>=2.0,<3", "tqdm", numpy="2.4.6", tqdm="1"), OK, [], ""),
-        (partial(installed, "numpy>=2,<3", numpy="1.26"), FAILS, ["package_version"], "numpy is 1.26, and <3,>=2"),
-        (partial(installed, "scipy>=1.13,<2"), FAILS, ["package_missing"], "scipy is not installed"),
-        (partial(cv2, RIGHT), OK, [], ""),
-        (partial(cv2, TWO), FAILS, ["several_opencv"], "opencv-contrib-python-headless>=4.14,<5"),
-        (partial(cv2, RIGHT, "5.0.0"), FAILS, ["opencv_major"], "opencv-contrib-python-headless>=4.14,<5"),
-        (partial(cv2, {"opencv-python-headless": "4.14.0.94"}, charuco=False), FAILS, ["opencv_without_charuco"], ""),
-        (partial(cv2, RIGHT, "4.10.0"), FAILS, ["opencv_other"], "opencv-contrib-python-headless>=4.14,<5"),
-        (partial(cv2, RIGHT, error=ImportError("libGL.so.1")), FAILS, ["opencv_broken"], "libGL.so.1"),
-        (partial(machine.computing, lambda: 2**30, {}), LOOK, ["memory_low"], ""),
-        (partial(machine.computing, lambda: None, {"OMP_NUM_THREADS": "1"}), OK, [], ""),
-        (partial(threads, {"OMP_NUM_THREADS": "two"}), LOOK, ["threads_wrong"], ""),
-        (partial(threads, {"OMP_NUM_THREADS": "99999"}), LOOK, ["threads_many"], ""),
-        (partial(machine.disk, free_bytes=10**12), OK, [], ""),
-        (partial(machine.disk, free_bytes=10**9), LOOK, ["disk_low"], ""),
-        (partial(machine.disk, free_bytes=10**7), FAILS, ["disk_low"], ""),
-        (partial(machine.terminal, {"stdout": SimpleNamespace(encoding=None)}), LOOK, ["not_utf8"], "PYTHONUTF8=1"),
-        (partial(machine.drawing, ends(0)), OK, [], ""),
-        (partial(machine.drawing, ends(1)), LOOK, ["no_drawing"], "found no OpenGL that works"),
-        (partial(machine.drawing, ends(1, err="Traceback\nImportError: no vtk")), LOOK, ["no_drawing"], "no vtk"),
-        (partial(machine.drawing, ends(1, err="No module named 'vtkmodules'")), LOOK, ["no_drawing"], "calib[view]"),
-        (partial(machine.drawing, ends(-11)), LOOK, ["no_drawing"], "was ended by signal 11"),
-        (partial(machine.drawing, ends(None)), LOOK, ["no_drawing"], "took longer than 90 s"),
-        (partial(camera, [], True, ends(1)), OK, [], ""),
-        (partial(camera, WEBCAM, False, ends(0)), LOOK, ["camera_not_readable"], "usermod -aG video"),
-        (partial(camera, TWO_CAMERAS, True, ends(0, "[0, [640, 480]]\n[1, null]\n")), OK, [], ""),
-        (partial(camera, WEBCAM, True, ends(0, "[0, null]\n")), LOOK, ["camera_silent"], ""),
-        (partial(camera, TWO_CAMERAS, True, ends(None, "[0, [640, 480]]\n")), LOOK, ["camera_stuck"], "camera 1"),
-        (partial(camera, WEBCAM, True, ends(-11)), LOOK, ["camera_stuck"], ""),
-        (partial(machine.torch, ends(0, "1.5 2.13.0 2 False\n")), OK, [], ""),
-        (partial(machine.torch, ends(0, "55.0 2.13.0 2 False\n")), LOOK, ["torch_slow"], ""),
-        (partial(machine.torch, ends(1, err="OSError: [WinError 126] c10.dll")), FAILS, ["torch_broken"], "c10.dll"),
-        (partial(machine.torch, ends(None)), FAILS, ["torch_broken"], ""),
+        (partial(packages.python_version, (3, 11, 0)), "ok", [], ""),
+        (partial(packages.python_version, (3, 9, 2)), "fails", ["python_too_old"], "3.11"),
+        (partial(installed, "numpy>=2.0,<3", "tqdm", numpy="2.4.6", tqdm="1"), "ok", [], ""),
+        (partial(installed, "numpy>=2,<3", numpy="1.26"), "fails", ["package_version"], "numpy is 1.26, and <3,>=2"),
+        (partial(installed, "scipy>=1.13,<2"), "fails", ["package_missing"], "scipy is not installed"),
+        (partial(cv2, RIGHT), "ok", [], ""),
+        (partial(cv2, TWO), "fails", ["several_opencv"], "opencv-contrib-python-headless>=4.14,<5"),
+        (partial(cv2, RIGHT, "5.0.0"), "fails", ["opencv_major"], "opencv-contrib-python-headless>=4.14,<5"),
+        (partial(cv2, {"opencv-python-headless": "4.14.0.94"}, charuco=False), "fails", ["opencv_without_charuco"], ""),
+        (partial(cv2, RIGHT, "4.10.0"), "fails", ["opencv_other"], "opencv-contrib-python-headless>=4.14,<5"),
+        (partial(cv2, RIGHT, error=ImportError("libGL.so.1")), "fails", ["opencv_broken"], "libGL.so.1"),
+        (partial(machine.computing, lambda: 2**30, {}), "look", ["memory_low"], ""),
+        (partial(machine.computing, lambda: None, {"OMP_NUM_THREADS": "1"}), "ok", [], ""),
+        (partial(threads, {"OMP_NUM_THREADS": "two"}), "look", ["threads_wrong"], ""),
+        (partial(threads, {"OMP_NUM_THREADS": "99999"}), "look", ["threads_many"], ""),
+        (partial(machine.disk, free_bytes=10**12), "ok", [], ""),
+        (partial(machine.disk, free_bytes=10**9), "look", ["disk_low"], ""),
+        (partial(machine.disk, free_bytes=10**7), "fails", ["disk_low"], ""),
+        (partial(machine.terminal, {"stdout": SimpleNamespace(encoding=None)}), "look", ["not_utf8"], "PYTHONUTF8=1"),
+        (partial(machine.drawing, ends(0)), "ok", [], ""),
+        (partial(machine.drawing, ends(1)), "look", ["no_drawing"], "found no OpenGL that works"),
+        (partial(machine.drawing, ends(1, err="Traceback\nImportError: no vtk")), "look", ["no_drawing"], "no vtk"),
+        (partial(machine.drawing, ends(1, err="No module named 'vtkmodules'")), "look", ["no_drawing"], "calib[view]"),
+        (partial(machine.drawing, ends(-11)), "look", ["no_drawing"], "was ended by signal 11"),
+        (partial(machine.drawing, ends(None)), "look", ["no_drawing"], "took longer than 90 s"),
+        (partial(camera, [], True, ends(1)), "ok", [], ""),
+        (partial(camera, WEBCAM, False, ends(0)), "look", ["camera_not_readable"], "usermod -aG video"),
+        (partial(camera, TWO_CAMERAS, True, ends(0, "[0, [640, 480]]\n[1, null]\n")), "ok", [], ""),
+        (partial(camera, WEBCAM, True, ends(0, "[0, null]\n")), "look", ["camera_silent"], ""),
+        (partial(camera, TWO_CAMERAS, True, ends(None, "[0, [640, 480]]\n")), "look", ["camera_stuck"], "camera 1"),
+        (partial(camera, WEBCAM, True, ends(-11)), "look", ["camera_stuck"], ""),
+        (partial(machine.torch, ends(0, "1.5 2.13.0 2 False\n")), "ok", [], ""),
+        (partial(machine.torch, ends(0, "55.0 2.13.0 2 False\n")), "look", ["torch_slow"], ""),
+        (partial(machine.torch, ends(1, err="OSError: [WinError 126] c10.dll")), "fails", ["torch_broken"], "c10.dll"),
+        (partial(machine.torch, ends(None)), "fails", ["torch_broken"], ""),
     ],
 )
 def test_what_is_well_and_what_is_not(
@@ -122,16 +122,16 @@ def test_what_is_well_and_what_is_not(
 def test_a_folder_that_takes_a_packages_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`targets` of the user's own on the path is fatal, in the current folder a warning; an empty folder is neither."""
     (tmp_path / "targets").mkdir()
-    assert packages.shadows(tmp_path).status == OK
+    assert packages.shadows(tmp_path).status == "ok"
     (tmp_path / "targets" / "__init__.py").write_text("")
     (tmp_path / "yaml.py").write_text("")
     waiting = packages.shadows(tmp_path)
-    assert (waiting.status, names(waiting)) == (LOOK, ["name_taken", "name_taken"])
+    assert (waiting.status, names(waiting)) == ("look", ["name_taken", "name_taken"])
     monkeypatch.syspath_prepend(tmp_path)
     for name in ("targets", "yaml"):
         monkeypatch.delitem(sys.modules, name)
     taken = packages.shadows(tmp_path)
-    assert (taken.status, names(taken)) == (FAILS, ["package_shadowed", "package_shadowed"])
+    assert (taken.status, names(taken)) == ("fails", ["package_shadowed", "package_shadowed"])
     assert f"targets is taken from {tmp_path / 'targets'}" in taken.problems[0].words
 
 
@@ -145,8 +145,8 @@ def test_a_package_that_overwrote_ours(tmp_path: Path) -> None:
 
 def test_a_process_may_crash_or_hang() -> None:
     """Real ones: the doctor outlives them, and keeps what they had said."""
-    crashed = machine.try_python(["-c", "import os; os.abort()"], 20)
+    crashed = machine._try_python(["-c", "import os; os.abort()"], 20)
     assert crashed.code is not None
     assert crashed.code != 0
-    hung = machine.try_python(["-c", "import time; print('[0, null]', flush=True); time.sleep(60)"], 1.5)
+    hung = machine._try_python(["-c", "import time; print('[0, null]', flush=True); time.sleep(60)"], 1.5)
     assert (hung.code, hung.out.strip()) == (None, "[0, null]")

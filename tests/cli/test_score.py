@@ -10,7 +10,7 @@ import pytest
 
 from estimator.table.contacts import ContactRow, ContactTable
 from vbaa_calib.geometry import Pose
-from viz.cli.demo import score
+from viz.cli.demo import _score
 
 MATRIX = np.array([[1000.0, 0.0, 480.0], [0.0, 1000.0, 360.0], [0.0, 0.0, 1.0]])
 POSE = Pose.from_rotvec(np.array([3.0, 0.1, 0.0]), np.array([0.1, 0.0, 0.4]))
@@ -60,7 +60,7 @@ def test_errors_of_known_size_come_out_at_that_size() -> None:
         antenna=SimpleNamespace(stiffness_Nm2=4.1e-3),
         T_antenna_camera=POSE.retract(np.array([0.0, 0.002, 0.0, 0.0, 3e-4, 4e-4])),
     )
-    found = score(rig, ContactTable.from_rows(rows), truth)
+    found = _score(rig, ContactTable.from_rows(rows), truth)
     rms_m = np.sqrt((3e-3**2 + 4e-3**2) / 2)
     assert found == pytest.approx(
         {

@@ -12,7 +12,7 @@ from benchmarks.estimator.scenes import Scenes, Shapes, ShapesOf, scenes
 from benchmarks.estimator.scenes import Touches as SeenTouches
 from benchmarks.estimator.setup import ACROSS, RIG_STD, Setup
 from estimator import ContactEstimator
-from estimator.budget.parts import BudgetContacts, ErrorSpace, Linearization, linearize
+from estimator.budget.budget import BudgetContacts, _ErrorSpace, _Linearization, _linearize
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import curves
@@ -108,10 +108,10 @@ def errors(
 
 def linearised(
     rig: Rig, touches: BudgetContacts, friction: float = FRICTION_RAD
-) -> tuple[RigArrays, ErrorSpace, Linearization]:
+) -> tuple[RigArrays, _ErrorSpace, _Linearization]:
     rig_arrays = RigArrays.from_rig(rig, friction)
-    space = ErrorSpace.of(rig_arrays)
-    return rig_arrays, space, linearize(rig_arrays, space, touches)
+    space = _ErrorSpace.of(rig_arrays)
+    return rig_arrays, space, _linearize(rig_arrays, space, touches)
 
 
 RIG = correlated_rig()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.paper.baselines import Noise, Press, Ring, Wire
-from estimator.paper.baselines.press import world_turn
+from estimator.paper.baselines.press import _world_turn
 from vbaa_calib.antenna.rod import Rod, sample_shape
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.simulate.contact.touch import Touch, touch
@@ -45,7 +45,7 @@ def seen_square_on(touched: Touch, points: int = 200) -> np.ndarray:
 def press_of(touched: Touch, rotations: np.ndarray, noise: Noise | None = None, seed: int | None = None) -> Press:
     """The press as it is, or with a draw of its noise."""
     moment = np.stack([touched.shape.clamp_moment_Nm[:, 2], -touched.shape.clamp_moment_Nm[:, 1]], axis=1)
-    points, turn = seen_square_on(touched), world_turn(rotations)
+    points, turn = seen_square_on(touched), _world_turn(rotations)
     if seed is not None and noise is not None:
         rng = np.random.default_rng(seed)
         moment = moment + rng.normal(0.0, noise.moment_Nm, moment.shape)

@@ -12,19 +12,15 @@ import pytest
 
 from benchmarks.estimator.scenes import ShapesOf
 from estimator import ContactEstimator
-from estimator.budget.budget import Budget, error_budget
-from estimator.budget.parts import (
-    FRICTION,
-    JOINT_AXES,
-    LENS,
-    MOMENT_NOISE,
-    PIXELS,
+from estimator.budget.budget import (
     RIG_CAUSES,
-    propagate,
-    split,
-    subsets,
+    Budget,
+    _propagate,
+    _split,
+    _subsets,
+    _variance_by_cause,
+    error_budget,
     touch_of_force,
-    variance_by_cause,
 )
 from estimator.contact.common_errors import shared_errors
 from estimator.contact.settings import ContactSettings
@@ -54,8 +50,8 @@ def whitened(rig: Rig) -> np.ndarray:
 def test_parts_add_up_to_what_the_estimator_says() -> None:
     rig, touches = RIG_AXES, three_touches(RIG)
     _, space, given = linearised(rig, touches)
-    now = propagate(given, space)
-    whole = np.sum(list(variance_by_cause(space, now).values()), axis=0)
+    now = _propagate(given, space)
+    whole = np.sum(list(_variance_by_cause(space, now).values()), axis=0)
     np.testing.assert_allclose(whole, now.variance, rtol=1e-9)
     seen = seen_of(rig, touches, points=ContactSettings.most_points)
     estimator = ContactEstimator(rig, "rod", friction=FRICTION_RAD)
@@ -73,7 +69,7 @@ def test_shares_of_correlated_causes_are_shapleys() -> None:
     """Two numbers with correlation ρ: each has its own (1 − ρ²) and, averaged over both orders, its half."""
     rho = 0.6
     rows = [np.array([[2.0, 0.0]]), 5.0 * np.array([[rho, np.sqrt(1 - rho**2)]])]
-    shares = split(subsets(rows, 2))
+    shares = _split(_subsets(rows, 2))
     slopes = np.array([0.7, -0.2])
     by_error = slopes[0] * rows[0][0] + slopes[1] * rows[1][0]
     stds = np.array([2.0, 5.0])
@@ -90,8 +86,8 @@ def test_shares_are_never_negative_and_make_the_whole(rig: Rig) -> None:
     space = linearised(rig, three_touches(RIG))[1]
     np.testing.assert_allclose(space.shares.sum(axis=0), np.eye(space.size), atol=1e-8)
     assert np.linalg.eigvalsh(space.shares).min() > -1e-8
-    assert (LENS in space.causes) == rig.with_lens
-    assert (JOINT_AXES in space.causes) == (not rig.kinematics.axes_known)
+    assert ("lens" in space.causes) == rig.with_lens
+    assert ("joint_axes" in space.causes) == (not rig.kinematics.axes_known)
     assert "clamp_give" not in space.causes
     np.testing.assert_allclose(space.determined @ space.determined, space.determined, atol=1e-8)
 
@@ -102,18 +98,18 @@ def test_a_rig_without_errors_has_no_causes() -> None:
     assert space.causes == ()
     assert space.size == 0
     budget = error_budget(exact, three_touches(RIG), friction=0.0)
-    assert set(budget.variances) <= {PIXELS, MOMENT_NOISE, "force_prior"}
+    assert set(budget.variances) <= {"pixels", "moment_noise", "force_prior"}
     assert budget.first_of_rig is None
     assert budget.results["distance_m"].common_std == 0.0
     assert "the whole rig is exact" in budget.notes[0]
-    assert {*RIG_CAUSES, LENS, JOINT_AXES, FRICTION} <= set(budget.exact)
+    assert {*RIG_CAUSES, "lens", "joint_axes", "friction"} <= set(budget.exact)
 
 
 def test_the_estimator_is_off_as_said_by_every_parameter_and_by_friction() -> None:
     """Rigs off by a third of a deviation in one parameter after the other, contacts that rub: no noise, all weights."""
     touches = three_touches(RIG)
     rig_arrays, space, given = linearised(RIG, touches)
-    now, std = propagate(given, space), whitened(RIG)
+    now, std = _propagate(given, space), whitened(RIG)
     scale = np.sqrt(now.variance)
     said = now.by_errors @ np.linalg.pinv(rig_arrays.axes / std[:, None])
     size, count = 0.3, len(std)
@@ -134,7 +130,7 @@ def test_common_errors_are_those_of_a_recording() -> None:
     rig_arrays, space, given = linearised(RIG_AXES, touches, 0.2)
     seen = seen_of(RIG_AXES, touches)
     shared = shared_errors(RIG_AXES, table_of(seen)).point_m[..., :-1]
-    said = propagate(given, space).by_errors[:, 3:]
+    said = _propagate(given, space).by_errors[:, 3:]
     np.testing.assert_allclose((shared**2).sum(axis=(1, 2)), (said**2).sum(axis=(1, 2)), rtol=0.06)
     size = rig_arrays.axes.shape[1]
     np.testing.assert_allclose(shared[..., :size], said[..., :size], atol=0.08 * np.abs(said).max())
@@ -160,15 +156,19 @@ def test_knowing_a_cause_better_is_what_a_rig_with_that_knowledge_has() -> None:
     _, space, here = linearised(RIG, touches)
     sensor = replace(RIG.moment_sensor, std_Nm=factor * RIG.moment_sensor.std_Nm)
     others = [
-        (PIXELS, factor, replace(RIG, image=replace(RIG.image, noise_px=factor * RIG.image.noise_px)), FRICTION_RAD),
-        (MOMENT_NOISE, factor, replace(RIG, moment_sensor=sensor), FRICTION_RAD),
-        (FRICTION, factor, RIG, factor * FRICTION_RAD),
-        *((cause, part, known_better(cause, part), FRICTION_RAD) for cause in ("bow", LENS) for part in (0.0, factor)),
+        ("pixels", factor, replace(RIG, image=replace(RIG.image, noise_px=factor * RIG.image.noise_px)), FRICTION_RAD),
+        ("moment_noise", factor, replace(RIG, moment_sensor=sensor), FRICTION_RAD),
+        ("friction", factor, RIG, factor * FRICTION_RAD),
+        *(
+            (cause, part, known_better(cause, part), FRICTION_RAD)
+            for cause in ("bow", "lens")
+            for part in (0.0, factor)
+        ),
     ]
     for cause, part, rig, friction in others:
         _, other, there = linearised(rig, touches, friction)
-        less = propagate(here, space, cause, part).variance
-        np.testing.assert_allclose(less, propagate(there, other).variance, rtol=1e-3, err_msg=cause)
+        less = _propagate(here, space, cause, part).variance
+        np.testing.assert_allclose(less, _propagate(there, other).variance, rtol=1e-3, err_msg=cause)
 
 
 @pytest.fixture(scope="module")
@@ -205,7 +205,7 @@ def sampled(draws: int, seed: int, cause: str, made_by: ShapesOf = rung_shapes) 
     rng, touches = np.random.default_rng(seed), three_touches(RIG)
     _, space, given = linearised(RIG, touches)
     rig, rubs, friction = RIG, FRICTION_RAD * rng.normal(size=draws), FRICTION_RAD
-    if cause == FRICTION:
+    if cause == "friction":
         rubs, friction = 0.0 * rubs, 0.0
     elif cause:
         rig, rows = known_better(cause, 0.0), rows_of(cause)
@@ -215,10 +215,10 @@ def sampled(draws: int, seed: int, cause: str, made_by: ShapesOf = rung_shapes) 
     axes = RigArrays.from_rig(rig, FRICTION_RAD).axes
     steps = rng.normal(size=(draws, axes.shape[1])) @ axes.T
     off = errors(rig, steps, touches, rubs, rng, friction, made_by)
-    return np.sqrt((off**2).mean(axis=0)), np.sqrt(propagate(given, space, cause, 0.0).variance)
+    return np.sqrt((off**2).mean(axis=0)), np.sqrt(_propagate(given, space, cause, 0.0).variance)
 
 
-@pytest.mark.parametrize(("cause", "draws"), [("", 60), (FRICTION, 40)])
+@pytest.mark.parametrize(("cause", "draws"), [("", 60), ("friction", 40)])
 def test_sampled_errors_are_as_large_as_predicted(cause: str, draws: int) -> None:
     """Rigs, noise and friction drawn as they are said to be; and again where friction is known to be none."""
     drawn, said = sampled(draws, 3, cause)

@@ -9,8 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.object.friction import Friction, friction
-from estimator.object.friction.coefficient import Angles, FrictionAngles, FrictionTouches, coefficient
-from estimator.object.friction.friction import friction_touches
+from estimator.object.friction.friction import (
+    _Angles,
+    _coefficient,
+    _friction_touches,
+    _FrictionAngles,
+    _FrictionTouches,
+)
 from estimator.object.surface import Surface, reconstruct, touches_of
 
 from .rubbed import PRIOR_RAD, WIRE_M, Errors, Rubbed, rubbed
@@ -126,7 +131,7 @@ def test_the_prior_of_the_friction_angle_is_taken_out_again() -> None:
     for seed in range(10):
         given = rubbed(0.4, np.random.default_rng(seed), slip_rad=0.9, count=12, errors=Errors(lean_rad=0.1))
         surface = shaped(given)
-        found.append(friction_touches(given.table, surface, given.track, given.shared, PRIOR_RAD)[0])
+        found.append(_friction_touches(given.table, surface, given.track, given.shared, PRIOR_RAD)[0])
     angle = np.concatenate([rubs.longitudinal.angle_rad for rubs in found])
     std = np.concatenate([rubs.longitudinal.std_rad for rubs in found])
     truth = np.arctan(0.4 * np.sin(0.9) * np.cos(np.arctan(0.4 * np.cos(0.9))))
@@ -212,7 +217,7 @@ def test_unknown_normals_lie_in_the_cone_about_the_force() -> None:
     assert (error / found.normals.std_rad[vague]).max() < 2.5
 
 
-def drawn(mu: float, rng: np.random.Generator, count: int = 40, one_way: bool = False) -> FrictionTouches:
+def drawn(mu: float, rng: np.random.Generator, count: int = 40, one_way: bool = False) -> _FrictionTouches:
     """Touches straight from their statistics: a common roll, normals that err alike nearby, own noise."""
     way = np.ones(count) if one_way else np.where(np.arange(count) < count // 2, 1.0, -1.0)
     place = np.linspace(0, 1, count) if one_way else np.concatenate([np.linspace(0, 1, count // 2)] * 2)[:count]
@@ -224,18 +229,18 @@ def drawn(mu: float, rng: np.random.Generator, count: int = 40, one_way: bool = 
     seen = angle + slip_std * rng.normal(size=count)
     expected = -np.arctan(mu * way * np.cos(angle))
     nothing = np.full(count, np.nan)
-    return FrictionTouches(
+    return _FrictionTouches(
         used_as=np.full(count, "sliding"),
         slides=np.ones(count, bool),
         spread_across=np.ones(count, bool),
-        lateral=Angles(
+        lateral=_Angles(
             expected + modes @ rng.normal(size=modes.shape[1]) + own * rng.normal(size=count),
             np.full(count, own),
             modes,
         ),
         normal_std_rad=np.zeros(count),
         normal_modes_rad=np.hstack([np.zeros((count, 1)), normal]),
-        longitudinal=Angles(nothing, nothing, 0.0 * modes),
+        longitudinal=_Angles(nothing, nothing, 0.0 * modes),
         slip=np.stack([way * np.cos(seen), np.sin(seen)], axis=1),
         slip_std_rad=np.full(count, slip_std),
     )
@@ -244,7 +249,7 @@ def drawn(mu: float, rng: np.random.Generator, count: int = 40, one_way: bool = 
 def covered(mu: float, draws: int, one_way: bool, seed: int = 0) -> tuple[float, float]:
     """Share of intervals that hold the truth, and the mean square of the error in deviations."""
     rng = np.random.default_rng([seed, int(100 * mu), one_way])
-    found = [coefficient(FrictionAngles.of(drawn(mu, rng, one_way=one_way))) for _ in range(draws)]
+    found = [_coefficient(_FrictionAngles.of(drawn(mu, rng, one_way=one_way))) for _ in range(draws)]
     inside = [each.interval[0] <= mu + 1e-9 and mu <= each.interval[1] for each in found]
     return float(np.mean(inside)), float(np.mean([((each.mu - mu) / each.std) ** 2 for each in found]))
 

@@ -15,9 +15,8 @@ from benchmarks.object.scenes import CASES, RIGID, SETUP, SOFT, Recorded, contac
 from benchmarks.recording.recording import lengthened, played
 from estimator.contact.common_errors import shared_errors
 from estimator.object.estimate import estimate_object
-from estimator.object.next_touch import FRICTION, STIFFNESS, SURFACE, JointLimits, NextTouch, next_touch
-from estimator.object.next_touch.plan import Options, places, touches_within
-from estimator.object.next_touch.reach import surface_std
+from estimator.object.next_touch import JointLimits, NextTouch, next_touch
+from estimator.object.next_touch.plan import _Options, _places, _surface_std, _touches_within
 from estimator.object.surface import touches_of
 from estimator.object.surface.build import fitted, surely_known_m
 from estimator.object.surface.fit import SurfaceFit, fit
@@ -46,7 +45,7 @@ def made(one: NextTouch, name: str, stiffness: float, rig: Rig, friction: float 
     """The touch as the true rig and the static rod make it: nine frames to the press, and on to a stroke's end."""
     begin, press, end = (np.array(each) for each in (one.begin_rad, one.press_rad, one.end_rad))
     path = [begin + share * (press - begin) for share in np.linspace(0.0, 1.0, 9)]
-    path += [press + share * (end - press) for share in np.linspace(0.0, 1.0, 20)[1:] if one.goal == FRICTION]
+    path += [press + share * (end - press) for share in np.linspace(0.0, 1.0, 20)[1:] if one.goal == "friction"]
     path += [path[-1] + share * (begin - press) for share in (0.3, 0.6, 0.9, 1.1)]
     obj = next(each for each in CASES if each.name == name).make(stiffness, friction)
     return play(SETUP.rig(), obj, [[Joints(*map(float, each)) for each in path]]).noisy(np.random.default_rng(7), rig)
@@ -58,7 +57,7 @@ def with_touch(table: ContactTable, new: Recorded) -> ContactTable:
     return ContactTable.joined([table, replace(more, frame=more.frame + len(table), time_s=time)])
 
 
-def chosen(options: Options) -> list[NextTouch]:
+def chosen(options: _Options) -> list[NextTouch]:
     """The best touch, then some at random."""
     possible = np.flatnonzero(np.isfinite(options.std_after))
     best = int(np.nanargmin(options.std_after))
@@ -69,10 +68,10 @@ def solved(table: ContactTable, rig: Rig) -> SurfaceFit:
     return fitted(touches_of(table, shared_errors(rig, table)), 0.5 * rig.antenna.diameter_m)[0]
 
 
-def surface_deviation(table: ContactTable, rig: Rig, place: SurfaceFit, options: Options) -> float:
+def surface_deviation(table: ContactTable, rig: Rig, place: SurfaceFit, options: _Options) -> float:
     """Rms over where an earlier fit was touched, and could have been."""
     found, square = solved(table, rig), []
-    for index, (one, x) in enumerate(zip(place.patches, places(place, options.reach), strict=True)):
+    for index, (one, x) in enumerate(zip(place.patches, _places(place, options.reach), strict=True)):
         if one.wide:
             points, normals, _ = place.heights(index, x)
         else:
@@ -82,7 +81,7 @@ def surface_deviation(table: ContactTable, rig: Rig, place: SurfaceFit, options:
             np.min(np.linalg.norm(points[:, None] - found.point_m[m.members], axis=2), axis=1) for m in found.patches
         ]
         patch = np.argmin(away, axis=0)
-        square.append(surface_std(found, patch, points, normals) ** 2)
+        square.append(_surface_std(found, patch, points, normals) ** 2)
     return float(np.sqrt(np.mean(np.concatenate(square))))
 
 
@@ -94,16 +93,16 @@ def stiffness_deviation(table: ContactTable, rig: Rig) -> float:
     )
 
 
-def after_each(goal: str, name: str, stiffness: float, frames: int, seed: int) -> tuple[float, np.ndarray, Options]:
+def after_each(goal: str, name: str, stiffness: float, frames: int, seed: int) -> tuple[float, np.ndarray, _Options]:
     """Deviation of the goal before, and after the best touch and each of the random ones, simulated."""
     table, rig = given(name, stiffness, frames, seed)
-    options = touches_within(table, rig, goal, LIMITS)
+    options = _touches_within(table, rig, goal, LIMITS)
     place = solved(table, rig)
 
     def deviation(of: ContactTable) -> float:
-        if goal == SURFACE:
+        if goal == "surface":
             return surface_deviation(of, rig, place, options)
-        if goal == STIFFNESS:
+        if goal == "stiffness":
             return stiffness_deviation(of, rig)
         low, high = estimate_object(of, rig, events=False).friction.interval
         return float(high - low)
@@ -113,8 +112,8 @@ def after_each(goal: str, name: str, stiffness: float, frames: int, seed: int) -
 
 
 @cache
-def on_sphere() -> tuple[float, np.ndarray, Options]:
-    return after_each(SURFACE, "sphere", RIGID, 74, 1)
+def on_sphere() -> tuple[float, np.ndarray, _Options]:
+    return after_each("surface", "sphere", RIGID, 74, 1)
 
 
 def told_more(before: float, after: np.ndarray, least: float) -> None:
@@ -134,7 +133,7 @@ def test_the_proposed_touch_tells_more_of_the_surface_than_random_ones() -> None
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("goal", "name", "stiffness", "frames", "least"),
-    [(STIFFNESS, "cylinder", SOFT, 74, 1.5), (FRICTION, "sphere", RIGID, 37, 1.0)],
+    [("stiffness", "cylinder", SOFT, 74, 1.5), ("friction", "sphere", RIGID, 37, 1.0)],
 )
 def test_it_tells_more_of_stiffness_and_friction(
     goal: str, name: str, stiffness: float, frames: int, least: float
@@ -145,17 +144,17 @@ def test_it_tells_more_of_stiffness_and_friction(
 
 def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
     table, rig = given("sphere", RIGID, 37)
-    whole = touches_within(table, rig, SURFACE, LIMITS).reach
+    whole = _touches_within(table, rig, "surface", LIMITS).reach
     narrow = replace(LIMITS, tilt_rad=(-0.6, float(np.median(whole.joints_rad[:, 1]))))
-    reach = touches_within(table, rig, SURFACE, narrow).reach
+    reach = _touches_within(table, rig, "surface", narrow).reach
     assert 0 < len(reach) < len(whole)
     for joints in (reach.joints_rad, reach.begin_rad):
         assert narrow.hold(*joints.T).all()
     found = solved(table, rig)
     shown = np.array([surely_known_m(found, index) for index in range(len(found.patches))])
-    assert (surface_std(found, whole.patch, whole.point_m, whole.normal) <= shown[whole.patch]).all()
+    assert (_surface_std(found, whole.patch, whole.point_m, whole.normal) <= shown[whole.patch]).all()
     with pytest.raises(InputError, match="joint limits"):
-        next_touch(table, rig, SURFACE, limits=JointLimits((0.5, 0.6), (0.5, 0.6)))
+        next_touch(table, rig, "surface", limits=JointLimits((0.5, 0.6), (0.5, 0.6)))
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 
 from estimator.contact.motion import Beam
 from estimator.object.track import Event, Track, follow
-from estimator.object.track.follow import frequency, ringing_events, ringing_frames
+from estimator.object.track.follow import _frequency, _ringing_events, _ringing_frames
 from estimator.table.contacts import ContactTable
 
 from .track_tables import RATE_HZ, evidence, evidence_table
@@ -149,11 +149,11 @@ def ringing_table(rate_hz: float, pace_hz: float = 7.0, seconds: float = 2.0) ->
 
 def test_the_frequency_is_told_where_frames_are_many() -> None:
     table = ringing_table(60.0)
-    (event,) = ringing_events(table, ringing_frames(table), STEEL)
+    (event,) = _ringing_events(table, _ringing_frames(table), STEEL)
     assert event.time_s == pytest.approx(0.5, abs=0.1)
     assert " 7." in event.words or " 6.9" in event.words
     few = ringing_table(15.0, pace_hz=4.0)
-    (event,) = ringing_events(few, ringing_frames(few), STEEL)
+    (event,) = _ringing_events(few, _ringing_frames(few), STEEL)
     assert "too fast for 15 frames a second" in event.words
 
 
@@ -163,7 +163,7 @@ def test_a_line_is_found_within_its_deviation(pace_hz: float) -> None:
     for seed in range(20):
         rng = np.random.default_rng(seed)
         time = np.sort(rng.uniform(0.0, 1.2, 50))
-        found = frequency(
+        found = _frequency(
             time, np.sin(2.0 * np.pi * pace_hz * time + seed) + 0.3 * rng.normal(size=50) + 5.0 * time, 15.0
         )
         off.append((found[0] - pace_hz) / found[1])
@@ -171,5 +171,5 @@ def test_a_line_is_found_within_its_deviation(pace_hz: float) -> None:
 
 
 def test_noise_is_not_taken_for_a_line() -> None:
-    found = [frequency(np.arange(40) / 30.0, np.random.default_rng(seed).normal(size=40), 15.0) for seed in range(200)]
+    found = [_frequency(np.arange(40) / 30.0, np.random.default_rng(seed).normal(size=40), 15.0) for seed in range(200)]
     assert sum(each is not None for each in found) <= 3

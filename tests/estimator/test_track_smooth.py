@@ -10,7 +10,7 @@ import pytest
 from benchmarks.estimator.setup import Setup
 from estimator.contact.common_errors import CommonErrors
 from estimator.object.track import follow, smooth
-from estimator.object.track.smooth import kalman_smooth, smoothable_pieces, walk_intensity
+from estimator.object.track.smooth import _kalman_smooth, _smoothable_pieces, _walk_intensity
 from estimator.table.contacts import ContactTable
 
 from .track_tables import Rubbed, rubbed, rubbed_table
@@ -79,7 +79,7 @@ def test_a_break_is_not_smoothed_over() -> None:
     truth = rubbed(np.zeros(COUNT), aside, np.zeros(COUNT))
     table, shared = seen(truth, 3)
     track = follow(table, RIG, shared)
-    several = smoothable_pieces(table, track)
+    several = _smoothable_pieces(table, track)
     assert len(several) == 2
     assert abs(several[1][0] - 25) <= 3
     step = np.where(np.arange(COUNT) >= several[1][0], 0.01, 0.0)[:, None] * [0.0, 0.0, 1.0]
@@ -94,7 +94,7 @@ def test_without_a_walk_the_smoother_is_the_straight_line() -> None:
     rng = np.random.default_rng(5)
     time, variance = np.sort(rng.uniform(0.0, 1.0, 15)), rng.uniform(0.5, 2.0, 15)
     values = 3.0 - 2.0 * time + np.sqrt(variance) * rng.normal(size=15)
-    found, left = kalman_smooth(time, values[:, None], variance[:, None, None], np.zeros(1))
+    found, left = _kalman_smooth(time, values[:, None], variance[:, None, None], np.zeros(1))
     design = np.column_stack([np.ones(15), time])
     covariance = np.linalg.inv(design.T @ (design / variance[:, None]))
     expected = design @ covariance @ design.T @ (values / variance)
@@ -107,5 +107,5 @@ def test_the_walk_is_found_again() -> None:
     for _ in range(10):
         speed = np.cumsum(np.sqrt(2.0 * 0.001) * rng.normal(size=10_000))
         path = np.cumsum(0.001 * speed)[::50]
-        found.append(walk_intensity(0.05 * np.arange(200), path + 0.02 * rng.normal(size=200), np.full(200, 4e-4)))
+        found.append(_walk_intensity(0.05 * np.arange(200), path + 0.02 * rng.normal(size=200), np.full(200, 4e-4)))
     assert np.median(found) == pytest.approx(2.0, rel=0.35)

@@ -12,7 +12,7 @@ import pytest
 from estimator import Contact, ContactEstimator
 from estimator.contact.recording import estimate_pictures
 from estimator.table.contacts import STATUSES, Measured
-from vbaa_calib.core.arrays import LARGEST_NM
+from vbaa_calib.core.arrays import PLAUSIBLE
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.session import Frame
@@ -44,7 +44,7 @@ def test_no_reading_and_no_joint_angle_costs_memory(tmp_path: Path, bright: bool
     first = frame_of(tmp_path, picture(rig, bent), float(bent.moment_Nm[0]))
     factors = [100.0, -100.0, 1e3, 1e4, *rng.choice([-1, 1], 6) * 10 ** rng.uniform(0.5, 4, 6)]
     moments = first.moment_Nm * np.array(factors)
-    moments = np.clip(moments, -LARGEST_NM, LARGEST_NM)
+    moments = np.clip(moments, -PLAUSIBLE.moment_Nm, PLAUSIBLE.moment_Nm)
     sound = list(estimate_pictures(estimator, [first]))
     assert sound[0].contact.status == "ok"
     several = [replaced(first, n + 1, moment, rng.uniform(-3, 3, 2) * (n % 2)) for n, moment in enumerate(moments)]

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from vbaa_calib.core.files import UniqueKeyDumper, read_json, read_yaml, write_json, write_text
 from vbaa_calib.rig import Antenna, Rig
-from vbaa_calib.wizard.store import AcceptedPicture, Journal, RefusedPicture, StepRecord
+from vbaa_calib.wizard.store import AcceptedPicture, _Journal, _RefusedPicture, _StepRecord
 
 from ..test_rig import make_rig
 
@@ -110,10 +110,10 @@ def test_the_wizards_journal(readings: list[dict[str, float]], why: str, length:
     taken = tuple(
         AcceptedPicture(file=f"noload/{k}.png", source=why, sha256="ab", readings=one) for k, one in enumerate(readings)
     )
-    refused = RefusedPicture(source=why, sha256="cd", why=why)
-    journal = Journal(
+    refused = _RefusedPicture(source=why, sha256="cd", why=why)
+    journal = _Journal(
         answers={"antenna_length_mm": length, "jig_turn_deg": turn, "source": "a folder"},
-        steps={"noload": StepRecord(taken=taken, left=(refused,), closed="by hand")},
+        steps={"noload": _StepRecord(taken=taken, left=(refused,), closed="by hand")},
     )
-    back = passed("wizard.json", lambda path: write_json(path, journal.to_dict()), Journal.read)
+    back = passed("wizard.json", lambda path: write_json(path, journal.to_dict()), _Journal.read)
     assert bits(back.to_dict()) == bits(journal.to_dict())

@@ -44,10 +44,10 @@ from vbaa_calib.session.centrelines import read_centrelines
 from vbaa_calib.session.tables import read_loads, read_noload, read_sweep
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.streams.bags import BagWriter, Logged, Topics, open_bag
-from vbaa_calib.streams.devices import datagrams
-from vbaa_calib.streams.recorded import csv_readings, open_lines, open_table, open_video
+from vbaa_calib.streams.devices import _datagrams as messages_of
+from vbaa_calib.streams.recorded import _csv_readings, _open_lines, _open_table, _open_video
 from vbaa_calib.wizard.questions import ReadingsTable
-from vbaa_calib.wizard.store import Journal
+from vbaa_calib.wizard.store import _Journal
 from viz.batch.recordings import recordings_of
 from viz.batch.results import SCHEMA, Results
 from viz.cli.calibrate import _dated
@@ -101,7 +101,7 @@ def _bag(path: Path) -> None:
 
 def _lines(path: Path) -> None:
     with path.open("rb") as stream:
-        _every_message(open_lines(stream, 0.1, path.parent))
+        _every_message(_open_lines(stream, 0.1, path.parent))
 
 
 class _Datagrams:
@@ -117,7 +117,7 @@ class _Datagrams:
 
 
 def _datagrams(path: Path) -> None:
-    received = datagrams(_Datagrams(path), [])  # type: ignore[arg-type]
+    received = messages_of(_Datagrams(path), [])  # type: ignore[arg-type]
     _all_of(iter(partial(next, received), None))
 
 
@@ -146,7 +146,7 @@ READERS = (
     Reader("scene", "scene.yaml", load_scene, seldom=2),
     Reader("rig", "rig.json", Rig.load),
     Reader("camera", "camera.json", Camera.load),
-    Reader("wizard", "store/wizard.json", Journal.read),
+    Reader("wizard", "store/wizard.json", _Journal.read),
     Reader("contacts", "contacts.csv", read_contacts),
     Reader("parquet", "contacts.parquet", read_contacts),
     Reader("recording", "session/recording/recording.csv", lambda path: _of(path, read_recording)),
@@ -183,11 +183,11 @@ READERS = (
     Reader("bag", "stream.bag", _bag, seldom=50),
     Reader("bag_metadata", "stream/metadata.yaml", _bag, seldom=50),
     Reader("bag_database", "stream/stream.db3", _bag, seldom=50),
-    Reader("stream_readings", "stream.csv", lambda path: _all_of(csv_readings(path)[1])),
-    Reader("stream_table", "stream_pictures.csv", lambda path: _every_message(open_table(path))),
+    Reader("stream_readings", "stream.csv", lambda path: _all_of(_csv_readings(path)[1])),
+    Reader("stream_table", "stream_pictures.csv", lambda path: _every_message(_open_table(path))),
     Reader("lines", "stream.jsonl", _lines),
     Reader("datagrams", "datagrams.txt", _datagrams),
-    Reader("video", "stream.avi", lambda path: _every_message(open_video(path)), seldom=50),
+    Reader("video", "stream.avi", lambda path: _every_message(_open_video(path)), seldom=50),
     Reader("batch_list", "list.csv", lambda path: recordings_of([str(path)], path.with_name("rig.json"))),
     Reader("fleet", "fleet.csv", lambda path: _dated([path])),
     Reader("batch", "results/batch.json", _results),

@@ -26,7 +26,7 @@ def test_bombs_pipes_and_dead_links_do_not_hold_up_the_one_picture(tmp_path: Pat
     d.link("/dev/zero")(tmp_path / "zero.png")
     for path in ("good.png", "bomb.png", "giant.png"):
         os.utime(tmp_path / path, (1e9, 1e9))
-    source = FolderSource(tmp_path, pace=FolderSettings(scan_s=0.01, settle_s=0.0, patience_s=0.05))
+    source = FolderSource(tmp_path, pace=FolderSettings(scan_s=0.01, steady_s=0.0, patience_s=0.05))
     until, offered = time.monotonic() + 20.0, []
     while not source.ended and time.monotonic() < until:
         found = source.next(0.1)

@@ -8,6 +8,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,7 @@ class Stage:
 
         monkeypatch.setattr(LiveSource, "forget", begin)
         monkeypatch.setattr(console, "say", note)
-        monkeypatch.setattr(devices, "RETRIES_S", (0.02,) * 5)
+        monkeypatch.setattr(devices, "DEVICES", replace(devices.DEVICES, retries_s=(0.02,) * 5))
         monkeypatch.setattr(live, "_check_device", lambda *_: None)
         # a camera that waits for the program is not one that hangs
         monkeypatch.setattr(live, "StreamSettings", lambda: StreamSettings(open_s=300.0, silence_s=300.0, failures=6))
@@ -122,7 +123,7 @@ def test_a_camera_that_breaks_off_and_comes_back(
     # a second time only when it breaks off for good
     assert sum(BROKE_OFF in text for text in stage.said) in (1, 2)
     assert any("no more pictures" in note for note in summary["notes"])  # gone for good, in the end
-    assert fake.opened == 3 + len(devices.RETRIES_S)
+    assert fake.opened == 3 + len(devices.DEVICES.retries_s)
     other = summary["stream"].get("pictures of another size", 0)
     # the first was given when it was opened, and not counted
     usable = 4 + len(second) - (len(rubbish) if back == "rubbish" else 0)
@@ -134,7 +135,7 @@ def test_an_interrupt_while_a_camera_is_away(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     stage = Stage(monkeypatch)
-    monkeypatch.setattr(devices, "RETRIES_S", (0.02, 3600.0))
+    monkeypatch.setattr(devices, "DEVICES", replace(devices.DEVICES, retries_s=(0.02, 3600.0)))
 
     def interrupted() -> None:
         assert stage.broke_off.wait(60.0)

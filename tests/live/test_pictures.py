@@ -15,7 +15,7 @@ from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.streams.bags import BagWriter, Logged
 from vbaa_calib.streams.pictures import BagPictures, thinned
-from viz.batch.recordings import Recording
+from viz.batch.recordings import BatchRecording
 from viz.batch.results import Results
 from viz.batch.work import BatchSettings, do
 
@@ -96,7 +96,7 @@ def test_a_batch_takes_a_bag(tmp_path: Path) -> None:
     assert main(["estimate", str(bag), "--rig", str(rig), "-o", str(out), "--no-report"]) == 0
     results = Results(tmp_path / "results")
     results.prepare(["vbaa", "batch"])
-    recording = Recording("demo", bag, rig)
+    recording = BatchRecording("demo", bag, rig)
     outcome = do(recording, BatchSettings(background=Path("auto")), results)
     assert (outcome.state, outcome.row["frames"]) == ("done", COUNT)
     one, other = read_contacts(out), read_contacts(results.contacts("demo"))

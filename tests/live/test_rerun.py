@@ -12,7 +12,7 @@ import pytest
 
 from estimator.table.files import write_contacts
 from vbaa_calib.cli.main import main
-from viz.files.rerun_log import RerunLog, open_viewer
+from viz.files.rerun_log import RerunLog, _open_viewer
 
 from .recordings import COUNT
 from .test_live import found
@@ -63,8 +63,8 @@ def test_a_viewer_that_is_opened_is_for_this_machine(
     monkeypatch.setenv("RERUN_CLI_PATH", str(stub))
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    assert {open_viewer(port), open_viewer(port)} == {f"rerun+http://127.0.0.1:{port}/proxy"}
+    assert {_open_viewer(port), _open_viewer(port)} == {f"rerun+http://127.0.0.1:{port}/proxy"}
     assert capfd.readouterr().out == "opened at 127.0.0.1\n"
     stub.write_text("#!/bin/false\n")
     with pytest.raises(OSError, match="does not open"):
-        open_viewer(port + 1 if port < 65535 else port - 1)
+        _open_viewer(port + 1 if port < 65535 else port - 1)

@@ -21,8 +21,8 @@ import numpy as np
 
 from tests.small_scene import small_rig
 from vbaa_calib.streams import Reading, Taken, now_s
-from vbaa_calib.streams.devices import datagrams, udp_socket, with_datagrams
-from vbaa_calib.streams.recorded import open_folder, open_lines
+from vbaa_calib.streams.devices import _datagrams, udp_socket, with_datagrams
+from vbaa_calib.streams.recorded import _open_folder, _open_lines
 
 from .recordings import frames
 
@@ -31,7 +31,7 @@ def lines_of(data: bytes, root: Path) -> tuple[list[Any], list[str]]:
     with tempfile.TemporaryFile() as stream:  # a pipe holds no picture
         stream.write(data)
         stream.seek(0)
-        source = open_lines(stream, 5.0, root)
+        source = _open_lines(stream, 5.0, root)
         return [each for each in source.messages() if each is not None], source.notes
 
 
@@ -60,7 +60,7 @@ def test_lines_on_standard_input() -> None:
 def test_a_stall_ends_in_a_sentence() -> None:
     end, begin = os.pipe()
     with os.fdopen(end, "rb") as stream:
-        source = open_lines(stream, 0.1)
+        source = _open_lines(stream, 0.1)
         assert [each for each in source.messages() if each is not None] == []
     os.close(begin)
     assert source.notes == ["standard input gave nothing for 0.1 s"]
@@ -78,7 +78,7 @@ def test_a_folder_that_fills(tmp_path: Path) -> None:
 
     thread = threading.Thread(target=fill)
     thread.start()
-    source = open_folder(folder, 1.5)
+    source = _open_folder(folder, 1.5)
     several = [each for each in source.messages() if isinstance(each, Taken)]
     thread.join()
     assert len(several) == len(frames())
@@ -97,7 +97,7 @@ def listening_at() -> tuple[socket.socket, int]:
             sender.sendto(b'{"pan_rad": 0}', ("127.0.0.1", port))
         sent_s = now_s()
         time.sleep(0.02)
-        first = next(datagrams(listening, notes))
+        first = next(_datagrams(listening, notes))
         if first is not None and first.time_s < sent_s + 0.01:
             break
     return listening, port
@@ -118,7 +118,7 @@ def test_readings_by_udp() -> None:
     end, begin = os.pipe()
     os.close(begin)
     with os.fdopen(end, "rb") as stream:
-        silent = replace(open_lines(stream, 1.0), messages=nothing)
+        silent = replace(_open_lines(stream, 1.0), messages=nothing)
         source = with_datagrams(silent, listening)
         several = [each for each in source.messages() if isinstance(each, Reading)]
     values = {each.channel: each.value for each in several}
@@ -138,7 +138,7 @@ def sent_and_taken(several: list[bytes], key: bytes | None) -> tuple[list[float]
         for data in several:
             sender.sendto(data, ("127.0.0.1", port))
         time.sleep(0.05)
-        return [each.value for each in iter(partial(next, datagrams(listening, notes, key)), None)], notes
+        return [each.value for each in iter(partial(next, _datagrams(listening, notes, key)), None)], notes
 
 
 def signed(key: bytes, number: int, line: bytes) -> bytes:

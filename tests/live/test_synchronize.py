@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.streams import MessageSource, Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams import now_s as steady_s
-from vbaa_calib.streams.messages import Messages
-from vbaa_calib.streams.recorded import line_messages, open_table, with_readings
+from vbaa_calib.streams.messages import Messages, line_messages
+from vbaa_calib.streams.recorded import _open_table, _with_readings
 from vbaa_calib.streams.synchronize import Synchronized
 
 PICTURE = np.zeros((4, 6), np.uint8)
@@ -269,7 +269,7 @@ def test_one_wrong_row_of_a_table_costs_one_frame(wrong: str, tmp_path: Path) ->
             lines["readings"].append(f"{1.0 + number + part / 200 + off_s},{1e-6 * number}")
     for name, rows in lines.items():
         (tmp_path / f"{name}.csv").write_text("\n".join(rows))
-    source = with_readings(open_table(tmp_path / "pictures.csv"), tmp_path / "readings.csv", 0.0)
+    source = _with_readings(_open_table(tmp_path / "pictures.csv"), tmp_path / "readings.csv", 0.0)
     synchronizer = Synchronizer(Timing(), source.channels, notes=source.notes)
     found = through(synchronizer, *(each for each in source.messages() if each is not None))
     assert len(found) >= 59
@@ -342,7 +342,7 @@ def test_readings_of_a_table_come_to_pictures_whose_first_stamp_is_wrong(by_s: f
         for number in range(380):
             yield taken(0.01 + 0.05 * number + by_s * (number == 0), 5000.0 + 0.05 * number)
 
-    source = with_readings(MessageSource("bag", messages), path, 0.0)
+    source = _with_readings(MessageSource("bag", messages), path, 0.0)
     synchronizer = Synchronizer(Timing(), source.channels, live=False)
     found = through(synchronizer, *(each for each in source.messages() if each is not None))
     assert sum(np.isfinite(each.frame.moment_Nm) for each in found) == 380 - (by_s != 0.0)

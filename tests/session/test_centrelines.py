@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import Centrelines, centrelines, read_centrelines
+from vbaa_calib.session.centrelines import CENTRELINES
 
 HEADER = "frame,u_px,v_px,sigma_px"
 ORDERED = [(frame, frame + 0.1 * k, 100.0 - k, 0.1 + 0.01 * k) for frame in range(30) for k in range(1 + frame % 4)]
@@ -46,7 +48,7 @@ def assert_same(lines: Centrelines, expected: dict[int, np.ndarray]) -> None:
 @pytest.fixture(params=[64, 1 << 20])
 def block(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
     """Bytes that are read at once, the last to the end of a line."""
-    monkeypatch.setattr(centrelines, "BLOCK", request.param)
+    monkeypatch.setattr(centrelines, "CENTRELINES", replace(CENTRELINES, block=request.param))
     return int(request.param)
 
 
@@ -79,7 +81,7 @@ def test_the_same_numbers_however_they_are_written(tmp_path: Path, change) -> No
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
 def test_the_same_numbers_in_any_order(tmp_path: Path, change, monkeypatch: pytest.MonkeyPatch) -> None:
     """Read a few frames at a time."""
-    monkeypatch.setattr(centrelines, "LOT", 7)
+    monkeypatch.setattr(centrelines, "CENTRELINES", replace(CENTRELINES, lot=7))
     lines, expected = read(tmp_path, change(text(ORDERED))), grouped(ORDERED)
     assert_same(lines, expected)
     assert_same(lines, dict(reversed(expected.items())))

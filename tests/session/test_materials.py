@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.antenna.materials import MATERIALS, materials_near
+from vbaa_calib.antenna.materials import MATERIALS, _materials_near
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import json_schema
 from vbaa_calib.session import load_session
@@ -19,8 +19,8 @@ from .files import changed, complaint, write
 @pytest.mark.parametrize("name", MATERIALS)
 def test_a_material_is_named_first_by_its_usual_numbers(name: str) -> None:
     one = MATERIALS[name]
-    assert materials_near(one.youngs_modulus_Pa)[0] == name
-    assert materials_near(one.youngs_modulus_Pa, one.density_kg_m3)[0] == name
+    assert _materials_near(one.youngs_modulus_Pa)[0] == name
+    assert _materials_near(one.youngs_modulus_Pa, one.density_kg_m3)[0] == name
     assert one.has_modulus(one.youngs_modulus_Pa)
     assert one.has_density(one.density_kg_m3)
 
@@ -29,15 +29,15 @@ def test_exactly_those_are_named_that_can_have_the_modulus() -> None:
     rng = np.random.default_rng(5)
     for modulus_Pa in 10 ** rng.uniform(8.0, 12.0, 200):
         within = {name for name, one in MATERIALS.items() if one.has_modulus(modulus_Pa)}
-        assert set(materials_near(modulus_Pa)) == within
+        assert set(_materials_near(modulus_Pa)) == within
         for density in 10 ** rng.uniform(2.9, 4.3, 5):
-            assert set(materials_near(modulus_Pa, density)) <= within
+            assert set(_materials_near(modulus_Pa, density)) <= within
 
 
 @pytest.mark.parametrize(("typed", "meant"), [("stainless steel", "nitinol"), ("stainless steel", "nylon")])
 def test_materials_that_are_taken_for_each_other_share_no_modulus(typed: str, meant: str) -> None:
     low, high = MATERIALS[meant].modulus_range_Pa
-    assert not {typed} & {name for modulus in np.geomspace(low, high, 20) for name in materials_near(modulus)}
+    assert not {typed} & {name for modulus in np.geomspace(low, high, 20) for name in _materials_near(modulus)}
 
 
 @pytest.mark.parametrize("name", MATERIALS)
@@ -56,7 +56,7 @@ def test_a_session_that_names_its_material_needs_no_numbers(root: Path, name: st
         assert antenna.youngs_modulus_Pa == modulus_Pa
         found = antenna.material_doubts
         assert len(found) == doubts
-        assert all(other in found[0].remedy for other in materials_near(modulus_Pa)[:3] if found)
+        assert all(other in found[0].remedy for other in _materials_near(modulus_Pa)[:3] if found)
 
 
 def test_another_word_needs_its_numbers(root: Path) -> None:

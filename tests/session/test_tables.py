@@ -23,7 +23,7 @@ from vbaa_calib.session import (
     tables,
     without_moments,
 )
-from vbaa_calib.session.tables import FrameColumns, numbers_of
+from vbaa_calib.session.tables import _FrameColumns, numbers_of
 
 from .files import changed, complaint, write
 
@@ -92,7 +92,7 @@ class TestRecording:
         path = tmp_path / "recording.csv"
         path.write_text("frame,time_s,pan_rad,tilt_rad,moment_Nm\n7,0,0.1,0.2,1e-3\n4,0.5,0,0,-2e-3\n9,1,0,0,0\n")
         frames = recording_of(path, with_images=False)
-        assert isinstance(frames, FrameColumns)
+        assert isinstance(frames, _FrameColumns)
         assert [str(frame) for frame in frames] == [str(frames[at]) for at in range(3)]
         assert (frames[-1].frame, len(frames[1:]), frames[1:][0].moment_Nm) == (9, 2, -2e-3)
         assert list(numbers_of(frames)) == list(numbers_of(list(frames))) == [7, 4, 9]

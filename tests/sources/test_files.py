@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from vbaa_calib.core.images import read_gray
-from vbaa_calib.sources import Picture, Source, files, open_source
+from vbaa_calib.sources import Picture, PictureSource, files, open_source
 from vbaa_calib.sources.files import FolderSettings, FolderSource
 
-QUICK = FolderSettings(scan_s=0.02, settle_s=0.05, patience_s=0.25)
+QUICK = FolderSettings(scan_s=0.02, steady_s=0.05, patience_s=0.25)
 
 
 def picture(seed: int, suffix: str = ".png") -> bytes:
@@ -153,7 +153,7 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def frames(source: Source) -> list[Picture]:
+def frames(source: PictureSource) -> list[Picture]:
     found = []
     while not source.ended:
         offered = source.next(0.5)

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray
-from vbaa_calib.sources import Source, SourceLost, live
-from vbaa_calib.sources.files import frame_picture, without_secrets
+from vbaa_calib.sources import PictureSource, SourceLost, live
+from vbaa_calib.sources.files import _without_secrets, frame_picture
 from vbaa_calib.sources.live import StreamSettings, open_camera, open_stream
 
 QUICK = StreamSettings(open_s=0.6, silence_s=0.4, failures=3)
@@ -90,7 +90,7 @@ def plug(monkeypatch: pytest.MonkeyPatch):
         fake.forever.set()
 
 
-def use_up(source: Source) -> None:
+def use_up(source: PictureSource) -> None:
     for _ in range(400):
         source.next(0.1)
 
@@ -262,7 +262,7 @@ def test_a_server_that_never_answers_or_is_not_there_is_refused(capfd: pytest.Ca
 @given(st.text(max_size=20), st.text(max_size=20))
 def test_no_password_is_ever_shown(user: str, password: str) -> None:
     secret = f"<{password}>"
-    assert secret not in without_secrets(f"rtsp://{user}:{secret}@host/path")
+    assert secret not in _without_secrets(f"rtsp://{user}:{secret}@host/path")
 
 
 def test_grey_of_a_colour_frame_is_that_of_its_png() -> None:

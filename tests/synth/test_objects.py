@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.geometry import Pose
-from vbaa_calib.simulate.render.object import cast, object_patch, obstacle, pressed_in
+from vbaa_calib.simulate.render.object import _cast, object_patch, obstacle, pressed_in
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, Bump, TouchObject, surface_radius
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
@@ -112,7 +112,7 @@ def test_the_box_is_two_planes_that_meet_in_a_rounding() -> None:
 def test_rays_end_on_the_surface_and_missing_ones_never_touch_it(shape: str) -> None:
     obj, exact = EVERY[shape], shape in ("cylinder", "sphere")
     directions = rays(4000, 0.05) if exact else rays(1500, 0.06)
-    depth, normals, face = cast(obj, ORIGIN, directions)
+    depth, normals, face = _cast(obj, ORIGIN, directions)
     hit = np.isfinite(depth)
     assert 200 < hit.sum() < 3000
     on = hit & (face == 0)
@@ -132,7 +132,7 @@ def test_rays_end_on_the_surface_and_missing_ones_never_touch_it(shape: str) -> 
 def test_the_cylinder_ends_at_its_caps() -> None:
     obj = solid("cylinder", half_length_m=0.01)
     directions = rays(4000, 0.05)
-    depth, _, face = cast(obj, ORIGIN, directions)
+    depth, _, face = _cast(obj, ORIGIN, directions)
     on = np.isfinite(depth)
     along = (ORIGIN + depth[on, None] * directions[on] - CENTRE) @ AXIS
     assert np.abs(along).max() < 0.01 + 1e-12
@@ -142,7 +142,7 @@ def test_the_cylinder_ends_at_its_caps() -> None:
 def test_the_blade_reaches_to_its_edge_and_no_further() -> None:
     obj = EVERY["knife_edge"]
     directions = rays(40000, 0.05)
-    depth, _, _ = cast(obj, ORIGIN, directions)
+    depth, _, _ = _cast(obj, ORIGIN, directions)
     on = np.isfinite(depth)
     inward = (ORIGIN + depth[on, None] * directions[on] - CENTRE) @ WEDGE
     assert on.sum() > 200

@@ -9,8 +9,9 @@ import pytest
 from targets.board import BoardSpec, corner_points, opencv_board
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.plan import board_poses
-from vbaa_calib.simulate.render.board import PAPER, board_patch, outline, print_sheet
+from vbaa_calib.simulate.render.board import board_patch, outline, print_sheet
 from vbaa_calib.simulate.render.picture import digitise, expose, surroundings
+from vbaa_calib.simulate.render.settings import PAINT
 from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.scene import IntrinsicsSpec
 
@@ -67,7 +68,7 @@ def test_squares_begin_at_whole_texels(spec: BoardSpec) -> None:
     black = sheet.texture[top : top + step, left : left + step, 0]
     assert (black == black[0, 0]).all()
     assert black[0, 0] < 0.1 * 65535
-    assert sheet.texture[top - 1, left + 5, 0] == pytest.approx(PAPER * 65535, abs=1)
+    assert sheet.texture[top - 1, left + 5, 0] == pytest.approx(PAINT.paper * 65535, abs=1)
 
 
 def test_the_sheet_covers_the_pixels_inside_its_outline() -> None:

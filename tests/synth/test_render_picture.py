@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.simulate.render.picture import Patch, digitise, expose
+from vbaa_calib.simulate.render.picture import ImagePatch, digitise, expose
 from vbaa_calib.simulate.scene.lens import Lens, invertible, normalise, project, ray_map
 from vbaa_calib.simulate.scene.scene import camera_pose
 
@@ -62,7 +62,7 @@ def test_a_patch_is_blurred_before_it_is_sampled() -> None:
     canvas = np.full((720, 960), 0.2, np.float32)
     square = np.zeros((160, 160), np.float32)
     square[60:100, 70:90] = 1.0
-    grey = expose(scene, canvas, [Patch(100, 50, 4, 0.8 * square, square)]) / 255 - 0.2
+    grey = expose(scene, canvas, [ImagePatch(100, 50, 4, 0.8 * square, square)]) / 255 - 0.2
     # what it adds in all, and where its middle is: sub-pixel i of pixel p lies at p + (i + 0.5)/4 - 0.5
     assert grey.sum() == pytest.approx(0.6 * 40 * 20 / 16, rel=1e-4)
     rows, columns = np.mgrid[:720, :960]

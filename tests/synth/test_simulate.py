@@ -19,12 +19,12 @@ from vbaa_calib import session as session_files
 from vbaa_calib.cli import simulate as simulate_cli
 from vbaa_calib.simulate.plan import AntennaShot, Plan, plan
 from vbaa_calib.simulate.scene.lens import project
-from vbaa_calib.simulate.scene.scene import Scene, bundled_names, bundled_scene, true_rod
+from vbaa_calib.simulate.scene.scene import SceneSpec, _bundled_names, bundled_scene, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
 
 
 @functools.cache
-def _bundled(name: str) -> tuple[Scene, Plan]:
+def _bundled(name: str) -> tuple[SceneSpec, Plan]:
     scene = load_scene(bundled_scene(name))
     return scene, plan(scene)
 
@@ -179,7 +179,7 @@ def test_centrelines_stand_in_for_the_recordings_pictures(written: Path, tmp_pat
 
 
 def test_every_bundled_scene_can_be_carried_out() -> None:
-    assert bundled_names() == [*SESSIONS, "whiskers"]
+    assert _bundled_names() == [*SESSIONS, "whiskers"]
     for name in SESSIONS:
         scene, planned = _bundled(name)
         frames = planned.truth["frames"]

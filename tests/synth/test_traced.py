@@ -22,10 +22,10 @@ from vbaa_calib.simulate.render.meshes import Triangles, object_mesh, tube_mesh
 from vbaa_calib.simulate.render.picture import studio
 from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
-from vbaa_calib.simulate.scene.scene import Joints, Scene, true_rod
+from vbaa_calib.simulate.scene.scene import Joints, SceneSpec, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.shots import seen_antenna, wires_of
-from vbaa_calib.simulate.traced.tracer import Exposure, Tracer, load_mitsuba
+from vbaa_calib.simulate.traced.tracer import Exposure, Tracer, _load_mitsuba
 from vbaa_calib.simulate.traced_shots import TracedPictures
 
 X, Y, Z = np.eye(3)
@@ -105,7 +105,7 @@ def test_labels_show_what_was_drawn(tmp_path: Path) -> None:
             assert at == pytest.approx([float(contact["u_px"]), float(contact["v_px"])], abs=0.05)
 
 
-def _small(folder: Path, traced: dict[str, object]) -> Scene:
+def _small(folder: Path, traced: dict[str, object]) -> SceneSpec:
     (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(1, (3,)) | {"traced": traced}))
     return load_scene(folder / "scene.yaml")
 
@@ -178,7 +178,7 @@ def test_each_stretch_has_its_own_surface(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def traced_scene(tmp_path: Path) -> Scene:
+def traced_scene(tmp_path: Path) -> SceneSpec:
     pytest.importorskip("mitsuba", reason="the extra `render` is not installed")
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(small_scene(1, (1,)) | {"traced": {"samples": 64}}))
     return load_scene(tmp_path / "scene.yaml")
@@ -192,7 +192,7 @@ def _centroids(picture: np.ndarray, pixels: np.ndarray, normals: np.ndarray, rea
     return (profile * t).sum(axis=1) / profile.sum(axis=1)
 
 
-def test_a_traced_antenna_lies_where_its_truth_says(traced_scene: Scene) -> None:
+def test_a_traced_antenna_lies_where_its_truth_says(traced_scene: SceneSpec) -> None:
     # an independent route: the centroid of a white tube on black, through a distorted lens
     scene, rays = traced_scene, studio(traced_scene.lens, traced_scene.picture, np.random.default_rng(0)).rays
     rod, joints = true_rod(scene), Joints(0.3, -0.2)
@@ -200,7 +200,7 @@ def test_a_traced_antenna_lies_where_its_truth_says(traced_scene: Scene) -> None
     curve = (shape.arclength_m[0], shape.points_m[0], scene.radius_m)
     white = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.9}}
     poses = scene.T_world_camera(joints), scene.T_world_antenna(joints)
-    tracer = Tracer(load_mitsuba(), scene, rays, {}, 1.0)
+    tracer = Tracer(_load_mitsuba(), scene, rays, {}, 1.0)
     # a lamp in the camera lights both flanks alike
     lamp = {
         "type": "point",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from targets.jig import write_jig
+from targets.jig import _write_jig
 from vbaa_calib.session.settings import read_pose
 
 SIZES = {"margin_mm": 5.0, "thickness_mm": 3.0, "wire_mm": 0.8}
@@ -34,7 +34,7 @@ def volume_mm3(corners: np.ndarray) -> float:
 @pytest.mark.parametrize("squares", [(9, 7), (3, 2)])
 def test_solids_are_closed_and_of_the_sizes_asked_for(squares: tuple[int, int], tmp_path: Path) -> None:
     outline = 12.0 * squares[0], 12.0 * squares[1]
-    write_jig(tmp_path, outline, **SIZES)
+    _write_jig(tmp_path, outline, **SIZES)
     parts = {name: triangles(tmp_path / f"{name}.stl") for name in ("jig", "clamp", "cap")}
     for corners in parts.values():
         points = np.round(corners, 4)
@@ -56,7 +56,7 @@ def test_solids_are_closed_and_of_the_sizes_asked_for(squares: tuple[int, int], 
 
 def test_the_boards_pose_is_that_of_the_tray(tmp_path: Path) -> None:
     """Its back lies on the floor, its plate against both walls, its face looks to the camera and below the antenna."""
-    text = write_jig(tmp_path, (108.0, 84.0), **SIZES)
+    text = _write_jig(tmp_path, (108.0, 84.0), **SIZES)
     jig = yaml.safe_load(text)["jig"]
     pose = read_pose(jig["T_antenna_board"], "jig.yaml", "jig")
     corners = pose @ (1e-3 * np.array([[0.0, 0.0, 0.0], [108.0, 84.0, 0.0], [0.0, 0.0, -3.0]]))
@@ -73,5 +73,5 @@ def test_the_boards_pose_is_that_of_the_tray(tmp_path: Path) -> None:
 def test_sizes_that_cannot_be_printed_are_refused(tmp_path: Path) -> None:
     for wrong in ({"wire_mm": 0.1}, {"thickness_mm": 9.0}):
         with pytest.raises(ValueError, match="needed"):
-            write_jig(tmp_path / "none", (108.0, 84.0), **(SIZES | wrong))
+            _write_jig(tmp_path / "none", (108.0, 84.0), **(SIZES | wrong))
     assert not (tmp_path / "none").exists()

@@ -18,7 +18,7 @@ from targets.sheet import (
     lay_out,
     paper_named,
 )
-from targets.write_sheet import as_pdf, board_shapes, draw, on_screen, ruler_origin
+from targets.write_sheet import _board_shapes, _ruler_origin, as_pdf, draw, on_screen
 from vbaa_calib.detect.board.board_file import load_board
 
 A4_BOARD = BoardSpec(11, 7, 0.020, 0.015)
@@ -68,7 +68,7 @@ def test_random_boards_are_drawn_as_opencv_draws_them(seed: int) -> None:
     spec = BoardSpec(*counts, 1e-3 * side, 1e-3 * marker, f"DICT_{bits}X{bits}_100", bool(rng.integers(2)))
     width, height = spec.squares_x * side, spec.squares_y * side
     black = np.zeros((height, width), bool)
-    for shape in board_shapes(spec):
+    for shape in _board_shapes(spec):
         for loop in shape:
             corners = np.round(np.array(loop)).astype(int)
             np.testing.assert_allclose(loop, corners, atol=1e-9)
@@ -90,7 +90,7 @@ def test_rulers_are_measured_on_the_drawing(paper: str) -> None:
     """End line to end line along both rulers, and every tick between, in the picture."""
     spec = BoardSpec(7, 5, 0.012, 0.009)
     picture, layout, px_per_mm = drawn(spec, paper, 400)
-    x0, y_line, x_line, y0 = ruler_origin(layout)
+    x0, y_line, x_line, y0 = _ruler_origin(layout)
     row = picture[round((y_line + 1.0) * px_per_mm[1])]
     column = picture[:, round((x_line - 1.0) * px_per_mm[0])]
     left, right = round((x0 - 2) * px_per_mm[0]), round((x0 + layout.ruler_x + 2) * px_per_mm[0])

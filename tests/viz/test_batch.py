@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from viz.batch import cluster, work
 from viz.batch.cluster import Where, client_of
-from viz.batch.recordings import Recording, recordings_of
+from viz.batch.recordings import BatchRecording, recordings_of
 from viz.batch.results import Results
 from viz.batch.work import BatchSettings
 
@@ -72,7 +73,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def batch(
-    client: Client, given: Sequence[Recording], results: Results, settings: BatchSettings | None = None
+    client: Client, given: Sequence[BatchRecording], results: Results, settings: BatchSettings | None = None
 ) -> dict[str, work.Outcome]:
     results.prepare([])
     with results.locked():
@@ -164,7 +165,7 @@ def test_what_is_wrong_is_named_and_the_rest_goes_on(
 ) -> None:
     """A corrupt recording and one that kills its worker every time; mended, only these are done again."""
     # each time costs a new worker's imports
-    monkeypatch.setattr(cluster, "TIMES_AGAIN", 1)
+    monkeypatch.setattr(cluster, "POOL", replace(cluster.POOL, retries=1))
     monkeypatch.setattr(client.cluster.scheduler, "allowed_failures", 1)
     own = tmp_path / "own"
     paths = {name: write_recording(own / name, 8, seed) for seed, name in enumerate(("good", "corrupt", DEADLY))}
@@ -178,7 +179,7 @@ def test_what_is_wrong_is_named_and_the_rest_goes_on(
     assert found["good"].state in ("done", "unchanged")  # the deadly one may end its worker, too
     rows = summary(results)
     assert "centrelines.csv" in rows["corrupt"]["sentence"]
-    assert f"lost {cluster.TIMES_AGAIN + 1} times" in rows[DEADLY]["sentence"]
+    assert f"lost {cluster.POOL.retries + 1} times" in rows[DEADLY]["sentence"]
     assert not results.contacts("corrupt").exists()
     lines.write_text(whole)
     paths[DEADLY] = paths[DEADLY].rename(own / "mended")
@@ -201,7 +202,7 @@ def test_rows_are_those_of_estimate(folder: Path, tmp_path: Path) -> None:
     expected = serial(path, rig, tmp_path / "one.parquet")
     for threads in (1, 3):
         results = Results(tmp_path / f"results{threads}")
-        row = work.do(Recording("one", path, rig), BatchSettings(threads=threads), results).row
+        row = work.do(BatchRecording("one", path, rig), BatchSettings(threads=threads), results).row
         assert same_bits(read_table(results.contacts("one"), partitioning=None), expected)
         assert row == results.done("one")
         assert row["free_frames"] > 0
@@ -218,7 +219,7 @@ def test_what_fails_or_is_killed_leaves_no_room_taken(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On a full disk the next recording may find room, and readers of the data set find no half of a file."""
-    results, recording = Results(tmp_path), Recording("s0", folder / "s0", folder / "rig.json")
+    results, recording = Results(tmp_path), BatchRecording("s0", folder / "s0", folder / "rig.json")
     estimated = work.estimate_source
 
     def full(*given: Any) -> Iterator[Any]:

@@ -10,7 +10,7 @@ import pytest
 
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.cli.main import main
-from viz.pages.page import prose
+from viz.pages.page import _prose
 from viz.report.check import page
 
 from ..calibrate.checked_rigs import QUALITY, rig_of, scene, unchanged
@@ -38,7 +38,7 @@ def test_the_page_stands_alone_and_holds_everything(made: SimpleNamespace) -> No
     assert not re.search(r"\bnan\b|\binf\b|None", re.sub(r"base64,[^\"]*", "", text))
     assert "This rig holds." in text
     for finding in [*made.document["findings"], *made.document["session_findings"]]:
-        assert str(prose(finding["question"])) in text
+        assert str(_prose(finding["question"])) in text
     # a gauge for each answer with a difference behind it, four figures of boards, three of the antenna, two maps
     assert text.count('class="gauge"') == sum(one["evidence"] is not None for one in made.document["session_findings"])
     assert len(figures(text)) == 9

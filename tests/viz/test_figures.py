@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from estimator.table.contacts import ContactTable
-from viz.figures.contacts import SLIDING, contact_maps, friction_cone, indentation
-from viz.figures.drawing import SLATE, TEAL, Plot
+from viz.figures.contacts import contact_maps, friction_cone, indentation
+from viz.figures.drawing import Plot
+from viz.figures.settings import STYLE
 from viz.figures.time import TimeAxis, curve, signals
 
 from .estimates import STIFFNESS_N_M, object_estimate
@@ -45,7 +46,7 @@ def clock(number: int, step_s: float = 0.1, start_s: float = 0.0) -> TimeAxis:
 @pytest.mark.parametrize("value", [np.full(4, np.nan), np.full(4, 3.0), np.zeros(4)])
 def test_a_curve_of_nothing_or_of_one_value_is_still_a_picture(value: np.ndarray) -> None:
     axes = curve(clock(4), "force, mN", value, np.full(4, np.nan))
-    assert len(points(axes, TEAL)) == np.isfinite(value).sum()
+    assert len(points(axes, STYLE.teal)) == np.isfinite(value).sum()
     sound(axes)
     sound(signals(clock(4), "slip, mm/s", [("a", "#000000", value)], np.full(4, np.nan), "noise"))
 
@@ -63,10 +64,10 @@ def test_the_cone_has_the_slope_that_it_says() -> None:
     )
     axes = friction_cone(friction, force, 0.3)
     assert "α = 16.7°, μ = 0.3" in sound(axes)
-    slides = points(axes, SLIDING)
+    slides = points(axes, STYLE.sliding)
     np.testing.assert_allclose(slides[:, 1] / slides[:, 0], [0.3, -0.3])
     np.testing.assert_allclose(np.linalg.norm(slides, axis=1), [10, 20])
-    slopes = [ends[0, 1, 1] / ends[0, 1, 0] for ends in marks(axes, "cone", TEAL)]
+    slopes = [ends[0, 1, 1] / ends[0, 1, 0] for ends in marks(axes, "cone", STYLE.teal)]
     np.testing.assert_allclose(sorted(slopes), [-0.3, 0.3])
     rim = np.concatenate(marks(axes, "band")).reshape(-1, 2)
     rim = rim[rim[:, 0] > 0]
@@ -77,7 +78,7 @@ def test_the_cone_has_the_slope_that_it_says() -> None:
 def test_indentations_have_the_slope_of_the_compliance(table: ContactTable, determined: bool) -> None:
     surface = object_estimate(table, determined=determined).surface
     axes = indentation(surface, table.picked(surface.touched_row), 0.0, 1 / STIFFNESS_N_M)
-    x, y = points(axes, SLIDING).T
+    x, y = points(axes, STYLE.sliding).T
     np.testing.assert_allclose(x, 1e3 * np.linalg.norm(table.force_world_N[surface.touched_row], axis=1))
     np.testing.assert_allclose(y, x / STIFFNESS_N_M)
     fit = marks(axes, "fit")
@@ -112,6 +113,6 @@ def test_a_map_of_equal_scales(table: ContactTable, variance: float) -> None:
         halves = ends - middle
         np.testing.assert_allclose(2 * np.linalg.norm(halves, axis=0), size, rtol=0.01)
     # opposite triangles turn the same way: none cuts a hole into the other
-    for face in marks(above, "object", SLATE)[0]:
+    for face in marks(above, "object", STYLE.slate)[0]:
         a, b = face[1] - face[0], face[2] - face[0]
         assert a[0] * b[1] - a[1] * b[0] >= 0

@@ -10,17 +10,16 @@ import pytest
 from estimator.table.contacts import ContactTable
 from vbaa_calib.simulate.render.meshes import object_mesh
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
-from viz.parts.assemble import all_parts
-from viz.parts.part import Part, ball
+from viz.parts.assemble import ScenePart, _ball, all_parts
 from viz.scene.readable import thinned
 from viz.scene.scene import Scene, build_scene
 
 
-def named(parts: list[Part], name: str) -> Part:
+def named(parts: list[ScenePart], name: str) -> ScenePart:
     return next(part for part in parts if part.name == name)
 
 
-def pieces(part: Part, count: int) -> np.ndarray:
+def pieces(part: ScenePart, count: int) -> np.ndarray:
     """(count, P, 3) points of each of the stamped meshes."""
     return np.asarray(part.mesh.points, float).reshape(count, -1, 3)
 
@@ -36,7 +35,7 @@ def test_arrows_begin_at_the_contacts_and_run_along_the_force(scene: Scene) -> N
 
 def test_ellipsoids_are_two_deviations_large_times_what_the_legend_says(scene: Scene) -> None:
     part = named(all_parts(scene), "spread")
-    chosen = thinned(np.arange(90), part.mesh.n_points // ball(2).n_points)
+    chosen = thinned(np.arange(90), part.mesh.n_points // _ball(2).n_points)
     offset = pieces(part, len(chosen)) - scene.contacts.points_m[chosen][:, None]
     weight = np.linalg.inv(scene.contacts.covariance_m2[chosen])
     distance = np.sqrt(np.einsum("kpi,kij,kpj->kp", offset, weight, offset))

@@ -17,11 +17,11 @@ import pyvista as pv
 from estimator.table.contacts import ContactTable
 from viz.parts.assemble import all_parts
 from viz.render import probe
-from viz.render import screenshot as sheet
 from viz.render.gltf import write_gltf
+from viz.render.screenshot import SHEET, screenshot
 from viz.render.stage import Stage
 from viz.render.turntable import turntable
-from viz.render.window import Controls
+from viz.render.window import _Controls
 from viz.scene.layout import LOOK, view_direction
 from viz.scene.scene import Scene, build_scene
 
@@ -47,16 +47,16 @@ def close_to(pixels: np.ndarray, colour: str, tolerance: int = 60) -> np.ndarray
 
 @pytest.mark.usefixtures("opengl")
 def test_the_picture_shows_rig_and_contacts(scene: Scene, tmp_path: Path) -> None:
-    sheet.screenshot(scene, tmp_path / "scene.png")
+    screenshot(scene, tmp_path / "scene.png")
     pixels = cv2.imread(str(tmp_path / "scene.png"))[..., ::-1]
-    assert pixels.shape == (sheet.TALL, sheet.WIDE, 3)
-    rig = pixels[: sheet.RIG_SIZE[1], : sheet.LEFT]
-    near, strip = pixels[: sheet.NEAR_SIZE[1], sheet.LEFT :], pixels[sheet.NEAR_SIZE[1] :, sheet.LEFT :]
+    assert pixels.shape == (SHEET.tall, SHEET.wide, 3)
+    rig = pixels[: SHEET.rig_size[1], : SHEET.left]
+    near, strip = pixels[: SHEET.near_size[1], SHEET.left :], pixels[SHEET.near_size[1] :, SHEET.left :]
     assert close_to(rig, LOOK["camera"][0]).sum() > 100
     assert close_to(rig, "#0af014").sum() > 100  # the camera's picture of the greatest force
     assert close_to(near, LOOK["antenna"][0]).sum() > 500
     assert (
-        close_to(pixels[sheet.RIG_SIZE[1] :, : sheet.LEFT], LOOK["cones"][0], 10).sum() > 100
+        close_to(pixels[SHEET.rig_size[1] :, : SHEET.left], LOOK["cones"][0], 10).sum() > 100
     )  # its mark in the legend
     # the ends of the scales of force and surface
     assert all(close_to(strip, colour, 12).sum() > 60 for colour in ("#0d0887", "#f9e721", "#085ba0"))
@@ -67,7 +67,7 @@ def test_the_scale_bar_is_as_long_as_it_says(scene: Scene) -> None:
     """A square of known size, drawn in the close-up's projection, is as many pixels wide as the sheet takes it for."""
     centre, radius = scene.bounding_ball_m
     direction = view_direction(scene, height=0.45, liking=0.0)
-    stage = Stage(replace(scene, rig=None), [], size=sheet.NEAR_SIZE)
+    stage = Stage(replace(scene, rig=None), [], size=SHEET.near_size)
     stage.plotter.add_mesh(
         pv.Plane(center=centre, direction=direction, i_size=radius, j_size=radius), color="black", lighting=False
     )
@@ -75,7 +75,7 @@ def test_the_scale_bar_is_as_long_as_it_says(scene: Scene) -> None:
     pixels = np.asarray(stage.plotter.screenshot(return_img=True))
     stage.plotter.close()
     dark = (pixels[..., :3] < 40).all(axis=2)
-    area = dark.sum() * (2 * half / sheet.NEAR_SIZE[1]) ** 2
+    area = dark.sum() * (2 * half / SHEET.near_size[1]) ** 2
     assert area == pytest.approx(radius**2, rel=0.02)
 
 
@@ -123,7 +123,7 @@ def test_gltf_is_sound_and_comes_back_without_opengl(
 
 def test_a_contact_is_picked_stepped_to_and_measured_from(scene: Scene, no_opengl: None) -> None:
     stage = Stage(scene, all_parts(scene))
-    controls = Controls(stage, "force")
+    controls = _Controls(stage, "force")
     points = scene.contacts.points_m
     controls.pick(7)
     assert scene.instants.row[controls.instant] == scene.contacts.row[7]
@@ -144,7 +144,7 @@ def test_a_contact_is_picked_stepped_to_and_measured_from(scene: Scene, no_openg
 def test_a_click_takes_the_contact_that_is_drawn_there(scene: Scene, no_opengl: None, close: bool) -> None:
     """By rays of a pinhole camera, worked out here without VTK's matrices."""
     stage = Stage(scene, all_parts(scene), size=(700, 500))
-    controls, points = Controls(stage, "force"), scene.contacts.points_m
+    controls, points = _Controls(stage, "force"), scene.contacts.points_m
     controls.close = not close
     controls.look_closer()
     camera = stage.plotter.camera

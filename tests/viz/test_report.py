@@ -23,9 +23,9 @@ from estimator.table.files import write_contacts
 from tests.small_scene import small_rig
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
-from viz.report.make import Sources, make_report, scene_picture
+from viz.report.make import Sources, _scene_picture, make_report
 from viz.report.recording import SYMBOLS, Report, page
-from viz.report.words import facts_of, headline, origin
+from viz.report.words import _facts_of, headline, origin
 from viz.scene.scene import Fact, build_scene
 from viz.scene.truth import true_contacts
 
@@ -60,7 +60,7 @@ def text_of(html: str) -> str:
 
 def found_of(table: ContactTable, *, determined: bool = True) -> dict[str, Any]:
     estimate = object_estimate(table, determined=determined)
-    return {"estimate": estimate, "track": estimate.track, "facts": facts_of(estimate)}
+    return {"estimate": estimate, "track": estimate.track, "facts": _facts_of(estimate)}
 
 
 def whole(table: ContactTable, rig: Rig, truth: dict[str, Any], *, determined: bool = True) -> Report:
@@ -107,16 +107,16 @@ def test_a_report_of_contacts_alone(table: ContactTable, shown: slice) -> None:
 
 def test_the_scene_is_drawn_or_a_reason_is_named(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> None:
     free = replace(table, status=np.full(len(table), "no_contact"))
-    assert "<svg" not in scene_picture(free, rig, None, None, None)
-    drawn = scene_picture(table, rig, object_estimate(table), truth, None)
+    assert "<svg" not in _scene_picture(free, rig, None, None, None)
+    drawn = _scene_picture(table, rig, object_estimate(table), truth, None)
     root = ElementTree.fromstring(drawn)
     assert len(root.findall(".//svg[@role='img']")) == 2
     assert "nan" not in drawn.replace("antenna", "")
     radii = [float(radius) for radius in re.findall(r"a([\d.]+) ", "".join(re.findall(r' d="([^"]*)"', drawn)))]
     assert 0.0 < max(radii) < 150.0, "ellipsoids and discs are small parts of the picture"
     assert {"plane C", "camera and its picture", "true object"} <= {span.strip() for span in root.itertext()}
-    assert scene_picture(table, None, None, None, None).count('role="img"') == 1
-    damaged = scene_picture(table, rig, None, {"object": {"shape": "cube"}}, None)
+    assert _scene_picture(table, None, None, None, None).count('role="img"') == 1
+    damaged = _scene_picture(table, rig, None, {"object": {"shape": "cube"}}, None)
     assert "cube" in damaged
     assert "<svg" not in damaged
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.table.contacts import ContactTable, from_points
+from estimator.table.contacts import ContactTable, _from_points
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
-from viz.scene.scene import build_scene, instants_of
+from viz.scene.scene import _instants_of, build_scene
 
 
 @pytest.mark.parametrize(("column", "value"), [("force_world_N", 1e300), ("point_world_m", -1e6)])
@@ -20,13 +20,13 @@ def test_what_no_antenna_reaches_is_refused(table: ContactTable, column: str, va
     numbers = getattr(table, column).copy()
     numbers[3, 1] = value
     with pytest.raises(InputError, match="frame 3 has a contact beyond"):
-        instants_of(replace(table, **{column: numbers}))
+        _instants_of(replace(table, **{column: numbers}))
 
 
 def test_a_long_recording_is_thinned_but_keeps_the_greatest_force(table: ContactTable) -> None:
     strongest = int(np.nanargmax(np.linalg.norm(table.force_world_N, axis=1)))
     for most in (2, 7, 40):
-        instants = instants_of(table, most=most)
+        instants = _instants_of(table, most=most)
         assert most <= len(instants) <= most + 1
         assert instants.row[instants.main] == strongest
         assert (np.diff(instants.row) > 0).all()
@@ -36,7 +36,7 @@ def with_joints(table: ContactTable, kinematics: Kinematics) -> ContactTable:
     """The table as the estimator writes it: with the joints of every frame."""
     angles = np.full((len(table), 2), (0.3, -0.2))
     here = table.located
-    angles[here] = np.column_stack(from_points(kinematics, table.point_antenna_m[here], table.point_world_m[here]))
+    angles[here] = np.column_stack(_from_points(kinematics, table.point_antenna_m[here], table.point_world_m[here]))
     return replace(table, pan_rad=angles[:, 0], tilt_rad=angles[:, 1])
 
 

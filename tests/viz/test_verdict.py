@@ -20,7 +20,7 @@ from estimator.table.files import read_contacts
 from tests.made_once import made_once
 from tests.recordings import write_measured
 from vbaa_calib.cli.main import main
-from viz.batch.recordings import Recording
+from viz.batch.recordings import BatchRecording
 from viz.batch.results import Results
 from viz.batch.work import BatchSettings, do
 
@@ -76,7 +76,9 @@ def test_rows_of_a_wrong_recording_are_contradicted(
     # as a batch, in one file by row groups, the digest with it
     results = Results(tmp_path / "results")
     results.prepare([])
-    outcome = do(Recording("one", folder / "turned", folder / "rig.json"), BatchSettings(reconstruct=True), results)
+    outcome = do(
+        BatchRecording("one", folder / "turned", folder / "rig.json"), BatchSettings(reconstruct=True), results
+    )
     assert outcome.row["verdict"] == found["verdict"]
     assert outcome.row["contradicted"] == found["status"]["contradicted"]
     assert not results.object("one").exists()
@@ -86,7 +88,7 @@ def test_rows_of_a_wrong_recording_are_contradicted(
     with results.summary.open() as stream:
         (row,) = csv.DictReader(stream)
     assert "wrong: the moment readings" in row["verdict"]
-    again = do(Recording("one", folder / "turned", folder / "rig.json"), BatchSettings(), results)
+    again = do(BatchRecording("one", folder / "turned", folder / "rig.json"), BatchSettings(), results)
     assert again.state == "unchanged"
     # the numbers are those without a verdict
     assert estimated(folder, "turned", files["parquet"], capsys, "--no-report")[0] == 1

@@ -14,7 +14,7 @@ from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.questions import QUESTIONS, Question
 from vbaa_calib.wizard.session_state import SessionState
 from vbaa_calib.wizard.store import Store
-from vbaa_calib.wizard.ui import Interrupted, Ui, View
+from vbaa_calib.wizard.ui import Interrupted, Ui, WizardView
 
 from .small_session import answers, tiny_source, unseen_steps
 
@@ -27,7 +27,7 @@ class Typist(Ui):
     """Answers what is asked as its script has it: (key, answer or command), or (pictures to wait for, command)."""
 
     def __init__(self, script: Sequence[tuple[str | int, Any]], store: Store) -> None:
-        super().__init__(View(), interactive=True)
+        super().__init__(WizardView(), interactive=True)
         self.script, self.store, self.offered = list(script), store, dict[str, Any]()
         self.waited = 0
 

@@ -15,7 +15,7 @@ from vbaa_calib.sources.files import Picture, SourceLost, frame_picture
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard import flow as opening
 from vbaa_calib.wizard.steps import PictureCheck
-from vbaa_calib.wizard.store import Journal, Store
+from vbaa_calib.wizard.store import Store, _Journal
 
 from .small_session import Tiny, call, expect_refused, finished, pictures, tiny, tree
 
@@ -36,8 +36,8 @@ def on_picture(patch: pytest.MonkeyPatch, step: str, number: int, event: Callabl
     patch.setitem(flow.STEP_BY_NAME, step, replace(flow.STEP_BY_NAME[step], check=check))
 
 
-def journal(tiny: Tiny) -> Journal:
-    return Journal.read(tiny.session / "wizard.json")
+def journal(tiny: Tiny) -> _Journal:
+    return _Journal.read(tiny.session / "wizard.json")
 
 
 def test_the_source_goes(tiny: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:

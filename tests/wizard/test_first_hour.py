@@ -27,7 +27,7 @@ from vbaa_calib.wizard.questions import Question
 from vbaa_calib.wizard.session_state import SessionState, still_of
 from vbaa_calib.wizard.steps import Progress, Step
 from vbaa_calib.wizard.store import Store
-from vbaa_calib.wizard.ui import Ui, View
+from vbaa_calib.wizard.ui import Ui, WizardView
 from viz.report import check as report
 
 from .small_session import answers
@@ -56,7 +56,7 @@ class Person(Ui):
     """Answers what is asked, counts it, and lets the camera's program write the pictures of a step once it waits."""
 
     def __init__(self, session: Path, camera: Path) -> None:
-        super().__init__(View(), interactive=True)
+        super().__init__(WizardView(), interactive=True)
         self.session, self.camera = session, camera
         self.count, self.said, self.begun, self.asked = 0, list[str](), set[str](), list[str]()
         self.given = answers(session) | {"source": str(camera), "board_thickness_mm": self._thickness_mm()}

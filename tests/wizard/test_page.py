@@ -17,11 +17,11 @@ from vbaa_calib.wizard.capture import GO_ON
 from vbaa_calib.wizard.flow import STEP_BY_NAME
 from vbaa_calib.wizard.page import Page
 from vbaa_calib.wizard.questions import Question
-from vbaa_calib.wizard.server import PageCommand
+from vbaa_calib.wizard.server import _PageCommand
 from vbaa_calib.wizard.session_state import SessionState
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Store
-from vbaa_calib.wizard.ui import LivePicture, Ui, View
+from vbaa_calib.wizard.ui import LivePicture, Ui, WizardView
 
 
 class Shown:
@@ -32,14 +32,14 @@ class Shown:
     def __init__(self, port: int = 0) -> None:
         self.number, self.state = 0, dict[str, Any]()
         self.jpeg: bytes | None = None
-        self.commands: list[PageCommand] = []
+        self.commands: list[_PageCommand] = []
 
     def show(self, state: Mapping[str, Any], jpeg: bytes | None = None) -> int:
         self.number += 1
         self.state, self.jpeg = json.loads(json.dumps(state)), jpeg
         return self.number
 
-    def take_commands(self) -> list[PageCommand]:
+    def take_commands(self) -> list[_PageCommand]:
         taken, self.commands = self.commands, []
         return taken
 
@@ -53,7 +53,7 @@ class Dialogue:
     shown: Shown
     store: Store
 
-    def clicked(self, *commands: PageCommand) -> list[tuple[str, Any]]:
+    def clicked(self, *commands: _PageCommand) -> list[tuple[str, Any]]:
         """What arrives of these."""
         self.shown.commands = list(commands)
         return list(self.page.events(self.ui))
@@ -109,10 +109,10 @@ def test_a_second_click_before_the_first_was_seen_does_nothing(led: Dialogue) ->
     taken(led.store)
     led.ui.say("took one")
     seen = led.shown.number
-    commands = [PageCommand(kind=kind, seen=seen) for kind in ("drop", "drop", "quit")]
+    commands = [_PageCommand(kind=kind, seen=seen) for kind in ("drop", "drop", "quit")]
     assert led.clicked(*commands) == [("drop", None), ("quit", None)]
     led.ui.say("dropped")
-    assert led.clicked(PageCommand(kind="drop", seen=led.shown.number)) == [("drop", None)]
+    assert led.clicked(_PageCommand(kind="drop", seen=led.shown.number)) == [("drop", None)]
 
 
 def test_an_answer_is_for_the_question_that_was_seen(led: Dialogue) -> None:
@@ -120,12 +120,12 @@ def test_an_answer_is_for_the_question_that_was_seen(led: Dialogue) -> None:
     first = led.asked(mass)
     again = led.asked(mass, "too heavy")
     assert led.shown.state["question"]["problem"] == "too heavy"
-    assert led.clicked(PageCommand(kind="answer", value={"mass_g": 5.0}, seen=first)) == []
-    assert led.clicked(PageCommand(kind="answer", value={"pan_deg": 5.0}, seen=again)) == []
-    assert led.clicked(PageCommand(kind="answer", value={"mass_g": 6.0}, seen=again)) == [("answer", 6.0)]
+    assert led.clicked(_PageCommand(kind="answer", value={"mass_g": 5.0}, seen=first)) == []
+    assert led.clicked(_PageCommand(kind="answer", value={"pan_deg": 5.0}, seen=again)) == []
+    assert led.clicked(_PageCommand(kind="answer", value={"mass_g": 6.0}, seen=again)) == [("answer", 6.0)]
 
 
-class Clicking(View):
+class Clicking(WizardView):
     """Gives each of these answers once it is asked."""
 
     def __init__(self, *given: object) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from vbaa_calib.wizard.server import PageCommand, PageServer
+from vbaa_calib.wizard.server import PageServer, _PageCommand
 
 from .browser import BROWSER, Browser
 from .page_client import LIVE, QUESTION, STATE, jpeg, state
@@ -42,7 +42,7 @@ def opened(browser: Browser, server: PageServer, **changed: Any) -> Browser:
     return browser
 
 
-def given(server: PageServer) -> PageCommand:
+def given(server: PageServer) -> _PageCommand:
     """The next command, and that it is the only one."""
     end = time.monotonic() + 10.0
     while not (commands := server.take_commands()):
@@ -83,7 +83,7 @@ def test_a_number_is_typed_and_entered(browser: Browser, server: PageServer, typ
     server.show(state(question=QUESTION, log=["a frame came meanwhile"]))
     page.until("document.getElementById('log').textContent.includes('meanwhile')")
     page.press("Enter", 13)
-    assert given(server) == PageCommand(kind="answer", value={"loads.1.mass": value}, seen=2)
+    assert given(server) == _PageCommand(kind="answer", value={"loads.1.mass": value}, seen=2)
     page.until("document.getElementById('sent').textContent.startsWith('sent: ')")
     server.show(state(question={**QUESTION, "problem": "too heavy"}))
     page.until("document.getElementById('problem').textContent === 'too heavy'")
@@ -95,7 +95,7 @@ def test_buttons_and_the_space_key(browser: Browser, server: PageServer) -> None
     page = opened(browser, server, live=LIVE)
     for kind in ("take", "enough", "drop", "back"):
         page.click(f"[data-kind={kind}]")
-        assert given(server) == PageCommand(kind=kind, seen=1)
+        assert given(server) == _PageCommand(kind=kind, seen=1)
     page.press(" ", 32)
     assert given(server).kind == "take", "and not once more what was clicked before"
     for kind in ("redo", "quit"):

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -15,7 +16,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from vbaa_calib.wizard import server as module
-from vbaa_calib.wizard.server import BODY_LIMIT, FILES, PageCommand, PageServer
+from vbaa_calib.wizard.server import FILES, SERVER, PageServer, _PageCommand
 
 from .page_client import ask, command, cookie, jpeg, raw, state, token
 
@@ -123,7 +124,7 @@ def test_commands_arrive_in_order_and_as_they_are(server: PageServer) -> None:
         assert command(server, json.dumps(sent).encode()).status == 202
     for kind in ("take", "enough", "back", "redo", "drop", "quit"):
         assert command(server, json.dumps({"kind": kind}).encode()).status == 202
-    answers = [PageCommand(kind="answer", value={"loads.1.mass": v}, seen=i) for i, v in enumerate(values)]
+    answers = [_PageCommand(kind="answer", value={"loads.1.mass": v}, seen=i) for i, v in enumerate(values)]
     assert server.take_commands()[: len(values)] == answers
 
 
@@ -137,7 +138,7 @@ WRONG = [
         "NaN", "Infinity", "1e999", "1e16", "9" * 400, "9" * 5000, "[1]", '{"b": 1}', '"\\u001b[2J"', '"two\\nlines"',
         '"\\ud800"', '"' + "x" * 2001 + '"')),
     '{"kind": "answer", "value": {"\\u0000": 1}}', '{"kind": "answer", "value": {"' + "x" * 101 + '": 1}}',
-    "[" * BODY_LIMIT,
+    "[" * SERVER.body_bytes,
 ]  # fmt: skip
 
 
@@ -158,12 +159,12 @@ def test_a_command_is_small_and_json(server: PageServer) -> None:
         "application/jsonp",
     ):
         assert command(server, fine, Content_Type=kind).status == 415
-    assert command(server, b" " * (BODY_LIMIT + 1)).status == 413
+    assert command(server, b" " * (SERVER.body_bytes + 1)).status == 413
     head = (
         f"POST /command HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nCookie: {cookie(server)['Cookie']}\r\n"
         f"Origin: http://127.0.0.1:{server.port}\r\nContent-Type: application/json\r\n"
     )
-    chunk = f"{BODY_LIMIT + 1:x}\r\n{' ' * (BODY_LIMIT + 1)}\r\n0\r\n\r\n"
+    chunk = f"{SERVER.body_bytes + 1:x}\r\n{' ' * (SERVER.body_bytes + 1)}\r\n0\r\n\r\n"
     assert raw(server, f"{head}Transfer-Encoding: chunked\r\n\r\n{chunk}".encode()) == 413
     for length in ("-1", "1e3", "12, 13", "9" * 30):
         assert raw(server, f"{head}Content-Length: {length}\r\n\r\n".encode()) == 400
@@ -188,7 +189,7 @@ def test_state_is_held_until_there_is_news(fresh: PageServer, monkeypatch: pytes
     for client in clients:
         client.join(30)
     assert got == [number + 1] * 30
-    monkeypatch.setattr(module, "NEWS_S", 0.05)
+    monkeypatch.setattr(module, "SERVER", replace(SERVER, news_s=0.05))
     reply = ask(fresh, f"/state?after={number + 1}")
     assert (reply.status, reply.body) == (204, b"")
 
@@ -212,7 +213,7 @@ def test_the_report_and_no_other_file(fresh: PageServer, tmp_path: Path) -> None
 
 
 def test_slow_requests_are_cut_however_their_bytes_trickle(fresh: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "CONNECTION_S", 0.3)
+    monkeypatch.setattr(module, "SERVER", replace(SERVER, connection_s=0.3))
     with socket.create_connection(("127.0.0.1", fresh.port), timeout=30) as slow:
         slow.settimeout(0.05)
         slow.sendall(b"GET / HTTP/1.1\r\n")
@@ -230,9 +231,9 @@ def test_slow_requests_are_cut_however_their_bytes_trickle(fresh: PageServer, mo
 def test_too_many_connections_are_refused_and_leave_room_again(
     fresh: PageServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "CONNECTION_S", 1.0)
+    monkeypatch.setattr(module, "SERVER", replace(SERVER, connection_s=1.0))
     with ExitStack() as stack:
-        for _ in range(module.CONNECTIONS + 20):
+        for _ in range(SERVER.connections + 20):
             stack.enter_context(socket.create_connection(("127.0.0.1", fresh.port), timeout=30))
         fresh.show(state())
         while ask(fresh, "/").status != 200:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard.stillness import ON_A_STAND, Stillness, StillnessDetector
+from vbaa_calib.wizard.stillness import ON_A_STAND, StillnessDetector, _Stillness
 
 SIZE = (640, 360)
 _BOARD = cv2.aruco.CharucoBoard(
@@ -74,11 +74,11 @@ def filmed(
 BOARD = board_scene((0, 0))
 
 
-def held(gate: StillnessDetector, frames: Iterable[tuple[np.ndarray, float]]) -> list[tuple[float, Stillness]]:
+def held(gate: StillnessDetector, frames: Iterable[tuple[np.ndarray, float]]) -> list[tuple[float, _Stillness]]:
     return [(time_s, gate.feed(image, time_s)) for image, time_s in frames]
 
 
-def taken(results: list[tuple[float, Stillness]]) -> list[float]:
+def taken(results: list[tuple[float, _Stillness]]) -> list[float]:
     return [time_s for time_s, result in results if result.take]
 
 

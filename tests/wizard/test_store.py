@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vbaa_calib.sources.files import Picture
-from vbaa_calib.wizard.store import Journal, Store
+from vbaa_calib.wizard.store import Store, _Journal
 
 IMAGE = np.zeros((2, 3), np.uint8)
 
@@ -18,8 +18,8 @@ def picture(name: str, content: bytes | None = None, suffix: str = ".png") -> Pi
     return Picture(name, IMAGE, suffix, name.encode() if content is None else content)
 
 
-def on_disk(store: Store) -> Journal:
-    return Journal.read(store.root / "wizard.json")
+def on_disk(store: Store) -> _Journal:
+    return _Journal.read(store.root / "wizard.json")
 
 
 @pytest.fixture

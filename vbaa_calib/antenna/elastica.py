@@ -1,8 +1,8 @@
 """Large deflections in the deformation plane 𝒟: the planar elastica between the clamp and one contact.
 
 Let u = l − s be the arclength measured back from the contact, ψ(u) = θ_c − θ how far the tangent there lags the one at
-the contact, and α the force's lean: its angle from the antenna's normal at the contact, positive towards the clamp. The
-moment is zero at the contact, so with υ = u·√(F/EI)
+the contact, and α the force's inclination: its angle from the antenna's normal at the contact, positive towards the
+clamp. The moment is zero at the contact, so with υ = u·√(F/EI)
 
     ψ″ = cos(ψ + α),   ψ(0) = ψ′(0) = 0
 
@@ -22,8 +22,6 @@ from numpy.typing import ArrayLike
 from scipy.special import ellipeinc, ellipkinc
 
 from vbaa_calib.native import core
-
-_DEAD_LOAD = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +57,7 @@ def planar_elastica(
     friction_angle_rad : () or (B,), within ±π/2; positive leans the force towards the clamp (it pushes the antenna
         back), negative towards the tip, for either sign of the force. 0 is a frictionless contact.
 
-    A negative arclength or contact distance, or a lean beyond ±π/2, gives NaN.
+    A negative arclength or contact distance, or an inclination beyond ±π/2, gives NaN.
     """
     s, load, contact, sign = _dimensionless(s_m, contact_m, force_N, stiffness_Nm2)
     return _scaled(normal_load(s, load, friction_angle_rad), contact, sign)
@@ -70,39 +68,39 @@ def planar_elastica_dead(
     contact_m: ArrayLike,
     force_N: ArrayLike,
     stiffness_Nm2: ArrayLike,
-    lean_rad: ArrayLike = 0.0,
+    inclination_rad: ArrayLike = 0.0,
 ) -> _PlanarShape:
     """As `planar_elastica`, under a force that keeps its direction: a hanging weight, for instance.
 
-    `lean_rad`, () or (B,), is the force's angle from the normal of the *undeformed* antenna, positive where it pushes
-    the antenna back. Loads a = F·l²/EI above 60, which leave less than 0.1° between antenna and force, give NaN.
+    `inclination_rad`, () or (B,), is the force's angle from the normal of the *undeformed* antenna, positive where it
+    pushes the antenna back. Loads a = F·l²/EI above 60, which leave less than 0.1° between antenna and force, give NaN.
     """
     s, load, contact, sign = _dimensionless(s_m, contact_m, force_N, stiffness_Nm2)
-    lean = np.broadcast_to(np.asarray(lean_rad, float), load.shape)
-    lean = _lean_at_contact(load, np.where(np.abs(lean) < np.pi / 2.0, lean, np.nan))
-    return _scaled(normal_load(s, load, lean), contact, sign)
+    inclination = np.broadcast_to(np.asarray(inclination_rad, float), load.shape)
+    inclination = _inclination_at_contact(load, np.where(np.abs(inclination) < np.pi / 2.0, inclination, np.nan))
+    return _scaled(normal_load(s, load, inclination), contact, sign)
 
 
-def normal_load(s: ArrayLike, load: ArrayLike, lean_rad: ArrayLike = 0.0) -> _PlanarShape:
+def normal_load(s: ArrayLike, load: ArrayLike, inclination_rad: ArrayLike = 0.0) -> _PlanarShape:
     """Shape (B, N) in units of the contact distance: s (N,) or (B, N), contact at s = 1, load a = F·l²/EI ≥ 0 (B,).
 
-    The lean, () or (B,), is measured from the antenna's normal at the contact. What is out of range gives NaN.
+    The inclination, () or (B,), is measured from the antenna's normal at the contact. What is out of range gives NaN.
     """
     along, amount = np.atleast_2d(np.asarray(s, float)), np.atleast_1d(np.asarray(load, float))
-    lean = np.array(np.broadcast_to(np.asarray(lean_rad, float), amount.shape))
+    inclination = np.array(np.broadcast_to(np.asarray(inclination_rad, float), amount.shape))
     # a load too small to bend anything, in place of 0/0
     root = np.sqrt(np.maximum(amount, 1e-200, where=amount >= 0.0, out=np.full(amount.shape, np.nan)))
-    root = np.where(np.abs(lean) < 0.5 * np.pi, root, np.nan)[:, None]
+    root = np.where(np.abs(inclination) < 0.5 * np.pi, root, np.nan)[:, None]
     back = 1.0 - along
     # υ along the bent part; the clamp, where it is √a, rides along as the first column
     bent = np.where(along >= 0.0, np.maximum(back, 0.0), np.nan) * root
     upsilon = np.concatenate([root, bent], -1)
-    psi, cos_integral, sin_integral = core.antenna.universal_curve(upsilon, lean)
+    psi, cos_integral, sin_integral = core.antenna.universal_curve(upsilon, inclination)
     theta = psi[:, :1] - psi[:, 1:]
     onward = (cos_integral[:, :1] - cos_integral[:, 1:]) / root - np.minimum(back, 0.0)
-    aside = (sin_integral[:, :1] - sin_integral[:, 1:]) / root
+    lateral = (sin_integral[:, :1] - sin_integral[:, 1:]) / root
     cos, sin = np.cos(psi[:, :1]), np.sin(psi[:, :1])
-    return _PlanarShape(cos * onward + sin * aside, sin * onward - cos * aside, theta)
+    return _PlanarShape(cos * onward + sin * lateral, sin * onward - cos * lateral, theta)
 
 
 def _dimensionless(
@@ -120,15 +118,17 @@ def _scaled(shape: _PlanarShape, contact_m: np.ndarray, sign: np.ndarray) -> _Pl
     return _PlanarShape(shape.x_m * contact_m, shape.w_m * (sign * contact_m), shape.theta_rad * sign)
 
 
-def _lean_at_contact(load: np.ndarray, lean: np.ndarray) -> np.ndarray:
-    """Lean α (B,) at the contact of a dead force with lean β (B,) at the clamp: √a = F(φ, k), solved for k² > k_β².
+def _inclination_at_contact(load: np.ndarray, inclination: np.ndarray) -> np.ndarray:
+    """Inclination α (B,) at the contact of a dead force inclined by β (B,) at the clamp: √a = F(φ, k), solved for k² >
+    k_β².
 
     With k_β² = (1 − sin β)/2: tan²φ = (k² − k_β²)/(k_β² k′²). In η = −ln(k′²/k_β′²) the load a rises convexly from 0,
     so that Newton's steps never overshoot after the first.
     """
-    m_clamp, rest_clamp = 0.5 * (1.0 - np.sin(lean)), 0.5 * (1.0 + np.sin(lean))
-    amount = np.where(load <= _DEAD_LOAD, np.maximum(load, 1e-200), np.nan)
-    eta = np.minimum(amount * np.cos(lean) ** 2 / (4.0 * rest_clamp), 2.0 * np.sqrt(amount))
+    m_clamp, rest_clamp = 0.5 * (1.0 - np.sin(inclination)), 0.5 * (1.0 + np.sin(inclination))
+    # beyond, the antenna is within 0.1° of the force
+    amount = np.where(load <= 60.0, np.maximum(load, 1e-200), np.nan)
+    eta = np.minimum(amount * np.cos(inclination) ** 2 / (4.0 * rest_clamp), 2.0 * np.sqrt(amount))
     for _ in range(60):
         excess, rest = -rest_clamp * np.expm1(-eta), rest_clamp * np.exp(-eta)
         m = m_clamp + excess
@@ -142,4 +142,4 @@ def _lean_at_contact(load: np.ndarray, lean: np.ndarray) -> np.ndarray:
         eta = eta - step
         if not np.any(np.abs(step) > 1e-14 * eta):
             break
-    return np.arcsin(np.sin(lean) + 2.0 * rest_clamp * np.expm1(-eta))
+    return np.arcsin(np.sin(inclination) + 2.0 * rest_clamp * np.expm1(-eta))

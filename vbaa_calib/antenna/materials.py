@@ -47,7 +47,7 @@ class Material:
             words = (
                 f"Young's modulus is {1e-9 * youngs_modulus_Pa:.4g} GPa, that of {self.name} {low:g} to {high:g} GPa"
             )
-            found.append(Diagnosis("modulus_not_of_material", words, _instead(materials_near(youngs_modulus_Pa))))
+            found.append(Diagnosis("modulus_not_of_material", words, _instead(_materials_near(youngs_modulus_Pa))))
         if not self.has_density(density_kg_m3):
             low, high = self.density_range_kg_m3
             words = f"the density is {density_kg_m3:.4g} kg/m³, that of {self.name} {low:g} to {high:g} kg/m³"
@@ -85,7 +85,7 @@ MATERIALS = {
 """By name, the commonest for whiskers first; session.yaml's `antenna.material` is one of these, or any other word."""
 
 
-def materials_near(youngs_modulus_Pa: float, density_kg_m3: float | None = None) -> tuple[str, ...]:
+def _materials_near(youngs_modulus_Pa: float, density_kg_m3: float | None = None) -> tuple[str, ...]:
     """Names of the materials that can have this Young's modulus (and density, where it is known), the likeliest first.
 
     Likelier is what has the usual value closer, as a part of the material's own range; empty where nothing fits.

@@ -50,7 +50,7 @@ class _RodNumbers(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Rod:
-    """What the antenna is made of and how it is held.
+    """What the antenna is made of and how it is clamped.
 
     Attributes
     ----------

@@ -62,7 +62,7 @@ def _checked_covariance(covariance: Any, count: int) -> np.ndarray:
 
 
 def _numbers(values: Any, name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
-    """A read-only copy of finite numbers, of a shape where one is given."""
+    """A read-only copy of finite numbers, of the wanted shape, if any."""
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -75,9 +75,6 @@ def _numbers(values: Any, name: str, shape: tuple[int, ...] | None = None) -> np
     return array
 
 
-_SAMPLES_PER_SIDE = 64
-
-
 @dataclass(frozen=True)
 class ValidRegion:
     """Where a lens maps one to one, around its axis.
@@ -87,7 +84,7 @@ class ValidRegion:
     ideal_radius : largest radius of X/Z, Y/Z (angle from the axis in rad for the fisheye) trusted in every direction.
     distorted_radius : what it becomes on the sensor's normalized plane. Both are inf where nothing ends.
     half_angle_rad : the same as an angle from the axis.
-    image_fraction : share of the image whose pixels have a ray.
+    image_fraction : share of the image with a ray for each pixel.
     """
 
     ideal_radius: float
@@ -97,7 +94,6 @@ class ValidRegion:
 
 
 SCHEMA = "vbaa.camera/1"
-_MATRIX_NAMES = ("fx", "fy", "cx", "cy")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,7 +130,7 @@ class Camera:
             )
         model = MODELS[self.model]
         matrix, distortion = _checked_matrix(self.matrix), _checked_distortion(self.distortion, model)
-        names = _MATRIX_NAMES + model.coefficient_names[: distortion.size]
+        names = ("fx", "fy", "cx", "cy", *model.coefficient_names[: distortion.size])
         if self.parameter_names and tuple(self.parameter_names) != names:
             raise InputError(f"the parameters are {list(self.parameter_names)}", remedy=f"give them as {list(names)}")
         fx, fy, cx, cy = matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
@@ -272,7 +268,7 @@ class Camera:
     def valid_region(self) -> ValidRegion:
         """Where this lens is one to one, and what share of the image that covers, border pixels included."""
         lens = lens_of(self.intrinsics)
-        columns, rows = (np.linspace(-0.5, size - 0.5, _SAMPLES_PER_SIDE) for size in self.image_size)
+        columns, rows = (np.linspace(-0.5, size - 0.5, 64) for size in self.image_size)
         valid = self.unproject(np.stack(np.meshgrid(columns, rows), -1))[1]
         limit = lens.ideal_limit
         half_angle = limit if self.intrinsics.model.is_fisheye else math.atan(limit)

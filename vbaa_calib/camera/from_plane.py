@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import FARTHEST_M, FARTHEST_PX, as_floats, check_each
+from vbaa_calib.core.arrays import PLAUSIBLE, as_floats, check_each
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import PLANE_C, Pose
 
@@ -30,7 +30,7 @@ def pixels_on_plane(
     InputError : other shapes, what is no number or no covariance, a camera that lies in plane C.
     """
     remedy = "give (..., 2) m on plane C, of one camera"
-    xy = check_each(as_floats(plane_xy_m, "plane_xy_m", remedy), FARTHEST_M, "plane_xy_m", remedy, "infinite")
+    xy = check_each(as_floats(plane_xy_m, "plane_xy_m", remedy), PLAUSIBLE.place_m, "plane_xy_m", remedy, "infinite")
     if xy.ndim == 0 or xy.shape[-1] != 2:
         raise InputError(f"plane_xy_m has shape {xy.shape}", remedy=remedy)
     if abs(T_antenna_camera.translation_m[2]) < 1e-9:
@@ -43,7 +43,7 @@ def pixels_on_plane(
     )
     seen = T_antenna_camera.inverse() @ points
     pixels, valid = camera.project(seen)
-    farthest_px = 0.1 * FARTHEST_PX
+    farthest_px = 0.1 * PLAUSIBLE.pixel_px
     pixels = np.where((valid & crosses)[..., None], np.clip(pixels, -farthest_px, farthest_px), -farthest_px)
     pixels = np.where(missing[..., None], np.nan, pixels)
     if covariance_m2 is None:

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
-
 
 @dataclass(frozen=True)
 class LensModel:
@@ -25,5 +23,14 @@ class LensModel:
         return self.name == "fisheye"
 
 
-_ALL = (LensModel("opencv", _NAMES, (0, 4, 5, 8, 12, 14)), LensModel("fisheye", ("k1", "k2", "k3", "k4"), (4,)))
-MODELS = {model.name: model for model in _ALL}  # name in camera.json → model
+MODELS = {
+    model.name: model
+    for model in (
+        LensModel(
+            "opencv",
+            ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y"),
+            (0, 4, 5, 8, 12, 14),
+        ),
+        LensModel("fisheye", ("k1", "k2", "k3", "k4"), (4,)),
+    )
+}  # name in camera.json → model

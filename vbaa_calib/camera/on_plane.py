@@ -17,9 +17,6 @@ from .models import MODELS
 from .plane import cross, in_plane_axes
 from .tensors import pixel_to_ray
 
-_POSE_NAMES = ("rotation_x", "rotation_y", "rotation_z", "translation_x", "translation_y", "translation_z")
-"""Small motion of the camera, as `Pose.retract` takes it: rotation vector in rad, translation in m, antenna frame."""
-
 
 class CameraOnPlane(torch.nn.Module):
     """Where the rays of pixels meet a plane, in metres.
@@ -68,7 +65,9 @@ class CameraOnPlane(torch.nn.Module):
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """What `calibration_jacobian` differentiates by: the camera's parameters, then the pose's."""
-        return self.camera.parameter_names + _POSE_NAMES
+        # the camera's small motion as `Pose.retract` takes it: rad, then m, antenna frame
+        motion = tuple(f"{kind}_{axis}" for kind in ("rotation", "translation") for axis in "xyz")
+        return self.camera.parameter_names + motion
 
     def forward(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT]:
         """The same as `project`."""

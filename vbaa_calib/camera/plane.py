@@ -10,10 +10,6 @@ from vbaa_calib.core.arrays import Array, ArrayT, gate, like, masked, namespace
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Plane
 
-_GRAZING_RAD = 1e-3  # rays at a smaller angle to the plane are not intersected
-
-_NEAREST_M = 1e-9  # a plane closer to the rays' origin than this passes through it
-
 
 def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -> tuple[Array, Array]:
     """Points (..., 3) where rays meet planes, always finite, and whether they do (...).
@@ -24,7 +20,8 @@ def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -
     xp = namespace(directions)
     slant = (normals * directions).sum(-1)
     height = offsets_m - (normals * origins).sum(-1)
-    valid = (xp.abs(slant) > math.sin(_GRAZING_RAD)) & (xp.abs(height) > _NEAREST_M) & (height * slant > 0)
+    # rays at less than 1e-3 rad to the plane, and planes through their origin, have no intersection
+    valid = (xp.abs(slant) > math.sin(1e-3)) & (xp.abs(height) > 1e-9) & (height * slant > 0)
     slant = xp.where(valid, slant, 1.0)
     range_m = xp.where(valid, height, 0.0) / slant
     return origins + range_m[..., None] * directions, valid

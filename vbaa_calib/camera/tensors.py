@@ -22,9 +22,7 @@ from .lens import Intrinsics, prepared
 from .models import LensModel
 
 _SMALL_ANGLE_SQUARED = 1e-6
-_LEAST_DEPTH = 1e-12  # Z of a unit vector from which on X/Z counts as a number
 _BEFORE_TILT = 12  # coefficients
-_STEPS, _SHORTEST = 24, 1e-3  # of damped Newton
 
 _Matrix = tuple[Array, Array, Array, Array]  # (xx, xy, yx, yy), each (...)
 _Solution = tuple[Tensor, Tensor, Tensor]
@@ -32,16 +30,17 @@ _Solution = tuple[Tensor, Tensor, Tensor]
 
 def pixel_to_ray(intrinsics: Intrinsics, pixels: Tensor) -> tuple[Tensor, Tensor]:
     """Unit rays (..., 3) of pixels (..., 2), and validity; the axis where not valid."""
-    x, y, valid = pixel_to_chart(intrinsics, pixels[..., 0], pixels[..., 1])
+    x, y, valid = _pixel_to_chart(intrinsics, pixels[..., 0], pixels[..., 1])
     return torch.stack(_to_ray(intrinsics.model, x, y), -1), valid
 
 
 def pixel_to_normalized(intrinsics: Intrinsics, pixels: Tensor) -> tuple[Tensor, Tensor]:
     """Ideal (X/Z, Y/Z), (..., 2), of pixels (..., 2), and validity."""
-    x, y, valid = pixel_to_chart(intrinsics, pixels[..., 0], pixels[..., 1])
+    x, y, valid = _pixel_to_chart(intrinsics, pixels[..., 0], pixels[..., 1])
     if intrinsics.model.is_fisheye:
         x, y, z = _to_ray(intrinsics.model, x, y)
-        ahead = z > _LEAST_DEPTH
+        # a unit vector's Z from which on X/Z counts as a number
+        ahead = z > 1e-12
         z, valid = torch.where(ahead, z, 1.0), valid & ahead
         x, y = x / z, y / z
     return torch.stack([x, y], -1), valid
@@ -50,12 +49,12 @@ def pixel_to_normalized(intrinsics: Intrinsics, pixels: Tensor) -> tuple[Tensor,
 def point_to_pixel(intrinsics: Intrinsics, points: Tensor) -> tuple[Tensor, Tensor]:
     """Pixels (..., 2) of points or directions (..., 3) in the camera frame, and validity."""
     finite = torch.isfinite(points).all(-1)
-    x, y, seen = to_chart(intrinsics.model, *torch.where(finite[..., None], points, 0.0).unbind(-1))
-    u, v, valid = chart_to_pixel(intrinsics, x, y)
+    x, y, seen = _to_chart(intrinsics.model, *torch.where(finite[..., None], points, 0.0).unbind(-1))
+    u, v, valid = _chart_to_pixel(intrinsics, x, y)
     return torch.stack([u, v], -1), valid & seen
 
 
-def pixel_to_chart(intrinsics: Intrinsics, u: Tensor, v: Tensor) -> _Solution:
+def _pixel_to_chart(intrinsics: Intrinsics, u: Tensor, v: Tensor) -> _Solution:
     """Ideal point in the model's chart of pixels, each (...), and validity."""
     valid = torch.isfinite(u) & torch.isfinite(v)
     u, v = torch.where(valid, u, 0.0), torch.where(valid, v, 0.0)
@@ -68,7 +67,7 @@ def pixel_to_chart(intrinsics: Intrinsics, u: Tensor, v: Tensor) -> _Solution:
     return x, y, valid & solved
 
 
-def chart_to_pixel(intrinsics: Intrinsics, x: Tensor, y: Tensor) -> _Solution:
+def _chart_to_pixel(intrinsics: Intrinsics, x: Tensor, y: Tensor) -> _Solution:
     """Pixels of ideal points in the model's chart, each (...), and validity."""
     model, c = intrinsics.model, like(x, intrinsics.coefficients)
     valid = _trusted(model, c, x, y)
@@ -79,7 +78,7 @@ def chart_to_pixel(intrinsics: Intrinsics, x: Tensor, y: Tensor) -> _Solution:
     return x * intrinsics.fx + intrinsics.cx, y * intrinsics.fy + intrinsics.cy, valid
 
 
-def to_chart(model: LensModel, X: Tensor, Y: Tensor, Z: Tensor) -> _Solution:
+def _to_chart(model: LensModel, X: Tensor, Y: Tensor, Z: Tensor) -> _Solution:
     """x, y on the model's chart, and whether it is seen, of vectors of any length; x = y = 0 where not."""
     if not model.is_fisheye:
         seen = Z > 0
@@ -151,8 +150,8 @@ def _padded(c: Sequence[Array]) -> tuple[Array, ...]:
 
 
 def _distort(model: LensModel, x: Tensor, y: Tensor, c: Tensor) -> tuple[Tensor, Tensor]:
-    """The distorted point before the sensor's tilt, by kornia, whose gradients others have tested; one point to each of
-    its batches, so that coefficients may broadcast against points."""
+    """The distorted point before the sensor's tilt, by kornia, with gradients that others have tested; one point to
+    each of its batches, so that coefficients may broadcast against points."""
     if model.is_fisheye:
         gain, _, _ = _radial(model, x * x + y * y, c.unbind(-1))
         return x * gain, y * gain
@@ -308,7 +307,7 @@ def _solved(model: LensModel, x: Tensor, y: Tensor, c: Tensor) -> _Solution:
         if x.device.type == "cpu":
             found = _by_core(lens, x[where], y[where])
         else:
-            found = solve_on_device(model, lens, own, x[where], y[where])
+            found = _solve_on_device(model, lens, own, x[where], y[where])
         ideal_x[where], ideal_y[where], valid[where] = found
     return ideal_x, ideal_y, valid
 
@@ -320,10 +319,10 @@ def _by_core(lens: Any, x: Tensor, y: Tensor) -> _Solution:
     return ideal[..., 0], ideal[..., 1], valid
 
 
-def solve_on_device(model: LensModel, lens: Any, c: Sequence[float], x: Tensor, y: Tensor) -> _Solution:
+def _solve_on_device(model: LensModel, lens: Any, c: Sequence[float], x: Tensor, y: Tensor) -> _Solution:
     """Ideal points (...) of distorted points (...) on an untilted sensor, and which of them are valid; the others are
     (0, 0). By Newton from the core's table, each step shortened until it stays inside the region and the residual
-    falls; the same on every device, for those whose memory the core cannot read."""
+    falls; the same on every device, also where the core cannot read the memory."""
     distorted = torch.sqrt(x * x + y * y)
     if lens.undistorted:
         valid = torch.isfinite(distorted) & (distorted < lens.ideal_limit)
@@ -342,10 +341,11 @@ def solve_on_device(model: LensModel, lens: Any, c: Sequence[float], x: Tensor, 
     deep = torch.where(_kept(lens, ideal, at), 1.0, 0.5 * lens.ideal_limit / radius.clip(0.5 * lens.ideal_limit, None))
     ideal = ideal[0] * deep, ideal[1] * deep
     at = _linearize(model, *ideal, c)
-    for _ in range(_STEPS):
+    # damped Newton
+    for _ in range(24):
         off_x, off_y = x - at[0], y - at[1]
         residual = torch.maximum(off_x.abs(), off_y.abs())
-        if bool(((residual <= allowed) | (length < _SHORTEST)).all()):
+        if bool(((residual <= allowed) | (length < 1e-3)).all()):
             break
         xx, xy, yx, yy = at[2:]
         scale = length / (xx * yy - xy * yx)

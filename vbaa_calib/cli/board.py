@@ -17,16 +17,6 @@ from vbaa_calib.core.files import refuse_overwrite, replacing
 if TYPE_CHECKING:
     from targets.board import AprilGrid, BoardWithIds
 
-_SUFFIXES = (".pdf", ".svg", ".png")
-_FINE_MODULE_MM = 0.5
-_MM_PER_INCH = 25.4
-_LARGEST_MM = 10_000.0
-_OF_CHARUCO = ("squares", "square_mm", "marker_mm", "legacy")
-_OF_GRID = ("tags", "tag_mm", "tag_spacing")
-_OF_THE_BOARD = (*_OF_CHARUCO, *_OF_GRID, "dictionary", "first_id", "thickness_mm", "type")
-_TAGS, _SPACING, _TAG_MM = (6, 6), 0.3, range(5, 200)
-_OF_PAPER, _OF_SCREENS = ("paper", "margin_mm"), ("px_per_mm", "screen_ppi")
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -79,9 +69,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the sheet and, where flags described the board, its board.yaml. Returns the numbers."""
     kind = args.output.suffix.lower()
-    if kind not in _SUFFIXES:
-        raise InputError(f"has the suffix {kind!r}", where=args.output, remedy=f"take one of {', '.join(_SUFFIXES)}")
-    _refuse_flags(args, _OF_SCREENS if kind != ".png" else _OF_PAPER, f"has no meaning for a {kind} file")
+    suffixes = (".pdf", ".svg", ".png")
+    if kind not in suffixes:
+        raise InputError(f"has the suffix {kind!r}", where=args.output, remedy=f"take one of {', '.join(suffixes)}")
+    _refuse_flags(
+        args,
+        ("px_per_mm", "screen_ppi") if kind != ".png" else ("paper", "margin_mm"),
+        f"has no meaning for a {kind} file",
+    )
     refuse_overwrite(args.output, args.force, [args.spec])
     from pydantic import TypeAdapter
 
@@ -103,11 +98,11 @@ def _refuse_flags(args: argparse.Namespace, names: tuple[str, ...], why: str) ->
 
 def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
     from targets.board import AprilGrid
-    from targets.sheet import MARGIN_MM, lay_out, paper_named
+    from targets.sheet import SHEET, lay_out, paper_named
     from targets.write_sheet import as_pdf, as_svg, draw
 
     paper = paper_named("A4" if args.paper is None else args.paper)
-    margin = MARGIN_MM if args.margin_mm is None else args.margin_mm
+    margin = SHEET.margin_mm if args.margin_mm is None else args.margin_mm
     spec: BoardWithIds = _wanted_grid(args, lambda grid: lay_out(grid, paper, margin)) or _wanted(
         args, paper=paper, margin_mm=margin
     )
@@ -128,7 +123,7 @@ def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
     gap = 1e3 * spec.pitch_m if isinstance(spec, AprilGrid) else 500 * (spec.square_m - spec.marker_m)
     fine = f"a marker's module is {module:.2g} mm: few printers draw it clean, few cameras see it"
     tight = f"{gap:.2g} mm of white around a marker is little: markers of 3/4 of the square are found best"
-    rules = (module < _FINE_MODULE_MM, fine), (gap < 0.5 * module, tight)
+    rules = (module < 0.5, fine), (gap < 0.5 * module, tight)
     result["warnings"] = [words for holds, words in rules if holds]
     for warning in result["warnings"]:
         say(f"look at  {warning}")
@@ -146,7 +141,7 @@ def _for_screens(args: argparse.Namespace) -> dict[str, Any]:
     if args.px_per_mm is None and args.screen_ppi is None:
         remedy = "give --screen-ppi (pixels along the diagonal by its inches) or --px-per-mm"
         raise InputError("a .png needs the screen's pixel size", where="vbaa board", remedy=remedy)
-    px_per_mm = args.px_per_mm if args.screen_ppi is None else args.screen_ppi / _MM_PER_INCH
+    px_per_mm = args.px_per_mm if args.screen_ppi is None else args.screen_ppi / 25.4
     wanted: BoardWithIds = _wanted_grid(args) or _wanted(args)
     board = on_screen(wanted, px_per_mm)
     description = _description(args, board.spec, changed=board.spec != wanted)
@@ -171,16 +166,22 @@ def _wanted_grid(args: argparse.Namespace, lay_out: Callable[[AprilGrid], Any] |
     from targets.board import AprilGrid
     from vbaa_calib.detect.board.board_file import counts, load_lens_board
 
+    of_charuco = ("squares", "square_mm", "marker_mm", "legacy")
+    of_grid = ("tags", "tag_mm", "tag_spacing")
     if args.spec is not None:
-        _refuse_flags(args, _OF_THE_BOARD, "and --spec both describe the board")
+        _refuse_flags(
+            args,
+            (*of_charuco, *of_grid, "dictionary", "first_id", "thickness_mm", "type"),
+            "and --spec both describe the board",
+        )
         spec = load_lens_board(args.spec)
         return spec if isinstance(spec, AprilGrid) else None
     if args.type != "aprilgrid":
-        _refuse_flags(args, _OF_GRID, "is of an AprilGrid: give --type aprilgrid")
+        _refuse_flags(args, of_grid, "is of an AprilGrid: give --type aprilgrid")
         return None
-    _refuse_flags(args, _OF_CHARUCO, "is of a ChArUco board")
-    columns, rows = _TAGS if args.tags is None else counts(args.tags, "--tags", "vbaa board")
-    spacing = _SPACING if args.tag_spacing is None else args.tag_spacing
+    _refuse_flags(args, of_charuco, "is of a ChArUco board")
+    columns, rows = (6, 6) if args.tags is None else counts(args.tags, "--tags", "vbaa board")
+    spacing = 0.3 if args.tag_spacing is None else args.tag_spacing
     family = args.dictionary or "DICT_APRILTAG_36h11"
 
     def grid(tag_mm: float) -> AprilGrid:
@@ -199,7 +200,8 @@ def _wanted_grid(args: argparse.Namespace, lay_out: Callable[[AprilGrid], Any] |
             return True
         return False
 
-    return grid(_TAG_MM[max(bisect_left(_TAG_MM, True, key=is_too_large) - 1, 0)])
+    sizes_mm = range(5, 200)
+    return grid(sizes_mm[max(bisect_left(sizes_mm, True, key=is_too_large) - 1, 0)])
 
 
 def _wanted(args: argparse.Namespace, **room: Any) -> BoardWithIds:
@@ -209,17 +211,18 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardWithIds:
 
     if args.spec is not None:
         return load_board(args.spec)
+    largest_mm = 10_000.0
     for name in ("square_mm", "marker_mm"):
         length = getattr(args, name)
-        if length is not None and not 0 < length < _LARGEST_MM:
-            what, remedy = f"--{name.replace('_', '-')} is {length:g}", f"give millimetres, 0 to {_LARGEST_MM:g}"
+        if length is not None and not 0 < length < largest_mm:
+            what, remedy = f"--{name.replace('_', '-')} is {length:g}", f"give millimetres, 0 to {largest_mm:g}"
             raise InputError(what, where="vbaa board", remedy=remedy)
-    given = {name: getattr(args, name) for name in ("square_mm", "marker_mm", "dictionary")} | room
-    given |= {"first_id": args.first_id or 0, "legacy_pattern": bool(args.legacy)}
-    given |= {"thickness_m": round(1e-3 * (args.thickness_mm or 0.0), 12)}
+    options = {name: getattr(args, name) for name in ("square_mm", "marker_mm", "dictionary")} | room
+    options |= {"first_id": args.first_id or 0, "legacy_pattern": bool(args.legacy)}
+    options |= {"thickness_m": round(1e-3 * (args.thickness_mm or 0.0), 12)}
     if args.squares is None:
-        return fill_in(**given)
-    return fill_in(counts(args.squares, "--squares", "vbaa board"), **given)
+        return fill_in(**options)
+    return fill_in(counts(args.squares, "--squares", "vbaa board"), **options)
 
 
 def _description(args: argparse.Namespace, spec: BoardWithIds, changed: bool) -> tuple[Path | None, bool]:

@@ -13,17 +13,16 @@ from vbaa_calib.core.files import refuse_overwrite, write_text
 if TYPE_CHECKING:
     from vbaa_calib.camera import Camera
 
-_NAMES = ("vbaa", "ros", "opencv", "kalibr", "mrcal", "colmap")
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, help="rig.json, camera.json, or another program's file")
-    read = (*_NAMES, "numbers", "orbslam", "cahvor")
+    names = ("vbaa", "ros", "opencv", "kalibr", "mrcal", "colmap")
+    read = (*names, "numbers", "orbslam", "cahvor")
     parser.add_argument("--from", dest="source", choices=read, help="its format (default: guessed from its contents)")
     parser.add_argument(
         "--to",
         dest="target",
-        choices=_NAMES,
+        choices=names,
         default="vbaa",
         help="ros: camera_info YAML; opencv: FileStorage YAML; kalibr: camchain.yaml; mrcal: .cameramodel; colmap: "
         "cameras.txt; vbaa: camera.json (default: vbaa)",

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.doctor import FAILS, LOOK, OK, HealthFinding, machine, packages
+from vbaa_calib.doctor import HealthFinding, machine, packages
 
 CHECKS: dict[str, Callable[[], HealthFinding]] = {
     "python": packages.python_version,
@@ -40,15 +40,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for finding in _examine({name: check for name, check in CHECKS.items() if name not in args.skip}):
         findings.append(finding)
         _print(_as_lines(finding))
-    counts = {status: sum(finding.status == status for finding in findings) for status in (OK, LOOK, FAILS)}
+    counts = {status: sum(finding.status == status for finding in findings) for status in ("ok", "look", "fails")}
     total = len(findings)
-    verdict = f"healthy; to look at: {counts[LOOK]} of {total}" if counts[LOOK] else "healthy"
-    if counts[FAILS]:
-        verdict = f"not healthy; failed: {counts[FAILS]} of {total}; follow their remedies, then run it again"
+    verdict = f"healthy; to look at: {counts['look']} of {total}" if counts["look"] else "healthy"
+    if counts["fails"]:
+        verdict = f"not healthy; failed: {counts['fails']} of {total}; follow their remedies, then run it again"
     _print(["", verdict])
     return {
-        "healthy": counts[FAILS] == 0,
-        "exit_code": int(counts[FAILS] > 0),
+        "healthy": counts["fails"] == 0,
+        "exit_code": int(counts["fails"] > 0),
         "counts": counts,
         "findings": [finding.to_dict() for finding in findings],
     }

@@ -109,9 +109,9 @@ def _from_poses(
     seen, _ = read_robot_poses(args.views, args.euler)
     pairs = _paired(list(seen), poses, args.poses)
     readings = {words: [other[row] for _, row in pairs] for words, other in others.items()}
-    views, given = [(row, seen[view]) for view, row in pairs], [poses[row] for _, row in pairs]
+    views, robot_poses = [(row, seen[view]) for view, row in pairs], [poses[row] for _, row in pairs]
     with about(f"{args.views} by {args.poses}"):
-        solution = solve_hand_eye(views, given, mount=args.mount, readings=readings)
+        solution = solve_hand_eye(views, robot_poses, mount=args.mount, readings=readings)
     return solution, solution.to_dict()
 
 
@@ -142,10 +142,10 @@ def _from_corners(
     lens = _lens(known, views, spec)
     outlier_ids = {view.name: view.outlier_ids for view in lens.views}
     views = [view.picked(np.isin(view.ids, outlier_ids.get(view.name, ()), invert=True)) for view in views]
-    given = [poses[view.name] for view in views]
+    robot_poses = [poses[view.name] for view in views]
     readings = {words: [other[view.name] for view in views] for words, other in others.items()}
     with about(f"{args.views} by {args.poses}"):
-        solution = solve_hand_eye(views, given, lens.board_shape.points_m, lens.camera, args.mount, readings)
+        solution = solve_hand_eye(views, robot_poses, lens.board_shape.points_m, lens.camera, args.mount, readings)
     document = solution.to_dict() | {"camera": lens.camera.to_dict(), "board": spec.to_dict()}
     document["warnings"] += [f"the lens: {one}" for one in lens.verdict.diagnoses]
     document["board_shape"] = lens.board_shape.to_dict()
@@ -191,16 +191,16 @@ def _paired(views: Sequence[str], poses: Mapping[str, Pose], where: Path) -> lis
     return paired
 
 
-def _lens(given: GivenLens | None, views: list[BoardView], spec: Board) -> LensSolution:
-    """The lens as given, or from the views; the board's shape from the views."""
+def _lens(robot_poses: GivenLens | None, views: list[BoardView], spec: Board) -> LensSolution:
+    """The known lens, or the one from the views; the board's shape from the views."""
     from vbaa_calib.calibrate.given_lens import given_solution
     from vbaa_calib.calibrate.lens_from_views import solve_lens
     from vbaa_calib.calibrate.pose.board_pose import require_size
 
-    if given:
+    if robot_poses:
         for view in views:
-            require_size(view.image_size, given.camera, view.name)
-        return given_solution(given, views, spec)
+            require_size(view.image_size, robot_poses.camera, view.name)
+        return given_solution(robot_poses, views, spec)
     solution = solve_lens(views, spec)
     say(f"lens       {solution.model}: rms {solution.rms_px:.4f} px; {solution.verdict.words}")
     return solution

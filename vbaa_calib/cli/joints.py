@@ -11,7 +11,7 @@ _ANGLES = ("pan", "tilt")
 
 
 def add_joints(parser: argparse._ActionsContainer, of: str = "joint angle") -> None:
-    """Add --pan and --tilt (None if not given) and --degrees."""
+    """Add --pan and --tilt (None by default) and --degrees."""
     for name in _ANGLES:
         parser.add_argument(f"--{name}", type=float, metavar="RAD", help=f"{of}, rad (default: 0)")
     parser.add_argument("--degrees", action="store_true", help="--pan, --tilt and a bag's joints are in degrees")
@@ -23,16 +23,16 @@ def add_antenna(parser: argparse._ActionsContainer) -> None:
 
 
 def joints_rad(args: argparse.Namespace) -> dict[str, float]:
-    """The angles that are given, by name, rad. Raises InputError for one beyond a turn."""
-    given = {name: getattr(args, name) for name in _ANGLES if getattr(args, name) is not None}
-    for name, value in given.items():
+    """The angles of the command line, by name, rad. Raises InputError for one beyond a turn."""
+    angles = {name: getattr(args, name) for name in _ANGLES if getattr(args, name) is not None}
+    for name, value in angles.items():
         if not abs(value) <= (360.0 if args.degrees else 2.0 * math.pi):
             remedy = "give degrees, up to a turn" if args.degrees else "give radians, up to a turn, or add --degrees"
             raise InputError(f"--{name} is {value:g}", remedy=remedy)
-    return {name: math.radians(value) if args.degrees else value for name, value in given.items()}
+    return {name: math.radians(value) if args.degrees else value for name, value in angles.items()}
 
 
 def pan_tilt_rad(args: argparse.Namespace) -> tuple[float, float]:
-    """Pan and tilt, rad, 0 where they are not given. Raises InputError as `joints_rad` does."""
-    given = joints_rad(args)
-    return given.get("pan", 0.0), given.get("tilt", 0.0)
+    """Pan and tilt, rad, 0 by default. Raises InputError as `joints_rad` does."""
+    angles = joints_rad(args)
+    return angles.get("pan", 0.0), angles.get("tilt", 0.0)

@@ -70,9 +70,6 @@ VERBS = {
     "bench": ("vbaa_calib.cli.bench", "speed against error, with the alternatives in the same run"),
 }
 """Name → (module with `configure` and `run`, one line of help), in the order of use; imported when needed."""
-_PACKAGES = ("estimator", "targets", "vbaa", "vbaa_calib", "viz")
-_SELDOM = 100_000
-"""New objects between two garbage collections."""
 # the collection at exit takes a tenth of a second
 atexit.register(gc.freeze)
 
@@ -114,7 +111,7 @@ class _Version(argparse.Action):
 
     def __call__(self, *_: object) -> NoReturn:
         digest, root = hashlib.sha256(), Path(vbaa_calib.__file__).parents[1]
-        for package in _PACKAGES:
+        for package in ("estimator", "targets", "vbaa", "vbaa_calib", "viz"):
             for path in sorted((root / package).rglob("*.py")):
                 digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
         print(f"vbaa-calib {vbaa_calib.__version__} ({digest.hexdigest()[:12]})")
@@ -223,7 +220,8 @@ def _unwinding_when_ended() -> Iterator[None]:
 def _seldom_collecting() -> Iterator[None]:
     """With rare garbage collection, which takes a tenth of a short command's time while libraries load."""
     before = gc.get_threshold()
-    gc.set_threshold(_SELDOM, *before[1:])
+    # new objects between two garbage collections
+    gc.set_threshold(100_000, *before[1:])
     try:
         yield
     finally:

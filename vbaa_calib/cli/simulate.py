@@ -16,7 +16,7 @@ from vbaa_calib.core.files import read_yaml
 
 if TYPE_CHECKING:
     from vbaa_calib.simulate.plan import Plan
-    from vbaa_calib.simulate.scene.scene import Scene
+    from vbaa_calib.simulate.scene.scene import SceneSpec
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +53,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _written(args: argparse.Namespace, scene: Scene, folder: Path) -> Plan:
+def _written(args: argparse.Namespace, scene: SceneSpec, folder: Path) -> Plan:
     from vbaa_calib.simulate.write import write_session
 
     return write_session(
@@ -89,8 +89,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.streams.bag_of_session import BagLens, refuse_bag, write_recording
 
     started = time.perf_counter()
-    given = Path(args.scene)
-    path = given if given.is_file() or given.suffix else bundled_scene(args.scene)
+    named = Path(args.scene)
+    path = named if named.is_file() or named.suffix else bundled_scene(args.scene)
     if read_yaml(path).get("schema") == "vbaa.whisking/1":
         return _whiskers(args, path)
     scene = load_scene(path)

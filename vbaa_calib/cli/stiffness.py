@@ -16,10 +16,6 @@ from . import stiffness_photo
 if TYPE_CHECKING:
     from vbaa_calib.calibrate.antenna.stiffness import BeamFit, DeflectionTable, StiffnessSolution
 
-_SCHEMA = "vbaa.stiffness/1"
-_PLAUSIBLE_MODULUS_PA = (1e8, 1.3e12)
-_FEW_READINGS = 8
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -89,7 +85,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(error.what, where=args.table, remedy=error.remedy) from None
     document = _stiffness_document(table, solution, args.force_N, args.distance_m, moment)
     document |= {"inputs_sha256": {args.table.name: sha256(args.table)}, "command": list(args.argv)}
-    report(document)
+    _report(document)
     if args.output:
         write_json(args.output, document, args.force)
         say(f"wrote {args.output}")
@@ -105,7 +101,7 @@ def _stiffness_document(
 
     fit, rows = solution.fit, zip(table.x_m, table.deflection_m, solution.residuals_m, strict=True)
     document: dict[str, Any] = {
-        "schema": _SCHEMA,
+        "schema": "vbaa.stiffness/1",
         "force_N": force_N,
         "distance_m": distance_m,
         "readings": len(table.x_m),
@@ -146,9 +142,9 @@ def _stiffness_document(
 
 def _not_separated(solution: StiffnessSolution) -> list[str]:
     fit, other, free = solution.fit, solution.other_offset, solution.free_clamp
-    held = "held at 0" if solution.offset_free else "free"
+    state = "held at 0" if solution.offset_free else "free"
     sentences = [
-        f"the gauge's offset: with it {held}, EI would be {_percent(other, fit)}, at {1e3 * other.rms_m:.3g} mm rms "
+        f"the gauge's offset: with it {state}, EI would be {_percent(other, fit)}, at {1e3 * other.rms_m:.3g} mm rms "
         f"against {1e3 * fit.rms_m:.3g}",
     ]
     if free is not None:
@@ -173,7 +169,7 @@ def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dic
         for index in solution.outliers
     ]
     kept, free, fit = len(table.x_m) - len(solution.outliers), solution.free_clamp, solution.fit
-    low, high = _PLAUSIBLE_MODULUS_PA
+    low, high = (1e8, 1.3e12)
     modulus = document.get("youngs_modulus_Pa", low + 1.0)
     sagging = float(table.unloaded_y_m.max() - table.unloaded_y_m.min()) > 0.2 * float(abs(table.deflection_m).max())
     few = f"{kept} readings are too few to see slips among them or whether neighbours err together"
@@ -186,7 +182,7 @@ def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dic
     sag = "the unloaded rod is not straight: with large deflections its sag does not cancel"
     solid = f"Young's modulus {modulus / 1e9:.3g} GPa is that of no solid: check the units and the section"
     rules = (
-        (kept < _FEW_READINGS, few),
+        (kept < 8, few),
         (solution.effective_readings < 0.5 * kept, together),
         (free is not None and abs(free.stiffness_Nm2 - fit.stiffness_Nm2) > 2.0 * free.std_Nm2, turns),
         (table.x_m[-1] < 0.6 * document["distance_m"], inner),
@@ -196,7 +192,7 @@ def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dic
     return warnings + [words for holds, words in rules if holds]
 
 
-def report(document: dict[str, Any]) -> None:
+def _report(document: dict[str, Any]) -> None:
     low, high = document["stiffness_interval_95_Nm2"]
     value, std = document["stiffness_Nm2"], document["stiffness_std_Nm2"]
     say(f"EI         {value:.5g} ± {std:.2g} N·m², 95 % {low:.5g} … {high:.5g}")

@@ -20,12 +20,6 @@ if TYPE_CHECKING:
     from vbaa_calib.calibrate.photo.stiffness import PhotoSetting, PhotoStiffness
     from vbaa_calib.detect.drawing.canvas import Canvas
 
-_SCHEMA = "vbaa.stiffness-photo/1"
-_CURVED_P = 1e-3
-"""Probability below which moment against curvature is called curved: limp, curly rods reach 0.01 in 1 of 20."""
-_CURL_P = 0.05
-_ROWS = 40
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Flags for a photograph."""
@@ -151,16 +145,16 @@ def _document(found: PhotoStiffness, setting: PhotoSetting, line: RodLine) -> di
     value, (low, high) = (1.0 / found.inverse if found.determined else None), found.interval
     view = found.views[0]
     scale = view.middles_m[-1] / (1.0 - 0.5 / len(view.middles_m)) / line.length_px
-    every = np.linspace(0, len(view.middles_m) - 1, _ROWS).astype(int)
+    every = np.linspace(0, len(view.middles_m) - 1, 40).astype(int)
     places = view.at(view.middles_m) / scale + line.centre_px
     load = ["moment_m2" if setting.per_weight else "moment_Nm"]
     moments = np.column_stack([view.middles_m, places, view.moment, 2.0 * setting.scale_std * np.abs(view.moment)])
     table = np.column_stack([moments, found.curvature, found.curvature_std])[every]
     keys = ["s_m", "u_px", "v_px", *load, load[0].replace("_", "_std_"), "curvature_1_m", "curvature_std_1_m"]
     bow, bow_std = found.linear.moments_of(np.eye(2 - setting.straight)[-1:])
-    single = found.linear.uncurled > _CURL_P
+    single = found.linear.uncurled > 0.05
     return {
-        "schema": _SCHEMA,
+        "schema": "vbaa.stiffness-photo/1",
         f"{name}_{unit}": value,
         f"{name}_std_{unit}": value and value * found.inverse_std / found.inverse,
         f"{name}_interval_95_{unit}": [low, high if found.determined else None],
@@ -193,10 +187,11 @@ def _notes(found: PhotoStiffness, setting: PhotoSetting, single: bool) -> list[s
     curved = f"curvature is not proportional to the moment (p = {found.curved_p:.1g}): take moment_curvature, not EI"
     bound = "as the rod hangs or lies, its line gives no upper bound of EI: clamp a shorter piece more nearly level"
     weight = "the rod's own weight is taken as nothing beside the load; --weight allows for it"
+    # limp, curly rods reach a probability of 0.01 in 1 of 20
     rules = (
         (not found.determined, bound),
         (not single, apart),
-        (found.curved_p < _CURVED_P, curved),
+        (found.curved_p < 1e-3, curved),
         (setting.load_N != 0.0 and setting.weight_N_m is None, weight),
     )
     unseen = "lens distortion is taken as nothing, load and weight as exact; the clamp's direction is not used"
@@ -226,8 +221,8 @@ def _with_candidates(
     error: InputError, args: argparse.Namespace, photo: Path, picture: np.ndarray, search: RodSearch
 ) -> InputError:
     """The error, with the name of a picture in which the candidates are numbered, if there are any and it can be."""
-    beside = args.output or args.overlay
-    path = (beside.parent if beside else Path()) / f"{photo.stem}_candidates.png"
+    written = args.output or args.overlay
+    path = (written.parent if written else Path()) / f"{photo.stem}_candidates.png"
     if not search.candidates or path.resolve() == photo.resolve():
         return error
     from vbaa_calib.detect.drawing.canvas import Canvas

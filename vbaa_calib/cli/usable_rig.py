@@ -1,4 +1,4 @@
-"""The rig that a verb works with: one whose calibration is wrong only if the user accepts it."""
+"""The rig that a verb works with: one with a wrong calibration only if the user accepts it."""
 
 from __future__ import annotations
 

@@ -25,14 +25,11 @@ from typing import Any
 
 import numpy as np
 
-_SECONDS, _SECONDS_PER_MB = 4.0, 0.2
+_SECONDS = 4.0
 """Limit of processor time: for any file, and per megabyte."""
-_WAITING = 20.0
-"""Limit of the wall clock, in multiples of that."""
 _ERROR = "error"
 
 Arrays = Mapping[str, np.ndarray]
-_LITERAL_KEYS = ("lens_model", "lensmodel", "intrinsics", "extrinsics", "imagersize", "valid_intrinsics_region")
 
 
 def is_bag(path: Path) -> bool:
@@ -64,20 +61,21 @@ def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.
 
     files = path.iterdir() if path.is_dir() else [path]
     size = sum(each.stat().st_size for each in files if each.is_file())
-    seconds = _SECONDS + _SECONDS_PER_MB * size / 1e6
+    seconds = _SECONDS + 0.2 * size / 1e6
     limits = f"{seconds:.0f}", str(most_memory(size))
     # as a script: with -m the whole package would be imported, which takes longer than any reading
     module = "" if reader.__module__ == __name__ else reader.__module__
     call = [sys.executable, "-P", __file__, module, reader.__name__, str(path.absolute()), *limits]
     places = os.pathsep.join(each or os.getcwd() for each in sys.path)
     try:
+        # limit of the wall clock, in multiples of the processor's time
         done = subprocess.run(
             call,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env=os.environ | {"PYTHONPATH": places},
-            timeout=_WAITING * seconds,
+            timeout=20.0 * seconds,
         )
     except subprocess.TimeoutExpired:
         raise ValueError(f"no end within {seconds:.0f} s") from None
@@ -152,7 +150,8 @@ def read_literal(path: Path) -> dict[str, np.ndarray]:
             data = ast.literal_eval(path.read_text(encoding="utf-8-sig"))
         if not isinstance(data, dict):
             raise ValueError("is no mapping")
-        return {key: np.array(json.dumps(data[key])) for key in _LITERAL_KEYS if key in data}
+        keys = ("lens_model", "lensmodel", "intrinsics", "extrinsics", "imagersize", "valid_intrinsics_region")
+        return {key: np.array(json.dumps(data[key])) for key in keys if key in data}
     except (SyntaxError, TypeError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None)
         raise ValueError(f"line {line} is no Python" if line else "is no Python literal") from None
@@ -224,7 +223,7 @@ def read_camera_infos(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_video_head(path: Path) -> dict[str, np.ndarray]:
-    """`size`, (width, height) px, of a video whose first frame can be read.
+    """`size`, (width, height) px, of a video, if its first frame can be read.
 
     Raises
     ------

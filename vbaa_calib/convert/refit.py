@@ -17,9 +17,6 @@ from vbaa_calib.native import core
 Projection = Callable[[np.ndarray], np.ndarray]
 """Directions (N, 3) in the camera frame → pixels (N, 2), NaN where the model has none."""
 
-_MOST_RMS_PX = 1.0
-"""A lens that is further from its file's is not taken for it: good corners of a board scatter by a quarter."""
-
 
 def refitted(
     project: Projection, size: tuple[int, int], name: str, path: Path, inside: np.ndarray | None = None
@@ -45,7 +42,8 @@ def refitted(
         if each[0] == folds and each[1] <= 1.3 * rms + 1e-4:
             _, rms, camera = each
             break
-    if camera is None or rms > _MOST_RMS_PX:
+    # a lens further from its file's is another: good corners of a board scatter by a quarter
+    if camera is None or rms > 1.0:
         what = f"no lens of ours comes near its {name} lens: {rms:.2g} px rms over the picture"
         raise InputError(what, where=path, remedy="calibrate the lens again, with vbaa intrinsics")
     most = float(np.nanmax(np.linalg.norm(camera.project(rays)[0] - pixels, axis=1)))
@@ -243,7 +241,7 @@ def _thin_prism_fisheye(values: Sequence[float], coefficients: Sequence[float]) 
 
 
 def _skewed(camera: Camera, skew: float) -> Projection:
-    """A lens of ours whose matrix has a skew, px."""
+    """A lens of ours with a skew in its matrix, px."""
 
     def project(rays: np.ndarray) -> np.ndarray:
         pixels, valid = camera.project(rays)

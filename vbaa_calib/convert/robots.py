@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from vbaa_calib.core.arrays import FARTHEST_M
+from vbaa_calib.core.arrays import PLAUSIBLE
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.files import read_text, read_yaml
 from vbaa_calib.geometry import Pose
@@ -29,23 +29,6 @@ from .values import (
     size_of,
     stated,
 )
-
-_ROS_COUNTS = {
-    "plumb_bob": (5, 4, 0),
-    "rational_polynomial": (8, 12, 14, 5, 4),
-    "equidistant": (4,),
-    "fisheye": (4,),
-}
-"""Coefficients by model, as files in the wild have them. Azure Kinect's driver and others write the name fisheye,
-Tango's a rational_polynomial of five."""
-_ROS_KEYS = {
-    "k": "camera_matrix",
-    "d": "distortion_coefficients",
-    "r": "rectification_matrix",
-    "p": "projection_matrix",
-}
-"""A field of CameraInfo → its name in camera_info's YAML."""
-_ROS_MODELS = {("opencv", 5): "plumb_bob", ("opencv", 8): "rational_polynomial", ("fisheye", 4): "equidistant"}
 
 
 def _read_ros(path: Path, wanted: Wanted) -> Exchanged:
@@ -108,15 +91,30 @@ def _camera_of_message(message: Mapping[str, Any], path: Path, wanted: Wanted) -
     """
 
     def block(key: str, *counts: int) -> np.ndarray:
+        # A field of CameraInfo → its name in camera_info's YAML.
+        names = {
+            "k": "camera_matrix",
+            "d": "distortion_coefficients",
+            "r": "rectification_matrix",
+            "p": "projection_matrix",
+        }
         if message.get(key) is None:
             remedy = "a mapping with rows, cols and data is needed, or CameraInfo's k, d, r, p"
-            raise InputError(f"{_ROS_KEYS[key]} is missing", where=path, remedy=remedy)
-        return np.array(numbers(message[key], f"{_ROS_KEYS[key]}.data", path, counts))
+            raise InputError(f"{names[key]} is missing", where=path, remedy=remedy)
+        return np.array(numbers(message[key], f"{names[key]}.data", path, counts))
 
-    model = one_of(message.get("distortion_model") or "plumb_bob", _ROS_COUNTS, "distortion_model", path)
+    # coefficients by model, as files in the wild have them: Azure Kinect's driver and others write fisheye, Tango's a
+    # rational_polynomial of five
+    known = {
+        "plumb_bob": (5, 4, 0),
+        "rational_polynomial": (8, 12, 14, 5, 4),
+        "equidistant": (4,),
+        "fisheye": (4,),
+    }
+    model = one_of(message.get("distortion_model") or "plumb_bob", known, "distortion_model", path)
     size = size_of([(f"image_{key}", message.get(key)) for key in ("width", "height")], path)
     matrix = block("k", 9).reshape(3, 3)
-    coefficients = block("d", *_ROS_COUNTS[model])
+    coefficients = block("d", *known[model])
     notes = []
     if model == "rational_polynomial" and len(coefficients) < 8:
         notes.append(f"{model} with {len(coefficients)} coefficients is read as plumb_bob")
@@ -143,7 +141,7 @@ def _camera_of_message(message: Mapping[str, Any], path: Path, wanted: Wanted) -
         return replace(found, notes=(*notes, *found.notes), **part)
     if not matrix.any():
         raise InputError("is of a camera that is not calibrated: k is zero", where=path, remedy="calibrate it")
-    found = Exchanged.of("fisheye" if _ROS_COUNTS[model] == (4,) else "opencv", size, matrix, coefficients, path)
+    found = Exchanged.of("fisheye" if known[model] == (4,) else "opencv", size, matrix, coefficients, path)
     notes += found.notes
     if turned:
         notes.append("rectification_matrix turns the picture for a stereo pair: it is left out")
@@ -184,7 +182,11 @@ def _ini(text: str, path: Path) -> dict[str, Any]:
 
 def _write_ros(exchanged: Exchanged) -> str:
     camera = exchanged.camera
-    model, coefficients = stated(camera, _ROS_MODELS, "a camera_info of ROS")
+    model, coefficients = stated(
+        camera,
+        {("opencv", 5): "plumb_bob", ("opencv", 8): "rational_polynomial", ("fisheye", 4): "equidistant"},
+        "a camera_info of ROS",
+    )
     fx, fy, cx, cy = camera.parameters[:4].tolist()
 
     def block(rows: int, columns: int, data: list[float]) -> dict[str, Any]:
@@ -209,11 +211,6 @@ def _is_ros(text: str) -> bool:
     return "opencv-matrix" not in text and (echoed or any(all(key in text for key in keys) for keys in files))
 
 
-_KALIBR_MODELS = {"radtan": "opencv", "equidistant": "fisheye", "none": "opencv"}
-_KALIBR_REFITTED = {"omni": (5, ("none", "radtan")), "ds": (6, ("none",)), "eucm": (6, ("none",))}
-"""Camera models that are refitted: their number of intrinsics, and the distortions they come with."""
-
-
 def _read_kalibr(path: Path, wanted: Wanted) -> Exchanged:
     """ethz-asl/kalibr, wiki: YAML formats, supported models. One of cam0, cam1, … where it holds several cameras.
 
@@ -226,8 +223,11 @@ def _read_kalibr(path: Path, wanted: Wanted) -> Exchanged:
     data = {str(name): each for name, each in read_yaml(path).items() if str(name).startswith("cam")}
     name = wanted.one_of([name for name, each in data.items() if isinstance(each, dict)], path)
     data = data[name]
-    kind = one_of(data.get("camera_model"), ("pinhole", *_KALIBR_REFITTED), f"{name}: camera_model", path)
-    count, known = _KALIBR_REFITTED.get(kind, (4, (*_KALIBR_MODELS, "fov")))
+    # Camera models that are refitted: their number of intrinsics, and the distortions they come with.
+    refitted_models = {"omni": (5, ("none", "radtan")), "ds": (6, ("none",)), "eucm": (6, ("none",))}
+    kind = one_of(data.get("camera_model"), ("pinhole", *refitted_models), f"{name}: camera_model", path)
+    models = {"radtan": "opencv", "equidistant": "fisheye", "none": "opencv"}
+    count, known = refitted_models.get(kind, (4, (*models, "fov")))
     model = one_of(data.get("distortion_model", "none"), known, f"{name}: distortion_model", path)
     key = f"{name}.resolution"
     size = size_of([(key, side) for side in numbers(data.get("resolution"), key, path, (2,))], path)
@@ -238,7 +238,7 @@ def _read_kalibr(path: Path, wanted: Wanted) -> Exchanged:
     alone = pose is None and data.get("T_cn_cnm1") is not None
     notes = (f"{name}.T_cn_cnm1 counts from the camera before it, which is not taken along: left out",) if alone else ()
     if kind == "pinhole" and model != "fov":
-        camera = checked(_KALIBR_MODELS[model], size, core, coefficients, path)
+        camera = checked(models[model], size, core, coefficients, path)
         return Exchanged(camera, pose, notes=notes)
     projection = PROJECTIONS["fov" if model == "fov" else kind](core, coefficients)
     camera, words = refitted(projection, size, f"{kind}-{model}", path)
@@ -249,7 +249,7 @@ def _pose_of(matrix: Any, key: str, path: Path) -> Pose:
     """A pose from four rows of four numbers. Raises InputError where the rotation is none."""
     if not isinstance(matrix, list | tuple) or len(matrix) != 4:
         raise InputError(f"{key} is {shown(matrix)}", where=path, remedy="four rows of four numbers are needed")
-    rows = np.array([numbers(row, key, path, (4,), FARTHEST_M) for row in matrix])
+    rows = np.array([numbers(row, key, path, (4,), PLAUSIBLE.place_m) for row in matrix])
     turn = rows[:3, :3]
     off = np.abs(turn @ turn.T - np.eye(3)).max() if np.abs(turn).max() < 2 else math.inf
     if off > 1e-3 or np.linalg.det(turn) < 0 or np.abs(rows[3] - [0, 0, 0, 1]).max() > 1e-9:

@@ -163,7 +163,7 @@ class Format:
         return words
 
 
-def stated(camera: Camera, models: Mapping[tuple[str, int], str], whose: str) -> tuple[str, list[float]]:
+def stated(camera: Camera, models: Mapping[tuple[str, int], str], program: str) -> tuple[str, list[float]]:
     """The lens model's name in another program, and its coefficients, padded with zeros.
 
     models : our model and a number of coefficients → the name. That of the camera's own number is taken, else the
@@ -174,7 +174,7 @@ def stated(camera: Camera, models: Mapping[tuple[str, int], str], whose: str) ->
     needed = max((index + 1 for index, value in enumerate(values) if value != 0.0), default=0)
     counts = sorted(count for model, count in models if model == camera.model)
     if not counts:
-        what = f"{whose} has no equidistant fisheye lens (k1 to k4 over the angle)"
+        what = f"{program} has no equidistant fisheye lens (k1 to k4 over the angle)"
         raise InputError(what, remedy="choose another format, or calibrate with another lens model (`--lens-model`)")
     fitting = [count for count in counts if count >= needed]
     if fitting:
@@ -186,7 +186,7 @@ def stated(camera: Camera, models: Mapping[tuple[str, int], str], whose: str) ->
     cost = _left_out_px(camera, longest)
     words = f"it would be off by up to {cost:.2g} px without them" if np.isfinite(cost) else "they matter"
     raise InputError(
-        f"{whose} holds {longest} coefficients at most, this lens has {', '.join(beyond)} too: {words}",
+        f"{program} holds {longest} coefficients at most, this lens has {', '.join(beyond)} too: {words}",
         remedy="choose another format, or calibrate with a simpler lens (`--lens-model`)",
     )
 
@@ -203,15 +203,12 @@ def _left_out_px(camera: Camera, count: int) -> float:
     return float(off.max()) if len(off) else float("nan")
 
 
-_LARGEST_SIDE_PX = 100_000
-"""As in the schema of rig.json."""
-
-
 def size_of(sides: Sequence[tuple[str, Any]], path: Path) -> tuple[int, int]:
     """(width, height) px of two keys with their values. Raises InputError for what is no whole number."""
     for key, value in sides:
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not 0 < value <= _LARGEST_SIDE_PX or value != int(value):
+        # as in the schema of rig.json
+        if not number or not 0 < value <= 100_000 or value != int(value):
             remedy = "a picture's side in whole pixels is needed"
             raise InputError(f"{key} is {shown(value)}", where=path, remedy=remedy)
     (_, width), (_, height) = sides

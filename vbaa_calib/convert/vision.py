@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.arrays import FARTHEST_M
+from vbaa_calib.core.arrays import PLAUSIBLE
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.files import read_bytes, read_json, read_text, read_yaml
 from vbaa_calib.geometry import Pose
@@ -33,7 +33,6 @@ from .values import (
     stated,
 )
 
-_OPENCV_COUNTS = (4, 5, 8, 12, 14)
 _NAMES = {
     "matrix": r"(camera|intrinsic)_?matrix|camera_?intrinsics|mtx|[mk]",
     "coefficients": r"dist(ortion)?(_?coef(f|ficient)?s?)?|d",
@@ -72,7 +71,7 @@ def _camera_of(
     if "coefficients" not in one or coefficients.size != max(coefficients.shape, default=0):
         raise InputError("distortion_coefficients is missing or no matrix", where=path, remedy=needs)
     matrix = np.reshape(numbers(matrix.ravel().tolist(), "camera_matrix", path, (9,)), (3, 3))
-    listed = numbers(coefficients.ravel().tolist(), "distortion_coefficients", path, (0, *_OPENCV_COUNTS))
+    listed = numbers(coefficients.ravel().tolist(), "distortion_coefficients", path, (0, 4, 5, 8, 12, 14))
     size = _size(one, matrix, wanted, path)
     notes = []
     fisheye = wanted.fisheye if wanted.fisheye is not None else one.get("fisheye_model")
@@ -197,7 +196,7 @@ def _read_mrcal(path: Path, _: Wanted) -> Exchanged:
         raise InputError(f"lens_model is {shown(whole)}", where=path, remedy="order, Nx, Ny and fov_x_deg are needed")
     sides = numbers(data.get("imagersize"), "imagersize", path, (2,))
     size = size_of([("imagersize", side) for side in sides], path)
-    turn_shift = np.array(numbers(data.get("extrinsics"), "extrinsics", path, (6,), FARTHEST_M))
+    turn_shift = np.array(numbers(data.get("extrinsics"), "extrinsics", path, (6,), PLAUSIBLE.place_m))
     pose = Pose.from_rotvec(turn_shift[:3], turn_shift[3:]).inverse()
     region = data.get("valid_intrinsics_region")
     if name in _MRCAL_COUNTS:
@@ -240,7 +239,7 @@ def _read_cahvor(path: Path, wanted: Wanted) -> Exchanged:
             listed = [float(cell) for cell in cells[key]]
         except (KeyError, ValueError):
             listed = []
-        return np.array(numbers(listed, key, path, counts or (3,), FARTHEST_M))
+        return np.array(numbers(listed, key, path, counts or (3,), PLAUSIBLE.place_m))
 
     size = size_of([("Dimensions", side) for side in vector("Dimensions", 2).tolist()], path)
     place, axis, across, down = (vector(key) for key in "CAHV")
@@ -310,7 +309,6 @@ _COLMAP_MODELS = {
 }
 """Name → our model, or the projection that is refitted; focal lengths, coefficients (filled up with zeros to four)."""
 _HALF = Decimal("0.5")
-_DIGITS = 400
 
 
 def _read_colmap(path: Path, wanted: Wanted) -> Exchanged:
@@ -397,14 +395,15 @@ def _plain(text: str, place: Path) -> float:
 
 def _decimal(text: str, place: Path | None, shift: Decimal) -> Decimal:
     """A number as it is written, plus a shift, exactly."""
+    digits = 400
     try:
         value = Decimal(text)
-        if not value.is_finite() or abs(value.adjusted()) > 320 or len(text) > _DIGITS:
+        if not value.is_finite() or abs(value.adjusted()) > 320 or len(text) > digits:
             raise InvalidOperation
     except InvalidOperation:
         raise InputError(f"{text!r:.60} is no number", where=place, remedy="write the line again") from None
     with localcontext() as context:
-        context.prec = _DIGITS
+        context.prec = digits
         return value + shift
 
 

@@ -29,12 +29,10 @@ Array: TypeAlias = Any
 
 ArrayT = TypeVar("ArrayT", np.ndarray, "torch.Tensor")
 
-_FLOATS = ("float32", "float64")
-
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Arrays with one first axis, whose length it has; fields of other kinds belong to all rows."""
+    """Arrays with the same first axis, which gives the length; fields of other kinds belong to all rows."""
 
     def __len__(self) -> int:
         return len(next(each for each in vars(self).values() if isinstance(each, np.ndarray)))
@@ -66,7 +64,7 @@ def _is_masked(values: Any) -> bool:
 
 
 def namespace(values: Array) -> ModuleType:
-    """The library whose functions work on these values."""
+    """The library that works on these values."""
     return sys.modules["torch"] if is_tensor(values) else np
 
 
@@ -83,7 +81,7 @@ def working(values: Array, last: int, name: str) -> tuple[Array, Callable[[Array
         except ValueError:
             raise InputError(f"{name} are lists of different lengths", remedy=f"give them as (..., {last})") from None
     kind = str(values.dtype).removeprefix("torch.")
-    if kind not in _FLOATS:
+    if kind not in ("float32", "float64"):
         raise InputError(f"{name} are {kind}", remedy="convert them to float32 or float64")
     if values.ndim == 0 or values.shape[-1] != last:
         raise InputError(f"{name} have the shape {tuple(values.shape)}", remedy=f"give them as (..., {last})")
@@ -116,15 +114,17 @@ def masked(values: Array, valid: Array) -> Array:
     return namespace(values).where(mask, values, np.nan)
 
 
-FARTHEST_PX = 1e7
-"""Pixels beyond this belong to no camera: coordinates of another kind."""
-LARGEST_RAD = 2.0 * math.pi
-"""Joint angles beyond a turn are degrees, or counts of an encoder."""
-LARGEST_NM = 100.0
-"""Moments beyond this are in mN·m or µN·m: a whisker's are some mN·m."""
-FARTHEST_M = 1e6
-"""Positions beyond this are in millimetres at least."""
+@dataclass(frozen=True)
+class _PlausibleSettings:
+    """Largest sizes that can be meant: what is larger is in another unit."""
 
+    pixel_px: float = 1e7  # beyond, coordinates are of another kind
+    angle_rad: float = 2.0 * math.pi  # of a joint: beyond a turn they are degrees, or counts of an encoder
+    moment_Nm: float = 100.0  # beyond, they are mN·m or µN·m: an antenna's are some mN·m
+    place_m: float = 1e6  # beyond, positions are in millimetres at least
+
+
+PLAUSIBLE = _PlausibleSettings()
 ANGLE_REMEDY = "give radians, up to a turn (degrees where the call or the table says so)"
 MOMENT_REMEDY = "give N·m"
 
@@ -227,10 +227,10 @@ _AT_ONCE = {float: "float", int: "int", str: "str", bool: "bool"}
 
 
 def gate(call: _Call) -> _Call:
-    """A public function or record that looks, by its annotations, at what it is given before it works with it.
+    """A public function or record that validates its arguments by its annotations.
 
     Numbers must be numbers, arrays consist of them (what is masked is missing), lists be no text, records be of their
-    class; an annotation that says `Any` is not looked at. It raises InputError for anything else.
+    class; an argument annotated `Any` is not validated. It raises InputError for anything else.
     """
     function: Any = vars(call)["__init__"] if isinstance(call, type) else call
     names = function.__code__.co_varnames[: function.__code__.co_argcount]
@@ -238,7 +238,7 @@ def gate(call: _Call) -> _Call:
     wanted = {name: re.split(r" \| (?![^\[]*\])", str(kinds)) for name, kinds in function.__annotations__.items()}
 
     @wraps(function)
-    def looked_at(*args: Any, **named: Any) -> Any:
+    def validated(*args: Any, **named: Any) -> Any:
         pairs = zip(names, args, strict=False)
         known = [_taken(value, name, wanted[name]) if name in wanted else value for name, value in pairs]
         for name in named:
@@ -247,9 +247,9 @@ def gate(call: _Call) -> _Call:
         return function(*known, *args[len(known) :], **named)
 
     if isinstance(call, type):
-        call.__init__ = looked_at  # type: ignore[misc]
+        call.__init__ = validated  # type: ignore[misc]
         return call
-    return looked_at  # type: ignore[return-value]
+    return validated  # type: ignore[return-value]
 
 
 def _taken(value: Any, name: str, kinds: list[str]) -> Any:
@@ -283,7 +283,7 @@ def _is(value: Any, kind: str) -> bool:
 
 def check_angle(value: float, name: str, refuse: Callable[[str, str], InputError] | None = None) -> float:
     """A joint angle, rad. Raises InputError, or what `refuse(what, remedy)` returns, for one beyond a turn."""
-    if abs(value) <= LARGEST_RAD:
+    if abs(value) <= PLAUSIBLE.angle_rad:
         return value
     what = f"{name} is {value:g}, more than a turn" if math.isfinite(value) else f"{name} is {value:g}"
     raise refuse(what, ANGLE_REMEDY) if refuse else InputError(what, remedy=ANGLE_REMEDY)

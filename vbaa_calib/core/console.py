@@ -17,11 +17,11 @@ def say(text: str) -> None:
 
 def _in_lines(items: Iterable[_Item], what: str, total: int | None, every_s: float = 10.0) -> Iterator[_Item]:
     total = len(items) if total is None and isinstance(items, Sized) else total
-    begun_s = said_s = time.monotonic()
+    begun_s = printed_s = time.monotonic()
     for number, item in enumerate(items):
-        if (now_s := time.monotonic()) - said_s >= every_s:
+        if (now_s := time.monotonic()) - printed_s >= every_s:
             say(f"{what}: {number}{f' of {total}' if total else ''}, {now_s - begun_s:.0f} s")
-            said_s = now_s
+            printed_s = now_s
         yield item
 
 

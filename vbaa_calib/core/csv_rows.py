@@ -17,14 +17,13 @@ from typing import TextIO
 import numpy as np
 
 from .errors import InputError
-from .files import MOST_BYTES, require_file
+from .files import FILE_LIMITS, require_file
 
 _NOTHING: Mapping[str, str] = {}
 _LONGEST = 1_000_000
 """Characters of a line, beyond which it is none of a table."""
 MOST_WHOLE = 2**53
 """Whole numbers below are exact as floats."""
-_NEWLINE, _RETURN = b"\n\r"
 _BETWEEN = (",", ";", "\t")
 
 
@@ -32,7 +31,7 @@ def read_csv(
     path: Path, columns: Sequence[str], optional: Sequence[str] = (), instead: Mapping[str, str] = _NOTHING
 ) -> list[dict[str, str]]:
     """All rows at once, as `csv_rows` gives them, and with its errors; of a file that memory holds."""
-    require_file(path, most=MOST_BYTES)
+    require_file(path, most=FILE_LIMITS.most_bytes)
     return list(csv_rows(path, columns, optional, instead))
 
 
@@ -153,9 +152,9 @@ def plain_rows(lines: bytes, count: int, places: Sequence[int]) -> tuple[np.ndar
     if b'"' in lines or (returns and returns != lines.count(b"\r\n")):
         return None
     data = np.frombuffer(lines if lines.endswith(b"\n") else lines + b"\n", np.uint8)
-    ends = np.flatnonzero(data == _NEWLINE) + 1
+    ends = np.flatnonzero(data == ord("\n")) + 1
     begins = np.concatenate([[0], ends[:-1]])
-    filled = ends - begins > 1 + (data[begins] == _RETURN)
+    filled = ends - begins > 1 + (data[begins] == ord("\r"))
     cells = np.empty((0, len(places)))
     if filled.any():
         try:
@@ -193,7 +192,7 @@ def loaded(lines: bytes, count: int, places: Sequence[int]) -> np.ndarray:
 def plain_columns(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> dict[str, np.ndarray] | None:
     """The columns (R,) of a file of finite numbers, quickly; None for any other, which `csv_rows` reads or refuses."""
     with suppress(OSError, UnicodeDecodeError, InputError):
-        require_file(path, most=MOST_BYTES)
+        require_file(path, most=FILE_LIMITS.most_bytes)
         first, _, lines = path.read_bytes().partition(b"\n")
         header = [name.strip() for name in first.decode("utf-8-sig").split(",")]
         places = places_of(header, columns, optional, path)

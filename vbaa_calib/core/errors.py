@@ -34,14 +34,10 @@ class InputError(VbaaError):
         super().__init__(f"{line}; {clipped(remedy)}" if remedy else line)
 
 
-_EXTRAS = dict.fromkeys(("pyvista", "vtkmodules", "trame_vtk"), "view")
-"""Packages without which only a part of the verbs works, and the extra that brings them."""
-
-
 def of_extra(error: Exception, extra: str = "") -> InputError | None:
     """What to say of a package that is not installed because it belongs to an extra; None for any other error."""
     name = (getattr(error, "name", None) or "").partition(".")[0]
-    extra = extra or _EXTRAS.get(name, "")
+    extra = extra or ("view" if name in ("pyvista", "vtkmodules", "trame_vtk") else "")
     if not (isinstance(error, ModuleNotFoundError) and extra):
         return None
     return InputError(f"{name} is not installed", remedy=f"pip install 'vbaa-calib[{extra}]'")

@@ -15,6 +15,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,17 +27,24 @@ from yaml.resolver import Resolver
 
 from .errors import InputError, SolveError, reason_of
 
-MOST_BYTES = 2_000_000_000
-_MOST_YAML_BYTES = 1_000_000
-"""What people write by hand; PyYAML takes seconds for it."""
-_LONGEST_NUMBER, _MOST_DIGITS = 400, 300
-"""Characters of a number in YAML; digits of a whole number in JSON."""
+
+@dataclass(frozen=True)
+class _FileSettings:
+    """Limits of what is read, so that a wrong or hostile file costs neither memory nor minutes."""
+
+    most_bytes: int = 2_000_000_000  # of any file
+    most_yaml_bytes: int = 1_000_000  # of what people write by hand; PyYAML takes seconds for it
+    most_json_bytes: int = 256_000_000
+    longest_number: int = 400  # characters of a number in YAML
+    most_digits: int = 300  # of a whole number in JSON
+    deepest: int = 64  # lists and mappings in each other
+    most_values: int = 100_000  # of a YAML file, its aliases written out
+
+
+FILE_LIMITS = _FileSettings()
+
+
 _TEXT = "tag:yaml.org,2002:str"
-_DEEPEST = 64
-"""Lists and mappings in each other."""
-_MOST_JSON_BYTES = 256_000_000
-_MOST_VALUES = 100_000
-"""Of a YAML file, its aliases written out."""
 
 
 def most_memory(size: int) -> int:
@@ -44,7 +52,7 @@ def most_memory(size: int) -> int:
     return 50 * size + 200_000_000
 
 
-def read_bytes(path: Path, kind: str = "file", most: int = MOST_BYTES) -> bytes:
+def read_bytes(path: Path, kind: str = "file", most: int = FILE_LIMITS.most_bytes) -> bytes:
     """The contents of a file. Raises InputError as `require_file` does, and when it cannot be read."""
     require_file(path, kind, most)
     try:
@@ -76,7 +84,7 @@ def require_file(path: Path, kind: str = "file", most: float = math.inf) -> None
         raise InputError(what, where=path, remedy=f"is this the {kind} that is meant?")
 
 
-def read_text(path: Path, most: int = MOST_BYTES) -> str:
+def read_text(path: Path, most: int = FILE_LIMITS.most_bytes) -> str:
     """The file's text, UTF-8. Raises InputError as `read_bytes` does, and when it is not text."""
     try:
         text = read_bytes(path, most=most).decode("utf-8-sig")
@@ -86,7 +94,7 @@ def read_text(path: Path, most: int = MOST_BYTES) -> str:
 
 
 def with_lines(text: str) -> tuple[Any, Callable[[Sequence[str | int]], int | None]]:
-    """What a YAML text holds, parsed once, and the line of a place in it, given by its keys."""
+    """What a YAML text holds, parsed once, and the line of a place in it, found by its keys."""
     loader = _UniqueKeyLoader(text)
     root = loader.get_single_node()
 
@@ -109,7 +117,7 @@ def with_lines(text: str) -> tuple[Any, Callable[[Sequence[str | int]], int | No
 
 
 class _UniqueKeyLoader(Composer, CParser, SafeConstructor, Resolver):
-    """YAML without silent surprises: a key given twice is an error, not the last one wins.
+    """YAML without silent surprises: a repeated key is an error, not the last one wins.
 
     libyaml reads the text; the tree is built in Python, where nesting raises RecursionError: PyYAML's CSafeLoader
     ends the process.
@@ -124,27 +132,27 @@ class _UniqueKeyLoader(Composer, CParser, SafeConstructor, Resolver):
     def compose_node(self, parent: Any, index: Any) -> Any:
         """As Composer's, which has no bound."""
         self._count += 1
-        if self._count > _MOST_VALUES:
+        if self._count > FILE_LIMITS.most_values:
             here: Any = self.peek_event()
-            raise ComposerError(None, None, f"more than {_MOST_VALUES} values", here.start_mark)
+            raise ComposerError(None, None, f"more than {FILE_LIMITS.most_values} values", here.start_mark)
         return super().compose_node(parent, index)
 
     def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
         """As SafeLoader's, but a long word is a text: PyYAML's patterns of numbers take a square of its length."""
-        if kind is yaml.ScalarNode and implicit[0] and len(value) > _LONGEST_NUMBER:
+        if kind is yaml.ScalarNode and implicit[0] and len(value) > FILE_LIMITS.longest_number:
             return _TEXT
         return str(super().resolve(kind, value, implicit))
 
     def construct_scalar(self, node: Any) -> Any:
         """As SafeLoader's, but a long number is refused: its digits take a square of their length, too."""
-        if isinstance(node, yaml.ScalarNode) and node.tag != _TEXT and len(node.value) > _LONGEST_NUMBER:
+        if isinstance(node, yaml.ScalarNode) and node.tag != _TEXT and len(node.value) > FILE_LIMITS.longest_number:
             raise ConstructorError(None, None, "no number is that long", node.start_mark)
         return super().construct_scalar(node)
 
     def get_single_node(self) -> yaml.Node | None:
-        """As SafeLoader's, but a small file whose aliases make it endless is refused."""
+        """As SafeLoader's, but a small file that its aliases make endless is refused."""
         node = super().get_single_node()
-        if node is not None and _size(node, {}) > _MOST_VALUES:
+        if node is not None and _size(node, {}) > FILE_LIMITS.most_values:
             raise ComposerError(None, None, "its aliases never end", node.start_mark)
         return node
 
@@ -191,7 +199,7 @@ for _each in (_UniqueKeyLoader, UniqueKeyDumper):
 
 def read_yaml(path: Path, *, first: bool = False) -> dict[str, Any]:
     """A YAML mapping, or the first of several documents. Raises InputError naming the line of what is wrong."""
-    text = read_text(path, _MOST_YAML_BYTES)
+    text = read_text(path, FILE_LIMITS.most_yaml_bytes)
     if first:
         text = re.split(r"(?m)(?<=\S)\s*^---\s*$", text, maxsplit=1)[0]
     try:
@@ -213,7 +221,9 @@ def read_yaml(path: Path, *, first: bool = False) -> dict[str, Any]:
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object. Raises InputError naming the line of what is wrong."""
     try:
-        data = json.loads(read_text(path, _MOST_JSON_BYTES), object_pairs_hook=_unique_object, parse_int=_whole_number)
+        data = json.loads(
+            read_text(path, FILE_LIMITS.most_json_bytes), object_pairs_hook=_unique_object, parse_int=_whole_number
+        )
         _refuse_deep(data)
     except json.JSONDecodeError as error:
         where, problem = f"{path} line {error.lineno}", error.msg
@@ -230,13 +240,13 @@ def read_json(path: Path) -> dict[str, Any]:
 
 def _whole_number(text: str) -> float:
     """As int(), but infinite where no float holds it: so it is refused by its key, as other such numbers are."""
-    return int(text) if len(text) <= _MOST_DIGITS else -math.inf if text[0] == "-" else math.inf
+    return int(text) if len(text) <= FILE_LIMITS.most_digits else -math.inf if text[0] == "-" else math.inf
 
 
 def _refuse_deep(data: Any) -> None:
     """Raises RecursionError for what is nested deeper than any file of ours; whoever walks it later would."""
     level: list[Any] = [[data]]
-    for _ in range(_DEEPEST + 1):
+    for _ in range(FILE_LIMITS.deepest + 1):
         items = (item for each in level for item in (each.values() if isinstance(each, dict) else each))
         level = [item for item in items if isinstance(item, dict | list)]
     if level:
@@ -310,7 +320,7 @@ def refuse_folder_of(path: Path) -> None:
 
 @contextmanager
 def replacing(path: Path, force: bool = True) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its place only when the block ends well (write, fsync, rename).
+    """A temporary path next to `path` that takes its place only when the block ends well (write, fsync, rename).
 
     A link is followed: the file it leads to is replaced. Raises InputError as `refuse_overwrite` does.
     """
@@ -342,18 +352,18 @@ def replacing(path: Path, force: bool = True) -> Iterator[Path]:
 @contextmanager
 def signals_held() -> Iterator[None]:
     """Ctrl-C and the signals that end a process wait until the block is over. Other threads never get them."""
-    held, before = [], {}
+    delayed, before = [], {}
     try:
         if threading.current_thread() is threading.main_thread():
             for number in filter(None, (getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP"))):
                 if signal.getsignal(number) not in (signal.SIG_IGN, None):
-                    before[number] = signal.signal(number, lambda sent, _: held.append(sent))
+                    before[number] = signal.signal(number, lambda sent, _: delayed.append(sent))
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        if held:
-            signal.raise_signal(held[0])
+        if delayed:
+            signal.raise_signal(delayed[0])
 
 
 def umask() -> int:
@@ -363,18 +373,16 @@ def umask() -> int:
     return mask
 
 
-_DISK = {errno.ENOSPC: "free", errno.EDQUOT: "free", errno.EFBIG: "allow", errno.EROFS: ""}
-
-
 @contextmanager
 def disk_errors_named(path: Path) -> Iterator[None]:
     """Raises InputError naming `path` in place of a disk's error: full, over a quota or a limit, read-only."""
+    causes = {errno.ENOSPC: "free", errno.EDQUOT: "free", errno.EFBIG: "allow", errno.EROFS: ""}
     try:
         yield
     except OSError as error:
-        if error.errno not in _DISK:
+        if error.errno not in causes:
             raise
-        do = _DISK[error.errno]
+        do = causes[error.errno]
         remedy = f"{do} more space, or write somewhere else" if do else "write somewhere else"
         raise InputError(f"cannot be written ({error.strerror})", where=path, remedy=remedy) from None
 

@@ -25,13 +25,13 @@ def make_folder(path: Path) -> None:
 def writing_alone(path: Path) -> Iterator[None]:
     """The only writer of a folder, which need not exist. Raises InputError where another one is at work.
 
-    The lock lies beside the folder and goes with the process that holds it, however that ends.
+    The lock lies next to the folder and goes with the process that has it, however that ends.
     """
     from filelock import FileLock, Timeout
 
     place = path.resolve()
-    beside = place.parent / f".{place.name}.lock"
-    lock = FileLock(beside, blocking=False)
+    lock_path = place.parent / f".{place.name}.lock"
+    lock = FileLock(lock_path, blocking=False)
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire()
@@ -47,16 +47,16 @@ def writing_alone(path: Path) -> Iterator[None]:
         yield
     finally:
         with contextlib.suppress(OSError):  # some systems keep a file that is open
-            beside.unlink(missing_ok=True)
+            lock_path.unlink(missing_ok=True)
         lock.release()
 
 
 @contextlib.contextmanager
 def replacing_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder beside `path` that takes its place only when the block ends well.
+    """A temporary folder next to `path` that takes its place only when the block ends well.
 
-    Whether what is there may be replaced is for the caller to settle before. What an earlier writer left that was
-    killed is taken away, or given its name again. Raises InputError where another writer is at work.
+    Whether what is there may be replaced is for the caller to decide before. What an earlier writer left that was
+    killed is removed, or gets its name back. Raises InputError where another writer is at work.
     """
     parent, temporary, old = path.resolve().parent, None, None
     with writing_alone(path):

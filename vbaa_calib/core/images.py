@@ -16,11 +16,8 @@ from .errors import InputError
 from .files import most_memory, read_bytes
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
-_SENSOR_BITS = (10, 12, 14, 16)
 _MOST_PIXELS = 200_000_000
-_PNG, _JPEG, _BMP, _TIFF = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM", (b"II*\0", b"MM\0*")
-_WIDTH, _HEIGHT, _BITS, _SAMPLES, _TILE_WIDTH, _TILE_HEIGHT = 256, 257, 258, 277, 322, 323
-"""TIFF's tags."""
+_PNG, _JPEG, _BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
 _AGAIN = "copy or export the picture again, or remove it"
 _log_level = threading.Lock()
 
@@ -114,7 +111,7 @@ def _announced(data: bytes, path: Path) -> tuple[int, int]:
         bytes_per_pixel = samples * (6 if data[24] == 16 else 2)
     elif data.startswith(_JPEG) and width > 0:
         bytes_per_pixel = 3 * data[_start_of_frame(data) + 9]  # a progressive one has its coefficients beside it
-    elif data.startswith(_TIFF):
+    elif data.startswith((b"II*\0", b"MM\0*")):
         width, height, at_once, bytes_per_pixel = _of_tiff(data)
     else:
         bytes_per_pixel = 12
@@ -164,10 +161,11 @@ def _of_tiff(data: bytes) -> tuple[int, int, int, int]:
             tags.setdefault(tag, value)
     except struct.error:
         pass  # what is not there is not read
-    width, height, bits = tags.get(_WIDTH, -1), tags.get(_HEIGHT, -1), tags.get(_BITS, 1)
-    tile = tags.get(_TILE_WIDTH, 0) * tags.get(_TILE_HEIGHT, 0)
+    # by TIFF's tags: 256 width, 257 height, 258 bits, 277 samples per pixel, 322 and 323 sides of a tile
+    width, height, bits = tags.get(256, -1), tags.get(257, -1), tags.get(258, 1)
+    tile = tags.get(322, 0) * tags.get(323, 0)
     # of 8 bits a whole strip, which may be all of it, is decoded in four colours first
-    bytes_per_pixel = 12 if bits <= 8 else tags.get(_SAMPLES, 1) * (6 if bits <= 16 else 3 * bits // 8)
+    bytes_per_pixel = 12 if bits <= 8 else tags.get(277, 1) * (6 if bits <= 16 else 3 * bits // 8)
     return width, height, max(width * height, tile), bytes_per_pixel
 
 
@@ -198,7 +196,7 @@ def _pixels(data: bytes | None, path: Path, colours: int) -> np.ndarray:
 def _to_255(pixels: np.ndarray) -> float:
     """Factor to the range of 8 bits from the sensor's own depth."""
     brightest = int(pixels.max())
-    bits = next(bits for bits in _SENSOR_BITS if brightest < 1 << bits)
+    bits = next(bits for bits in (10, 12, 14, 16) if brightest < 1 << bits)
     return 255.0 / ((1 << bits) - 1)
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from .robust import chi_square, huber_losses, huber_weights, soft_l1_losses, soft_l1_weights
 
 CHANCE_SCATTER = 1.2  # ratio of variances that noise alone often reaches: what is beyond widens a covariance
-_LEAST_DAMPING, _MOST_DAMPING = 1e-15, 1e12
 
 
 _Point = TypeVar("_Point", bound=Any)
@@ -25,7 +24,7 @@ class Rules:
 
     iterations : at most.
     tolerance, standstill : it ends at a step that promises to lower the cost by less than this share, or this amount.
-    takes_last : whether that step is still taken. Where the slopes are exact and a linearisation is expensive it need
+    takes_last : whether that step is taken, too. Where the slopes are exact and a linearisation is expensive it need
         not be; where they are differences it brings the parameters the last millionth of a deviation closer.
     may_rise_share, may_rise : a cost that rises by no more than this, of the cost or as such, is rounding.
     damping : of the first step.
@@ -83,17 +82,17 @@ def levenberg_marquardt(
         rounding = rules.may_rise + rules.may_rise_share * at.cost
         if trial is not None and np.isfinite(trial.cost) and trial.cost <= at.cost + rounding:
             decrease, at = at.cost - trial.cost, trial
-            damping = max(rules.relief * damping, _LEAST_DAMPING)
+            damping = max(rules.relief * damping, 1e-15)
             last |= rounding < decrease <= rules.tolerance * at.cost and damping < 1.0
         else:
             damping = max(rules.growth * damping, rules.after_failure)
-        if last or damping > _MOST_DAMPING:
+        if last or damping > 1e12:
             return _Descent(at, promise, False)
     return _Descent(at, promise, True)
 
 
 def solve_scaled(matrix: np.ndarray, right: np.ndarray, damping: float = 0.0) -> np.ndarray:
-    """Solution (P,) or (P, K) of normal equations (P, P) whose unknowns differ by many orders of magnitude."""
+    """Solution (P,) or (P, K) of normal equations (P, P) with unknowns of very different magnitude."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-30))
     rows = scale.reshape(-1, *[1] * (right.ndim - 1))
     scaled = matrix * np.outer(scale, scale) + damping * np.eye(len(matrix))
@@ -117,8 +116,8 @@ def schur_complement(total: np.ndarray, cross: np.ndarray, own: np.ndarray) -> t
     return total - np.einsum("vki,vkj->ij", cross, through), through
 
 
-TELLS = 0.05
-"""Directions count in which a group of residuals tells more than this part of what is known beforehand."""
+MIN_INFORMATION = 0.05
+"""Smallest ratio of data to prior information with which a direction counts."""
 
 
 def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -130,19 +129,19 @@ def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -
     information : (G, S, S), pull : (G, S), in units of the prior's deviations. total : (S, S).
     """
     values, vectors = np.linalg.eigh(information)
-    told = values > TELLS
+    identified = values > MIN_INFORMATION
     along = np.einsum("gsk,gs->gk", vectors, pull)
     mixed = np.swapaxes(vectors, 1, 2) @ information
     covariance = values[:, :, None] * np.eye(values.shape[1]) - mixed @ np.linalg.solve(total, np.swapaxes(mixed, 1, 2))
-    both = told[:, :, None] & told[:, None, :]
-    scale = np.where(told, 1.0 / np.sqrt(np.where(told, values, 1.0)), 0.0)
+    both = identified[:, :, None] & identified[:, None, :]
+    scale = np.where(identified, 1.0 / np.sqrt(np.where(identified, values, 1.0)), 0.0)
     unit = np.where(both, covariance * scale[:, :, None] * scale[:, None, :], np.eye(values.shape[1]))
     # a group that is nearly all there is has nothing to disagree with
     roots, turns = np.linalg.eigh(unit)
     free = roots > 1e-3
     parts = np.einsum("gkj,gk->gj", turns, along * scale)
     square = np.where(free, parts**2 / np.where(free, roots, 1.0), 0.0).sum(axis=1)
-    return square, np.maximum(told.sum(axis=1) - (~free).sum(axis=1), 0)
+    return square, np.maximum(identified.sum(axis=1) - (~free).sum(axis=1), 0)
 
 
 def disagreement_p(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
@@ -247,9 +246,6 @@ def products(jacobian: np.ndarray, residuals: np.ndarray, nuisance: np.ndarray |
     return np.asarray(whole - mixed.T @ np.linalg.solve(np.eye(nuisance.shape[1]) + nuisance.T @ nuisance, mixed))
 
 
-_UNOBSERVED_STD, _FREE_STD = 10.0, 100.0  # in units of a scale: directions without information; free parameters
-
-
 def change_test(
     data: np.ndarray, covariance: np.ndarray, wanted: np.ndarray, scale: np.ndarray, free: Sequence[int] = ()
 ) -> ScoreTest:
@@ -263,11 +259,13 @@ def change_test(
     # in units of the scale, so that metres and radians weigh alike
     matrix, score = data[:-1, :-1] * np.outer(scale, scale), data[:-1, -1] * scale
     prior = covariance / np.outer(scale, scale)
-    prior[list(free), list(free)] += _FREE_STD**2
+    # standard deviation of a free parameter, in units of its scale
+    prior[list(free), list(free)] += 100.0**2
     spread = np.eye(len(covariance)) + matrix @ prior
     weight, score = np.linalg.solve(spread, matrix), np.linalg.solve(spread, score)
     values, axes = np.linalg.eigh(weight[np.ix_(wanted, wanted)])
-    seen, std = values > 1.0, 1.0 / np.sqrt(np.maximum(values, _UNOBSERVED_STD**-2))
+    # standard deviation of a direction without information, in units of its scale
+    seen, std = values > 1.0, 1.0 / np.sqrt(np.maximum(values, 10.0**-2))
     along, units = np.where(seen, (axes.T @ score[wanted]) * std**2, 0.0), scale[wanted]
     found = (axes * std**2) @ axes.T * np.outer(units, units)
     return ScoreTest((axes @ along) * units, found, 0.5 * float(((along / std) ** 2).sum()), units, int(seen.sum()))

@@ -174,10 +174,12 @@ def _with_line(where: object, data: Any, loc: Sequence[int | str]) -> object:
     if not isinstance(where, Path) or where.suffix not in (".yaml", ".yml"):
         return where
     try:
-        held, line_of = with_lines(read_text(where))
+        content, line_of = with_lines(read_text(where))
     except (InputError, YAMLError, ValueError, RecursionError):
         return where
-    above = () if held == data else ("board",) if isinstance(held, dict) and held.get("board") == data else None
+    above = (
+        () if content == data else ("board",) if isinstance(content, dict) and content.get("board") == data else None
+    )
     line = None if above is None else line_of([*above, *_keys_of(loc)])
     return where if line is None else f"{where} line {line}"
 
@@ -213,16 +215,6 @@ def _at(whole: Mapping[str, Any], part: Mapping[str, Any], loc: tuple[int | str,
     return _at(whole, inner, loc[1:])
 
 
-_TYPES = {
-    "object": "a mapping",
-    "array": "a list",
-    "string": "a text",
-    "number": "a number",
-    "integer": "a whole number",
-    "boolean": "true or false",
-}
-
-
 def _wanted(error: ErrorDetails, part: Mapping[str, Any]) -> str:
     kind, context = error["type"], error.get("ctx", {})
     if kind.startswith(("greater_than", "less_than")):
@@ -239,7 +231,15 @@ def _wanted(error: ErrorDetails, part: Mapping[str, Any]) -> str:
         return f"{part.get('minItems', '')} or more values" if "maxItems" not in part else f"{part['maxItems']} values"
     if kind == "literal_error":
         return str(context["expected"])
-    return _TYPES.get(part.get("type", ""), error["msg"][0].lower() + error["msg"][1:])
+    types = {
+        "object": "a mapping",
+        "array": "a list",
+        "string": "a text",
+        "number": "a number",
+        "integer": "a whole number",
+        "boolean": "true or false",
+    }
+    return types.get(part.get("type", ""), error["msg"][0].lower() + error["msg"][1:])
 
 
 def _not_finite(data: Any, loc: tuple[int | str, ...] = ()) -> tuple[int | str, ...] | None:

@@ -12,8 +12,6 @@ MAD_SCALE = 1.4826
 """Standard deviation of normal numbers over their median absolute value."""
 NORMAL_QUARTILE = 0.6745
 """Median absolute value of standard normal numbers, to the digits that are divided by."""
-_RAYLEIGH_MEDIAN = 1.1774
-"""Median length of a normal vector in the plane, in standard deviations per axis."""
 HUBER = 2.5
 """Whitened residuals beyond this count linearly (Huber): a few false points must not pull."""
 
@@ -36,7 +34,8 @@ def mad_std(residuals: np.ndarray) -> float:
 
 def radial_std(distances: np.ndarray) -> float:
     """Standard deviation per axis of plane normal vectors of these lengths (N,), from their median."""
-    return float(np.median(distances)) / _RAYLEIGH_MEDIAN
+    # median length of a normal vector in the plane, in standard deviations per axis
+    return float(np.median(distances)) / 1.1774
 
 
 def huber_losses(residuals: Array) -> Array:

@@ -159,7 +159,7 @@ def _little_variety(views: Sequence[BoardView], solution: LensSolution, spec: Bo
 
 
 def _print_stretched(shape: BoardShape) -> Diagnosis | None:
-    """A print whose x and y differ in scale."""
+    """A print with different scales along x and y."""
     excess, std = float(shape.parameters[STRETCH]), float(shape.std[STRETCH])
     if abs(excess) < max(_LIMITS.stretch_std * std, _LIMITS.stretch):
         return None
@@ -204,7 +204,7 @@ def _rectified_already(data: LensReadings) -> Iterator[Explanation[LensReadings]
 
 
 def _not_rectified(data: LensReadings) -> Iterator[Explanation[LensReadings]]:
-    """Straight lines bend in the pictures by the file's distortion, which --rectified sets aside."""
+    """Straight lines bend in the pictures by the file's distortion, which --rectified removes."""
     camera, other, *_ = data
     if other is None or camera.distortion.any():
         return
@@ -267,7 +267,7 @@ class _ViewChange:
     log_odds: float  # of the evidence for it, all places of the pattern counted
 
 
-def find_change(
+def _find_change(
     score: np.ndarray, information: np.ndarray, patterns: np.ndarray, variance_px2: float, prior_std: float
 ) -> tuple[int, float, float, float] | None:
     """Which pattern (K, V) a parameter's values over the views follow best, its size, standard deviation and log odds
@@ -365,7 +365,7 @@ class ViewSet:
         score, information = self.own_scores(parameter)
         found = []
         for name, pattern in patterns.items():
-            change = find_change(score, information, pattern, self.variance_px2, _LIMITS.focal_std * unit)
+            change = _find_change(score, information, pattern, self.variance_px2, _LIMITS.focal_std * unit)
             if change is not None and abs(change[1]) > _LIMITS.noticeable * unit:
                 index = int(firsts[change[0]]) if name == "step" else change[0]
                 found.append(_ViewChange(name, index, *change[1:]))
@@ -460,10 +460,6 @@ def _other_gap(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
     )
 
 
-_CHANGES = (_focus_changed, _centre_moved, _other_gap)
-"""What may have changed between the views, or is not as described."""
-
-
 def view_set_diagnoses(
     views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints
 ) -> list[Diagnosis]:
@@ -473,7 +469,7 @@ def view_set_diagnoses(
     if not used:
         return []
     data = ViewSet.of(used, solution, spec)
-    found = [] if data is None else diagnose(data, _CHANGES)
+    found = [] if data is None else diagnose(data, (_focus_changed, _centre_moved, _other_gap))
     # a lens that did not stay the same shifts the print's aspect by several of its standard deviations
     stretched = None if found or data is None else _print_stretched(solution.board_shape)
     found += [one for one in (stretched, _poorly_covered(used, spec)) if one is not None]

@@ -6,7 +6,7 @@ weighed on the same lines, each by the evidence (Laplace) of a solve of camera p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -136,16 +136,16 @@ class JigEvidence:
         Within a few standard deviations: nothing that lies elsewhere speaks for the hypothesis.
         """
         pose, session = self.estimate(case).T_antenna_camera, self.session
-        stills = list(self.free[: self.limits.free_frames])
-        pulls = gravity_antenna(session.kinematics, session.gravity_world_m_s2, stills)
-        if not stills or not self._in_picture(pose, pulls[0]):
+        frames = list(self.free[: self.limits.free_frames])
+        pulls = gravity_antenna(session.kinematics, session.gravity_world_m_s2, frames)
+        if not frames or not self._in_picture(pose, pulls[0]):
             return []
-        images = [_flipped(read_picture(still.image), case.flips) for still in stills if still.image is not None]
+        images = [_flipped(read_picture(frame.image), case.flips) for frame in frames if frame.image is not None]
         nominal = nominal_parameters(session.antenna)
         expected = ExpectedAntenna(session.antenna, self.camera, pose, nominal, reaches=self.limits.reaches)
         try:
-            expected = replace(expected, paint=expected.learned(stills, images, list(pulls)))
-            seen = [expected.observe(*each) for each in zip(stills, images, pulls, strict=True)]
+            expected = replace(expected, paint=expected.learned(frames, images, list(pulls)))
+            seen = [expected.observe(*each) for each in zip(frames, images, pulls, strict=True)]
         except InputError:
             return []
         return self._flipped(seen, case.flips)
@@ -388,9 +388,6 @@ def _flipped(image: np.ndarray, flips: tuple[bool, bool]) -> np.ndarray:
     return np.ascontiguousarray(image[:: -1 if down else 1, :: -1 if across else 1])
 
 
-_HALF_TURNS = {name: Rotation.from_rotvec(np.pi * axis) for name, axis in zip("xyz", np.eye(3), strict=True)}
-
-
 def _typed(data: JigEvidence) -> Pose:
     """jig.T_antenna_board as session.yaml has it, of the board's back."""
     face = Pose(np.eye(3), np.array([0.0, 0.0, -data.session.board.thickness_m]))
@@ -427,8 +424,8 @@ def _slips(data: JigEvidence) -> Iterator[_JigMistake]:
         words = f"{names[0]} and {names[1]} of {key}.translation_m are exchanged: ({_numbers(shift[order])}) m fits"
         yield case("axes_exchanged", words, Pose(turn, shift[order]))
     middle = corner_points(data.session.board).mean(axis=0) * [1.0, 1.0, 0.0]
-    for name, half in _HALF_TURNS.items():
-        rotation = half.as_matrix()
+    for name, about_axis in zip("xyz", np.eye(3), strict=True):
+        rotation = Rotation.from_rotvec(np.pi * about_axis).as_matrix()
         about = Pose(rotation, middle - rotation @ middle)
         words = f"the board in the jig is turned by 180° about its {name} axis: {{}} fits"
         yield case("turned", words.format(_quaternion(turn @ rotation)), Pose(turn @ rotation, shift))
@@ -498,16 +495,13 @@ def _quaternion(rotation: np.ndarray) -> str:
     return f"rotation_xyzw ({_numbers(Rotation.from_matrix(rotation).as_quat())})"
 
 
-_TABLE: tuple[Callable[[JigEvidence], Iterator[_JigMistake]], ...] = (_slips, _mirrored_pictures, _changes)
-
-
 def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:
     """What is wrong with the jig, or changed since its picture; empty where all may be as reported, or another cause
     explains the pictures as well."""
     lines, scale, _ = data.seen
     if data.fits(lines, scale) if lines else not data.others:
         return []
-    best = decide(data.explanation(case) for row in _TABLE for case in row(data))
+    best = decide(data.explanation(case) for row in (_slips, _mirrored_pictures, _changes) for case in row(data))
     # the antenna's length is for those who know its loads
     return [] if not best or best[0].diagnosis.name == "antenna_length" else [joined(best)]
 

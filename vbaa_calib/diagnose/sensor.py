@@ -33,7 +33,7 @@ _UNITS = (
 
 @dataclass(frozen=True, eq=False)
 class MomentReadings:
-    """The moment sensor's readings (F,) beside what the pictures predict.
+    """The moment sensor's readings (F,) and what the pictures predict of them.
 
     Attributes
     ----------

@@ -29,7 +29,7 @@ from .witness import Alteration, RigFit, Witness, name_of
 
 
 @dataclass(frozen=True, eq=False)
-class Mistake:
+class _Mistake:
     """One possible mistake.
 
     alter : the problem with a mistake of some values put right. says : of a fit, what was wrong.
@@ -63,8 +63,8 @@ def _restilled(problem: Problem, change: Callable[[int, Still], Still]) -> Probl
 def _reloaded(problem: Problem, which: Sequence[int], change: Callable[[Load], Load]) -> Problem:
     """With other readings of some loads."""
 
-    def of(index: int, still: Still) -> Still:
-        return change(still) if isinstance(still, Load) and index in which else still
+    def of(index: int, frame: Still) -> Still:
+        return change(frame) if isinstance(frame, Load) and index in which else frame
 
     return _restilled(problem, of)
 
@@ -89,7 +89,7 @@ def _plane_turn(angle: float) -> np.ndarray:
 # ---- lengths
 
 
-def _lengths(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
+def _lengths(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
     """antenna.length_m, and the board's squares, which put the camera nearer or further."""
     if len(witness.problem.tips):
         nominal = witness.problem.length_m
@@ -104,7 +104,7 @@ def _lengths(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
                 "tip",
             )
 
-        yield Mistake(
+        yield _Mistake(
             lambda problem, v: replace(problem, length_m=nominal * (1.0 + v[0])), length, (s.length,), s.mistake
         )
     jig = witness.session.T_antenna_board
@@ -128,22 +128,10 @@ def _lengths(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
         )
 
     if any(one.way != "over board" for one in witness.problem.prior.poses):
-        yield Mistake(scaled, board, (s.board,), s.mistake)
+        yield _Mistake(scaled, board, (s.board,), s.mistake)
 
 
 # ---- loads
-
-
-_SLIPS = (
-    ("with its sign turned round", -np.eye(2)),
-    ("with the sign of y turned round", np.diag([-1.0, 1.0])),
-    ("with the sign of z turned round", np.diag([1.0, -1.0])),
-    ("with y and z exchanged", np.array([[0.0, 1.0], [1.0, 0.0]])),
-    ("with y and z exchanged, and the sign turned round", np.array([[0.0, -1.0], [-1.0, 0.0]])),
-    ("with y and z exchanged, and the sign of one of them turned round", np.array([[0.0, 1.0], [-1.0, 0.0]])),
-    ("with y and z exchanged, and the sign of one of them turned round", np.array([[0.0, -1.0], [1.0, 0.0]])),
-)
-"""Wrong directions of a force, and the matrix that puts each right."""
 
 
 def _cells(before: Load, after: Load) -> str:
@@ -168,13 +156,13 @@ def _question(what: str, how: str, before: Load, after: Load) -> str:
     return f"{1e3 * meant / G:.4g} g, which is {meant:.4g} N, that was typed as {typed:.4g} newtons"
 
 
-def _slips(witness: Witness, which: Sequence[int], log_prior: float) -> Iterator[Mistake]:
+def _slips(witness: Witness, which: Sequence[int], log_prior: float) -> Iterator[_Mistake]:
     """Units, signs and axes of some rows."""
     loads = dict(witness.loads)
     count, length_m = len(loads), witness.problem.length_m
     rows = [(list(loads).index(index), loads[index]) for index in which]
 
-    def cause(what: str, how: str, change: Callable[[Load], Load], less: float) -> Mistake:
+    def cause(what: str, how: str, change: Callable[[Load], Load], less: float) -> _Mistake:
         def says(fit: RigFit) -> Diagnosis:
             first = rows[0][1]
             words = (
@@ -184,7 +172,7 @@ def _slips(witness: Witness, which: Sequence[int], log_prior: float) -> Iterator
             cells = "; ".join(f"row {index + 1}: {_cells(load, change(load))}" for index, load in rows[:3])
             return Diagnosis(f"load_{what}_mistyped", words, f"if so, correct {cells}", "wrong")
 
-        return Mistake(
+        return _Mistake(
             lambda problem, v: _reloaded(problem, which, change), says, (), log_prior - less, True, len(which) == 1
         )
 
@@ -192,7 +180,17 @@ def _slips(witness: Witness, which: Sequence[int], log_prior: float) -> Iterator
         yield cause("force", how, partial(_turned_load, matrix=factor * np.eye(2)), 1.0)
     known: list[np.ndarray] = [np.eye(2)]
     forces = np.array([[load.force_y_N, load.force_z_N] for _, load in rows]).T
-    for how, turn in _SLIPS:
+    # Wrong directions of a force, and the matrix that puts each right.
+    slips = (
+        ("with its sign turned round", -np.eye(2)),
+        ("with the sign of y turned round", np.diag([-1.0, 1.0])),
+        ("with the sign of z turned round", np.diag([1.0, -1.0])),
+        ("with y and z exchanged", np.array([[0.0, 1.0], [1.0, 0.0]])),
+        ("with y and z exchanged, and the sign turned round", np.array([[0.0, -1.0], [-1.0, 0.0]])),
+        ("with y and z exchanged, and the sign of one of them turned round", np.array([[0.0, 1.0], [-1.0, 0.0]])),
+        ("with y and z exchanged, and the sign of one of them turned round", np.array([[0.0, -1.0], [1.0, 0.0]])),
+    )
+    for how, turn in slips:
         if all(np.abs((turn - other) @ forces).max() > 1e-6 * np.abs(forces).max() for other in known):
             known.append(turn)
             yield cause("force", how, partial(_turned_load, matrix=turn), 1.5)
@@ -204,7 +202,7 @@ def _slips(witness: Witness, which: Sequence[int], log_prior: float) -> Iterator
         yield cause("distance", "from the tip", lambda load: replace(load, distance_m=length_m - load.distance_m), 1.5)
 
 
-def _one_load(witness: Witness, s: SessionSettings, index: int, less: float) -> Iterator[Mistake]:
+def _one_load(witness: Witness, s: SessionSettings, index: int, less: float) -> Iterator[_Mistake]:
     """Place and force of one load."""
     name, load, length_m = (
         name_of(witness.problem.observations, index),
@@ -224,7 +222,7 @@ def _one_load(witness: Witness, s: SessionSettings, index: int, less: float) -> 
             "wrong" if abs(fit.values[0]) > 0.02 * load.distance_m else "doubt",
         )
 
-    yield Mistake(moved, place, (s.distance * length_m,), s.mistake - less)
+    yield _Mistake(moved, place, (s.distance * length_m,), s.mistake - less)
 
     def heavier(problem: Problem, v: np.ndarray) -> Problem:
         return _reloaded(problem, [index], lambda one: _turned_load(one, np.exp(v[0]) * np.eye(2)))
@@ -240,7 +238,7 @@ def _one_load(witness: Witness, s: SessionSettings, index: int, less: float) -> 
             "wrong" if abs(fit.values[0]) > 0.03 else "doubt",
         )
 
-    yield Mistake(heavier, force, (s.force,), s.mistake - less)
+    yield _Mistake(heavier, force, (s.force,), s.mistake - less)
 
     def turned(problem: Problem, v: np.ndarray) -> Problem:
         return _reloaded(problem, [index], lambda one: _turned_load(one, _plane_turn(v[0])))
@@ -254,10 +252,10 @@ def _one_load(witness: Witness, s: SessionSettings, index: int, less: float) -> 
             "wrong" if abs(fit.values[0]) > 0.03 else "doubt",
         )
 
-    yield Mistake(turned, direction, (s.turn_rad,), s.mistake - less - 1.0)
+    yield _Mistake(turned, direction, (s.turn_rad,), s.mistake - less - 1.0)
 
 
-def _exchanges(witness: Witness, s: SessionSettings, suspects: Sequence[int]) -> Iterator[Mistake]:
+def _exchanges(witness: Witness, s: SessionSettings, suspects: Sequence[int]) -> Iterator[_Mistake]:
     """Weights, places or pictures of two loads."""
     loads, observations = dict(witness.loads), witness.problem.observations
     pairs = [pair for pair in combinations(loads, 2) if set(pair) & set(suspects)]
@@ -265,7 +263,7 @@ def _exchanges(witness: Witness, s: SessionSettings, suspects: Sequence[int]) ->
     for i, j in pairs:
         a, b = loads[i], loads[j]
 
-        def cause(what: str, change: Mapping[int, Observation], i: int = i, j: int = j) -> Mistake:
+        def cause(what: str, change: Mapping[int, Observation], i: int = i, j: int = j) -> _Mistake:
             names = [name_of(observations, index) for index in (i, j)]
 
             def says(fit: RigFit) -> Diagnosis:
@@ -286,7 +284,7 @@ def _exchanges(witness: Witness, s: SessionSettings, suspects: Sequence[int]) ->
                 ]
                 return replace(problem, observations=seen)
 
-            return Mistake(alter, says, (), s.mistake - less, True, True)
+            return _Mistake(alter, says, (), s.mistake - less, True, True)
 
         def with_load(index: int, load: Load) -> Observation:
             return replace(observations[index], still=load)
@@ -307,7 +305,7 @@ def _exchanges(witness: Witness, s: SessionSettings, suspects: Sequence[int]) ->
         )
 
 
-def _all_loads(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
+def _all_loads(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
     """What all loads have in common."""
     which, length_m = [index for index, _ in witness.loads], witness.problem.length_m
     if not which:
@@ -323,7 +321,7 @@ def _all_loads(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
             "wrong" if abs(fit.values[0]) > 0.01 * length_m else "doubt",
         )
 
-    yield Mistake(
+    yield _Mistake(
         lambda problem, v: _reloaded(problem, which, lambda one: _moved_load(one, v[0], length_m)),
         shifted, (s.shift_m,), s.mistake,
     )  # fmt: skip
@@ -337,14 +335,14 @@ def _all_loads(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
             "wrong" if abs(fit.values[0]) > 0.03 else "doubt",
         )
 
-    yield Mistake(
+    yield _Mistake(
         lambda problem, v: _reloaded(problem, which, lambda one: _turned_load(one, _plane_turn(v[0]))),
         turned, (s.turn_rad,), s.mistake,
     )  # fmt: skip
     yield from _slips(witness, which, s.mistake)
 
 
-def _materials(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
+def _materials(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
     """Another modulus, density or diameter."""
     nominal = witness.session.antenna
 
@@ -373,7 +371,7 @@ def _materials(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
         ratio = float(np.exp(fit.parameters[12] - witness.problem.prior.mean[6]))
         return s.moduli_Pa[0] <= ratio * nominal.youngs_modulus_Pa <= s.moduli_Pa[1]
 
-    yield Mistake(other, says, s.material, 0.0, within=possible)
+    yield _Mistake(other, says, s.material, 0.0, within=possible)
 
 
 # ---- gravity and joints
@@ -388,22 +386,10 @@ def _always(diagnosis: Diagnosis, fit: RigFit) -> Diagnosis:
     return diagnosis
 
 
-_AXES = {f"{'+−'[sign < 0]}{name}": sign * np.eye(3)[axis] for axis, name in enumerate("xyz") for sign in (1, -1)}
-_JOINTS = (
-    ("the tilt turned the other way", "the sign of tilt_rad", np.diag([1.0, -1.0])),
-    ("the pan turned the other way", "the sign of pan_rad", np.diag([-1.0, 1.0])),
-    ("pan and tilt were exchanged", "the columns pan_rad and tilt_rad", np.array([[0.0, 1.0], [1.0, 0.0]])),
-    ("the angles were in degrees", "the unit: angles are in rad", np.pi / 180 * np.eye(2)),
-    ("the angles had been turned into rad twice", "the angles: they are in rad once", 180 / np.pi * np.eye(2)),
-    ("the tilt stayed at 0", "tilt_rad, or connect its encoder", np.diag([1.0, 0.0])),
-)
-"""How the joints would have moved, what to correct, and the matrix that puts (pan, tilt) right."""
-
-
-def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
+def _gravity(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
     """Where gravity points, and what the joints read."""
     kinematics, world = witness.kinematics, witness.session.gravity_world_m_s2
-    stills = [one.still for one in witness.problem.observations]
+    frames = [one.still for one in witness.problem.observations]
     noted = np.array([one.gravity_m_s2 for one in witness.problem.observations])
     known = [noted]
 
@@ -412,14 +398,18 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
         known.append(pulls)
         return differs
 
-    worlds = {f"gravity pointed to {name} of the world": G * axis for name, axis in _AXES.items()}
+    worlds = {
+        f"gravity pointed to {'+−'[sign < 0]}{name} of the world": G * (sign * np.eye(3)[axis])
+        for axis, name in enumerate("xyz")
+        for sign in (1, -1)
+    }
     if world.any():
         worlds["there were no gravity"] = np.zeros(3)
     # what is no further away is a tilt
     near = np.cos(4.0 * s.turn_rad) * G * np.linalg.norm(world)
     worlds = {words: gravity for words, gravity in worlds.items() if not gravity @ world > near}
     for words, gravity in worlds.items():
-        pulls = gravity_antenna(kinematics, gravity, stills)
+        pulls = gravity_antenna(kinematics, gravity, frames)
         numbers = ", ".join(f"{value + 0.0:g}" for value in gravity)
         likely = Diagnosis(
             "gravity_direction",
@@ -428,10 +418,19 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
             "wrong",
         )
         if new(pulls):
-            yield Mistake(partial(_with_gravity, pulls), partial(_always, likely), (), s.mistake - 1.5, moments=True)
-    for words, what, turn in _JOINTS:
-        angles = [turn @ (one.pan_rad, one.tilt_rad) for one in stills]
-        moved = [replace(one, pan_rad=float(a[0]), tilt_rad=float(a[1])) for one, a in zip(stills, angles, strict=True)]
+            yield _Mistake(partial(_with_gravity, pulls), partial(_always, likely), (), s.mistake - 1.5, moments=True)
+    # How the joints would have moved, what to correct, and the matrix that puts (pan, tilt) right.
+    faults = (
+        ("the tilt turned the other way", "the sign of tilt_rad", np.diag([1.0, -1.0])),
+        ("the pan turned the other way", "the sign of pan_rad", np.diag([-1.0, 1.0])),
+        ("pan and tilt were exchanged", "the columns pan_rad and tilt_rad", np.array([[0.0, 1.0], [1.0, 0.0]])),
+        ("the angles were in degrees", "the unit: angles are in rad", np.pi / 180 * np.eye(2)),
+        ("the angles had been turned into rad twice", "the angles: they are in rad once", 180 / np.pi * np.eye(2)),
+        ("the tilt stayed at 0", "tilt_rad, or connect its encoder", np.diag([1.0, 0.0])),
+    )
+    for words, what, turn in faults:
+        angles = [turn @ (one.pan_rad, one.tilt_rad) for one in frames]
+        moved = [replace(one, pan_rad=float(a[0]), tilt_rad=float(a[1])) for one, a in zip(frames, angles, strict=True)]
         pulls = gravity_antenna(kinematics, world, moved)
         likely = Diagnosis(
             "joint_readings_wrong",
@@ -440,14 +439,14 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
             "wrong",
         )
         if new(pulls):
-            yield Mistake(partial(_with_gravity, pulls), partial(_always, likely), (), s.mistake - 1.5, moments=True)
+            yield _Mistake(partial(_with_gravity, pulls), partial(_always, likely), (), s.mistake - 1.5, moments=True)
     if not world.any():
         return
 
     def tilted(problem: Problem, v: np.ndarray) -> Problem:
         turn = Rotation.from_rotvec([v[0], v[1], 0.0]).as_matrix()
 
-        carried = kinematics.world_antenna(*np.array([(one.pan_rad, one.tilt_rad) for one in stills]).T)[0]
+        carried = kinematics.world_antenna(*np.array([(one.pan_rad, one.tilt_rad) for one in frames]).T)[0]
         before = np.array([one.gravity_m_s2 for one in problem.observations])
         world_pulls = np.einsum("fij,fj->fi", turn @ carried, before)
         return _with_gravity(np.einsum("fji,fj->fi", carried, world_pulls), problem, v)
@@ -465,7 +464,7 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
             "wrong" if size > 2.0 else "doubt",
         )
 
-    yield Mistake(tilted, tilt, (0.5 * s.turn_rad,) * 2, s.mistake, moments=True)
+    yield _Mistake(tilted, tilt, (0.5 * s.turn_rad,) * 2, s.mistake, moments=True)
 
 
 # ---- antenna and clamp
@@ -487,7 +486,7 @@ def _pair(fit: RigFit, factor: float, unit: str) -> str:
     return f"{y:.2g} ± {y_std:.1g}{unit} y and {z:.2g} ± {z_std:.1g}{unit} z"
 
 
-def _since(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
+def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
     """A clamp that slipped, or an antenna that was bent, between two pictures."""
     observations = witness.problem.observations
     times = [one.still.time_s for one in observations]
@@ -534,10 +533,10 @@ def _since(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
 
             alter = _changed(which, later)
             by = partial(slopes, which=which)
-            yield Mistake(alter, says, (std, std), s.mistake - less, slopes=by)
+            yield _Mistake(alter, says, (std, std), s.mistake - less, slopes=by)
 
 
-def _antenna(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
+def _antenna(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
     """Bow, soft clamp, and a whisker that is not the same all along or all round."""
     length, loaded = witness.problem.length_m, bool(witness.loads)
 
@@ -558,7 +557,7 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
             "straighten or replace the whisker, or set it with its bow in plane C, and check gravity_world",
         )
 
-    yield Mistake(shifted([4, 5]), bowed, (0.5 / length,) * 2, s.mistake)
+    yield _Mistake(shifted([4, 5]), bowed, (0.5 / length,) * 2, s.mistake)
     if not loaded:
         return
 
@@ -570,7 +569,7 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
             "clamp it over a longer piece, between metal, and check where the distances are measured from",
         )
 
-    yield Mistake(shifted([8]), soft, (s.give_m,), s.rare, within=lambda fit: bool(fit.parameters[14] > 0))
+    yield _Mistake(shifted([8]), soft, (s.give_m,), s.rare, within=lambda fit: bool(fit.parameters[14] > 0))
 
     def uneven(fit: RigFit) -> Diagnosis:
         side = "y" if fit.values[0] > 0 else "z"
@@ -581,7 +580,7 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
             "is the whisker round? EI is the mean of both",
         )
 
-    yield Mistake(
+    yield _Mistake(
         lambda problem, v: replace(problem, uneven=_uneven(problem, [v[0], 0, 0])), uneven, (s.uneven,), s.rare
     )
 
@@ -609,7 +608,7 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
         log_tip = float(np.clip(v[0], -s.thinnest, s.thinnest))
         return replace(problem, prior=replace(problem.prior, taper=problem.prior.taper.thinned(log_tip)))
 
-    yield Mistake(
+    yield _Mistake(
         thinned,
         lambda fit: changes((0.5 + 0.5 * float(np.exp(fit.values[0]))) ** -4),
         (s.cone,),
@@ -617,7 +616,7 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
         within=lambda fit: bool(abs(fit.values[0]) < s.thinnest),
     )
 
-    yield Mistake(
+    yield _Mistake(
         lambda problem, v: replace(problem, uneven=_uneven(problem, [0, *v])),
         varies,
         (s.profile, 0.5 * s.profile),
@@ -632,19 +631,19 @@ def _uneven(problem: Problem, by: Sequence[float]) -> np.ndarray:
 # ---- single pictures
 
 
-def _touched(witness: Witness, s: SessionSettings, index: int, less: float) -> Iterator[Mistake]:
-    """A no-load frame in which something pushes the antenna aside."""
+def _touched(witness: Witness, s: SessionSettings, index: int, less: float) -> Iterator[_Mistake]:
+    """A no-load frame in which something pushes the antenna."""
     length, observations = witness.problem.length_m, witness.problem.observations
     stiffness = float(np.exp(witness.problem.prior.mean[6]))
-    still = observations[index].still
+    frame = observations[index].still
 
     for part in (0.35, 0.6, 0.95):
         std = 3.0 * stiffness * s.touch * length / (part * length) ** 3 * part**2
 
         def touched(problem: Problem, v: np.ndarray, part: float = part) -> Problem:
             load = Load(
-                still.image, still.pan_rad, still.tilt_rad, still.moment_Nm, part * length, float(v[0]), float(v[1]),
-                time_s=still.time_s,
+                frame.image, frame.pan_rad, frame.tilt_rad, frame.moment_Nm, part * length, float(v[0]), float(v[1]),
+                time_s=frame.time_s,
             )  # fmt: skip
             return _restilled(problem, lambda i, one: load if i == index else one)
 
@@ -657,10 +656,10 @@ def _touched(witness: Witness, s: SessionSettings, index: int, less: float) -> I
                 "wrong",
             )
 
-        yield Mistake(touched, says, (std, std), s.mistake - less - 1.1)
+        yield _Mistake(touched, says, (std, std), s.mistake - less - 1.1)
 
 
-def _left_out(witness: Witness, s: SessionSettings, index: int) -> Mistake:
+def _left_out(witness: Witness, s: SessionSettings, index: int) -> _Mistake:
     """A picture that contradicts all others for no reason that is known."""
     observations = witness.problem.observations
 
@@ -675,10 +674,10 @@ def _left_out(witness: Witness, s: SessionSettings, index: int) -> Mistake:
         "check the row, that the picture belongs to it, and that its line is the antenna",
         "wrong",
     )
-    return Mistake(alter, lambda fit: likely, (), s.rare)
+    return _Mistake(alter, lambda fit: likely, (), s.rare)
 
 
-_TABLE: tuple[Callable[[Witness, SessionSettings], Iterator[Mistake]], ...] = (
+_TABLE: tuple[Callable[[Witness, SessionSettings], Iterator[_Mistake]], ...] = (
     _lengths,
     _all_loads,
     _materials,
@@ -689,7 +688,7 @@ _TABLE: tuple[Callable[[Witness, SessionSettings], Iterator[Mistake]], ...] = (
 """Mistakes that concern a session; those of single rows follow where rows contradict the others."""
 
 
-def _single(witness: Witness, s: SessionSettings, reported: float) -> Iterator[Mistake]:
+def _single(witness: Witness, s: SessionSettings, reported: float) -> Iterator[_Mistake]:
     """Mistakes in single rows and pictures, of those that fit better without."""
     observations = witness.problem.observations
     suspects, gross = [], witness.reported is None or witness.reported.scale > s.gross
@@ -700,7 +699,7 @@ def _single(witness: Witness, s: SessionSettings, reported: float) -> Iterator[M
             suspects.append(index)
             yield out
     less = float(np.log(len(observations)))
-    rough: list[Mistake] = list(_exchanges(witness, s, suspects))
+    rough: list[_Mistake] = list(_exchanges(witness, s, suspects))
     for index in suspects:
         if isinstance(observations[index].still, Load):
             yield from _one_load(witness, s, index, less)

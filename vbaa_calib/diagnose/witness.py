@@ -96,8 +96,8 @@ def _condensed(problem: Problem, parameters: np.ndarray, settings: SessionSettin
     return replace(found, known_axes=found.line_axes()) if problem.prior.drift.line_px else found
 
 
-def _without_load(still: Still) -> Still:
-    return replace(still, force_y_N=0.0, force_z_N=0.0) if isinstance(still, Load) else still
+def _without_load(frame: Still) -> Still:
+    return replace(frame, force_y_N=0.0, force_z_N=0.0) if isinstance(frame, Load) else frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,7 @@ def _squares(residuals: np.ndarray) -> np.ndarray:
 
 
 def _losses(residuals: np.ndarray) -> np.ndarray:
-    """(F,) of pictures whose errors are Student's, in common for all of one."""
+    """(F,) of pictures with Student's errors, in common for all points of one."""
     freedom, points = SETTINGS.picture_freedom, SETTINGS.points
     return 0.5 * (freedom + points) * np.log1p(_squares(residuals) / freedom)
 
@@ -281,7 +281,7 @@ class Witness:
         prior_std: Sequence[float] = (),
         at: np.ndarray | None = None,
     ) -> RigFit | None:
-        """The rig that explains the pictures best under an alteration whose values are N(0, prior_std²); None where
+        """The rig that explains the pictures best under an alteration with values N(0, prior_std²); None where
         none has a shape. at : parameters and values to begin with, as `forecast` has them."""
         std = np.array(prior_std, float)
         begin = [np.append(one, 0.0 * std) for one in self.starts]
@@ -495,8 +495,8 @@ def _about_z(curves: Curves, observations: Sequence[Observation], parameters: np
 
 def name_of(observations: Sequence[Observation], index: int) -> str:
     """Name of an observation: its row of its table, and its picture."""
-    still = observations[index].still
-    loaded = isinstance(still, Load)
+    frame = observations[index].still
+    loaded = isinstance(frame, Load)
     row = 1 + sum(isinstance(one.still, Load) == loaded for one in observations[:index])
     table = "loads.csv" if loaded else "noload.csv"
-    return f"{table} row {row}" + (f" ({still.image.name})" if still.image else "")
+    return f"{table} row {row}" + (f" ({frame.image.name})" if frame.image else "")

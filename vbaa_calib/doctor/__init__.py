@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from vbaa_calib.core.errors import Diagnosis
-
-OK, LOOK, FAILS = "ok", "look", "fails"
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,8 +19,8 @@ class HealthFinding:
     numbers: dict[str, Any] = field(default_factory=dict)
 
     @property
-    def status(self) -> str:
-        return FAILS if any(problem.grave for problem in self.problems) else LOOK if self.problems else OK
+    def status(self) -> Literal["ok", "look", "fails"]:
+        return "fails" if any(problem.grave for problem in self.problems) else "look" if self.problems else "ok"
 
     def to_dict(self) -> dict[str, Any]:
         problems = [problem.to_dict() for problem in self.problems]

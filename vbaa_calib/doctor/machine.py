@@ -20,24 +20,25 @@ from vbaa_calib.core.errors import Diagnosis, Severity
 
 from . import HealthFinding, by_system, pip
 
-_DRAWING_SECONDS, _CAMERA_SECONDS, _TORCH_SECONDS = 90.0, 30.0, 120.0
-_SLOW_TORCH_SECONDS = 20.0
-_OPEN = (
-    "import json, sys, cv2\n"
-    "for index in map(int, sys.argv[1:]):\n"
-    "    camera = cv2.VideoCapture(index)\n"
-    "    taken, image = camera.read() if camera.isOpened() else (False, None)\n"
-    "    print(json.dumps([index, list(image.shape[1::-1]) if taken else None]), flush=True)\n"
-    "    camera.release()\n"
-)
-_TORCH = (
-    "import time; begun = time.perf_counter(); import torch; "
-    "print(time.perf_counter() - begun, torch.__version__, torch.get_num_threads(), torch.cuda.is_available())"
-)
+
+@dataclass(frozen=True)
+class _MachineSettings:
+    """How long the checks may take, and how much room a session needs."""
+
+    drawing_s: float = 90.0  # to draw a ball without a screen
+    camera_s: float = 30.0  # to take a picture with each camera
+    torch_s: float = 120.0  # to load torch
+    slow_torch_s: float = 20.0  # from which loading torch counts as slow
+    full_disk_bytes: int = 200_000_000  # free bytes below which nothing is worth starting
+    low_disk_bytes: int = 2_000_000_000  # free bytes below which a session may not fit
+    low_memory_bytes: int = 2_000_000_000  # free bytes of memory below which a calibration may fail
+
+
+_LIMITS = _MachineSettings()
 
 
 @dataclass(frozen=True)
-class EndedProcess:
+class _EndedProcess:
     """How a process ended: its exit code, None when it took too long; negative when a signal ended it."""
 
     code: int | None
@@ -50,10 +51,10 @@ class EndedProcess:
         return late if self.code is None else f"{failed} ({lines[-1].strip() if lines else 'it said nothing'})"
 
 
-_Try = Callable[[Sequence[str], float], EndedProcess]
+_Try = Callable[[Sequence[str], float], _EndedProcess]
 
 
-def try_python(arguments: Sequence[str], seconds: float) -> EndedProcess:
+def _try_python(arguments: Sequence[str], seconds: float) -> _EndedProcess:
     """Run this Python with these arguments; -P keeps the current folder's own modules out of it."""
     try:
         done = subprocess.run(
@@ -67,18 +68,18 @@ def try_python(arguments: Sequence[str], seconds: float) -> EndedProcess:
         )
     except subprocess.TimeoutExpired as late:
         out = late.stdout or b""
-        return EndedProcess(None, out if isinstance(out, str) else out.decode(errors="replace"))
+        return _EndedProcess(None, out if isinstance(out, str) else out.decode(errors="replace"))
     except OSError as error:
-        return EndedProcess(127, err=str(error))
-    return EndedProcess(done.returncode, done.stdout, done.stderr)
+        return _EndedProcess(127, err=str(error))
+    return _EndedProcess(done.returncode, done.stdout, done.stderr)
 
 
-def drawing(attempt: _Try = try_python) -> HealthFinding:
+def drawing(attempt: _Try = _try_python) -> HealthFinding:
     """Whether 3-D pictures can be drawn. Pages and glTF need no OpenGL, so this alone stops nothing."""
-    tried = attempt(["-m", "viz.render.probe"], _DRAWING_SECONDS)
+    tried = attempt(["-m", "viz.render.probe"], _LIMITS.drawing_s)
     if tried.code == 0:
         return HealthFinding("drawing", "3-D pictures can be drawn")
-    how = tried.how(f"took longer than {_DRAWING_SECONDS:.0f} s", "failed")
+    how = tried.how(f"took longer than {_LIMITS.drawing_s:.0f} s", "failed")
     if tried.code is not None and (tried.code < 0 or not tried.err.strip()):
         how = f"was ended by signal {-tried.code}" if tried.code < 0 else "found no OpenGL that works"
     remedy = by_system(
@@ -96,7 +97,7 @@ def drawing(attempt: _Try = try_python) -> HealthFinding:
 def cameras(
     devices: Sequence[str] | None = None,
     readable: Callable[[str], bool] = lambda path: os.access(path, os.R_OK | os.W_OK),
-    attempt: _Try = try_python,
+    attempt: _Try = _try_python,
     system: str = sys.platform,
 ) -> HealthFinding:
     """Cameras, and whether they give a picture. None is no fault: pictures come from files and streams too."""
@@ -115,7 +116,15 @@ def cameras(
         devices, indices = [], ["0", "1"]  # there is nothing to list: the first two are tried
     opened = {}
     if indices:
-        tried = attempt(["-c", _OPEN, *indices], _CAMERA_SECONDS)
+        program = (
+            "import json, sys, cv2\n"
+            "for index in map(int, sys.argv[1:]):\n"
+            "    camera = cv2.VideoCapture(index)\n"
+            "    taken, image = camera.read() if camera.isOpened() else (False, None)\n"
+            "    print(json.dumps([index, list(image.shape[1::-1]) if taken else None]), flush=True)\n"
+            "    camera.release()\n"
+        )
+        tried = attempt(["-c", program, *indices], _LIMITS.camera_s)
         opened = dict(json.loads(line) for line in tried.out.splitlines() if line.startswith("["))
         if tried.code != 0:
             how = tried.how("does not answer", "ends the program that opens it")
@@ -135,32 +144,27 @@ def cameras(
     return HealthFinding("cameras", words, tuple(problems), {"devices": list(devices), "giving": giving})
 
 
-def torch(attempt: _Try = try_python) -> HealthFinding:
+def torch(attempt: _Try = _try_python) -> HealthFinding:
     """Whether torch loads, and how long that takes; `vbaa check` and who gives tensors wait for it."""
-    tried = attempt(["-c", _TORCH], _TORCH_SECONDS)
+    program = (
+        "import time; begun = time.perf_counter(); import torch; "
+        "print(time.perf_counter() - begun, torch.__version__, torch.get_num_threads(), torch.cuda.is_available())"
+    )
+    tried = attempt(["-c", program], _LIMITS.torch_s)
     fields = tried.out.split()
     if tried.code != 0 or len(fields) != 4:
-        how = tried.how(f"takes longer than {_TORCH_SECONDS:.0f} s to load", "cannot be loaded")
+        how = tried.how(f"takes longer than {_LIMITS.torch_s:.0f} s to load", "cannot be loaded")
         again = pip("install", "--force-reinstall", '"torch>=2.4,<3"')
         remedy = by_system(again, again, f"winget install Microsoft.VCRedist.2015+.x64, then {again}")
         return HealthFinding("torch", "does not load", (Diagnosis("torch_broken", f"torch {how}", remedy, "wrong"),))
     seconds = float(fields[0])
     words = f"{fields[1]} loads in {seconds:.1f} s, {fields[2]} threads, {'with' if fields[3] == 'True' else 'no'} CUDA"
     problems: tuple[Diagnosis, ...] = ()
-    if seconds > _SLOW_TORCH_SECONDS:
+    if seconds > _LIMITS.slow_torch_s:
         slow = f"torch takes {seconds:.0f} s to load, and `vbaa check` waits for it"
         remedy = "put the environment on a local disk; have the virus scanner leave it out; try again when warm"
         problems = (Diagnosis("torch_slow", slow, remedy),)
     return HealthFinding("torch", words, problems, {"seconds": round(seconds, 3), "version": fields[1]})
-
-
-_MB, _GB = 1_000_000, 1_000_000_000
-_DISK_FULL, _DISK_LOW, _MEMORY_LOW = 200 * _MB, 2 * _GB, 2 * _GB
-_REMEDIES = {
-    "current": "change to a folder of your own, or give outputs there",
-    "temporary": "set TMPDIR (on Windows TEMP) to a folder that you may write to",
-    "cache": "set MPLCONFIGDIR to a folder that you may write to; else every start is slow",
-}
 
 
 def writable(folders: Mapping[str, Path | None] | None = None) -> HealthFinding:
@@ -185,7 +189,16 @@ def writable(folders: Mapping[str, Path | None] | None = None) -> HealthFinding:
         except OSError as error:
             words = f"the {name} folder {folder or ''} cannot be written to ({error.strerror or error})"
             problems.append(
-                Diagnosis("folder_not_writable", words, _REMEDIES[name], "doubt" if name == "cache" else "wrong")
+                Diagnosis(
+                    "folder_not_writable",
+                    words,
+                    {
+                        "current": "change to a folder of your own, or give outputs there",
+                        "temporary": "set TMPDIR (on Windows TEMP) to a folder that you may write to",
+                        "cache": "set MPLCONFIGDIR to a folder that you may write to; else every start is slow",
+                    }[name],
+                    "doubt" if name == "cache" else "wrong",
+                )
             )
     words = ", ".join(f"{name} {folder}" for name, folder in folders.items())
     return HealthFinding("folders", words, tuple(problems))
@@ -194,15 +207,17 @@ def writable(folders: Mapping[str, Path | None] | None = None) -> HealthFinding:
 def disk(free_bytes: int | None = None) -> HealthFinding:
     if free_bytes is None:
         free_bytes = shutil.disk_usage(Path.cwd()).free
-    said = f"only {free_bytes / _MB:.0f} MB are free on this disk, and a session with its pictures may need some GB"
-    severity: Severity = "wrong" if free_bytes < _DISK_FULL else "doubt"
-    low = Diagnosis("disk_low", said, "make room, or work on another disk", severity)
-    problems = (low,) if free_bytes < _DISK_LOW else ()
-    return HealthFinding("disk", f"{free_bytes / _GB:.1f} GB free", problems, {"free_bytes": free_bytes})
+    words_now = (
+        f"only {free_bytes / 1_000_000:.0f} MB are free on this disk, and a session with its pictures may need some GB"
+    )
+    severity: Severity = "wrong" if free_bytes < _LIMITS.full_disk_bytes else "doubt"
+    low = Diagnosis("disk_low", words_now, "make room, or work on another disk", severity)
+    problems = (low,) if free_bytes < _LIMITS.low_disk_bytes else ()
+    return HealthFinding("disk", f"{free_bytes / 1_000_000_000:.1f} GB free", problems, {"free_bytes": free_bytes})
 
 
 def _available_memory() -> int | None:
-    """Bytes that may still be used; None where the system does not say."""
+    """Bytes that are free; None where the system does not say."""
     with contextlib.suppress(OSError):
         found = re.search(r"MemAvailable:\s*(\d+) kB", Path("/proc/meminfo").read_text())
         if found:
@@ -217,15 +232,15 @@ def computing(
 ) -> HealthFinding:
     free, threads = memory(), environ.get("OMP_NUM_THREADS")
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    said = f"{free / _GB:.1f} GB of memory" if free is not None else "memory unknown"
-    seen = f"{count} cores, {said}, OMP_NUM_THREADS {threads or 'not set'}"
+    words_now = f"{free / 1_000_000_000:.1f} GB of memory" if free is not None else "memory unknown"
+    seen = f"{count} cores, {words_now}, OMP_NUM_THREADS {threads or 'not set'}"
     low = "close other programs; large pictures and torch need about 2 GB"
     wrong = threads is not None and (not threads.isdigit() or int(threads) < 1)
     many = threads is not None and not wrong and int(threads) > count
     setting = f"OMP_NUM_THREADS is {threads!r}, "
     waits = f"{setting}and there are {count} cores: threads wait for each other"
     rules = (
-        (free is not None and free < _MEMORY_LOW, "memory_low", f"only {said} are free", low),
+        (free is not None and free < _LIMITS.low_memory_bytes, "memory_low", f"only {words_now} are free", low),
         (wrong, "threads_wrong", f"{setting}which is no number of threads", f"set it to a number from 1 to {count}"),
         (many, "threads_many", waits, f"set it to {count}, or unset it"),
     )

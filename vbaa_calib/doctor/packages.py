@@ -18,18 +18,18 @@ from vbaa_calib.core.errors import Diagnosis, Severity
 from . import HealthFinding, by_system, pip
 
 _DISTRIBUTION = "vbaa-calib"
-_LEAST_PYTHON = (3, 11)
 _ROOT = Path(__file__).parents[2]
 """The folder that holds our packages: a source tree, or site-packages."""
 
 
 def python_version(version: tuple[int, ...] = tuple(sys.version_info[:3])) -> HealthFinding:
     """Whether this Python is new enough, and where it lives."""
-    words, wanted = f"{'.'.join(map(str, version))}, {sys.executable}", ".".join(map(str, _LEAST_PYTHON))
+    least = (3, 11)
+    words, wanted = f"{'.'.join(map(str, version))}, {sys.executable}", ".".join(map(str, least))
     packages = f"apt-get install python{wanted} python{wanted}-venv", f"brew install python@{wanted}"
     remedy = by_system(*packages, f"winget install Python.Python.{wanted}") + ", then make a new environment with it"
     problem = Diagnosis("python_too_old", f"this is Python {words}, and {wanted} is needed", remedy, "wrong")
-    found = () if version[:2] >= _LEAST_PYTHON else (problem,)
+    found = () if version[:2] >= least else (problem,)
     return HealthFinding("python", words, found, {"version": list(version)})
 
 
@@ -76,24 +76,22 @@ def packages(
     return HealthFinding("packages", words, tuple(problems), {"versions": versions})
 
 
-_OURS = ("vbaa", "vbaa_calib", "targets", "estimator", "viz")
-_LIBRARIES = {"cv2": "opencv-contrib-python-headless", "yaml": "PyYAML"} | {
-    name: name
-    for name in ("numpy", "scipy", "torch", "kornia", "pyvista", "matplotlib", "reportlab", "pydantic", "rich")
-}
-"""Name that is imported → distribution that it comes from."""
-
-
 def shadows(
     folder: Path | None = None,
     owners: Callable[[], Mapping[str, list[str]]] = metadata.packages_distributions,
 ) -> HealthFinding:
-    """Where packages are taken from now, what the current folder would put in their place, and whose files are ours.
+    """Where packages are taken from now, what the current folder would put in their place, and the owner of our files.
 
     owners : package → the distributions that bring it.
     """
-    homes: dict[str, Path | None] = {**dict.fromkeys(_OURS, _ROOT), **dict.fromkeys(_LIBRARIES)}
-    for name, distribution in _LIBRARIES.items():
+    # Name that is imported → distribution that it comes from.
+    libraries = {"cv2": "opencv-contrib-python-headless", "yaml": "PyYAML"} | {
+        name: name
+        for name in ("numpy", "scipy", "torch", "kornia", "pyvista", "matplotlib", "reportlab", "pydantic", "rich")
+    }
+    ours = ("vbaa", "vbaa_calib", "targets", "estimator", "viz")
+    homes: dict[str, Path | None] = {**dict.fromkeys(ours, _ROOT), **dict.fromkeys(libraries)}
+    for name, distribution in libraries.items():
         with contextlib.suppress(metadata.PackageNotFoundError):
             homes[name] = Path(str(metadata.distribution(distribution).locate_file("")))
     folder, problems, places = (folder or Path.cwd()).resolve(), [], dict[str, str]()
@@ -115,7 +113,7 @@ def shadows(
             if expected is not None and place.resolve().parent != expected.resolve():
                 words = f"{name} is taken from {place}, not from {expected}"
                 problems.append(stands_in("package_shadowed", words, place, "wrong"))
-        elif name in _OURS:  # a missing library is reported with the packages
+        elif name in ours:  # a missing library is reported with the packages
             words = f"the package {name} is not found beside vbaa_calib, in {_ROOT}"
             problems.append(Diagnosis("package_hidden", words, "install vbaa-calib again", "wrong"))
     for name, expected in homes.items():
@@ -126,7 +124,7 @@ def shadows(
                     words = f"{place} takes the place of the package {name} for every script that is run from there"
                     problems.append(stands_in("name_taken", words, place, "doubt"))
     brought = owners()
-    for name in _OURS:
+    for name in ours:
         for other in sorted(set(brought.get(name, ())) - {_DISTRIBUTION}):
             again = pip("uninstall", "--yes", other) + ", then "
             again += pip("install", "--force-reinstall", "--no-deps", _DISTRIBUTION)
@@ -138,22 +136,18 @@ def shadows(
     return HealthFinding("shadows", words, tuple(problems), {"places": places})
 
 
-_RIGHT = "opencv-contrib-python-headless"
-_RIGHT_RANGE = ">=4.14,<5"
-_NAMES = frozenset(
-    f"opencv{contrib}-python{headless}" for contrib in ("", "-contrib") for headless in ("", "-headless")
-)
-
-
 def opencv(
     installed: Mapping[str, str] | None = None, load: Callable[[], Any] = lambda: importlib.import_module("cv2")
 ) -> HealthFinding:
     """Several wheels at once overwrite each other's files; OpenCV 5 lacks what is needed; some wheels need libGL."""
     if installed is None:
         known = {re.sub(r"[-_.]+", "-", each.metadata["Name"] or "").lower(): each for each in metadata.distributions()}
-        installed = {name: each.version for name, each in known.items() if name in _NAMES}
+        wheels = frozenset(
+            f"opencv{contrib}-python{headless}" for contrib in ("", "-contrib") for headless in ("", "-headless")
+        )
+        installed = {name: each.version for name, each in known.items() if name in wheels}
     named = ", ".join(f"{name} {version}" for name, version in sorted(installed.items())) or "no wheel of OpenCV"
-    again = f'{pip("install", "--force-reinstall", "--no-deps")} "{_RIGHT}{_RIGHT_RANGE}"'
+    again = f'{pip("install", "--force-reinstall", "--no-deps")} "opencv-contrib-python-headless>=4.14,<5"'
     problems = []
     if len(installed) > 1:
         remedy = f"{pip('uninstall', '--yes', *sorted(installed))}, then {again}"

@@ -80,9 +80,9 @@ def _chain_of(rig: Rig, segments: int) -> _Chain:
     if give_m <= -0.5 * part_m:
         remedy = f"give {max(3, int(-0.5 * rod.length_m / give_m))} segments or fewer"
         raise InputError(f"the clamp gives by {1e3 * give_m:.3g} mm", where="antenna", remedy=remedy)
-    given = 1.0 + give_m / rod.bending_stiffness_Nm2 * bending[0]
-    bending[0] /= given
-    at_m[0] /= given
+    yielded = 1.0 + give_m / rod.bending_stiffness_Nm2 * bending[0]
+    bending[0] /= yielded
+    at_m[0] /= yielded
     ends = np.concatenate([[0.0], at_m, [rod.length_m]])
     lengths, mass = np.diff(ends), _parts(rod, ends)[1]
     radii = rig.antenna.radius_at(ends[:-1] + 0.5 * lengths)

@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vbaa_calib.core.arrays import LARGEST_RAD, check_angle, fixed, gate
+from vbaa_calib.core.arrays import PLAUSIBLE, check_angle, fixed, gate
 from vbaa_calib.core.errors import InputError
 
 from .pose import Pose
@@ -68,19 +68,20 @@ class Kinematics:
 
     T_world_actuator = Trans(position)·Rz(pan)·Trans(offset along x)·Rx(skew)·Ry(−(tilt + tilt zero)). The pan axis is
     the world's z through `position_world_m`. The panned x axis is the common perpendicular of the two axes; its foot
-    on the tilt axis is the actuator frame's origin, whose y runs along that axis. The paper's cross at right angles.
+    on the tilt axis is the actuator frame's origin; its y runs along that axis. The paper's cross at right angles.
 
     Attributes
     ----------
     T_actuator_antenna : pose of the antenna frame on the moving attachment.
     position_world_m : (3,) crossing point of the two joint axes in the world, Eq. (21). Where they pass each other, the
         foot of their common perpendicular on the pan axis.
-    axis_skew_rad : lean of the tilt axis from the right angle with the pan axis; positive where its y leans to +z.
+    axis_skew_rad : inclination of the tilt axis from the right angle with the pan axis; positive where its y tilts to
+        +z.
     axis_offset_m : from the pan axis to the tilt axis along the panned x.
     tilt_zero_rad : true tilt where the encoder reads zero; true tilt = reading + tilt_zero_rad.
     axes_std : (3,) standard deviations of skew (rad), offset (m) and tilt zero (rad) for a camera pose that is exact.
     axes_by_pose : (3, 6) how much the three are off besides for a camera pose that is off (`Pose.retract`'s tangent):
-        what was measured by one sweep shares its errors. Without a sweep the axes count as exact, as they were given.
+        what was measured by one sweep shares its errors. Without a sweep the axes count as exact.
     """
 
     T_actuator_antenna: Pose = field(default_factory=Pose.identity)
@@ -102,7 +103,7 @@ class Kinematics:
         Raises InputError for angles beyond a turn: they are degrees.
         """
         for name, angle in (("pan_rad", pan_rad), ("tilt_rad", tilt_rad)):
-            if abs(angle) > LARGEST_RAD:
+            if abs(angle) > PLAUSIBLE.angle_rad:
                 check_angle(angle, name)
         return Pose(*self.world_antenna(pan_rad, tilt_rad))
 

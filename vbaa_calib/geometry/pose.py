@@ -80,7 +80,7 @@ class Pose:
         return Pose(self.rotation.T, -self.rotation.T @ self.translation_m)
 
     def retract(self, tangent: np.ndarray) -> Pose:
-        """Moved by a small step given in frame a: tangent (6,) = rotation vector rad, then translation m.
+        """Moved by a small step in frame a: tangent (6,) = rotation vector rad, then translation m.
 
         The rotation turns about the origin of frame b, so the two halves do not mix.
         """

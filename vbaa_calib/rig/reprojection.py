@@ -31,7 +31,7 @@ class SeenPoints(Rows):
     by_lens: np.ndarray | None = None
 
     def with_lens_moved(self, step: np.ndarray) -> SeenPoints:
-        """The same pixels through a lens whose parameters are a small step (P,) away."""
+        """The same pixels through a lens with parameters a small step (P,) away."""
         return self if self.by_lens is None else replace(self, points=self.points + self.by_lens @ step)
 
 

@@ -129,16 +129,17 @@ def _of_camera(data: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 
 _OF_ALL_CAMERAS = ("antenna", "moment_sensor", "kinematics", "gravity_world_m_s2", "drift", "clamp", "antennas")
-_NEAREST_M = 1e-3  # what comes nearer to the camera's plane counts as not in front of it
 
 
 def _check_view(T_antenna_camera: Pose, length_m: float, where: object) -> None:
     """Raises InputError when the undeformed antenna is nowhere in front of the camera, where no picture shows it."""
     along = np.linspace(0.0, length_m, 9)[:, None] * [1.0, 0.0, 0.0]
     depth_m = (T_antenna_camera.inverse() @ along)[:, 2]
-    if depth_m.max() < _NEAREST_M:
+    # what comes nearer to the camera's plane counts as not in front of it
+    nearest_m = 1e-3
+    if depth_m.max() < nearest_m:
         raise InputError(
-            f"T_antenna_camera: the antenna is nowhere {1e3 * _NEAREST_M:g} mm or more in front of the camera",
+            f"T_antenna_camera: the antenna is nowhere {1e3 * nearest_m:g} mm or more in front of the camera",
             where=where,
             remedy="it is the pose of the camera in the antenna frame, the camera's z forward",
         )

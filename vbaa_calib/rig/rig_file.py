@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, Verdict
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber, checked
-from vbaa_calib.session import DRIFTS, LAB, FileDrift, MomentSensor, MovingClamp
+from vbaa_calib.session import DRIFTS, FileDrift, MomentSensor, MovingClamp
 from vbaa_calib.session.settings import (
     AnyLength,
     CameraName,
@@ -33,7 +33,7 @@ _Covariance = list[list[Annotated[Number, Field(ge=-1e12, le=1e12)]]]
 
 
 @dataclass(frozen=True)
-class _Camera:
+class _RigCamera:
     version: Annotated[Literal["vbaa.camera/1"], Field(alias="schema")]
     model: Literal["opencv", "fisheye"]
     image_size: tuple[_Side, _Side]
@@ -49,7 +49,7 @@ class _Camera:
 def can_hold(camera: Camera) -> bool:
     """Whether the numbers of a camera are within the bounds of rig.json."""
     try:
-        checked(_Camera, camera.to_dict(), where=SCHEMA, remedy="")
+        checked(_RigCamera, camera.to_dict(), where=SCHEMA, remedy="")
     except InputError:
         return False
     return True
@@ -78,7 +78,7 @@ class _FileTip:
 
 
 @dataclass(frozen=True, eq=False)
-class _Antenna:
+class _RigAntenna:
     length_m: AnyLength
     diameter_m: Diameter
     stiffness_Nm2: Annotated[Number, Field(ge=1e-12, le=1e4, description="EI")]
@@ -112,7 +112,7 @@ class _Antenna:
 
 
 @dataclass(frozen=True)
-class _MomentSensor(MomentSensor):
+class _RigSensor(MomentSensor):
     gain_std: Deviation | None = None
     offset_std_Nm: Deviation | None = None
 
@@ -162,7 +162,7 @@ class _AxesUncertainty:
 
 
 @dataclass(frozen=True, eq=False)
-class _Kinematics(FileKinematics):
+class _RigKinematics(FileKinematics):
     axes_uncertainty: _AxesUncertainty = field(default_factory=_AxesUncertainty)
 
 
@@ -180,27 +180,27 @@ class RigFile(FileModel):
     model_config = ConfigDict(extra="ignore")
     VERSION = SCHEMA
     version: Literal["vbaa.rig/1"] = Field(alias="schema")
-    camera: _Camera
+    camera: _RigCamera
     T_antenna_camera: FilePose
-    antenna: _Antenna
-    moment_sensor: Annotated[_MomentSensor | None, Field(description="about y; null: a rig without")]
+    antenna: _RigAntenna
+    moment_sensor: Annotated[_RigSensor | None, Field(description="about y; null: a rig without")]
     second_moment_sensor: Annotated[
         MomentSensor | None,
         Field(description="of older files: about z, as a wrench_sensor of mz that counts as exact"),
     ] = None
     wrench_sensor: _FileWrenchSensor | None = None
-    kinematics: _Kinematics
+    kinematics: _RigKinematics
     gravity_world: Gravity
     image: AntennaImage
     joint: Joint
-    drift: Annotated[FileDrift, Field(description="what may change between calibration and recording")] = DRIFTS[LAB]
+    drift: Annotated[FileDrift, Field(description="what may change between calibration and recording")] = DRIFTS["lab"]
     clamp: Annotated[
         MovingClamp | None,
         Field(description="of antennas whose clamp moves and turns: what no picture shows; null: one that does not"),
     ] = None
-    antennas: Annotated[dict[str, _Antenna], Field(description="by name, where several in the same picture differ")] = (
-        Field(default_factory=dict)
-    )
+    antennas: Annotated[
+        dict[str, _RigAntenna], Field(description="by name, where several in the same picture differ")
+    ] = Field(default_factory=dict)
     camera_name: Annotated[CameraName, Field(description="of camera, among cameras")] = "camera"
     cameras: Annotated[
         dict[CameraName, dict[str, Any]],

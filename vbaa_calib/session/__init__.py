@@ -6,7 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from .clamp import MovingClamp
-from .drift import DRIFTS, LAB, Drift, drift_of
+from .drift import DRIFTS, Drift, drift_of
 from .moment_sensor import READINGS, SILENT, MomentSensor
 
 if TYPE_CHECKING:

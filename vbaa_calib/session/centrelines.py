@@ -17,12 +17,13 @@ import struct
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
 import numpy as np
 
-from vbaa_calib.core.arrays import FARTHEST_PX
+from vbaa_calib.core.arrays import PLAUSIBLE
 from vbaa_calib.core.csv_rows import (
     MOST_WHOLE,
     csv_rows,
@@ -40,9 +41,18 @@ from .settings import Session
 from .tables import Frame, numbers_of, wrong
 
 _COLUMNS, _DEVIATION = ("frame", "u_px", "v_px"), "sigma_px"
-BLOCK = 1 << 20
-LOT = 64
-"""Frames that are read at once."""
+
+
+@dataclass(frozen=True)
+class _CentrelineSettings:
+    """How a table of centrelines is read."""
+
+    block: int = 1 << 20  # bytes that are read at once, and the longest line
+    lot: int = 64  # frames that are read at once
+    least_likelihood: float = 0.6  # of a network's points: pcutoff of DeepLabCut
+
+
+CENTRELINES = _CentrelineSettings()
 
 
 def read_centrelines(session: Session) -> Centrelines:
@@ -206,7 +216,8 @@ class Centrelines(Mapping[int, np.ndarray]):
         at, follows = place - self._first, place == self._last + 1
         if not 0 <= at < len(self._points):
             # those that will be asked for next come with it
-            self._points, self._first = self._read(self.frames[place : place + (LOT if follows else 1)]), place
+            count = CENTRELINES.lot if follows else 1
+            self._points, self._first = self._read(self.frames[place : place + count]), place
             at = 0
         points, self._last = self._points[at], place
         # a repeated point was measured once
@@ -245,7 +256,7 @@ def _state(stream: BinaryIO) -> tuple[int, ...]:
 
 def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, np.ndarray] | None:
     """State and layout of a plain file, and (R, 3) runs of rows in it; None for any other."""
-    state, line = _state(stream), stream.readline(BLOCK)
+    state, line = _state(stream), stream.readline(CENTRELINES.block)
     try:
         header = [name.strip() for name in line.decode("utf-8-sig").split(",")]
         layout = len(header), tuple(places_of(header, _COLUMNS, (_DEVIATION,), Path()).values())
@@ -253,8 +264,8 @@ def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, np.ndarray] | 
         return None
     runs, at = [np.empty((0, 3), np.int64)], len(line)
     while at < state[1]:
-        block, last = stream.read(min(BLOCK, state[1] - at - 1)), stream.readline(BLOCK)
-        endless = len(last) == BLOCK and not last.endswith(b"\n")
+        block, last = stream.read(min(CENTRELINES.block, state[1] - at - 1)), stream.readline(CENTRELINES.block)
+        endless = len(last) == CENTRELINES.block and not last.endswith(b"\n")
         found = None if endless else _plain(block + last, layout)
         if found is None:
             return None
@@ -273,7 +284,7 @@ def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
         return np.empty((0, 3), np.int64)
     frame, others = cells[:, 0], cells[:, 1:]
     sound = ((frame >= 0) & (frame < MOST_WHOLE) & (frame == np.floor(frame))).all()
-    if not sound or (np.abs(others) > FARTHEST_PX).any() or not (others[:, 2:] > 0.0).all():
+    if not sound or (np.abs(others) > PLAUSIBLE.pixel_px).any() or not (others[:, 2:] > 0.0).all():
         return None
     first = np.concatenate([[0], np.flatnonzero(np.diff(frame)) + 1])
     last = np.concatenate([first[1:], [len(frame)]]) - 1
@@ -296,13 +307,9 @@ def _plain_rows(path: Path, more: tuple[str, ...] = ()) -> Iterator[tuple[dict[s
             raise wrong(row, path, "sigma_px is not positive", "give a standard deviation in pixels")
         frame, values = whole_number(row, "frame", path), [number(row, name, path) for name in columns[1:]]
         for name, value in zip(columns[1:], values, strict=True):
-            if abs(value) > FARTHEST_PX:
+            if abs(value) > PLAUSIBLE.pixel_px:
                 raise wrong(row, path, f"{name} is {row[name]}", "give pixels: no picture is that large")
         yield row, columns, f"{frame},{','.join(map(repr, values))}\n".encode()
-
-
-_LEAST_LIKELIHOOD = 0.6
-"""Points that a network is less sure of are left out: pcutoff of DeepLabCut."""
 
 
 _Lines = dict[str, tuple[np.ndarray, str]]
@@ -321,7 +328,7 @@ def _foreign(path: Path) -> _Lines | None:
     require_file(path)
     try:
         with path.open(encoding="utf-8-sig") as stream:
-            first = stream.readline(BLOCK)
+            first = stream.readline(CENTRELINES.block)
     except (OSError, UnicodeDecodeError):
         return None
     names = [name.strip().lower() for name in first.split(",")]
@@ -384,10 +391,10 @@ def _of_parts(path: Path, columns: Sequence[tuple[str, ...]], frames: np.ndarray
         known = sure.sum()
         for at, part in enumerate(parts):
             if (part, "likelihood") in place:
-                sure[:, at] &= values[:, place[part, "likelihood"]] >= _LEAST_LIKELIHOOD
+                sure[:, at] &= values[:, place[part, "likelihood"]] >= CENTRELINES.least_likelihood
         points = np.stack([np.broadcast_to(frames[:, None], u.shape)[sure], u[sure], v[sure]], axis=1)
         note = f"{len(parts)} parts a frame ({', '.join(parts)[:80]}); {known - sure.sum()} of {known} points"
-        found[name] = points, f"{note} are left out: a likelihood below {_LEAST_LIKELIHOOD:g}"
+        found[name] = points, f"{note} are left out: a likelihood below {CENTRELINES.least_likelihood:g}"
     return found
 
 
@@ -621,7 +628,7 @@ def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
 
 
 def _numbered(table: Any, frame: str) -> np.ndarray:
-    """(W, 3) frame, number and label, −1 without, of a table of whisk's in HDF5, whose labels have no sign."""
+    """(W, 3) frame, number and label, −1 without, of a table of whisk's in HDF5, with labels without a sign."""
     names = table.dtype.names if hasattr(table, "dtype") else table.keys()
     number = next(name for name in ("whisker_id", "wid", "id") if name in names)
     columns = [np.asarray(table[name], np.int64) for name in (frame, number)]

@@ -64,11 +64,10 @@ class Drift:
         return replace(self, **{name: factor * getattr(self, name) for name in names})
 
 
-LAB = "lab"
 DRIFTS: Mapping[str, Drift] = MappingProxyType(
     {
         "none": Drift(),
-        LAB: Drift(
+        "lab": Drift(
             camera_turn_rad=1.5e-4,
             camera_shift_m=1e-4,
             picture_shift_px=0.2,

@@ -23,7 +23,7 @@ from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
 from vbaa_calib.detect.board.board_file import with_ids
 from vbaa_calib.geometry import Kinematics, Pose
 
-from .drift import DRIFTS, LAB, Drift
+from .drift import DRIFTS, Drift
 from .moment_sensor import READINGS, MomentSensor
 
 if TYPE_CHECKING:
@@ -31,12 +31,6 @@ if TYPE_CHECKING:
 
 SCHEMA = "vbaa.session/1"
 STANDARD_GRAVITY_M_S2 = 9.80665
-_TILT_ZERO_STD_RAD = 0.01
-_OVER_HEIGHT_STD_M = 1e-4
-RULER_STD_M, WEIGHT_STD_RELATIVE = 5e-4, 5e-3
-"""Default uncertainty of a load's place and weight: a ruler, and weights as they are sold."""
-_CLAMP_STD_PX = 20.0
-_LEAST_TIP_STD_M = 1e-6
 
 Deviation = Annotated[Number, Field(ge=0)]
 AnyLength = Annotated[Number, Field(ge=1e-3, le=10)]
@@ -147,7 +141,7 @@ class NominalAntenna:
             if self.tip.shape_std_m is None
             else self.tip.shape_std_m
         )
-        return max(math.hypot(self.tip.length_std_m, shape_m), _LEAST_TIP_STD_M)
+        return max(math.hypot(self.tip.length_std_m, shape_m), 1e-6)
 
     @property
     def stiffness_Nm2(self) -> float:
@@ -173,7 +167,7 @@ class OverBoard:
     height_m: Annotated[
         Number, Field(ge=0, le=0.5, description="of the antenna's axis over the printed face, towards the viewer")
     ] = 0.0
-    height_std_m: Annotated[Number, Field(gt=0, le=0.1)] = _OVER_HEIGHT_STD_M
+    height_std_m: Annotated[Number, Field(gt=0, le=0.1)] = 1e-4
     pan_rad: _JointReading = 0.0
     tilt_rad: _JointReading = 0.0
     clamp_px: Annotated[
@@ -183,9 +177,7 @@ class OverBoard:
             "end is clamped"
         ),
     ] = None
-    clamp_std_px: Annotated[Number, Field(gt=0, le=1e4, description="how well that is known along the antenna")] = (
-        _CLAMP_STD_PX
-    )
+    clamp_std_px: Annotated[Number, Field(gt=0, le=1e4, description="how well that is known along the antenna")] = 20.0
 
 
 @dataclass(frozen=True)
@@ -246,7 +238,7 @@ class _SessionKinematics(FileKinematics):
     position_world_m: Annotated[np.ndarray, ArrayOf(3, ge=-100, le=100)] = field(default_factory=lambda: np.zeros(3))
     tilt_zero_std_rad: Annotated[
         Number, Field(ge=0, le=3.2, description="how well the encoder's zero is known before calibration")
-    ] = _TILT_ZERO_STD_RAD
+    ] = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +253,7 @@ class _Jig:
 
 
 @dataclass(frozen=True)
-class _Noise:
+class _SensorNoise:
     std_Nm: Annotated[Number, Field(ge=1e-12, le=1e6)]
 
 
@@ -320,8 +312,8 @@ class NominalWrenchSensor:
 class _SessionLoads(LoadReadings):
     """How well places and forces of the known loads are known, as standard deviations; 0: exactly."""
 
-    distance_std_m: Annotated[Number, Field(ge=0, le=0.05)] = RULER_STD_M
-    force_std_relative: Annotated[Number, Field(ge=0, le=0.5)] = WEIGHT_STD_RELATIVE
+    distance_std_m: Annotated[Number, Field(ge=0, le=0.05)] = 5e-4
+    force_std_relative: Annotated[Number, Field(ge=0, le=0.5)] = 5e-3
 
 
 @dataclass(frozen=True)
@@ -339,7 +331,7 @@ def _drift(value: Any) -> Any:
         if value not in DRIFTS:
             raise ValueError(f"is {value!r}", f"one of {', '.join(DRIFTS)}, or a mapping of deviations, is needed")
         return DRIFTS[value]
-    return {**asdict(DRIFTS[LAB]), **value} if isinstance(value, Mapping) else value
+    return {**asdict(DRIFTS["lab"]), **value} if isinstance(value, Mapping) else value
 
 
 class _Or:
@@ -390,7 +382,8 @@ class SessionFile(FileModel):
     kinematics: _SessionKinematics | None = None
     gravity_world: Annotated[Gravity | None, Field(description="m/s²; null: weightless")]
     moment_sensor: Annotated[
-        _Noise | None, Field(description="about y; null, or left out: a rig without, calibrated by its pictures alone")
+        _SensorNoise | None,
+        Field(description="about y; null, or left out: a rig without, calibrated by its pictures alone"),
     ] = None
     second_moment_sensor: Annotated[
         MomentSensor | None,
@@ -427,7 +420,7 @@ class Session:
     T_antenna_board : pose of the board's printed face in the jig, or None without a jig.
     gravity_world_m_s2 : (3,), zero when weightless.
     print_scale_std : relative, of the board's printed size, as far as it was measured.
-    over : how the antenna is held over the board in over/, or None where session.yaml does not say.
+    over : how the antenna is mounted over the board in over/, or None where session.yaml does not say.
     moment_std_Nm : noise of the moment sensor, infinite where there is none.
     sensor_stated : whether session.yaml says that there is a sensor, or none.
     wrench_sensor : of several axes; then moment_std_Nm is that of its moment about y.
@@ -447,7 +440,7 @@ class Session:
     moment_std_Nm: float
     jig_translation_std_m: float = 0.0
     jig_rotation_std_rad: float = 0.0
-    tilt_zero_std_rad: float = _TILT_ZERO_STD_RAD
+    tilt_zero_std_rad: float = 0.01
     print_scale_std: float = 0.0
     load_readings: LoadReadings = LoadReadings()
     over: OverBoard | None = None
@@ -492,7 +485,7 @@ class Session:
     @property
     def possible_drift(self) -> Drift:
         """What may change between calibration and recording, `lab` where session.yaml does not say."""
-        return DRIFTS[LAB] if self.drift is None else self.drift
+        return DRIFTS["lab"] if self.drift is None else self.drift
 
     def gravity_antenna(self, frames: Sequence[Still]) -> np.ndarray:
         """(B, 3) gravity in the antenna frame at each frame's joint angles."""

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from vbaa_calib.core.arrays import LARGEST_RAD, Rows, check_angle
+from vbaa_calib.core.arrays import PLAUSIBLE, Rows, check_angle
 from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, header_of, number, plain_columns, read_csv, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import SUFFIXES, picture_size
@@ -69,8 +69,8 @@ class Load(Still):
 class Frame(Still):
     """One frame of a recording.
 
-    moment_errors_Nm, joint_errors_rad : deviations of the readings (beside the sensor's noise) and of pan and tilt, by
-        interpolation and by the clocks' offset.
+    moment_errors_Nm, joint_errors_rad : standard deviations of the readings (besides the sensor's noise) and of pan and
+        tilt, by interpolation and by the clocks' offset.
     joints_read : whether pan and tilt were read; else they are what a rig without them is taken to have.
     others : pictures of the same instant by further cameras, by name.
     """
@@ -84,7 +84,7 @@ class Frame(Still):
 
 
 @dataclass(frozen=True, eq=False)
-class FrameColumns(Rows, Sequence[Frame]):
+class _FrameColumns(Rows, Sequence[Frame]):
     """Frames of a recording without pictures, by columns (F,), which are small to keep and quick to send."""
 
     frame: np.ndarray
@@ -111,12 +111,12 @@ class FrameColumns(Rows, Sequence[Frame]):
 
 def numbers_of(frames: Sequence[Frame]) -> np.ndarray:
     """The frames' numbers (F,)."""
-    return frames.frame if isinstance(frames, FrameColumns) else np.array([each.frame for each in frames], np.int64)
+    return frames.frame if isinstance(frames, _FrameColumns) else np.array([each.frame for each in frames], np.int64)
 
 
 def pictures_of(frames: Sequence[Frame]) -> list[Path]:
     """The pictures of those frames that have one."""
-    if isinstance(frames, FrameColumns):
+    if isinstance(frames, _FrameColumns):
         return []
     return [each.image for each in frames if each.image is not None] or [
         one for each in frames for one in each.others.values()
@@ -125,7 +125,7 @@ def pictures_of(frames: Sequence[Frame]) -> list[Path]:
 
 def without_moments(frames: Sequence[Frame]) -> Sequence[Frame]:
     """Frames for vision alone."""
-    if isinstance(frames, FrameColumns):
+    if isinstance(frames, _FrameColumns):
         nothing = np.full(len(frames), np.nan)
         return replace(frames, **dict.fromkeys(SILENT, nothing))
     return [replace(frame, **SILENT) for frame in frames]
@@ -157,7 +157,7 @@ def refuse_measured(output: Path, root: Path) -> None:
 def check_pictures(
     pictures: Iterable[Path],
     image_size: tuple[int, int],
-    whose: str,
+    reference: str,
     remedy: str = "use one camera at one resolution throughout",
 ) -> None:
     """Raises InputError for the first picture that is not whole or has another size than (width, height) px.
@@ -167,13 +167,13 @@ def check_pictures(
     for path in pictures:
         width, height = picture_size(path)
         if (width, height) != tuple(image_size):
-            what = f"is {width}x{height} px, {whose} {image_size[0]}x{image_size[1]} px"
+            what = f"is {width}x{height} px, {reference} {image_size[0]}x{image_size[1]} px"
             raise InputError(what, where=path, remedy=remedy)
 
 
 _Row = TypeVar("_Row", SweepPicture, Still, Load)
-_ANGLES = ("pan_rad", "tilt_rad")
-_IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
+ANGLES = ("pan_rad", "tilt_rad")
+IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
 """Columns in degrees that may stand in their place."""
 
 
@@ -186,7 +186,7 @@ def read_sweep(session: Session) -> list[SweepPicture]:
 def read_noload(session: Session) -> list[Still]:
     """noload/noload.csv: the free antenna."""
     why = "calibration needs the free antenna"
-    return [still for _, still in _pictures(session, "noload", why, Still)]
+    return [frame for _, frame in _pictures(session, "noload", why, Still)]
 
 
 def read_loads(session: Session) -> list[Load]:
@@ -217,8 +217,8 @@ def _pictures(
         raise InputError(what, where=path, remedy=remedy)
     unread = {"moment_Nm": np.nan} if of_antenna else {}
     image = session.image_column
-    columns, optional = (image, *_ANGLES, *values), ("time_s",) if of_antenna else ()
-    for row in read_csv(path, columns, optional, _IN_DEGREES):
+    columns, optional = (image, *ANGLES, *values), ("time_s",) if of_antenna else ()
+    for row in read_csv(path, columns, optional, IN_DEGREES):
         if session.cameras and not row[image]:  # taken by others of its cameras
             continue
         view = _view(row, path, image)
@@ -244,12 +244,12 @@ def read_recording(session: Session) -> Sequence[Frame]:
 def recording_of(path: Path, *, with_images: bool, cameras: Sequence[str] = ("",)) -> Sequence[Frame]:
     """As `read_recording`, of any file. Raises InputError with file, line and remedy."""
     pictures = {name: f"image_{name}" if name else "image" for name in cameras if with_images}
-    columns = ("frame", "time_s", *pictures.values(), *_ANGLES)
+    columns = ("frame", "time_s", *pictures.values(), *ANGLES)
     plain = None if with_images else plain_columns(path, columns, tuple(SILENT))
     if plain is not None and "moment_Nm" in plain and _is_sound(plain):
         unread = dict.fromkeys(SILENT, np.full(len(plain["frame"]), np.nan))
-        return FrameColumns(**unread | plain | {"frame": plain["frame"].astype(np.int64)})
-    rows = csv_rows(path, columns, tuple(SILENT), _IN_DEGREES)
+        return _FrameColumns(**unread | plain | {"frame": plain["frame"].astype(np.int64)})
+    rows = csv_rows(path, columns, tuple(SILENT), IN_DEGREES)
     first = next(rows)
     _refuse_misspelt(path, "moment_Nm", (*columns, *SILENT))
     frames: list[Frame] = []
@@ -270,7 +270,7 @@ def _is_sound(columns: Mapping[str, np.ndarray]) -> bool:
     """Whether frames by columns are as `recording_of` wants them."""
     frame, time_s = columns["frame"], columns["time_s"]
     whole = (frame >= 0) & (frame < MOST_WHOLE) & (frame == np.floor(frame))
-    angles = np.abs([columns[name] for name in _ANGLES]) <= LARGEST_RAD
+    angles = np.abs([columns[name] for name in ANGLES]) <= PLAUSIBLE.angle_rad
     once, forward = np.diff(np.sort(frame)) > 0, np.diff(time_s) >= 0
     return bool(whole.all() and angles.all() and forward.all() and once.all())
 
@@ -293,17 +293,17 @@ def _view(row: Mapping[str, str], path: Path, column: str | None = "image") -> d
         raise wrong(row, path, f"{column} is empty", "name the picture")
     if column and not os.path.isfile(seen["image"]):  # Path.is_file raises for a name that is too long
         raise wrong(row, path, f"the picture {row[column]} is not there", f"put it at {seen['image']}")
-    for name in _ANGLES:
-        given = name if name in row else _IN_DEGREES[name]
-        angle = number(row, given, path)
-        if given != name:
+    for name in ANGLES:
+        named = name if name in row else IN_DEGREES[name]
+        angle = number(row, named, path)
+        if named != name:
             angle = math.radians(angle)
         seen[name] = check_angle(angle, name, lambda what, remedy: wrong(row, path, what, remedy))
     return seen | ({"time_s": number(row, "time_s", path)} if "time_s" in row else {})
 
 
 def _refuse_misspelt(path: Path, wanted: str, known: Sequence[str]) -> None:
-    """Raises InputError for a misspelt optional column `wanted`, whose readings would else be ignored in silence."""
+    """Raises InputError for a misspelt optional column `wanted`: its readings would else be ignored in silence."""
     header = header_of(path)
     strange = {name.lower(): name for name in header if name not in known}
     close = difflib.get_close_matches(wanted.lower(), strange, n=1, cutoff=0.75)

@@ -20,7 +20,7 @@ _Curvature = Annotated[Number, Field(ge=-1000, le=1000, description="natural cur
 
 
 @dataclass(frozen=True)
-class StraightView:
+class _StraightView:
     """A camera that looks straight at the plane in which the antennas move. What the scale is off by counts; the
     distance hardly does."""
 
@@ -72,7 +72,7 @@ class StatedFile(FileModel):
 
     VERSION = "vbaa.whiskers/1"
     version: Annotated[str, Field(alias="schema")]
-    camera: StraightView
+    camera: _StraightView
     antennas: Annotated[dict[str, StatedAntenna], Field(min_length=1)]
     gravity_world: Annotated[
         Gravity, Field(description="m/s²; x runs to the right in the picture, y up, z to the camera; zero: weightless")

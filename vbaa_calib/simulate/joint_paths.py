@@ -14,12 +14,25 @@ from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import TouchObject
-from vbaa_calib.simulate.scene.scene import Joints, Scene, Sweep
+from vbaa_calib.simulate.scene.scene import Joints, SceneSpec, Sweep
 
-_SCAN_RAD = np.deg2rad(np.arange(-70.0, 70.5, 1.0))
-_POINTS = 500
-_DIVISIONS, _PARTS = 4, 16
-"""A degree in 16 parts, the part of first touch in 16 again, four times."""
+
+@dataclass(frozen=True)
+class _PathSettings:
+    """How joint angles are chosen that bring antenna and board to where they are wanted."""
+
+    points: int = 500  # along the antenna
+    divisions: int = 4  # of the degree in which the object is first touched
+    parts: int = 16  # into which a division cuts the part of first touch
+    pan_rad: float = 0.5  # half range of a full sweep
+    tilt_rad: float = 0.4  # half range of a full sweep
+    # parts of a full sweep that are tried, largest first
+    reaches: tuple[float, ...] = tuple(accumulate([1.0] + 21 * [0.9], mul))
+    shares: tuple[float, ...] = (0.6, 0.5, 0.4, 0.32, 0.25)  # of the picture that the board may fill, that are tried
+    turn_rad: tuple[float, float] = (0.35, -0.25)  # by which the board of a sweep is inclined about x and y
+
+
+_PATHS = _PathSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +51,7 @@ def _free_points(place: Place, rod: Rod, tilts_rad: np.ndarray) -> np.ndarray:
     poses = [place.kinematics.T_world_antenna(0.0, tilt) for tilt in tilts_rad]
     gravity = np.array([pose.rotation.T @ place.gravity_world_m_s2 for pose in poses])
     shape = solve_rod(rod, gravity, np.full(len(poses), rod.length_m), np.zeros((len(poses), 3)))
-    s = np.linspace(0.0, rod.length_m, _POINTS)
+    s = np.linspace(0.0, rod.length_m, _PATHS.points)
     return np.array(
         [
             np.stack([np.interp(s, arclength, points[:, axis]) for axis in range(3)], axis=1)
@@ -57,8 +70,8 @@ def _first_touch(
 ) -> float:
     """Angle of the pressing joint, rad, at first touch by the free antenna's points (N, 3), of
     these radii (N,). Raises InputError."""
-    angles = sweep.toward * _SCAN_RAD
-    for divided in range(_DIVISIONS + 1):
+    angles = sweep.toward * np.deg2rad(np.arange(-70.0, 70.5, 1.0))
+    for divided in range(_PATHS.divisions + 1):
         poses = place.kinematics.world_antenna(*_joints(sweep.press, angles, np.full_like(angles, other_rad)))
         # where the free antenna would penetrate the object
         hit = core.simulate.first_within(place.object.numbers, *poses, points_antenna_m, radius_m)
@@ -71,7 +84,7 @@ def _first_touch(
                 remedy="move the object or sweep elsewhere",
             )
         first = angles[hit]
-        angles = np.linspace(angles[hit - 1], first, _PARTS + 1)
+        angles = np.linspace(angles[hit - 1], first, _PATHS.parts + 1)
     return float(first)
 
 
@@ -81,7 +94,7 @@ def sweep_joints(place: Place, rod: Rod, sweep: Sweep) -> list[Joints]:
     phase = np.linspace(0.0, 2 * np.pi * sweep.swells, sweep.frames)
     push = sweep.push_rad[0] + (sweep.push_rad[1] - sweep.push_rad[0]) * (0.5 - 0.5 * np.cos(phase))
     points = _free_points(place, rod, swept if sweep.press == "pan" else np.zeros_like(swept))
-    radius = place.radius_m * rod.taper.diameter(np.linspace(0.0, 1.0, _POINTS))
+    radius = place.radius_m * rod.taper.diameter(np.linspace(0.0, 1.0, _PATHS.points))
     touch = np.array([_first_touch(place, sweep, p, radius, other) for p, other in zip(points, swept, strict=True)])
     before, after = np.full(sweep.free_frames, swept[0]), np.full(sweep.free_frames, swept[-1])
     clear = -sweep.clearance_rad * np.linspace(1.3, 1.0, sweep.free_frames)
@@ -91,24 +104,15 @@ def sweep_joints(place: Place, rod: Rod, sweep: Sweep) -> list[Joints]:
     return [Joints(float(pan), float(tilt)) for pan, tilt in zip(*_joints(sweep.press, pressed, others), strict=True)]
 
 
-_FULL = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
-_HALF = ((1, 1), (-1, -1), (1, -1), (-1, 1))
-_PAN_RAD, _TILT_RAD = 0.5, 0.4
-_REACHES = list(accumulate([1.0] + 21 * [0.9], mul))
-"""Of the full sweep, largest first."""
-_SHARES = (0.6, 0.5, 0.4, 0.32, 0.25)
-_LEAN_RAD = (0.35, -0.25)
-
-
-def sweep_of_the_board(scene: Scene, outline_m: np.ndarray) -> tuple[Pose, list[Joints]]:
+def sweep_of_the_board(scene: SceneSpec, outline_m: np.ndarray) -> tuple[Pose, list[Joints]]:
     """T_world_board and joint angles of the widest sweep that keeps the whole sheet in the picture.
 
     outline_m : (n, 3) points around the sheet's edge, board frame. Raises InputError if there is no such sweep.
     """
     possible = []
-    for share in _SHARES:
+    for share in _PATHS.shares:
         T_world_board = _board_in_front(scene, share)
-        paths = ((reach, _pattern(reach)) for reach in _REACHES)
+        paths = ((reach, _pattern(reach)) for reach in _PATHS.reaches)
         widest = next((path for path in paths if _in_view(scene, outline_m, T_world_board, path[1])), None)
         if widest is not None:
             possible.append((widest[0] * share, T_world_board, widest[1]))
@@ -123,21 +127,26 @@ def sweep_of_the_board(scene: Scene, outline_m: np.ndarray) -> tuple[Pose, list[
 
 
 def _pattern(reach: float) -> list[Joints]:
-    moves = [*_FULL, *((0.5 * pan, 0.5 * tilt) for pan, tilt in _HALF)]
-    return [Joints(round(reach * _PAN_RAD * pan, 6), round(reach * _TILT_RAD * tilt, 6)) for pan, tilt in moves]
+    moves = [
+        *((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)),
+        *((0.5 * pan, 0.5 * tilt) for pan, tilt in ((1, 1), (-1, -1), (1, -1), (-1, 1))),
+    ]
+    return [
+        Joints(round(reach * _PATHS.pan_rad * pan, 6), round(reach * _PATHS.tilt_rad * tilt, 6)) for pan, tilt in moves
+    ]
 
 
-def _board_in_front(scene: Scene, share: float) -> Pose:
+def _board_in_front(scene: SceneSpec, share: float) -> Pose:
     """T_world_board of a leaning board in the middle of the picture with the joints at zero, filling a share of it."""
     size = np.array(scene.board.size_m)
     focal = np.diag(scene.lens.matrix)[:2]
     distance = float((focal * size / (share * np.array(scene.lens.image_size))).max())
-    turn = Pose.from_rotvec(np.array([*_LEAN_RAD, 0.0]), np.zeros(3)).rotation
+    turn = Pose.from_rotvec(np.array([*_PATHS.turn_rad, 0.0]), np.zeros(3)).rotation
     T_camera_board = Pose(turn, np.array([0.0, 0.0, distance]) - turn[:, :2] @ scene.board.outline_m.mean(axis=0))
     return scene.T_world_camera(Joints(0.0, 0.0)) @ T_camera_board
 
 
-def _in_view(scene: Scene, outline_m: np.ndarray, T_world_board: Pose, joints: list[Joints]) -> bool:
+def _in_view(scene: SceneSpec, outline_m: np.ndarray, T_world_board: Pose, joints: list[Joints]) -> bool:
     poses = [scene.T_world_camera(at).inverse() @ T_world_board for at in joints]
     pixels = project(scene.lens, np.array([pose @ outline_m for pose in poses]))
     inside = (pixels >= 0) & (pixels <= np.array(scene.lens.image_size) - 1)

@@ -17,13 +17,9 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.session import READINGS
 from vbaa_calib.simulate.contact.touch import Touch, touch_strokes
 from vbaa_calib.simulate.scene.lens import Lens, normalise, project
-from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, Joints, KnownLoad, Scene, true_rod
+from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, Joints, KnownLoad, SceneSpec, true_rod
 
 from .joint_paths import Place, sweep_joints
-
-_GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
-_PLACES = ((0, 0), (-1, -1), (1, 1), (1, -1), (-1, 1), (-1, 0), (1, 0), (0, -1), (0, 1))
-_SPILL = 0.9
 
 
 def board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.random.Generator) -> list[Pose]:
@@ -32,19 +28,22 @@ def board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.r
     focal = np.diag(lens.matrix)[:2]
     middle = (np.array(lens.image_size) - 1) / 2
     poses = []
+    places = ((0, 0), (-1, -1), (1, 1), (1, -1), (-1, 1), (-1, 0), (1, 0), (0, -1), (0, 1))
     for index in range(spec.pictures):
         distance, tilt = rng.uniform(*spec.distance_m), rng.uniform(*spec.tilt_rad)
-        around = index * _GOLDEN_ANGLE + rng.uniform(-0.3, 0.3)
+        # the golden angle spreads directions evenly
+        around = index * (np.pi * (3.0 - np.sqrt(5.0))) + rng.uniform(-0.3, 0.3)
         turn = Rotation.from_rotvec(tilt * np.array([np.cos(around), np.sin(around), 0.0]))
         rotation = (turn * Rotation.from_rotvec([0.0, 0.0, rng.uniform(-0.5, 0.5)])).as_matrix()
-        room = np.maximum(middle - _SPILL * focal * size / (2 * distance), 0.0)
-        pixel = middle + room * _PLACES[index % len(_PLACES)] * rng.uniform(0.85, 1.0)
+        # part of the board's half that must stay inside
+        room = np.maximum(middle - 0.9 * focal * size / (2 * distance), 0.0)
+        pixel = middle + room * places[index % len(places)] * rng.uniform(0.85, 1.0)
         centre = distance * np.append(normalise(lens, pixel[None])[0], 1.0)
         poses.append(Pose(rotation, centre - rotation[:, :2] @ middle_m))
     return poses
 
 
-def _frame_truth(scene: Scene, rod: Rod, touched: Touch, index: int, T_world_antenna: Pose) -> dict[str, Any]:
+def _frame_truth(scene: SceneSpec, rod: Rod, touched: Touch, index: int, T_world_antenna: Pose) -> dict[str, Any]:
     """What is true of one frame; None where there is no contact."""
     contact = T_world_antenna @ touched.contact_antenna_m[index]
     surface, normal = touched.touched_world_m[index], touched.normal_world[index]
@@ -72,7 +71,7 @@ def _plain(data: Any) -> dict[str, Any]:
     return {name: None if value == np.inf else value for name, value in fields.items()}
 
 
-def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
+def _rig_truth(scene: SceneSpec, rod: Rod) -> dict[str, Any]:
     """The rig, its sensors and the object."""
     return {
         "schema": "vbaa.truth/1",
@@ -98,13 +97,11 @@ def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
     }
 
 
-_STREAMS = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines": 4, "over": 5}
-"""An independent stream of random numbers for each purpose."""
-
-
-def stream(scene: Scene, purpose: str, index: int = 0) -> np.random.Generator:
+def stream(scene: SceneSpec, purpose: str, index: int = 0) -> np.random.Generator:
     """The random numbers of one purpose, or of one picture."""
-    return np.random.default_rng(np.random.SeedSequence(scene.seed, spawn_key=(_STREAMS[purpose], index)))
+    # an independent stream of random numbers for each purpose
+    streams = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines": 4, "over": 5}
+    return np.random.default_rng(np.random.SeedSequence(scene.seed, spawn_key=(streams[purpose], index)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +143,7 @@ class Plan:
     truth: Mapping[str, Any] = field(default_factory=dict)
 
 
-def plan(scene: Scene, readout: float = 0.0) -> Plan:
+def plan(scene: SceneSpec, readout: float = 0.0) -> Plan:
     """Plan a scene. Raises InputError if the strokes miss the object, or a load is too large.
 
     readout : time between a recorded picture's first row and its last, as a fraction of that between two frames.
@@ -166,13 +163,13 @@ def plan(scene: Scene, readout: float = 0.0) -> Plan:
         "loads/loads.csv": load_rows,
         "recording/recording.csv": frame_rows,
     }
-    held = {"noload": noload_truth, "loads": load_truth, "frames": frame_truth}
-    truth = _rig_truth(scene, rod) | {"T_camera_board": [pose.to_dict() for pose in poses]} | held
+    truths = {"noload": noload_truth, "loads": load_truth, "frames": frame_truth}
+    truth = _rig_truth(scene, rod) | {"T_camera_board": [pose.to_dict() for pose in poses]} | truths
     planned = Plan([*boards, *noload, *loads, *frames], tables, truth)
     return _for_cameras(scene, planned) if scene.cameras else planned
 
 
-def _for_cameras(scene: Scene, planned: Plan) -> Plan:
+def _for_cameras(scene: SceneSpec, planned: Plan) -> Plan:
     """The same of several cameras: each takes pictures of its own of the board, and of the antenna all take theirs."""
     shots: list[BoardShot | AntennaShot] = []
     of_antenna = [shot for shot in planned.shots if isinstance(shot, AntennaShot)]
@@ -205,7 +202,12 @@ def _for_cameras(scene: Scene, planned: Plan) -> Plan:
 
 
 def _measured(
-    scene: Scene, rod: Rod, shape: RodShape, force_N: np.ndarray, gravity_m_s2: np.ndarray, noise: np.random.Generator
+    scene: SceneSpec,
+    rod: Rod,
+    shape: RodShape,
+    force_N: np.ndarray,
+    gravity_m_s2: np.ndarray,
+    noise: np.random.Generator,
 ) -> tuple[list[float], list[dict[str, float]]]:
     """The true moments, x·f_z − z·f_x (the paper's τ_y), of forces (B, 3) and the weight, and what the sensor reads, by
     columns."""
@@ -227,7 +229,7 @@ def _row(image: str, joints: Joints, readings: Mapping[str, float]) -> dict[str,
 
 
 def _held(
-    scene: Scene, rod: Rod, cases: Sequence[Joints | KnownLoad], folder: str, noise: np.random.Generator
+    scene: SceneSpec, rod: Rod, cases: Sequence[Joints | KnownLoad], folder: str, noise: np.random.Generator
 ) -> tuple[list[AntennaShot], list[dict[str, Any]], list[dict[str, Any]]]:
     """Pictures, rows and truth of the antenna at rest, free or under a known load."""
     gravity = np.array([scene.T_world_antenna(at).rotation.T @ scene.gravity_world_m_s2 for at in cases])
@@ -253,7 +255,7 @@ def _held(
     return shots, rows, truth
 
 
-def _pressed(scene: Scene, rod: Rod) -> list[tuple[list[Joints], Touch]]:
+def _pressed(scene: SceneSpec, rod: Rod) -> list[tuple[list[Joints], Touch]]:
     """Each stroke's joint angles and contacts. Raises InputError when the antenna slips off or never touches."""
     sweeps = scene.recording.sweeps
     place = Place(scene.name, scene.object, scene.radius_m, scene.kinematics, scene.gravity_world_m_s2)
@@ -275,7 +277,7 @@ def _pressed(scene: Scene, rod: Rod) -> list[tuple[list[Joints], Touch]]:
 
 
 def _recording(
-    scene: Scene, rod: Rod, noise: np.random.Generator, readout: float
+    scene: SceneSpec, rod: Rod, noise: np.random.Generator, readout: float
 ) -> tuple[list[AntennaShot], list[dict[str, Any]], list[dict[str, Any]]]:
     shots: list[AntennaShot] = []
     rows: list[dict[str, Any]] = []
@@ -297,7 +299,7 @@ def _recording(
     return shots, rows, truth
 
 
-def _rolled(scene: Scene, shape: RodShape, index: int, readout: float) -> np.ndarray:
+def _rolled(scene: SceneSpec, shape: RodShape, index: int, readout: float) -> np.ndarray:
     """(N, 3) a stroke's antenna where it is when the row of the picture in which it appears is read.
 
     The middle row is read at the frame's time. The last frame of a stroke is an instant.

@@ -16,12 +16,12 @@ from .plan import AntennaShot, BoardShot
 from .render.antenna import DepthOfObstacle, Tube, tube, tube_patch, visible_centreline
 from .render.board import Sheet, board_patch
 from .render.object import object_patch, obstacle, pressed_in
-from .render.picture import LAMP_WORLD, Patch, Studio, behind, composed, digitise, expose, surroundings
-from .scene.scene import Joints, OverSpec, Scene, true_rod
+from .render.picture import LAMP_WORLD, ImagePatch, Studio, digitise, expose, surroundings
+from .scene.scene import Joints, OverSpec, SceneSpec, true_rod
 
 
 @dataclass(frozen=True, eq=False)
-class Wire:
+class Strand:
     """A curve in the antenna frame, (N,) and (N, 3), with the radius (N,) and the paint of the tube around it."""
 
     arclength_m: np.ndarray
@@ -30,7 +30,7 @@ class Wire:
     paint: float
     asymmetry: float = 0.0
 
-    def cut(self, bounds_m: np.ndarray, step_m: float = 5e-4) -> list[Wire]:
+    def cut(self, bounds_m: np.ndarray, step_m: float = 5e-4) -> list[Strand]:
         """The parts between rising arc lengths. Their nodes are `step_m` apart: their axis is the whole wire's within a
         nanometre."""
         if len(bounds_m) == 2:
@@ -41,26 +41,26 @@ class Wire:
         pairs = zip(parts, radius, strict=True)
         return [replace(self, arclength_m=s, points_m=curve(s), radius_m=thick) for s, thick in pairs]
 
-    def seen(self, scene: Scene, lamp_camera: np.ndarray) -> Tube:
+    def seen(self, scene: SceneSpec, lamp_camera: np.ndarray) -> Tube:
         """In the camera's picture."""
         points = scene.T_antenna_camera.inverse() @ self.points_m
         return tube(scene.lens, self.arclength_m, points, self.radius_m, lamp_camera)
 
 
-def wires_of(scene: Scene, arclength_m: np.ndarray, points_m: np.ndarray) -> list[Wire]:
+def wires_of(scene: SceneSpec, arclength_m: np.ndarray, points_m: np.ndarray) -> list[Strand]:
     """The antenna, and its holder where the scene has one."""
     look = scene.picture
     thick = scene.radius_m * true_rod(scene).taper.diameter(arclength_m / scene.antenna.length_m)
-    antenna = Wire(arclength_m, points_m, thick, look.antenna, look.shading_asymmetry)
+    antenna = Strand(arclength_m, points_m, thick, look.antenna, look.shading_asymmetry)
     radius, length = scene.true.holder_m
     if radius <= 0 or length <= 0:
         return [antenna]
     s = np.linspace(-length, 0.0, 8)
     points = scene.true.clamp_offset_m + s[:, None] * np.array([1.0, 0.0, 0.0])
-    return [antenna, Wire(s, points, np.full(len(s), radius), paint=0.07)]
+    return [antenna, Strand(s, points, np.full(len(s), radius), paint=0.07)]
 
 
-def free_wires(scene: Scene, joints: Joints) -> list[Wire]:
+def free_wires(scene: SceneSpec, joints: Joints) -> list[Strand]:
     """The free antenna at these joint angles, and its holder where the scene has one."""
     rod = true_rod(scene)
     gravity = scene.T_world_antenna(joints).rotation.T @ scene.gravity_world_m_s2
@@ -69,12 +69,12 @@ def free_wires(scene: Scene, joints: Joints) -> list[Wire]:
 
 
 def render_shot(
-    scene: Scene, place: Studio, sheet: Sheet, shot: BoardShot | AntennaShot, rng: np.random.Generator
+    scene: SceneSpec, place: Studio, sheet: Sheet, shot: BoardShot | AntennaShot, rng: np.random.Generator
 ) -> np.ndarray:
     """(height, width) uint8, the picture as the camera delivers it."""
     T_world_camera = scene.T_world_camera(shot.joints)
     canvas = surroundings(place, T_world_camera.rotation)
-    patches: list[Patch | None]
+    patches: list[ImagePatch | None]
     if isinstance(shot, BoardShot):
         patches = [board_patch(place, sheet, shot.T_camera_board, T_world_camera.rotation)]
     else:
@@ -82,23 +82,23 @@ def render_shot(
         patches = [_wire_patch(scene, place, antenna, T_world_camera, obstacle_of(scene, place, shot))]
         patches += [_wire_patch(scene, place, wire, T_world_camera) for wire in holder]
         thing = None if shot.indentation_m is None else object_patch(place, scene.object, T_world_camera)
-        canvas = canvas if thing is None else composed(canvas, thing)
+        canvas = canvas if thing is None else thing.over(canvas)
     grey = expose(place, canvas, [patch for patch in patches if patch is not None])
     return digitise(place.spec, grey, rng)
 
 
-def seen_antenna(scene: Scene, shot: AntennaShot) -> Tube:
+def seen_antenna(scene: SceneSpec, shot: AntennaShot) -> Tube:
     """The antenna of this shot in the camera's picture."""
     antenna = wires_of(scene, shot.arclength_m, shot.points_m)[0]
     return antenna.seen(scene, scene.T_world_camera(shot.joints).rotation.T @ LAMP_WORLD)
 
 
-def seen_centreline(scene: Scene, place: Studio, shot: AntennaShot) -> np.ndarray:
+def seen_centreline(scene: SceneSpec, place: Studio, shot: AntennaShot) -> np.ndarray:
     """(M, 4) pixels and unit normals of the antenna's centreline where this shot shows it, about one per pixel."""
     return visible_centreline(scene.lens, seen_antenna(scene, shot), obstacle_of(scene, place, shot))
 
 
-def obstacle_of(scene: Scene, place: Studio, shot: AntennaShot) -> DepthOfObstacle | None:
+def obstacle_of(scene: SceneSpec, place: Studio, shot: AntennaShot) -> DepthOfObstacle | None:
     """What may hide the antenna of this shot."""
     if shot.indentation_m is None:
         return None
@@ -106,14 +106,14 @@ def obstacle_of(scene: Scene, place: Studio, shot: AntennaShot) -> DepthOfObstac
 
 
 def _wire_patch(
-    scene: Scene, place: Studio, wire: Wire, T_world_camera: Pose, hidden_by: DepthOfObstacle | None = None
-) -> Patch | None:
+    scene: SceneSpec, place: Studio, wire: Strand, T_world_camera: Pose, hidden_by: DepthOfObstacle | None = None
+) -> ImagePatch | None:
     seen = wire.seen(scene, T_world_camera.rotation.T @ LAMP_WORLD)
     return tube_patch(place, seen, wire.paint, wire.asymmetry, hidden_by)
 
 
 def render_over(
-    scene: Scene, place: Studio, sheet: Sheet, over: OverSpec, wires: list[Wire], rng: np.random.Generator
+    scene: SceneSpec, place: Studio, sheet: Sheet, over: OverSpec, wires: list[Strand], rng: np.random.Generator
 ) -> np.ndarray:
     """(height, width) uint8: these wires over the board under the antenna."""
     T_world_camera = scene.T_world_camera(over.joints)
@@ -128,18 +128,18 @@ def render_over(
     return digitise(place.spec, expose(place, canvas, [patch for patch in patches if patch is not None]), rng)
 
 
-def _in_front(canvas: np.ndarray, patch: Patch, board: Patch) -> Patch:
+def _in_front(canvas: np.ndarray, patch: ImagePatch, board: ImagePatch) -> ImagePatch:
     """A patch that hides the board when `expose` lays both over the canvas.
 
     `expose` adds each patch's change of the canvas alone, so the difference between board and canvas goes into its
     brightness.
     """
     alpha, brightness = (_resampled(values, board, patch) for values in (board.alpha, board.brightness))
-    lacking = patch.alpha * (behind(canvas, patch) * alpha - brightness)
+    lacking = patch.alpha * (patch.behind(canvas) * alpha - brightness)
     return replace(patch, brightness=(patch.brightness + lacking).astype(np.float32))
 
 
-def _resampled(values: np.ndarray, own: Patch, other: Patch) -> np.ndarray:
+def _resampled(values: np.ndarray, own: ImagePatch, other: ImagePatch) -> np.ndarray:
     """Values in the sub-pixels of one patch in those of another; zero where the first does not reach."""
     scale = own.factor / other.factor
     shift = (np.array([other.left - own.left, other.top - own.top])) * own.factor + 0.5 * scale - 0.5
@@ -147,7 +147,7 @@ def _resampled(values: np.ndarray, own: Patch, other: Patch) -> np.ndarray:
     return cv2.warpAffine(values, inner, other.alpha.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
 
 
-def _shaded(scene: Scene, place: Studio, board: Patch, over: OverSpec, wire: Wire) -> Patch:
+def _shaded(scene: SceneSpec, place: Studio, board: ImagePatch, over: OverSpec, wire: Strand) -> ImagePatch:
     """The board with the wire's soft shadow on it."""
     lamp = scene.T_world_antenna(over.joints).rotation.T @ LAMP_WORLD
     fall = (wire.points_m[:, 2] + over.height_m) / max(float(lamp[2]), 0.2)

@@ -15,20 +15,16 @@ from .plan import AntennaShot, BoardShot
 from .render.board import Sheet, outline
 from .render.object import pressed_in
 from .render.picture import Studio, blurred, digitise
-from .scene.scene import Joints, Scene, Stretch
-from .shots import Wire, free_wires, wires_of
+from .scene.scene import Joints, SceneSpec, Stretch
+from .shots import Strand, free_wires, wires_of
 from .traced.bench import antenna_surface, matt, rgb
 from .traced.tracer import Exposure, SurfacedTube, Tracer, tracer
-
-_INSTANTS = 5
-"""Of an open shutter."""
-_GREY = np.array([0.299, 0.587, 0.114], np.float32)
 
 
 class TracedPictures:
     """Takes path-traced pictures of a scene. Raises InputError where mitsuba is not installed."""
 
-    def __init__(self, scene: Scene, place: Studio, sheet: Sheet, rng: np.random.Generator) -> None:
+    def __init__(self, scene: SceneSpec, place: Studio, sheet: Sheet, rng: np.random.Generator) -> None:
         self._scene, self._place, self._sheet = scene, place, sheet
         self._tracer = tracer(scene, place.rays, rng)
 
@@ -53,7 +49,7 @@ class TracedPictures:
         return self._with_board(over.joints, T_world_board, free_wires(self._scene, over.joints), rng)
 
     def _with_board(
-        self, joints: Joints, T_world_board: Pose, wires: list[Wire], rng: np.random.Generator
+        self, joints: Joints, T_world_board: Pose, wires: list[Strand], rng: np.random.Generator
     ) -> np.ndarray:
         # rig and board are lifted until nothing on the bench reaches through the board
         raised = self._tracer.raised_above(T_world_board @ outline(self._sheet))
@@ -61,7 +57,7 @@ class TracedPictures:
             raised, [self._exposure(joints, wires)], {"board": raised.board(self._sheet, T_world_board)}, rng
         )
 
-    def _exposure(self, joints: Joints, wires: list[Wire]) -> Exposure:
+    def _exposure(self, joints: Joints, wires: list[Strand]) -> Exposure:
         scene = self._scene
         drawn = [tube for antenna in wires[:1] for tube in _antenna_tubes(scene, antenna)]
         drawn += [(one.arclength_m, one.points_m, one.radius_m, matt(rgb(one.paint))) for one in wires[1:]]
@@ -72,11 +68,13 @@ class TracedPictures:
     ) -> np.ndarray:
         spec, light = self._place.spec, self._place.light
         linear = from_.picture(exposures, things, int(rng.integers(2**31)))
-        linear, light = (linear[..., ::-1], light[..., None]) if self._scene.traced.color else (linear @ _GREY, light)
+        # red, green and blue in grey, as BT.601 weighs them
+        grey = np.array([0.299, 0.587, 0.114], np.float32)
+        linear, light = (linear[..., ::-1], light[..., None]) if self._scene.traced.color else (linear @ grey, light)
         return digitise(spec, 255.0 * blurred(np.ascontiguousarray(linear), spec.blur_px) * light, rng)
 
 
-def _antenna_tubes(scene: Scene, antenna: Wire) -> Iterator[SurfacedTube]:
+def _antenna_tubes(scene: SceneSpec, antenna: Strand) -> Iterator[SurfacedTube]:
     """The antenna as tubes one behind the other, each with its own surface."""
     spec, first, last = scene.traced, antenna.arclength_m[0], antenna.arclength_m[-1]
     looks: list[Stretch] = [(first, last, spec.material, spec.colour, 0.0), *spec.stretches]
@@ -92,7 +90,7 @@ def _while_open(shot: AntennaShot, after: AntennaShot, shutter: float) -> list[A
     """The antenna at instants while the shutter is open, centred on the shot, on the way to the next frame."""
     ahead = CubicSpline(after.arclength_m, after.points_m)(shot.arclength_m)
     turn = np.subtract(*(np.array([at.pan_rad, at.tilt_rad]) for at in (after.joints, shot.joints)))
-    shares = shutter * ((np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5)
+    shares = shutter * ((np.arange(5) + 0.5) / 5 - 0.5)
     return [
         replace(
             shot,

@@ -34,7 +34,7 @@ _Small = Annotated[Number, Field(ge=0, le=0.1)]
 _Plane = Annotated[np.ndarray, ArrayOf(2, ge=-1, le=1)]
 
 
-class WhiskingFile(StatedFile):
+class _WhiskingFile(StatedFile):
     """A scene of whiskers: what is stated of them, which here is true, and what they do.
 
     Follicles move with one frequency: amplitudes of the angle in the picture, of their way, of turns out of the plane
@@ -84,7 +84,7 @@ def write_whiskers(path: Path, folder: Path, *, force: bool = False, seed: int |
     Raises InputError for a wrong scene, a whisker that the post bends too far, a folder in the way.
     """
     data = read_yaml(path)
-    scene = checked(WhiskingFile, data, path, "see the bundled scene whiskers")
+    scene = checked(_WhiskingFile, data, path, "see the bundled scene whiskers")
     for key in ("follicles_m", "angles_deg"):
         if missing := sorted(scene.antennas.keys() - data[key].keys()):
             raise InputError(f"{key} has no {missing[0]}", where=path, remedy="give one for every antenna")
@@ -110,7 +110,7 @@ def write_whiskers(path: Path, folder: Path, *, force: bool = False, seed: int |
     return about
 
 
-def _touched(scene: WhiskingFile, name: str, poses: list[Pose], path: Path) -> Touch:
+def _touched(scene: _WhiskingFile, name: str, poses: list[Pose], path: Path) -> Touch:
     """The whisker in every frame; the post is far away for those that do not reach it."""
     whisker = scene.antennas[name]
     place = scene.post_m if scene.post_m is not None and name in scene.reach_post else np.array([1e3, 1e3])
@@ -125,7 +125,7 @@ def _touched(scene: WhiskingFile, name: str, poses: list[Pose], path: Path) -> T
         raise InputError(f"whisker {name}: {error}", where=path, remedy=remedy) from error
 
 
-def _lines(scene: WhiskingFile, touched: Touch, poses: list[Pose], rng: np.random.Generator) -> Iterator[np.ndarray]:
+def _lines(scene: _WhiskingFile, touched: Touch, poses: list[Pose], rng: np.random.Generator) -> Iterator[np.ndarray]:
     """(N, 2) pixels of each frame, a pixel apart, the first ones at the follicle."""
     step_m = 1e-3 * scene.camera.mm_per_px
     for pose, arclength, points in zip(poses, touched.shape.arclength_m, touched.shape.points_m, strict=True):

@@ -28,12 +28,12 @@ from .render.antenna import tube_patch, visible
 from .render.board import Sheet, outline, print_sheet
 from .render.picture import Studio, studio
 from .scene.lens import project
-from .scene.scene import Scene
+from .scene.scene import SceneSpec
 from .shots import free_wires, obstacle_of, render_over, render_shot, seen_antenna, seen_centreline
 from .traced_shots import TracedPictures
 
 
-def _antenna_mask(scene: Scene, place: Studio, shot: AntennaShot) -> np.ndarray:
+def _antenna_mask(scene: SceneSpec, place: Studio, shot: AntennaShot) -> np.ndarray:
     """(height, width) uint8, 255 times the share of each pixel that the antenna covers."""
     width, height = scene.lens.image_size
     mask = np.zeros((height, width), np.uint8)
@@ -45,44 +45,33 @@ def _antenna_mask(scene: Scene, place: Studio, shot: AntennaShot) -> np.ndarray:
     return mask
 
 
-def _centreline_rows(scene: Scene, place: Studio, shot: AntennaShot) -> list[dict[str, Any]]:
+def _centreline_rows(scene: SceneSpec, place: Studio, shot: AntennaShot) -> list[dict[str, Any]]:
     """The whole centreline, about a row a pixel from clamp to tip, also where it is hidden or outside the picture."""
     seen = seen_antenna(scene, shot)
     s = np.linspace(shot.arclength_m[0], shot.arclength_m[-1], len(seen.pixels))
-    shown = visible(scene.lens, seen.pixels, seen.depth_m, obstacle_of(scene, place, shot))
+    in_sight = visible(scene.lens, seen.pixels, seen.depth_m, obstacle_of(scene, place, shot))
     numbers = np.column_stack([s, seen.pixels, seen.normals, 2 * seen.half_width_px])
     names = ("s_m", "u_px", "v_px", "normal_u", "normal_v", "width_px")
     return [
         {"image": shot.path} | dict(zip(names, np.round(row, 5).tolist(), strict=True)) | {"visible": int(one)}
-        for row, one in zip(numbers[::2], shown[::2], strict=True)
+        for row, one in zip(numbers[::2], in_sight[::2], strict=True)
     ]
 
 
-def _contact_row(scene: Scene, place: Studio, shot: AntennaShot, truth: Mapping[str, Any]) -> dict[str, Any]:
+def _contact_row(scene: SceneSpec, place: Studio, shot: AntennaShot, truth: Mapping[str, Any]) -> dict[str, Any]:
     """The contact in one picture, with empty cells without contact. truth : of the frame."""
     row: dict[str, Any] = dict.fromkeys(("distance_m", "u_px", "v_px", "visible", "force_y_N", "force_z_N"), "")
     if truth.get("in_contact"):
         point = scene.T_antenna_camera.inverse() @ np.array([truth["contact_antenna_m"]])
         u, v = pixel = project(scene.lens, point)[0]
-        shown = visible(scene.lens, pixel[None], point[:, 2] - scene.radius_m, obstacle_of(scene, place, shot))
+        in_sight = visible(scene.lens, pixel[None], point[:, 2] - scene.radius_m, obstacle_of(scene, place, shot))
         where = {"distance_m": truth["distance_m"], "u_px": round(float(u), 4), "v_px": round(float(v), 4)}
-        row |= where | {"visible": int(shown[0]), "force_y_N": truth["force_N"][1], "force_z_N": truth["force_N"][2]}
+        row |= where | {"visible": int(in_sight[0]), "force_y_N": truth["force_N"][1], "force_z_N": truth["force_N"][2]}
     return {"image": shot.path, "in_contact": int(bool(truth.get("in_contact")))} | row
 
 
 Take = Callable[[BoardShot | AntennaShot, AntennaShot | None, np.random.Generator], np.ndarray]
 """Of a shot, the frame after it in its stroke (None: there is none) and random numbers: the picture, uint8."""
-
-_CENTRELINE_STD_PX = 0.1
-_PNG = (
-    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
-    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
-    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP),
-)
-"""Noise does not compress: a real search takes three times as long and makes larger files. Differences from the row
-above are read a third quicker than from mean neighbours, in files 5 % larger."""
-_SWEEP = 1_000_000
-"""The sweep's pictures take their noise after all those of the plan."""
 
 
 def refuse_target(path: Path, force: bool, marker: str = "session.yaml") -> None:
@@ -101,7 +90,7 @@ def refuse_target(path: Path, force: bool, marker: str = "session.yaml") -> None
 
 
 def write_session(
-    scene: Scene,
+    scene: SceneSpec,
     folder: Path,
     *,
     force: bool = False,
@@ -130,7 +119,7 @@ def write_session(
         )
     place, sheet = studio(scene.lens, scene.picture, stream(scene, "bench")), print_sheet(scene.board)
     photographer = TracedPictures(scene, place, sheet, stream(scene, "bench")) if traced else None
-    take = photographer.shot if photographer else drawn_pictures(scene, place, sheet)
+    take = photographer.shot if photographer else _drawn_pictures(scene, place, sheet)
     if scene.cameras:
         take = _by_camera(scene, sheet)
     planned = plan(scene, scene.traced.readout if traced else 0.0)
@@ -138,10 +127,10 @@ def write_session(
         for name in ("intrinsics", "plane", "noload", "loads", "recording"):
             for camera in scene.cameras or ("",):
                 (root / name / camera).mkdir(parents=True, exist_ok=True)
-        (root / "session.yaml").write_text(session_yaml(scene), encoding="utf-8")
+        (root / "session.yaml").write_text(_session_yaml(scene), encoding="utf-8")
         truth = dict(planned.truth) | ({"traced": vars(scene.traced)} if traced else {})
         if scene.sweep:
-            truth["sweep"] = {"T_world_board": write_sweep(scene, take, sheet, root).to_dict()}
+            truth["sweep"] = {"T_world_board": _write_sweep(scene, take, sheet, root).to_dict()}
         if scene.over is not None:
             truth["over"] = _write_over(scene, place, sheet, root, photographer)
         write_json(root / "truth.json", truth)
@@ -162,17 +151,23 @@ def write_session(
     return planned
 
 
-def _by_camera(scene: Scene, sheet: Sheet) -> Take:
-    """Takes pictures as `drawn_pictures`, each by the camera that it names."""
+def _by_camera(scene: SceneSpec, sheet: Sheet) -> Take:
+    """Takes pictures as `_drawn_pictures`, each by the camera that it names."""
     takes = {}
     for index, name in enumerate(scene.cameras):
         one = scene.of_camera(name)
-        takes[name] = drawn_pictures(one, studio(one.lens, one.picture, stream(scene, "bench", index)), sheet)
+        takes[name] = _drawn_pictures(one, studio(one.lens, one.picture, stream(scene, "bench", index)), sheet)
     return lambda shot, after, rng: takes[shot.camera](shot, after, rng)
 
 
 def _write_picture(path: Path, picture: np.ndarray) -> None:
-    path.write_bytes(cv2.imencode(".png", picture, _PNG)[1].tobytes())
+    # Noise does not compress: a real search takes three times as long and makes larger files.
+    options = (
+        *(cv2.IMWRITE_PNG_COMPRESSION, 1),
+        *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
+        *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP),
+    )
+    path.write_bytes(cv2.imencode(".png", picture, options)[1].tobytes())
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -183,13 +178,13 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         writer.writerows(rows)
 
 
-def drawn_pictures(scene: Scene, place: Studio, sheet: Sheet) -> Take:
+def _drawn_pictures(scene: SceneSpec, place: Studio, sheet: Sheet) -> Take:
     """Takes pictures by our own drawing, each at one instant."""
     return lambda shot, after, rng: render_shot(scene, place, sheet, shot, rng)
 
 
 def _write_pictures(
-    scene: Scene, take: Take, planned: Plan, taken: Sequence[bool], root: Path, threads: int | None
+    scene: SceneSpec, take: Take, planned: Plan, taken: Sequence[bool], root: Path, threads: int | None
 ) -> None:
     following = {} if scene.cameras else dict(_following(planned, 1.0 / scene.recording.rate_hz))
 
@@ -213,7 +208,7 @@ def _following(planned: Plan, step_s: float) -> Iterator[tuple[str, AntennaShot]
             yield shot.path, after
 
 
-def _write_labels(scene: Scene, place: Studio, planned: Plan, taken: Sequence[bool], root: Path) -> None:
+def _write_labels(scene: SceneSpec, place: Studio, planned: Plan, taken: Sequence[bool], root: Path) -> None:
     """Write labels/: a mask for each picture of the antenna that was taken, centrelines.csv, contacts.csv."""
     shots = [shot for shot, wish in zip(planned.shots, taken, strict=True) if wish and isinstance(shot, AntennaShot)]
     truths = {f"recording/frame_{row['frame']:04d}.png": row for row in planned.truth["frames"]}
@@ -227,7 +222,7 @@ def _write_labels(scene: Scene, place: Studio, planned: Plan, taken: Sequence[bo
     write_rows(root / "labels/contacts.csv", contacts)
 
 
-def write_sweep(scene: Scene, take: Take, sheet: Sheet, root: Path) -> Pose:
+def _write_sweep(scene: SceneSpec, take: Take, sheet: Sheet, root: Path) -> Pose:
     """Write sweep/*.png and sweep/sweep.csv: a board fixed in the world, always wholly in the picture.
 
     Returns T_world_board of the printed face. Raises InputError if the board cannot stay in view.
@@ -239,14 +234,15 @@ def write_sweep(scene: Scene, take: Take, sheet: Sheet, root: Path) -> Pose:
     for index, at in enumerate(joints):
         name = f"sweep_{index:03d}.png"
         shot = BoardShot(f"sweep/{name}", at, scene.T_world_camera(at).inverse() @ T_world_board)
-        _write_picture(folder / name, take(shot, None, stream(scene, "pictures", _SWEEP + index)))
+        # the sweep's pictures take their noise after all those of the plan
+        _write_picture(folder / name, take(shot, None, stream(scene, "pictures", 1_000_000 + index)))
         rows.append({"image": name, "pan_rad": at.pan_rad, "tilt_rad": at.tilt_rad})
     write_rows(folder / "sweep.csv", rows)
     return T_world_board
 
 
 def _write_over(
-    scene: Scene, place: Studio, sheet: Sheet, root: Path, photographer: TracedPictures | None
+    scene: SceneSpec, place: Studio, sheet: Sheet, root: Path, photographer: TracedPictures | None
 ) -> dict[str, Any]:
     """Write over/over_000.png …, and return what truth.json should hold of them."""
     assert scene.over is not None
@@ -263,21 +259,22 @@ def _write_over(
     }
 
 
-def _centrelines(scene: Scene, place: Studio, planned: Plan) -> Iterator[dict[str, Any]]:
+def _centrelines(scene: SceneSpec, place: Studio, planned: Plan) -> Iterator[dict[str, Any]]:
     frames = planned.tables["recording/recording.csv"]
     shots = [s for s in planned.shots if isinstance(s, AntennaShot) and s.path.startswith("recording/")]
     own = [shot for shot in shots if shot.camera == scene.camera]
     at = list(scene.cameras).index(scene.camera) if scene.cameras else 0
+    std_px = 0.1
     for row, shot in zip(frames, own, strict=True):
         points = seen_centreline(scene, place, shot)
         noise = stream(scene, "centrelines", int(row["frame"]) + at * len(frames)).standard_normal(len(points))
-        for u, v in points[:, :2] + _CENTRELINE_STD_PX * noise[:, None] * points[:, 2:]:
+        for u, v in points[:, :2] + std_px * noise[:, None] * points[:, 2:]:
             pixel = {"u_px": round(float(u), 4), "v_px": round(float(v), 4)}
             named = {"camera": scene.camera} if scene.cameras else {}
-            yield {"frame": row["frame"]} | named | pixel | {"sigma_px": _CENTRELINE_STD_PX}
+            yield {"frame": row["frame"]} | named | pixel | {"sigma_px": std_px}
 
 
-def _sensor(scene: Scene) -> dict[str, Any]:
+def _sensor(scene: SceneSpec) -> dict[str, Any]:
     """What session.yaml says of the sensor."""
     several = scene.wrench
     if several is None:
@@ -288,7 +285,7 @@ def _sensor(scene: Scene) -> dict[str, Any]:
     return {"wrench_sensor": {"components": list(several.components), **noise, "T_antenna_sensor": pose}}
 
 
-def session_yaml(scene: Scene) -> str:
+def _session_yaml(scene: SceneSpec) -> str:
     """session.yaml: what the user of such a rig would know, not what is true of it."""
     antenna, over = scene.antenna, scene.over
     numbers = ("length_m", "diameter_m", "youngs_modulus_Pa", "density_kg_m3")

@@ -14,11 +14,11 @@ from .files import FolderSource, Picture, SourceLost, VideoSource, shown
 from .live import LiveSource, open_camera, open_stream, parse_camera
 
 
-class Source(Protocol):
+class PictureSource(Protocol):
     """Pictures one after the other.
 
     name : for the screen, without a URL's secrets. notes : messages so far. live : a stream of frames, of which one is
-    accepted when it is held still; else every picture counts.
+    accepted when the scene rests; else every picture counts.
     """
 
     live: bool
@@ -39,18 +39,17 @@ class Source(Protocol):
         """May be called twice."""
 
 
-_LONGEST = 4096
 _KINDS = "name a folder of pictures, a video, a bag, a camera like camera:0, or a stream like rtsp://host/path"
 
 
-def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Source:
+def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> PictureSource:
     """Open "camera:0", "/dev/video0", the path of a folder or video, or a stream's URL. Raises InputError.
 
     seen : names of pictures to skip. wait : watch a folder for more pictures.
     """
     if not text.strip():
         raise InputError("no source of pictures is named", remedy=_KINDS)
-    if len(text) > _LONGEST or "\0" in text:
+    if len(text) > 4096 or "\0" in text:
         raise InputError("is not a path that can be", where=shown(text), remedy=_KINDS)
     if text.startswith("camera:"):
         return open_camera(*parse_camera(text.removeprefix("camera:")), seen)

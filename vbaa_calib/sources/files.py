@@ -21,25 +21,32 @@ from vbaa_calib.core.errors import InputError, one_line, reason_of
 from vbaa_calib.core.files import most_memory, require_file
 from vbaa_calib.core.images import SUFFIXES, read_gray
 
-_LONGEST = 100
-_BYTES_PER_PIXEL = 14  # that a frame takes on its way to a picture
-_USER = re.compile(r"://.*@", re.DOTALL)
-_SECRET = re.compile(r"([?&;][^=&;]*(?:pass|pwd|user|usr|token|key|auth|secret|sig)[^=&;]*=)[^&;#]*", re.IGNORECASE)
+
+@dataclass(frozen=True)
+class _SourceSettings:
+    """Limits on what is read from files."""
+
+    bytes_per_pixel: int = 14  # of memory that a frame takes on its way to a picture
+    most_bytes: int = 1_000_000_000  # of one picture's file
+    old_s: float = 10.0  # age from which a half-written picture is taken for broken
+    usual_fps: float = 30.0  # frames per second of a video that does not state them
+    readable_share: float = 0.95  # of a video's frames that must be read
+    longest_name: int = 100  # letters of a name in a message
 
 
-def without_secrets(text: str) -> str:
+_FILES = _SourceSettings()
+
+
+def _without_secrets(text: str) -> str:
     """A URL without user, password (all up to the last @) and tokens."""
-    return _SECRET.sub(r"\1***", _USER.sub("://***@", text))
+    secret = r"([?&;][^=&;]*(?:pass|pwd|user|usr|token|key|auth|secret|sig)[^=&;]*=)[^&;#]*"
+    return re.sub(secret, r"\1***", re.sub(r"(?s)://.*@", "://***@", text), flags=re.IGNORECASE)
 
 
 def shown(text: str) -> str:
     """A text for a message: one line of at most 100 characters, without secrets."""
-    line = one_line(without_secrets(text))
-    return line if len(line) <= _LONGEST else f"{line[:_LONGEST]}…"
-
-
-_TO_GRAY = np.array([[3737 / 2**15, 19234 / 2**15, 9797 / 2**15, 2**-16 - 0.5]])
-"""libpng's grey of blue, green and red, which truncates; half a level less makes OpenCV's rounding do that."""
+    line = one_line(_without_secrets(text))
+    return line if len(line) <= _FILES.longest_name else f"{line[: _FILES.longest_name]}…"
 
 
 class SourceLost(InputError):
@@ -84,13 +91,10 @@ def silence_opencv() -> None:
 
 def frame_picture(name: str, pixels: np.ndarray, time_s: float) -> Picture:
     """A frame (H, W) grey or (H, W, 3) BGR, uint8, as a picture."""
-    gray = pixels if pixels.ndim == 2 else cv2.transform(pixels, _TO_GRAY)
+    # libpng's grey of blue, green and red, which truncates; half a level less makes OpenCV's rounding do that
+    weights = np.array([[3737 / 2**15, 19234 / 2**15, 9797 / 2**15, 2**-16 - 0.5]])
+    gray = pixels if pixels.ndim == 2 else cv2.transform(pixels, weights)
     return Picture(name, gray, ".png", pixels, time_s)
-
-
-_TEMPORARY = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".download", ".filepart", ".swp")
-_MOST_BYTES = 1_000_000_000
-_OLD_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -98,7 +102,7 @@ class FolderSettings:
     """Times between scans of a folder, until an unchanged file counts as complete, and, unreadable, as broken."""
 
     scan_s: float = 0.25
-    settle_s: float = 0.5
+    steady_s: float = 0.5
     patience_s: float = 3.0
 
 
@@ -139,7 +143,7 @@ class FolderSource:
         for name in filter(self._is_new, names):
             if (state := self._state(name)) is not None:
                 # old files are complete
-                is_old = time.time() - 1e-9 * state[1] > _OLD_S
+                is_old = time.time() - 1e-9 * state[1] > _FILES.old_s
                 self._watched[name] = _Watched(state, self._start_s - (self._pace.patience_s if is_old else 0))
 
     @property
@@ -167,14 +171,14 @@ class FolderSource:
             time.sleep(min(left_s, self._pace.scan_s))
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Nothing stays open."""
 
     def _unchanging(self) -> list[str]:
         """Names, in order, of unchanging files to try: once, and once more when patience ends."""
         now_s = time.monotonic()
         unchanging = []
         for name, watched in sorted(self._watched.items()):
-            wait_s = self._pace.patience_s if watched.failed else self._pace.settle_s
+            wait_s = self._pace.patience_s if watched.failed else self._pace.steady_s
             if now_s - watched.since_s >= wait_s:
                 if not watched.reported:
                     unchanging.append(name)
@@ -186,7 +190,7 @@ class FolderSource:
         """The picture; None if it is incomplete, with a note when patience ends."""
         path, watched = self._folder / name, self._watched[name]
         try:
-            data = path.read_bytes() if watched.state[0] <= _MOST_BYTES else None
+            data = path.read_bytes() if watched.state[0] <= _FILES.most_bytes else None
             status = path.stat()
         except FileNotFoundError:
             del self._watched[name]
@@ -195,7 +199,9 @@ class FolderSource:
         except OSError as error:
             return self._failed(name, f"{name}: cannot be read ({error.strerror}); check its permissions")
         if data is None:
-            return self._failed(name, f"{name}: is larger than {_MOST_BYTES / 1e9:g} GB; export a smaller picture")
+            return self._failed(
+                name, f"{name}: is larger than {_FILES.most_bytes / 1e9:g} GB; export a smaller picture"
+            )
         state = status.st_size, status.st_mtime_ns
         if state != watched.state or len(data) != state[0]:
             self._watched[name] = _Watched(state, time.monotonic())
@@ -243,7 +249,8 @@ class FolderSource:
         stem, suffix = os.path.splitext(name)
         if suffix.lower() not in SUFFIXES:
             return False
-        temporary = name.startswith((".", "~")) or os.path.splitext(stem)[1].lower() in _TEMPORARY
+        unfinished = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".download", ".filepart", ".swp")
+        temporary = name.startswith((".", "~")) or os.path.splitext(stem)[1].lower() in unfinished
         if temporary or name.isprintable():
             return not temporary
         if name not in self._given:
@@ -264,8 +271,6 @@ class FolderSource:
 
 
 _AGAIN = "record or copy it again, or turn it into a folder of pictures"
-_USUAL_FPS = 30.0
-_READABLE_SHARE = 0.95
 
 
 @lru_cache
@@ -284,13 +289,13 @@ def _refuse_large(path: Path) -> None:
         width, height = _frame_size(path.absolute(), status.st_size, status.st_mtime_ns)
     except ValueError:
         raise InputError("is not a video that can be read", where=shown(str(path)), remedy=_AGAIN) from None
-    if width * height * _BYTES_PER_PIXEL > most_memory(status.st_size):
+    if width * height * _FILES.bytes_per_pixel > most_memory(status.st_size):
         what = f"has frames of {width:.0f}x{height:.0f} px, more than a video of its size may have"
         raise InputError(what, where=shown(str(path)), remedy=_AGAIN)
 
 
 class VideoSource:
-    """Every frame of a video, named by its index; none is dropped. Taken when held still, like a live stream."""
+    """Every frame of a video, named by its index; none is dropped. Taken when the scene rests, like a live stream."""
 
     live = True
 
@@ -309,7 +314,7 @@ class VideoSource:
             raise InputError("is not a video that can be read", where=shown(str(path)), remedy=_AGAIN)
         self._frame_count = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
         fps = self._capture.get(cv2.CAP_PROP_FPS)
-        self._fps = fps if 1 <= fps <= 1000 else _USUAL_FPS
+        self._fps = fps if 1 <= fps <= 1000 else _FILES.usual_fps
 
     def skip(self) -> None:
         """Leave the next frame out."""
@@ -320,7 +325,7 @@ class VideoSource:
     def _advance(self) -> None:
         self._index += 1
         if not self._capture.grab():
-            if self._index < _READABLE_SHARE * self._frame_count:
+            if self._index < _FILES.readable_share * self._frame_count:
                 part = f"{self._index} of its {self._frame_count:.0f} frames can be read"
                 self.notes += (f"{self.name} is cut off or damaged: {part}",)
             self.close()

@@ -23,22 +23,20 @@ from .files import Picture, SourceLost, frame_picture, shown, silence_opencv
 
 _Fault = Literal["closed", "blank", "broken", "hung"]
 """Cannot be opened; opened but without any frame; its frames stopped; does not respond."""
-_PAUSE_S = 0.05
-_LEAVE_S = 0.5
-_OLDEST_STAMP_S = 1.0
-"""A driver's stamp that is older is of another clock."""
-_BREAKS_TOLD = 10
-"""So many breaks are told at most; all are counted."""
 
 
 @dataclass(frozen=True)
 class StreamSettings:
-    """Timeouts for the first and the next frame, failed reads in a row, and waits before reopening (`retries_s`)."""
+    """How long a device may take, and how often it may fail."""
 
-    open_s: float = 10.0
-    silence_s: float = 5.0
-    failures: int = 20
-    retries_s: tuple[float, ...] = ()
+    open_s: float = 10.0  # timeout of the first frame
+    silence_s: float = 5.0  # timeout of the next frame
+    failures: int = 20  # failed reads in a row that end it
+    retries_s: tuple[float, ...] = ()  # waits before it is opened again
+    pause_s: float = 0.05  # after a failed read
+    leave_s: float = 0.5  # that its thread has to end
+    oldest_stamp_s: float = 1.0  # a driver's stamp that is older is of another clock
+    listed_breaks: int = 10  # that are reported one by one; all are counted
 
 
 class LiveSource:
@@ -97,7 +95,7 @@ class LiveSource:
     def notes(self) -> tuple[str, ...]:
         """How it is set up; then, as they come, its breaks."""
         broke_off = f"{self.name} broke off; it is opened again as soon as it can be"
-        return (*self.settings, *[broke_off] * min(self._breaks, _BREAKS_TOLD))
+        return (*self.settings, *[broke_off] * min(self._breaks, self._patience.listed_breaks))
 
     def frame(self, timeout_s: float) -> tuple[np.ndarray, float] | None:
         """The newest frame, waited for if necessary, as it came: pixels, and when since `start_s`; None if none comes.
@@ -133,7 +131,7 @@ class LiveSource:
 
     def close(self) -> None:
         self._stop.set()
-        self._thread.join(_LEAVE_S)
+        self._thread.join(self._patience.leave_s)
 
     def _error(self, kind: type[InputError], fault: _Fault) -> InputError:
         what, remedy = self._faults[fault]
@@ -188,7 +186,7 @@ class LiveSource:
                 taken_s = self._taken_s(capture)
                 if pixels is None:
                     failures += 1
-                    self._stop.wait(_PAUSE_S)
+                    self._stop.wait(self._patience.pause_s)
                     continue
                 self.reopened += self._away
                 self._away = False
@@ -229,15 +227,13 @@ class LiveSource:
             stamp_s = 1e-3 * capture.get(cv2.CAP_PROP_POS_MSEC) if self.stamped else -1.0
         except cv2.error:
             stamp_s = -1.0
-        return stamp_s if 0.0 <= now_s - stamp_s < _OLDEST_STAMP_S else now_s
+        return stamp_s if 0.0 <= now_s - stamp_s < self._patience.oldest_stamp_s else now_s
 
     def _expect_frame(self, within_s: float) -> None:
         with self._changed:
             self._due_s = time.monotonic() + within_s
 
 
-_LIKE = "write it like camera:0 or camera:0?width=1920&height=1080&fourcc=MJPG"
-_MOST = {"width": 65535, "height": 65535, "fps": 1000}
 _PLUG = "check cable and plug, close other programs that use the camera, then run this again: it goes on where it was"
 _CAMERA_FAULTS: dict[_Fault, tuple[str, str]] = {
     "closed": ("the camera cannot be opened", "close other programs that use it, or name another camera"),
@@ -253,21 +249,23 @@ _CAMERA_FAULTS: dict[_Fault, tuple[str, str]] = {
 def parse_camera(text: str) -> tuple[int | str, dict[str, Any]]:
     """The device (OpenCV's index or a file) and its settings, from the text behind "camera:". Raises InputError."""
     device, _, query = text.partition("?")
-    where, given = f"camera:{shown(text)}", dict[str, Any]()
+    where, settings = f"camera:{shown(text)}", dict[str, Any]()
+    like = "write it like camera:0 or camera:0?width=1920&height=1080&fourcc=MJPG"
+    most = {"width": 65535, "height": 65535, "fps": 1000}
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key == "fourcc" and re.fullmatch(r"[\x20-\x7e]{4}", value):
-            given[key] = value
-        elif key in _MOST and re.fullmatch(r"[0-9]{1,5}", value) and 1 <= int(value) <= _MOST[key]:
-            given[key] = int(value)
+            settings[key] = value
+        elif key in most and re.fullmatch(r"[0-9]{1,5}", value) and 1 <= int(value) <= most[key]:
+            settings[key] = int(value)
         else:
-            known = key in _MOST or key == "fourcc"
+            known = key in most or key == "fourcc"
             what = f"{shown(key)} cannot be {shown(value)!r}" if known else f"{shown(key)!r} is not known of a camera"
-            remedy = f"width, height, fps and fourcc can be asked for; {_LIKE}"
+            remedy = f"width, height, fps and fourcc can be asked for; {like}"
             raise InputError(what, where=where, remedy=remedy)
     number = re.fullmatch(r"[0-9]{1,3}", device)
     if not number and not device.startswith("/"):
-        raise InputError("is neither a camera's number nor its device", where=where, remedy=_LIKE)
-    return int(device) if number else device, given
+        raise InputError("is neither a camera's number nor its device", where=where, remedy=like)
+    return int(device) if number else device, settings
 
 
 def open_camera(
@@ -325,7 +323,7 @@ def _set_up(capture: cv2.VideoCapture, wanted: Mapping[str, Any]) -> tuple[str, 
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     has = [int(capture.get(key)) for key in sides]
     size = f"the camera gives {has[0]}x{has[1]} px"
-    if any(asked not in (None, given) for asked, given in zip(sides.values(), has, strict=True)):
+    if any(asked not in (None, settings) for asked, settings in zip(sides.values(), has, strict=True)):
         size = f"{'x'.join(str(value or 'any') for value in sides.values())} px were asked for, but {size}"
     if capture.set(cv2.CAP_PROP_AUTOFOCUS, 0) and capture.get(cv2.CAP_PROP_AUTOFOCUS) == 0:
         return size, "autofocus is switched off"
@@ -335,15 +333,6 @@ def _set_up(capture: cv2.VideoCapture, wanted: Mapping[str, Any]) -> tuple[str, 
     )
 
 
-_SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "rtp", "rtmp", "tcp", "srt")
-_NO_HOST = ("udp", "rtp")
-_REACH = "check that camera and network are up, then run this again: it goes on where it was"
-_STREAM_FAULTS: dict[_Fault, tuple[str, str]] = {
-    "closed": ("the stream cannot be opened", "try the address, user and password in a video player"),
-    "blank": ("the stream opens but gives no picture", "try the address in a video player"),
-    "broken": ("the stream broke off and cannot be reached again", _REACH),
-    "hung": ("the stream does not answer", _REACH),
-}
 # FFmpeg has tried on its own before a read fails
 _STREAM_PATIENCE = StreamSettings(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
 
@@ -370,7 +359,14 @@ def open_stream(url: str, seen: Container[str] = (), patience: StreamSettings = 
         return capture
 
     try:
-        return LiveSource(name, opened, patience, _STREAM_FAULTS, seen)
+        reach = "check that camera and network are up, then run this again: it goes on where it was"
+        faults: dict[_Fault, tuple[str, str]] = {
+            "closed": ("the stream cannot be opened", "try the address, user and password in a video player"),
+            "blank": ("the stream opens but gives no picture", "try the address in a video player"),
+            "broken": ("the stream broke off and cannot be reached again", reach),
+            "hung": ("the stream does not answer", reach),
+        }
+        return LiveSource(name, opened, patience, faults, seen)
     except InputError:
         if not stored:
             raise
@@ -385,12 +381,13 @@ def _check_url(url: str, name: str) -> None:
         scheme, host, port = parts.scheme.lower(), parts.hostname, parts.port
     except ValueError:
         raise InputError("is not a valid URL", where=name, remedy=like) from None
-    kinds = ", ".join(f"{each}://" for each in _SCHEMES)
+    schemes = ("rtsp", "rtsps", "http", "https", "udp", "rtp", "rtmp", "tcp", "srt")
+    kinds = ", ".join(f"{each}://" for each in schemes)
     faults = (
         (scheme == "file", "is a URL of a file", "name the file's path itself"),
-        (scheme not in _SCHEMES, f"{shown(parts.scheme)}:// is not read", f"these are: {kinds}"),
+        (scheme not in schemes, f"{shown(parts.scheme)}:// is not read", f"these are: {kinds}"),
         (re.search(r"\s", url) or not url.isprintable(), "holds blanks or control characters", "write a blank as %20"),
-        (not host and not (port and scheme in _NO_HOST), "names no host", like),
+        (not host and not (port and scheme in ("udp", "rtp")), "names no host", like),
     )
     for wrong, what, remedy in faults:
         if wrong:

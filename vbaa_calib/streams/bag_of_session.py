@@ -17,10 +17,6 @@ from vbaa_calib.session import READINGS, Frame, load_session, read_recording
 
 from .bags import BagWriter, Logged
 
-_START_NS = 1_000_000_000
-"""A bag begins a second after the clock's zero, so that no stamp is zero, which means none."""
-_MODELS = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
-
 
 @dataclass(frozen=True, eq=False)
 class BagLens:
@@ -73,9 +69,10 @@ def _write(path: Path, frames: Iterable[Frame], lens: BagLens) -> None:
 
 
 def _logged(frame: Frame, lens: BagLens) -> Iterator[Logged]:
-    """What is logged of a frame: the readings first, as they come while the picture is still read out."""
+    """What is logged of a frame: the readings first, as they come while the picture is read out."""
     assert frame.image is not None
-    time_ns = _START_NS + round(1e9 * frame.time_s)
+    # a bag begins a second after the clock's zero: a stamp of zero means none
+    time_ns = 1_000_000_000 + round(1e9 * frame.time_s)
     wrench: dict[str, dict[str, float]] = {"torque": {}, "force": {}}
     for name, value in zip(READINGS, frame.readings, strict=True):
         if np.isfinite(value):
@@ -85,7 +82,8 @@ def _logged(frame: Frame, lens: BagLens) -> Iterator[Logged]:
     joints = {"name": ["pan", "tilt"], "position": [frame.pan_rad, frame.tilt_rad]}
     yield Logged("/joint_states", "sensor_msgs/msg/JointState", joints, time_ns)
     width, height = lens.image_size
-    model = "equidistant" if lens.model == "fisheye" else _MODELS.get(len(lens.distortion), "")
+    names = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
+    model = "equidistant" if lens.model == "fisheye" else names.get(len(lens.distortion), "")
     about: dict[str, Any] = {
         "width": width,
         "height": height,

@@ -28,11 +28,23 @@ from vbaa_calib.core.files import most_memory, read_yaml, require_file
 from vbaa_calib.core.images import as_levels, read_picture
 from vbaa_calib.session import READINGS
 
-from .messages import ONE_CLOCK_S, Messages, MessageSource, Reading, Taken
+from .messages import MESSAGES, Messages, MessageSource, Reading, Taken
 
-_PIECE_BYTES, _PIECE_FACTOR = 50_000_000, 10
-"""Of what is unpacked at once: some bytes, and a multiple of the packed size. A picture is copied four times on its
-way: together this stays within a child's limits."""
+
+@dataclass(frozen=True)
+class _BagSettings:
+    """Limits of what is read from a bag, and what contradicts the rig."""
+
+    piece_bytes: int = 50_000_000  # that one chunk may unpack to, and
+    piece_factor: int = 10  # in addition, times its packed size: copied four times, this stays within a child's memory
+    focal_share: float = 0.01  # relative difference of the focal length from which a camera is not the rig's
+    straight_px: float = 3.0  # bend of a straight line, somewhere in the picture, below which it is rectified
+    patience: int = 30  # unreadable pictures or joints, and no readable one before, that end the reading
+
+
+_BAG = _BagSettings()
+
+
 _REMEDY = "record it with chunks of some megabytes, as rosbag2 does"
 
 
@@ -92,7 +104,7 @@ def _rosbags() -> Any:
 
 def _bounded(opened: Callable[[BytesIO], Any]) -> Callable[..., bytes]:
     def unpacked(data: bytes, *_: int) -> bytes:
-        most = _PIECE_BYTES + _PIECE_FACTOR * len(data)
+        most = _BAG.piece_bytes + _BAG.piece_factor * len(data)
         with opened(BytesIO(data)) as stream:
             raw: bytes = stream.read(most + 1)
         if len(raw) > most:
@@ -108,7 +120,7 @@ def _refuse_bombs(reader: Any, path: Path) -> None:
     whole = [one.storage for one in reader.readers if hasattr(one, "storage")]  # a file, or a folder of several
     for storage in (each for one in whole for each in getattr(one, "storages", [one])):
         size = storage.path.stat().st_size
-        most = _PIECE_BYTES + _PIECE_FACTOR * size
+        most = _BAG.piece_bytes + _BAG.piece_factor * size
         chunks = getattr(storage, "chunks", ())
         opens = [(chunk.message_start_time, -chunk.uncompressed_size) for chunk in chunks]
         closes = [(chunk.message_end_time, chunk.uncompressed_size) for chunk in chunks]
@@ -117,9 +129,9 @@ def _refuse_bombs(reader: Any, path: Path) -> None:
             what = f"unpacks to {largest / 1e6:.0f} MB at once"
             raise InputError(what, where=path, remedy=_REMEDY)
         if hasattr(storage, "dbconn"):
-            ((held,),) = storage.dbconn.execute("SELECT total(octet_length(data)) FROM messages")
-            if held > size:
-                what = f"its messages have {held / 1e6:.0f} MB, the file {size / 1e6:.3g} MB"
+            ((stored,),) = storage.dbconn.execute("SELECT total(octet_length(data)) FROM messages")
+            if stored > size:
+                what = f"its messages have {stored / 1e6:.0f} MB, the file {size / 1e6:.3g} MB"
                 raise InputError(what, where=path, remedy="it is damaged or forged: record it again")
 
 
@@ -163,12 +175,6 @@ _ENCODINGS: dict[str, tuple[str, int, int | None]] = {
     "32FC1": ("f4", 1, None),
 }
 """ROS' name of an image's encoding: type and number of its channels, and OpenCV's conversion to blue, green, red."""
-_FOCAL_SHARE = 0.01
-"""A camera whose focal length is so much off the rig's is another one."""
-_STRAIGHT_PX = 3.0
-"""Rectified pictures differ from those of a lens that bends straight lines by so much, somewhere in the picture."""
-_PATIENCE = 30
-"""So many pictures or joints that cannot be read, and none before them, end the reading: no other can."""
 
 
 @dataclass(frozen=True)
@@ -280,7 +286,7 @@ def open_bag(path: Path, topics: Topics, camera: Camera | None, offset_s: float 
                     broken[topic] += 1
                     if broken[topic] == 1:
                         notes.append(f"{topic} holds messages that cannot be read ({clipped(str(error))})")
-                    if broken[topic] == _PATIENCE and wanted[topic] in ("image", "joints") and not good[topic]:
+                    if broken[topic] == _BAG.patience and wanted[topic] in ("image", "joints") and not good[topic]:
                         raise _unreadable(topic, wanted[topic], error, path) from None
                     last[topic] = error
                     continue
@@ -322,7 +328,7 @@ def _refuse_two_clocks(lags: Mapping[str, Sequence[float]], offset_s: float, pat
         if min(len(lags["image"]), len(lags[role])) < 5:
             continue
         ahead_s = float(np.median(lags["image"]) - np.median(lags[role]))
-        if abs(ahead_s - offset_s) > ONE_CLOCK_S:
+        if abs(ahead_s - offset_s) > MESSAGES.one_clock_s:
             side = "before" if ahead_s > 0.0 else "after"
             what = (
                 f"{words} are stamped {abs(ahead_s):.6g} s {side} the pictures that were logged with them: two clocks"
@@ -334,7 +340,7 @@ def _refuse_two_clocks(lags: Mapping[str, Sequence[float]], offset_s: float, pat
 def _refuse_rectified(topic: str, camera: Camera, path: Path) -> None:
     """Raises InputError for a topic of rectified pictures where the rig's lens bends straight lines."""
     bends_px = _bend_px(camera)
-    if says_rectified(topic) and bends_px > _STRAIGHT_PX:
+    if says_rectified(topic) and bends_px > _BAG.straight_px:
         what = f"{topic} is of rectified pictures, the rig's lens that of raw ones: it bends by up to {bends_px:.0f} px"
         raise InputError(what, where=path, remedy=_raw_remedy("the name misleads"))
 
@@ -385,7 +391,7 @@ def _whole(messages: Iterator[Any], path: Path, notes: list[str]) -> Iterator[An
 
 
 def _bag_files(path: Path) -> list[Path]:
-    """The bag itself, or the files of a ROS 2 bag's folder whose metadata.yaml was never written."""
+    """The bag itself, or the files of a ROS 2 bag's folder without metadata.yaml."""
     if not os.path.isdir(path) or os.path.isfile(path / "metadata.yaml"):
         return [path]
     return sorted((each for each in path.iterdir() if is_bag(each)), key=lambda each: (len(each.name), each.name))
@@ -483,9 +489,9 @@ def _foxglove_picture(data: bytes, kind: str) -> Any:
 
 
 def _json_fields(data: bytes) -> tuple[int, int, str, bytes]:
-    said = json.loads(data)
-    stamp = said["timestamp"]
-    return int(stamp["sec"]), int(stamp["nsec"]), str(said["format"]), base64.b64decode(said["data"], validate=True)
+    header = json.loads(data)
+    stamp = header["timestamp"]
+    return int(stamp["sec"]), int(stamp["nsec"]), str(header["format"]), base64.b64decode(header["data"], validate=True)
 
 
 def _protobuf_fields(data: bytes) -> tuple[int, int, str, bytes]:
@@ -568,11 +574,11 @@ def _check_camera(message: Any, topic: str, camera: Camera, path: Path) -> None:
         k_bends_px = _bend_px(Camera("fisheye" if fisheye else "opencv", size, k.reshape(3, 3), d)) if d.any() else 0.0
     both = f"CameraInfo's K, fx {raw:.1f} px and bent by up to {k_bends_px:.0f} px, is of raw pictures (image_raw), "
     both += f"its P, fx {rectified:.1f} px, of rectified ones (image_rect)"
-    unlike = abs(own / (rectified if says_rectified(topic) else raw) - 1.0) > _FOCAL_SHARE
-    if d.size and not d.any() and bends_px > _STRAIGHT_PX:
+    unlike = abs(own / (rectified if says_rectified(topic) else raw) - 1.0) > _BAG.focal_share
+    if d.size and not d.any() and bends_px > _BAG.straight_px:
         what = f"CameraInfo says no distortion, as of rectified pictures; the rig's lens bends by {bends_px:.0f} px"
         raise InputError(what, where=path, remedy=_raw_remedy("CameraInfo is wrong"))
-    if not says_rectified(topic) and k_bends_px > bends_px + _STRAIGHT_PX and bends_px < _STRAIGHT_PX:
+    if not says_rectified(topic) and k_bends_px > bends_px + _BAG.straight_px and bends_px < _BAG.straight_px:
         what = f"{both}; the rig's lens, fx {own:.1f} px, is straight, and {topic} does not say that it is rectified"
         raise InputError(what, where=path, remedy="give --topic camera=none if it is, else calibrate from raw ones")
     if unlike:
@@ -659,11 +665,11 @@ class BagWriter:
     def _fields(self, kind: str) -> Sequence[tuple[str, Any]]:
         return self._types.fielddefs[kind][1]
 
-    def _built(self, kind: str, given: Mapping[str, Any]) -> Any:
-        """A message; what is not given of it is zero or empty."""
+    def _built(self, kind: str, fields: Mapping[str, Any]) -> Any:
+        """A message; fields that are left out are zero or empty."""
         values = {}
         for name, (node, of) in self._fields(kind):
-            value = given.get(name, given.get(name.lower()))
+            value = fields.get(name, fields.get(name.lower()))
             if node.name == "NAME":
                 values[name] = self._built(of, value or {})
             elif node.name == "BASE":

@@ -8,26 +8,33 @@ import struct
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.sources.files import SourceLost
 from vbaa_calib.sources.live import LiveSource
 
-from .messages import Messages, MessageSource, Reading, Taken, now_s
-from .recorded import TICK_S, line_messages
+from .messages import MESSAGES, Messages, MessageSource, Reading, Taken, line_messages, now_s
 
-QUEUED = 3
-"""Pictures of a camera that may wait: one that takes long to estimate costs no other, if those after it take less."""
-RETRIES_S = (0.5, 1.0, 2.0, 4.0, *[8.0] * 7)
-"""A camera that broke off is opened again after these waits: for a minute, as long as a plug takes or a restart."""
-_LARGEST_DATAGRAM = 65536
+
+@dataclass(frozen=True)
+class _DeviceSettings:
+    """Waiting for cameras and sockets."""
+
+    queued: int = 3  # pictures of a camera that may wait: one slow estimate costs none, if those after it are faster
+    # waits before a camera that broke off is opened again: a minute, as for a plug
+    retries_s: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, *[8.0] * 7)
+    longest_wait_s: float = 60.0  # that a datagram may have waited
+    most_notes: int = 16  # on datagrams that cannot be read
+
+
+DEVICES = _DeviceSettings()
+
+
 _TIMESTAMP = 35 if sys.platform == "linux" else None
 """SO_TIMESTAMPNS: the system notes when a datagram came, which is before it is asked for. Not named by `socket`."""
 _TIMESPEC = struct.Struct("@qq")
-_LONGEST_WAIT_S = 60.0
-_MOST_NOTES = 16
 
 
 def udp_address(address: str, flag: str) -> tuple[str, int]:
@@ -55,7 +62,7 @@ def udp_socket(address: str) -> socket.socket:
     return taken
 
 
-def datagrams(listening: socket.socket, notes: list[str], key: bytes | None = None) -> Iterator[Reading | None]:
+def _datagrams(listening: socket.socket, notes: list[str], key: bytes | None = None) -> Iterator[Reading | None]:
     """The readings that have come, a JSON line each, or several lines in one datagram; None where there is none now.
 
     key : datagrams without its HMAC, or with a number that is not larger than the one before, are left out.
@@ -64,7 +71,7 @@ def datagrams(listening: socket.socket, notes: list[str], key: bytes | None = No
     number, noted = -1, set[tuple[str, bool]]()
 
     def note(sender: str, taken: bool, words: str) -> None:
-        if len(noted) < _MOST_NOTES and (sender, taken) not in noted:
+        if len(noted) < DEVICES.most_notes and (sender, taken) not in noted:
             noted.add((sender, taken))
             notes.append(words)
 
@@ -72,7 +79,7 @@ def datagrams(listening: socket.socket, notes: list[str], key: bytes | None = No
         # a flood of them delays pictures, but does not stop them
         for _ in range(1000):
             try:
-                data, ancillary, _, place = listening.recvmsg(_LARGEST_DATAGRAM, socket.CMSG_SPACE(_TIMESPEC.size))
+                data, ancillary, _, place = listening.recvmsg(65536, socket.CMSG_SPACE(_TIMESPEC.size))
             except (BlockingIOError, InterruptedError):
                 break
             arrived_s, sender = _arrived_s(ancillary), "?" if place is None else place[0]
@@ -110,7 +117,7 @@ def _arrived_s(ancillary: list[tuple[int, int, bytes]]) -> float:
             seconds, nanoseconds = _TIMESPEC.unpack(data)
             # from the system's clock, which is slewed; a pause between the two readings would make the difference less
             arrived_s = seconds + 1e-9 * nanoseconds + max(now_s() - time.time() for _ in range(5))
-            return arrived_s if latest_s - _LONGEST_WAIT_S < arrived_s <= latest_s else latest_s
+            return arrived_s if latest_s - DEVICES.longest_wait_s < arrived_s <= latest_s else latest_s
     return latest_s
 
 
@@ -121,7 +128,7 @@ def with_datagrams(source: MessageSource, listening: socket.socket | None, key: 
 
     def messages() -> Messages:
         with listening:
-            received = datagrams(listening, source.notes, key)
+            received = _datagrams(listening, source.notes, key)
             for message in source.messages():
                 # those of the picture's own instant are here by now
                 yield from iter(lambda: next(received), None)
@@ -133,19 +140,19 @@ def with_datagrams(source: MessageSource, listening: socket.socket | None, key: 
 def open_device(camera: LiveSource) -> MessageSource:
     """The newest pictures of a camera that runs, timed by this machine's clock when they were there."""
     notes: list[str] = []
-    camera.queued, camera.retries_s = QUEUED, RETRIES_S
+    camera.queued, camera.retries_s = DEVICES.queued, DEVICES.retries_s
     start_s = now_s() - time.monotonic() + camera.start_s
     begin_s = perf_counter() - time.monotonic() + camera.start_s
 
     def messages() -> Messages:
         camera.forget()
-        told = 0
+        reported = 0
         try:
             while True:
-                frame = camera.frame(TICK_S / 10)
-                news = camera.notes[told:]
+                frame = camera.frame(MESSAGES.tick_s / 10)
+                news = camera.notes[reported:]
                 notes.extend(news)
-                told += len(news)
+                reported += len(news)
                 if frame is None:
                     yield None
                     continue
@@ -155,7 +162,7 @@ def open_device(camera: LiveSource) -> MessageSource:
         except SourceLost as error:
             notes.append(str(error))
         finally:
-            notes.extend(camera.notes[told:])
+            notes.extend(camera.notes[reported:])
             if camera.reopened:
                 notes.append(f"{camera.name} broke off and was reached again, {camera.reopened} times in all")
             camera.close()

@@ -2,16 +2,38 @@
 
 from __future__ import annotations
 
+import base64
+import binascii
+import json
+import math
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import LARGEST_NM, LARGEST_RAD, as_float
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.arrays import PLAUSIBLE, as_float
+from vbaa_calib.core.errors import InputError, clipped, shown
+from vbaa_calib.core.images import read_picture
 from vbaa_calib.session import SILENT
+
+
+@dataclass(frozen=True)
+class _MessageSettings:
+    """Times and amounts of what comes in a stream."""
+
+    tick_s: float = 0.02  # between two reports of a source that it has nothing new
+    one_clock_s: float = 10.0  # stamps further apart than their messages were logged are of two clocks
+    longest_line: int = 64_000_000  # bytes of a line of JSON
+    readings: int = 4096  # of one channel that are kept: four seconds at a thousand a second
+    instant_s: float = 1e-3  # to which videos round their times: such a gap to the nearest reading is none
+
+
+MESSAGES = _MessageSettings()
 
 CHANNELS = (*SILENT, "pan_rad", "tilt_rad")
 """What is read beside the pictures, named as the columns of recording.csv are."""
@@ -62,12 +84,10 @@ class Reading:
     @property
     def possible(self) -> bool:
         """Whether it is a number that such a channel may have, at a time that may be."""
-        most = LARGEST_NM if self.channel in SILENT else LARGEST_RAD
+        most = PLAUSIBLE.moment_Nm if self.channel in SILENT else PLAUSIBLE.angle_rad
         return abs(self.value) <= most and abs(self.time_s) < 1e12
 
 
-ONE_CLOCK_S = 10.0
-"""Stamps that are further apart than the messages were logged are of two clocks: nothing waits so long."""
 _BEGAN_S = time.time() - time.monotonic()
 
 
@@ -90,8 +110,8 @@ class MessageSource:
     name : for the screen.
     messages : what comes. Called once.
     channels : those known to come; more may.
-    live : the pictures are taken while they are looked at; else they were taken before.
-    dropped : how many pictures were not given, since newer ones had come.
+    live : the pictures are taken while they are read; else they were taken before.
+    dropped : how many pictures were left out, since newer ones had come.
     reopened : how often it broke off and was reached again.
     notes : what else there is to tell, so far.
     """
@@ -145,3 +165,44 @@ class MessageSource:
                     yield each
 
         return replace(self, messages=messages, channels=self.channels - {*SILENT})
+
+
+def line_messages(line: bytes, root: Path | None, arrived_s: float | None = None) -> Iterator[Taken | Reading]:
+    """What one JSON line says, readings first; without `root` pictures are not taken. Raises InputError.
+
+    arrived_s : when it came, by `now_s`; just now by default.
+    """
+    try:
+        entry = json.loads(line)
+        assert isinstance(entry, dict)
+    except (ValueError, AssertionError, RecursionError):
+        remedy = '{"time_s": 1.5, "moment_Nm": 0.004}'
+        raise InputError(f"{line[:40]!r} is no JSON object", remedy=f"write lines like {remedy}") from None
+    arrived_s, received_s = now_s() if arrived_s is None else arrived_s, perf_counter()
+    time_s = _number(entry, "time_s", arrived_s)
+    for channel in CHANNELS:
+        if entry.get(channel) is not None:
+            yield Reading(time_s, channel, _number(entry, channel), arrived_s)
+    if root is not None and entry.get("image") is not None:
+        image = entry["image"]
+        if not isinstance(image, str):
+            raise InputError("image is no text", remedy="give a path, or a picture's bytes in base64")
+        yield Taken(time_s, _picture(image, root), arrived_s, received_s)
+
+
+def _number(entry: Mapping[str, Any], name: str, default: float = math.nan) -> float:
+    value = entry.get(name, default)
+    # a whole number may be larger than any float
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
+        raise InputError(f"{name} is {clipped(repr(value))}", remedy="give a finite number in SI units")
+    return float(value)
+
+
+def _picture(text: str, root: Path) -> Any:
+    if len(text) < 1024 and (root / text).suffix:
+        return read_picture(root / text)
+    try:
+        data = base64.b64decode(text.removeprefix("data:").rpartition("base64,")[2], validate=True)
+    except (binascii.Error, ValueError):
+        raise InputError("image is neither a path nor base64", remedy="give one of them") from None
+    return read_picture(Path("picture"), data)

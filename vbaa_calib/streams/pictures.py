@@ -15,12 +15,9 @@ from vbaa_calib.sources.files import Picture, frame_picture, shown
 
 from .bags import Topics, open_bag
 from .messages import Messages, Taken
-from .open import open_pictures
+from .recorded import open_pictures
 
 _T = TypeVar("_T")
-_THUMBNAIL = (24, 18)
-_SAME = 0.15
-"""Pictures whose thumbnails differ by less of their own contrast show the same."""
 
 
 def _recorded_pictures(path: Path, topics: Topics | None = None) -> Messages:
@@ -48,7 +45,8 @@ def thinned(pictures: Iterable[tuple[_T, np.ndarray]], most: int) -> list[tuple[
     before = None
     for one in kept:
         now = _thumbnail(one[2])
-        if before is not None and np.abs(now - before).mean() < _SAME * (now.std() + 1.0):
+        # thumbnails that differ by less of their own contrast are alike
+        if before is not None and np.abs(now - before).mean() < 0.15 * (now.std() + 1.0):
             different[-1] = max(different[-1], one, key=_first)
             continue
         different.append(one)
@@ -70,7 +68,7 @@ def _sharpness(picture: np.ndarray) -> float:
 
 
 def _thumbnail(picture: np.ndarray) -> np.ndarray:
-    small = cv2.resize(_grey(picture), _THUMBNAIL, interpolation=cv2.INTER_AREA)
+    small = cv2.resize(_grey(picture), (24, 18), interpolation=cv2.INTER_AREA)
     return np.asarray(cv2.GaussianBlur(small.astype(np.float32), (0, 0), 1.0))  # so that blur makes no difference
 
 
@@ -102,7 +100,7 @@ def unpack_views(path: Path, folder: Path, topics: Topics, most: int) -> int:
 
 class BagPictures:
     """A bag's pictures as a source of the wizard: all of them, named by their place from 0 on, one taken when it is
-    held still. PATH#TOPIC chooses between several topics."""
+    at rest. PATH#TOPIC chooses between several topics."""
 
     live = True
 

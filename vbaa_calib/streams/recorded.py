@@ -1,36 +1,75 @@
-"""What was recorded before: readings in a CSV, a video, a folder of pictures that may still grow, JSON lines."""
+"""The source that a command line names: one that runs, or one recorded before.
+
+Recorded are readings in a CSV, a video, a folder of pictures that may grow, a bag, and JSON lines.
+"""
 
 from __future__ import annotations
 
-import base64
-import binascii
 import heapq
-import json
 import math
 import os
 import select
+import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from time import perf_counter
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 
+from vbaa_calib.camera import Camera
+from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.csv_rows import csv_rows, number
-from vbaa_calib.core.errors import InputError, clipped
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import require_file
 from vbaa_calib.core.images import read_picture
+from vbaa_calib.session.tables import IN_DEGREES
+from vbaa_calib.sources import open_source
 from vbaa_calib.sources.files import FolderSettings, FolderSource, SourceLost, VideoSource
+from vbaa_calib.sources.live import LiveSource
 
-from .messages import CHANNELS, Messages, MessageSource, Reading, Taken, now_s
+from .bags import Topics, open_bag
+from .devices import open_device
+from .messages import CHANNELS, MESSAGES, Messages, MessageSource, Reading, Taken, line_messages, now_s
 from .synchronize import Timing
 
-_IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
-_LONGEST_LINE = 64_000_000
-TICK_S = 0.02
-"""How often a source that has nothing new says so."""
+
+def is_recorded(path: Path) -> bool:
+    """Whether a path is meant for a stream that was recorded: a bag, a video, a table of pictures."""
+    videos = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".ts")
+    return is_bag(path) or path.suffix.lower() in (*videos, ".csv")
+
+
+def open_recorded(
+    path: Path, camera: Camera, table: Path | None, offset_s: float | None = 0.0, topics: Topics | None = None
+) -> MessageSource:
+    """A bag, a video or a table of pictures, with the readings of a table, if any.
+
+    offset_s : added to the readings' times; None: to be estimated. Raises InputError, also for a bag of another camera.
+    """
+    source = open_bag(path, topics or Topics(), camera, offset_s) if is_bag(path) else open_pictures(path)
+    return _with_readings(source, table, offset_s or 0.0)
+
+
+def open_pictures(path: Path) -> MessageSource:
+    """A video, or a table of pictures. Raises InputError."""
+    require_file(path)
+    return _open_table(path) if path.suffix.lower() == ".csv" else _open_video(path)
+
+
+def open_running(text: str, idle_s: float) -> MessageSource:
+    """ "-", camera:0, a device, a stream's URL, or a folder that fills up. Raises InputError."""
+    if text == "-":
+        return _open_lines(sys.stdin.buffer, idle_s)
+    if os.path.isdir(text):
+        return _open_folder(Path(text), idle_s)
+    found = open_source(f"camera:{text}" if text.isdigit() else text)
+    if not isinstance(found, LiveSource):
+        raise InputError("is no source", where=text, remedy="name a camera, a stream, a folder, a bag or a video, or -")
+    return open_device(found)
 
 
 def _in_turn(rows: Iterable[Mapping[str, str]], path: Path) -> Iterator[tuple[Mapping[str, str], float, float]]:
@@ -44,15 +83,15 @@ def _in_turn(rows: Iterable[Mapping[str, str]], path: Path) -> Iterator[tuple[Ma
         before = None if row is None else (row, time_s)
 
 
-def csv_readings(path: Path) -> tuple[frozenset[str], Iterator[Reading]]:
+def _csv_readings(path: Path) -> tuple[frozenset[str], Iterator[Reading]]:
     """The channels of a table and its readings: time_s and any of moment_Nm, moment_z_Nm, pan_rad, tilt_rad.
 
     pan_deg and tilt_deg are taken, too; an empty cell is no reading. Raises InputError with file, line and remedy.
     """
-    rows = csv_rows(path, ("time_s",), (*CHANNELS, *_IN_DEGREES.values()))
+    rows = csv_rows(path, ("time_s",), (*CHANNELS, *IN_DEGREES.values()))
     first = next(rows)
     names = {name: name for name in CHANNELS if name in first}
-    names |= {name: other for name, other in _IN_DEGREES.items() if name not in first and other in first}
+    names |= {name: other for name, other in IN_DEGREES.items() if name not in first and other in first}
     if not names:
         raise InputError("has no column of readings", where=path, remedy=f"time_s and any of {','.join(CHANNELS)}")
 
@@ -66,11 +105,11 @@ def csv_readings(path: Path) -> tuple[frozenset[str], Iterator[Reading]]:
     return frozenset(names), read()
 
 
-def with_readings(source: MessageSource, path: Path | None, offset_s: float) -> MessageSource:
+def _with_readings(source: MessageSource, path: Path | None, offset_s: float) -> MessageSource:
     """A recorded source with the readings of a table, each coming before the first picture that is not before it."""
     if path is None:
         return source
-    channels, readings = csv_readings(path)
+    channels, readings = _csv_readings(path)
 
     def messages() -> Messages:
         # as it is on the source's clock, so that a picture waits by that
@@ -105,7 +144,7 @@ def _first_pictures(messages: Messages) -> tuple[list[Taken | Reading | None], f
     return ahead, later_s[0] if later_s and abs(later_s[0] - usual_s) <= Timing.jump_s else usual_s
 
 
-def open_video(path: Path) -> MessageSource:
+def _open_video(path: Path) -> MessageSource:
     """Every frame of a video, timed from its beginning. Raises InputError when it cannot be read."""
     video, notes = VideoSource(path), list[str]()
 
@@ -121,7 +160,7 @@ def open_video(path: Path) -> MessageSource:
     return MessageSource(path.name, messages, notes=notes)
 
 
-def open_table(path: Path) -> MessageSource:
+def _open_table(path: Path) -> MessageSource:
     """The pictures that a table like recording.csv names, at its times. Raises InputError."""
     rows = csv_rows(path, ("time_s", "image"))
     first = next(rows)
@@ -137,19 +176,19 @@ def open_table(path: Path) -> MessageSource:
     return MessageSource(path.name, messages, notes=notes)
 
 
-def open_folder(path: Path, idle_s: float) -> MessageSource:
+def _open_folder(path: Path, idle_s: float) -> MessageSource:
     """A folder that fills: pictures by name, then as they come, timed by when they were written.
 
     It ends when nothing has come for `idle_s`. Raises InputError when it cannot be read.
     """
-    folder = FolderSource(path, wait=True, pace=FolderSettings(scan_s=0.05, settle_s=0.1))
+    folder = FolderSource(path, wait=True, pace=FolderSettings(scan_s=0.05, steady_s=0.1))
     notes: list[str] = []
 
     def messages() -> Messages:
         until_s = time.monotonic() + idle_s
         try:
             while time.monotonic() < until_s:
-                picture = folder.next(TICK_S)
+                picture = folder.next(MESSAGES.tick_s)
                 if picture is None:
                     yield None
                     continue
@@ -165,7 +204,7 @@ def open_folder(path: Path, idle_s: float) -> MessageSource:
     return MessageSource(folder.name, messages, live=True, notes=notes)
 
 
-def open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> MessageSource:
+def _open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> MessageSource:
     """JSON lines: time_s, readings by their names, and `image`, a path or a picture's bytes in base64.
 
     A line that is none is left out and counted. It ends with the stream, or when nothing came for `idle_s`.
@@ -195,10 +234,10 @@ def open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> MessageS
 
 def _lines(stream: BinaryIO, idle_s: float, notes: list[str]) -> Iterator[bytes | None]:
     """Whole lines, and None while there is nothing."""
-    number_of, held = stream.fileno(), b""
+    number_of, rest = stream.fileno(), b""
     until_s = time.monotonic() + idle_s
     while True:
-        if not select.select([number_of], [], [], TICK_S)[0]:
+        if not select.select([number_of], [], [], MESSAGES.tick_s)[0]:
             if time.monotonic() > until_s:
                 notes.append(f"standard input gave nothing for {idle_s:g} s")
                 return
@@ -206,55 +245,14 @@ def _lines(stream: BinaryIO, idle_s: float, notes: list[str]) -> Iterator[bytes 
             continue
         block = os.read(number_of, 1 << 20)
         until_s = time.monotonic() + idle_s
-        *whole, held = (held + block).split(b"\n")
+        *whole, rest = (rest + block).split(b"\n")
         yield from (line for line in whole if line.strip())
         if not block:
-            if held.strip():
-                yield held
+            if rest.strip():
+                yield rest
             return
-        if len(held) > _LONGEST_LINE:
+        if len(rest) > MESSAGES.longest_line:
             notes.append(
-                f"standard input holds a line of over {_LONGEST_LINE / 1e6:.0f} MB: what comes after it is lost"
+                f"standard input holds a line of over {MESSAGES.longest_line / 1e6:.0f} MB: what comes after it is lost"
             )
             return
-
-
-def line_messages(line: bytes, root: Path | None, arrived_s: float | None = None) -> Iterator[Taken | Reading]:
-    """What one JSON line says, readings first; without `root` pictures are not taken. Raises InputError.
-
-    arrived_s : when it came, by `now_s`; just now where it is not given.
-    """
-    try:
-        said = json.loads(line)
-        assert isinstance(said, dict)
-    except (ValueError, AssertionError, RecursionError):
-        remedy = '{"time_s": 1.5, "moment_Nm": 0.004}'
-        raise InputError(f"{line[:40]!r} is no JSON object", remedy=f"write lines like {remedy}") from None
-    arrived_s, received_s = now_s() if arrived_s is None else arrived_s, perf_counter()
-    time_s = _number(said, "time_s", arrived_s)
-    for channel in CHANNELS:
-        if said.get(channel) is not None:
-            yield Reading(time_s, channel, _number(said, channel), arrived_s)
-    if root is not None and said.get("image") is not None:
-        image = said["image"]
-        if not isinstance(image, str):
-            raise InputError("image is no text", remedy="give a path, or a picture's bytes in base64")
-        yield Taken(time_s, _picture(image, root), arrived_s, received_s)
-
-
-def _number(said: Mapping[str, Any], name: str, default: float = math.nan) -> float:
-    value = said.get(name, default)
-    # a whole number may be larger than any float
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
-        raise InputError(f"{name} is {clipped(repr(value))}", remedy="give a finite number in SI units")
-    return float(value)
-
-
-def _picture(text: str, root: Path) -> Any:
-    if len(text) < 1024 and (root / text).suffix:
-        return read_picture(root / text)
-    try:
-        data = base64.b64decode(text.removeprefix("data:").rpartition("base64,")[2], validate=True)
-    except (binascii.Error, ValueError):
-        raise InputError("image is neither a path nor base64", remedy="give one of them") from None
-    return read_picture(Path("picture"), data)

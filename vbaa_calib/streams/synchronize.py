@@ -12,18 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import ANGLE_REMEDY, LARGEST_RAD, as_floats, check_each, gate
+from vbaa_calib.core.arrays import ANGLE_REMEDY, PLAUSIBLE, as_floats, check_each, gate
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.session import READINGS, Frame
+from vbaa_calib.session.tables import ANGLES
 
-from .messages import CHANNELS, Reading, Taken
+from .messages import CHANNELS, MESSAGES, Reading, Taken
 
-_KEPT = 4096
-"""Readings of one channel that are kept: four seconds at a thousand a second."""
-_INSTANT_S = 1e-3
-"""Before the first reading and after the last, one so near counts, and readings apart by so much more than the gap are
-still near enough: videos round their times to that."""
-_ANGLES = ("pan_rad", "tilt_rad")
 _Message = Taken | Reading
 
 
@@ -33,9 +28,9 @@ class Timing:
     """How readings and pictures belong together.
 
     offset_s : what is added to a reading's time to have it on the pictures' clock.
-    gap_s : a picture between two readings further apart, or beside the only one at such a distance, has none.
+    gap_s : a picture between two readings further apart, or so far from the only one, has none.
     wait_s : how long a picture waits for the readings after it, by the source's clock.
-    joints_rad : pan and tilt of a rig whose joints are not read, or NaN: they must be.
+    joints_rad : pan and tilt of a rig without readings of its joints, or NaN: they must be read.
     offset_std_s : deviation of the offset. moment_std_Nm : noise of the moments about y and
         z, and of what else `session.READINGS` has, as far as it is known.
     jump_s : a stamp that steps further ahead of arrival, or back, waits for the next ones to bear it out: queues and
@@ -61,7 +56,7 @@ class Timing:
         for name, several, most in (("joints_rad", pan_tilt, 2), ("moment_std_Nm", std_Nm, len(READINGS))):
             if several.ndim != 1 or not 2 <= len(several) <= most:
                 raise InputError(f"{name} is {shown(getattr(self, name))}", remedy="give two numbers")
-        check_each(pan_tilt, LARGEST_RAD, "joints_rad", ANGLE_REMEDY)
+        check_each(pan_tilt, PLAUSIBLE.angle_rad, "joints_rad", ANGLE_REMEDY)
         for name in ("gap_s", "wait_s", "offset_std_s", "jump_s"):
             if not getattr(self, name) >= 0.0:
                 raise InputError(f"{name} is {getattr(self, name)}", remedy="give seconds, 0 or more")
@@ -95,9 +90,9 @@ class _Channel:
         if after in (0, len(self.times)):
             near = min(after, len(self.times) - 1)
             age_s = abs(self.times[near] - time_s) if self.times else np.inf
-            return (self.values[near], age_s) if age_s <= _INSTANT_S else (np.nan, np.nan)
+            return (self.values[near], age_s) if age_s <= MESSAGES.instant_s else (np.nan, np.nan)
         (t0, t1), (v0, v1) = self.times[after - 1 : after + 1], self.values[after - 1 : after + 1]
-        if t1 - t0 > gap_s + _INSTANT_S:
+        if t1 - t0 > gap_s + MESSAGES.instant_s:
             return np.nan, np.nan
         return v0 + (v1 - v0) * ((time_s - t0) / (t1 - t0)), max(time_s - t0, t1 - time_s)
 
@@ -107,11 +102,12 @@ class _Channel:
         del self.times[after:], self.values[after:]
         self.times.append(time_s)
         self.values.append(value)
-        if len(self.times) > 2 * _KEPT:
-            del self.times[:_KEPT], self.values[:_KEPT]
+        if len(self.times) > 2 * MESSAGES.readings:
+            del self.times[: MESSAGES.readings], self.values[: MESSAGES.readings]
 
     def error(self, time_s: float, timing: Timing, std: float) -> float:
-        """Deviation of the value at a time beside the readings' noise `std`: of interpolation, and of the clocks.
+        """Standard deviation of the value at a time, besides the readings' noise `std`: of interpolation, and of the
+        clocks.
 
         Between two readings the value may leave the line by as much as its rate changes there, s·(1 − s) of how far the
         second lies off the line through the first and the one before. What noise alone makes of that is taken off, and
@@ -143,7 +139,7 @@ class _Stamps:
 
     live : arrival is by a clock of its own. last : the latest message that counts.
     step_s : by how much it is later than the one before; 0 for the first.
-    doubted : messages whose stamps jump, all to one side, each later than the one before.
+    doubted : messages with stamps that jump, all to one side, each later than the one before.
     """
 
     timing: Timing
@@ -200,8 +196,8 @@ class Synchronizer:
 
     A picture waits until every channel has a reading after it, or for `Timing.wait_s`. Between the readings on either
     side its own are interpolated; where they are missing, or too far apart, the frame has none. Pictures and readings
-    that come twice or out of order are left out, and so are those whose stamps jump, unless `Timing.agreeing` do so in
-    a row, or live nothing speaks against them for `Timing.wait_s`: then the clock was set, and it goes on by the new
+    that come twice or out of order are left out, and so are those with stamps that jump, unless `Timing.agreeing` do so
+    in a row, or live nothing speaks against them for `Timing.wait_s`: then the clock was set, and it goes on by the new
     one. Where that is earlier, the frames' times run on.
 
     counts : of what came and of what was left out, by name.
@@ -269,7 +265,7 @@ class Synchronizer:
             taken = self._waiting[0]
             # where nobody waits for it, and its readings are kept meanwhile
             several = self.live or self._stamps["pictures"].step_s > 0.0
-            if not (several or any(len(each.times) > _KEPT for each in self._channels.values())):
+            if not (several or any(len(each.times) > MESSAGES.readings for each in self._channels.values())):
                 return
             complete = all(each.times and each.times[-1] >= taken.time_s for each in self._channels.values())
             if not complete and now_s - taken.arrived_s < self._timing.wait_s:
@@ -277,9 +273,9 @@ class Synchronizer:
             yield self._frame(self._waiting.popleft())
 
     def finish(self) -> Iterator[Synchronized]:
-        """Those that still wait; nothing comes after them.
+        """Those that wait; nothing comes after them.
 
-        Raises InputError for a recording whose pictures and readings have no instant in common.
+        Raises InputError for a recording without an instant that pictures and readings share.
         """
         for stream, stamps in self._stamps.items():
             last = stamps.last
@@ -294,7 +290,7 @@ class Synchronizer:
         if channel not in self._spans or "pictures" not in self._spans:
             return
         (first_s, last_s), (begin_s, end_s) = self._spans[channel], self._spans["pictures"]
-        if max(first_s - end_s, begin_s - last_s) <= self._timing.gap_s + _INSTANT_S:
+        if max(first_s - end_s, begin_s - last_s) <= self._timing.gap_s + MESSAGES.instant_s:
             return
         what = f"{channel} was read from {first_s:.10g} to {last_s:.10g} s, the pictures are of {begin_s:.10g} to "
         offset_s = self._timing.offset_s + begin_s - first_s
@@ -304,16 +300,16 @@ class Synchronizer:
     def left_out(self) -> list[str]:
         """What was left out, in words."""
         usual = ("pictures", "readings")
-        said = [f"{count} {what}" for what, count in sorted(self.counts.items()) if what not in usual and count]
+        lines = [f"{count} {what}" for what, count in sorted(self.counts.items()) if what not in usual and count]
         gap = f": their readings are further apart than --gap ({self._timing.gap_s:g} s), or on one side only"
-        return [f"{words}{gap}" if "pictures without" in words else words for words in said]
+        return [f"{words}{gap}" if "pictures without" in words else words for words in lines]
 
     def _refuse(self, size: Sequence[int]) -> None:
         assert self._image_size is not None
         if not self.counts["pictures"]:
-            given, rig = ("x".join(map(str, each)) for each in (size, self._image_size))
+            measured, rig = ("x".join(map(str, each)) for each in (size, self._image_size))
             remedy = "use the resolution of the calibration"
-            raise InputError(f"the pictures are {given} px, the rig's camera {rig}", remedy=remedy)
+            raise InputError(f"the pictures are {measured} px, the rig's camera {rig}", remedy=remedy)
         self.counts["pictures of another size"] += 1
 
     def _judged(
@@ -354,7 +350,9 @@ class Synchronizer:
                     # what waits for readings by the clock as it was would wait in vain
                     frames, self._given_s = list(self._flushed()), -np.inf
                     # the frames' times run on, and only these
-                    onward_s = max(arrival_s, _INSTANT_S, *(b.time_s - a.time_s for a, b in pairwise(counted[:2])))
+                    onward_s = max(
+                        arrival_s, MESSAGES.instant_s, *(b.time_s - a.time_s for a, b in pairwise(counted[:2]))
+                    )
                     self._set_back_s += (onward_s - by_s) * (kind == "pictures")
         for message in counted:
             self.counts[kind] += 1
@@ -384,11 +382,11 @@ class Synchronizer:
     def _frame(self, taken: Taken) -> Synchronized:
         read = {name: channel.at(taken.time_s, self._timing.gap_s) for name, channel in self._channels.items()}
         values: dict[str, Any] = {name: read[name][0] if name in read else np.nan for name in CHANNELS}
-        for name, joint in zip(_ANGLES, self._timing.joints_rad, strict=True):
+        for name, joint in zip(ANGLES, self._timing.joints_rad, strict=True):
             if name not in read:
                 values[name] = joint
         self.counts["pictures without a moment"] += "moment_Nm" in read and math.isnan(values["moment_Nm"])
-        self.counts["pictures without joint angles"] += any(math.isnan(values[name]) for name in _ANGLES)
+        self.counts["pictures without joint angles"] += any(math.isnan(values[name]) for name in ANGLES)
         self._given_s, self._number = taken.time_s, self._number + 1
         ages = [age for _, age in read.values()]
         # joint angles count as free of noise
@@ -400,7 +398,7 @@ class Synchronizer:
             for name in CHANNELS
         ]
         values["moment_errors_Nm"], values["joint_errors_rad"] = tuple(errors[:-2]), tuple(errors[-2:])
-        values["joints_read"] = tuple(name in read for name in _ANGLES)
+        values["joints_read"] = tuple(name in read for name in ANGLES)
         time_s = taken.time_s + self._set_back_s
         frame = Frame(image=None, frame=self._number - 1, time_s=time_s, **values)
         return Synchronized(frame, taken, max(ages, default=np.nan))

@@ -62,7 +62,7 @@ _LIMITS = _ContradictionSettings()
 
 
 def jig_moved(state: SessionState, corners_px: np.ndarray, ids: np.ndarray) -> str:
-    """How far corners (N, 2) px with ids (N,) are from the jig's first picture: "by 59 px"; "" if they stand still."""
+    """How far corners (N, 2) px with ids (N,) are from the jig's first picture: "by 59 px"; "" if they rest."""
     taken = state.views("plane")
     if not taken:
         return ""

@@ -29,10 +29,10 @@ from .questions import (
     PICTURES,
     QUESTIONS,
     READINGS,
+    Answers,
     Question,
     asked,
     keeps_jig,
-    open_questions,
     split_line,
     typed,
 )
@@ -57,8 +57,8 @@ def take_back(store: Store, step: str) -> bool:
     The way to plane C stays while it has pictures, which are in its folder.
     """
     answers = store.journal.answers
-    still = open_questions(step, answers)
-    before = QUESTIONS[: QUESTIONS.index(BY_KEY[still[0].key])] if still else QUESTIONS
+    remaining = _open_questions(step, answers)
+    before = QUESTIONS[: QUESTIONS.index(BY_KEY[remaining[0].key])] if remaining else QUESTIONS
     asked = [q for q in before if q.step == step and not q.usual]
     answered = [q.key for q in asked if q.key in answers and q.needed(answers)]
     if not answered or (step == "board" and answers.get("board_given")):
@@ -72,7 +72,7 @@ def take_back(store: Store, step: str) -> bool:
     return True
 
 
-def keep_answer(store: Store, key: str, value: Any) -> None:
+def _keep_answer(store: Store, key: str, value: Any) -> None:
     """Store an answer. If it differs from the one taken back, what depended on that one is dropped."""
     other = store.retracted.get(key, value) != value
     if other:
@@ -88,11 +88,11 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
     store = state.store
     while True:
         answers = store.journal.answers
-        questions = open_questions(step.name, answers)
+        questions = _open_questions(step.name, answers)
         first = questions[0].key if questions else ""
         if step.name == "board" and "measure_x_mm" not in answers and first != "board":
             if answers["board"] == "new" and "paper" not in answers:
-                keep_answer(store, "paper", BY_KEY["paper"].default)
+                _keep_answer(store, "paper", BY_KEY["paper"].default)
                 answers = store.journal.answers
             # it is known which board it is: board.yaml, the sheet, and how long its print should be
             store.answer(_make_board(store, answers))
@@ -130,14 +130,14 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
             continue
         if question.key == "board" and (paper := re.fullmatch(r"new\s+(\S+)", str(value), re.IGNORECASE)):
             try:
-                keep_answer(store, "paper", BY_KEY["paper"].read(paper[1]))
+                _keep_answer(store, "paper", BY_KEY["paper"].read(paper[1]))
             except InputError as error:
                 ui.say(f"not taken: {error}")
                 continue
             value = "new"
         if question.key in ("board", "source"):
             value = absolute(Path(), str(value))
-        keep_answer(store, question.key, value)
+        _keep_answer(store, question.key, value)
         _forget_if_inconsistent(store, ui)
         if (doubts := _typed_doubts(state, question.key)) and not ui.keeps(doubts):
             store.retracted[question.key] = value
@@ -153,13 +153,13 @@ def _typed_doubts(state: SessionState, key: str) -> list[Diagnosis]:
     return state.session.antenna.material_doubts
 
 
-def show_axes(state: SessionState, ui: Ui, shown: Picture | None = None) -> None:
+def show_axes(state: SessionState, ui: Ui, live: Picture | None = None) -> None:
     """Draw the board's axes into a picture of it, and keep that in the session: into the jig's picture, with the
     antenna where the answers put it; or into the last one for the lens, since the board is not in the jig yet."""
     in_jig = state.taken("plane") if state.store.folder("plane") == "plane" else ()
     if not (taken := in_jig or state.taken("lens")):
         return
-    image = read_gray(state.store.path(taken[-1])) if shown is None else shown.image
+    image = read_gray(state.store.path(taken[-1])) if live is None else live.image
     try:
         path, drawn = draw_axes(state, image, in_jig=bool(in_jig))
     except VbaaError:  # the lens does not explain the picture, which is reported elsewhere
@@ -167,13 +167,13 @@ def show_axes(state: SessionState, ui: Ui, shown: Picture | None = None) -> None
     where = "the board's axes and the antenna as the answers put it" if in_jig else "the board's x and y"
     words = f"{where} are drawn in {path}"
     ui.live(LivePicture(image, PictureCheck(), 0.0, words, live=False, drawn=drawn))
-    if len(in_jig) < 2 or shown is None:
+    if len(in_jig) < 2 or live is None:
         ui.say(f"{words}: look whether that is so" if in_jig else words)
 
 
 def _take_usual(store: Store, ui: Ui, step: Step) -> None:
     """Answer the questions that are not asked with their defaults, and show them."""
-    usual = open_questions(step.name, store.journal.answers, usual=True)
+    usual = _open_questions(step.name, store.journal.answers, usual=True)
     if not usual:
         return
     store.answer({one.key: one.read(store.retracted.get(one.key, one.default)) for one in usual})
@@ -285,32 +285,29 @@ def check_together(answers: Mapping[str, Any]) -> None:
         raise InputError(what, where="jig_board_x, jig_board_y", remedy="the two are at right angles: answer anew")
 
 
-_READERS: Mapping[str, Callable[[Session], Sequence[Any]]] = {
-    "noload": read_noload,
-    "loads": read_loads,
-    "sweep": read_sweep,
-}
-_COLUMNS = ("pan_rad", "tilt_rad", *SILENT, "distance_m", "force_y_N", "force_z_N", "time_s")
-
-
 def adopt(store: Store, ui: Ui) -> None:
     """Start from a session made without the wizard: its settings are answers, its pictures are accepted."""
     path = store.root / "session.yaml"
     if not store.is_new or not path.exists():
         return
     session, answers = load_session(store.root), SessionState.answers_of(path)
-    given = store.root / ASIDE / "given"
-    given.mkdir(parents=True, exist_ok=True)
+    inputs = store.root / ASIDE / "given"
+    inputs.mkdir(parents=True, exist_ok=True)
     for file in (path, *(store.root / folder / f"{folder}.csv" for folder in READINGS)):
         if file.is_file():
-            write_text(given / file.name, read_text(file))
+            write_text(inputs / file.name, read_text(file))
     journal = store.journal.with_answers({**_make_board(store, answers), **answers})
+    readers: Mapping[str, Callable[[Session], Sequence[Any]]] = {
+        "noload": read_noload,
+        "loads": read_loads,
+        "sweep": read_sweep,
+    }
     for step, words in PICTURES.items():
         folder = store.root / (FOLDERS.get(step) or WAYS.get(str(answers.get("plane_way")), "plane"))
         if not folder.is_dir():
             continue
-        if folder.name in _READERS:
-            rows = ((row.image, row) for row in _READERS[folder.name](session))
+        if folder.name in readers:
+            rows = ((row.image, row) for row in readers[folder.name](session))
         else:
             rows = ((image, None) for image in list_images(folder))
         taken = tuple(_accepted(folder, image, row) for image, row in rows)
@@ -329,16 +326,25 @@ def _accepted(folder: Path, image: Path, row: Any) -> AcceptedPicture:
             f"lies outside {folder}", where=image, remedy="move it there, and correct its row in the table"
         )
     file = f"{folder.name}/{image.name}"
-    read = {name: getattr(row, name, None) for name in _COLUMNS}
+    read = {
+        name: getattr(row, name, None)
+        for name in ("pan_rad", "tilt_rad", *SILENT, "distance_m", "force_y_N", "force_z_N", "time_s")
+    }
     readings = {name: value for name, value in read.items() if value is not None and not math.isnan(value)}
     return AcceptedPicture(file=file, source=image.name, sha256=sha256(image), readings=readings)
 
 
 def set_unlisted_aside(store: Store, ui: Ui) -> None:
-    """Set aside pictures that wizard.json does not list: left by an interruption, or put there by hand."""
+    """Move away pictures that wizard.json does not list: left by an interruption, or put there by hand."""
     unlisted = store.unlisted()
     if unlisted:
         names = [path.relative_to(store.root).as_posix() for path in unlisted]
         place = store.set_aside(unlisted, "found")
-        shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-        ui.say(f"not taken by the wizard, and set aside in {place}: {shown}")
+        live = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+        ui.say(f"not taken by the wizard, and set aside in {place}: {live}")
+
+
+def _open_questions(step: str, answers: Answers, *, usual: bool = False) -> list[Question]:
+    """What a step has to ask after the answers so far; or (`usual`) what it takes by default without asking."""
+    mine = (one.as_known(answers) for one in QUESTIONS if one.step == step)
+    return [one for one in mine if one.usual == usual and one.key not in answers and one.needed(answers)]

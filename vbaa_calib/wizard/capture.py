@@ -1,8 +1,8 @@
-"""The pictures of one step: wait for a still scene, check, ask for the readings, store."""
+"""The pictures of one step: wait for a scene at rest, check, ask for the readings, store."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,21 +11,19 @@ from vbaa_calib.core.images import read_gray
 from vbaa_calib.detect.quality.settings import QualitySettings
 from vbaa_calib.diagnose.typed_loads import typed_load_diagnoses
 from vbaa_calib.session import Load
-from vbaa_calib.sources import Picture, Source, SourceLost
+from vbaa_calib.sources import Picture, PictureSource, SourceLost
 
 from .against_answers import jig_moved
 from .asking import show_axes
-from .questions import PICTURES, Question, ReadingsTable, asked, in_si, line_of, split_line, typed
+from .questions import PICTURES, Question, ReadingsTable, asked, in_si, split_line, typed
 from .session_state import SessionState, still_of
 from .steps import PictureCheck, Progress, Readings, Step
 from .stillness import ON_A_STAND, StillnessDetector
 from .ui import Interrupted, LivePicture, Ui
 
-_NO = "no: more pictures may be taken"
-GO_ON = Question("go_on", "", "Go on with the next step?", _NO, kind="yesno", default="yes")
-_WAIT_S = 0.2
-_ANSWERS = 5
-"""Lines of readings that are asked for before a picture is left out: a weight on a tilted antenna has none."""
+GO_ON = Question(
+    "go_on", "", "Go on with the next step?", "no: more pictures may be taken", kind="yesno", default="yes"
+)
 
 
 @dataclass
@@ -35,7 +33,7 @@ class Capture:
     state: SessionState
     ui: Ui
     step: Step
-    source: Source
+    source: PictureSource
     table: ReadingsTable = field(default_factory=ReadingsTable)
     declined: bool = False
 
@@ -91,7 +89,7 @@ class Capture:
         if self.state.inputs(*PICTURES) != before:  # readings were corrected
             self.progress = None
             return None
-        picture = self.pending or self.source.next(_WAIT_S)
+        picture = self.pending or self.source.next(0.2)
         if picture is not None and self.source.live and picture is not self.pending:
             self._watch(picture)
         elif picture is not None:
@@ -113,7 +111,7 @@ class Capture:
         self.noted = len(self.source.notes)
 
     def _show_last(self) -> None:
-        """Show the step's last picture unless a stream is shown."""
+        """Show the step's last picture unless a stream is on."""
         if self.source.live or not self.ui.interactive or not (taken := self.state.taken(self.step.name)):
             return
         path = self.store.path(taken[-1])
@@ -178,7 +176,7 @@ class Capture:
             self.detector.rearm()
 
     def _jig_begins(self, check: PictureCheck) -> bool:
-        """Whether the board came into its jig only now: it has moved since, and what was taken is set aside."""
+        """Whether the board came into its jig only now: it has moved since, and what was taken is moved away."""
         if not self.as_it_stands or (self.progress is not None and self.progress.enough):
             return False
         how = (
@@ -247,10 +245,11 @@ class Capture:
             raise InputError(what, where=picture.name, remedy=remedy)
         if self._check(picture, None).refusal:
             return {}
-        question = line_of(questions, picture.name)
+        question = _line_of(questions, picture.name)
         if self.unused:
             question = replace(question, default=[self.unused[one.key] for one in questions])
-        for left in reversed(range(_ANSWERS)):
+        # lines of readings asked for before a picture is left out: a weight on a tilted antenna has none
+        for left in reversed(range(5)):
             line = ui.ask(question)
             try:
                 typed = split_line(questions, line)
@@ -300,3 +299,13 @@ class Capture:
     def _close(self, how: str) -> str:
         self.store.close(self.step.name, how)
         return "closed"
+
+
+def _line_of(questions: Sequence[Question], picture: str) -> Question:
+    """One question for all readings of a picture, answered in one line."""
+    names = ", ".join(f"{question.words.lower()} ({question.unit})" for question in questions)
+    kept = [question for question in questions if question.default is not None]
+    default = [question.default for question in questions] if len(kept) == len(questions) else None
+    angles = ", ".join(f"{question.key.removesuffix('_deg')} {question.default:g}°" for question in kept)
+    why = f"in one line, blanks between the numbers; without the angles they are {angles}" if kept else ""
+    return Question("readings", "", f"{picture}: {names}?", why, kind="numbers", default=default)

@@ -12,7 +12,7 @@ from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.images import SUFFIXES
-from vbaa_calib.sources import Source, SourceLost, VideoSource, open_source
+from vbaa_calib.sources import PictureSource, SourceLost, VideoSource, open_source
 
 from ..streams.pictures import BagPictures
 from .asking import answer_all, change, set_unlisted_aside, take_back
@@ -23,9 +23,6 @@ from .steps import REPORT, RIG, STEP_BY_NAME, Report, Step, conclude
 from .store import Store
 from .ui import Interrupted, Ui
 
-_TRY_AGAIN = Question("again", "", "Press Enter to try again", "what was taken is kept", kind="text", default="again")
-_BACK = "Press Enter to go back to the step before"
-_GO_BACK = Question("go_back", "", _BACK, "other pictures there may help", kind="text", default="back")
 _ASKED_AGAIN = {
     "board": BOARD_ANSWERS,
     "lens": ("camera", *(one.key for one in OF_LENS_FILE)),
@@ -41,6 +38,14 @@ def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
     """
     at, store = 0, state.store
     ui.change = partial(change, state, ui)
+    back = Question(
+        "go_back",
+        "",
+        "Press Enter to go back to the step before",
+        "other pictures there may help",
+        kind="text",
+        default="back",
+    )
     while True:
         step = STEP_BY_NAME[STEPS[at]]
         is_last = step.name == STEPS[-1]
@@ -60,7 +65,7 @@ def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
                 raise
             ui.wrong(str(error))
             try:
-                ui.ask(_GO_BACK)
+                ui.ask(back)
                 command = "back"
             except Interrupted as interrupt:
                 command = interrupt.command
@@ -162,7 +167,11 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
         if lost is None:
             answer_all(state, ui, step)
         elif lost:
-            ui.ask(_TRY_AGAIN)
+            ui.ask(
+                Question(
+                    "again", "", "Press Enter to try again", "what was taken is kept", kind="text", default="again"
+                )
+            )
         else:
             _ask_for_source(state.store, ui, step.name)
 
@@ -191,7 +200,7 @@ def _closes_as_it_is(state: SessionState, ui: Ui, step: Step) -> tuple[bool, boo
     return True, False
 
 
-def _open(store: Store, ui: Ui, step: Step) -> Source:
+def _open(store: Store, ui: Ui, step: Step) -> PictureSource:
     """Open the source of a step's pictures, without those judged before; asks for another if it cannot be opened.
 
     Raises InputError where nobody answers.
@@ -238,7 +247,7 @@ def _pictures_in(text: str) -> list[Path]:
 def _begin(store: Store, ui: Ui, step: str) -> None:
     """Note the pictures of a shared folder that belong to earlier steps; a folder of the step's own counts whole.
 
-    Not before the step's questions are answered: until then somebody may still be at the step before.
+    Not before the step's questions are answered: until then somebody may be at the step before.
     """
     text = _source_text(store, step)
     if store.journal.of(step).past is not None or not text:
@@ -275,5 +284,5 @@ def _readings_table(store: Store, step: str) -> ReadingsTable:
         return ReadingsTable.written(named, f"{step}_readings")
     if named:
         return ReadingsTable.read(Path(str(named)))
-    beside = Path(_source_text(store, step)) / f"{store.folder(step)}.csv"
-    return ReadingsTable.read(beside) if os.path.isfile(beside) else ReadingsTable()
+    table = Path(_source_text(store, step)) / f"{store.folder(step)}.csv"
+    return ReadingsTable.read(table) if os.path.isfile(table) else ReadingsTable()

@@ -13,15 +13,10 @@ from .questions import STEPS, typed
 from .server import PageServer
 from .session_state import SessionState
 from .steps import STEP_BY_NAME, PictureCheck
-from .ui import LivePicture, Ui, View
-
-_COLUMNS, _ROWS = 12, 8
-_WIDEST_PX = 1280
-_USUAL_SIZE = (1280, 720)
-_NOT_STILL: dict[str, Any] = {"hold": 0.0, "suggested_px": None, "suggestion": "", "closeness": None, "hints": []}
+from .ui import LivePicture, Ui, WizardView
 
 
-class Page(View):
+class Page(WizardView):
     """The view in a browser."""
 
     def __init__(self, state: SessionState, port: int = 0) -> None:
@@ -44,20 +39,20 @@ class Page(View):
         for command in self._server.take_commands():
             seen = self._number if command.seen is None else command.seen
             late = seen < self._commands_from and command.kind not in ("take", "quit")
-            given = None
+            value = None
             if command.kind == "answer":
                 if "change" in (command.value or {}) and command.value:
                     yield "answer", command.value["change"]
                     continue
                 key = ui.question.key if ui.question else ""
                 fits = key in (command.value or {}) and seen >= self._answers_from
-                given = command.value[key] if fits and command.value else None
+                value = command.value[key] if fits and command.value else None
             else:
                 fits = command.kind in self._possible(ui) and not late
             if fits:
                 # a second click came before the page showed what the first one did
                 self._commands_from = self._number + 1
-                yield command.kind, given
+                yield command.kind, value
 
     def update(self, ui: Ui, change: str) -> None:
         match change:
@@ -66,12 +61,19 @@ class Page(View):
             case "question" | "problem":
                 self._answers_from = self._number + 1
                 # the live picture stands still until the answer
-                self._live = self._live and self._live | _NOT_STILL
+                moving: dict[str, Any] = {
+                    "hold": 0.0,
+                    "suggested_px": None,
+                    "suggestion": "",
+                    "closeness": None,
+                    "hints": [],
+                }
+                self._live = self._live and self._live | moving
             case "live" | "progress" if ui.picture is not None:
                 self._look(ui, ui.picture)
             case "progress" if ui.progress.target is not None:
                 # no picture yet: the wanted pose in an empty frame
-                width, height = self._state.image_size or self._state.live_size or _USUAL_SIZE
+                width, height = self._state.image_size or self._state.live_size or (1280, 720)
                 blank = LivePicture(
                     np.zeros((height, width), np.uint8), PictureCheck(), 0.0, "no picture yet", live=False
                 )
@@ -129,13 +131,12 @@ class Page(View):
         check, target = view.check, ui.progress.target
         is_lens = ui.step is not None and ui.step.name == "lens"
         u, v = np.concatenate([np.zeros((0, 2)), *(seen.corners_px for seen in self._state.views("lens"))]).T
-        counts, *_ = np.histogram2d(v, u, bins=(_ROWS, _COLUMNS), range=((0, height), (0, width)))
+        rows, columns = 8, 12
+        counts, *_ = np.histogram2d(v, u, bins=(rows, columns), range=((0, height), (0, width)))
         self._live = {
             "image_size": [width, height],
             "corners_px": check.corners_px.tolist(),
-            "coverage": {"columns": _COLUMNS, "rows": _ROWS, "counts": counts.astype(int).tolist()}
-            if is_lens
-            else None,
+            "coverage": {"columns": columns, "rows": rows, "counts": counts.astype(int).tolist()} if is_lens else None,
             "found": (check.words or check.refusal or view.words) if view.live else view.words,
             "suggested_px": None if target is None else target.outline_px.tolist(),
             "suggestion": (target.words if target else "") + (f" · {check.closer}" if check.closer else ""),
@@ -144,7 +145,8 @@ class Page(View):
             "hints": [hint.to_dict() for hint in check.hints],
         }
         picture = view.image if view.drawn is None else view.drawn
-        shrunk = min(1.0, _WIDEST_PX / picture.shape[1])
+        # px: width of the page's picture
+        shrunk = min(1.0, 1280 / picture.shape[1])
         small = cv2.resize(picture, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
         self._jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
 

@@ -22,15 +22,6 @@ if TYPE_CHECKING:
 
 Answers = Mapping[str, Any]
 _NUMBER = re.compile(r"([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d.,;+-]*)\s*")
-_SAME_KIND = (
-    {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "inch": 0.0254, "inches": 0.0254},
-    {"g": 1e-3, "kg": 1.0, "oz": 0.028349523, "lb": 0.45359237},
-    {"degrees": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad": 1.0},
-    {"GPa": 1e9, "MPa": 1e6, "Pa": 1.0},
-    {"mN·m": 1e-3, "mNm": 1e-3, "N·m": 1.0, "Nm": 1.0},
-)
-"""Units that may be typed behind a number, each with its size in SI, by what they measure."""
-_YES_NO = dict.fromkeys(("y", "yes", "true"), True) | dict.fromkeys(("n", "no", "false"), False)
 
 
 @dataclass(frozen=True)
@@ -69,11 +60,11 @@ class Question:
         typical = {"youngs_modulus_GPa": 1e-9 * known.youngs_modulus_Pa, "density_kg_m3": known.density_kg_m3}
         return replace(self, default=typical[self.key])
 
-    def read(self, given: object, where: object = None) -> Any:
+    def read(self, entered: object, where: object = None) -> Any:
         """The answer, converted and checked. Raises InputError saying what is expected."""
         readers = {"number": self._number, "numbers": self._numbers, "choice": self._choice}
         try:
-            return (readers | {"yesno": _yesno, "sides": _sides}).get(self.kind, _text)(given)
+            return (readers | {"yesno": _yesno, "sides": _sides}).get(self.kind, _text)(entered)
         except (TypeError, ValueError, OverflowError) as error:
             unit = f" in {self.unit}" if self.unit else ""
             if math.isfinite(self.low) and math.isfinite(self.high):
@@ -86,35 +77,35 @@ class Question:
                 "sides": "a whole number, or two such as 2x1",
                 "text": f"a text: {self.words}",
             }[self.kind]
-            what = f"{self.key} is {'empty' if given is None else shown(given)}: {error}"
+            what = f"{self.key} is {'empty' if entered is None else shown(entered)}: {error}"
             raise InputError(what, where=where, remedy=f"give {expected}") from None
 
-    def _number(self, given: object) -> float:
-        value = _as_number(given, self.unit)
+    def _number(self, entered: object) -> float:
+        value = _as_number(entered, self.unit)
         if not self.low <= value <= self.high:
             raise ValueError(f"{value:g}{' ' + self.unit if self.unit else ''} cannot be")
         return value
 
-    def _numbers(self, given: object) -> list[float]:
-        parts = given
-        if isinstance(given, str):
-            parts = [part.strip() for part in given.replace(";", ",").split(",") if part.strip()]
-            if len(parts) == 1 and not _NUMBER.sub("", given):
-                parts = [found[0] for found in _NUMBER.finditer(given)]
+    def _numbers(self, entered: object) -> list[float]:
+        parts = entered
+        if isinstance(entered, str):
+            parts = [part.strip() for part in entered.replace(";", ",").split(",") if part.strip()]
+            if len(parts) == 1 and not _NUMBER.sub("", entered):
+                parts = [found[0] for found in _NUMBER.finditer(entered)]
             # a unit behind the last number is that of all
             units = [(found := _NUMBER.fullmatch(part)) and found[2] for part in parts]
             if units and units[-1] and not any(units[:-1]):
                 parts = [f"{part} {units[-1]}" for part in parts[:-1]] + parts[-1:]
-        elif isinstance(given, int | float) and not isinstance(given, bool):
-            parts = [given]
+        elif isinstance(entered, int | float) and not isinstance(entered, bool):
+            parts = [entered]
         if not isinstance(parts, list | tuple):
             raise ValueError("those are not numbers")
         if not parts or (self.length and len(parts) != self.length):
             raise ValueError(f"those are {len(parts)} numbers")
         return [self._number(part) for part in parts]
 
-    def _choice(self, given: object) -> str:
-        text = str(given).strip().lower() if isinstance(given, str | int | float) else ""
+    def _choice(self, entered: object) -> str:
+        text = str(entered).strip().lower() if isinstance(entered, str | int | float) else ""
         fitting = [choice for choice in self.choices if choice.lower() == text]
         fitting = fitting or [choice for choice in self.choices if text and choice.lower().startswith(text)]
         if len(fitting) != 1:
@@ -131,49 +122,58 @@ def typed(value: Any) -> str:
     return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
-def _as_number(given: object, unit: str) -> float:
+def _as_number(entered: object, unit: str) -> float:
     """A number in this unit, also one with another unit of the same kind behind it.
 
     Raises ValueError, also for 1_0, true and a decimal comma.
     """
-    if isinstance(given, bool) or not isinstance(given, int | float | str):
+    if isinstance(entered, bool) or not isinstance(entered, int | float | str):
         raise ValueError("that is not a number")
     factor = 1.0
-    if isinstance(given, str):
-        if given.count(",") == 1 and "." not in given:
+    if isinstance(entered, str):
+        if entered.count(",") == 1 and "." not in entered:
             raise ValueError("the decimal sign is a point")
-        if not given.replace("°", "").replace("·", "").isascii() or not (found := _NUMBER.fullmatch(given.strip())):
+        if not entered.replace("°", "").replace("·", "").isascii() or not (found := _NUMBER.fullmatch(entered.strip())):
             raise ValueError("that is not a number")
-        given, other = found.groups()
+        entered, other = found.groups()
         if other and other != unit:
-            sizes = next((kind for kind in _SAME_KIND if unit in kind and other in kind), None)
+            # Units that may be typed behind a number, each with its size in SI, by what they measure.
+            kinds = (
+                {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "inch": 0.0254, "inches": 0.0254},
+                {"g": 1e-3, "kg": 1.0, "oz": 0.028349523, "lb": 0.45359237},
+                {"degrees": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad": 1.0},
+                {"GPa": 1e9, "MPa": 1e6, "Pa": 1.0},
+                {"mN·m": 1e-3, "mNm": 1e-3, "N·m": 1.0, "Nm": 1.0},
+            )
+            sizes = next((kind for kind in kinds if unit in kind and other in kind), None)
             if sizes is None:
                 raise ValueError(f"{other!r} is no unit of it")
             factor = sizes[other] / sizes[unit]
-    if not math.isfinite(value := factor * float(given)):
+    if not math.isfinite(value := factor * float(entered)):
         raise ValueError("that is not a finite number")
     return value
 
 
-def _yesno(given: object) -> bool:
-    text = str(given).strip().lower()
-    if text not in _YES_NO:
+def _yesno(entered: object) -> bool:
+    text = str(entered).strip().lower()
+    meaning = dict.fromkeys(("y", "yes", "true"), True) | dict.fromkeys(("n", "no", "false"), False)
+    if text not in meaning:
         raise ValueError("that is neither")
-    return _YES_NO[text]
+    return meaning[text]
 
 
-def _sides(given: object) -> str:
-    if type(given) not in (int, str) or not re.fullmatch(r"\d{1,6}([xX,]\d{1,6})?", str(given).strip(), re.ASCII):
+def _sides(entered: object) -> str:
+    if type(entered) not in (int, str) or not re.fullmatch(r"\d{1,6}([xX,]\d{1,6})?", str(entered).strip(), re.ASCII):
         raise ValueError("that is neither one nor two")
-    return str(given).strip()
+    return str(entered).strip()
 
 
-def _text(given: object) -> str:
-    if not isinstance(given, str) or not given.strip():
+def _text(entered: object) -> str:
+    if not isinstance(entered, str) or not entered.strip():
         raise ValueError("that is no text")
-    if "\0" in given or len(given) > 4096:
+    if "\0" in entered or len(entered) > 4096:
         raise ValueError("that cannot be")
-    return given.strip()
+    return entered.strip()
 
 
 STEPS = ("board", "lens", "plane", "noload", "loads", "sensor", "verdict")
@@ -212,7 +212,6 @@ BY_KEY: Mapping[str, Question] = {question.key: question for question in QUESTIO
 DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
 OF_MATERIAL = ("youngs_modulus_GPa", "density_kg_m3")
 """What another material makes void."""
-_KNOWN_LENS = "Which file holds the lens, if it is known? camera.json, or one of ROS, OpenCV, Kalibr, mrcal or COLMAP"
 OF_LENS_FILE = (
     Question("camera_name", "lens", "Which camera of that file, if it holds several?", kind="text"),
     Question("size", "lens", "How large are its pictures, WxH in pixels, if it does not state that?", kind="sides"),
@@ -224,11 +223,15 @@ OF_LENS_FILE = (
 """What `vbaa_calib.cli.lens_file` has flags for."""
 SOURCES = (
     *(Question(f"{step}_source", step, "Where are its pictures, if not in source?", kind="text") for step in PICTURES),
-    Question("camera", "lens", _KNOWN_LENS, kind="text"),
+    Question(
+        "camera",
+        "lens",
+        "Which file holds the lens, if it is known? camera.json, or one of ROS, OpenCV, Kalibr, mrcal or COLMAP",
+        kind="text",
+    ),
     *OF_LENS_FILE,
 )
 """Never asked; flags and answers only."""
-KEEP = Question("keep", "", "Keep this as it is?", kind="yesno", default="no")
 TABLES = tuple(
     Question(f"{step}_readings", step, f"CSV with what was read with each picture of the step {step}", kind="text")
     for step in ("plane", "noload", "loads")
@@ -236,12 +239,6 @@ TABLES = tuple(
 """Never asked as a whole; a picture's readings are asked one by one."""
 BOARD_ANSWERS = (*_FILE["board"], "measure_x_mm", "measure_y_mm", "board_given")
 """What is known of the board; another board makes all of it void."""
-
-
-def open_questions(step: str, answers: Answers, *, usual: bool = False) -> list[Question]:
-    """What a step still has to ask, given the answers so far; or whose defaults it takes without asking (`usual`)."""
-    mine = (one.as_known(answers) for one in QUESTIONS if one.step == step)
-    return [one for one in mine if one.usual == usual and one.key not in answers and one.needed(answers)]
 
 
 _DEGREES = math.pi / 180.0
@@ -259,14 +256,11 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """Quantity → names under which it may be given, and their size in SI. The first one is what is kept."""
 COLUMNS = tuple(name for names in UNITS.values() for name in names)
-_STEADY_PART = 0.02
-"""Part of a weight's pull that may go along the antenna: a load of a session has no such component."""
 
 _JOINTS = (
     Question("pan_deg", "", "Pan angle", unit="degrees", default=0.0, low=-360.0, high=360.0),
     Question("tilt_deg", "", "Tilt angle", unit="degrees", default=0.0, low=-360.0, high=360.0),
 )
-_MOMENT = Question("moment_mNm", "", "Moment sensor's reading", unit="mN·m", low=-1e5, high=1e5)
 _LOAD = (
     Question("mass_g", "", "Mass on the antenna", unit="g", low=1e-6, high=1e6),
     Question("distance_mm", "", "Where it hangs, from the clamp along the antenna", unit="mm", low=0.01, high=10_000.0),
@@ -278,7 +272,7 @@ _ASKED = {"sweep": _JOINTS, "noload": _JOINTS, "loads": (*_LOAD, *_JOINTS)}
 def _sensed(column: str) -> Question:
     """What is asked for a column of the sensor's readings."""
     if column == "moment_Nm":
-        return _MOMENT
+        return Question("moment_mNm", "", "Moment sensor's reading", unit="mN·m", low=-1e5, high=1e5)
     quantity, axis, _ = column.rsplit("_", 2)
     if quantity == "moment":
         return Question(f"moment_{axis}_mNm", "", f"Moment about the sensor's {axis}", unit="mN·m", low=-1e5, high=1e5)
@@ -307,16 +301,6 @@ def asked(
     elif taken and questions:
         angles = {f"{name}_deg": round(taken[-1][f"{name}_rad"] / _DEGREES, 9) for name in ("pan", "tilt")}
     return [replace(one, default=angles.get(one.key, one.default)) for one in questions]
-
-
-def line_of(questions: Sequence[Question], picture: str) -> Question:
-    """One question for all readings of a picture, answered in one line."""
-    names = ", ".join(f"{question.words.lower()} ({question.unit})" for question in questions)
-    kept = [question for question in questions if question.default is not None]
-    default = [question.default for question in questions] if len(kept) == len(questions) else None
-    angles = ", ".join(f"{question.key.removesuffix('_deg')} {question.default:g}°" for question in kept)
-    why = f"in one line, blanks between the numbers; without the angles they are {angles}" if kept else ""
-    return Question("readings", "", f"{picture}: {names}?", why, kind="numbers", default=default)
 
 
 def split_line(questions: Sequence[Question], numbers: Sequence[float]) -> dict[str, Any]:
@@ -382,13 +366,13 @@ class ReadingsTable:
 
 
 def in_si(typed: Mapping[str, Any], where: object) -> dict[str, float]:
-    """Readings in SI by their first names. Raises InputError for what is no number or is given twice."""
+    """Readings in SI by their first names. Raises InputError for what is no number or is there twice."""
     found: dict[str, float] = {}
     for names in UNITS.values():
-        given = [name for name in names if name in typed]
-        if len(given) > 1:
-            raise InputError(f"gives {given[0]} and {given[1]}", where=where, remedy="give one of them")
-        for name in given:
+        entered = [name for name in names if name in typed]
+        if len(entered) > 1:
+            raise InputError(f"gives {entered[0]} and {entered[1]}", where=where, remedy="give one of them")
+        for name in entered:
             found[next(iter(names))] = Question(name, "", name).read(typed[name], where) * names[name]
     for name in ("distance_m", "mass_kg"):
         if not found.get(name, 1.0) > 0:
@@ -424,8 +408,8 @@ def complete(
     if readings["distance_m"] > length_m:
         what = f"distance_m is {readings['distance_m']:g}, the antenna {length_m:g} m long"
         raise InputError(what, where=where, remedy="measure from the clamp along the antenna; is the unit right?")
-    given = [readings.get(name) for name in ("force_y_N", "force_z_N")]
-    by_force = given != [None, None]
+    entered = [readings.get(name) for name in ("force_y_N", "force_z_N")]
+    by_force = entered != [None, None]
     if by_force == ("mass_kg" in readings):
         what = "gives both mass and force" if by_force else "gives neither a mass nor a force"
         raise InputError(what, where=where, remedy="give mass_g, or force_y_N and force_z_N")
@@ -433,10 +417,11 @@ def complete(
     if not by_force and not any(pull):
         raise InputError("a mass pulls nowhere without gravity", where=where, remedy="give force_y_N and force_z_N")
     along = 0.0 if by_force else abs(pull[0]) / math.hypot(*pull)
-    if along > _STEADY_PART:
+    # part of a weight's pull: a load of a session has no component along the antenna
+    if along > 0.02:
         what = f"at these joint angles {100 * along:.0f} % of the weight pull along the antenna"
         raise InputError(what, where=where, remedy="hang weights on a level antenna; or give force_y_N, force_z_N")
-    force = [part or 0.0 for part in given] if by_force else [readings["mass_kg"] * part for part in pull[1:]]
+    force = [part or 0.0 for part in entered] if by_force else [readings["mass_kg"] * part for part in pull[1:]]
     if not any(force):
         raise InputError("the force is zero", where=where, remedy="free frames belong to the step before")
     return readings | dict(zip(("force_y_N", "force_z_N"), force, strict=True))

@@ -13,6 +13,7 @@ import socket
 import threading
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -30,26 +31,30 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from vbaa_calib.core.errors import InputError
 
-BODY_LIMIT = 16 * 1024
-_REPORT_LIMIT = 200 * 1024 * 1024
-_TEXT_LIMIT = 2000
-NEWS_S = 20.0
-"""How long a request for the next state is held open."""
-CONNECTION_S = 30.0
-"""A connection is cut after this time, whatever it does."""
-CONNECTIONS = 64
-_SILENT = 32
-"""Connections without a request yet; beyond it the oldest is cut, so that slow clients block nobody."""
-_PICTURES_KEPT = 8
-"""A browser that lags still gets the picture that belongs to the corners it draws."""
-_COMMANDS_KEPT = 100
+
+@dataclass(frozen=True)
+class _ServerSettings:
+    """Limits of the page's server: sizes in bytes, times in s."""
+
+    body_bytes: int = 16 * 1024  # of a request
+    report_bytes: int = 200 * 1024 * 1024  # of a report
+    text_letters: int = 2000  # of an answer
+    news_s: float = 20.0  # after which a request for the next state is answered without news
+    connection_s: float = 30.0  # after which a connection is cut, whatever it does
+    connections: int = 64  # at a time
+    silent: int = 32  # connections without a request: beyond, the oldest is cut, so that slow clients block nobody
+    pictures: int = 8  # kept: a slow browser still gets the picture that belongs to the corners it draws
+    commands: int = 100  # kept
+
+
+SERVER = _ServerSettings()
+
 
 FILES = {"/": "page.html"} | {
     f"/{name}": name for name in ("icon.svg", "page.css", "page.js", "dom.js", "picture.js", "question.js")
 }
 FILES |= {f"/step_{step}.svg": f"step_{step}.svg" for step in ("board", "lens", "plane", "noload", "loads", "sensor")}
 _TYPES = {".html": "text/html", ".svg": "image/svg+xml", ".css": "text/css", ".js": "text/javascript"}
-_STATIC = Path(__file__).with_name("static")
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -78,11 +83,11 @@ def _printable(text: str) -> str:
 
 
 _Key = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable)]
-_Text = Annotated[str, Field(max_length=_TEXT_LIMIT), AfterValidator(_printable)]
+_Text = Annotated[str, Field(max_length=SERVER.text_letters), AfterValidator(_printable)]
 _Number = Annotated[float, Field(ge=-1e15, le=1e15)]
 
 
-class PageCommand(BaseModel):
+class _PageCommand(BaseModel):
     """A click, or an answer as {key: value}; `seen` is the number of the state that the page showed."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
@@ -91,7 +96,7 @@ class PageCommand(BaseModel):
     seen: Annotated[int, Field(ge=0, lt=10**15)] | None = None
 
     @model_validator(mode="after")
-    def _has_the_right_value(self) -> PageCommand:
+    def _has_the_right_value(self) -> _PageCommand:
         if (None if self.value is None else len(self.value)) != (1 if self.kind == "answer" else None):
             raise ValueError("an answer is one key with its value, another command has none")
         return self
@@ -103,9 +108,9 @@ class _Connection(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        self._end = self.loop.call_later(CONNECTION_S, transport.abort)
+        self._end = self.loop.call_later(SERVER.connection_s, transport.abort)
         silent = [one for one in self.connections if isinstance(one, _Connection) and one.silent]
-        if len(silent) > _SILENT:
+        if len(silent) > SERVER.silent:
             oldest = min(silent, key=lambda one: one._end.when())
             oldest.silent = False
             oldest.transport.abort()
@@ -138,8 +143,8 @@ class PageServer:
         self._hosts = (f"127.0.0.1:{self.port}", f"localhost:{self.port}")
         self._lock = threading.Lock()
         self._number, self._body, self._report = 0, b"", ""
-        self._pictures: deque[tuple[int, bytes]] = deque(maxlen=_PICTURES_KEPT)
-        self._commands: queue.Queue[PageCommand] = queue.Queue(_COMMANDS_KEPT)
+        self._pictures: deque[tuple[int, bytes]] = deque(maxlen=SERVER.pictures)
+        self._commands: queue.Queue[_PageCommand] = queue.Queue(SERVER.commands)
         self._changed = asyncio.Event()
         self._app = Starlette(
             routes=[
@@ -160,7 +165,7 @@ class PageServer:
             log_config=None,
             log_level="critical",
             server_header=False,
-            limit_concurrency=CONNECTIONS,
+            limit_concurrency=SERVER.connections,
             timeout_graceful_shutdown=1,
         )
         self._server = uvicorn.Server(config)
@@ -193,7 +198,7 @@ class PageServer:
         self._wake()
         return self._number
 
-    def take_commands(self) -> list[PageCommand]:
+    def take_commands(self) -> list[_PageCommand]:
         """The commands since the last call, in order."""
         return [self._commands.get_nowait() for _ in range(self._commands.qsize())]
 
@@ -226,12 +231,12 @@ class PageServer:
 
     def _refusal(self, request: Request) -> Response | None:
         """The response to a refused request, or to the one with the token in its address; None for all others."""
-        headers, told = request.headers, request.query_params.getlist("token")
+        headers, tokens = request.headers, request.query_params.getlist("token")
         if len(headers.getlist("host")) != 1 or headers["host"].lower() not in self._hosts:
             return PlainTextResponse("this server answers only to its own address\n", 421)
-        if told and request.scope["path"] == "/" and request.method == "GET":
+        if tokens and request.scope["path"] == "/" and request.method == "GET":
             # move the token from the address into a cookie
-            if len(told) == 1 and self._is_token(told[0]):
+            if len(tokens) == 1 and self._is_token(tokens[0]):
                 cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
                 return Response(status_code=303, headers={"Location": "/", "Set-Cookie": cookie})
             words = "the token in this address is not this run's: open the address that the wizard printed\n"
@@ -254,13 +259,13 @@ class PageServer:
         return hmac.compare_digest(text.encode("utf-8", "replace"), self._token.encode())
 
     async def _file(self, request: Request) -> Response:
-        path = _STATIC / FILES[request.scope["path"]]
+        path = Path(__file__).with_name("static") / FILES[request.scope["path"]]
         return Response(path.read_bytes(), media_type=_TYPES[path.suffix])
 
     async def _state(self, request: Request) -> Response:
         after = _number_in(request, "after")
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(NEWS_S):
+            async with asyncio.timeout(SERVER.news_s):
                 while self._number == after and not self._server.should_exit:
                     await self._changed.wait()
         with self._lock:
@@ -279,7 +284,7 @@ class PageServer:
     async def _report_page(self, request: Request) -> Response:
         path = Path(self._report)
         try:
-            if path.suffix.lower() not in (".html", ".htm") or path.stat().st_size > _REPORT_LIMIT:
+            if path.suffix.lower() not in (".html", ".htm") or path.stat().st_size > SERVER.report_bytes:
                 raise HTTPException(404, "there is no report yet")
             body = path.read_bytes()
         except (OSError, ValueError):
@@ -290,15 +295,15 @@ class PageServer:
         if request.headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
             raise HTTPException(415, "a command is JSON")
         body, length = b"", int(request.headers.get("content-length", "0"))
-        if length <= BODY_LIMIT:
+        if length <= SERVER.body_bytes:
             async for part in request.stream():
                 body += part
-                if len(body) > BODY_LIMIT:
+                if len(body) > SERVER.body_bytes:
                     break
-        if max(length, len(body)) > BODY_LIMIT:
-            raise HTTPException(413, f"a command has at most {BODY_LIMIT} bytes")
+        if max(length, len(body)) > SERVER.body_bytes:
+            raise HTTPException(413, f"a command has at most {SERVER.body_bytes} bytes")
         try:
-            command = PageCommand.model_validate_json(body)
+            command = _PageCommand.model_validate_json(body)
             self._commands.put_nowait(command)
         except ValidationError as error:
             raise HTTPException(400, f"that is no command: {error.errors()[0]['msg']}") from None
@@ -308,7 +313,7 @@ class PageServer:
 
 
 def _number_in(request: Request, name: str) -> int:
-    told = request.query_params.getlist(name) or ["0"]
-    if len(told) != 1 or not (told[0].isascii() and told[0].isdigit() and len(told[0]) <= 15):
+    tokens = request.query_params.getlist(name) or ["0"]
+    if len(tokens) != 1 or not (tokens[0].isascii() and tokens[0].isdigit() and len(tokens[0]) <= 15):
         raise HTTPException(400, f"{name} is a whole number")
-    return int(told[0])
+    return int(tokens[0])

@@ -15,7 +15,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardWithIds
-from targets.print_scale import READING_STD_MM, PrintScale, print_scale, rescaled
+from targets.print_scale import SCALE, PrintScale, print_scale, rescaled
 from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import Observation
@@ -57,8 +57,6 @@ _Result = TypeVar("_Result")
 BOARD = "board.yaml"
 _STILLS = ("noload", "loads")
 _ALL = ("lens", "plane", *_STILLS)
-_MEASURED = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
-"""What the rulers of the sheet say, and what was read on them."""
 _UNITS = {
     "antenna": {
         "length_m": ("antenna_length_mm", 1e-3),
@@ -73,18 +71,17 @@ _UNITS = {
     },
 }
 """Section and key of session.yaml → the answer, and the size of its unit in SI."""
-_PASSING = {"antenna_length_mm": 100.0, "antenna_diameter_mm": 1.0}
-"""Taken until they are answered, since they have no default."""
 
 
 def scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
     """The print's scale, None before both readings are known. Raises InputError for impossible readings."""
-    if any(name not in answers for name in _MEASURED):
+    measured = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
+    if any(name not in answers for name in measured):
         return None
     where = "board_along_x_mm, board_along_y_mm"
-    x, along_x, y, along_y = (float(answers[name]) for name in _MEASURED)
+    x, along_x, y, along_y = (float(answers[name]) for name in measured)
     try:
-        return print_scale(x, along_x, y, along_y, float(answers.get("board_reading_std_mm", READING_STD_MM)))
+        return print_scale(x, along_x, y, along_y, float(answers.get("board_reading_std_mm", SCALE.reading_std_mm)))
     except ValueError as error:
         # targets.print_scale knows its own parameters, not what they are called here
         what = str(error).replace("reading_std", "board_reading_std")
@@ -150,7 +147,7 @@ class SessionState:
         for axis, length_m in zip("xy", session.board.size_m, strict=True):
             found |= {f"measure_{axis}_mm": 1e3 * length_m, f"board_along_{axis}_mm": 1e3 * length_m}
         ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
-        found |= {"board": str(session_yaml), "board_reading_std_mm": READING_STD_MM}
+        found |= {"board": str(session_yaml), "board_reading_std_mm": SCALE.reading_std_mm}
         found |= {"material": session.antenna.material} if session.antenna.material in MATERIALS else {}
         found |= {"board_given": True, "gravity_given": True, "jig_given": ways["jig"], "over_given": ways["over"]}
         way = next((way for way, there in ways.items() if there), None)
@@ -206,11 +203,13 @@ class SessionState:
         return read_yaml(self._session_yaml) if self._session_yaml.exists() else {}
 
     def _session_data(self, before: Mapping[str, Any]) -> dict[str, Any]:
-        """session.yaml from answers and defaults. before : its content, whose other keys stay."""
+        """session.yaml from answers and defaults. before : its content; other keys stay."""
         answers, board, scale = self._answers, self.board, self.scale
         value = {key: answers.get(key, question.as_known(answers).default) for key, question in BY_KEY.items()}
+        # Taken until they are answered, since they have no default.
+        passing = {"antenna_length_mm": 100.0, "antenna_diameter_mm": 1.0}
         read = {
-            section: {key: size * (value[name] or _PASSING.get(name, 0.0)) for key, (name, size) in keys.items()}
+            section: {key: size * (value[name] or passing.get(name, 0.0)) for key, (name, size) in keys.items()}
             for section, keys in _UNITS.items()
         }
         antenna = dict(before.get("antenna") or {}) | read["antenna"]
@@ -272,8 +271,8 @@ class SessionState:
     def readings(self, step: str, typed: Mapping[str, Any], where: str) -> dict[str, float]:
         """Readings of a picture, under whichever names, as the session's tables hold them. Raises InputError."""
         session, si = self.session, in_si(typed, where)
-        still = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
-        pull = session.gravity_antenna([still])[0]
+        frame = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
+        pull = session.gravity_antenna([frame])[0]
         return complete(self.store.folder(step), typed, pull, session.antenna.length_m, where, session.columns)
 
     def _view(self, taken: AcceptedPicture) -> BoardView:
@@ -341,33 +340,34 @@ class SessionState:
 
     def observe(
         self,
-        still: Still,
+        frame: Still,
         step: str,
         image: np.ndarray,
         pose: Pose | None = None,
         antenna: NominalAntenna | None = None,
     ) -> Observation:
-        """The antenna in a still's picture (as `read_picture` gives it). pose : T_antenna_camera, if not plane C's.
+        """The antenna in a static frame's picture (as `read_picture` gives it). pose : T_antenna_camera, if not plane
+        C's.
         antenna : if not the session's."""
         session, plane, camera = self.session, self.plane(), self.lens().camera
         antenna = antenna or session.antenna
-        pull = gravity_antenna(plane.kinematics, session.gravity_world_m_s2, [still])[0]
+        pull = gravity_antenna(plane.kinematics, session.gravity_world_m_s2, [frame])[0]
         # the first free picture shows how the antenna differs from its background
         first = self.taken("noload")[:1]
         paint = self.observation("noload", first[0]).paint if first and step != "noload" else None
         pose = pose or fused(plane.estimates)
         expected = ExpectedAntenna(antenna, camera, pose, nominal_parameters(antenna), paint)
-        return expected.observe(still, image, pull)
+        return expected.observe(frame, image, pull)
 
     def observation(self, step: str, taken: AcceptedPicture) -> Observation:
         """The antenna in an accepted picture of a step."""
         inputs = taken.sha256, tuple(taken.readings.items()), self.inputs("lens", "plane")
         path = self.store.path(taken)
-        still = still_of(step, path, taken.readings)
-        return self.cached(("antenna", taken.file), inputs, lambda: self.observe(still, step, read_picture(path)))
+        frame = still_of(step, path, taken.readings)
+        return self.cached(("antenna", taken.file), inputs, lambda: self.observe(frame, step, read_picture(path)))
 
     def joint(self) -> BundleAdjustment:
-        """The bundle adjustment of lens, plane C, antenna and sensor with the stills so far, free ones first."""
+        """The bundle adjustment of lens, plane C, antenna and sensor with the static frames so far, free ones first."""
 
         def made() -> BundleAdjustment:
             session, first = self.session, self.lens()
@@ -407,6 +407,6 @@ class SessionState:
 
 
 def still_of(step: str, path: Path | None, readings: Mapping[str, float]) -> Still:
-    """A still with its readings; a `Load` in the step of loads."""
+    """A static frame with its readings; a `Load` in the step of loads."""
     values = {**SILENT, **{name: readings[name] for name in READINGS[step] if name in readings}}
     return (Load if step == "loads" else Still)(path, **values, time_s=readings.get("time_s"))

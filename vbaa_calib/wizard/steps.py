@@ -44,7 +44,7 @@ from .session_state import SessionState, still_of
 
 
 @dataclass(frozen=True)
-class Number:
+class _Number:
     """A number and its goal, with units; `met` is None without a goal."""
 
     label: str
@@ -62,7 +62,7 @@ class Progress:
     next: str = ""
     enough: bool = False
     usable: bool = False
-    numbers: tuple[Number, ...] = ()
+    numbers: tuple[_Number, ...] = ()
     target: Suggestion | None = None  # where to show the board next
     diagnoses: tuple[Diagnosis, ...] = ()
 
@@ -165,7 +165,7 @@ def _board_in_the_way(state: SessionState, image: np.ndarray) -> str:
 
 
 def _check_antenna(step: str, state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
-    """Whether the antenna is found in a picture; without readings, whether it is worth asking for them."""
+    """Whether the antenna is found in a picture; without readings, whether to ask for them."""
     height, width = picture.image.shape
     changed = _other_size(state, (width, height))
     if changed is not None:
@@ -173,11 +173,11 @@ def _check_antenna(step: str, state: SessionState, picture: Picture, readings: R
     if not readings:
         return PictureCheck(_board_in_the_way(state, picture.image))
     path = Path(picture.name)
-    still, image = still_of(step, path, readings), read_picture(path, picture.data)
+    frame, image = still_of(step, path, readings), read_picture(path, picture.data)
     try:
-        seen = state.observe(still, step, image)
+        seen = state.observe(frame, step, image)
     except InputError as error:
-        if not state.taken(step) and (other := entries_that_show_it(state, still, step, image)):
+        if not state.taken(step) and (other := entries_that_show_it(state, frame, step, image)):
             return PictureCheck(
                 f"the antenna is not where the jig's answers put it, but where {other} puts it: type that"
             )
@@ -194,12 +194,23 @@ def _board_progress(state: SessionState) -> Progress:
     seen = f"board {board_id(state.nominal_board)}: {size_words(state.board)}"
     if scale is None:
         return Progress((seen,), ("two readings of the print",))
-    number = Number("scale of the print", f"{100 * scale.scale:.2f} ± {100 * scale.std:.2f} %")
+    number = _Number("scale of the print", f"{100 * scale.scale:.2f} ± {100 * scale.std:.2f} %")
     return Progress((seen, scale.words), next=scale.remedy, enough=True, usable=True, numbers=(number,))
 
 
-_FEWEST_VIEWS, _TRUSTED_VIEWS = 3, 6
-"""Pictures needed to solve for a lens, and to trust it."""
+@dataclass(frozen=True)
+class _StepSettings:
+    """When a step has enough pictures."""
+
+    least_views: int = 3  # of the board, to solve for a lens
+    trusted_views: int = 6  # of the board, to trust it
+    least_free: int = 2  # of the free antenna
+    enough_free: int = 5
+    least_loads: int = 2
+    stiffness_std: float = 0.01  # relative standard deviation of EI that suffices
+
+
+_LIMITS = _StepSettings()
 
 
 def _check_lens(state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
@@ -211,14 +222,14 @@ def _check_lens(state: SessionState, picture: Picture, readings: Readings | None
         check = replace(check, refusal=f"taken as {views[-1].name}: now another pose")
     elif (again := same_pose(view, views, state.board)) is not None:
         check = replace(check, refusal=str(again), hints=(*check.hints, again))
-    if (now := guidance(state)).suggestion is None:
+    if (now := _guidance(state)).suggestion is None:
         return check
     camera = None if now.solution is None else now.solution.camera
     close, closer = pose_match(now.suggestion, view, state.board, camera, view.image_size)
     return replace(check, closeness=close, closer=closer)
 
 
-def guidance(state: SessionState) -> ViewProgress:
+def _guidance(state: SessionState) -> ViewProgress:
     """How well the pictures determine points on plane C, and which pose would improve that most."""
     size = state.live_size or (1280, 720)
 
@@ -239,7 +250,7 @@ def _lens_progress(state: SessionState) -> Progress:
         return Progress((known.words,), next=_ENOUGH, enough=True, usable=True, diagnoses=known.diagnoses)
     seen = [f"{_counted(len(views), 'picture')}, {sum(len(view.ids) for view in views)} corners"]
     try:
-        now = guidance(state)
+        now = _guidance(state)
     except VbaaError as error:
         return Progress(tuple(seen), (str(error),), "show the board in another pose")
     target, missing = None, now.words
@@ -249,12 +260,12 @@ def _lens_progress(state: SessionState) -> Progress:
         seen.append(f"lens {now.solution.model}, rms {now.solution.rms_px:.2f} px")
         seen += [f"{one.name} is left out: {one.reason}" for one in now.solution.dropped]
     verdict = now.solution.verdict.diagnoses if now.solution is not None else ()
-    if len(views) < _FEWEST_VIEWS:
-        missing = f"{_counted(_FEWEST_VIEWS - len(views), 'more picture')}, then there is a first lens"
+    if len(views) < _LIMITS.least_views:
+        missing = f"{_counted(_LIMITS.least_views - len(views), 'more picture')}, then there is a first lens"
     # a lens of few pictures agrees with them by its freedom
-    means = now.solution is not None and np.isfinite(now.std_m) and len(views) >= _TRUSTED_VIEWS
+    means = now.solution is not None and np.isfinite(now.std_m) and len(views) >= _LIMITS.trusted_views
     reached, goal = bool(now.std_m <= GuideSettings.goal_m), f"{1e3 * GuideSettings.goal_m:.2f} mm"
-    std = Number("error that the lens adds where the antenna moves", f"{1e3 * now.std_m:.3f} mm", goal, reached)
+    std = _Number("error that the lens adds where the antenna moves", f"{1e3 * now.std_m:.3f} mm", goal, reached)
     return Progress(
         seen=tuple(seen),
         missing=() if now.enough else (missing,),
@@ -268,17 +279,15 @@ def _lens_progress(state: SessionState) -> Progress:
     )
 
 
-_WAYS = {
-    "plane": (1, 0, "the board in the jig, the jig fixed to the antenna's base"),
-    "sweep": (5, 10, "the board fixed in the world; turn pan and tilt to another place, let them rest, read them"),
-    "over": (1, 3, "the board flat under the free antenna, at rest"),
-}
-"""Way to plane C → fewest pictures, enough pictures (0: judged from the pictures), and what to shoot."""
-
-
 def _plane_progress(state: SessionState) -> Progress:
     way, count = state.store.folder("plane"), len(state.taken("plane"))
-    least, most, shoot = _WAYS[way]
+    # Way to plane C → fewest pictures, enough pictures (0: judged from the pictures), and what to shoot.
+    ways = {
+        "plane": (1, 0, "the board in the jig, the jig fixed to the antenna's base"),
+        "sweep": (5, 10, "the board fixed in the world; turn pan and tilt to another place, let them rest, read them"),
+        "over": (1, 3, "the board flat under the free antenna, at rest"),
+    }
+    least, most, shoot = ways[way]
     seen = _counted(count, "picture")
     if count < least:
         return Progress((seen,), (f"{least - count} more at least",), shoot)
@@ -292,14 +301,14 @@ def _plane_progress(state: SessionState) -> Progress:
         covariance = covariance + estimate.lens_sensitivity @ lens.camera.covariance @ estimate.lens_sensitivity.T
     std = np.sqrt(np.diag(covariance))
     numbers = [
-        Number("camera's position, with the jig's own uncertainty", f"± {1e3 * std[3:].max():.2f} mm"),
-        Number("camera's angles, the same", f"± {1e3 * std[:3].max():.2f} mrad"),
+        _Number("camera's position, with the jig's own uncertainty", f"± {1e3 * std[3:].max():.2f} mm"),
+        _Number("camera's angles, the same", f"± {1e3 * std[:3].max():.2f} mrad"),
     ]
     if way == "plane":
         now = plane_progress(state.views("plane"), lens.board_shape, lens.camera, state.work_plane())
         enough, missing = now.enough, now.words
         if now.std_m >= 0:
-            numbers.insert(0, Number("plane C by lens and jig's pictures", f"± {1e3 * now.std_m:.3f} mm"))
+            numbers.insert(0, _Number("plane C by lens and jig's pictures", f"± {1e3 * now.std_m:.3f} mm"))
     else:
         enough, missing = count >= most, f"{most - count} more would average out noise and show a board that moves"
     x, y, z = 1e3 * estimate.T_antenna_camera.translation_m
@@ -315,22 +324,17 @@ def _plane_progress(state: SessionState) -> Progress:
     )
 
 
-_FREE_LEAST, _FREE_ENOUGH, _LOADS_LEAST = 2, 5, 2
-_STIFFNESS_GOAL = 0.01
-"""Relative standard deviation of EI."""
-
-
 def _free_progress(state: SessionState) -> Progress:
     taken = state.taken("noload")
     missing, diagnoses, solved = list[str](), list[Diagnosis](), False
-    if len(taken) < _FREE_ENOUGH:
-        missing.append(_counted(_FREE_ENOUGH - len(taken), "more picture"))
+    if len(taken) < _LIMITS.enough_free:
+        missing.append(_counted(_LIMITS.enough_free - len(taken), "more picture"))
     if taken and np.ptp([np.degrees(one.readings["tilt_rad"]) for one in taken]) < 20.0:
         gain = " and the moment sensor's gain" * state.session.with_sensor
         missing.append(f"another tilt: how the antenna sags under its weight shows gravity{gain}")
     try:
         diagnoses = antenna_diagnoses(state, together=False)
-        if len(taken) >= _FREE_LEAST:
+        if len(taken) >= _LIMITS.least_free:
             diagnoses, solved = antenna_diagnoses(state), True
     except VbaaError as error:
         missing.append(str(error))
@@ -350,19 +354,19 @@ def _loads_progress(state: SessionState) -> Progress:
     seen = (_counted(len(taken), "load"),)
     masses = [1e-3 * float(mass) for mass in state.store.journal.answers["weights_g"]]
     try:
-        now = load_progress(state.joint(), state.session, masses, state.plane().kinematics, _STIFFNESS_GOAL)
+        now = load_progress(state.joint(), state.session, masses, state.plane().kinematics, _LIMITS.stiffness_std)
     except VbaaError as error:
         then = "correct what is said above; `back` leads to it" if taken else "hang a weight on the antenna"
         return Progress(seen, (str(error),), then)
-    enough = now.enough and len(taken) >= _LOADS_LEAST
-    value, goal = f"{100 * now.now.total:.2f} %", f"{100 * _STIFFNESS_GOAL:.0f} %"
-    std = Number("stiffness EI, one standard deviation", value, goal, now.reached)
+    enough = now.enough and len(taken) >= _LIMITS.least_loads
+    value, goal = f"{100 * now.now.total:.2f} %", f"{100 * _LIMITS.stiffness_std:.0f} %"
+    std = _Number("stiffness EI, one standard deviation", value, goal, now.reached)
     return Progress(
         seen=seen,
         missing=(*(() if enough or now.reached else (now.words,)), *now.missing),
         next=_ENOUGH if enough else now.suggestion[2] if now.suggestion else "",
         enough=enough,
-        usable=len(taken) >= _LOADS_LEAST,
+        usable=len(taken) >= _LIMITS.least_loads,
         numbers=(std,) if taken else (),
         diagnoses=tuple(antenna_diagnoses(state)) if taken else (),
     )
@@ -377,7 +381,7 @@ def _sensor_progress(state: SessionState) -> Progress:
     if (several := joint.sensor) is not None:
         turn_std = 1e3 * np.sqrt(np.diag(several.own_covariance)[:3]).max()
         numbers = tuple(
-            Number(name, f"gain {gain:.3f}, zero {zero:.3g}")
+            _Number(name, f"gain {gain:.3f}, zero {zero:.3g}")
             for name, gain, zero in zip(several.components, several.gain, several.offset, strict=True)
         )
         seen = f"its axes are known to {turn_std:.2g} mrad"
@@ -386,8 +390,8 @@ def _sensor_progress(state: SessionState) -> Progress:
     std = np.sqrt(np.diag(joint.covariance))[[GAIN, OFFSET]]
     scatter = float(np.sqrt(np.mean(joint.moment_residuals_Nm**2)))
     numbers = (
-        Number("gain", f"{gain:.4f} ± {std[0]:.4f}"),
-        Number("zero", f"{1e3 * offset:.3f} ± {1e3 * std[1]:.3f} mN·m"),
+        _Number("gain", f"{gain:.4f} ± {std[0]:.4f}"),
+        _Number("zero", f"{1e3 * offset:.3f} ± {1e3 * std[1]:.3f} mN·m"),
     )
     seen = f"{len(joint.moment_residuals_Nm)} readings, {1e3 * scatter:.3g} mN·m off the model (rms)"
     return Progress((seen,), (), remedy, enough=True, usable=True, numbers=numbers, diagnoses=tuple(diagnoses))
@@ -398,12 +402,12 @@ Report = Callable[[dict[str, Any]], str]
 """From check.json's content to its page: what draws stands above the wizard."""
 
 
-def conclude(root: Path, report: Report, given: GivenLens | None = None) -> dict[str, Any]:
+def conclude(root: Path, report: Report, known_lens: GivenLens | None = None) -> dict[str, Any]:
     """Calibrate the session, write rig.json and check.html into it. Returns check.json's content.
 
     rig.json does not depend on how the wizard was called. Raises InputError and SolveError as `calibrate` does.
     """
-    calibration = calibrate(load_session(root), given=given)
+    calibration = calibrate(load_session(root), given=known_lens)
     write_json(root / RIG, rig_document(calibration, ["vbaa", "wizard"]), readable_as=Rig.from_dict)
     document = assess(root / RIG, root).to_dict()
     write_text(root / REPORT, report(document))

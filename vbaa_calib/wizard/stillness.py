@@ -1,4 +1,4 @@
-"""Detects when the scene is held still, so that pictures are taken without a key press."""
+"""Detects when the scene rests, so that pictures are taken without a key press."""
 
 from __future__ import annotations
 
@@ -8,29 +8,27 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-_SMALL_PX = 320
-_TILE_PX = 20
-_SIGMAS = 5.0
-_FEWEST_CORNERS = 4
-_LEAST_SLOPE = 3.0
-"""Rms slope of a tile, grey levels per small pixel, below which it shows no motion."""
-_LEAST_SLOPE_PER_NOISE = 3.0
-_NOISE_MARGIN = 1.5
-"""Bright parts are noisier than dark ones, and a JPEG's small pixels noisier than white noise would make them."""
-_QUARTILE_OF_NOISE = 0.3186
-"""Lower quartile of |x| for standard normal x."""
-_WEAK_SHARE = 0.1
-"""Share of the squared slope in a tile's strongest direction that another direction needs to be used."""
-_UNLIKE_PX = 0.8
-"""Unexplained change over slope, small pixels, above which a tile shows something else."""
-_FAR_PX = 16.0
-"""Shift that such a tile counts as, small pixels."""
+
+@dataclass(frozen=True)
+class _TileSettings:
+    """How motion between two frames is read from their tiles. Small pixels: a frame shrunk to `small_px`."""
+
+    small_px: int = 320  # longer side of a shrunk frame
+    tile_px: int = 20  # side of a tile, small pixels
+    sigmas: float = 5.0  # standard deviations of its noise that a shift must exceed
+    fewest_corners: int = 4  # of a board that two frames share, to be compared by these alone
+    least_slope: float = 3.0  # rms slope of a tile, grey levels per small pixel, below which no motion is visible
+    slope_per_noise: float = 3.0  # the same, in standard deviations of a pixel's noise
+    noise_margin: float = 1.5  # bright parts, and a JPEG's small pixels, are noisier than white noise
+    weak_share: float = 0.1  # of the squared slope in a tile's strongest direction that another one needs to be used
+    unlike_px: float = 0.8  # unexplained change over slope, small pixels, above which the tile's content is another
+    far_px: float = 16.0  # shift that such a tile counts as, small pixels
+
+
+_TILES = _TileSettings()
 
 
 _NO_CORNERS, _NO_IDS = np.zeros((0, 2)), np.zeros(0, int)
-_X, _Y = (each.ravel() for each in np.meshgrid(*2 * [np.linspace(-1, 1, _TILE_PX, dtype=np.float32)]))
-_BENDS = (np.ones_like(_X), _X, _Y, _X**2, _Y**2)
-"""Polynomials by which the light's factor may vary across a tile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,15 +55,18 @@ class _FrameFeatures:
 def _features_of(image: np.ndarray, time_s: float, corners_px: np.ndarray, ids: np.ndarray) -> _FrameFeatures:
     """Features of an (H, W) uint8 picture."""
     height, width = image.shape
-    scale = max(1.0, max(width, height) / _SMALL_PX)
-    columns, rows = (max(1, round(side / scale / _TILE_PX)) for side in (width, height))
-    means = cv2.resize(image, (columns * _TILE_PX, rows * _TILE_PX), interpolation=cv2.INTER_AREA)
+    scale = max(1.0, max(width, height) / _TILES.small_px)
+    columns, rows = (max(1, round(side / scale / _TILES.tile_px)) for side in (width, height))
+    means = cv2.resize(image, (columns * _TILES.tile_px, rows * _TILES.tile_px), interpolation=cv2.INTER_AREA)
     # area means of sharp edges are rough, and a shift read off rough slopes comes out too large
     small = cv2.GaussianBlur(means.astype(np.float32), (3, 3), 0)
     slopes = (cv2.Sobel(small, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(small, cv2.CV_32F, 0, 1, scale=1 / 8))
     tiles, along, down = (_cut(each) for each in (small, *slopes))
     light = tiles - tiles.mean(axis=1, keepdims=True)
-    basis = np.stack([along, down, np.ones_like(tiles), *(tiles * bend for bend in _BENDS)], axis=-1)
+    # polynomials by which the light's factor may vary across a tile
+    x, y = (each.ravel() for each in np.meshgrid(*2 * [np.linspace(-1, 1, _TILES.tile_px, dtype=np.float32)]))
+    bends = (np.ones_like(x), x, y, x**2, y**2)
+    basis = np.stack([along, down, np.ones_like(tiles), *(tiles * bend for bend in bends)], axis=-1)
     energy = (along**2 + down**2).mean(axis=1)
     contrast = float((light**2).mean())
     sharpness = float(np.sqrt(energy.mean() / contrast)) / scale if contrast > 0 else 0.0
@@ -79,16 +80,18 @@ def _motion_px(frame: _FrameFeatures, other: _FrameFeatures) -> float:
     Small shifts come out up to twice too large; those above about 2 small pixels count as 16.
     """
     _, here, there = np.intersect1d(frame.ids, other.ids, return_indices=True)
-    if len(here) >= _FEWEST_CORNERS:
+    if len(here) >= _TILES.fewest_corners:
         return float(np.quantile(np.linalg.norm(frame.corners_px[here] - other.corners_px[there], axis=1), 0.9))
     slope = np.maximum(frame.slope, other.slope)
     noise = max(frame.noise, other.noise)
-    least_slope = max(_LEAST_SLOPE, _LEAST_SLOPE_PER_NOISE * noise)
+    least_slope = max(_TILES.least_slope, _TILES.slope_per_noise * noise)
     usable = slope > least_slope
     shift, unexplained = _shifts(frame.basis[usable], frame.tiles[usable] - other.tiles[usable], least_slope)
-    shift[unexplained > np.hypot(_UNLIKE_PX * slope[usable], np.sqrt(2) * _NOISE_MARGIN * noise)] = _FAR_PX
+    shift[unexplained > np.hypot(_TILES.unlike_px * slope[usable], np.sqrt(2) * _TILES.noise_margin * noise)] = (
+        _TILES.far_px
+    )
     measured = shift[np.isfinite(shift)]
-    return float(np.clip(measured.max(), 0.0, _FAR_PX)) * frame.scale if len(measured) else float("nan")
+    return float(np.clip(measured.max(), 0.0, _TILES.far_px)) * frame.scale if len(measured) else float("nan")
 
 
 def _shifts(basis: np.ndarray, change: np.ndarray, least_slope: float) -> tuple[np.ndarray, np.ndarray]:
@@ -112,8 +115,8 @@ def _shifts(basis: np.ndarray, change: np.ndarray, least_slope: float) -> tuple[
     left = np.maximum((change**2).sum(axis=1) - explained, 0.0) / (change.shape[1] - basis.shape[2])
     # twice the slope's noise is in the change, and a grey level's rounding is never less than this
     noise = np.sqrt((left[:, None] + 0.02) / values)
-    weak = (values < change.shape[1] * least_slope**2) | (values < _WEAK_SHARE * values[:, 1:])
-    beyond = np.where(weak, -np.inf, np.abs(along) / values - _SIGMAS * noise)
+    weak = (values < change.shape[1] * least_slope**2) | (values < _TILES.weak_share * values[:, 1:])
+    beyond = np.where(weak, -np.inf, np.abs(along) / values - _TILES.sigmas * noise)
     return beyond.max(axis=1), np.sqrt(left)
 
 
@@ -121,18 +124,19 @@ def _noise(image: np.ndarray) -> float:
     """Std of a pixel's noise, grey levels: lower quartile of second differences, as edges only enlarge them."""
     rows = image[::8].astype(np.int16)
     bends = np.abs(rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:])
-    return float(np.quantile(bends, 0.25)) / (_QUARTILE_OF_NOISE * np.sqrt(6)) if bends.size else 0.0
+    # 0.3186 is the lower quartile of |x| for standard normal x
+    return float(np.quantile(bends, 0.25)) / (0.3186 * np.sqrt(6)) if bends.size else 0.0
 
 
 def _cut(small: np.ndarray) -> np.ndarray:
-    rows, columns = (side // _TILE_PX for side in small.shape)
-    cut = small.reshape(rows, _TILE_PX, columns, _TILE_PX).swapaxes(1, 2)
-    return cut.reshape(rows * columns, _TILE_PX * _TILE_PX)
+    rows, columns = (side // _TILES.tile_px for side in small.shape)
+    cut = small.reshape(rows, _TILES.tile_px, columns, _TILES.tile_px).swapaxes(1, 2)
+    return cut.reshape(rows * columns, _TILES.tile_px * _TILES.tile_px)
 
 
 @dataclass(frozen=True)
 class _StillnessSettings:
-    """When a scene counts as still; the defaults are for a board held by hand.
+    """When a scene counts as resting; the defaults are for a board in the hand.
 
     hold_s, hold_frames : duration and number of frames. gap_s : pause between frames that restarts the hold.
     step_px, speed_px_s : motion between frames that counts as none, whichever is more: 30 px/s blur 1/60 s by 0.5 px.
@@ -157,7 +161,7 @@ ON_A_STAND = _StillnessSettings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0, same
 
 
 @dataclass(frozen=True)
-class Stillness:
+class _Stillness:
     """The completed share of the hold, and whether to take this frame."""
 
     share: float
@@ -166,7 +170,7 @@ class Stillness:
 
 
 class StillnessDetector:
-    """Decides for each frame whether the scene has been still for long enough to take it.
+    """Decides for each frame whether the scene has rested for long enough to take it.
 
     A frame must be nearly as sharp as the hold's best: the lens may be focusing. Then the scene must move clearly, and
     differ from the taken frame, before another is taken. Deterministic in frames and times.
@@ -185,7 +189,7 @@ class StillnessDetector:
 
     def feed(
         self, image: np.ndarray, time_s: float, corners_px: np.ndarray = _NO_CORNERS, ids: np.ndarray = _NO_IDS
-    ) -> Stillness:
+    ) -> _Stillness:
         """Judge the next frame, (H, W) uint8, at a time on any monotonic clock.
 
         corners_px, ids : (N, 2), (N,) of a board in it; two frames that share 4 or more are compared by these alone.
@@ -201,7 +205,7 @@ class StillnessDetector:
             return self._restart(frame, "frames are missing: hold still")
         return self._judge(frame, last)
 
-    def _judge(self, frame: _FrameFeatures, last: _FrameFeatures) -> Stillness:
+    def _judge(self, frame: _FrameFeatures, last: _FrameFeatures) -> _Stillness:
         scale = max(1.0, max(frame.size) / 1280)
         step_px = _motion_px(frame, last)
         if math.isnan(step_px):
@@ -213,29 +217,29 @@ class StillnessDetector:
             return self._restart(frame, "moving: hold still")
         if not self._moved:
             self._hold = None
-            return Stillness(0.0, False, "taken: now move on")
+            return _Stillness(0.0, False, "taken: now move on")
         if self._hold is None or _motion_px(frame, self._hold[0]) > self._settings.drift_px * scale:
             return self._restart(frame, "hold still")
         return self._go_on(frame, self._hold, scale)
 
-    def _go_on(self, frame: _FrameFeatures, hold: tuple[_FrameFeatures, int, float], scale: float) -> Stillness:
+    def _go_on(self, frame: _FrameFeatures, hold: tuple[_FrameFeatures, int, float], scale: float) -> _Stillness:
         settings = self._settings
         first, frames, best = self._hold = (hold[0], hold[1] + 1, max(hold[2], frame.sharpness))
-        held_s = frame.time_s - first.time_s
+        hold_s = frame.time_s - first.time_s
         # a frame's time stamp is rounded, to milliseconds in videos
-        share = min((held_s + 1e-3) / settings.hold_s, frames / settings.hold_frames)
+        share = min((hold_s + 1e-3) / settings.hold_s, frames / settings.hold_frames)
         if share < 1:
-            return Stillness(share, False, "hold still")
+            return _Stillness(share, False, "hold still")
         before = None if settings.same else self._taken
         if before is not None and _motion_px(frame, before) <= 2 * settings.step_px * scale:
-            return Stillness(0.0, False, "nothing has changed since the last picture: move on")
+            return _Stillness(0.0, False, "nothing has changed since the last picture: move on")
         if frame.sharpness < settings.sharp_share * best:
-            if held_s > 2 * settings.hold_s:
+            if hold_s > 2 * settings.hold_s:
                 return self._restart(frame, "the focus has changed: hold still")
-            return Stillness(1.0, False, "hold still: waiting for a sharp frame")
+            return _Stillness(1.0, False, "hold still: waiting for a sharp frame")
         self._taken, self._moved, self._hold = frame, False, None
-        return Stillness(1.0, True, "taken")
+        return _Stillness(1.0, True, "taken")
 
-    def _restart(self, frame: _FrameFeatures, words: str) -> Stillness:
+    def _restart(self, frame: _FrameFeatures, words: str) -> _Stillness:
         self._hold = (frame, 1, frame.sharpness)
-        return Stillness(0.0, False, words)
+        return _Stillness(0.0, False, words)

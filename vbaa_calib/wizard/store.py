@@ -1,7 +1,7 @@
 """The wizard's state on the disk: pictures in the session folder, answers and their list in wizard.json.
 
 Each picture is written (write, fsync, rename) before wizard.json that lists it. A picture that an interruption left
-unlisted is set aside at the next start. session.yaml and the tables are derived from wizard.json.
+unlisted is moved away at the next start. session.yaml and the tables are derived from wizard.json.
 """
 
 from __future__ import annotations
@@ -31,18 +31,21 @@ NAME = "wizard.json"
 ASIDE = "aside"
 LOCK = ".wizard-lock"
 _SCHEMA = "vbaa.wizard/1"
-_HALF_WRITTEN = re.compile(r"\.(wizard|session|noload|loads|sweep|board|rig|camera|check|\d{4,})-[a-z0-9_]{8}\.\w+")
 _REMEDY = "move wizard.json away: the wizard then begins with session.yaml and what it names, or anew; nothing is lost"
 FOLDERS = {"lens": "intrinsics", "noload": "noload", "loads": "loads"}
 """Step → folder of its pictures; plane C's depends on the chosen way."""
 WAYS = {"jig": "plane", "sweep": "sweep", "over": "over"}
-_TABLES = {question.key for question in TABLES}
-_FOLLOWING = (
-    *(Question(f"measure_{axis}_mm", "", "") for axis in "xy"),
-    *(Question(f"{name}_given", "", "", kind="yesno") for name in ("board", "jig", "over", "gravity")),
-)
-"""Kept with the answers: what follows from them, or from a session that existed before."""
-_QUESTIONS = {question.key: question for question in (*QUESTIONS, *SOURCES, *TABLES, *_FOLLOWING)}
+# kept with the answers: what follows from them, or from a session that existed before
+_QUESTIONS = {
+    question.key: question
+    for question in (
+        *QUESTIONS,
+        *SOURCES,
+        *TABLES,
+        *(Question(f"measure_{axis}_mm", "", "") for axis in "xy"),
+        *(Question(f"{name}_given", "", "", kind="yesno") for name in ("board", "jig", "over", "gravity")),
+    )
+}
 
 
 def _inside(file: str) -> str:
@@ -62,7 +65,9 @@ def _answers(answers: dict[str, Any]) -> dict[str, Any]:
         raise ValueError(f"{key!r} is no question")
     try:
         return {
-            key: value if key in _TABLES and isinstance(value, list) else _QUESTIONS[key].read(value)
+            key: value
+            if key in {question.key for question in TABLES} and isinstance(value, list)
+            else _QUESTIONS[key].read(value)
             for key, value in answers.items()
         }
     except InputError as error:
@@ -85,20 +90,20 @@ class AcceptedPicture(BaseModel, frozen=True, strict=True):
         return self
 
 
-class RefusedPicture(BaseModel, frozen=True, strict=True):
+class _RefusedPicture(BaseModel, frozen=True, strict=True):
     source: str
     sha256: str
     why: str
 
 
-class StepRecord(BaseModel, frozen=True, strict=True):
+class _StepRecord(BaseModel, frozen=True, strict=True):
     """One step. closed : how it ended ("enough", "by hand", "all pictures seen"), "" while it is open.
 
     past : pictures that were at the source before the step waited for its own, which do not count; None until then.
     """
 
     taken: tuple[AcceptedPicture, ...] = ()
-    left: tuple[RefusedPicture, ...] = ()
+    left: tuple[_RefusedPicture, ...] = ()
     closed: str = ""
     past: tuple[str, ...] | None = None
 
@@ -108,22 +113,22 @@ class StepRecord(BaseModel, frozen=True, strict=True):
         return frozenset({one.source for one in self.taken} | {one.source for one in self.left})
 
 
-class Journal(BaseModel, frozen=True, strict=True):
+class _Journal(BaseModel, frozen=True, strict=True):
     """wizard.json: all answers and pictures. Immutable."""
 
     answers: Annotated[dict[str, Any], AfterValidator(_answers)]
-    steps: dict[Annotated[str, AfterValidator(_step)], StepRecord]
+    steps: dict[Annotated[str, AfterValidator(_step)], _StepRecord]
 
-    def of(self, step: str) -> StepRecord:
-        return self.steps.get(step, StepRecord())
+    def of(self, step: str) -> _StepRecord:
+        return self.steps.get(step, _StepRecord())
 
-    def with_answers(self, answers: Mapping[str, Any]) -> Journal:
+    def with_answers(self, answers: Mapping[str, Any]) -> _Journal:
         return self.model_copy(update={"answers": dict(answers)})
 
-    def without_answers(self, keys: Collection[str]) -> Journal:
+    def without_answers(self, keys: Collection[str]) -> _Journal:
         return self.with_answers(_without(self.answers, keys))
 
-    def with_step(self, step: str, **changes: Any) -> Journal:
+    def with_step(self, step: str, **changes: Any) -> _Journal:
         """With these fields of the step's record changed."""
         return self.model_copy(update={"steps": {**self.steps, step: self.of(step).model_copy(update=changes)}})
 
@@ -131,7 +136,7 @@ class Journal(BaseModel, frozen=True, strict=True):
         return {"schema": _SCHEMA, **self.model_dump(mode="json")}
 
     @staticmethod
-    def read(path: Path) -> Journal:
+    def read(path: Path) -> _Journal:
         """wizard.json. Raises InputError naming what is wrong with it."""
         try:
             data = read_json(path)
@@ -141,7 +146,7 @@ class Journal(BaseModel, frozen=True, strict=True):
             raise InputError(f"schema is {data.get('schema')!r}, {_SCHEMA} is needed", where=path, remedy=_REMEDY)
         try:
             # as JSON, in which lists are tuples also where types are strict
-            return Journal.model_validate_json(json.dumps(data))
+            return _Journal.model_validate_json(json.dumps(data))
         except ValidationError as error:
             first = error.errors()[0]
             place = ".".join(map(str, first["loc"]))
@@ -161,7 +166,7 @@ class Store:
 
     def __init__(self, root: Path) -> None:
         self.root = Path(root)
-        self.journal = Journal(answers={}, steps={})
+        self.journal = _Journal(answers={}, steps={})
         self.retracted: dict[str, Any] = {}
         """Answers that were taken back, which become the defaults of their questions."""
 
@@ -183,10 +188,11 @@ class Store:
         with contextlib.ExitStack() as undo:
             undo.callback(self._lock.release)
             if not self.is_new:
-                self.journal = Journal.read(self.root / NAME)
+                self.journal = _Journal.read(self.root / NAME)
+            unfinished = r"\.(wizard|session|noload|loads|sweep|board|rig|camera|check|\d{4,})-[a-z0-9_]{8}\.\w+"
             for folder in (self.root, *(self.root / name for name in (*FOLDERS.values(), *WAYS.values()))):
                 for path in folder.iterdir() if folder.is_dir() else ():
-                    if _HALF_WRITTEN.fullmatch(path.name):
+                    if re.fullmatch(unfinished, path.name):
                         path.unlink(missing_ok=True)
             undo.pop_all()
         return self
@@ -206,7 +212,7 @@ class Store:
     def path(self, taken: AcceptedPicture) -> Path:
         return self.root / taken.file
 
-    def save(self, journal: Journal) -> None:
+    def save(self, journal: _Journal) -> None:
         """Write a journal, then continue with it."""
         write_json(self.root / NAME, journal.to_dict())
         self.journal = journal
@@ -264,7 +270,7 @@ class Store:
         self._record(step, taken=tuple(taken))
 
     def refuse(self, step: str, picture: Picture, why: str) -> None:
-        refused = RefusedPicture(source=picture.name, sha256=picture.sha256, why=why)
+        refused = _RefusedPicture(source=picture.name, sha256=picture.sha256, why=why)
         self._record(step, left=(*self.journal.of(step).left, refused))
 
     def begin(self, step: str, past: Sequence[str]) -> None:
@@ -277,10 +283,10 @@ class Store:
             self._record(step, closed=how)
 
     def drop(self, step: str, taken: AcceptedPicture) -> Path:
-        """Set a picture aside, never to be offered again. Returns where it is now."""
+        """Move a picture away, never to be offered again. Returns where it is now."""
         record = self.journal.of(step)
         kept = tuple(one for one in record.taken if one is not taken)
-        refused = RefusedPicture(source=taken.source, sha256=taken.sha256, why="taken back")
+        refused = _RefusedPicture(source=taken.source, sha256=taken.sha256, why="taken back")
         self._record(step, taken=kept, left=(*record.left, refused), closed="")
         target = self._new_aside("dropped") / self.path(taken).name
         with contextlib.suppress(FileNotFoundError):
@@ -288,11 +294,11 @@ class Store:
         return target
 
     def redo(self, step: str, forget: Collection[str] = (), past: Sequence[str] | None = None) -> Path | None:
-        """Start a step again, without these answers. past : as in `StepRecord`. Returns where its pictures are now."""
+        """Start a step again, without these answers. past : as in `_StepRecord`. Returns where its pictures are now."""
         record, place = self.journal.of(step), None
         again = self.journal.without_answers(forget)
         again = again.model_copy(
-            update={"steps": {**again.steps, step: StepRecord(past=None if past is None else tuple(past))}}
+            update={"steps": {**again.steps, step: _StepRecord(past=None if past is None else tuple(past))}}
         )
         if record.taken:
             place = self._new_aside(step)
@@ -331,7 +337,7 @@ class Store:
         return unlisted + [folder for folder in ways if folder.is_dir()]
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file that the user may have changed; its previous version is set aside."""
+        """Write a file that the user may have changed; its previous version is kept in another folder."""
         path = self.root / name
         if path.exists():
             if path.read_bytes() == data:

@@ -13,11 +13,7 @@ from collections.abc import Iterator
 from typing import Any, TextIO
 
 from .questions import STEPS, Question, typed
-from .ui import COMMANDS, LivePicture, Ui, View
-
-_WIDEST = 100
-_NARROWEST = 40
-_STYLES = {"bold": "\033[1m", "dim": "\033[2m", "next": "\033[1;36m", "wrong": "\033[1;31m", "doubt": "\033[33m"}
+from .ui import COMMANDS, LivePicture, Ui, WizardView
 
 
 def _wrapped(text: str, width: int, indent: str = "", hang: str | None = None) -> str:
@@ -57,12 +53,13 @@ class _Screen:
             columns = os.get_terminal_size(self._stream.fileno()).columns
         except (OSError, ValueError):
             columns = 0
-        return max(min(columns or shutil.get_terminal_size().columns, _WIDEST + 1) - 1, _NARROWEST)
+        return max(min(columns or shutil.get_terminal_size().columns, 100 + 1) - 1, 40)
 
     def write(self, text: str, style: str = "", indent: str = "", hang: str | None = None) -> None:
         """Write a paragraph."""
         self.clear()
-        begin, end = (_STYLES[style], "\033[0m") if style and self._styled else ("", "")
+        styles = {"bold": "\033[1m", "dim": "\033[2m", "next": "\033[1;36m", "wrong": "\033[1;31m", "doubt": "\033[33m"}
+        begin, end = (styles[style], "\033[0m") if style and self._styled else ("", "")
         self._put(f"{begin}{_wrapped(text, self.width, indent, hang)}{end}\n")
 
     def below(self, prompt: str, status: str | None = None) -> None:
@@ -85,7 +82,7 @@ class _Screen:
         self._prompt = self._status = None
 
     def passing(self, text: str) -> None:
-        """Show a line until something else is shown."""
+        """Show a line until the next one."""
         self.clear()
         if self._moves:
             self._prompt = _clipped(text, self.width)
@@ -110,14 +107,11 @@ class _Screen:
         self._stream.flush()
 
 
-_STATUS_EVERY_S = 0.25
 _LABEL = 12 * " "
 _MOST_IN_PROMPT = 7  # choices; more stand above it
-_MESSAGE_STYLES = {"next": "next", "WRONG": "wrong", "look": "doubt"}
-_AFTER = "vbaa estimate finds contacts in a recording; vbaa check shows in a month whether the rig is still valid"
 
 
-class Terminal(View):
+class Terminal(WizardView):
     """Questions and progress as lines of text; single words are commands."""
 
     def __init__(self) -> None:
@@ -179,7 +173,9 @@ class Terminal(View):
                 for line in lines:
                     label = line.split(maxsplit=1)[0]
                     if line not in self._shown:
-                        self._write(line, _MESSAGE_STYLES.get(label, ""), "  ", _LABEL)
+                        self._write(
+                            line, {"next": "next", "WRONG": "wrong", "look": "doubt"}.get(label, ""), "  ", _LABEL
+                        )
                 self._shown = lines
             case "question" if ui.question is not None:
                 self._write("")
@@ -194,7 +190,7 @@ class Terminal(View):
                 self._screen.passing(f"  … {ui.doing}")
             case "live" if ui.picture is not None and ui.picture.live:
                 now = time.monotonic()
-                if now - self._status_s >= _STATUS_EVERY_S:
+                if now - self._status_s >= 0.25:
                     self._status, self._status_s = f"  {_live_words(ui.picture)}", now
             case "line":
                 self._write(ui.lines[-1], "doubt" if ui.problem == ui.lines[-1] else "", "  ", "    ")
@@ -203,7 +199,11 @@ class Terminal(View):
                 self._write(ui.document["headline"], "bold")
                 for one in ui.to_be_done:
                     self._write(f"- {one['question']} {one['words']} → {one['remedy']}", "doubt", "  ", "    ")
-                rows = ("report", ui.report, ""), ("rig", ui.document["rig"], ""), ("next", _AFTER, "next")
+                after = (
+                    "vbaa estimate finds contacts in a recording; "
+                    "vbaa check shows in a month whether the rig is still valid"
+                )
+                rows = ("report", ui.report, ""), ("rig", ui.document["rig"], ""), ("next", after, "next")
                 for label, words, style in rows:
                     self._write(f"{label:9s} {words}", style, "  ", _LABEL)
 

@@ -13,7 +13,7 @@ import numpy as np
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import Diagnosis, InputError
 
-from .questions import KEEP, Question, typed
+from .questions import Question, typed
 from .steps import PictureCheck, Progress, Step
 
 COMMANDS = {
@@ -25,9 +25,6 @@ COMMANDS = {
     "quit": "stop here; run the wizard again to go on",
     "help": "this list",
 }
-_TICK_S = 0.03
-_CHANGE = re.compile(r"\s*(\w+)\s*=\s*(\S.*)")
-"""`key = value`, which changes an earlier answer."""
 
 
 class Interrupted(Exception):
@@ -40,7 +37,7 @@ class Interrupted(Exception):
 
 @dataclass(frozen=True, eq=False)
 class LivePicture:
-    """A picture (H, W) uint8, its check, how long it has been held still (0 to 1), and a comment.
+    """A picture (H, W) uint8, its check, how long it has rested (0 to 1), and a comment.
 
     live : of a stream; else the last one of a folder. drawn : the same in colour with what is drawn in it, of any size.
     """
@@ -53,7 +50,7 @@ class LivePicture:
     drawn: np.ndarray | None = None
 
 
-class View:
+class WizardView:
     """Displays a `Ui`. This one, for runs without a user, writes lines to stderr and delivers no input."""
 
     def update(self, ui: Ui, change: str) -> None:
@@ -78,13 +75,13 @@ class View:
 
 
 class Ui:
-    """What is shown and asked, the same on all views; any of them may answer.
+    """What is displayed and asked, the same on all views; any of them may answer.
 
     interactive : whether a user is there; else answers come from flags and files, and nothing waits.
     """
 
-    def __init__(self, *views: View, interactive: bool = False) -> None:
-        self.views, self.interactive = views or (View(),), interactive
+    def __init__(self, *views: WizardView, interactive: bool = False) -> None:
+        self.views, self.interactive = views or (WizardView(),), interactive
         self.greeting: Sequence[str] = ()
         self.step: Step | None = None
         self.progress = Progress()
@@ -103,7 +100,7 @@ class Ui:
             view.update(self, change)
 
     def ask(self, question: Question, facts: Mapping[str, Any] | None = None) -> Any:
-        """Ask a question, whose words may contain `facts`, until the answer is valid.
+        """Ask a question, with `facts` in its words, until the answer is valid.
 
         Raises Interrupted for a command; InputError without a user and a default.
         """
@@ -128,34 +125,35 @@ class Ui:
         """Whether what looks wrong is to stay, which is asked where somebody is there."""
         for doubt in doubts:
             self.wrong(str(doubt))
-        return bool(self.ask(KEEP)) if self.interactive else True
+        keep = Question("keep", "", "Keep this as it is?", kind="yesno", default="no")
+        return bool(self.ask(keep)) if self.interactive else True
 
     def _first_answer(self) -> object:
         while True:
             for view in self.views:
-                for command, given in view.events(self):
+                for command, entered in view.events(self):
                     if command != "answer":
                         raise Interrupted(command)
-                    if self._is_change(given):
+                    if self._is_change(entered):
                         continue
                     if view is not self.views[0]:
-                        self.say(f"on the page: {typed(given)}")
-                    return given
-            time.sleep(_TICK_S)
+                        self.say(f"on the page: {typed(entered)}")
+                    return entered
+            time.sleep(0.03)
 
     def commands(self) -> list[str]:
         """Commands since the last call; does not wait."""
         commands = []
-        for command, given in [event for view in self.views for event in view.events(self)]:
+        for command, entered in [event for view in self.views for event in view.events(self)]:
             if command != "answer":
                 commands.append(command)
-            elif not self._is_change(given):
-                self.say(f"nothing is asked now: {typed(given)}")
+            elif not self._is_change(entered):
+                self.say(f"nothing is asked now: {typed(entered)}")
         return commands
 
-    def _is_change(self, given: object) -> bool:
+    def _is_change(self, entered: object) -> bool:
         """Whether `key = value` was typed; it is carried out then."""
-        found = _CHANGE.fullmatch(given) if isinstance(given, str) else None
+        found = re.fullmatch(r"\s*(\w+)\s*=\s*(\S.*)", entered) if isinstance(entered, str) else None
         return found is not None and self.change(*found.groups())
 
     def take_usual(self, lines: Sequence[str]) -> None:
@@ -183,7 +181,7 @@ class Ui:
         self._changed("line", lines=[*self.lines[-59:], line])
 
     def wrong(self, line: str) -> None:
-        """Log a line, and show it beside the next question, too."""
+        """Log a line, and show it with the next question, too."""
         self.problem = line
         self.say(line)
 

@@ -1,4 +1,4 @@
-"""Who does the work: a dask cluster of this machine or one that is there, and what it is given to do."""
+"""Who does the work: a dask cluster of this machine or one that exists, and its tasks."""
 
 from __future__ import annotations
 
@@ -16,32 +16,25 @@ from vbaa_calib.core.files import require_file
 from vbaa_calib.core.threads import cores
 
 from . import work
-from .recordings import Recording
+from .recordings import BatchRecording
 from .results import Results
 from .work import BatchSettings, Outcome
 
 if TYPE_CHECKING:
     from distributed import Client, Future, Security
 
-TIMES_AGAIN = 3
-"""A task whose worker is lost is done again so many times at most."""
-_QUIET = {
-    "distributed.scheduler.allowed-failures": TIMES_AGAIN,
-    # looks at every thread a hundred times a second
-    "distributed.worker.profile.enabled": False,
-    "distributed.admin.system-monitor.interval": "5s",
-    # fifty and ten times a second, in each process and its guard: 5 % of a core
-    "distributed.admin.tick.interval": "1s",
-    "distributed.worker.memory.monitor-interval": "500ms",
-    # an HTTP server is there in each process in any case, for every user of the machine: it has nothing to tell
-    "distributed.scheduler.http.routes": [],
-    "distributed.worker.http.routes": [],
-}
-_HEAL_S = 20.0
-"""So often it is looked whether all processes are there."""
-_AHEAD, _LEAST_AHEAD = 2, 64
-"""Recordings that are submitted at a time: for each thread, and at least, so that a cluster that grows with its work
-sees some."""
+
+@dataclass(frozen=True)
+class _PoolSettings:
+    """How a batch keeps its processes busy."""
+
+    heal_s: float = 20.0  # s between looks whether all processes are there
+    ahead: int = 2  # recordings submitted at a time for each thread
+    least_ahead: int = 64  # recordings submitted at least: a cluster that grows with its work sees some
+    retries: int = 3  # of a task whose worker was lost
+
+
+POOL = _PoolSettings()
 
 
 _LOST = "the scheduler is lost; run again to do what is missing"
@@ -125,7 +118,19 @@ def client_of(where: Where) -> Iterator[Client]:
         place = dask.config.get("temporary-directory")
         own = TemporaryDirectory(prefix="vbaa-batch-", dir=place, ignore_cleanup_errors=True)
         folder = open_ones.enter_context(own)
-        open_ones.enter_context(dask.config.set({**_QUIET, "temporary-directory": folder}))
+        quiet = {
+            "distributed.scheduler.allowed-failures": POOL.retries,
+            # looks at every thread a hundred times a second
+            "distributed.worker.profile.enabled": False,
+            "distributed.admin.system-monitor.interval": "5s",
+            # fifty and ten times a second, in each process and its guard: 5 % of a core
+            "distributed.admin.tick.interval": "1s",
+            "distributed.worker.memory.monitor-interval": "500ms",
+            # an HTTP server is there in each process in any case, for every user of the machine: it has nothing to tell
+            "distributed.scheduler.http.routes": [],
+            "distributed.worker.http.routes": [],
+        }
+        open_ones.enter_context(dask.config.set({**quiet, "temporary-directory": folder}))
         cluster = open_ones.enter_context(
             distributed.LocalCluster(
                 n_workers=where.jobs,
@@ -140,30 +145,30 @@ def client_of(where: Where) -> Iterator[Client]:
             )
         )
         # a process that could not be started anew is given up by dask, and nobody would do its work
-        healing = PeriodicCallback(lambda: cluster.scale(where.jobs), 1e3 * _HEAL_S)
+        healing = PeriodicCallback(lambda: cluster.scale(where.jobs), 1e3 * POOL.heal_s)
         cluster.loop.add_callback(healing.start)
         open_ones.callback(cluster.loop.add_callback, healing.stop)
         yield open_ones.enter_context(distributed.Client(cluster, set_as_default=False))
 
 
 def run(
-    client: Client, recordings: Sequence[Recording], settings: BatchSettings, results: Results
+    client: Client, recordings: Sequence[BatchRecording], settings: BatchSettings, results: Results
 ) -> Iterator[Outcome]:
     """Every recording's outcome, as they come. Raises Lost with the scheduler.
 
-    A recording whose worker was lost too often is done once more at the end, with no other beside it: a neighbour may
+    A recording that lost its worker too often is done once more at the end, with no other next to it: a neighbour may
     have ended its workers.
     """
     from distributed import as_completed
 
-    waiting, underway, suspects = deque(recordings), dict[Any, Recording](), deque[Recording]()
+    waiting, underway, suspects = deque(recordings), dict[Any, BatchRecording](), deque[BatchRecording]()
     alone = False
     coming: Any = as_completed(loop=client.loop)
     while waiting or underway or suspects:
         if not waiting and not underway:
             waiting.append(suspects.popleft())
             alone = True
-        most = max(_AHEAD * len(_workers(client)), _LEAST_AHEAD)
+        most = max(POOL.ahead * len(_workers(client)), POOL.least_ahead)
         while waiting and len(underway) < most:
             future = client.submit(work.do, waiting[0], settings, results, pure=False)
             underway[future.key] = waiting.popleft()
@@ -177,7 +182,7 @@ def run(
             yield outcome
 
 
-def _outcome(future: Future, recording: Recording, client: Client, alone: bool) -> Outcome | None:
+def _outcome(future: Future, recording: BatchRecording, client: Client, alone: bool) -> Outcome | None:
     """What a recording's task gave; None: its worker was lost, but not `alone`. Raises Lost."""
     from distributed import CancelledError, KilledWorker
 
@@ -186,7 +191,7 @@ def _outcome(future: Future, recording: Recording, client: Client, alone: bool) 
     except KilledWorker:
         if not alone:
             return None
-        times = TIMES_AGAIN + 1
+        times = POOL.retries + 1
         words = f"its worker was lost {times} times: out of memory (--memory), or something crashes in {recording.path}"
         return work.failed(recording, VbaaError(words))
     except CancelledError as error:
@@ -213,6 +218,8 @@ def with_progress(outcomes: Iterable[Outcome], count: int) -> Iterator[tuple[Out
         seconds = time.monotonic() - begun
         frames += int(outcome.row["frames"]) if outcome.state == "done" else 0
         rate = f", {frames / seconds:.0f} frames/s" if frames else ""
-        said = f"{outcome.row['frames']} frames, {outcome.row['ok']} ok" if outcome.state != "failed" else ""
-        what = {"done": said, "unchanged": f"unchanged ({said})"}.get(outcome.state, str(outcome.row.get("sentence")))
+        counts = f"{outcome.row['frames']} frames, {outcome.row['ok']} ok" if outcome.state != "failed" else ""
+        what = {"done": counts, "unchanged": f"unchanged ({counts})"}.get(
+            outcome.state, str(outcome.row.get("sentence"))
+        )
         yield outcome, f"[{done}/{count}{rate}, {(count - done) * seconds / done:.0f} s left] {outcome.name}: {what}"

@@ -14,11 +14,11 @@ from vbaa_calib.core.csv_rows import csv_rows
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import require_file
 
-_LONGEST_NAME, _MOST = 100, 50_000
+_MOST = 50_000
 
 
 @dataclass(frozen=True)
-class Recording:
+class BatchRecording:
     """One recording of a batch. `name` is its partition of the data set."""
 
     name: str
@@ -26,13 +26,13 @@ class Recording:
     rig: Path
 
 
-def recordings_of(given: Sequence[str], rig: Path | None) -> list[Recording]:
+def recordings_of(named: Sequence[str], rig: Path | None) -> list[BatchRecording]:
     """Folders and patterns with the one rig; CSV files with the columns recording and, where it differs, rig, and name.
 
     Raises InputError for what names no recording, a recording without a rig, and names that stand twice.
     """
     found: list[tuple[str, Path, Path | None]] = []
-    for each in given:
+    for each in named:
         path = Path(each)
         if path.suffix == ".csv" and path.name != "centrelines.csv":
             found += _listed(path, rig)
@@ -60,24 +60,25 @@ def _listed(table: Path, rig: Path | None) -> list[tuple[str, Path, Path | None]
     ]
 
 
-def _named(found: Sequence[tuple[str, Path, Path | None]]) -> list[Recording]:
-    """With names: given ones, else the folder's, with as many of the folders above it as tell it from the others."""
+def _named(found: Sequence[tuple[str, Path, Path | None]]) -> list[BatchRecording]:
+    """With names: those of the list, else the folder's, with as many of the folders above it as tell it from the
+    others."""
     places = [path.resolve() for _, path, _ in found]
     for twice in (path for path, count in Counter(places).items() if count > 1):
         raise InputError("is given twice", where=twice, remedy="name every recording once")
     depth = 1
     while len({path.parts[-depth:] for path in places}) < len(places):
         depth += 1
-    recordings: list[Recording] = []
+    recordings: list[BatchRecording] = []
     for (name, path, rig), place in zip(found, places, strict=True):
         if rig is None:
             raise InputError("has no rig", where=path, remedy="give --rig, or a column rig in the CSV")
         require_file(rig)
         name = name or re.sub(r"[^\w.-]+", "_", "-".join(place.parts[-depth:]).strip("/-")) or "recording"
-        if not re.fullmatch(r"\w[\w.-]*", name) or len(name) > _LONGEST_NAME:
+        if not re.fullmatch(r"\w[\w.-]*", name) or len(name) > 100:
             remedy = "give a name of letters, digits, ., - and _, in a column name of a CSV"
             raise InputError(f"the name {name!r} is none for a folder", where=path, remedy=remedy)
-        recordings.append(Recording(name, place, rig.resolve()))
+        recordings.append(BatchRecording(name, place, rig.resolve()))
     names = Counter(each.name.lower() for each in recordings)  # some disks tell no case
     for each in recordings:
         if names[each.name.lower()] > 1:

@@ -35,15 +35,6 @@ from vbaa_calib.core.robust import finite_median, finite_or_none
 
 SCHEMA = "vbaa.batch/1"
 _KEY = b"vbaa.batch"
-_SUMMARY = (
-    *("recording", "state", "sentence", "verdict", "path", "rig", "rig_sha256", "inputs_sha256", "digest", "version"),
-    *("frames", *STATUSES, "distance_median_m", "distance_std_median_m", "force_median_N", "force_std_median_N"),
-    *("moment_residual_rms_Nm", "free_frames", "drift_picture_px", "drift_moment_zero_std", "drift_beyond"),
-    *("outside_points", "warnings", "cpu_s", "object", "readings", "reasons"),
-)
-"""Columns of summary.csv; state is done or failed."""
-_LOCATED = ("distance_m", "distance_std_m", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N")
-"""Numbers of located contacts whose medians are in the summary."""
 Row = Mapping[str, Any]
 
 
@@ -89,7 +80,7 @@ class Results:
                 self.remove_work()
 
     def done(self, name: str) -> Row | None:
-        """The summary of a recording whose contacts are there; None where they are not, or cannot be read."""
+        """The summary of a recording with contacts; None where they are not, or cannot be read."""
         import pyarrow
         from pyarrow.parquet import read_metadata
 
@@ -99,7 +90,7 @@ class Results:
             return None
 
     def every(self) -> list[Row]:
-        """The summaries of all recordings whose contacts are there."""
+        """The summaries of all recordings with contacts."""
         parts = sorted((self.root / "contacts").glob("recording=*"))
         return [row for part in parts if (row := self.done(part.name.partition("=")[2])) is not None]
 
@@ -110,7 +101,31 @@ class Results:
             if self.object(name).exists():
                 row["object"] = self.object(name).relative_to(self.root)
         text = io.StringIO()
-        writer = csv.DictWriter(text, _SUMMARY, restval="", extrasaction="ignore", lineterminator="\n")
+        columns = (
+            *(
+                "recording",
+                "state",
+                "sentence",
+                "verdict",
+                "path",
+                "rig",
+                "rig_sha256",
+                "inputs_sha256",
+                "digest",
+                "version",
+            ),
+            *(
+                "frames",
+                *STATUSES,
+                "distance_median_m",
+                "distance_std_median_m",
+                "force_median_N",
+                "force_std_median_N",
+            ),
+            *("moment_residual_rms_Nm", "free_frames", "drift_picture_px", "drift_moment_zero_std", "drift_beyond"),
+            *("outside_points", "warnings", "cpu_s", "object", "readings", "reasons"),
+        )
+        writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore", lineterminator="\n")
         writer.writeheader()
         for _, row in sorted(rows.items()):
             words: Row = {} if "readings" not in row else {"readings": readings_in_words(row["readings"])}
@@ -118,7 +133,7 @@ class Results:
             findings = row.get("verdict", {}).get("findings", ())
             verdict = [f"{one['severity']}: {one['words']}; {one['remedy']}" for one in findings]
             cells = {**row, **words, "reasons": reasons, "verdict": verdict}
-            writer.writerow({name: _cell(cells.get(name)) for name in _SUMMARY})
+            writer.writerow({name: _cell(cells.get(name)) for name in columns})
         write_text(self.summary, text.getvalue())
         return list(rows.values())
 
@@ -131,7 +146,10 @@ class Results:
     ) -> Row:
         """Write a recording's contacts as they come; its summary: `about` and numbers, by the verdict on the recording,
         which is asked for after the last row."""
-        located: dict[str, array[float]] = {column: array("d") for column in _LOCATED}
+        located: dict[str, array[float]] = {
+            column: array("d")
+            for column in ("distance_m", "distance_std_m", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N")
+        }
         places, residuals, verdict = array("q"), array("d"), RecordingVerdict()
         summary, metadata, whole = dict[str, Any](), dict[bytes, bytes](), dict[bytes, bytes]()
 

@@ -28,7 +28,7 @@ from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import drift_of
 
-from .recordings import Recording
+from .recordings import BatchRecording
 from .results import Results, Row
 
 
@@ -56,8 +56,8 @@ class BatchSettings:
         pixels = None if self.background is None else str(self.background)
         if self.background is not None and self.background != AUTO:
             pixels = sha256(self.background)
-        said = {name: getattr(self, name) for name in names} | {"background": pixels}
-        return said | {"streams": asdict(self.streams)} if is_stream(path) else said
+        settings = {name: getattr(self, name) for name in names} | {"background": pixels}
+        return settings | {"streams": asdict(self.streams)} if is_stream(path) else settings
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Outcome:
     row: Row
 
 
-def do(recording: Recording, settings: BatchSettings, results: Results) -> Outcome:
+def do(recording: BatchRecording, settings: BatchSettings, results: Results) -> Outcome:
     """Estimate a recording, unless that is done already. What is wrong with it is in its row."""
     try:
         # OpenCV takes all cores by itself
@@ -84,7 +84,7 @@ def do(recording: Recording, settings: BatchSettings, results: Results) -> Outco
         return failed(recording, error)
 
 
-def _estimated(recording: Recording, settings: BatchSettings, results: Results, about: Row) -> Row:
+def _estimated(recording: BatchRecording, settings: BatchSettings, results: Results, about: Row) -> Row:
     """Writes the contacts, as `vbaa estimate` does; the summary that begins with `about`."""
     begun, rig = time.process_time(), Rig.load(recording.rig)
     source = open_source(recording.path, rig, settings.no_moment, settings.streams)
@@ -133,7 +133,7 @@ def _estimated(recording: Recording, settings: BatchSettings, results: Results, 
     return results.write(recording.name, rows(), judged, summarized)
 
 
-def _with_object(outcome: Outcome, recording: Recording, settings: BatchSettings, results: Results) -> Outcome:
+def _with_object(outcome: Outcome, recording: BatchRecording, settings: BatchSettings, results: Results) -> Outcome:
     """With the object's file, where it is asked for and not there."""
     path = results.object(recording.name)
     if not settings.reconstruct or path.exists() or outcome.row["verdict"]["severity"] == "wrong":
@@ -152,7 +152,7 @@ def _with_object(outcome: Outcome, recording: Recording, settings: BatchSettings
     return outcome
 
 
-def failed(recording: Recording, error: BaseException) -> Outcome:
+def failed(recording: BatchRecording, error: BaseException) -> Outcome:
     """A recording of which nothing came, and why."""
     unknown = f"something went wrong that should not ({type(error).__name__}: {clipped(str(error))})"
     sentence = sentence_of(error) or unknown
@@ -161,7 +161,7 @@ def failed(recording: Recording, error: BaseException) -> Outcome:
     return Outcome(recording.name, "failed", row)
 
 
-def _about(recording: Recording, settings: BatchSettings) -> Row:
+def _about(recording: BatchRecording, settings: BatchSettings) -> Row:
     """How a summary begins: what the recording is, and the digests of all that its contacts depend on."""
     rig_sha256, inputs_sha256 = sha256(recording.rig), inputs_digest(recording.path)
     about = {"rig_sha256": rig_sha256, "inputs_sha256": inputs_sha256, "version": vbaa_calib.__version__}

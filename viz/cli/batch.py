@@ -98,7 +98,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             say(f"warning: {lost}")
         finally:
             rows = results.write_summary([each.row for each in outcomes if each.state == "failed"])
-    states = {state: sorted(each.name for each in outcomes if each.state == state) for state in _STATES}
+    states = {
+        state: sorted(each.name for each in outcomes if each.state == state)
+        for state in ("done", "unchanged", "failed")
+    }
     missing = sorted({each.name for each in recordings} - set(states["done"]) - set(states["unchanged"]))
     own = [row for row in rows if row["recording"] in {each.name for each in recordings} - set(missing)]
     verdicts = {row["recording"]: row["verdict"] for row in own if row.get("verdict", {}).get("findings")}
@@ -106,8 +109,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         sorted(name for name, verdict in verdicts.items() if verdict["severity"] == severity)
         for severity in ("wrong", "doubt")
     )
+    most = 20
     for label, names in (("wrong", bad), ("look at", doubted)):
-        for name in names[:_NAMED]:
+        for name in names[:most]:
             worst = verdicts[name]["findings"][0]
             say(f"{label}: {name}: {worst['words']}; {worst['remedy']}")
     counts = {"done": len(states["done"]), "unchanged": len(states["unchanged"]), "missing": len(missing)}
@@ -126,7 +130,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             overview.join({"status": statuses, **row}, recording=row["recording"])
     for words in overview_in_words(overview.numbers()) if overview.frames else ():
         say(words)
-    for name in missing[:_NAMED]:
+    for name in missing[:most]:
         say(f"  missing: {name}")
     return {
         "results": str(args.output),
@@ -142,10 +146,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         **overview.numbers(),
         "exit_code": int(bool(missing or bad)),
     }
-
-
-_STATES = ("done", "unchanged", "failed")
-_NAMED = 20
 
 
 def _where(args: argparse.Namespace, count: int) -> Where:
@@ -184,19 +184,19 @@ def _address_in(file: Path) -> str:
     return address
 
 
-def _check_memory(said: str) -> None:
+def _check_memory(size: str) -> None:
     from vbaa_calib.core.errors import InputError
 
     try:
         from dask.utils import parse_bytes
 
-        enough = parse_bytes(said) >= 300_000_000
+        enough = parse_bytes(size) >= 300_000_000
     except ImportError:
         return  # told later
     except ValueError:
         enough = False
     if not enough:
-        raise InputError(f"--memory is {said!r}", remedy="give a size such as 2GB; a worker needs 0.3 GB for itself")
+        raise InputError(f"--memory is {size!r}", remedy="give a size such as 2GB; a worker needs 0.3 GB for itself")
 
 
 def _described(client: Any, where: Where) -> str:
@@ -206,5 +206,5 @@ def _described(client: Any, where: Where) -> str:
     limits = [worker["memory_limit"] for worker in workers if worker["memory_limit"]]
     each = f", each of {max(limits) / 1e9:.1f} GB at most" if limits else ""
     kernels = f" of {where.threads} threads" if where.threads > 1 else ""
-    shown = f"; dashboard: {client.dashboard_link}" if where.address and find_spec("bokeh") else ""
-    return f"{len(workers)} workers{kernels}{each}{shown}"
+    dashboard = f"; dashboard: {client.dashboard_link}" if where.address and find_spec("bokeh") else ""
+    return f"{len(workers)} workers{kernels}{each}{dashboard}"

@@ -13,10 +13,10 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_outputs, write_json, write_text
 
 if TYPE_CHECKING:
-    from estimator.budget.parts import BudgetContacts
+    from estimator.budget.budget import BudgetContacts
     from vbaa_calib.rig import Rig
 
-_FRICTION_RAD = 0.2  # as the contacts' default, which is not imported for the sake of a quick --help
+from .estimate import FRICTION_RAD
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -26,9 +26,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--friction",
         type=float,
-        default=_FRICTION_RAD,
+        default=FRICTION_RAD,
         metavar="RAD",
-        help=f"deviation of the friction angle, as for `vbaa estimate` (default: {_FRICTION_RAD}); 0: no friction",
+        help=f"deviation of the friction angle, as for `vbaa estimate` (default: {FRICTION_RAD}); 0: no friction",
     )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment reading aside")
     one = parser.add_argument_group("one contact", "all three together; without them ordinary contacts all over")
@@ -62,14 +62,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     rig = usable_rig(args.rig)
     touches = _touches(args, rig)
     budget = error_budget(rig, touches, friction=args.friction, with_moment=not args.no_moment)
-    given = {
+    inputs = {
         "rig": str(args.rig),
         "friction_rad": args.friction,
         "with_moment": not args.no_moment,
         "pan_rad": touches.pan_rad,
         "tilt_rad": touches.tilt_rad,
     }
-    result = given | as_data(budget)
+    result = inputs | as_data(budget)
     say(table(budget))
     say("")
     for line in [*budget.notes, *advice(budget)]:
@@ -91,7 +91,7 @@ def _touches(args: argparse.Namespace, rig: Rig) -> BudgetContacts:
     """The contacts that are asked for. Raises InputError for one that is not on the antenna, or bends it too far."""
     import numpy as np
 
-    from estimator.budget.parts import ordinary_touches, touch_of_force
+    from estimator.budget.budget import ordinary_touches, touch_of_force
     from estimator.solver.rig_arrays import RigArrays
     from vbaa_calib.native import core
 

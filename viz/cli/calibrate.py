@@ -17,8 +17,6 @@ from vbaa_calib.core.folders import make_folder
 
 from .intrinsics import MODELS
 
-_DATE = re.compile(r"(?<!\d)(\d{4})-?(\d\d)-?(\d\d)(?:[T_-]?(\d\d)[:-]?(\d\d))?(?!\d)")
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -72,8 +70,8 @@ def _one(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError("--camera brings its lens model", where="--lens-model", remedy="leave one of the two out")
     refuse_measured(args.output, args.session)
     session = load_session(args.session)
-    given = None if args.camera is None else read_lens(args.camera, wanted)
-    calibration = calibrate(session, args.model, given)
+    known = None if args.camera is None else read_lens(args.camera, wanted)
+    calibration = calibrate(session, args.model, known)
     report(calibration)
     write_json(args.output, rig_document(calibration, args.argv), args.force, Rig.from_dict)
     say(f"wrote {args.output}")
@@ -142,13 +140,13 @@ def _unchanged(output: Path, session: Path) -> bool:
         return False
 
 
-def _dated(given: list[Path]) -> list[tuple[datetime, Path]]:
+def _dated(known: list[Path]) -> list[tuple[datetime, Path]]:
     """Sessions by their dates: of a CSV with the columns session and date, or of the folders' names.
 
-    Raises InputError for a session whose date is not known.
+    Raises InputError for a session without a known date.
     """
     found: list[tuple[datetime, Path]] = []
-    for path in given:
+    for path in known:
         if path.suffix == ".csv":
             for row in read_csv(path, ("session", "date")):
                 place = f"{path} line {row['line']}"
@@ -159,7 +157,9 @@ def _dated(given: list[Path]) -> list[tuple[datetime, Path]]:
                     raise InputError(f"date is {row['date']!r}", where=place, remedy=remedy) from None
                 found.append((date, path.parent / row["session"]))
             continue
-        date_of = _DATE.search(path.absolute().name)  # a link has a name of its own
+        # a link has a name of its own
+        pattern = r"(?<!\d)(\d{4})-?(\d\d)-?(\d\d)(?:[T_-]?(\d\d)[:-]?(\d\d))?(?!\d)"
+        date_of = re.search(pattern, path.absolute().name)
         try:
             if date_of is None:
                 raise ValueError

@@ -1,4 +1,4 @@
-"""`vbaa check`: is this rig still right? A verdict in words, check.json, and a report to read."""
+"""`vbaa check`: is this rig right? A verdict in words, check.json, and a report to read."""
 
 from __future__ import annotations
 
@@ -82,6 +82,6 @@ def _watched(args: argparse.Namespace) -> dict[str, Any]:
     parser = argparse.ArgumentParser()
     live.configure(parser)
     angles = [f"--{name}={value}" for name, value in joints_rad(args).items()]
-    told = parser.parse_args([str(args.rig), args.session, "--watch", args.watch, "--no-final", *angles])
-    told.json, told.force = args.json, args.force
-    return live.run(told)
+    options = parser.parse_args([str(args.rig), args.session, "--watch", args.watch, "--no-final", *angles])
+    options.json, options.force = args.json, args.force
+    return live.run(options)

@@ -48,7 +48,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         refuse_output(args.html, PAGES, args.force, (args.a, args.b))
     kinds = [_kind(path) for path in (args.a, args.b)]
     if kinds[0] != kinds[1]:
-        what = f"{args.a} is {_NAMES[kinds[0]]}, {args.b} {_NAMES[kinds[1]]}"
+        names = {"rigs": "a rig", "results": "a results folder", "contacts": "a table of contacts"}
+        what = f"{args.a} is {names[kinds[0]]}, {args.b} {names[kinds[1]]}"
         raise InputError(what, where="vbaa compare", remedy="give two of a kind")
     result, page = (_rigs if kinds[0] == "rigs" else _contacts)(args, kinds[0])
     for line in (*result["words"], *result.get("missing", ())[:_SHOWN]):
@@ -58,9 +59,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_text(args.html, page, args.force)
         say(f"wrote {args.html}")
     return {"kind": kinds[0], **result, "exit_code": 0 if result["agree"] else 1}
-
-
-_NAMES = {"rigs": "a rig", "results": "a results folder", "contacts": "a table of contacts"}
 
 
 def _kind(path: Path) -> str:
@@ -116,9 +114,11 @@ def _lines(name: str, one: ComparedContacts, tolerance: float) -> list[str]:
         return []
     changed = [f"{count} x {a} to {b}" for (a, b), count in one.changed.items()]
     largest = one.to_dict(tolerance)["deviations"]
-    said = [f"{what} {each['largest']:.2g}" for what, each in largest.items() if each and each["largest"] is not None]
+    largest_words = [
+        f"{what} {each['largest']:.2g}" for what, each in largest.items() if each and each["largest"] is not None
+    ]
     alone = [f"{count} frames only in {side}" for side, count in (("A", one.only_a), ("B", one.only_b)) if count]
-    return [f"{name}: " + "; ".join([*changed, *alone, "largest deviations: " + (", ".join(said) or "none")])]
+    return [f"{name}: " + "; ".join([*changed, *alone, "largest deviations: " + (", ".join(largest_words) or "none")])]
 
 
 def _tables(root: Path) -> dict[str, Path]:

@@ -23,19 +23,6 @@ if TYPE_CHECKING:
 
 SCENES = ("demo", "upright_knife", "steep_sphere")
 
-_GOALS = (
-    ("contact point", "contact_point_rmse_m", 1e3, "mm", 1.5),
-    ("contact distance", "distance_rmse_m", 1e3, "mm", None),
-    ("force", "force_rmse_relative", 100.0, "%", 8.0),
-    ("force direction", "direction_rmse_rad", 180 / np.pi, "°", 4.0),
-    ("stiffness EI", "stiffness_relative_error", 100.0, "%", 2.0),
-    ("focal length", "focal_relative_error", 100.0, "%", 0.5),
-    ("camera position", "camera_position_error_m", 1e3, "mm", None),
-    ("camera rotation", "camera_rotation_error_rad", 180 / np.pi, "°", None),
-)
-"""Name, key of the score, factor, unit, and the error it may have at most. Distance: 2 % of the antenna's length."""
-_DISTANCE_GOAL = 0.02
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=Path("demo"), help="folder for everything (default: demo)")
@@ -97,9 +84,20 @@ def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
 
     rig, contacts = Rig.load(out / "rig.json"), read_contacts(out / "contacts.csv")
     truth = read_json(out / "session" / "truth.json")
-    errors = score(rig, contacts, truth)
-    goals = {"distance_rmse_m": 1e3 * _DISTANCE_GOAL * rig.antenna.length_m}
-    rows = [(name, factor * errors[key], unit, goals.get(key, goal)) for name, key, factor, unit, goal in _GOALS]
+    errors = _score(rig, contacts, truth)
+    goals = {"distance_rmse_m": 1e3 * 0.02 * rig.antenna.length_m}
+    # Name, key of the score, factor, unit, and the error it may have at most. Distance: 2 % of the antenna's length.
+    limits = (
+        ("contact point", "contact_point_rmse_m", 1e3, "mm", 1.5),
+        ("contact distance", "distance_rmse_m", 1e3, "mm", None),
+        ("force", "force_rmse_relative", 100.0, "%", 8.0),
+        ("force direction", "direction_rmse_rad", 180 / np.pi, "°", 4.0),
+        ("stiffness EI", "stiffness_relative_error", 100.0, "%", 2.0),
+        ("focal length", "focal_relative_error", 100.0, "%", 0.5),
+        ("camera position", "camera_position_error_m", 1e3, "mm", None),
+        ("camera rotation", "camera_rotation_error_rad", 180 / np.pi, "°", None),
+    )
+    rows = [(name, factor * errors[key], unit, goals.get(key, goal)) for name, key, factor, unit, goal in limits]
     say(f"\n{'error against truth':<20}{'':>10}     goal")
     for name, value, unit, goal in rows:
         say(f"{name:<20}{value:>10.3f} {unit:<3} {'' if goal is None else f'≤ {goal:g}'}")
@@ -114,10 +112,10 @@ def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
     return result
 
 
-def score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> dict[str, Any]:
+def _score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> dict[str, Any]:
     """Root mean square errors over the frames that were located, and the calibration's errors. SI units.
 
-    `frames_ok` counts the frames whose status is right: located where there is contact, free where not. Force and
+    `frames_ok` counts the frames with the right status: located where there is contact, free where not. Force and
     direction are those across the antenna (y, z), the force's error over its true size. `nees` is the mean squared
     error of the contact point over its own covariance, per degree of freedom; 1 is honest.
 

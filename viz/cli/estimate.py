@@ -175,17 +175,17 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
     recording = _from_session if args.session is not None and _is_session(args.session) else _without_session
     unpacking = TemporaryDirectory(prefix="vbaa-overlay-")  # gone with this call
     args.unpacked = Path(unpacking.name)
-    estimator, given = recording(args, rig)
-    if given.words:
-        say(f"background: {given.words}")
-    watch, verdict = None if given.antennas else RecordingWatch(estimator.rig), RecordingVerdict()
+    estimator, frames = recording(args, rig)
+    if frames.words:
+        say(f"background: {frames.words}")
+    watch, verdict = None if frames.antennas else RecordingWatch(estimator.rig), RecordingVerdict()
     overview = Overview(estimator.rig.columns)
     models, std_m = Counter[str](), array("d")
 
     def rows() -> Iterator[ContactRow]:
         """Of every frame, each drawn into the overlay folder on its way where one is asked for."""
         nonlocal verdict
-        found = progress(given.items, "contacts", given.count)
+        found = progress(frames.items, "contacts", frames.count)
         remarks = list[str]()
         with ExitStack() as stack:
             if args.overlay is not None:
@@ -217,7 +217,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
         overview.amend(changed)
     for words in verdict.verdict.lines:
         say(words)
-    for note in (*given.notes(), *overview.outside_in_words(rig.camera.image_size)):
+    for note in (*frames.notes(), *overview.outside_in_words(rig.camera.image_size)):
         say(note)
     numbers = overview.numbers()
     for words in overview_in_words(numbers):
@@ -241,14 +241,14 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
         "models": dict(models),
         "distance_std_median_m": located,
         "drift": drift,
-        "background": given.words or None,
-        "stream": dict(given.counts) or None,
-        "antennas": list(given.antennas) or None,
+        "background": frames.words or None,
+        "stream": dict(frames.counts) or None,
+        "antennas": list(frames.antennas) or None,
         "outside_points": overview.outside["points"],
         "outside_frames": overview.outside["frames"],
         "exit_code": int(verdict.verdict.severity == "wrong"),
     }
-    return result, given.ground, verdict.verdict
+    return result, frames.ground, verdict.verdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +266,7 @@ class _Recording:
 
 
 def _is_session(path: Path) -> bool:
-    from vbaa_calib.streams.open import is_recorded
+    from vbaa_calib.streams.recorded import is_recorded
 
     return not is_recorded(path)
 
@@ -361,7 +361,7 @@ def _of_moving_clamps(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstima
 
 
 def _say_silent(frames: Sequence[Frame], rig: Rig) -> None:
-    """A word about readings that are missing, or left aside."""
+    """A word about readings that are missing, or not used."""
     import numpy as np
 
     from vbaa_calib.session import READINGS

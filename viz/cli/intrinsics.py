@@ -60,31 +60,32 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--html", type=Path, metavar="REPORT", help="write a page that opens offline in any browser")
 
 
-_OF_FLAG = {
-    "squares": {"square": "square_m", "marker": "marker_m", "dict": "dictionary", "legacy": "legacy_pattern"}
-    | {"first_id": "first_id"},
-    "circles": {"spacing": "spacing_m", "asymmetric": "type"},
-    "board": {},
-}
-"""The flags that go with each way to describe a board, and the keys of board.yaml that they stand for."""
-_VERB, _LARGEST_M = "vbaa intrinsics", 1.0
+_VERB = "vbaa intrinsics"
 
 
 def _board(args: argparse.Namespace) -> Board:
     """The board of --board, or of the flags. Raises InputError."""
     from vbaa_calib.detect.board.board_file import board_from, counts, load_lens_board
 
-    ways = [name for name in _OF_FLAG if getattr(args, name) is not None]
+    # The flags that go with each way to describe a board, and the keys of board.yaml that they stand for.
+    flags_of = {
+        "squares": {"square": "square_m", "marker": "marker_m", "dict": "dictionary", "legacy": "legacy_pattern"}
+        | {"first_id": "first_id"},
+        "circles": {"spacing": "spacing_m", "asymmetric": "type"},
+        "board": {},
+    }
+    ways = [name for name in flags_of if getattr(args, name) is not None]
     if len(ways) != 1:
         what = " and ".join(f"--{name}" for name in ways) + " each describe a board" if ways else "no board is given"
         raise InputError(what, where=_VERB, remedy="give one of --board FILE, --squares CxR, --circles CxR")
-    given: dict[str, Any] = {}
-    for way, keys in _OF_FLAG.items():
+    options: dict[str, Any] = {}
+    for way, keys in flags_of.items():
         for flag in (flag for flag in keys if getattr(args, flag) is not None):
             if way != ways[0]:
                 raise InputError(f"--{flag} does not go with --{ways[0]}", where=_VERB, remedy="leave it out")
-            given[keys[flag]] = value = getattr(args, flag)
-            if isinstance(value, float) and value >= _LARGEST_M:
+            options[keys[flag]] = value = getattr(args, flag)
+            # no board has squares of a metre
+            if isinstance(value, float) and value >= 1.0:
                 remedy = f"give metres: {value / 1e3:g}, if that is {value:g} mm"
                 raise InputError(f"--{flag} is {value:g} m", where=_VERB, remedy=remedy)
     if args.board is not None:
@@ -93,27 +94,23 @@ def _board(args: argparse.Namespace) -> Board:
     if getattr(args, needed) is None:
         raise InputError(f"--{ways[0]} without --{needed}", where=_VERB, remedy="measure it, and give it in metres")
     if args.squares is not None:
-        given["squares_x"], given["squares_y"] = counts(args.squares, "--squares", _VERB)
+        options["squares_x"], options["squares_y"] = counts(args.squares, "--squares", _VERB)
         if args.marker is None and (args.dict or args.legacy or args.first_id is not None):
             what, remedy = "--dict, --first-id and --legacy are of markers", "give --marker, or leave them out"
             raise InputError(what, where=_VERB, remedy=remedy)
-        given["type"] = "chessboard" if args.marker is None else "charuco"
+        options["type"] = "chessboard" if args.marker is None else "charuco"
     else:
-        given["columns"], given["rows"] = counts(args.circles, "--circles", _VERB)
-        given["type"] = "asymmetric_circles" if args.asymmetric else "circles"
-    return board_from(given, _VERB)
-
-
-_VIEWS = 60
-"""Of a video or bag so many views are taken at most."""
+        options["columns"], options["rows"] = counts(args.circles, "--circles", _VERB)
+        options["type"] = "asymmetric_circles" if args.asymmetric else "circles"
+    return board_from(options, _VERB)
 
 
 @contextmanager
 def _folder_of(args: argparse.Namespace) -> Iterator[Path]:
     """The pictures' folder; of a video or bag one of its sharp and different pictures. Raises InputError."""
     from vbaa_calib.streams.bags import Topics
-    from vbaa_calib.streams.open import is_recorded
     from vbaa_calib.streams.pictures import unpack_views
+    from vbaa_calib.streams.recorded import is_recorded
 
     from .streams import named_topics
 
@@ -124,7 +121,8 @@ def _folder_of(args: argparse.Namespace) -> Iterator[Path]:
         return
     topics = Topics.of(named_topics([args.topic] if args.topic else [], ("image",)))
     with TemporaryDirectory(prefix="vbaa-views-") as name:
-        count = unpack_views(args.images, Path(name), topics, _VIEWS)
+        # most views of a video or bag
+        count = unpack_views(args.images, Path(name), topics, 60)
         kept = len(list(Path(name).iterdir()))
         if not kept:
             raise InputError("holds no pictures", where=args.images, remedy="record the board in many poses")

@@ -32,10 +32,6 @@ if TYPE_CHECKING:
 
     _Sink: TypeAlias = "ContactBag | Datagrams | GrowingTable | RerunLog | _Lines"
 
-_LATENCIES = 100_000
-"""Of so many of the last frames the latency's quantiles are told."""
-_SHOWN_S = 1.0
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("rig", type=Path, help="rig.json of `vbaa calibrate`")
@@ -125,7 +121,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _clocked(args: argparse.Namespace, estimator: ContactEstimator, timing: Timing, ground: Ground | None) -> Timing:
     """With the clocks' offset. Raises InputError where it cannot be estimated."""
     from vbaa_calib.core.errors import InputError
-    from vbaa_calib.streams.open import is_recorded
+    from vbaa_calib.streams.recorded import is_recorded
 
     path = Path(args.source)
     if args.clock_offset == streams.ESTIMATE and (args.source == "-" or not is_recorded(path)):
@@ -138,7 +134,7 @@ def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> MessageSource
     """The source that is named, with its readings. Raises InputError."""
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.devices import udp_socket, with_datagrams
-    from vbaa_calib.streams.open import is_recorded, open_running
+    from vbaa_calib.streams.recorded import is_recorded, open_running
 
     path = Path(args.source)
     if is_recorded(path) and args.source != "-":
@@ -281,19 +277,20 @@ def _interruptible() -> Iterator[list[int]]:
 
 @dataclass(eq=False)
 class _Monitor:
-    """What a person sees while it runs, and what is told in the end."""
+    """What a person sees while it runs, and the summary in the end."""
 
     source: MessageSource
     live: LiveEstimator
     watched: bool
     stops: bool = False
-    latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=_LATENCIES))
+    # the frames that quantiles of the latency are of
+    latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
     amended: int = 0
     next_s: float = 0.0
     begin_s: float = field(default_factory=time.monotonic)
     warned: set[str] = field(default_factory=set)
     at_once: dict[int, str] = field(default_factory=dict)
-    told: int = 0
+    reported: int = 0
 
     def __post_init__(self) -> None:
         from estimator.table.overview import Overview
@@ -322,16 +319,17 @@ class _Monitor:
         self._warn(frame)
         now_s = time.monotonic()
         if now_s >= self.next_s and sys.stderr is not None and sys.stderr.isatty():
-            self.next_s = now_s + _SHOWN_S
+            # a line every second
+            self.next_s = now_s + 1.0
             self._show(contact, now_s)
 
     def news(self) -> None:
         """Says what the source has to tell, as it comes, and once that the pictures have changed their size."""
         from vbaa_calib.core.console import say
 
-        for note in self.source.notes[self.told :]:
+        for note in self.source.notes[self.reported :]:
             say(note)
-        self.told = len(self.source.notes)
+        self.reported = len(self.source.notes)
         other = "pictures of another size"
         if other not in self.warned and self.live.synchronizer.counts[other]:
             self.warned.add(other)

@@ -12,8 +12,6 @@ from vbaa_calib.core.console import say
 from vbaa_calib.core.files import replacing
 from viz.files.outputs import refuse_output
 
-_SUFFIXES = (".png", ".jpg", ".jpeg")
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("image", type=Path, help="a picture of the antenna, at the size that the rig was calibrated at")
@@ -35,7 +33,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     pan, tilt = pan_tilt_rad(args)
     if args.output is not None:
-        refuse_output(args.output, _SUFFIXES, args.force, (args.image, args.background))
+        refuse_output(args.output, (".png", ".jpg", ".jpeg"), args.force, (args.image, args.background))
 
     import cv2
     import numpy as np
@@ -52,8 +50,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.session import Frame, check_pictures
 
     rig = usable_rig(args.rig)
-    given = [path for path in (args.image, args.background) if path not in (None, AUTO)]
-    check_pictures(given, rig.camera.image_size, "the rig was calibrated at")
+    pictures = [path for path in (args.image, args.background) if path not in (None, AUTO)]
+    check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
     frame = Frame(image=args.image, pan_rad=pan, tilt_rad=tilt, moment_Nm=0.0, frame=0, time_s=0.0)
     plane, own = rig.image.paint.plane, read_picture(args.image)
     plain = plane(own)

@@ -161,10 +161,10 @@ def _topics_of(args: argparse.Namespace) -> Topics:
     return Topics.of(named, degrees=args.degrees)
 
 
-def named_topics(given: Iterable[str], roles: Sequence[str] = _ROLES) -> dict[str, str]:
+def named_topics(entries: Iterable[str], roles: Sequence[str] = _ROLES) -> dict[str, str]:
     """Topics by their role, of ROLE=NAME. Raises InputError for what is no role."""
     named = {}
-    for text in given:
+    for text in entries:
         role, _, name = text.partition("=")
         if role not in roles or not name:
             raise InputError(f"--topic is {text!r}", remedy="write it like --topic image=/camera/image_raw")
@@ -175,7 +175,7 @@ def named_topics(given: Iterable[str], roles: Sequence[str] = _ROLES) -> dict[st
 def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> MessageSource:
     """A bag, a video or a table of pictures, with its readings. Raises InputError."""
     from vbaa_calib.convert.child import is_bag
-    from vbaa_calib.streams.open import open_recorded
+    from vbaa_calib.streams.recorded import open_recorded
 
     table = args.readings
     if table is None and not is_bag(path) and path.suffix.lower() == ".csv":

@@ -18,14 +18,6 @@ from viz.files.outputs import refuse_output
 if TYPE_CHECKING:
     from viz.scene.scene import Scene
 
-_OUTPUTS = {
-    "screenshot": (".png",),
-    "turntable": (".gif", ".mp4"),
-    "html": (".html", ".htm"),
-    "gltf": (".glb", ".gltf"),
-}
-"""What can be written → the suffixes that it may have."""
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
@@ -78,10 +70,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     if args.rerun is not None:
         return _in_rerun(args)
-    outputs: dict[str, Path] = {name: path for name in _OUTPUTS if (path := getattr(args, name)) is not None}
+    # What can be written → the suffixes that it may have.
+    suffixes = {
+        "screenshot": (".png",),
+        "turntable": (".gif", ".mp4"),
+        "html": (".html", ".htm"),
+        "gltf": (".glb", ".gltf"),
+    }
+    outputs: dict[str, Path] = {name: path for name in suffixes if (path := getattr(args, name)) is not None}
     inputs = (args.contacts, args.rig, args.framewise, args.object, args.other, args.truth, args.picture)
     for name, path in outputs.items():
-        refuse_output(path, _OUTPUTS[name], args.force, inputs)
+        refuse_output(path, suffixes[name], args.force, inputs)
     unseen = not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     if not outputs and unseen and sys.platform.startswith("linux"):
         raise _no_display()
@@ -95,7 +94,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     if not outputs:
         require_opengl()
-    scene, frames = scene_of(args)
+    scene, frames = _scene_of(args)
     look = {"mode": args.color, "force": args.force}
     # page and glTF need no OpenGL: they are written before the picture may fail
     if args.html is not None:
@@ -116,7 +115,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "frames": frames,
         "moments": len(scene.instants),
         "facts": list(scene.facts),
-        **{name: str(outputs[name]) if name in outputs else None for name in _OUTPUTS},
+        **{name: str(outputs[name]) if name in outputs else None for name in suffixes},
     }
 
 
@@ -125,7 +124,7 @@ def _no_display() -> Exception:
     return InputError("there is no display to open a window on", remedy=remedy)
 
 
-def scene_of(args: argparse.Namespace) -> tuple[Scene, int]:
+def _scene_of(args: argparse.Namespace) -> tuple[Scene, int]:
     """All that is read and found, as a scene, and how many frames that was."""
     from estimator.object.estimate import estimate_object
     from estimator.table.files import read_contacts

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
 _OPTIONS = (*QUESTIONS, *SOURCES, *TABLES)
 _PATHS = {"board", "source"} | {question.key for question in (*SOURCES, *TABLES) if question not in OF_LENS_FILE}
-_LAST_PORT = 65535
-_READ = Question("read", "", "Press Enter when you have read the report", kind="text", default="done")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -71,14 +69,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.convert.values import Wanted
     from vbaa_calib.wizard.store import Store
 
-    if not 0 <= args.port <= _LAST_PORT:
-        raise InputError(f"there is no port {args.port}", where="--port", remedy=f"0 for any, or up to {_LAST_PORT}")
-    given = _answers_given(args)
-    if "camera" in given:  # before anything is touched
-        read_lens(Path(given["camera"]), Wanted.of(given))
+    if not 0 <= args.port <= 65535:
+        raise InputError(f"there is no port {args.port}", where="--port", remedy="0 for any, or up to 65535")
+    answers = _answers_given(args)
+    if "camera" in answers:  # before anything is touched
+        read_lens(Path(answers["camera"]), Wanted.of(answers))
     try:
         with Store(args.session) as store:
-            return _run(args, store, given)
+            return _run(args, store, answers)
     except KeyboardInterrupt:
         say(f"stopped; `vbaa wizard {args.session}` goes on here, with all that it reported as taken")
         raise
@@ -118,7 +116,7 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
-def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[str, Any]:
+def _run(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> dict[str, Any]:
     from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.convert.values import Wanted
     from vbaa_calib.wizard.asking import adopt, check_together, set_unlisted_aside
@@ -146,11 +144,11 @@ def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[
             ui.say(f"{len(lost)} pictures are gone or have changed, and are not used: {names}")
         set_unlisted_aside(store, ui)
         before = store.journal.answers
-        keys = ("board", "paper") if given.get("board", before.get("board")) == "new" else ("board",)
-        changed = {key for key, value in given.items() if before.get(key) != value}
+        keys = ("board", "paper") if answers.get("board", before.get("board")) == "new" else ("board",)
+        changed = {key for key, value in answers.items() if before.get(key) != value}
         other_board = "measure_x_mm" in before and not changed.isdisjoint(keys)
         stale = BOARD_ANSWERS if other_board else ()
-        known = {key: value for key, value in before.items() if key not in stale} | given
+        known = {key: value for key, value in before.items() if key not in stale} | answers
         check_together(known)
         if changed & {one.key for one in OF_LENS_FILE}:
             read_lens(Path(known["camera"]), Wanted.of(known))
@@ -158,7 +156,7 @@ def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[
         again = ["plane"] if "plane_way" in changed and store.journal.of("plane").taken else []
         for step in [*again, *(["board"] if other_board else []), *([args.redo] if args.redo else [])]:
             redo(store, ui, step, by_flag=step == args.redo)
-        store.answer(given)
+        store.answer(answers)
         if args.reopen:
             store.close(args.reopen, "")
         try:
@@ -169,7 +167,7 @@ def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[
         ui.done(document, str(store.root / REPORT))
         if url:  # the page stays until it was read
             with contextlib.suppress(Interrupted):
-                ui.ask(_READ)
+                ui.ask(Question("read", "", "Press Enter when you have read the report", kind="text", default="done"))
         return _result(store, document)
     finally:
         ui.close()

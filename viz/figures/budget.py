@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from estimator.budget.budget import CAUSES, OWN, Budget
-from estimator.budget.parts import FORCE_PRIOR, per_result
+from estimator.budget.budget import CAUSES, OWN, Budget, per_result
 from estimator.budget.report import RESULT_NAMES, TABLES, unit_of
 from viz.pages.page import number, render
 
-from .drawing import INK, Plot, key_rows
-
-_LEAST_SHARE = 0.1  # of the variance, in percent, that is drawn
+from .drawing import Plot, key_rows
+from .settings import STYLE
 
 Looks = tuple[str, str]
 """Name and colour of a cause."""
@@ -34,9 +32,9 @@ def budget_figure(budget: Budget) -> str:
     drawn = [*_shares(grouped), *_shares(of_rig)]
     key = [(colour, name, "block") for name, colour in dict.fromkeys(drawn)]
     if len(np.unique(budget.touches.distance_m)) > 1:
-        kept = {one: rows for one, rows in grouped.items() if one != look[FORCE_PRIOR]}
+        kept = {one: rows for one, rows in grouped.items() if one != look["force_prior"]}
         panels.append(_along(budget, kept))
-        key.append((INK, "all", "line"))
+        key.append((STYLE.ink, "all", "line"))
     (wide, tall), width = panels[0].size, panels[0].size[0] * len(panels)
     rows = key_rows(key, width - 48)
     sheet = Plot("", (width, tall + 24 * len(rows) + 12), (0, 0, 0, 0), x_ticks=((), ()), y_ticks=((), ()), grid="")
@@ -59,7 +57,8 @@ def _shares(variances: Mapping[Looks, np.ndarray]) -> dict[Looks, np.ndarray]:
     means = {one: np.array([per_result(rows)[name].mean() for name in TABLES]) for one, rows in variances.items()}
     total: np.ndarray = np.sum(list(means.values()), axis=0)
     shares = {one: 100.0 * mean / np.where(total > 0.0, total, 1.0) for one, mean in means.items()}
-    return {one: share for one, share in shares.items() if share.max() >= _LEAST_SHARE}
+    # percent of the variance: smaller causes are not drawn
+    return {one: share for one, share in shares.items() if share.max() >= 0.1}
 
 
 def _bars(title: str, std: Mapping[str, float], variances: Mapping[Looks, np.ndarray]) -> Plot:
@@ -88,7 +87,7 @@ def _bars(title: str, std: Mapping[str, float], variances: Mapping[Looks, np.nda
 def _along(budget: Budget, variances: Mapping[Looks, np.ndarray]) -> Plot:
     """The deviation of l over the distance, rms over directions and loads."""
     distances, which = np.unique(budget.touches.distance_m, return_inverse=True)
-    every = {**variances, ("all", INK): np.sum(list(budget.variances.values()), axis=0)}
+    every = {**variances, ("all", STYLE.ink): np.sum(list(budget.variances.values()), axis=0)}
     logs = {
         one: np.log10(1e3 * np.sqrt(np.bincount(which, per_result(rows)["distance_m"]) / np.bincount(which)) + 1e-9)
         for one, rows in every.items()

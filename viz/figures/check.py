@@ -12,29 +12,14 @@ from contourpy import contour_generator
 
 from viz.scene.readable import hexes, on_ramp, round_down
 
-from .drawing import (
-    AMBER,
-    INK,
-    RED,
-    TEAL,
-    Plot,
-    limits,
-    picture,
-    ticks_in,
-)
-
-_MAP = ("#f3faf7", "#bfe3d8", "#6cbfb4", "#23878f", "#15506f", "#1b2a4e")
-_INNER_PX = 420.0
-_MOST_ARROWS, _MOST_VIEWS, _MOST_LEVELS = 4000, 30, 6
-_CELLS = (8, 6)
-_STILLS = ("#0f766e", "#1d4ed8", "#b45309", "#7c3aed", "#be185d", "#475569")
-_PALE = "#3b9c91"
+from .drawing import Plot, limits, picture, ticks_in
+from .settings import STYLE
 
 
 def _picture_axes(title: str, image_size: Sequence[float], right: float = 18.0, grid: str = "xy") -> Plot:
     """Axes over a picture (width, height), rows downward, its aspect kept."""
     width, height = (float(size) for size in image_size)
-    size = (76 + _INNER_PX + right, 104 + _INNER_PX * height / width)
+    size = (76 + STYLE.map_px + right, 104 + STYLE.map_px * height / width)
     ends = ((-0.5, width - 0.5), (height - 0.5, -0.5))
     return Plot(title, size, (76, right, 54, 50), *ends, ("u, px", "v, px"), grid=grid)
 
@@ -69,7 +54,7 @@ def heat_map(title: str, data: Mapping[str, Any], image_size: Sequence[float], e
     rays = np.array(data["has_ray"], float)
     if (rays < 0.5).any() and (rays > 0.5).any():
         for one in _contours(x, y, rays, 0.5):
-            axes.paths(one[None], "rays", stroke=RED, width=2.0, dashes=(7, 3))
+            axes.paths(one[None], "rays", stroke=STYLE.red, width=2.0, dashes=(7, 3))
     seen = [row for row in extra if row["u_px"] is not None]
     if len(seen) > 1:
         points = np.array([[row["u_px"], row["v_px"]] for row in seen])
@@ -83,7 +68,7 @@ def heat_map(title: str, data: Mapping[str, Any], image_size: Sequence[float], e
 
 def _heat(share: np.ndarray) -> bytes:
     """A PNG of shares (rows, columns) from 0 to 1 in the map's colours, smooth; transparent where they are NaN."""
-    colours = on_ramp(_MAP, share.ravel()).reshape(*share.shape, 3)[..., ::-1]
+    colours = on_ramp(STYLE.map, share.ravel()).reshape(*share.shape, 3)[..., ::-1]
     opaque = np.where(np.isfinite(share), 255, 0).astype(np.uint8)
     size = (8 * share.shape[1], 8 * share.shape[0])
     smooth = cv2.resize(np.ascontiguousarray(colours), size, interpolation=cv2.INTER_LINEAR)
@@ -95,12 +80,12 @@ def _levels(low: float, high: float) -> list[float]:
     """Round values between two, evenly spaced, or by factors where high is many times low."""
     if not 0 < low < high:
         return []
-    found = ticks_in(low, high, _MOST_LEVELS - 1)[0]
+    found = ticks_in(low, high, STYLE.most_levels - 1)[0]
     if high >= 5 * low:
         powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
         found = [step * 10.0**power for power in powers for step in (1, 2, 5)]
     found = [float(f"{value:.6g}") for value in found if low < value < high]
-    return found[:: -(-len(found) // _MOST_LEVELS)] if found else []
+    return found[:: -(-len(found) // STYLE.most_levels)] if found else []
 
 
 def _contours(x: np.ndarray, y: np.ndarray, values: np.ndarray, at: float) -> list[np.ndarray]:
@@ -111,7 +96,7 @@ def _contours(x: np.ndarray, y: np.ndarray, values: np.ndarray, at: float) -> li
 def _write_scale(axes: Plot, low: float, high: float, title: str) -> None:
     """A bar of the map's colours to the right of it, with five values, and what they are."""
     (wide, tall), (left, _, top, _), (bottom, end) = axes.inner, axes.margins, axes.y
-    colours = hexes(on_ramp(_MAP, 1.0 - (np.arange(42) + 0.5) / 42))
+    colours = hexes(on_ramp(STYLE.map, 1.0 - (np.arange(42) + 0.5) / 42))
     for row, colour in enumerate(colours):
         box = f'x="{left + wide + 16:g}" y="{top + row * tall / 42:.1f}" width="14" height="{tall / 42 + 0.5:.1f}"'
         axes.over.append(f'<rect {box} fill="{colour}"/>')
@@ -125,12 +110,12 @@ def coverage(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -
     """Where the corners lie, and how many in each of 8 × 6 fields."""
     axes, size = _picture_axes("where the corners lie", image_size), np.array(image_size, float)
     corners_px = _joined(boards)[0]
-    cells = np.clip((corners_px + 0.5) / size * _CELLS, 0, np.array(_CELLS) - 1).astype(int)
-    counts = np.zeros(_CELLS, int)
+    cells = np.clip((corners_px + 0.5) / size * STYLE.cells, 0, np.array(STYLE.cells) - 1).astype(int)
+    counts = np.zeros(STYLE.cells, int)
     np.add.at(counts, tuple(cells.T), 1)
-    middle, step = max(float(np.median(counts)), 1.0), size / _CELLS
-    fills = hexes(on_ramp(_MAP, 0.08 + 0.25 * np.minimum(counts.ravel() / middle, 2.0)))
-    for cell, count, fill in zip(np.ndindex(*_CELLS), counts.ravel().tolist(), fills, strict=True):
+    middle, step = max(float(np.median(counts)), 1.0), size / STYLE.cells
+    fills = hexes(on_ramp(STYLE.map, 0.08 + 0.25 * np.minimum(counts.ravel() / middle, 2.0)))
+    for cell, count, fill in zip(np.ndindex(*STYLE.cells), counts.ravel().tolist(), fills, strict=True):
         corners = (np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) + cell) * step - 0.5
         axes.paths(corners[None], "field", fill=fill if count else "#fde8e8", tip=f"{count} corners")
     axes.dots(corners_px[:, 0], corners_px[:, 1], "#12355b", 2.4)
@@ -142,15 +127,15 @@ def residual_arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[fl
     lengths = np.linalg.norm(_joined(boards)[1], axis=1)
     long_px = max(float(np.quantile(lengths, 0.95)), 1e-6)
     factor = round_down(0.045 * float(image_size[0]) / long_px)
-    every = -(-len(lengths) // _MOST_ARROWS)
+    every = -(-len(lengths) // STYLE.most_arrows)
     axes = _picture_axes(f"residuals, {factor:g} times enlarged", image_size)
     for view in boards:
         corners, residuals, good = (values[::every] for values in _joined([view]))
-        for chosen, colour in ((good, AMBER if view["folder"] == "plane" else TEAL), (~good, RED)):
+        for chosen, colour in ((good, STYLE.amber if view["folder"] == "plane" else STYLE.teal), (~good, STYLE.red)):
             start = corners[chosen]
             arrows = np.stack([start, start + factor * residuals[chosen]], axis=1)
             axes.paths(arrows, "arrows", stroke=colour, width=1.3)
-        axes.dots(corners[:, 0], corners[:, 1], INK, 1.8)
+        axes.dots(corners[:, 0], corners[:, 1], STYLE.ink, 1.8)
     length_px = round_down(long_px)
     long, right = axes.inner[0] * factor * length_px / float(image_size[0]), axes.size[0] - axes.margins[1]
     axes.over.append(f'<path class="sample" d="M{right - long:.1f} 42h{long:.1f}"/>')
@@ -178,43 +163,43 @@ def residuals_by_radius(boards: Sequence[Mapping[str, Any]], centre_px: Sequence
         y=(-reach, reach),
         labels=("distance from the lens' centre, px", "outward residual, px"),
     )
-    axes.dots(radius[good], outward[good], _PALE, 2.6)
+    axes.dots(radius[good], outward[good], STYLE.pale, 2.6)
     edges = np.quantile(radius[good], np.linspace(0, 1, 11)) if good.any() else np.zeros(0)
     rings = [good & (radius >= low) & (radius <= high) for low, high in pairwise(edges)]
     rings = [ring for ring in rings if ring.sum() >= 3]
     middle, mean = (np.array([values[ring].mean() for ring in rings]) for values in (radius, outward))
     error = np.array([2 * outward[ring].std() / np.sqrt(ring.sum()) for ring in rings])
-    axes.bars(middle, mean - error, mean + error, INK, 1.6)
-    axes.line(middle, mean, INK, 2.0)
-    axes.legend([(_PALE, "corner", "dot"), (INK, "mean ± 2 std", "line")])
+    axes.bars(middle, mean - error, mean + error, STYLE.ink, 1.6)
+    axes.line(middle, mean, STYLE.ink, 2.0)
+    axes.legend([(STYLE.pale, "corner", "dot"), (STYLE.ink, "mean ± 2 std", "line")])
     return axes
 
 
 def views_rms(boards: Sequence[Mapping[str, Any]], expected_px: float | None) -> Plot:
     """Each picture's rms; the worst where there are many."""
-    worst = sorted(boards, key=lambda view: -float(view["rms_px"]))[:_MOST_VIEWS]
-    shown = sorted(worst, key=lambda view: (view["folder"], view["name"]))
-    names, rms = [str(view["name"])[-24:] for view in shown], [float(view["rms_px"]) for view in shown]
+    worst = sorted(boards, key=lambda view: -float(view["rms_px"]))[: STYLE.most_views]
+    listed = sorted(worst, key=lambda view: (view["folder"], view["name"]))
+    names, rms = [str(view["name"])[-24:] for view in listed], [float(view["rms_px"]) for view in listed]
     left, most = 14.0 + 8.2 * max(map(len, names)), max(rms + ([expected_px] if expected_px else []))
     axes = Plot(
         "rms of every picture",
-        (520.0, 110.0 + 17.0 * len(shown)),
+        (520.0, 110.0 + 17.0 * len(listed)),
         (left, 18, 54, 50),
         x=(0.0, 1.12 * most),
-        y=(len(shown) - 0.5, -0.5),
+        y=(len(listed) - 0.5, -0.5),
         labels=("rms, px", ""),
         y_ticks=(range(len(names)), names),
         grid="x",
     )
-    for row, (view, long) in enumerate(zip(shown, rms, strict=True)):
+    for row, (view, long) in enumerate(zip(listed, rms, strict=True)):
         corners = np.array([[0.0, row - 0.3], [long, row - 0.3], [long, row + 0.3], [0.0, row + 0.3]])
-        axes.paths(corners[None], "bar", fill=AMBER if view["folder"] == "plane" else TEAL)
-    folders = {view["folder"] for view in shown}
-    kinds = (("intrinsics", TEAL, "intrinsics"), ("plane", AMBER, "jig")) if len(folders) > 1 else ()
+        axes.paths(corners[None], "bar", fill=STYLE.amber if view["folder"] == "plane" else STYLE.teal)
+    folders = {view["folder"] for view in listed}
+    kinds = (("intrinsics", STYLE.teal, "intrinsics"), ("plane", STYLE.amber, "jig")) if len(folders) > 1 else ()
     entries = [(colour, words, "dot") for _, colour, words in kinds]
     if expected_px:
-        axes.upright(expected_px, INK, dashes=(5, 3))
-        entries.append((INK, "expected", "dashes"))
+        axes.upright(expected_px, STYLE.ink, dashes=(5, 3))
+        entries.append((STYLE.ink, "expected", "dashes"))
     axes.legend(entries)
     return axes
 
@@ -226,9 +211,9 @@ def free_residuals(rows: Sequence[Mapping[str, Any]], length_mm: float) -> Plot:
     labels = ("distance from the clamp, mm", "residual across it, mm")
     axes = Plot("free antenna: measured minus predicted", x=(0.0, length_mm), y=(-reach, reach), labels=labels)
     for index, row in enumerate(rows):
-        axes.line(row["arclength_mm"], row["residual_mm"], _STILLS[index % len(_STILLS)], 1.6)
-    named = [(_STILLS[index], str(row["image"])[-16:], "line") for index, row in enumerate(rows[:3])]
-    axes.legend(named if len(rows) <= 3 else [(_STILLS[0], f"{len(rows)} pictures, a colour each", "line")])
+        axes.line(row["arclength_mm"], row["residual_mm"], STYLE.stills[index % len(STYLE.stills)], 1.6)
+    named = [(STYLE.stills[index], str(row["image"])[-16:], "line") for index, row in enumerate(rows[:3])]
+    axes.legend(named if len(rows) <= 3 else [(STYLE.stills[0], f"{len(rows)} pictures, a colour each", "line")])
     return axes
 
 
@@ -236,14 +221,14 @@ def stiffness_by_load(loads: Sequence[Mapping[str, Any]]) -> Plot:
     """EI by each load alone, against the rig's."""
     step = np.array([row["stiffness_percent"] for row in loads], float)
     std = np.array([row["stiffness_std_percent"] for row in loads], float)
-    odd = np.array([row["look_at"] for row in loads], bool)
+    suspect = np.array([row["look_at"] for row in loads], bool)
     ends = limits(step - 2 * std, step + 2 * std, [0.0])
     axes = _counted_axes("EI by each load, against the rig's", len(loads), ends, ("load", "difference of EI, %"))
     number = np.arange(1, len(loads) + 1)
-    for chosen, colour in ((~odd, TEAL), (odd, RED)):
+    for chosen, colour in ((~suspect, STYLE.teal), (suspect, STYLE.red)):
         axes.bars(number[chosen], (step - 2 * std)[chosen], (step + 2 * std)[chosen], colour, 1.6)
         axes.dots(number[chosen], step[chosen], colour, 8.0)
-    axes.legend([(TEAL, "± 2 std", "dot"), (RED, "look at", "dot")])
+    axes.legend([(STYLE.teal, "± 2 std", "dot"), (STYLE.red, "look at", "dot")])
     return axes
 
 
@@ -255,9 +240,9 @@ def moment_residuals(rows: Sequence[Mapping[str, Any]], std_Nm: float) -> Plot:
     ends = limits(residual, [3 * std, -3 * std])
     axes = _counted_axes("moment: measured minus predicted", len(rows), ends, ("picture", "residual, µN·m"))
     axes.band(np.array(axes.x), np.full(2, -2 * std), np.full(2, 2 * std), "#7fccc0", 0.35)
-    for chosen, colour in ((~loaded, TEAL), (loaded, AMBER)):
+    for chosen, colour in ((~loaded, STYLE.teal), (loaded, STYLE.amber)):
         axes.dots(number[chosen], residual[chosen], colour, 8.0)
-    axes.legend([(TEAL, "free", "dot"), (AMBER, "loaded", "dot"), ("#7fccc0", "noise ± 2 std", "band")])
+    axes.legend([(STYLE.teal, "free", "dot"), (STYLE.amber, "loaded", "dot"), ("#7fccc0", "noise ± 2 std", "band")])
     return axes
 
 
@@ -265,5 +250,5 @@ def _counted_axes(title: str, count: int, y: tuple[float, float], labels: tuple[
     """Axes over the numbers 1 to `count`, with a line at 0."""
     x = (0.4, count + 0.6)
     axes = Plot(title, x=x, y=y, labels=labels, x_ticks=ticks_in(*x, most=12, least_step=1.0))
-    axes.level(0.0, INK)
+    axes.level(0.0, STYLE.ink)
     return axes

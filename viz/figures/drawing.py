@@ -16,25 +16,19 @@ from numpy.typing import ArrayLike
 
 from viz.scene.readable import hexes, on_ramp, round_down
 
-INK, SOFT = "#1f2937", "#5b6676"
-TEAL, AMBER, RED, SLATE = "#0f766e", "#b45309", "#dc2626", "#64748b"
-ESTIMATE, TRUTH = TEAL, AMBER
-RAMP = ("#375a8c", "#2c738e", "#228b8d", "#20a386", "#3bbb75", "#6ece58", "#b0dd2f")
-"""From early to late, dark to light: distinguishable without colour vision, and on a page of either brightness."""
+from .settings import STYLE
+
 _THEMED = re.compile(
     r"#(ffffff|1f2937|111827|334155|5b6676|64748b|dde3ea|eceff3|0f766e|b45309|dc2626|0072b2|c2410c|7c3aed|12355b)\b"
 )
 """Colours for which a page in the dark has others, by the variables of `viz/pages/templates/style.css`."""
-_LETTER_PX = 7.2
-"""Width of a tick's letter, on average, from which the room for titles, keys and tick labels is estimated."""
-_SIGNS = {"dot": "●", "ring": "○", "line": "━", "dashes": "╍", "band": "■", "block": "■"}
 Places = Sequence[float] | np.ndarray
 Ticks = tuple[Sequence[float], Sequence[str]]
 """Places on an axis, and what is written at each."""
 
 
 @dataclass(frozen=True, eq=False)
-class Marks:
+class PlotMarks:
     """Marks that look alike, in the units of their axes.
 
     Attributes
@@ -71,7 +65,7 @@ class Plot:
     x_ticks: Ticks | None = None
     y_ticks: Ticks | None = None
     grid: str = "xy"
-    marks: list[Marks] = field(default_factory=list)
+    marks: list[PlotMarks] = field(default_factory=list)
     under: list[str] = field(default_factory=list)
     over: list[str] = field(default_factory=list)
     key: list[tuple[str, str, str]] = field(default_factory=list)
@@ -111,11 +105,11 @@ class Plot:
         if self.labels[0]:
             parts.append(_text(left + wide / 2, top + tall + 36, self.labels[0], "middle"))
         if self.labels[1]:
-            away = max(left - 16 - _LETTER_PX * max(map(len, y_names), default=0), 13.0)
+            away = max(left - 16 - STYLE.letter_px * max(map(len, y_names), default=0), 13.0)
             parts.append(_text(away, top + tall / 2, self.labels[1], "middle", turned=True))
         # the title moves up where the key would run into it
-        long = 1.14 * _LETTER_PX * len(self.title)
-        long += sum(_LETTER_PX * (len(words) + 3.5) for _, words, _ in self.key) if self.key and top <= 40 else 0
+        long = 1.14 * STYLE.letter_px * len(self.title)
+        long += sum(STYLE.letter_px * (len(words) + 3.5) for _, words, _ in self.key) if self.key and top <= 40 else 0
         more = 20 if long > wide else 0
         if self.title:
             parts.append(_text(left, (24 if top > 40 else top - 10) - more, self.title, "start", "title"))
@@ -131,17 +125,17 @@ class Plot:
         """N lines or, with `fill`, polygons of K corners, (N, K, 2), as one mark; nothing for none."""
         points = np.asarray(points, float)
         if len(points):
-            self.marks.append(Marks(name, points, **look))
+            self.marks.append(PlotMarks(name, points, **look))
 
     def line(self, x: Places, y: Places, colour: str, width: float = 1.0, name: str = "line", **look: Any) -> None:
         """One line through x, y (K,)."""
         self.paths(np.column_stack([x, y])[None], name, stroke=colour, width=width, **look)
 
-    def level(self, y: float = 0.0, colour: str = SOFT) -> None:
+    def level(self, y: float = 0.0, colour: str = STYLE.soft) -> None:
         """A line at y over the whole plot."""
         self.line(self.x, (y, y), colour, name="level")
 
-    def upright(self, x: float, colour: str = SOFT, **look: Any) -> None:
+    def upright(self, x: float, colour: str = STYLE.soft, **look: Any) -> None:
         """A line at x over the whole plot."""
         self.line((x, x), self.y, colour, name="upright", **look)
 
@@ -155,7 +149,7 @@ class Plot:
         """Filled points at x, y (N,); any number of them is one short path."""
         if len(x):
             at = np.column_stack([x, y]).astype(float)[:, None]
-            self.marks.append(Marks("dots", at, stroke=colour, width=size, round_ends=True))
+            self.marks.append(PlotMarks("dots", at, stroke=colour, width=size, round_ends=True))
 
     def bars(self, x: np.ndarray, low: np.ndarray, high: np.ndarray, colour: str, width: float = 1.3) -> None:
         """Upright bars from low to high (N,), cut at the plot's edge."""
@@ -176,7 +170,7 @@ class Plot:
         for group in _groups(len(centre)):
             colour = colours[group[len(group) // 2]]
             fill, stroke = pale(colour, 0.22), pale(colour, 0.7)
-            self.marks.append(Marks("ellipses", shapes[group], fill, stroke, 0.7, ellipse=True))
+            self.marks.append(PlotMarks("ellipses", shapes[group], fill, stroke, 0.7, ellipse=True))
 
     def dots_by_time(self, at: np.ndarray, time_s: np.ndarray) -> None:
         """Points (P, 2) in the order of time, coloured by it: a few groups of equal colour."""
@@ -195,14 +189,15 @@ class Plot:
 def _entry(entry: tuple[str, str, str]) -> str:
     colour, words, sign = entry
     look = _colour("fill", pale(colour, 0.35) if sign == "band" else colour)
-    return f'<tspan style="{look}" dx="13">{_SIGNS[sign]}</tspan><tspan dx="4">{escape(words, quote=False)}</tspan>'
+    signs = {"dot": "●", "ring": "○", "line": "━", "dashes": "╍", "band": "■", "block": "■"}
+    return f'<tspan style="{look}" dx="13">{signs[sign]}</tspan><tspan dx="4">{escape(words, quote=False)}</tspan>'
 
 
 def key_rows(entries: Sequence[tuple[str, str, str]], width_px: float) -> list[str]:
     """Entries as `Plot.legend` takes them, as SVG for as many texts of at most a width as they need."""
     rows, used = [""], 0.0
     for entry in entries:
-        wide = _LETTER_PX * (len(entry[1]) + 5)
+        wide = STYLE.letter_px * (len(entry[1]) + 5)
         if rows[-1] and used + wide > width_px:
             rows, used = [*rows, ""], 0.0
         rows[-1], used = rows[-1] + _entry(entry), used + wide
@@ -218,7 +213,7 @@ def _text(x: float, y: float, words: str, anchor: str, kind: str = "", turned: b
 
 
 def picture(image: bytes, corners_px: np.ndarray) -> str:
-    """A PNG or JPEG whose upper left, upper right and lower left corners are at (3, 2) px, as SVG."""
+    """A PNG or JPEG with its upper left, upper right and lower left corners at (3, 2) px, as SVG."""
     kind = "png" if image.startswith(b"\x89PNG") else "jpeg"
     data = base64.b64encode(image).decode()
     start, right, down = corners_px
@@ -257,7 +252,7 @@ def _drawn(axes: Plot) -> Iterator[str]:
         yield f"<g><title>{escape(tip)}</title>{drawn}</g>" if tip else drawn
 
 
-def _mark_path(axes: Plot, mark: Marks) -> str:
+def _mark_path(axes: Plot, mark: PlotMarks) -> str:
     at = axes.pixels(mark.points)
     return _arcs(at[:, 0], at[:, 1:] - at[:, :1]) if mark.ellipse else _path(at, closed=bool(mark.fill))
 
@@ -281,7 +276,7 @@ def _arcs(centre_px: np.ndarray, half_axes_px: np.ndarray) -> str:
     return one * len(numbers) % tuple(np.clip(numbers, -1e5, 1e5).ravel().tolist())
 
 
-def _look(mark: Marks) -> str:
+def _look(mark: PlotMarks) -> str:
     """CSS of a mark. Colours that a page in the dark has another for are its variables."""
     parts = [_colour("fill", mark.fill)]
     if mark.stroke:
@@ -302,7 +297,7 @@ def _colour(what: str, colour: str) -> str:
 def time_colours(time_s: np.ndarray) -> list[str]:
     """A colour for each time (P,), from the first to the last."""
     first, last = (float(time_s.min()), float(time_s.max())) if len(time_s) else (0.0, 0.0)
-    return hexes(on_ramp(RAMP, (time_s - first) / (last - first) if last > first else np.zeros(len(time_s))))
+    return hexes(on_ramp(STYLE.ramp, (time_s - first) / (last - first) if last > first else np.zeros(len(time_s))))
 
 
 def _groups(count: int) -> list[np.ndarray]:

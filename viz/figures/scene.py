@@ -14,12 +14,12 @@ from viz.scene.readable import contact_scale, hexes, object_scale, on_ramp, roun
 from viz.scene.rig_items import RigItems
 from viz.scene.scene import ObjectMesh, Scene
 
-from .drawing import Marks, Plot, pale, picture
+from .drawing import Plot, PlotMarks, pale, picture
+from .settings import STYLE
 
-_MOST_BALLS, _MOST_TRIANGLES = 600, 6000
 Project = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Points (…, 3) m → (…, 2) px and (…,) px towards the viewer."""
-Pieces = list[tuple[float, Marks]]
+Pieces = list[tuple[float, PlotMarks]]
 """Marks in pixels, each with how near it is to the viewer."""
 
 
@@ -88,11 +88,11 @@ def _touched(scene: Scene, project: Project, scale: float) -> Pieces:
     """Contacts, forces and the reconstructed object."""
     contacts, pieces = scene.contacts, Pieces()
     colours = hexes(contact_scale(scene, "force").rgb)
-    chosen = thinned(np.arange(len(contacts.points_m)), _MOST_BALLS)
+    chosen = thinned(np.arange(len(contacts.points_m)), STYLE.most_balls)
     size = max(2 * scene.ball_m * scale, 2.5)
     for index, at, near in zip(chosen.tolist(), *project(contacts.points_m[chosen]), strict=True):
-        ball = Marks("contact", at[None, None], stroke=colours[index], width=size, round_ends=True)
-        shine = Marks("shine", at[None, None] - 0.16 * size, stroke="#ffffff66", width=0.38 * size, round_ends=True)
+        ball = PlotMarks("contact", at[None, None], stroke=colours[index], width=size, round_ends=True)
+        shine = PlotMarks("shine", at[None, None] - 0.16 * size, stroke="#ffffff66", width=0.38 * size, round_ends=True)
         pieces += [(near, ball), (near, shine)]
     indices, arrows, _ = scene.arrows()
     for index, arrow in zip(indices.tolist(), arrows[:, :, 0], strict=True):
@@ -100,8 +100,8 @@ def _touched(scene: Scene, project: Project, scale: float) -> Pieces:
         length, way = float(np.linalg.norm(arrow)) * scale, ends[2] - ends[1]
         across = 0.07 * length * np.array([-way[1], way[0]]) / max(float(np.linalg.norm(way)), 1e-9)
         head = np.stack([ends[1] + across, ends[2], ends[1] - across])
-        shaft = Marks("force", ends[None, :2], stroke=colours[index], width=max(0.045 * length, 0.8))
-        pieces += [(float(near[1]), shaft), (float(near[1]), Marks("force", head[None], fill=colours[index]))]
+        shaft = PlotMarks("force", ends[None, :2], stroke=colours[index], width=max(0.045 * length, 0.8))
+        pieces += [(float(near[1]), shaft), (float(near[1]), PlotMarks("force", head[None], fill=colours[index]))]
     return [*pieces, *([] if scene.object is None else _object(scene, scene.object, project, scale))]
 
 
@@ -110,7 +110,7 @@ def _object(scene: Scene, mesh: ObjectMesh, project: Project, scale: float) -> P
     stds, plain = object_scale(scene), LOOK["object"][0]
     rgb = np.array([[int(plain[at : at + 2], 16) for at in (1, 3, 5)]] * len(mesh.points_m))
     rgb = rgb if stds is None else stds.rgb
-    faces, pieces = thinned(mesh.triangles, _MOST_TRIANGLES), Pieces()
+    faces, pieces = thinned(mesh.triangles, STYLE.most_faces), Pieces()
     corners = mesh.points_m[faces]
     at, depth = project(corners)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -119,16 +119,16 @@ def _object(scene: Scene, mesh: ObjectMesh, project: Project, scale: float) -> P
     # few colours: neighbours become one path
     colours = hexes((rgb[faces].mean(axis=1) * shade[:, None] / 6).round().astype(int) * 6)
     for colour, place, near in zip(colours, at, depth.mean(axis=1).tolist(), strict=True):
-        pieces.append((near, Marks("object", place[None], fill=colour, stroke=colour, width=0.6)))
+        pieces.append((near, PlotMarks("object", place[None], fill=colour, stroke=colour, width=0.6)))
     disc = 0.03 * scene.bounding_ball_m[1]
-    loose = thinned(np.setdiff1d(np.arange(len(mesh.points_m)), mesh.triangles), _MOST_BALLS)
+    loose = thinned(np.setdiff1d(np.arange(len(mesh.points_m)), mesh.triangles), STYLE.most_balls)
     flat = np.linalg.norm(mesh.normals[loose], axis=1) > 0.5
     half_m = np.where(flat[:, None, None], disc * _across(mesh.normals[loose]), 0.4 * disc * np.eye(3)[:2])
     at, depth = project(mesh.points_m[loose])
     shapes = np.concatenate([at[:, None], project(mesh.points_m[loose, None] + half_m)[0]], axis=1)
     for colour, place, near in zip(hexes(rgb[loose]), shapes, depth.tolist(), strict=True):
-        pieces.append((near, Marks("object", place[None], fill=colour, ellipse=True)))
-    for ends in mesh.points_m[mesh.lines[:_MOST_TRIANGLES]]:
+        pieces.append((near, PlotMarks("object", place[None], fill=colour, ellipse=True)))
+    for ends in mesh.points_m[mesh.lines[: STYLE.most_faces]]:
         pieces += _wire(project, ends, plain, max(0.44 * disc * scale, 1.2))
     return pieces
 
@@ -145,10 +145,10 @@ def _wire(project: Project, points_m: np.ndarray, colour: str, width: float) -> 
     would count where two pieces meet."""
     at, depth = project(points_m)
     if len(colour) > 7:
-        return [(float(depth.mean()), Marks("wire", at[None], stroke=colour, width=width))]
+        return [(float(depth.mean()), PlotMarks("wire", at[None], stroke=colour, width=width))]
     ends = zip(at, at[1:], depth.tolist(), strict=False)
     return [
-        (near, Marks("wire", np.stack([one, other])[None], stroke=colour, width=width, round_ends=True))
+        (near, PlotMarks("wire", np.stack([one, other])[None], stroke=colour, width=width, round_ends=True))
         for one, other, near in ends
     ]
 
@@ -161,7 +161,7 @@ def _translucent(scene: Scene, project: Project) -> Pieces:
         at, depth = project(centre_m + np.vstack([np.zeros(3), axes.T]))
         variance, way = np.linalg.eigh((at[1:] - at[0]).T @ (at[1:] - at[0]))
         shape = np.vstack([at[:1], at[0] + (way * np.sqrt(np.maximum(variance, 0.0))).T])
-        mark = Marks("spread", shape[None], fill=pale(LOOK["spread"][0], 0.22), ellipse=True)
+        mark = PlotMarks("spread", shape[None], fill=pale(LOOK["spread"][0], 0.22), ellipse=True)
         pieces.append((float(depth[0]), mark))
     chosen, axes_m, _ = scene.cones()
     for tip_m, (height, *radii) in zip(points_m[chosen], np.swapaxes(axes_m, 1, 2), strict=True):
@@ -169,8 +169,8 @@ def _translucent(scene: Scene, project: Project) -> Pieces:
         at, depth = project(np.vstack([tip_m, rim]))
         outline = cv2.convexHull(at.astype(np.float32))[:, 0]
         colour, near = LOOK["cones"][0], float(depth[0])
-        pieces.append((near, Marks("cone", outline[None], fill=pale(colour, 0.2))))
-        pieces.append((near, Marks("mouth", at[None, 1:], pale(colour, 0.16), pale(colour, 0.75), 0.8)))
+        pieces.append((near, PlotMarks("cone", outline[None], fill=pale(colour, 0.2))))
+        pieces.append((near, PlotMarks("mouth", at[None, 1:], pale(colour, 0.16), pale(colour, 0.75), 0.8)))
     return pieces
 
 
@@ -191,7 +191,8 @@ def _truth(scene: Scene, project: Project) -> Pieces:
     colours = hexes((rgb / 3).round().astype(int) * 3)
     nearest = zip(colours, at[facing], (depth[facing].mean(axis=1) - 1e6).tolist(), strict=True)
     return [
-        (near, Marks("truth", place[None], fill=colour, stroke=colour, width=0.6)) for colour, place, near in nearest
+        (near, PlotMarks("truth", place[None], fill=colour, stroke=colour, width=0.6))
+        for colour, place, near in nearest
     ]
 
 
@@ -219,10 +220,12 @@ def _whole_rig(scene: Scene, rig: RigItems) -> Markup:
     low, high = turned.min(axis=0), turned.max(axis=0)
     scale = 0.94 * float(min(axes.size / np.maximum(high - low, 1e-9)[:2]))
     project: Project = partial(_projected, world, world.T @ ((low + high) / 2), scale, axes.size)
-    pieces = [(-np.inf, Marks("grid", project(lines)[0], stroke=pale(LOOK["grid"][0], 0.6), width=0.8))]
+    pieces = [(-np.inf, PlotMarks("grid", project(lines)[0], stroke=pale(LOOK["grid"][0], 0.6), width=0.8))]
     if placed:
         colour = LOOK["plane"][0]
-        plane = Marks("plane", project(plane_m)[0][None], fill=pale(colour, 0.09), stroke=pale(colour, 0.8), width=1.2)
+        plane = PlotMarks(
+            "plane", project(plane_m)[0][None], fill=pale(colour, 0.09), stroke=pale(colour, 0.8), width=1.2
+        )
         pieces += [(-np.inf, plane), *_camera(axes, scene, project(picture_m)[0], project(camera_m)[0])]
     pieces += [*_truth(scene, project), *_touched(scene, project, scale), *_antennas(scene, rig, project, scale)]
     _draw(axes, world, pieces)
@@ -236,6 +239,8 @@ def _camera(axes: Plot, scene: Scene, grid: np.ndarray, centre: np.ndarray) -> P
     if seen is not None:
         axes.under.append(picture(cv2.imencode(".jpg", seen[..., ::-1])[1].tobytes(), corners[[0, 1, 3]]))
     rays = np.stack([np.broadcast_to(centre, corners.shape), corners], axis=1)
-    sheet = Marks("camera", corners[None], fill=pale(colour, 0.16 if seen is None else 0.0), stroke=colour, width=1.2)
-    dot = Marks("camera", centre[None, None], stroke=colour, width=7.0, round_ends=True)
-    return [(np.inf, sheet), (np.inf, Marks("camera", rays, stroke=colour, width=1.2)), (np.inf, dot)]
+    sheet = PlotMarks(
+        "camera", corners[None], fill=pale(colour, 0.16 if seen is None else 0.0), stroke=colour, width=1.2
+    )
+    dot = PlotMarks("camera", centre[None, None], stroke=colour, width=7.0, round_ends=True)
+    return [(np.inf, sheet), (np.inf, PlotMarks("camera", rays, stroke=colour, width=1.2)), (np.inf, dot)]

@@ -10,20 +10,8 @@ from markupsafe import Markup
 
 from vbaa_calib.core.robust import finite_median
 
-from .drawing import (
-    ESTIMATE,
-    INK,
-    SOFT,
-    TRUTH,
-    Plot,
-    limits,
-)
-
-_LEFT, _RIGHT, _TOP, _WIDTH = 148.0, 14.0, 34.0, 960.0
-MOST_DOTS = 1500
-"""More frames than this are drawn as the range of each column of pixels."""
-_MOST_EVENTS = 40
-_GAP = 3.0  # frames farther apart than so many usual steps are not joined
+from .drawing import Plot, limits
+from .settings import STYLE
 
 
 class TimeAxis:
@@ -39,18 +27,20 @@ class TimeAxis:
         self.time_s, steps = time_s - self.start_s, np.diff(time_s)
         self.step_s = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
         self.ends_s = float(self.time_s[0]) - 0.5 * self.step_s, float(self.time_s[-1]) + 0.5 * self.step_s
-        self.pixel_s = (self.ends_s[1] - self.ends_s[0]) / (_WIDTH - _LEFT - _RIGHT)
-        shown = [(at - self.start_s, words) for at, words in events_s if np.isfinite(at)]
-        self.events_s = shown if len(shown) <= _MOST_EVENTS else []
+        self.pixel_s = (self.ends_s[1] - self.ends_s[0]) / STYLE.plot_px
+        finite = [(at - self.start_s, words) for at, words in events_s if np.isfinite(at)]
+        self.events_s = finite if len(finite) <= STYLE.most_events else []
 
     def axes(self, title: str, y: tuple[float, float], height: float = 190.0, bottom: float = 24.0) -> Plot:
         """Axes over the whole recording."""
-        return Plot(title, (_WIDTH, height), (_LEFT, _RIGHT, _TOP, bottom), self.ends_s, y)
+        return Plot(
+            title, (STYLE.width_px, height), (STYLE.left_px, STYLE.right_px, STYLE.top_px, bottom), self.ends_s, y
+        )
 
     def columns(self, time_s: np.ndarray) -> np.ndarray:
         """The column of pixels, from 0, of each time."""
         first, last = self.ends_s
-        return np.floor((time_s - first) / (last - first) * (_WIDTH - _LEFT - _RIGHT)).astype(int)
+        return np.floor((time_s - first) / (last - first) * STYLE.plot_px).astype(int)
 
     def gathered(self, time_s: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
         """Values from low to high (N,) by columns of pixels: time, least, middle and largest of each, (C,)."""
@@ -60,7 +50,7 @@ class TimeAxis:
         if not len(found):
             return (np.zeros(0),) * 4
         start, end = self.ends_s
-        centre = start + (found + 0.5) / (_WIDTH - _LEFT - _RIGHT) * (end - start)
+        centre = start + (found + 0.5) / STYLE.plot_px * (end - start)
         middle = 0.5 * (low + high)[order][first + count // 2]
         return centre, np.minimum.reduceat(low[order], first), middle, np.maximum.reduceat(high[order], first)
 
@@ -69,8 +59,9 @@ class TimeAxis:
         for at, words in self.events_s:
             axes.upright(at, dashes=(3, 3), tip=words)
         first, last = (end + self.start_s for end in self.ends_s)
+        right = STYLE.left_px + STYLE.plot_px
         scale = (
-            f'data-left="{_LEFT:g}" data-right="{_WIDTH - _RIGHT:g}" data-first="{first:.15g}" data-last="{last:.15g}"'
+            f'data-left="{STYLE.left_px:g}" data-right="{right:g}" data-first="{first:.15g}" data-last="{last:.15g}"'
         )
         return axes.svg(attributes=f'class="time" {scale}')
 
@@ -95,30 +86,30 @@ def curve(
     meaning = "estimate ± 2 std" if np.isfinite(std).any() else "each frame"
     apart = shared is not None and bool(np.isfinite(shared).any())
     spread = 2 * np.nan_to_num(shared if apart and shared is not None else std)
-    _bands(axes, clock, value - spread, value + spread, ESTIMATE)
+    _bands(axes, clock, value - spread, value + spread, STYLE.estimate)
     if apart:
         own = 2 * np.sqrt(np.clip(np.nan_to_num(std) ** 2 - (spread / 2) ** 2, 0.0, None))
         known = np.isfinite(value)
         x, low, high = clock.time_s[known], (value - own)[known], (value + own)[known]
-        if len(x) > MOST_DOTS:
+        if len(x) > STYLE.most_dots:
             x, low, _, high = clock.gathered(x, low, high)
-        axes.bars(x, low, high, f"{ESTIMATE}99")
+        axes.bars(x, low, high, f"{STYLE.estimate}99")
         meaning = "estimate ± 2 std, its own"
     if truth is not None:
-        _lines(axes, clock, truth, TRUTH, 1.6)
+        _lines(axes, clock, truth, STYLE.truth, 1.6)
         known = np.isfinite(truth)
         alone = known & ~np.append(known[1:], False) & ~np.append(False, known[:-1])
-        _points(axes, clock, np.where(alone | (known.sum() > MOST_DOTS), truth, np.nan), TRUTH, 3.0)
-    _lines(axes, clock, value, f"{ESTIMATE}77", 0.8)
-    _points(axes, clock, value, ESTIMATE)
-    both = [(ESTIMATE, "shared", "band")] if apart else []
-    axes.legend([(ESTIMATE, meaning, "dot"), *both, *([] if truth is None else [(TRUTH, "truth", "line")])])
+        _points(axes, clock, np.where(alone | (known.sum() > STYLE.most_dots), truth, np.nan), STYLE.truth, 3.0)
+    _lines(axes, clock, value, f"{STYLE.estimate}77", 0.8)
+    _points(axes, clock, value, STYLE.estimate)
+    both = [(STYLE.estimate, "shared", "band")] if apart else []
+    axes.legend([(STYLE.estimate, meaning, "dot"), *both, *([] if truth is None else [(STYLE.truth, "truth", "line")])])
     return axes
 
 
 def with_framewise(axes: Plot, clock: TimeAxis, value: np.ndarray) -> Plot:
     """A `curve` of a refined quantity with what it was frame by frame (B,), in grey."""
-    _points(axes, clock, value, SOFT, 1.6)
+    _points(axes, clock, value, STYLE.soft, 1.6)
     return replace(axes, title=f"{axes.title}; grey: frame by frame")
 
 
@@ -134,11 +125,11 @@ def signals(
     axes = clock.axes(title, limits(*(value for _, _, value in values), [-2.5 * usual, 2.5 * usual]))
     known = np.isfinite(noise_std) & np.any([np.isfinite(value) for _, _, value in values], axis=0)
     spread = np.where(known, 2 * noise_std, np.nan)
-    _bands(axes, clock, -spread, spread, SOFT)
+    _bands(axes, clock, -spread, spread, STYLE.soft)
     axes.level()
     for _, colour, value in values:
         _points(axes, clock, value, colour, 4.4)
-    axes.legend([*((colour, name, "dot") for name, colour, _ in values), (SOFT, f"± 2 std of {noise}", "band")])
+    axes.legend([*((colour, name, "dot") for name, colour, _ in values), (STYLE.soft, f"± 2 std of {noise}", "band")])
     return axes
 
 
@@ -153,7 +144,7 @@ def lanes(clock: TimeAxis, title: str, label: Sequence[str], colour: Mapping[str
     written = [f"{name} ({int((labels == name).sum())})" for name in names]
     count, bottom = max(len(names), 1), 46.0 if last else 24.0
     axes = replace(
-        clock.axes(title, (count, 0.0), _TOP + 17.0 * count + bottom, bottom),
+        clock.axes(title, (count, 0.0), STYLE.top_px + 17.0 * count + bottom, bottom),
         grid="x",
         y_ticks=([row + 0.5 for row in range(len(names))], written),
         labels=(("time, s" if clock.start_s == 0 else f"time after {clock.start_s:.15g} s, s") * last, ""),
@@ -164,14 +155,14 @@ def lanes(clock: TimeAxis, title: str, label: Sequence[str], colour: Mapping[str
         top = base - lane * share
         corners = [(start, top), (end, top), (end, np.full_like(end, base)), (start, np.full_like(end, base))]
         boxes = np.stack([np.column_stack(corner) for corner in (*corners, corners[0])], axis=1)
-        axes.paths(boxes[:, :-1], name, fill=colour[name], stroke=f"{INK}40", width=0.5)
+        axes.paths(boxes[:, :-1], name, fill=colour[name], stroke=f"{STYLE.ink}40", width=0.5)
     return axes
 
 
 def _stretches(clock: TimeAxis, here: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Start, end and share (0 to 1) of each stretch of a lane; no share is too small to be seen."""
     first, pixel = clock.ends_s[0], clock.pixel_s
-    if len(here) > MOST_DOTS:
+    if len(here) > STYLE.most_dots:
         column = clock.columns(clock.time_s)
         frames, own = np.bincount(column), np.bincount(column, weights=here.astype(float))
         share = np.ceil(8 * own / np.maximum(frames, 1)) / 8
@@ -179,7 +170,7 @@ def _stretches(clock: TimeAxis, here: np.ndarray) -> tuple[np.ndarray, np.ndarra
         kept = np.flatnonzero(share[edges[:-1]] > 0)
         return first + pixel * edges[kept], first + pixel * edges[kept + 1], share[edges[kept]]
     # a frame stands for half the way to its neighbours, at most half a usual gap
-    half, own_s = np.minimum(0.5 * np.diff(clock.time_s), 0.5 * _GAP * clock.step_s), 0.5 * clock.step_s
+    half, own_s = np.minimum(0.5 * np.diff(clock.time_s), 0.5 * STYLE.gap * clock.step_s), 0.5 * clock.step_s
     start = (clock.time_s - np.concatenate([[own_s], half]))[here]
     end = (clock.time_s + np.concatenate([half, [own_s]]))[here]
     apart = np.flatnonzero(start[1:] - end[:-1] > pixel)
@@ -191,10 +182,10 @@ def _bands(axes: Plot, clock: TimeAxis, low: np.ndarray, high: np.ndarray, colou
     """Between low and high (B,), unbroken stretches, each a little wider than its frames: a lone one is seen, too."""
     known = np.isfinite(low) & np.isfinite(high)
     x, low, high, step = clock.time_s[known], low[known], high[known], clock.step_s
-    if len(x) > MOST_DOTS:
+    if len(x) > STYLE.most_dots:
         x, low, _, high = clock.gathered(x, low, high)
         step = max(step, clock.pixel_s)
-    for run in np.split(np.arange(len(x)), np.flatnonzero(np.diff(x) > _GAP * step) + 1):
+    for run in np.split(np.arange(len(x)), np.flatnonzero(np.diff(x) > STYLE.gap * step) + 1):
         if len(run):
             wide = np.concatenate([[x[run[0]] - 0.4 * step], x[run], [x[run[-1]] + 0.4 * step]])
             inner = np.concatenate([run[:1], run, run[-1:]])
@@ -205,7 +196,7 @@ def _points(axes: Plot, clock: TimeAxis, value: np.ndarray, colour: str, size: f
     """Each frame; where they are more than pixels, pale the range of each column, dark its middle."""
     known = np.isfinite(value)
     x, value = clock.time_s[known], value[known]
-    if len(x) > MOST_DOTS:
+    if len(x) > STYLE.most_dots:
         x, low, value, high = clock.gathered(x, value, value)
         axes.bars(x, low, high, f"{colour}55")
         size = 2.0
@@ -215,9 +206,9 @@ def _points(axes: Plot, clock: TimeAxis, value: np.ndarray, colour: str, size: f
 def _lines(axes: Plot, clock: TimeAxis, value: np.ndarray, colour: str, width: float) -> None:
     """Joins known neighbours (B,) that no gap parts, unless there are too many."""
     index = np.flatnonzero(np.isfinite(value))
-    if len(index) > MOST_DOTS:
+    if len(index) > STYLE.most_dots:
         return
-    apart = (np.diff(index) > 1) | (np.diff(clock.time_s[index]) > _GAP * clock.step_s)
+    apart = (np.diff(index) > 1) | (np.diff(clock.time_s[index]) > STYLE.gap * clock.step_s)
     for run in np.split(index, np.flatnonzero(apart) + 1):
         if len(run) > 1:
             axes.line(clock.time_s[run], value[run], colour, width)

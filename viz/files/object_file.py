@@ -70,19 +70,6 @@ def _read_vtp(path: Path) -> dict[str, np.ndarray]:
 
 
 SUFFIXES = (".vtp", ".ply", ".glb")
-_UNREADABLE = (
-    struct.error,
-    ArithmeticError,
-    ValueError,
-    KeyError,
-    IndexError,
-    TypeError,
-    StopIteration,
-    RecursionError,
-    AttributeError,
-)
-_FARTHEST_M = 1e6
-"""Limit of coordinates: no antenna touches anything that far off."""
 
 
 def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
@@ -121,7 +108,17 @@ def read_object(path: Path) -> ObjectMesh:
             else:
                 found = _read_ply(data) if suffix == ".ply" else _read_glb(data)
             return _checked(**found)
-    except _UNREADABLE:
+    except (
+        struct.error,
+        ArithmeticError,
+        ValueError,
+        KeyError,
+        IndexError,
+        TypeError,
+        StopIteration,
+        RecursionError,
+        AttributeError,
+    ):
         what = f"holds no mesh{' of ours' if suffix == '.glb' else ''}"
         raise InputError(what, where=path, remedy="write it again with vbaa reconstruct") from None
 
@@ -145,7 +142,8 @@ def _checked(
 ) -> ObjectMesh:
     """The mesh, with normals computed where the file has none. Raises ValueError for indices of missing points."""
     indices = np.concatenate([triangles.ravel(), lines.ravel()])
-    near = len(points_m) and np.abs(points_m).max() < _FARTHEST_M  # false for NaN, too
+    # m: no antenna touches anything that far off
+    near = len(points_m) and np.abs(points_m).max() < 1e6  # false for NaN, too
     if not near or not ((indices >= 0) & (indices < len(points_m))).all():
         raise ValueError
     triangles, lines = triangles.astype(int), lines.astype(int)
@@ -203,8 +201,6 @@ def _cells(indices: np.ndarray) -> np.ndarray | None:
 # --- .ply
 
 
-_HEADER = re.compile(rb"ply\r?\n(.*?)\bend_header\r?\n", re.DOTALL)
-_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _PLY_TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
@@ -245,11 +241,12 @@ def _read_ply(data: bytes) -> dict[str, Any]:
 
     Raises KeyError, IndexError, ValueError or StopIteration where the header makes no sense or rows are missing.
     """
-    header = _HEADER.match(data)
+    header = re.match(rb"(?s)ply\r?\n(.*?)\bend_header\r?\n", data)
     if header is None:
         raise ValueError
     lines = [line.split() for line in header[1].decode("ascii").splitlines()]
-    order = next(_ORDERS[words[1]] for words in lines if words[:1] == ["format"])
+    orders = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+    order = next(orders[words[1]] for words in lines if words[:1] == ["format"])
     # numbers in words are read as if they were doubles
     body = data[header.end() :] if order else np.array(data[header.end() :].split(), float).tobytes()
     found, position = {}, 0
@@ -321,9 +318,6 @@ def _row_kind(body: bytes, position: int, properties: list[_Property]) -> np.dty
 
 
 _NAME = "reconstructed object"
-_TRIANGLES, _LINES, _POINTS = 4, 1, 0
-_GLB_TYPES = {5126: "<f4", 5125: "<u4"}
-_UNKNOWN_STD_M = -1.0  # stands for NaN, which glTF does not allow
 
 
 def _glb_bytes(mesh: ObjectMesh) -> bytes:
@@ -340,16 +334,18 @@ def _glb_bytes(mesh: ObjectMesh) -> bytes:
     blob, std = bytearray(), mesh.std_m
     scale = surface_scale(std)
     size = np.linalg.norm(mesh.normals, axis=1, keepdims=True)
+    # -1 stands for NaN, which glTF does not allow
     attributes = {
         "POSITION": mesh.points_m,
         "NORMAL": np.where(size > 1e-6, mesh.normals / np.maximum(size, 1e-6), [0.0, 0.0, 1.0]),
         "COLOR_0": linear(scale.rgb / 255.0),
-        "_STD_M": np.where(np.isfinite(std), std, _UNKNOWN_STD_M),
+        "_STD_M": np.where(np.isfinite(std), std, -1.0),
     }
     numbers = {name: _add(made, blob, np.asarray(values, "<f4"), 5126) for name, values in attributes.items()}
     loose = np.setdiff1d(np.arange(len(std)), np.union1d(mesh.triangles, mesh.lines))
     primitives = []
-    for mode, indices in ((_TRIANGLES, mesh.triangles), (_LINES, mesh.lines), (_POINTS, loose)):
+    # modes of glTF: triangles 4, lines 1, points 0
+    for mode, indices in ((4, mesh.triangles), (1, mesh.lines), (0, loose)):
         if len(indices):
             added = _add(made, blob, indices.astype("<u4").ravel(), 5125)
             primitives.append({"attributes": numbers, "material": 0, "mode": mode, "indices": added})
@@ -390,7 +386,7 @@ def _read_glb(data: bytes) -> dict[str, Any]:
     points, normals, std = (_values(made, blob, names[name]) for name in ("POSITION", "NORMAL", "_STD_M"))
     triangles, lines = (
         _values(made, blob, parts[mode]["indices"]).reshape(-1, corners) if mode in parts else np.empty((0, corners))
-        for mode, corners in ((_TRIANGLES, 3), (_LINES, 2))
+        for mode, corners in ((4, 3), (1, 2))
     )
     std = np.where(std >= 0, std, np.nan)
     return {"points_m": points, "triangles": triangles, "lines": lines, "normals": normals, "std_m": std}
@@ -400,5 +396,6 @@ def _values(made: dict[str, Any], blob: bytes, number: int) -> np.ndarray:
     """An accessor's numbers. Raises ValueError where the data end before them."""
     about = made["accessors"][number]
     start, width = made["bufferViews"][about["bufferView"]]["byteOffset"], {"SCALAR": 1, "VEC3": 3}[about["type"]]
-    values = np.frombuffer(blob, _GLB_TYPES[about["componentType"]], about["count"] * width, start).astype(float)
+    types = {5126: "<f4", 5125: "<u4"}
+    values = np.frombuffer(blob, types[about["componentType"]], about["count"] * width, start).astype(float)
     return values.reshape(-1, width) if width > 1 else values

@@ -22,23 +22,17 @@ if TYPE_CHECKING:
     from estimator.live import LiveContact
     from estimator.table.contacts import ContactRow
 
-_SPAWN = "spawn"
-_BAND = 2.0  # deviations
-_RADIUS_95 = 2.796  # in deviations: the ellipsoid of this size holds 95 % of a normal distribution in space
-_ARROW_M_N = 0.2
-_JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
-
 
 def refuse_log(target: str, force: bool) -> None:
     """Raises InputError for what is neither a viewer nor an .rrd file that may be written."""
-    if target == _SPAWN or "://" in target:
+    if target == "spawn" or "://" in target:
         return
     if Path(target).suffix != ".rrd":
         raise InputError("is no .rrd", where=target, remedy="name a file.rrd, a viewer's URL, or give --rerun alone")
     refuse_overwrite(Path(target), force)
 
 
-def open_viewer(port: int = 9876) -> str:
+def _open_viewer(port: int = 9876) -> str:
     """The URL of a viewer on this machine: of one that listens at the port, else of one that is opened.
 
     Raises OSError if none can be opened.
@@ -69,8 +63,8 @@ class RerunLog:
         self._rerun = require_extra("rerun", "live")
         self._stream = self._rerun.RecordingStream("vbaa")
         try:
-            if target == _SPAWN:
-                self._stream.connect_grpc(open_viewer())
+            if target == "spawn":
+                self._stream.connect_grpc(_open_viewer())
             elif "://" in target:
                 self._stream.connect_grpc(target)
             else:
@@ -81,11 +75,12 @@ class RerunLog:
         self._start_s = np.nan
 
     def write(self, contact: LiveContact) -> None:
-        """A contact as it comes, with its picture and what was seen in it; a final one's numbers beside them."""
+        """A contact as it comes, with its picture and what was seen in it; a final one's numbers next to them."""
         self.row(contact.row, "final" if contact.final else "contact")
         if contact.final or contact.image is None:
             return
-        data = cv2.imencode(".jpg", np.clip(contact.image, 0, 255).astype(np.uint8), _JPEG)[1].tobytes()
+        quality = [cv2.IMWRITE_JPEG_QUALITY, 85]
+        data = cv2.imencode(".jpg", np.clip(contact.image, 0, 255).astype(np.uint8), quality)[1].tobytes()
         self._log("picture", self._rerun.EncodedImage(contents=data, media_type="image/jpeg"))
         points = contact.item.measured.points_px
         self._log("picture/antenna", self._rerun.Points2D(points, radii=1.0, colors=(0, 220, 120)))
@@ -105,7 +100,8 @@ class RerunLog:
             ("force_mN", 1e3 * force, np.nan),
             ("moment_residual_uNm", 1e6 * row.moment_residual_Nm, np.nan),
         ):
-            values = [value, value - _BAND * std, value + _BAND * std] if np.isfinite(std) else [value]
+            # band of two standard deviations
+            values = [value, value - 2.0 * std, value + 2.0 * std] if np.isfinite(std) else [value]
             if np.isfinite(value):
                 self._log(f"{name}/{path}", self._rerun.Scalars(values))
         if not np.isfinite(row.point_world_m).all():
@@ -113,10 +109,12 @@ class RerunLog:
             return
         point = row.point_world_m[None]
         self._log(f"world/{name}/point", self._rerun.Points3D(point, radii=5e-4))
-        arrow = _ARROW_M_N * np.nan_to_num(row.force_world_N[None])
+        # m of arrow per N
+        arrow = 0.2 * np.nan_to_num(row.force_world_N[None])
         self._log(f"world/{name}/force", self._rerun.Arrows3D(vectors=arrow, origins=point))
         sizes, axes = np.linalg.eigh(row.covariance_world_m2)
-        half = _RADIUS_95 * np.sqrt(np.clip(sizes, 0.0, None))
+        # the ellipsoid of this size, in standard deviations, contains 95 % of a normal distribution in space
+        half = 2.796 * np.sqrt(np.clip(sizes, 0.0, None))
         turned = axes * np.sign(np.linalg.det(axes))
         self._log(
             f"world/{name}/region_95",

@@ -13,28 +13,10 @@ import jinja2
 import numpy as np
 from markupsafe import Markup, escape
 
-_UNITS = (
-    ("_percent", "%", 1.0),
-    ("_kg_m3", "kg/m³", 1.0),
-    ("_kg_m", "g/m", 1e3),
-    ("_Nm2", "N·m²", 1.0),
-    ("_Nm_per_s", "µN·m/s", 1e6),
-    ("_Nm_per_row", "µN·m per row", 1e6),
-    ("_Nm", "mN·m", 1e3),
-    ("_per_m", "1/m", 1.0),
-    ("_mrad", "mrad", 1.0),
-    ("_rad", "mrad", 1e3),
-    ("_mm", "mm", 1.0),
-    ("_m", "mm", 1e3),
-    ("_px", "px", 1.0),
-    ("_N", "mN", 1e3),
-    ("_s", "s", 1.0),
-)
-_DEEPEST = 3
 _MOST_ROWS = 400
 
 
-def prose(text: str) -> Markup:
+def _prose(text: str) -> Markup:
     """Plain text as HTML; text in backquotes is a command, a hyphen before a number elsewhere is a minus."""
     parts = str(escape(text)).split("`")
     parts[-2:] = parts[-2:] if len(parts) % 2 else ["`".join(parts[-2:])]
@@ -57,7 +39,7 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     made.policies["json.dumps_kwargs"] = {"allow_nan": False}
-    made.filters |= {"prose": prose, "number": number, "base64": lambda data: base64.b64encode(data).decode()}
+    made.filters |= {"prose": _prose, "number": number, "base64": lambda data: base64.b64encode(data).decode()}
     return made
 
 
@@ -138,7 +120,7 @@ def _flat(data: Mapping[str, Any], before: str = "", depth: int = 0) -> Iterator
         items = value if isinstance(value, list) else [value]
         if any(isinstance(item, Mapping) for item in items):
             for index, item in enumerate(items):
-                if isinstance(item, Mapping) and depth < _DEEPEST:
+                if isinstance(item, Mapping) and depth < 3:
                     numbered = f"{name} {index + 1}" if isinstance(value, list) else name
                     yield from _flat(item, f"{numbered} · ", depth + 1)
         elif not any(isinstance(item, list) for item in items):
@@ -148,14 +130,31 @@ def _flat(data: Mapping[str, Any], before: str = "", depth: int = 0) -> Iterator
 def _row(name: str, values: Sequence[Any]) -> list[str]:
     label, unit, scale = labelled(name)
     numeric = bool(values) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-    shown = ", ".join(number(scale * v) if numeric else _cell(v) for v in values)
-    return [label, shown or "–", unit if numeric else ""]
+    written = ", ".join(number(scale * v) if numeric else _cell(v) for v in values)
+    return [label, written or "–", unit if numeric else ""]
 
 
 def labelled(name: str) -> tuple[str, str, float]:
-    """A name of rig.json in words, the unit it is shown in, and the factor to it; of a logarithm, percent."""
+    """A name of rig.json in words, the unit on the page, and the factor to it; of a logarithm, percent."""
     if name.startswith("log_"):
         return labelled(name.removeprefix("log_"))[0], "%", 100.0
-    found = next((unit for unit in _UNITS if name.endswith(unit[0]) or f"{unit[0]} ·" in name), None)
+    units = (
+        ("_percent", "%", 1.0),
+        ("_kg_m3", "kg/m³", 1.0),
+        ("_kg_m", "g/m", 1e3),
+        ("_Nm2", "N·m²", 1.0),
+        ("_Nm_per_s", "µN·m/s", 1e6),
+        ("_Nm_per_row", "µN·m per row", 1e6),
+        ("_Nm", "mN·m", 1e3),
+        ("_per_m", "1/m", 1.0),
+        ("_mrad", "mrad", 1.0),
+        ("_rad", "mrad", 1e3),
+        ("_mm", "mm", 1.0),
+        ("_m", "mm", 1e3),
+        ("_px", "px", 1.0),
+        ("_N", "mN", 1e3),
+        ("_s", "s", 1.0),
+    )
+    found = next((unit for unit in units if name.endswith(unit[0]) or f"{unit[0]} ·" in name), None)
     suffix, unit, scale = found or ("", "", 1.0)
     return (name.replace(suffix, "", 1) if suffix else name).replace("_", " "), unit, scale

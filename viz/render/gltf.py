@@ -31,8 +31,8 @@ def write_gltf(scene: Scene, path: Path, *, mode: str = "force", force: bool = F
     """
     stage = Stage(scene, [part for part in all_parts(scene) if part.name != "now"], mode)
     stage.look_at_all()
-    shown = [part.name for part, actor in zip(stage.parts, stage.actors, strict=True) if actor.visibility]
-    made = packed(*_document(stage.plotter, shown), path.suffix.lower())
+    visible = [part.name for part, actor in zip(stage.parts, stage.actors, strict=True) if actor.visibility]
+    made = packed(*_document(stage.plotter, visible), path.suffix.lower())
     stage.plotter.close()
     with replacing(path, force) as temporary:
         temporary.write_bytes(made)

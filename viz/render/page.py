@@ -24,29 +24,17 @@ from trame_vtk.tools.vtksz2html import write_html
 
 from vbaa_calib.core.files import write_text
 from viz.pages.page import render
-from viz.parts.assemble import all_parts
-from viz.parts.part import Part, layers_of
+from viz.parts.assemble import ScenePart, all_parts, layers_of
 from viz.scene.readable import MODES, contact_scale, object_scale
 from viz.scene.scene import Scene
 
 from .stage import Stage, quiet
 
-_JPEG_QUALITY = 80
 _DARKENED, _CLEAR = "max(t2Color,0.01)", "max(t2Color,0.00001)"
 """In the viewer's shader: the weight below which it draws what is seen through as black. What is far off or nearly
 clear weighs less, and would lose its colour."""
 _ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
 """What the viewer would ask for from elsewhere."""
-_NO_ICON = "data:,"
-_POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' data: blob:; style-src 'unsafe-inline'; "
-    "img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:; base-uri 'none'; "
-    "form-action 'none'"
-)
-"""The page stands alone: it loads nothing, and sends nothing anywhere."""
-
-
-_META = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
 
 
 @quiet()
@@ -99,9 +87,16 @@ def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", for
     )
     viewer = io.StringIO()
     write_html(packed, viewer)
-    html = viewer.getvalue().replace(_DARKENED, _CLEAR).replace(_ICON, _NO_ICON)
+    html = viewer.getvalue().replace(_DARKENED, _CLEAR).replace(_ICON, "data:,")
+    # The page stands alone: it loads nothing, and sends nothing anywhere.
+    alone = (
+        "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' data: blob:; style-src 'unsafe-inline'; "
+        "img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:; base-uri 'none'; "
+        "form-action 'none'"
+    )
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{alone}">'
     start, end = html.index("<title>"), html.index("</title>")
-    head, body, rest = (html[:start] + _META + f"<title>{escape(title)}" + html[end:]).partition("<body>")
+    head, body, rest = (html[:start] + policy + f"<title>{escape(title)}" + html[end:]).partition("<body>")
     write_text(path, f"{head}<style>{render('scene.css')}</style>{body}{cards}{rest}", force)
 
 
@@ -122,7 +117,7 @@ def _contacts(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _part(part: Part, identity: str) -> dict[str, Any]:
+def _part(part: ScenePart, identity: str) -> dict[str, Any]:
     data: dict[str, Any] = {"id": identity, "name": part.name, "textured": part.textured}
     if part.span is not None:
         data |= {"span": part.span.tolist(), "history": part.history}
@@ -142,7 +137,7 @@ def _pictures(scene: Scene) -> tuple[list[str], list[int | None]]:
     order = {identity: index for index, identity in enumerate(different)}
     seen = []
     for picture in different.values():
-        _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 80])
         seen.append("data:image/jpeg;base64," + _base64(jpeg.tobytes()))
     return seen, [order.get(id(picture)) for picture in scene.pictures] or [None] * len(scene.instants)
 

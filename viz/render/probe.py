@@ -27,14 +27,13 @@ window.Render()
 """
 """VTK alone: pyvista takes a second to load."""
 PROBE = (sys.executable, "-c", _BALL)
-_PROBE_SECONDS = 60
 
 
 @functools.cache
 def can_render() -> bool:
     """Whether OpenGL works here. Tried in a process of its own: without a driver VTK ends the one that asks."""
     try:
-        tried = subprocess.run(PROBE, capture_output=True, timeout=_PROBE_SECONDS, check=False)
+        tried = subprocess.run(PROBE, capture_output=True, timeout=60, check=False)
     except (OSError, subprocess.TimeoutExpired):
         return False
     return tried.returncode == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from vbaa_calib.core.files import replacing
-from viz.parts.assemble import all_parts
-from viz.parts.part import Part, layers_of
+from viz.parts.assemble import ScenePart, all_parts, layers_of
 from viz.scene.layout import INK
 from viz.scene.readable import contact_scale, object_scale, round_down
 from viz.scene.scene import Scene
@@ -21,12 +21,21 @@ from viz.scene.scene import Scene
 from .probe import require_opengl
 from .stage import Stage, quiet
 
-_DPI = 100
-WIDE, TALL = 1900, 1080
-LEFT, _STRIP = 740, 120
-"""Pixels: width of the column with the rig, height of the strip with the scales under the close-up."""
-RIG_SIZE, NEAR_SIZE = (LEFT, 700), (WIDE - LEFT, TALL - _STRIP)
-_QUIET = "#64748b"
+
+@dataclass(frozen=True)
+class _ScreenshotSettings:
+    """Layout of a screenshot, px."""
+
+    wide: int = 1900  # width of the sheet
+    tall: int = 1080  # height of the sheet
+    left: int = 740  # width of the column with the rig
+    strip: int = 120  # height of the strip with the scales under the close-up
+    rig_size: tuple[int, int] = (740, 700)  # width and height of the overview
+    near_size: tuple[int, int] = (1160, 960)  # width and height of the close-up
+    dpi: int = 100  # pixels per inch of matplotlib's lengths
+
+
+SHEET = _ScreenshotSettings()
 
 
 @quiet()
@@ -39,29 +48,29 @@ def screenshot(scene: Scene, path: Path, *, mode: str = "force", force: bool = F
     with replacing(path, force) as temporary:
         require_opengl()
         parts = all_parts(scene)
-        near = Stage(scene, _without(parts, "grid", "plane", "camera", "now"), mode, NEAR_SIZE)
+        near = Stage(scene, _without(parts, "grid", "plane", "camera", "now"), mode, SHEET.near_size)
         half_m = near.look_at_contacts()
         close_up, overview = _drawn(near), None
         if scene.rig is not None:
-            whole = Stage(scene, _without(parts, "spread", "cones", "now"), mode, RIG_SIZE)
+            whole = Stage(scene, _without(parts, "spread", "cones", "now"), mode, SHEET.rig_size)
             whole.look_at_all()
             overview = _drawn(whole)
-        figure = Figure(figsize=(WIDE / _DPI, TALL / _DPI), dpi=_DPI, facecolor="white")
+        figure = Figure(figsize=(SHEET.wide / SHEET.dpi, SHEET.tall / SHEET.dpi), dpi=SHEET.dpi, facecolor="white")
         canvas = FigureCanvasAgg(figure)
-        _axes(figure, LEFT, _STRIP, NEAR_SIZE).imshow(close_up, interpolation="none")
+        _axes(figure, SHEET.left, SHEET.strip, SHEET.near_size).imshow(close_up, interpolation="none")
         if overview is not None:
-            _axes(figure, 0, TALL - RIG_SIZE[1], RIG_SIZE).imshow(overview, interpolation="none")
-        sheet = _axes(figure, 0, 0, (WIDE, TALL))
-        sheet.set(xlim=(0, WIDE), ylim=(0, TALL), facecolor="none")
-        m_per_pixel = 2 * half_m / NEAR_SIZE[1]
-        length = round_down(0.16 * NEAR_SIZE[0] * m_per_pixel)
-        left, right, y = WIDE - 40 - length / m_per_pixel, WIDE - 40, _STRIP + 34
+            _axes(figure, 0, SHEET.tall - SHEET.rig_size[1], SHEET.rig_size).imshow(overview, interpolation="none")
+        sheet = _axes(figure, 0, 0, (SHEET.wide, SHEET.tall))
+        sheet.set(xlim=(0, SHEET.wide), ylim=(0, SHEET.tall), facecolor="none")
+        m_per_pixel = 2 * half_m / SHEET.near_size[1]
+        length = round_down(0.16 * SHEET.near_size[0] * m_per_pixel)
+        left, right, y = SHEET.wide - 40 - length / m_per_pixel, SHEET.wide - 40, SHEET.strip + 34
         sheet.plot([left, right], [y, y], color=INK, lw=3.5, solid_capstyle="butt")
         sheet.text((left + right) / 2, y + 9, f"{1e3 * length:g} mm", ha="center", color=INK, size=13)
-        _legend(sheet, scene, parts, TALL - RIG_SIZE[1] if overview is not None else TALL)
+        _legend(sheet, scene, parts, SHEET.tall - SHEET.rig_size[1] if overview is not None else SHEET.tall)
         bars = [bar for bar in (contact_scale(scene, mode), object_scale(scene)) if bar is not None]
         for index, bar in enumerate(bars):
-            axes = _axes(figure, LEFT + 60 + index * 560, 46, (460, 18))
+            axes = _axes(figure, SHEET.left + 60 + index * 560, 46, (460, 18))
             axes.axis("on")
             ends = (bar.ticks[0], bar.ticks[-1], 0, 1)
             axes.imshow(np.linspace(0, 1, 256)[None], aspect="auto", cmap=bar.colormap, extent=ends)
@@ -73,12 +82,12 @@ def screenshot(scene: Scene, path: Path, *, mode: str = "force", force: bool = F
         canvas.print_png(str(temporary))
 
 
-def _without(parts: list[Part], *names: str) -> list[Part]:
+def _without(parts: list[ScenePart], *names: str) -> list[ScenePart]:
     return [part for part in parts if part.name not in names]
 
 
 def _drawn(stage: Stage) -> np.ndarray:
-    """(H, W, 3) of what the stage shows, whose plotter is then closed."""
+    """(H, W, 3) of what the stage shows; its plotter is then closed."""
     plotter = stage.plotter
     plotter.enable_anti_aliasing("ssaa")
     plotter.enable_depth_peeling(8)
@@ -89,12 +98,12 @@ def _drawn(stage: Stage) -> np.ndarray:
 
 
 def _axes(figure: Figure, x: int, y: int, size: tuple[int, int]) -> Axes:
-    axes = figure.add_axes((x / WIDE, y / TALL, size[0] / WIDE, size[1] / TALL))
+    axes = figure.add_axes((x / SHEET.wide, y / SHEET.tall, size[0] / SHEET.wide, size[1] / SHEET.tall))
     axes.axis("off")
     return axes
 
 
-def _legend(sheet: Axes, scene: Scene, parts: list[Part], top: int) -> None:
+def _legend(sheet: Axes, scene: Scene, parts: list[ScenePart], top: int) -> None:
     scaled = ("contacts", "forces", "now", *(["object"] if object_scale(scene) is not None else []))
     rows = [part for part in layers_of(parts) if part.name not in scaled]
     y, half = top - 30, (len(rows) + 1) // 2
@@ -108,4 +117,4 @@ def _legend(sheet: Axes, scene: Scene, parts: list[Part], top: int) -> None:
     below = y - 42 - 29 * half - 8
     lines = [line for fact in scene.facts for line in textwrap.wrap(fact, 82)][: max((below - 16) // 23, 0)]
     for index, line in enumerate(lines):
-        sheet.text(36, below - 23 * index, line, size=11.5, color=_QUIET, va="center")
+        sheet.text(36, below - 23 * index, line, size=11.5, color="#64748b", va="center")

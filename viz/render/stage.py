@@ -9,7 +9,7 @@ import numpy as np
 import pyvista as pv
 from vtkmodules.vtkCommonCore import vtkLogger
 
-from viz.parts.part import Part
+from viz.parts.assemble import ScenePart
 from viz.scene.layout import view_direction
 from viz.scene.readable import contact_scale
 from viz.scene.scene import Scene
@@ -21,7 +21,7 @@ class Stage:
     def __init__(
         self,
         scene: Scene,
-        parts: list[Part],
+        parts: list[ScenePart],
         mode: str = "force",
         size: tuple[int, int] = (1200, 800),
         *,
@@ -37,7 +37,7 @@ class Stage:
         self.actors = [self._add(part, mesh) for part, mesh in zip(parts, self._meshes, strict=True)]
         self.show(scene.instants.main)
 
-    def _add(self, part: Part, mesh: pv.PolyData) -> pv.Actor:
+    def _add(self, part: ScenePart, mesh: pv.PolyData) -> pv.Actor:
         colour = {"scalars": "colour", "rgb": True} if part.painted else {"color": part.colour}
         if part.textured:
             # any other colour would tint the picture

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -18,41 +19,46 @@ from viz.scene.scene import Scene
 from .probe import require_opengl
 from .stage import Stage, quiet
 
-_HELP = (
-    "c: colour by force, time, uncertainty    a: contacts of all times, or up to this one    q: close\n"
-    "left click or n, b: a contact's numbers    m: measure from it    z: close up, or all    g: save the picture"
-)
-_LINE, _CONTACT = (34, 211, 238), (250, 204, 21)
-"""RGB of the fitted antenna and the contact in the camera's picture."""
-_NEAR = 18
-"""Pixels beside a contact's ball at which a click still takes it."""
-_SIZE, _SHARE = (1400, 1000), 0.85
-"""Of the window; at most this share of the screen."""
+
+@dataclass(frozen=True)
+class _WindowSettings:
+    """Size and colours of the window; colours are RGB."""
+
+    size: tuple[int, int] = (1400, 1000)  # width and height, px, where the screen is large enough
+    share: float = 0.85  # of the screen, that the window covers at most
+    near_px: int = 18  # distance from a contact's ball at which a click takes it
+    line: tuple[int, int, int] = (34, 211, 238)  # of the fitted antenna in the camera's picture
+    contact: tuple[int, int, int] = (250, 204, 21)  # of the contact in it
+
+
+_WINDOW = _WindowSettings()
 
 
 def show(scene: Scene, *, mode: str = "force") -> bool:
     """Open a window and wait until it is closed; False where none opens. Raises VbaaError."""
     require_opengl()
     with quiet():
-        stage = Stage(scene, all_parts(scene), mode, _SIZE, off_screen=False)
-        stage.plotter.window_size = list(fitting(stage.plotter.render_window.GetScreenSize()))
+        stage = Stage(scene, all_parts(scene), mode, _WINDOW.size, off_screen=False)
+        stage.plotter.window_size = list(_fitting(stage.plotter.render_window.GetScreenSize()))
     # VTK turns to drawing unseen where no window opens
     if stage.plotter.render_window.GetOffScreenRendering():
         stage.plotter.close()
         return False
-    Controls(stage, mode).add_to_window()
+    _Controls(stage, mode).add_to_window()
     stage.look_at_all()
     stage.plotter.show()
     return True
 
 
-def fitting(screen: tuple[int, int]) -> tuple[int, int]:
+def _fitting(screen: tuple[int, int]) -> tuple[int, int]:
     """The window's width and height on a screen of (width, height); as usual where that is unknown."""
-    most = [int(_SHARE * size) if size > 0 else wanted for size, wanted in zip(screen, _SIZE, strict=True)]
-    return min(_SIZE[0], most[0]), min(_SIZE[1], most[1])
+    most = [
+        int(_WINDOW.share * size) if size > 0 else wanted for size, wanted in zip(screen, _WINDOW.size, strict=True)
+    ]
+    return min(_WINDOW.size[0], most[0]), min(_WINDOW.size[1], most[1])
 
 
-class Controls:
+class _Controls:
     """State of the window's slider and keys, applied to `stage`."""
 
     def __init__(self, stage: Stage, mode: str) -> None:
@@ -73,7 +79,7 @@ class Controls:
         self.refresh()
 
     def contact_at(self, x: float, y: float) -> int | None:
-        """The contact whose ball is drawn at a pixel, from the lower left; beside all balls, the nearest one."""
+        """The contact with its ball at a pixel, from the lower left; where none is, the nearest one."""
         scene, camera, size = self.stage.scene, self.plotter.camera, np.array(self.plotter.render_window.GetSize())
         view = pv.array_from_vtkmatrix(camera.GetModelViewTransformMatrix())
         projection = pv.array_from_vtkmatrix(camera.GetProjectionTransformMatrix(size[0] / size[1], -1, 1))
@@ -91,7 +97,7 @@ class Controls:
         if (part < 1).any():
             depth = -seen[:, 2] - scene.ball_m * np.sqrt(np.maximum(1 - part**2, 0))
             return int(np.where(part < 1, depth, np.inf).argmin())
-        return int(away.argmin()) if away.min() < _NEAR else None
+        return int(away.argmin()) if away.min() < _WINDOW.near_px else None
 
     def _click(self, _: object, event: str) -> None:
         """Pick what was clicked, unless the mouse turned the scene between press and release."""
@@ -160,9 +166,11 @@ class Controls:
         over, size = picture.copy(), picture.shape[1::-1]
         places = scene.rig.seen[self.instant] * size
         line, contact = places[:-1][np.isfinite(places[:-1]).all(axis=1)], places[-1]
-        cv2.polylines(over, [np.round(16 * line).astype(np.int32)], False, _LINE, 2, cv2.LINE_AA, shift=4)
+        cv2.polylines(over, [np.round(16 * line).astype(np.int32)], False, _WINDOW.line, 2, cv2.LINE_AA, shift=4)
         if np.isfinite(contact).all():
-            cv2.circle(over, np.round(16 * contact).astype(int).tolist(), 16 * 5, _CONTACT, -1, cv2.LINE_AA, shift=4)
+            cv2.circle(
+                over, np.round(16 * contact).astype(int).tolist(), 16 * 5, _WINDOW.contact, -1, cv2.LINE_AA, shift=4
+            )
         return over
 
     def go(self, instant: float) -> None:
@@ -185,15 +193,20 @@ class Controls:
         """Update picture, text and colour bar."""
         instants, now = self.stage.scene.instants, self.instant
         self.stage.show(now, everything=self.everything)
+        help_words = (
+            "c: colour by force, time, uncertainty    a: contacts of all times, or up to this one    q: close\n"
+            "left click or n, b: a contact's numbers    m: measure from it    z: close up, or all    "
+            "g: save the picture"
+        )
         words = (
             f"{instants.time_s[now]:.2f} s, frame {instants.frame[now]}: {instants.words[now]}\n"
-            f"contacts and forces coloured by {self.mode}\n{_HELP}"
+            f"contacts and forces coloured by {self.mode}\n{help_words}"
         )
-        for shown, at, font, name in (
+        for text_now, at, font, name in (
             (words, "upper_left", 10, "words"),
             (self._numbers(), "left_edge", 9, "numbers"),
         ):
-            actor = self.plotter.add_text(shown, position=at, font_size=font, color=INK, name=name, render=False)
+            actor = self.plotter.add_text(text_now, position=at, font_size=font, color=INK, name=name, render=False)
             actor.prop.background_color, actor.prop.background_opacity = "white", 0.8
         self._mark()
         self._follow()

@@ -6,25 +6,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from viz.figures import check as figures
-from viz.figures.drawing import AMBER, RED, SLATE, TEAL
+from viz.figures.settings import STYLE
 from viz.pages.page import Table, at, fixed, listing, number, records, render, with_std
 
-_LEVEL_COLOURS = {"holds": TEAL, "look at": AMBER, "does not hold": RED, "not given": SLATE}
-_LOADS = (
-    ("image", "picture", None),
-    ("number", "load", 0),
-    ("distance_mm", "at, mm", 0),
-    ("force_y_mN", "f_y, mN", 1),
-    ("force_z_mN", "f_z, mN", 1),
-    ("predicted_deflection_mm", "deflection, mm: predicted", 2),
-    ("seen_deflection_mm", "seen", 2),
-    ("stiffness_percent", "EI off, %", 2),
-    ("stiffness_std_percent", "±", 2),
-    ("rms_std", "points, std", 2),
-    ("moment_predicted_mNm", "moment, mN·m: predicted", 3),
-    ("moment_read_mNm", "read", 3),
-    ("look_at", "look at", None),
-)
 LENSES = (
     ("model", "lens", None),
     ("free_parameters", "free numbers", 0),
@@ -32,13 +16,6 @@ LENSES = (
     ("held_out_rms_px", "held out, px", 4),
     ("halves", "halves differ, std", 2),
     ("monotonic", "one to one", None),
-)
-_STILLS = (
-    ("image", "picture", None),
-    ("distance_m", "load at, m", 3),
-    ("point_rms", "points, std", 2),
-    ("moment_residual_uNm", "moment residual, µN·m", 1),
-    ("kept", "used", None),
 )
 DROPPED = (("name", "picture", None), ("reason", "why it was not used", None))
 """Keys of rows of check.json and rig.json, their headings and decimals."""
@@ -53,12 +30,13 @@ def page(document: Mapping[str, Any]) -> str:
     if maps["projection"] is not None:
         drawn.append(figures.heat_map("of the projection, px", maps["projection"] | rays, size))
     along = [[f"{1e3 * row['arclength_m']:.0f}", number(row["std_mm"], 3)] for row in maps["along_antenna"]]
+    level_colours = {"holds": STYLE.teal, "look at": STYLE.amber, "does not hold": STYLE.red, "not given": STYLE.slate}
     return render(
         "check.html.j2",
         title=document["rig"],
         own_pictures=document["own_pictures"],
-        colour=_LEVEL_COLOURS[document["verdict"]],
-        colours=_LEVEL_COLOURS,
+        colour=level_colours[document["verdict"]],
+        colours=level_colours,
         headline=document["headline"],
         problems=[one for level in ("does not hold", "look at") for one in findings if one["level"] == level],
         answered=sum(one["level"] != "not given" for one in findings),
@@ -102,12 +80,27 @@ def _session(session: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str
         ]
         head = ("motion since the calibration", "seen", "± predicted", "in std", "unit")
         motion = Table(head, rows, head[:1])
+    columns = (
+        ("image", "picture", None),
+        ("number", "load", 0),
+        ("distance_mm", "at, mm", 0),
+        ("force_y_mN", "f_y, mN", 1),
+        ("force_z_mN", "f_z, mN", 1),
+        ("predicted_deflection_mm", "deflection, mm: predicted", 2),
+        ("seen_deflection_mm", "seen", 2),
+        ("stiffness_percent", "EI off, %", 2),
+        ("stiffness_std_percent", "±", 2),
+        ("rms_std", "points, std", 2),
+        ("moment_predicted_mNm", "moment, mN·m: predicted", 3),
+        ("moment_read_mNm", "read", 3),
+        ("look_at", "look at", None),
+    )
     return {
         "boards": [drawn.svg() for drawn in over_boards],
         "dropped_boards": records(session["boards_dropped"], DROPPED, 2),
         "motion": motion,
         "antenna": [drawn.svg() for drawn in antenna],
-        "loads": records([row | {"number": index + 1} for index, row in enumerate(loads)], _LOADS),
+        "loads": records([row | {"number": index + 1} for index, row in enumerate(loads)], columns),
     }
 
 
@@ -164,18 +157,25 @@ def _row(words: str, data: Mapping[str, Any], name: str, suffix: str, scale: flo
 
 def _quality(quality: Mapping[str, Any]) -> dict[str, Any]:
     """What the calibration wrote down of itself; any part may be missing or of another shape."""
-    verdict, stills, dropped = at(quality, "lens", "verdict"), at(quality, "stills"), at(quality, "lens", "dropped")
-    if isinstance(stills, list):
-        stills = [
+    verdict, frames, dropped = at(quality, "lens", "verdict"), at(quality, "stills"), at(quality, "lens", "dropped")
+    if isinstance(frames, list):
+        frames = [
             row | {"moment_residual_uNm": 1e6 * residual} if isinstance(residual, int | float) else row
-            for row, residual in ((row, at(row, "moment_residual_Nm")) for row in stills)
+            for row, residual in ((row, at(row, "moment_residual_Nm")) for row in frames)
         ]
+    columns_of_frames = (
+        ("image", "picture", None),
+        ("distance_m", "load at, m", 3),
+        ("point_rms", "points, std", 2),
+        ("moment_residual_uNm", "moment residual, µN·m", 1),
+        ("kept", "used", None),
+    )
     return {
         "lens_verdict": verdict if isinstance(verdict, str) else "",
         "lens_models": records(at(quality, "lens", "model_comparison"), LENSES),
         "nothing_dropped": dropped == [],
         "dropped": records(dropped, DROPPED, 2),
         "plane": listing(at(quality, "plane")),
-        "stills": records(stills, _STILLS),
+        "stills": records(frames, columns_of_frames),
         "checks": listing(at(quality, "checks")),
     }

@@ -15,7 +15,8 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 from vbaa_calib.rig.over_time import parameter_std
-from viz.figures.drawing import AMBER, RED, SLATE, TEAL, Plot, limits
+from viz.figures.drawing import Plot, limits
+from viz.figures.settings import STYLE
 from viz.pages.page import Table, number, render
 from viz.scene.readable import thinned
 
@@ -24,10 +25,6 @@ _QUANTITIES = {
     "force_y": ("force_y_N", "force_y_std_N", "N"),
     "force_z": ("force_z_N", "force_z_std_N", "N"),
 }
-_MOST_DOTS, _SHOWN = 4000, 8.0
-"""In a figure; deviations beyond which a dot stands at the figure's edge."""
-_GRID = 9
-"""By so many pixels a side lenses of two models are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +192,8 @@ def _apart_px(a: Camera, b: Camera) -> tuple[float, float, float]:
     """How far apart two lenses show the same rays, in px, and A's and B's deviations of that: where over the picture,
     along its columns or rows, it is most in deviations. NaN where no ray of A is seen by B."""
     width, height = a.image_size
-    u, v = np.meshgrid(np.linspace(0.0, width - 1.0, _GRID), np.linspace(0.0, height - 1.0, _GRID))
+    grid = 9
+    u, v = np.meshgrid(np.linspace(0.0, width - 1.0, grid), np.linspace(0.0, height - 1.0, grid))
     pixels = np.column_stack([u.ravel(), v.ravel()])
     rays, known = a.unproject(pixels)
     there, seen = b.project(rays)
@@ -251,16 +249,17 @@ def _cells(deviations: Mapping[str, Any]) -> list[str]:
 
 
 def _over_frames(name: str, one: ComparedContacts, values: np.ndarray, tolerance: float) -> Plot:
-    pick = thinned(np.arange(len(values)), _MOST_DOTS)
-    top = max(_SHOWN, 1.2 * tolerance)
+    pick = thinned(np.arange(len(values)), 4000)
+    # a point beyond this many standard deviations stands at the figure's edge
+    top = max(8.0, 1.2 * tolerance)
     x, y = one.located[pick], np.clip(np.nan_to_num(values[pick], nan=top), -top, top)
     labels = ("frame", "deviations")
     axes = Plot(f"{name}: B minus A", x=limits(x), y=limits([-top, top]), labels=labels)
-    axes.level(-tolerance, AMBER)
-    axes.level(tolerance, AMBER)
+    axes.level(-tolerance, STYLE.amber)
+    axes.level(tolerance, STYLE.amber)
     far = np.abs(y) > tolerance
-    axes.dots(x[~far], y[~far], SLATE, 3.0)
-    axes.dots(x[far], y[far], RED, 4.0)
+    axes.dots(x[~far], y[~far], STYLE.slate, 3.0)
+    axes.dots(x[far], y[far], STYLE.red, 4.0)
     return axes
 
 
@@ -280,5 +279,5 @@ def rigs_page(title: str, compared: _ComparedRigs, result: Mapping[str, Any]) ->
 
 
 def _page(title: str, result: Mapping[str, Any], **parts: Any) -> str:
-    headline, colour = ("They agree.", TEAL) if result["agree"] else ("They differ.", RED)
+    headline, colour = ("They agree.", STYLE.teal) if result["agree"] else ("They differ.", STYLE.red)
     return render("compare.html.j2", title=title, colour=colour, headline=headline, words=result["words"], **parts)

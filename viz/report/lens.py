@@ -19,14 +19,12 @@ from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.diagnose.boards import same_pose
 from viz.figures import check as figures
-from viz.figures.drawing import AMBER, RED, TEAL
+from viz.figures.settings import STYLE
 from viz.pages.page import Table, fixed, number, records, render, with_std
 
 from .check import DROPPED, LENSES, lens_rows
 from .make import packed
 
-_COLOURS = {"trusted": TEAL, "look at": AMBER, "do not use": RED}
-_GRID = (49, 37)
 _WIDEST = 2.5
 """Of the undistorted sample, from its axis, over the focal length: 68°; beyond, it is mostly stretched."""
 
@@ -55,10 +53,10 @@ def page(
     return render(
         "lens.html.j2",
         title=str(folder),
-        colour=_COLOURS[verdict.grade],
+        colour={"trusted": STYLE.teal, "look at": STYLE.amber, "do not use": STYLE.red}[verdict.grade],
         headline=verdict.headline,
         verdict=verdict,
-        colours={True: RED, False: AMBER},
+        colours={True: STYLE.red, False: STYLE.amber},
         solution=solution,
         distance_m=distance_m,
         maps=[axes.svg() for axes in drawn],
@@ -95,7 +93,7 @@ def _residuals(solution: LensSolution, views: Sequence[BoardView]) -> list[dict[
 
 def _maps(camera: Camera, distance_m: float) -> tuple[dict[str, Any], dict[str, Any]]:
     """Deviations over the picture, in the worst direction: on a plane across the axis, mm, and in the picture, px."""
-    pixels, covariance_px2, std_px = projection_uncertainty(camera, grid=_GRID)
+    pixels, covariance_px2, std_px = projection_uncertainty(camera, grid=(49, 37))
     _, slopes, seen = camera.normalized_with_slopes(pixels)
     slopes = 1e3 * distance_m * np.where(seen[..., None, None], slopes, np.nan)
     on_plane = slopes @ covariance_px2 @ np.swapaxes(slopes, -1, -2)
@@ -107,7 +105,7 @@ def _maps(camera: Camera, distance_m: float) -> tuple[dict[str, Any], dict[str, 
 
 
 def _straightened(camera: Camera, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The picture, and what a lens without distortion would have shown of it, as wide as it is."""
+    """The picture, and the same through a lens without distortion, as wide as it is."""
     width, height = camera.image_size
     edge = np.concatenate(
         [np.column_stack([np.arange(width), np.full(width, row)]) for row in (0, height - 1)]
@@ -123,16 +121,17 @@ def _straightened(camera: Camera, image: np.ndarray) -> tuple[np.ndarray, np.nda
     return image, cv2.remap(image, u, v, cv2.INTER_LINEAR, borderValue=(255, 255, 255))
 
 
-_SHAPES = (("bow along x", "mm"), ("bow along y", "mm"), ("twist", "mm"), ("longer along x", "%"), ("shear", "mrad"))
-"""Of the board, in the order of its parameters."""
-
-
 def _board(shape: BoardShape) -> Table:
     """How the board differs from a flat print with square squares."""
     scales = {"mm": 1e3, "%": 1e2, "mrad": 1e3}
     rows = [
         [words, with_std(float(value), float(std), scales[unit]), unit]
-        for (words, unit), value, std in zip(_SHAPES, shape.parameters, shape.std, strict=True)
+        for (words, unit), value, std in zip(
+            (("bow along x", "mm"), ("bow along y", "mm"), ("twist", "mm"), ("longer along x", "%"), ("shear", "mrad")),
+            shape.parameters,
+            shape.std,
+            strict=True,
+        )
     ]
     return Table(("what", "value", "unit"), rows, ("what",))
 

@@ -32,13 +32,6 @@ if TYPE_CHECKING:
     from estimator.contact.recording import Ground
     from estimator.object.estimate import ObjectEstimate
 
-_WIDEST_PX = 1600
-_QUALITY = 88
-_CAPTION = (
-    "The scene, and what was touched close up. Points are contacts, arrows the object's forces on the antenna; "
-    "`vbaa view` shows the scene to turn, zoom and follow in time."
-)
-
 
 @dataclass(frozen=True)
 class Sources:
@@ -48,9 +41,9 @@ class Sources:
     rig : rig.json: adds friction, stiffness, the scene and the residual's scale.
     session : adds a picture of the recording; needs the rig.
     ground : what `vbaa estimate` took off the pictures.
-    truth : truth.json, drawn beside the estimates.
+    truth : truth.json, drawn with the estimates.
     drift : what has changed since the calibration (`estimator.contact.drift.summary`).
-    framewise : contacts.csv that the contacts were refined from, drawn beside them.
+    framewise : contacts.csv that the contacts were refined from, drawn with them.
     readings : what was read with the frames (`estimator.table.overview.Overview.numbers`).
     verdict : on the recording.
     antenna : the one of several that it is about.
@@ -101,7 +94,7 @@ def make_report(
         facts = (Fact("Calibration", words, "look"), *facts)
     if sources.verdict is not None:
         facts = (*(Fact("Verdict", sentence(line), "look") for line in sources.verdict.lines), *facts)
-    pictures = [scene_picture(table, rig, estimate, contents, sources.session)]
+    pictures = [_scene_picture(table, rig, estimate, contents, sources.session)]
     if sources.session is not None and rig is not None:
         pictures.append(_seen_picture(table, rig, sources.session, sources.ground))
     files = {name: getattr(sources, name) for name in ("contacts", "framewise", "rig", "session", "truth")}
@@ -113,14 +106,14 @@ def make_report(
 
 def packed(image: np.ndarray) -> bytes:
     """(H, W, 3) uint8, blue, green, red, as a JPEG that is not wider than a page needs."""
-    scale = _WIDEST_PX / image.shape[1]
+    scale = 1600 / image.shape[1]
     if scale < 1.0:
-        size = (_WIDEST_PX, max(1, round(image.shape[0] * scale)))
+        size = (1600, max(1, round(image.shape[0] * scale)))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
 
 
-def scene_picture(
+def _scene_picture(
     table: ContactTable,
     rig: Rig | None,
     estimate: ObjectEstimate | None,
@@ -141,7 +134,13 @@ def scene_picture(
             main, frames = scene.instants.main, scene.instants.frame
             seen = session_pictures(session, frames[main : main + 1], rig.camera.image_size)[0]
             scene = replace(scene, pictures=tuple(seen if index == main else None for index in range(len(frames))))
-        return _picture(_CAPTION, b"", views=scene_views(scene), **scene_key(scene))
+        return _picture(
+            "The scene, and what was touched close up. Points are contacts, arrows the object's forces on the "
+            "antenna; `vbaa view` shows the scene to turn, zoom and follow in time.",
+            b"",
+            views=scene_views(scene),
+            **scene_key(scene),
+        )
     except VbaaError as error:
         return _picture(f"No picture of the scene: {error}")
 

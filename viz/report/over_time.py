@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from vbaa_calib.rig.over_time import FEWEST_FOR_TREND, OverTime
-from viz.figures.drawing import AMBER, RED, SLATE, TEAL, Plot, limits
+from viz.figures.drawing import Plot, limits
+from viz.figures.settings import STYLE
 from viz.pages.page import Table, labelled, number, render
 
 
@@ -59,7 +60,7 @@ def page(title: str, found: OverTime, dates: Sequence[str], lines: Sequence[str]
     return render(
         "over_time.html.j2",
         title=title,
-        colour=RED if found.drifts.any() else AMBER if moves.any() else TEAL,
+        colour=STYLE.red if found.drifts.any() else STYLE.amber if moves.any() else STYLE.teal,
         headline=f"{len(dates)} calibrations, {' to '.join(dates[end].removesuffix(' 00:00') for end in (0, -1))}",
         words=lines,
         numbers=Table(head, rows, ("parameter", "unit", "")),
@@ -75,10 +76,10 @@ def _figure(found: OverTime, index: int) -> Plot:
     title = f"{label}, {unit}" if unit else label
     axes = Plot(title, x=limits(at), y=limits(low, high), labels=("days", "change since the first"))
     ends, mean, between = np.array(axes.x), scale * found.mean[index], scale * found.between_std[index]
-    axes.band(ends, np.full(2, mean - between), np.full(2, mean + between), SLATE)
+    axes.band(ends, np.full(2, mean - between), np.full(2, mean + between), STYLE.slate)
     if found.drifts[index]:
-        axes.line(ends, value.mean() + scale * found.slope_per_day[index] * (ends - at.mean()), RED, 1.5)
-    colour = RED if found.drifts[index] else AMBER if found.scatters[index] else TEAL
+        axes.line(ends, value.mean() + scale * found.slope_per_day[index] * (ends - at.mean()), STYLE.red, 1.5)
+    colour = STYLE.red if found.drifts[index] else STYLE.amber if found.scatters[index] else STYLE.teal
     axes.bars(at, low, high, colour)
     axes.dots(at, value, colour)
     return axes

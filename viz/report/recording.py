@@ -12,9 +12,9 @@ from markupsafe import Markup
 from estimator.contact.overlay import STATUS_COLOURS
 from estimator.table.contacts import COLUMNS, LOCATED, STATUSES, ContactTable
 from vbaa_calib.rig import Rig
-from viz.figures.contacts import OBJECT, contact_maps, forces_across, friction_cone, indentation
-from viz.figures.drawing import RAMP
-from viz.figures.time import MOST_DOTS, TimeAxis, curve, lanes, signals, with_framewise
+from viz.figures.contacts import contact_maps, forces_across, friction_cone, indentation
+from viz.figures.settings import STYLE
+from viz.figures.time import TimeAxis, curve, lanes, signals, with_framewise
 from viz.pages.page import Table, fixed, render, with_std
 from viz.scene.readable import thinned
 from viz.scene.scene import Fact
@@ -26,11 +26,9 @@ if TYPE_CHECKING:
     from estimator.object.track import Track
     from viz.scene.truth import TrueContacts
 
-_COLOURS = _ALONG, _ACROSS, _RESIDUAL, _RINGING = "#0072b2", "#c2410c", "#334155", "#7c3aed"
 MOST_ROWS = 500
 SummaryRow = tuple[str, float, str, float | None]
 """Name, value, unit, and the goal that the value must not exceed, if there is one."""
-_GOAL = {True: Markup('<span class="good">met</span>'), False: Markup('<span class="bad">missed</span>')}
 _MODELS = {
     "linear": ("#56b4e9", "small deflections, with weight, natural curvature and clamp"),
     "elastica": ("#0072b2", "large deflections; weight, curvature, clamp and torsion in one pass"),
@@ -53,13 +51,6 @@ SYMBOLS = {
     "moment_residual_Nm": ("residual",),
 }
 """Column of contacts.csv that the report shows → its symbols there."""
-_UNITS = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N·m": ("µN·m", 1e6)}
-_OTHER_QUANTITIES = (
-    ("antenna frame", "", "x along the undeformed antenna from its clamp, xy the calibration plane C"),
-    ("slip", "mm/s", "velocity of the antenna's material at the contact against the object at rest"),
-    ("μ, α", "1, °", "coefficient of friction; half angle of the friction cone, tan α = μ"),
-    ("±", "", "one standard deviation, calibration errors included; bands and ellipses are two of them"),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +59,11 @@ class Report:
 
     table : the contacts, at least one row. rig : adds the moment residual in the sensor's deviations.
     estimate, track, facts : what the contacts say together; None where it is undetermined.
-    truth : drawn beside the estimates. summary : errors against truth, or other numbers with a goal each.
+    truth : drawn with the estimates. summary : errors against truth, or other numbers with a goal each.
     pictures : the scene, the recording, or why there is none, as HTML (`picture.html.j2`).
     origin : names and text or HTML of what the page was made from.
     drift : what has changed of the rig since its calibration, as far as it is known.
-    framewise : the same frames before they were refined, drawn beside.
+    framewise : the same frames before they were refined, drawn, too.
     """
 
     title: str
@@ -93,8 +84,9 @@ def page(report: Report) -> str:
     """The whole report as HTML."""
     table, track = report.table, report.track
     verdict, colour = headline(table)
+    outcome = {True: Markup('<span class="good">met</span>'), False: Markup('<span class="bad">missed</span>')}
     errors = [
-        (name, f"{value:.4g}", unit, *(("", "") if goal is None else (f"≤ {goal:.4g}", _GOAL[value <= goal])))
+        (name, f"{value:.4g}", unit, *(("", "") if goal is None else (f"≤ {goal:.4g}", outcome[value <= goal])))
         for name, value, unit, goal in report.summary
     ]
     use = {name: "may be used" if name in LOCATED else "no contact point" for name in STATUS_COLOURS}
@@ -104,14 +96,20 @@ def page(report: Report) -> str:
         [(_dotted(colour, name), words) for name, (colour, words) in kinds.items()] for kinds in (_PHASES, _MODELS)
     )
     quantities = [(", ".join(names), _shown_unit(key)[0], COLUMNS[key].meaning) for key, names in SYMBOLS.items()]
+    others = (
+        ("antenna frame", "", "x along the undeformed antenna from its clamp, xy the calibration plane C"),
+        ("slip", "mm/s", "velocity of the antenna's material at the contact against the object at rest"),
+        ("μ, α", "1, °", "coefficient of friction; half angle of the friction cone, tan α = μ"),
+        ("±", "", "one standard deviation, calibration errors included; bands and ellipses are two of them"),
+    )
     glossary = [
         ("Status of a frame", Table(("status", "meaning", "its numbers"), statuses)),
         ("Phase of a frame", Table(("phase", "meaning"), phases)),
         ("Mechanical model, the lowest that suffices", Table(("model", "meaning"), models)),
-        ("Quantities", Table(("name", "unit", "meaning"), (*quantities, *_OTHER_QUANTITIES))),
+        ("Quantities", Table(("name", "unit", "meaning"), (*quantities, *others))),
     ]
     events = () if track is None else track.events
-    told = [
+    rows = [
         (
             event.kind.replace("_", " "),
             Markup('<span class="long">{}</span>').format(event.words),
@@ -121,7 +119,7 @@ def page(report: Report) -> str:
         )
         for event in events[:MOST_ROWS]
     ]
-    cut = "" if len(told) == len(events) else f"The first {len(told)} of {len(events)}."
+    cut = "" if len(rows) == len(events) else f"The first {len(rows)} of {len(events)}."
     return render(
         "recording.html.j2",
         title=report.title,
@@ -130,8 +128,8 @@ def page(report: Report) -> str:
         facts=first_facts(table, [*frame_facts(table, report.rig), *_refined_fact(report), *report.facts]),
         pictures=report.pictures,
         times=_over_time(report),
-        crowded=len(table) > MOST_DOTS,
-        events=Table(("event", "in words", "time, s", "decided after, s", "frame"), told, ("event", "in words"), cut),
+        crowded=len(table) > STYLE.most_dots,
+        events=Table(("event", "in words", "time, s", "decided after, s", "frame"), rows, ("event", "in words"), cut),
         **_contacts(report),
         summary=Table(("quantity", "error", "unit", "goal", ""), errors, ("quantity", "unit")),
         drift=_drift_table(report.drift),
@@ -165,7 +163,7 @@ def _over_time(report: Report) -> list[Markup]:
         drawn.append(lanes(clock, "phase", track.phase.tolist(), _colours(_PHASES)))
         if track.ringing.any():
             ringing = np.where(track.ringing, "ringing", "").tolist()
-            drawn.append(lanes(clock, "ringing of the antenna", ringing, {"ringing": _RINGING}))
+            drawn.append(lanes(clock, "ringing of the antenna", ringing, {"ringing": STYLE.lines[3]}))
     figures = [curve(clock, *quantity) for quantity in _quantities(report)]
     if report.framewise is not None:
         before = _quantities(replace(report, table=report.framewise))
@@ -173,7 +171,7 @@ def _over_time(report: Report) -> list[Markup]:
     drawn += figures
     if track is not None and np.isfinite(track.slip_std_m_s).any():
         along, across = 1e3 * track.longitudinal_m_s, 1e3 * track.lateral_m_s
-        slip = [("along the antenna", _ALONG, along), ("across it", _ACROSS, across)]
+        slip = [("along the antenna", STYLE.lines[0], along), ("across it", STYLE.lines[1], across)]
         title = "slip of the antenna on the object, mm/s"
         drawn.append(signals(clock, title, slip, 1e3 * track.slip_std_m_s, "the noise, at most"))
     title, residual = "moment: measured minus predicted by the fit", table.moment_residual_Nm
@@ -185,7 +183,7 @@ def _over_time(report: Report) -> list[Markup]:
         drawn.append(curve(clock, f"{title}, {unit}", scale * residual, nothing))
     else:
         title += ", in std of the sensor's noise"
-        scaled = [("residual", _RESIDUAL, residual / rig.moment_sensor.std_Nm)]
+        scaled = [("residual", STYLE.lines[2], residual / rig.moment_sensor.std_Nm)]
         drawn.append(signals(clock, title, scaled, np.ones(len(table)), "the sensor"))
     model = np.where(table.located, table.model, "").tolist()
     drawn.append(lanes(clock, "model chosen for a located contact", model, _colours(_MODELS), last=True))
@@ -247,10 +245,10 @@ def _contacts(report: Report) -> dict[str, Any]:
         pressed = indentation(estimate.surface, touched, radius_m, 1.0 / stiffness).svg()
     return {
         "maps": [axes.svg(f"contacts {axes.title}") for axes in maps],
-        "ramp": RAMP,
+        "ramp": STYLE.ramp,
         "lasted_s": float(np.ptp(contacts.time_s)),
         "enlargement": factor,
-        "object_colour": OBJECT if surface is not None and (len(surface.lines) or len(surface.triangles)) else None,
+        "object_colour": STYLE.slate if surface is not None and len(surface.lines) + len(surface.triangles) else None,
         "true_points": len(true_m),
         "across": forces_across(contacts).svg(),
         "cone": cone,
@@ -259,7 +257,7 @@ def _contacts(report: Report) -> dict[str, Any]:
 
 
 def _drift_table(drift: Mapping[str, Any] | None) -> Table:
-    """What has changed of the rig, parameter by parameter, beside what was thought possible."""
+    """What has changed of the rig, parameter by parameter, against what was thought possible."""
     drift = drift or {"parameters": {}, "beyond": ()}
     marks = dict.fromkeys(drift["beyond"], "beyond")
     rows = [
@@ -277,17 +275,17 @@ def _drift_figure(drift: Mapping[str, Any] | None) -> Markup | None:
     names, prior = zip(*((name, one["prior_std"]) for name, one in drift["parameters"].items()), strict=True)
     size = len(names)
     change = np.array([one["change"][:size] for one in past]) / np.maximum(prior, 1e-300)
-    most = np.argsort(-np.abs(change).max(axis=0))[: len(_COLOURS)]
+    most = np.argsort(-np.abs(change).max(axis=0))[: len(STYLE.lines)]
     clock = TimeAxis(np.array([one["time_s"] for one in past], float))
-    values = [(names[index], colour, change[:, index]) for index, colour in zip(most, _COLOURS, strict=True)]
+    values = [(names[index], colour, change[:, index]) for index, colour in zip(most, STYLE.lines, strict=True)]
     title = "change since the calibration, in std of what was thought possible"
     return clock.svg(signals(clock, title, values, np.ones(len(past)), "what was thought possible"))
 
 
 def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
     """A row for every frame, evenly thinned where there are more than a page holds; its columns are `SYMBOLS`."""
-    shown = thinned(np.arange(len(table)), MOST_ROWS)
-    part = table.picked(shown)
+    rows = thinned(np.arange(len(table)), MOST_ROWS)
+    part = table.picked(rows)
     columns: dict[str, Sequence[object]] = {
         "frame": part.frame.tolist(),
         "time, s": [f"{time_s:.3f}" for time_s in part.time_s],
@@ -295,7 +293,7 @@ def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
         "model": part.model.tolist(),
     }
     if phase is not None:
-        columns["phase"] = [phase[row] for row in shown]
+        columns["phase"] = [phase[row] for row in rows]
     text = [name for name in columns if name in ("status", "model", "phase")]
 
     def cell(value: float, std: float, scale: float) -> str:
@@ -309,13 +307,13 @@ def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
         for symbol, value, own in zip(symbols, values, std, strict=True):
             columns[f"{symbol}, {unit}"] = [cell(*pair, scale) for pair in zip(value, own, strict=True)]
     columns["reason"] = [Markup('<small class="long">{}</small>').format(reason) for reason in part.reason]
-    cut = "" if len(shown) == len(table) else f"{len(shown)} of {len(table)} frames, evenly spread."
+    cut = "" if len(rows) == len(table) else f"{len(rows)} of {len(table)} frames, evenly spread."
     return Table(tuple(columns), list(zip(*columns.values(), strict=True)), (*text, "reason"), cut)
 
 
 def _shown_unit(column: str) -> tuple[str, float]:
     """The unit in which the report shows a column of contacts.csv, and the factor to it."""
-    return _UNITS[COLUMNS[column].unit]
+    return {"m": ("mm", 1e3), "N": ("mN", 1e3), "N·m": ("µN·m", 1e6)}[COLUMNS[column].unit]
 
 
 def _dotted(colour: str, name: str) -> Markup:

@@ -21,7 +21,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.robust import finite_median
 from vbaa_calib.rig import Rig
-from viz.figures.drawing import AMBER, RED, SLATE, TEAL
+from viz.figures.settings import STYLE
 from viz.pages.page import decimals_of, number
 from viz.scene.scene import Fact, object_facts, sentence
 
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
     from estimator.object.track import Track
 
-_MANY = 0.2  # a larger part of the frames lost is said in the verdict's colour, too
-_LARGE_RESIDUAL = 3.0  # a moment residual of more than so many of the sensor's deviations (rms) is reported
 _MOST_TIMES = 8
 _LOST = ("no_antenna", "failed", "unobservable", "low_signal", "not_quasistatic", "contradicted")
 
@@ -48,7 +46,7 @@ def object_found(table: ContactTable, rig: Rig | None) -> tuple[ObjectEstimate |
     except InputError as error:
         why = Fact("The object", f"Nothing can be said of it: {str(error).rstrip('.')}.", "undetermined")
     else:
-        return estimate, estimate.track, facts_of(estimate)
+        return estimate, estimate.track, _facts_of(estimate)
     try:
         track = follow(table, rig)
     except InputError:
@@ -56,7 +54,7 @@ def object_found(table: ContactTable, rig: Rig | None) -> tuple[ObjectEstimate |
     return None, track, (_event_fact(track), why)
 
 
-def facts_of(estimate: ObjectEstimate) -> tuple[Fact, ...]:
+def _facts_of(estimate: ObjectEstimate) -> tuple[Fact, ...]:
     """An object estimate in words."""
     surface = estimate.surface
     patches = len(np.unique(surface.touched_patch))
@@ -111,14 +109,15 @@ def headline(table: ContactTable) -> tuple[str, str]:
     contradicted = np.flatnonzero(table.status == "contradicted")
     if len(contradicted):
         causes = str(table.reason[contradicted[0]]).partition(" (remedy: ")[0]
-        return f"{len(contradicted)} of {frames} frames must not be used: {causes}", RED
+        return f"{len(contradicted)} of {frames} frames must not be used: {causes}", STYLE.red
     if not located:
         free = int(np.sum(table.status == "no_contact"))
-        return ("Nothing was touched" if free == frames else "No contact was located"), SLATE
+        return ("Nothing was touched" if free == frames else "No contact was located"), STYLE.slate
     std_mm = 1e3 * finite_median(table.distance_std_m[table.located])
     well = f", to {std_mm:.2f} mm along the antenna" if np.isfinite(std_mm) else ""
     lost = float(np.mean(np.isin(table.status, _LOST) | table.located & (table.bias_std > SurfaceSettings.biased_std)))
-    return f"Contact located in {located} of {frames} frames{well}", AMBER if lost > _MANY else TEAL
+    # a larger lost part is named in the verdict's colour, too
+    return f"Contact located in {located} of {frames} frames{well}", STYLE.amber if lost > 0.2 else STYLE.teal
 
 
 def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
@@ -148,16 +147,17 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
         for frame, status, reason in zip(table.frame[lost], table.status[lost], table.reason[lost], strict=True):
             overview.add_result(int(frame), str(status), str(reason))
         reasons = overview.numbers()["reasons"]
-        shown = [f"{one['reason']} ({one['frames']} ×)" for one in reasons[:3]]
-        shown += [f"and {len(reasons) - 3} other reason{'s' * (len(reasons) != 4)}"] if len(reasons) > 3 else []
+        items = [f"{one['reason']} ({one['frames']} ×)" for one in reasons[:3]]
+        items += [f"and {len(reasons) - 3} other reason{'s' * (len(reasons) != 4)}"] if len(reasons) > 3 else []
         count = int(lost.sum())
-        words = f"{count} frame{'s' * (count != 1)} gave no contact point: {'; '.join(shown)}."
+        words = f"{count} frame{'s' * (count != 1)} gave no contact point: {'; '.join(items)}."
         facts.append(Fact("Lost", words, "look"))
     residual = table.moment_residual_Nm[np.isfinite(table.moment_residual_Nm)]
     if rig is not None and rig.moment_sensor.exists and len(residual):
         rms = float(np.sqrt(np.mean((residual / rig.moment_sensor.std_Nm) ** 2)))
         words = f"picture and moment sensor disagree by {rms:.1f} times the sensor's noise (rms)"
-        facts += [Fact("To look at", f"{words}: `vbaa check` asks why.", "look")] if rms > _LARGE_RESIDUAL else []
+        # rms of the moment residual, in standard deviations of the sensor, from which it is reported
+        facts += [Fact("To look at", f"{words}: `vbaa check` asks why.", "look")] if rms > 3.0 else []
     return facts
 
 

@@ -48,14 +48,14 @@ def view_direction(scene: Scene, height: float, liking: float) -> np.ndarray:
     if scene.rig is not None:
         forward = scene.rig.poses[np.isfinite(scene.rig.poses[:, 0, 0])][:, :2, 0].mean(axis=0)
         forward /= max(float(np.linalg.norm(forward)), 1e-12)
-        beside = views[:, :2] @ np.array([forward[1], -forward[0]])
+        sideways = views[:, :2] @ np.array([forward[1], -forward[0]])
         # the clamp on the left is how the paper draws it
-        score += liking * np.abs(beside) + 0.15 * beside
+        score += liking * np.abs(sideways) + 0.15 * sideways
     return views[int(np.argmax(score))]
 
 
 def along(axis: np.ndarray) -> np.ndarray:
-    """(K, 3, 3) rotations whose first column is along axis (K, 3), which is not zero."""
+    """(K, 3, 3) rotations with the first column along axis (K, 3), which is not zero."""
     first = axis / np.linalg.norm(axis, axis=1, keepdims=True)
     # what is farthest from parallel to the axis
     helper = np.eye(3)[np.abs(first).argmin(axis=1)]

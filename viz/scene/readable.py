@@ -17,7 +17,6 @@ MODES = ("force", "time", "uncertainty")
 """What contacts may be coloured by."""
 UNKNOWN = (150, 158, 170)
 """Grey of what has no number."""
-_ENLARGEMENTS = (1, 2, 5, 10, 20, 50, 100)
 _RAMPS = {
     "time": "440154 481769 472a7a 433e85 3c4f8a 355f8d 2e6f8e 287d8e 228b8d 1f9a8a 22a884 32b67a 4ec36b 6ece58 95d840 "
     "bddf26 e5e419",
@@ -40,7 +39,7 @@ def enlargement(sizes: np.ndarray, visible: float) -> int:
     """How many times larger than life the middle one of sizes (N,) can be seen, a round number up to 100."""
     known = sizes[np.isfinite(sizes)]
     wanted = visible / max(float(np.median(known)), 1e-12) if len(known) else 1.0
-    return next((factor for factor in _ENLARGEMENTS if factor >= wanted), _ENLARGEMENTS[-1])
+    return next((factor for factor in (1, 2, 5, 10, 20, 50) if factor >= wanted), 100)
 
 
 def round_down(value: float) -> float:
@@ -62,7 +61,7 @@ def hexes(rgb: np.ndarray) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Scale:
+class _Scale:
     """A colour scale and what it gives N values.
 
     title, unit : what it shows. ticks : round values in that unit, from its low to its high end.
@@ -94,29 +93,29 @@ class Scale:
         return f"{self.ticks[0]:.4g}", f"{self.title}, {self.unit}", f"{self.ticks[-1]:.4g}"
 
 
-def contact_scale(scene: Scene, mode: str) -> Scale:
+def contact_scale(scene: Scene, mode: str) -> _Scale:
     """The scale of the contacts by one of `MODES`."""
     contacts = scene.contacts
     if mode == "time":
-        return scale(contacts.time_s, "time", "s", "time")
+        return _scale(contacts.time_s, "time", "s", "time")
     if mode == "uncertainty":
-        return scale(1e3 * contacts.principal[1][:, -1], "contact's std, worst axis", "mm", "uncertainty")
-    return scale(contacts.size_mN, "force on the antenna", "mN", "force")
+        return _scale(1e3 * contacts.principal[1][:, -1], "contact's std, worst axis", "mm", "uncertainty")
+    return _scale(contacts.size_mN, "force on the antenna", "mN", "force")
 
 
-def surface_scale(std_m: np.ndarray) -> Scale:
+def surface_scale(std_m: np.ndarray) -> _Scale:
     """The scale of a reconstructed surface by its standard deviation (N,): the paler, the less is known."""
-    return scale(1e3 * std_m, "std of the surface", "mm", "surface")
+    return _scale(1e3 * std_m, "std of the surface", "mm", "surface")
 
 
-def object_scale(scene: Scene) -> Scale | None:
+def object_scale(scene: Scene) -> _Scale | None:
     """The scale of the scene's reconstructed surface; None where its uncertainty is unknown."""
     if scene.object is None or not np.isfinite(scene.object.std_m).any():
         return None
     return surface_scale(scene.object.std_m)
 
 
-def scale(values: np.ndarray, title: str, unit: str, name: str) -> Scale:
+def _scale(values: np.ndarray, title: str, unit: str, name: str) -> _Scale:
     """The ramp `name` over the values (N,).
 
     Its ticks are a handful of evenly spaced round numbers, the first and last of which hold all values; 0, 1 for none.
@@ -133,4 +132,4 @@ def scale(values: np.ndarray, title: str, unit: str, name: str) -> Scale:
     stops = tuple(f"#{stop}" for stop in _RAMPS[name].split())
     share = (np.where(known, values, ticks[0]) - ticks[0]) / (ticks[-1] - ticks[0])
     rgb = np.where(known[:, None], on_ramp(stops, share), np.array(UNKNOWN, np.uint8))
-    return Scale(title, unit, ticks, rgb, stops)
+    return _Scale(title, unit, ticks, rgb, stops)

@@ -18,9 +18,6 @@ from vbaa_calib.session import load_session, read_recording
 
 from .readable import thinned
 
-_GHOSTS, _WIDEST_PX = 6, 360
-_PICTURE_GRID = (10, 13)  # nodes down and across of the drawn picture: between them the lens counts as straight
-
 
 @dataclass(frozen=True, eq=False)
 class RigItems:
@@ -31,7 +28,7 @@ class RigItems:
     poses : (M, 4, 4) T_world_antenna.
     bent_m : (M, N, 3) the antenna; free_m (M, N, 3): where it would be without the object.
     seen : (M, N + 1, 2) where the picture shows `bent_m`, and last the contact, as shares of its width and height.
-    ghosts : (G,) the instants whose antennas are drawn faintly.
+    ghosts : (G,) the instants with antennas that are drawn faintly.
     antenna_radius_m : of the wire.
     plane_m : (4, 3) antenna frame: corners of the drawn patch of plane C.
     camera_m : (3,) antenna frame: the camera's centre.
@@ -64,7 +61,7 @@ def rig_items(rig: Rig, table: ContactTable, rows: np.ndarray, main: int) -> Rig
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = rig.kinematics.world_antenna(*angles)
     poses[~np.isfinite(poses).all(axis=(1, 2))] = np.nan
-    spread = thinned(np.flatnonzero(table.located[rows]), _GHOSTS)
+    spread = thinned(np.flatnonzero(table.located[rows]), 6)
     length = rig.antenna.length_m
     bent, free = (_shapes(rig, table, rows, poses, share) for share in (1.0, 0.0))
     return RigItems(
@@ -88,8 +85,8 @@ def _shapes(rig: Rig, table: ContactTable, rows: np.ndarray, poses: np.ndarray, 
     across = np.nan_to_num(np.column_stack([table.force_y_N[rows], table.force_z_N[rows]]))
     # `bend` takes the part along the antenna's normal there, which turns with the antenna
     size = np.nan_to_num(np.linalg.norm(table.force_world_N[rows], axis=1)) * np.cos(angle)
-    aside = np.hypot(*across.T)
-    push = np.divide(size, aside, out=np.zeros(count), where=(aside > 0) & table.located[rows])
+    across_m = np.hypot(*across.T)
+    push = np.divide(size, across_m, out=np.zeros(count), where=(across_m > 0) & table.located[rows])
     curves = bend(
         np.repeat(rig.antenna.parameters[None], count, axis=0),
         length,
@@ -107,8 +104,8 @@ def _seen(rig: Rig, points_m: np.ndarray, poses: np.ndarray) -> np.ndarray:
     in_antenna = np.einsum("mji,mnj->mni", poses[:, :3, :3], points_m - poses[:, None, :3, 3])
     in_camera = rig.T_antenna_camera.inverse() @ np.nan_to_num(in_antenna).reshape(-1, 3)
     pixels, valid = rig.camera.project(in_camera)
-    shown = valid & rig.camera.in_picture(pixels) & np.isfinite(in_antenna).all(axis=-1).ravel()
-    shares = np.where(shown[:, None], (pixels + 0.5) / rig.camera.image_size, np.nan)
+    visible = valid & rig.camera.in_picture(pixels) & np.isfinite(in_antenna).all(axis=-1).ravel()
+    shares = np.where(visible[:, None], (pixels + 0.5) / rig.camera.image_size, np.nan)
     return shares.reshape(*points_m.shape[:2], 2)
 
 
@@ -117,7 +114,8 @@ def _picture_grid(camera: Camera, depth_m: float) -> np.ndarray:
 
     Where the lens has no ray, that of a lens without distortion is drawn.
     """
-    rows, columns = _PICTURE_GRID
+    # nodes down and across of the drawn picture: between them the lens counts as straight
+    rows, columns = (10, 13)
     width, height = camera.image_size
     u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, columns), np.linspace(-0.5, height - 0.5, rows))
     pixels = np.column_stack([u.ravel(), v.ravel()])
@@ -146,7 +144,7 @@ def small_picture(path: Path, image_size: tuple[int, int]) -> np.ndarray:
     if (width, height) != tuple(image_size):
         what = f"is {width} x {height} pixels, the rig's camera {image_size[0]} x {image_size[1]}"
         raise InputError(what, where=path, remedy="give a picture of this rig's camera")
-    factor = min(_WIDEST_PX / width, 1.0)
+    factor = min(360 / width, 1.0)
     size = (max(round(factor * width), 1), max(round(factor * height), 1))
     small = cv2.resize(np.clip(pixels, 0, 255).astype(np.uint8), size, interpolation=cv2.INTER_AREA)
     return cv2.cvtColor(small, cv2.COLOR_GRAY2RGB if small.ndim == 2 else cv2.COLOR_BGR2RGB)

@@ -22,14 +22,8 @@ if TYPE_CHECKING:
     from estimator.object.surface import Surface
     from vbaa_calib.simulate.scene.objects import TouchObject
 
-_MOST_INSTANTS = 240
-"""Longer recordings are shown at this many instants spread over them, and at the one of the greatest force."""
-_MOST_ARROWS, _MOST_SPREADS, _MOST_CONES = 100, 60, 16
-_GRID_STEPS_M = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 Stamps = tuple[np.ndarray, np.ndarray, str]
 """Contacts (K,), what a shape of size 1 becomes at each (K, 3, 3), m, and a note for the key."""
-_VAGUE_RAD = np.radians(20)
-"""A normal less well known than this is not drawn: it would show the force's direction, not the object's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +34,7 @@ class Instants:
     ----------
     row : (M,) index into the contact table. frame : (M,) number of the frame.
     time_s : (M,) since the recording's first frame.
-    main : the instant of the greatest force: what a picture that stands still shows.
+    main : the instant of the greatest force: what a single picture shows.
     words : M sentences on what is known of each instant.
     """
 
@@ -147,7 +141,7 @@ class Scene:
     def arrows(self) -> Stamps:
         """Contacts with a force, and what an arrow's length becomes there, its first column along the force."""
         contacts, reach = self.contacts, self.bounding_ball_m[1]
-        pushed = thinned(np.flatnonzero(contacts.size_mN > 0), _MOST_ARROWS)
+        pushed = thinned(np.flatnonzero(contacts.size_mN > 0), 100)
         lengths = 0.45 * reach * contacts.size_mN[pushed] / contacts.size_mN[pushed].max(initial=1e-12)
         return pushed, lengths[:, None, None] * along(contacts.force_N[pushed]), ""
 
@@ -156,7 +150,7 @@ class Scene:
         (axes, std), reach = self.contacts.principal, self.bounding_ball_m[1]
         half = 2 * std
         known = np.flatnonzero(half[:, 2] > 0)
-        factor, chosen = enlargement(half[known, 2], 0.04 * reach), thinned(known, _MOST_SPREADS)
+        factor, chosen = enlargement(half[known, 2], 0.04 * reach), thinned(known, 60)
         # flat ones get some thickness: a mesh without any has no normals
         half = np.maximum(half[chosen], 0.02 * half[chosen, 2:])
         return chosen, factor * axes[chosen] * half[:, None, :], f"{factor}x enlarged" if factor > 1 else ""
@@ -165,7 +159,7 @@ class Scene:
         """Friction cones: the first column leads from the tip to the rim's centre, the others are radii of the rim."""
         if self.normals is None or self.cone_rad is None:
             return np.zeros(0, int), np.zeros((0, 3, 3)), ""
-        chosen = thinned(np.flatnonzero(np.isfinite(self.normals).all(axis=1)), _MOST_CONES)
+        chosen = thinned(np.flatnonzero(np.isfinite(self.normals).all(axis=1)), 16)
         # steep cones are drawn shorter, for the rim to stay as near
         half = min(self.cone_rad, 1.5)
         height = 0.42 * self.bounding_ball_m[1] * np.cos(half)
@@ -180,7 +174,9 @@ class Scene:
         points = np.vstack([rig.bent_m[known].reshape(-1, 3), centre + reach, centre - reach])
         low, high = points.min(axis=0), points.max(axis=0)
         side = float(np.hypot(*(high - low)[:2]))
-        step = next((size for size in _GRID_STEPS_M if side / size <= 12), None)
+        step = next(
+            (size for size in (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0) if side / size <= 12), None
+        )
         if step is None:
             return np.zeros((0, 2, 3)), 0.0
         first, last = np.floor(low[:2] / step - 0.25) * step, np.ceil(high[:2] / step + 0.25) * step
@@ -205,7 +201,7 @@ def build_scene(
 
     Raises InputError when nothing is located, a contact is out of reach, or the contacts are not of this rig.
     """
-    instants = instants_of(table, None if estimate is None else estimate.track.phase)
+    instants = _instants_of(table, None if estimate is None else estimate.track.phase)
     items = None if rig is None else rig_items(rig, table, instants.row, instants.main)
     row, time_s = np.flatnonzero(table.located), table.time_s - table.time_s[0]
     points, forces, covariances = table.point_world_m, table.force_world_N, table.covariance_world_m2
@@ -214,10 +210,11 @@ def build_scene(
     contacts = ShownContacts(points[row], forces[row], covariances[row], time_s[row], row, words)
     if estimate is None:
         return Scene(contacts, instants, items, mesh, truth)
-    friction, known = estimate.friction, estimate.normals.std_rad < _VAGUE_RAD
+    # a normal less certain than 20° would show the force's direction, not the object's: not drawn
+    friction, known = estimate.friction, estimate.normals.std_rad < np.radians(20)
     normals = np.full((len(table), 3), np.nan)
     normals[friction.row[known]] = estimate.normals.normal[known]
-    said = [f"{fact.label}: {fact.words}" for fact in object_facts(estimate)]
+    facts = [f"{fact.label}: {fact.words}" for fact in object_facts(estimate)]
     return Scene(
         contacts,
         instants,
@@ -226,7 +223,7 @@ def build_scene(
         truth,
         normals=normals[row],
         cone_rad=float(friction.cone_half_angle_rad) if friction.determined else None,
-        facts=(*said, *map(sentence, estimate.surface.notes)),
+        facts=(*facts, *map(sentence, estimate.surface.notes)),
     )
 
 
@@ -240,7 +237,7 @@ def framewise(path: Path, refined: ContactTable) -> ContactTable:
     return table
 
 
-def instants_of(table: ContactTable, phase: np.ndarray | None = None, most: int = _MOST_INSTANTS) -> Instants:
+def _instants_of(table: ContactTable, phase: np.ndarray | None = None, most: int = 240) -> Instants:
     """The instants of a recording. `phase` (B,) is a word per frame on its motion, as `estimator.track` gives it.
 
     Raises InputError when no frame has a located contact, or one is out of reach.

@@ -1,6 +1,5 @@
 """Friction between antenna and object, the force against the normal, and normals that the force has confirmed."""
 
-from .coefficient import FrictionSettings
-from .friction import Friction, friction, steady_slides
+from .friction import Friction, FrictionSettings, friction, steady_slides
 
 __all__ = ["Friction", "FrictionSettings", "friction", "steady_slides"]

@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
 
 from estimator.object.surface.settings import SurfaceSettings
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 
 from .fit import SurfaceFit, begin, deviations_along, fit, with_common_errors
-from .patches import across_curve, bridged_gap, tree_gaps
+from .patches import across_curve, bridged_gap
 from .touches import Touches, touches_of
 
 _Piece = dict[str, np.ndarray]
@@ -27,7 +29,7 @@ class Compliance:
     compliance_m_N, std_m_N : normal displacement per normal force, by the data alone, so that it may come out below
         zero; its standard deviation, calibration included.
     stiffness_N_m : 1 / compliance; NaN unless `determined`.
-    interval_N_m : (2,) of 95 %, the upper end infinite where the object may be rigid; NaN where nothing can be said.
+    interval_N_m : (2,) of 95 %, the upper end infinite where the object may be rigid; NaN where nothing is known.
     determined : whether the data distinguish the object from a rigid one. Only then is the surface the unpressed one.
     reason : in words, what is known and what is not.
     """
@@ -92,18 +94,18 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: np.ndarray | 
 
 def fitted(touches: Touches, antenna_radius_m: np.ndarray | float) -> tuple[SurfaceFit, Compliance, bool, list[str]]:
     """The solved shape of `reconstruct`, how far the object yields, whether covariances are known, and notes."""
-    given = np.isfinite(touches.own_m2).all(axis=(1, 2))
-    given &= np.trace(touches.own_m2, axis1=1, axis2=2) > 0.0
-    known, notes = bool(given.any()), []
-    if not given.all():  # those without a covariance get the median one of the others
+    measured = np.isfinite(touches.own_m2).all(axis=(1, 2))
+    measured &= np.trace(touches.own_m2, axis1=1, axis2=2) > 0.0
+    known, notes = bool(measured.any()), []
+    if not measured.all():  # those without a covariance get the median one of the others
         usual, note = (
             SurfaceSettings.guessed_std_m**2 * np.eye(3),
             "the contacts have no covariance: no standard deviation is given",
         )
         if known:
-            usual = np.median(touches.own_m2[given], axis=0)
-            note = f"{np.sum(~given)} contacts without a covariance were given that of the others"
-        touches, notes = replace(touches, own_m2=np.where(given[:, None, None], touches.own_m2, usual)), [note]
+            usual = np.median(touches.own_m2[measured], axis=0)
+            note = f"{np.sum(~measured)} contacts without a covariance were given that of the others"
+        touches, notes = replace(touches, own_m2=np.where(measured[:, None, None], touches.own_m2, usual)), [note]
     patches, state = begin(touches, antenna_radius_m)
     found = fit(touches, antenna_radius_m, patches, state, True)
     scale = 1.0
@@ -214,15 +216,15 @@ def _piece(points: np.ndarray, normals: np.ndarray, std: np.ndarray, across: np.
     return {"points_m": points, "normals": normals, "std_m": std, "std_across_m": across} | none | cells
 
 
-def _shown_m(touched_std_m: np.ndarray) -> float:
+def _drawn_m(touched_std_m: np.ndarray) -> float:
     """Where a surface is known less well than this, it is not drawn; from deviations at its touches."""
-    return max(SurfaceSettings.shown_factor * float(np.percentile(touched_std_m, 90)), SurfaceSettings.shown_m)
+    return max(SurfaceSettings.drawn_factor * float(np.percentile(touched_std_m, 90)), SurfaceSettings.drawn_m)
 
 
 def surely_known_m(fit: SurfaceFit, index: int) -> float:
     """Where the surface of a patch is known less well than this, it is not drawn."""
     patch = fit.patches[index]
-    return _shown_m(fit.std_along(index, fit.local(patch), fit.normals.normal[patch.members]))
+    return _drawn_m(fit.std_along(index, fit.local(patch), fit.normals.normal[patch.members]))
 
 
 def _piece_of(fit: SurfaceFit, index: int, touched_std_m: np.ndarray) -> _Piece:
@@ -239,11 +241,11 @@ def _piece_of(fit: SurfaceFit, index: int, touched_std_m: np.ndarray) -> _Piece:
     if patch.wide:
         places, grid = _footprint(local[:, :2])
         points, normals, std = fit.heights(index, places)
-        bound_m = _shown_m(touched_std_m)
-        shown = std <= max(bound_m, std.min())
-        number = np.where(grid >= 0, np.append(np.where(shown, np.cumsum(shown) - 1, -1), -1)[grid], -1)
-        nowhere = np.full(int(shown.sum()), np.nan)
-        return _piece(points[shown], normals[shown], std[shown], nowhere, triangles=_triangles(number))
+        bound_m = _drawn_m(touched_std_m)
+        drawn = std <= max(bound_m, std.min())
+        number = np.where(grid >= 0, np.append(np.where(drawn, np.cumsum(drawn) - 1, -1), -1)[grid], -1)
+        nowhere = np.full(int(drawn.sum()), np.nan)
+        return _piece(points[drawn], normals[drawn], std[drawn], nowhere, triangles=_triangles(number))
     return _line(fit, index, local[:, 0], patch.members[sound])
 
 
@@ -251,7 +253,8 @@ def _footprint(flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places (V, 2) of a regular grid between touches (N, 2), and the grid (I, J) of their numbers, −1 elsewhere: a
     closing by a disc as wide as a bridged gap."""
     low, high = flat_m.min(axis=0), flat_m.max(axis=0)
-    extent, gaps = float(np.linalg.norm(high - low)), tree_gaps(flat_m)
+    extent = float(np.linalg.norm(high - low))
+    gaps = minimum_spanning_tree(np.maximum(cdist(flat_m, flat_m), 1e-12)).data
     radius = SurfaceSettings.closing * bridged_gap(gaps, extent)
     width = float(np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(flat_m.T))[0], 0.0)))
     margin = min(max(SurfaceSettings.margin * extent, float(np.median(gaps)) / 2), radius / 2, width)
@@ -303,6 +306,6 @@ def _line(fit: SurfaceFit, index: int, touched_m: np.ndarray, members: np.ndarra
     std, std_across = (deviations_along(side, covariance) for side in sides)
     # to second order: beside where it was touched, the object bends away from under the line
     std = np.hypot(std, np.sqrt(0.75) * SurfaceSettings.unseen_bend_per_m * std_across**2)
-    if len(fit.patches) > len(places) == 1 and max(std[0], std_across[0]) > SurfaceSettings.lone_shown_m:
+    if len(fit.patches) > len(places) == 1 and max(std[0], std_across[0]) > SurfaceSettings.lone_drawn_m:
         return _piece(points[:0], normals[:0], std[:0], std_across[:0])
     return _piece(points, normals, std, std_across, lines=lines)

@@ -121,10 +121,10 @@ def fit(
     for turn in range(SurfaceSettings.most_rounds):
         points, seen = _surface_points(touches, antenna_radius_m, patches, state)
         fitted, priors = [], []
-        for patch, given, prior in zip(patches, seen, state.priors, strict=True):
-            stated = height_field(given) if patch.wide else curve(given)
+        for patch, local, prior in zip(patches, seen, state.priors, strict=True):
+            stated = height_field(local) if patch.wide else curve(local)
             if prior is None or turn < SurfaceSettings.learning_rounds:
-                extent = float(np.linalg.norm(np.ptp(given.point_m[:, : patch.dimensions], axis=0)))
+                extent = float(np.linalg.norm(np.ptp(local.point_m[:, : patch.dimensions], axis=0)))
                 largest = extent / max(float(np.abs(stated.force_N).max()), 1e-12)
                 prior = learn_prior(stated, extent, prior, largest if yielding else 0.0)
             priors.append(prior)
@@ -200,15 +200,15 @@ def _next_shape(
 ) -> _FitState:
     """What a solve says of slopes, bends and compliance."""
     slope, bend = state.slope.copy(), state.bend_per_m.copy()
-    for index, (patch, given) in enumerate(zip(patches, seen, strict=True)):
-        m, x = patch.members, given.point_m[:, : patch.dimensions]
+    for index, (patch, local) in enumerate(zip(patches, seen, strict=True)):
+        m, x = patch.members, local.point_m[:, : patch.dimensions]
         at = solution.mean(index, patch.slope_rows(x)).reshape(2, len(m)).T
         slope[m] = np.clip(at, -SurfaceSettings.steepest, SurfaceSettings.steepest)
         step = 0.05 * solution.patches[index].prior.length_m
         for axis in range(patch.dimensions):
-            beside = solution.mean(index, patch.slope_rows(x + step * np.eye(patch.dimensions)[axis]))
+            shifted = solution.mean(index, patch.slope_rows(x + step * np.eye(patch.dimensions)[axis]))
             bend[m, :, axis] = np.clip(
-                (beside.reshape(2, len(m)).T - at) / step,
+                (shifted.reshape(2, len(m)).T - at) / step,
                 -1 / SurfaceSettings.sharpest_m,
                 1 / SurfaceSettings.sharpest_m,
             )
@@ -251,18 +251,20 @@ def _estimate_normals(
     count = len(touches)
     normal, own, by_slope = np.empty((count, 3)), np.empty((count, 3, 3)), np.zeros((count, 3, 2))
     views, in_place = [], np.empty((count, 2, 2))
-    for index, (patch, shown) in enumerate(zip(patches, seen, strict=True)):
+    for index, (patch, local_touches) in enumerate(zip(patches, seen, strict=True)):
         m, size, frame = patch.members, len(patch.members), patch.frame
         # what is left out of the shape is known as well as it was: to where its normal belongs
-        own_m2 = np.where(shown.ignored[:, None, None], shown.own_m2 / SurfaceSettings.ignored, shown.own_m2)
-        given = replace(shown, own_m2=own_m2)
-        rows = patch.slope_rows(given.point_m[:, : patch.dimensions])
+        own_m2 = np.where(
+            local_touches.ignored[:, None, None], local_touches.own_m2 / SurfaceSettings.ignored, local_touches.own_m2
+        )
+        local = replace(local_touches, own_m2=own_m2)
+        rows = patch.slope_rows(local.point_m[:, : patch.dimensions])
         views.append((index, rows))
         slope = solution.mean(index, rows).reshape(2, size).T
         if patch.wide:
-            found, turns, left = _of_field(given, slope, solution.patches[index].slack_rad)
+            found, turns, left = _of_field(local, slope, solution.patches[index].slack_rad)
         else:
-            found, turns, left = _of_curve(given, slope, touches.force_N[m] @ frame.T)
+            found, turns, left = _of_curve(local, slope, touches.force_N[m] @ frame.T)
         normal[m], by_slope[m], own[m] = found @ frame, frame.T[None] @ turns, frame.T @ left @ frame
         if not common:
             in_place[m] = solution.joint_in_place(index, rows)
@@ -278,11 +280,11 @@ def _estimate_normals(
     values, axes = np.linalg.eigh(shape + own)
     believed = np.minimum(1.0, SurfaceSettings.unknown_rad / np.sqrt(np.maximum(values, 1e-30)))
     # an unknown direction must not take the others along
-    held = (axes * believed[:, None]) @ np.swapaxes(axes, 1, 2)
-    covariance = held @ (shape + own) @ held
+    projection = (axes * believed[:, None]) @ np.swapaxes(axes, 1, 2)
+    covariance = projection @ (shape + own) @ projection
     modes = np.zeros((count, 3, 0))
     if common:  # the largest principal parts of the joint covariance of the turns that the shape brings
-        by_slope, size, kept = held @ by_slope, 3 * count, min(SurfaceSettings.modes, 3 * count)
+        by_slope, size, kept = projection @ by_slope, 3 * count, min(SurfaceSettings.modes, 3 * count)
         ordered = joint[np.ix_(pair.ravel(), pair.ravel())].reshape(count, 2, count, 2)
         turned = np.einsum("pia,paqb,qjb->piqj", by_slope, ordered, by_slope, optimize=True)
         variance, axes = _largest(turned.reshape(size, size), kept)
@@ -304,13 +306,13 @@ def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turne
     raw = np.column_stack([-slope, np.ones(len(slope))])
     length = np.linalg.norm(raw, axis=1)
     normal = raw / length[:, None]
-    held = np.isfinite(seen.tangent).all(axis=1)
-    tangent = np.where(held[:, None], seen.tangent, 0.0)
+    projection = np.isfinite(seen.tangent).all(axis=1)
+    tangent = np.where(projection[:, None], seen.tangent, 0.0)
     normal = normal - np.sum(normal * tangent, axis=1, keepdims=True) * tangent
     size = np.linalg.norm(normal, axis=1)
-    held &= size > 0.2
-    tangent = np.where(held[:, None], tangent, 0.0)
-    normal = np.where(held[:, None], normal / np.maximum(size, 0.2)[:, None], raw / length[:, None])
+    projection &= size > 0.2
+    tangent = np.where(projection[:, None], tangent, 0.0)
+    normal = np.where(projection[:, None], normal / np.maximum(size, 0.2)[:, None], raw / length[:, None])
     # turns across the normal, and across the tangent where there is one
     free = np.eye(3) - normal[:, :, None] * normal[:, None, :] - tangent[:, :, None] * tangent[:, None, :]
     by_slope = -free[:, :, :2] / length[:, None, None]
@@ -326,26 +328,26 @@ def _of_curve(seen: LocalTouches, slope: np.ndarray, force: np.ndarray) -> _Turn
     along = np.column_stack([np.ones(len(slope)), slope])
     length = np.linalg.norm(along, axis=1)
     along = along / length[:, None]
-    held = np.isfinite(seen.tangent).all(axis=1)
-    tangent = np.where(held[:, None], seen.tangent, 0.0)
+    projection = np.isfinite(seen.tangent).all(axis=1)
+    tangent = np.where(projection[:, None], seen.tangent, 0.0)
     crossed = np.cross(along, tangent)
     sine = np.linalg.norm(crossed, axis=1)
-    held &= sine > 1e-3
+    projection &= sine > 1e-3
     towards = force - np.sum(force * along, axis=1, keepdims=True) * along
     fallback = np.cross(along, np.eye(3)[np.argmin(np.abs(along), axis=1)])
     weak = np.linalg.norm(towards, axis=1) < 1e-3 * np.linalg.norm(force, axis=1)
-    normal = np.where(held[:, None], crossed, np.where(weak[:, None], fallback, towards))
+    normal = np.where(projection[:, None], crossed, np.where(weak[:, None], fallback, towards))
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     normal = np.where(np.sum(normal * force, axis=1, keepdims=True) < 0, -normal, normal)
-    beside = np.cross(normal, np.where(held[:, None], tangent, along))
-    sine = np.where(held, np.sum(along * beside, axis=1), 1.0)
+    shifted = np.cross(normal, np.where(projection[:, None], tangent, along))
+    sine = np.where(projection, np.sum(along * shifted, axis=1), 1.0)
     cosine = np.sum(along * tangent, axis=1)
     rise = -normal[:, 1:] / length[:, None]
-    by_slope = np.where(held[:, None], beside / sine[:, None], along)[:, :, None] * rise[:, None, :]
+    by_slope = np.where(projection[:, None], shifted / sine[:, None], along)[:, :, None] * rise[:, None, :]
     open_turn = np.where(
-        held[:, None], (cosine / sine)[:, None] * beside - tangent, SurfaceSettings.unknown_rad * beside
+        projection[:, None], (cosine / sine)[:, None] * shifted - tangent, SurfaceSettings.unknown_rad * shifted
     )
-    variance = np.where(held, _tangent_variance(seen, normal), 1.0)
+    variance = np.where(projection, _tangent_variance(seen, normal), 1.0)
     own = variance[:, None, None] * open_turn[:, :, None] * open_turn[:, None, :]
     # a touch's own error along the curve takes it to where that has another direction
     turned = np.einsum("nij,nj->ni", by_slope, seen.bend_per_m[:, :, 0])

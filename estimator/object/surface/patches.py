@@ -1,4 +1,4 @@
-"""Patches: contacts that hang together and whose normals face alike; and what the touches of one say of its shape,
+"""Patches: contacts that hang together, with normals that face alike; and what the touches of one say of its shape,
 linearised: y = views of the shape + compliance + errors."""
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np
 
 
 def group(points_m: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
-    """Indices of points (P, 3) that hang together and whose normals (P, 3) face alike, for each group."""
+    """Indices of points (P, 3) that hang together, with normals (P, 3) that face alike, for each group."""
     # 0 is no edge, and two contacts may coincide
     distance_m = np.maximum(cdist(points_m, points_m), 1e-12)
     graph = np.where(normals @ normals.T > np.cos(SurfaceSettings.link_normals_rad), distance_m, 0.0)
@@ -47,18 +47,13 @@ def bridged_gap(gaps_m: np.ndarray, extent_m: float) -> float:
     return max(SurfaceSettings.link_factor * usual, SurfaceSettings.link_extent * extent_m)
 
 
-def tree_gaps(points: np.ndarray) -> np.ndarray:
-    """(N − 1,) edges of the minimum spanning tree of points (N, D)."""
-    return minimum_spanning_tree(np.maximum(cdist(points, points), 1e-12)).data
-
-
 def _facing_alike(members: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
     """Split until no normal leans too far from the mean of its patch."""
     mean = normals[members].sum(axis=0)
-    lean = normals[members] @ mean / max(np.linalg.norm(mean), 1e-12)
-    if len(members) < 2 or lean.min() > np.cos(SurfaceSettings.patch_normals_rad):
+    cosine = normals[members] @ mean / max(np.linalg.norm(mean), 1e-12)
+    if len(members) < 2 or cosine.min() > np.cos(SurfaceSettings.patch_normals_rad):
         return [members]
-    first = normals[members[np.argmin(lean)]]
+    first = normals[members[np.argmin(cosine)]]
     second = normals[members[np.argmin(normals[members] @ first)]]
     from scipy.cluster.vq import kmeans2  # slow to load
 
@@ -136,43 +131,46 @@ class LocalTouches:
 def height_field(seen: LocalTouches) -> ShapeEquations:
     """Heights over (u, v), and that the surface holds the antenna's tangent t: ∇h · t_uv = t_h. Of a point's error only
     what is across the surface is one of height; along it, the tangent is compared with another slope."""
-    count, held = len(seen.point_m), np.flatnonzero(np.isfinite(seen.tangent).all(axis=1))
+    count, directed = len(seen.point_m), np.flatnonzero(np.isfinite(seen.tangent).all(axis=1))
     up = np.column_stack([-seen.slope, np.ones(count)])
-    tangent, tilt = seen.tangent[held], up[held]
+    tangent, tilt = seen.tangent[directed], up[directed]
     # to second order: an error along a surface that bends takes a point off it
     bent = seen.bend_per_m @ seen.own_m2[:, :2, :2]
     off = np.clip(0.5 * np.trace(bent, axis1=1, axis2=2), -SurfaceSettings.most_off_m, SurfaceSettings.most_off_m)
-    beside = [
+    scales = [
         0.5 * np.trace(bent @ bent, axis1=1, axis2=2),
-        np.where(seen.ignored[held], SurfaceSettings.unbelieved_rad**2, 0.0),
+        np.where(seen.ignored[directed], SurfaceSettings.unbelieved_rad**2, 0.0),
     ]
-    turn = np.zeros((len(held), 3))
-    turn[:, :2] = -np.einsum("ni,nij->nj", tangent[:, :2], seen.bend_per_m[held])
-    tangents_own = _project(tilt, seen.tangent_modes[held])
-    points, slopes = seen.point_m[:, :2], slopes_at(seen.point_m[held, :2], tangent[:, None, :2])
+    turn = np.zeros((len(directed), 3))
+    turn[:, :2] = -np.einsum("ni,nij->nj", tangent[:, :2], seen.bend_per_m[directed])
+    tangents_own = _project(tilt, seen.tangent_modes[directed])
+    points, slopes = seen.point_m[:, :2], slopes_at(seen.point_m[directed, :2], tangent[:, None, :2])
     noise = _noise(
-        [up, turn], [np.arange(count), held], seen.own_m2, [SurfaceSettings.least_std_m, SurfaceSettings.least_std_rad]
+        [up, turn],
+        [np.arange(count), directed],
+        seen.own_m2,
+        [SurfaceSettings.least_std_m, SurfaceSettings.least_std_rad],
     )
     return ShapeEquations(
         rows=concatenate(values_at(points, np.ones(1)), slopes),
         y=np.concatenate([seen.point_m[:, 2] + off, tangent[:, 2]]),
-        noise=noise + np.diag(np.concatenate(beside)),
-        modes=np.concatenate([_project(up, seen.modes_m), _project(turn, seen.modes_m[held]) + tangents_own]),
-        force_N=np.concatenate([np.sum(up * seen.yield_N, axis=1), np.sum(turn * seen.yield_N[held], axis=1)]),
+        noise=noise + np.diag(np.concatenate(scales)),
+        modes=np.concatenate([_project(up, seen.modes_m), _project(turn, seen.modes_m[directed]) + tangents_own]),
+        force_N=np.concatenate([np.sum(up * seen.yield_N, axis=1), np.sum(turn * seen.yield_N[directed], axis=1)]),
         slack=np.concatenate([np.zeros(count), np.linalg.norm(tilt, axis=1)]),
     )
 
 
 def curve(seen: LocalTouches) -> ShapeEquations:
-    """The coordinates (v, h) across the curve over u, each a function of its own: along the normal, and beside it.
+    """The coordinates (v, h) across the curve over u, each a function of its own: along the normal, and across it.
 
-    The antenna touches a round body beside the curve, so that what is seen along the surface must say nothing of the
+    The antenna touches a round body next to the curve, so that what is seen along the surface must say nothing of the
     errors across it. Two more common errors: how the object bends across the curve is not seen, but takes points with
     an error along the antenna off it; and if it is round, the normal turns as the contact rolls over it.
     """
     count = len(seen.point_m)
-    outward, beside = across_curve(seen.normal)
-    sides = [np.column_stack([-np.sum(each * seen.slope, axis=1), each]) for each in (outward, beside)]
+    outward, scales = across_curve(seen.normal)
+    sides = [np.column_stack([-np.sum(each * seen.slope, axis=1), each]) for each in (outward, scales)]
     along = _project(sides[1], seen.modes_m)
     tangent = np.where(np.isfinite(seen.tangent), seen.tangent, 0.0)
     off = 0.5 * SurfaceSettings.unseen_bend_per_m * np.einsum("ni,nij,nj->n", tangent, seen.own_m2, tangent)
@@ -184,8 +182,8 @@ def curve(seen: LocalTouches) -> ShapeEquations:
     noises = [_noise([side], [np.arange(count)], seen.own_m2, [SurfaceSettings.least_std_m]) for side in sides]
     across = noises[0] + np.outer(off, off) + np.diag(2.0 * off**2)
     return ShapeEquations(
-        rows=concatenate(values_at(over, outward), values_at(over, beside)),
-        y=np.concatenate([np.sum(each * seen.point_m[:, 1:], axis=1) for each in (outward, beside)]),
+        rows=concatenate(values_at(over, outward), values_at(over, scales)),
+        y=np.concatenate([np.sum(each * seen.point_m[:, 1:], axis=1) for each in (outward, scales)]),
         noise=block_diag(across, noises[1] + along @ along.T) + np.outer(rolled, rolled),
         modes=np.concatenate([_project(sides[0], seen.modes_m), np.zeros(along.shape)]),
         force_N=np.concatenate([np.sum(sides[0] * seen.yield_N, axis=1), np.zeros(count)]),
@@ -194,7 +192,7 @@ def curve(seen: LocalTouches) -> ShapeEquations:
 
 
 def across_curve(normal: np.ndarray, least: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 2) each, across a curve in its patch's frame: along normals (N, 3), and beside them."""
+    """(N, 2) each, across a curve in its patch's frame: along normals (N, 3), and across them."""
     outward = normal[:, 1:] / np.maximum(np.linalg.norm(normal[:, 1:], axis=1, keepdims=True), least)
     return outward, np.column_stack([-outward[:, 1], outward[:, 0]])
 

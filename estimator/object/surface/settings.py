@@ -57,9 +57,9 @@ class SurfaceSettings:
     line_gap: float = 0.1  # part of its length over which a line runs on
     nearby: float = 0.05  # part of a line's length within which contacts determine its normals
     vague_touches: float = 3.0  # touches known so many times worse than most do not widen the footprint
-    lone_shown_m: float = 2e-3  # standard deviation up to which a single place is drawn
-    shown_factor: float = 2.5  # no mesh where its deviation exceeds so many times that at nine tenths of the touches
-    shown_m: float = 3e-4  # and this
+    lone_drawn_m: float = 2e-3  # standard deviation up to which a single place is drawn
+    drawn_factor: float = 2.5  # no mesh where its deviation exceeds so many times that at nine tenths of the touches
+    drawn_m: float = 3e-4  # and this
     most_equations: int = 480  # of the search for the smoothness: three numbers need no more
     incline: float = 2.0  # prior standard deviation of the trend's slope over the tangent plane
     rougher: float = 1e-4  # least part of the touches' variance that is noise, in the search

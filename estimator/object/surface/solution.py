@@ -180,7 +180,7 @@ class ShapeSolution:
 
 
 def _factor(matrix: np.ndarray) -> np.ndarray:
-    """Lower Cholesky factor; what rounding takes away is given back, as little as will do."""
+    """Lower Cholesky factor; what rounding takes away is added again, as little as will do."""
     for jitter in (0.0, 1e-12, 1e-10, 1e-8):
         try:
             return cho_factor(matrix + jitter * np.diag(np.diag(matrix)), lower=True, check_finite=False)[0]

@@ -20,7 +20,6 @@ from scipy.special import log_ndtr, logsumexp
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.contact.motion import Beam
-from estimator.object.track.onset import TrackSettings
 from estimator.table.contacts import LOCATED, ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.geometry import Kinematics
@@ -28,34 +27,18 @@ from vbaa_calib.geometry.independent_axes import largest_std
 from vbaa_calib.rig import Rig
 
 from .onset import (
-    FIRST_CONTACT,
-    FREE,
-    LOSS,
-    RINGING,
-    ROLLING,
-    SLIDING,
-    SLIP_END,
-    SLIP_START,
-    STICKING,
-    TOUCHING,
-    UNKNOWN,
     ContactChange,
     ContactStates,
     Event,
     Track,
+    TrackSettings,
     baseline_candidates,
     contact_states,
     median_step,
 )
 
-_RATES = np.geomspace(0.3, 30.0, 36)  # trial rates of growth over the one that the last frame alone would ask for
-_COSINES = np.linspace(-0.8, 0.8, 5)
-# trial changes of the rate over the frames looked at, in `_UNEVEN`s, and their probabilities; `_UNEVEN` is how unevenly
-# an approach is thought to grow from t₀ to the last frame looked at: standard deviation of the share
-_BENDS, _SHARES, _UNEVEN = np.array([-1.4, 0.0, 1.4]), np.array([0.25, 0.5, 0.25]), 0.15
 
-
-def ringing_frames(table: ContactTable) -> np.ndarray:
+def _ringing_frames(table: ContactTable) -> np.ndarray:
     """(B,) bool: the frame is `not_quasistatic`, or between two such."""
     swings = np.flatnonzero(table.status == "not_quasistatic")
     found = np.zeros(len(table), bool)
@@ -66,7 +49,7 @@ def ringing_frames(table: ContactTable) -> np.ndarray:
     return found
 
 
-def ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) -> tuple[Event, ...]:
+def _ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) -> tuple[Event, ...]:
     """One for each run of swinging frames."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], ringing, [False]]).astype(int)))
     step = median_step(table.time_s)
@@ -82,7 +65,7 @@ def ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) 
         )
         pace = _frequency_words(table, slice(first, last), beam, step)
         words = f"the antenna swings from {time[0]:.3f} s to {time[-1]:.3f} s; {pace}"
-        events.append(Event(RINGING, int(table.frame[begin]), float(time[0]), std, 0.0, words))
+        events.append(Event("ringing", int(table.frame[begin]), float(time[0]), std, 0.0, words))
     return tuple(events)
 
 
@@ -95,15 +78,15 @@ def _frequency_words(table: ContactTable, near: slice, beam: Beam | None, step: 
     free_Hz = 0.0 if beam is None else float(beam.first_mode_rad_s(np.zeros(()))) / (2.0 * np.pi)
     if free_Hz > 0.9 * fastest:
         return f"its first mode, {free_Hz:.1f} Hz or more, is too fast for {1.0 / step:.0f} frames a second"
-    found = frequency(time, signal, fastest)
+    found = _frequency(time, signal, fastest)
     if found is None:
         return "no one frequency stands out"
     doubt = "(or, of a free antenna that swings about rest, half of it)"
     return f"its bend comes and goes at {found[0]:.1f} ± {found[1]:.1f} Hz {doubt}, observable up to {fastest:.0f} Hz"
 
 
-def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tuple[float, float] | None:
-    """Frequency in Hz and standard deviation of the strongest line in a signal (N,) beside a slope (Lomb–Scargle); None
+def _frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tuple[float, float] | None:
+    """Frequency in Hz and standard deviation of the strongest line in a signal (N,) on a slope (Lomb–Scargle); None
     where noise would show as much (beta distribution of the power's share)."""
     time = time_s - time_s.mean()
     away = signal - np.polyval(np.polyfit(time, signal, 1), time)
@@ -126,7 +109,7 @@ def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tupl
 
 @dataclass(frozen=True, eq=False)
 class _Growth:
-    """What surrounds a change, in order of time; a loss is looked at backwards."""
+    """What surrounds a change, in order of time; a loss is taken backwards."""
 
     time_s: np.ndarray  # (N,) of frames before and after
     evidence: np.ndarray  # (N,)
@@ -198,12 +181,15 @@ def _by_evidence(growth: _Growth, at: np.ndarray) -> np.ndarray:
     late = np.clip(time - at[:, None], 0.0, None)  # (A, N)
     span = max(float(time[-1] - at[0]), 1e-9)
     reached = np.sqrt(2.0 * max(float(evidence[-1]) - level, 1.0))
-    rate = _RATES * (reached / np.maximum(late[:, -1:], 1e-3 * span))  # (A, G)
-    bend = 1.0 + _UNEVEN * _BENDS[:, None] * (late / span)[:, None]  # (A, 3, N)
+    # trial rates of growth over the one that the last frame alone would ask for
+    rate = np.geomspace(0.3, 30.0, 36) * (reached / np.maximum(late[:, -1:], 1e-3 * span))  # (A, G)
+    # trial changes of the rate over the frames used
+    bend = 1.0 + TrackSettings.uneven_share * np.array([-1.4, 0.0, 1.4])[:, None] * (late / span)[:, None]  # (A, 3, N)
     # (A, G, 3, N); of log-likelihoods single precision has digits enough, and takes half the time
     x = (rate[:, :, None, None] * (bend * late[:, None])[:, None]).astype(np.float32)
-    log = np.empty((*x.shape[:3], len(_COSINES)))
-    for index, cosine in enumerate(_COSINES.tolist()):
+    cosines = np.linspace(-0.8, 0.8, 5)
+    log = np.empty((*x.shape[:3], len(cosines)))
+    for index, cosine in enumerate(cosines.tolist()):
         expected = (0.5 * x + cosine * common) * x + level
         variance = np.maximum(2.0 * noise * (expected - 1.5 * noise), 0.0) + 1.5 * noise**2
         # the cube root is nearly normal, also where there is hardly a deflection; `np.cbrt` takes ten times as long
@@ -216,7 +202,8 @@ def _by_evidence(growth: _Growth, at: np.ndarray) -> np.ndarray:
                 (middle[..., -1] - np.cbrt(TrackSettings.trusted_evidence)) / np.sqrt(spread[..., -1])
             )
         log[..., index] = each.sum(axis=-1)
-    return logsumexp(log + np.log(_SHARES)[:, None], axis=(1, 2, 3))
+    # with their probabilities
+    return logsumexp(log + np.log(np.array([0.25, 0.5, 0.25]))[:, None], axis=(1, 2, 3))
 
 
 def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
@@ -226,7 +213,7 @@ def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
     late = growth.force_time_s - at[:, None]  # (A, F)
     span = late[:, -1:]
     rate = growth.force_N[-1] / span  # what the bend is a share of
-    bow = _UNEVEN * rate * late * (late / span - 1.0)
+    bow = TrackSettings.uneven_share * rate * late * (late / span - 1.0)
     own = (TrackSettings.own_share * growth.force_std_N) ** 2 + (TrackSettings.relative_force * growth.force_N) ** 2
     common = float(growth.force_std_N[0]) ** 2
     covariance = np.eye(late.shape[1]) * own + common + bow[:, :, None] * bow[:, None]
@@ -242,16 +229,16 @@ def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
 
 def _contact_events(table: ContactTable, contacting: ContactStates) -> tuple[Event, ...]:
     """First contacts and losses, timed by the growth of the deflection."""
-    told = np.flatnonzero((contacting.state >= 0) & np.isfinite(table.evidence))
-    return tuple(_change(table, contacting, change, told) for change in contacting.changes)
+    decisive = np.flatnonzero((contacting.state >= 0) & np.isfinite(table.evidence))
+    return tuple(_change(table, contacting, change, decisive) for change in contacting.changes)
 
 
 def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.ndarray]) -> tuple[Event, ...]:
     """Where sticking turns into sliding and back; `strokes` are rows of the table."""
     found = []
     for rows in strokes:
-        decided = rows[np.isin(phase[rows], (STICKING, ROLLING, SLIDING))]
-        slides = phase[decided] == SLIDING
+        decided = rows[np.isin(phase[rows], ("sticking", "rolling", "sliding"))]
+        slides = phase[decided] == "sliding"
         for at in np.flatnonzero(slides[1:] != slides[:-1]):
             after = decided[at + 1]
             low, high = table.time_s[decided[at]], table.time_s[after]
@@ -259,7 +246,9 @@ def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.nd
                 float(0.5 * (low + high)),
                 float(np.hypot((high - low) / np.sqrt(12.0), 0.3 * TrackSettings.half_window_s)),
             )
-            kind, what = (SLIP_START, "the contact begins to slip") if slides[at + 1] else (SLIP_END, "the slip ends")
+            kind, what = (
+                ("slip_start", "the contact begins to slip") if slides[at + 1] else ("slip_end", "the slip ends")
+            )
             words = f"{what} at {time:.3f} s ± {1e3 * std:.0f} ms"
             found.append(
                 Event(kind, int(table.frame[after]), time, std, float(high - time + TrackSettings.half_window_s), words)
@@ -267,14 +256,14 @@ def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.nd
     return tuple(found)
 
 
-def _change(table: ContactTable, contacting: ContactStates, change: ContactChange, told: np.ndarray) -> Event:
-    kind, what = (FIRST_CONTACT, "first contact") if change.begins else (LOSS, "contact is lost")
+def _change(table: ContactTable, contacting: ContactStates, change: ContactChange, decisive: np.ndarray) -> Event:
+    kind, what = ("first_contact", "first contact") if change.begins else ("loss", "contact is lost")
     frame, decided = int(table.frame[change.row]), float(table.time_s[change.row])
     time = std = np.nan
     words = f"in contact from frame {frame} on, the first informative frame: when it began is undetermined"
     if len(change.known_before):
         words = f"{what} with frame {frame}: without usable times"
-        growth = _growth(table, contacting, change, told)
+        growth = _growth(table, contacting, change, decisive)
         if growth is None:
             low = float(table.time_s[change.known_before[-1]])
             time, std = 0.5 * (low + decided), (decided - low) / np.sqrt(12.0)
@@ -291,21 +280,23 @@ def _change(table: ContactTable, contacting: ContactStates, change: ContactChang
     return Event(kind, frame, float(time), float(std), float(delay), words)
 
 
-def _growth(table: ContactTable, contacting: ContactStates, change: ContactChange, told: np.ndarray) -> _Growth | None:
+def _growth(
+    table: ContactTable, contacting: ContactStates, change: ContactChange, decisive: np.ndarray
+) -> _Growth | None:
     """The informative frames (T,) around a change; of a loss turned round in time."""
     state, time = contacting.state, table.time_s
-    place = int(np.searchsorted(told, change.row))
+    place = int(np.searchsorted(decisive, change.row))
     if change.begins:
         free = np.array(baseline_candidates(change.known_before.tolist()), int)
         early, late = (
-            told[max(place - TrackSettings.frames_before, 0) : place],
-            told[place : place + TrackSettings.frames_after],
+            decisive[max(place - TrackSettings.frames_before, 0) : place],
+            decisive[place : place + TrackSettings.frames_after],
         )
         early = early[state[early] == 0]
     else:
         early, late = (
-            told[place : place + TrackSettings.frames_before],
-            told[max(place - TrackSettings.frames_after, 0) : place][::-1],
+            decisive[place : place + TrackSettings.frames_before],
+            decisive[max(place - TrackSettings.frames_after, 0) : place][::-1],
         )
         free = early = early[np.cumprod(state[early] == 0).astype(bool)][::-1]
     late = late[np.cumprod(state[late] == 1).astype(bool)]
@@ -336,22 +327,6 @@ def _growth(table: ContactTable, contacting: ContactStates, change: ContactChang
     )
 
 
-_CLEAR, _STILL_CLEAR = 4.5, 2.5  # deviations by which a slip must stand out to be called one, and for it to go on
-# share of the joints' motion below which a slip is not called one: curved paths and rolling leave as much; and that it
-# must surely stay below where the contact is said to stick
-_NOTHING, _STUCK = 0.05, 0.15
-_REST_M_S = 3e-4  # nothing slower is distinguishable from rest
-_RADIUS_M = 0.5e-3  # the antenna's if no rig is given: only limits how much a sticking antenna may roll
-_GAP_FRAMES = 4.0  # a run of located frames ends where so many frames' time passes without one
-_LEAST_SECONDS = 6  # second differences needed for a scatter
-_MOST_SCATTER = 3.0  # how many times as much as said the points of a path may scatter across the antenna, at most
-# velocities are slopes over the frames within `half_window_s`, and over one neighbour on each side at least
-_LEAST_HALF = 1
-_SHARE = 0.01  # part of a slip that is left open: the object touches an antenna radius beside the centreline
-_LEANING_RAD = 0.35  # how far friction may lean the force from the normal across the antenna: standard deviation
-_UPRIGHT_RAD = 0.8  # a slip farther from the plane across the force says nothing about the normal: the object gives way
-
-
 def follow(
     table: ContactTable,
     rig: Rig | None = None,
@@ -368,10 +343,12 @@ def follow(
     """
     if shared is None:
         shared = CommonErrors.none(table) if rig is None else shared_errors(rig, table)
-    ringing = ringing_frames(table)
+    ringing = _ringing_frames(table)
     contact = contact_states(table, ringing)
-    kinematics, radius = (Kinematics(), _RADIUS_M) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
-    phase = np.select([contact.state == 1, contact.state == 0], [TOUCHING, FREE], UNKNOWN).astype("<U8")
+    kinematics, radius = (
+        (Kinematics(), TrackSettings.radius_m) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
+    )
+    phase = np.select([contact.state == 1, contact.state == 0], ["touching", "free"], "unknown").astype("<U8")
     count, good = len(table), table.located & (contact.state == 1) & np.isfinite(table.time_s)
     good &= np.isfinite(table.point_world_m).all(axis=1) & np.isfinite(table.tangent_world).all(axis=1)
     strokes = runs(table, np.flatnonzero(good), contact.state == 0, np.empty(0))
@@ -385,10 +362,10 @@ def follow(
     for change, event in zip(contact.changes, happened, strict=events):
         if np.isfinite(event.time_s):  # frames between a change and its detection belong to what follows
             late = change.known_before[table.time_s[change.known_before] > event.time_s]
-            late = late[np.isin(phase[late], (FREE, TOUCHING))]
-            phase[late] = TOUCHING if change.begins else FREE
+            late = late[np.isin(phase[late], ("free", "touching"))]
+            phase[late] = "touching" if change.begins else "free"
     happened += _slip_events(table, phase, strokes)
-    happened += ringing_events(table, ringing, None if rig is None else Beam.of(rig))
+    happened += _ringing_events(table, ringing, None if rig is None else Beam.of(rig))
     time_of = dict(zip(table.frame.tolist(), table.time_s.tolist(), strict=True))
     return Track(
         phase=phase,
@@ -431,31 +408,38 @@ def _phases(slip: _Slip, antenna_radius_m: float) -> np.ndarray:
     toward = slip.velocity_m_s / np.maximum(speed, 1e-12)[:, None]
     own = np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", toward, slip.covariance_m2_s2, toward), 0.0))
     carried = np.where(np.isfinite(slip.carried_m_s), slip.carried_m_s, slip.contact_m_s)
-    nothing = _NOTHING * carried + antenna_radius_m * slip.turning_rad_s
+    nothing = TrackSettings.no_slip_share * carried + antenna_radius_m * slip.turning_rad_s
     with np.errstate(invalid="ignore"):
-        std = np.where(speed > _CLEAR * widest, own, widest)
-        surely, still = speed - _CLEAR * std > nothing, speed - _STILL_CLEAR * std > nothing
-        fast = speed > _REST_M_S
-        held = np.cumsum(~(still & fast))  # one number for each run of frames in which a slip may go on
-        sliding = still & fast & np.isin(held, np.unique(held[surely & still & fast]))
-        rest = np.maximum(antenna_radius_m * slip.turning_rad_s, _REST_M_S)
-        small = speed + 2.0 * std <= np.maximum(_STUCK * carried, rest)
-        stuck = ~sliding & small & (speed - _STILL_CLEAR * std <= rest)
-        walks = slip.contact_m_s - _CLEAR * slip.contact_std_m_s > 2.0 * np.maximum(speed + 2.0 * std, _REST_M_S)
-    found = np.full(len(speed), TOUCHING, dtype=object)
-    found[stuck] = STICKING
-    found[stuck & walks] = ROLLING
-    found[sliding] = SLIDING
+        std = np.where(speed > TrackSettings.slip_std * widest, own, widest)
+        surely = speed - TrackSettings.slip_std * std > nothing
+        continues = speed - TrackSettings.still_slip_std * std > nothing
+        fast = speed > TrackSettings.rest_m_s
+        run = np.cumsum(~(continues & fast))  # one number for each run of frames in which a slip may go on
+        sliding = continues & fast & np.isin(run, np.unique(run[surely & continues & fast]))
+        rest = np.maximum(antenna_radius_m * slip.turning_rad_s, TrackSettings.rest_m_s)
+        small = speed + 2.0 * std <= np.maximum(TrackSettings.stuck_share * carried, rest)
+        stuck = ~sliding & small & (speed - TrackSettings.still_slip_std * std <= rest)
+        walks = slip.contact_m_s - TrackSettings.slip_std * slip.contact_std_m_s > 2.0 * np.maximum(
+            speed + 2.0 * std, TrackSettings.rest_m_s
+        )
+    found = np.full(len(speed), "touching", dtype=object)
+    found[stuck] = "sticking"
+    found[stuck & walks] = "rolling"
+    found[sliding] = "sliding"
     return found.astype(str)
 
 
 def runs(table: ContactTable, rows: np.ndarray, free: np.ndarray, breaks_s: np.ndarray) -> list[np.ndarray]:
-    """Rows of a table, split at gaps in time, at clocks that stand still, at free frames (B,) and at times (K,)."""
+    """Rows of a table, split at gaps in time, at clocks that stop, at free frames (B,) and at times (K,)."""
     if len(rows) == 0:
         return []
     time = table.time_s[rows]
     steps = np.diff(time)
-    ends = (steps > _GAP_FRAMES * median_step(table.time_s)) | (np.diff(np.cumsum(free)[rows]) > 0) | ~(steps > 0.0)
+    ends = (
+        (steps > TrackSettings.gap_frames * median_step(table.time_s))
+        | (np.diff(np.cumsum(free)[rows]) > 0)
+        | ~(steps > 0.0)
+    )
     at = np.searchsorted(time, breaks_s[np.isfinite(breaks_s)], side="right") - 1
     ends[at[(at >= 0) & (at < len(ends))]] = True
     return np.split(rows, np.flatnonzero(ends) + 1)
@@ -481,7 +465,7 @@ def _material_noise(
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     frame = np.stack([tangent, first, np.cross(tangent, first)], axis=1)
     path = np.einsum("pki,pi->pk", frame, material - material.mean(axis=0))
-    if len(path) < _LEAST_SECONDS + 2:
+    if len(path) < TrackSettings.fewest_bends + 2:
         return across + along * (predicted**2)[:, None, None]
     # by which a smooth path scatters, from its second differences' median
     before, after = np.diff(time)[:-1, None], np.diff(time)[1:, None]
@@ -493,7 +477,7 @@ def _material_noise(
     sideways = float(np.hypot(seen[1], seen[2]) / np.sqrt(2.0))
     if known and np.isfinite(predicted).all():
         # what swings more than this is motion, not noise
-        factor = np.clip(sideways / max(float(np.median(predicted)), 1e-12), 1.0, _MOST_SCATTER) ** 2
+        factor = np.clip(sideways / max(float(np.median(predicted)), 1e-12), 1.0, TrackSettings.most_scatter) ** 2
         return factor * across + along * seen[0] ** 2
     return along * seen[0] ** 2 + flat * sideways**2
 
@@ -530,7 +514,7 @@ def _slip(
     kernel = _slopes(time)
     moved, modes = kernel @ material, _sloped(kernel, modes)
     covariance = _sloped(kernel.power(2), noise) + modes @ np.swapaxes(modes, 1, 2)
-    covariance = covariance + np.eye(3) * (_SHARE**2 * (moved**2).sum(axis=1))[:, None, None]
+    covariance = covariance + np.eye(3) * (TrackSettings.open_share**2 * (moved**2).sum(axis=1))[:, None, None]
     across, upward = _tilted_axes(moved, covariance, *_axes(table.force_world_N[rows], tangent))
     if normal is not None:
         known = np.isfinite(normal).all(axis=1)[:, None]
@@ -543,13 +527,11 @@ def _slip(
     speed = np.linalg.norm(contact, axis=1)
     toward = contact / np.maximum(speed, 1e-12)[:, None]
     contact_variance = np.einsum("pi,pij,pj->p", toward, _sloped(kernel.power(2), own), toward)
-    pan, tilt, held = table.pan_rad[rows], table.tilt_rad[rows], table.point_antenna_m[rows]
+    pan, tilt, run = table.pan_rad[rows], table.tilt_rad[rows], table.point_antenna_m[rows]
     carried = np.full(len(rows), np.nan)
-    if np.isfinite(pan).all() and np.isfinite(tilt).all() and np.isfinite(held).all():
+    if np.isfinite(pan).all() and np.isfinite(tilt).all() and np.isfinite(run).all():
         rotation, translation = kinematics.world_antenna(pan, tilt)
-        carried = np.linalg.norm(
-            np.einsum("pab,pb->pa", _sloped(kernel, rotation), held) + kernel @ translation, axis=1
-        )
+        carried = np.linalg.norm(np.einsum("pab,pb->pa", _sloped(kernel, rotation), run) + kernel @ translation, axis=1)
     return _Slip(
         velocity_m_s=np.einsum("pij,pj->pi", plane, moved),
         covariance_m2_s2=plane @ covariance @ plane,
@@ -571,7 +553,7 @@ def _slopes(time_s: np.ndarray) -> csr_array:
     row = np.arange(count)
     before = row - np.searchsorted(time_s, time_s - TrackSettings.half_window_s - 1e-9)
     after = np.searchsorted(time_s, time_s + TrackSettings.half_window_s + 1e-9, side="right") - 1 - row
-    half = np.maximum(np.minimum(before, after), _LEAST_HALF)
+    half = np.maximum(np.minimum(before, after), TrackSettings.least_neighbours)
     low, high = np.maximum(row - half, 0), np.minimum(row + half, count - 1)
     short = high - low < 2
     high = np.minimum(np.where(short, low + 2, high), count - 1)
@@ -605,8 +587,8 @@ def _tilted_axes(
     sideways, away = (np.einsum("pi,pi->p", axis, moved) for axis in (across, upward))
     noise = np.einsum("pi,pij,pj->p", upward, covariance, upward)
     with np.errstate(divide="ignore", invalid="ignore"):
-        lean = np.arctan(away / sideways)
+        inclination = np.arctan(away / sideways)
         variance = noise / (sideways**2 + away**2) + 0.05**2
-        turn = lean * _LEANING_RAD**2 / (_LEANING_RAD**2 + variance)
-    turn = np.where(np.abs(lean) < _UPRIGHT_RAD, turn, 0.0)[:, None]
+        turn = inclination * TrackSettings.friction_rad**2 / (TrackSettings.friction_rad**2 + variance)
+    turn = np.where(np.abs(inclination) < TrackSettings.inclined_rad, turn, 0.0)[:, None]
     return np.cos(turn) * across + np.sin(turn) * upward, np.cos(turn) * upward - np.sin(turn) * across

@@ -3,7 +3,7 @@ each frame gives for a contact.
 
 A slow approach shows in several frames together before it shows in one, but not in their sum: the calibration's
 error is common to all frames, and a rig that is off within its covariance gives every free frame the same little
-evidence. So the last frames are held against the ones before them, which is what this very antenna shows when free.
+evidence. So the last frames are compared with the ones before them, which is what this very antenna shows when free.
 
 Without contact the evidence follows χ²₃/2, or with a common error a noncentral χ² of smaller scatter. Its cube root is
 nearly normal either way (Wilson and Hilferty 1931), so that the difference of two means follows Student's t, the
@@ -20,11 +20,6 @@ import numpy as np
 from scipy.special import stdtrit
 
 from estimator.table.contacts import ContactTable
-
-FREE, TOUCHING, STICKING, SLIDING, ROLLING, UNKNOWN = "free", "touching", "sticking", "sliding", "rolling", "unknown"
-FIRST_CONTACT, LOSS, SLIP_START, SLIP_END, RINGING = "first_contact", "loss", "slip_start", "slip_end", "ringing"
-
-_TOUCHING = ("ok", "tip_contact", "low_signal")  # in contact; `no_contact` is free, all others are neither
 
 
 @dataclass(frozen=True)
@@ -63,12 +58,29 @@ class TrackSettings:
     relative_force: float = 0.03  # of a force's size that differs besides
     fewest_smoothed: int = 5  # frames of a piece; shorter ones stay as they are
     least_noise: float = 1e-6  # of a point's own variance in every direction: the filter divides by it
+    # how unevenly an approach grows from its start to the last frame used: standard deviation
+    uneven_share: float = 0.15
+    slip_std: float = 4.5  # standard deviations by which a slip must stand out,
+    still_slip_std: float = 2.5  # and by which, for it to go on
+    # of the joints' motion below which nothing slips: curved paths and rolling leave as much
+    no_slip_share: float = 0.05
+    stuck_share: float = 0.15  # of the joints' motion that a sticking contact surely stays below
+    rest_m_s: float = 3e-4  # nothing slower is distinguishable from rest
+    radius_m: float = 0.5e-3  # of an antenna without a rig: limits how much a sticking one may roll
+    gap_frames: float = 4.0  # a run of located frames ends where so many frames' time passes without one
+    fewest_bends: int = 6  # second differences needed for a scatter
+    most_scatter: float = 3.0  # largest ratio of a path's scatter across the antenna to the expected one
+    least_neighbours: int = 1  # frames on each side that a velocity is taken over, at least
+    open_share: float = 0.01  # of a slip that stays open: the object touches an antenna radius from the centreline
+    friction_rad: float = 0.35  # standard deviation of the angle between force and normal, across the antenna
+    inclined_rad: float = 0.8  # a slip farther from the plane across the force says nothing about the normal
 
 
 @dataclass(frozen=True)
 class Event:
     """Something that happened: its kind, and the number of the frame with which it was known.
 
+    kind : "first_contact", "loss", "slip_start", "slip_end" or "ringing".
     `time_s`, `time_std_s` say when it happened, NaN where that is undetermined, `delay_s` how much later it was known,
     `words` the same for a reader.
     """
@@ -128,18 +140,21 @@ class ContactStates:
 
 def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
     """Go through a recording once, forward, as a live judge would; a ringing antenna says nothing."""
-    said = np.where(np.isin(table.status, _TOUCHING), 1, np.where(table.status == "no_contact", 0, -1))
-    said = np.where(ringing, -1, said)
+    # in contact; `no_contact` is free, all others are neither
+    contact_by_status = np.where(
+        np.isin(table.status, ("ok", "tip_contact", "low_signal")), 1, np.where(table.status == "no_contact", 0, -1)
+    )
+    contact_by_status = np.where(ringing, -1, contact_by_status)
     joints = np.column_stack([table.pan_rad, table.tilt_rad])
     root = np.cbrt(np.clip(table.evidence, 0.0, None))
     state = np.full(len(table), -1)
     changes: list[ContactChange] = []
     run: list[int] = []
     now, tested, last = -1, False, -np.inf
-    for row in np.flatnonzero(said >= 0).tolist():
+    for row in np.flatnonzero(contact_by_status >= 0).tolist():
         if table.time_s[row] - last > TrackSettings.gap_s:
             now, run = -1, []
-        last, alone = float(table.time_s[row]), int(said[row])
+        last, alone = float(table.time_s[row]), int(contact_by_status[row])
         before = changes[-1].known_before if changes and changes[-1].begins else np.empty(0, int)
         # the last free frames in poses like this frame's; none where the joints are not known
         base = np.array(baseline_candidates(run if now == 0 else before.tolist()), int)
@@ -151,7 +166,7 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
             if not (table.evidence[run[-TrackSettings.recent_frames :]] <= TrackSettings.firm_evidence).all():
                 stays = _exceeds(root[[row]], root[base], TrackSettings.free_again_std)
             else:  # a weak contact continues over a few frames, with one clear frame, or by all together
-                some = len(late) < TrackSettings.leaving_frames or bool((said[late] == 1).any())
+                some = len(late) < TrackSettings.leaving_frames or bool((contact_by_status[late] == 1).any())
                 stays = some or _exceeds(root[late], root[base], TrackSettings.free_together_std)
             found = 1 if alone == 1 or stays else 0
         else:

@@ -20,17 +20,10 @@ from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.rig import Rig
 
 from .follow import follow, runs
-from .onset import LOSS, SLIP_END, SLIP_START, Track
-
-# trial intensities of the walk, about the one that would move the path by its own noise in its mean step
-_DECADES, _TRIALS = (-8.0, 4.0), 37
-_CHANGED = (
-    *("point_world_m", "covariance_world_m2", "point_antenna_m", "distance_m", "distance_std_m"),
-    *("force_world_N", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N"),
-)
+from .onset import Track
 
 
-def kalman_smooth(
+def _kalman_smooth(
     time_s: np.ndarray, values: np.ndarray, covariance: np.ndarray, walk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Smoothed values (P, D) and covariances (P, D, D) of values with noise of covariance (P, D, D) at rising times
@@ -64,14 +57,15 @@ def kalman_smooth(
     return means[:, :size], 0.5 * (left + np.swapaxes(left, 1, 2))
 
 
-def walk_intensity(time_s: np.ndarray, values: np.ndarray, variance: np.ndarray) -> float:
+def _walk_intensity(time_s: np.ndarray, values: np.ndarray, variance: np.ndarray) -> float:
     """Intensity of the velocity's random walk in a path (P,) with noise of these variances (P,), unit²/s³: the mean
-    over trials, evenly on a logarithmic scale, under the likelihood; NaN where nothing can be said."""
+    over trials, evenly on a logarithmic scale, under the likelihood; NaN where nothing is known."""
     sound = np.isfinite(values).all() and np.isfinite(variance).all() and (variance > 0.0).all()
     if not (sound and len(values) >= 4 and (np.diff(time_s) > 0.0).all()):
         return np.nan
     step = float(np.diff(time_s).mean())
-    trials = np.logspace(*_DECADES, _TRIALS) * (float(np.median(variance)) / step**3)
+    # trial intensities of the walk, about the one that would move the path by its own noise in its mean step
+    trials = np.logspace(-8.0, 4.0, 37) * (float(np.median(variance)) / step**3)
     log = _log_likelihoods(time_s - time_s[0], values - values.mean(), variance, trials)
     return float(np.exp(logsumexp(log + np.log(trials)) - logsumexp(log)))
 
@@ -108,17 +102,23 @@ def smooth(
     """
     shared = shared_errors(rig, table) if shared is None else shared
     track = follow(table, rig, shared) if track is None else track
-    changed = {name: getattr(table, name).copy() for name in _CHANGED}
+    changed = {
+        name: getattr(table, name).copy()
+        for name in (
+            *("point_world_m", "covariance_world_m2", "point_antenna_m", "distance_m", "distance_std_m"),
+            *("force_world_N", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N"),
+        )
+    }
     rotation, _ = rig.kinematics.world_antenna(*joint_angles(rig.kinematics, table))
-    for rows in smoothable_pieces(table, track):
+    for rows in _smoothable_pieces(table, track):
         _smooth_piece(table, rows, shared.own_m2[rows], shared, rotation[rows], changed)
     return replace(table, **changed)
 
 
-def smoothable_pieces(table: ContactTable, track: Track) -> list[np.ndarray]:
+def _smoothable_pieces(table: ContactTable, track: Track) -> list[np.ndarray]:
     """Rows of the table that may be smoothed together: never across a loss, a gap, or a beginning or end of slip."""
     good = table.located & np.isfinite(table.time_s) & np.isfinite(table.covariance_world_m2).all(axis=(1, 2))
-    breaks = np.array([event.time_s for event in track.events if event.kind in (LOSS, SLIP_START, SLIP_END)])
+    breaks = np.array([event.time_s for event in track.events if event.kind in ("loss", "slip_start", "slip_end")])
     free = track.phase == "free"
     return [
         part
@@ -141,10 +141,10 @@ def _smooth_piece(
     axes = np.linalg.eigh(own_m2.mean(axis=0))[1]
     turned = axes.T @ own_m2 @ axes
     path = (point - point.mean(axis=0)) @ axes
-    walks = np.array([walk_intensity(time, path[:, i], turned[:, i, i]) for i in range(3)])
+    walks = np.array([_walk_intensity(time, path[:, i], turned[:, i, i]) for i in range(3)])
     if not np.isfinite(walks).all():
         return
-    found, left = kalman_smooth(time, path, turned, walks)
+    found, left = _kalman_smooth(time, path, turned, walks)
     moved = found @ axes.T + point.mean(axis=0) - point
     changed["point_world_m"][rows] = point + moved
     common = shared.point_m[rows]
@@ -154,9 +154,9 @@ def _smooth_piece(
     def smooth_number(name: str, own: np.ndarray) -> np.ndarray:
         """Of a column with this own variance (P,); as it was where nothing can be done."""
         values, std = changed[name][rows], changed[_std(name)][rows]
-        walk = walk_intensity(time, values, own)
+        walk = _walk_intensity(time, values, own)
         if np.isfinite(walk):
-            smoothed, rest = kalman_smooth(time, values[:, None], own[:, None, None], np.array([walk]))
+            smoothed, rest = _kalman_smooth(time, values[:, None], own[:, None, None], np.array([walk]))
             changed[name][rows] = smoothed[:, 0]
             changed[_std(name)][rows] = np.sqrt(rest[:, 0, 0] + std**2 - own)
         return changed[name][rows]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -17,12 +17,26 @@ from vbaa_calib.core.errors import InputError
 
 from .press import Answer, Press, Ring
 
-_STANDS_OUT = 5.0  # the moment's growth, or the ringing's amplitude, must be so many of its deviations
-_ASIDE_RAD = 0.05  # moment and turn that differ in direction by more, and by more than noise, indicate a slip sideways
+
+@dataclass(frozen=True)
+class PressSettings:
+    """When the methods of earlier sensors answer."""
+
+    stands_out_std: float = 5.0  # standard deviations that the moment's growth, or the ringing, must exceed
+    lateral_rad: float = 0.05  # angle between moment and turn, beyond noise, from which the contact slips laterally
+    fewest_periods: float = 2.0  # of a ringing
+    fewest_samples: int = 12  # of a ringing
+    nodes: int = 65  # places at which the first mode is exact
+    finer: int = 8  # a periodogram than its own spacing
+    shares: tuple[float, float] = (0.6, 0.97)  # of the length, where the two points are taken
+    uncertain: float = 0.1  # standard deviation of a distance, in lengths, from which it is withheld
+    steep: float = 0.5  # slope of the straight part up to which deflections count as small (Assumption 1)
+    fewest_frames: int = 3  # for an object's stiffness
+    known: float = 0.2  # relative standard deviation of a force up to which it is used: the formulas are not linear
+    compliance_std: float = 3.0  # standard deviations that the compliance must exceed
+
 
 _Slope = tuple[float, float, float]
-_FEWEST_PERIODS, _FEWEST_SAMPLES = 2.0, 12
-_NODES, _FINER = 65, 8  # places at which the first mode is exact; how much finer than its own the periodogram is
 
 
 def _active_antenna(press: Press) -> Answer:
@@ -50,10 +64,10 @@ def _active_antenna_3d(press: Press) -> Answer:
     direction = turn[-1] - (turn[0] if len(turn) > 1 else 0.0)
     direction = direction / max(float(np.linalg.norm(direction)), 1e-300)
     slope = _slope(press, turn @ direction, -moment @ direction)
-    aside, aside_std, _ = _slope(press, turn @ direction, -moment @ [-direction[1], direction[0]])
-    (along, std, _), angle = slope, float(np.arctan2(abs(aside), slope[0]))
-    angle_std = np.hypot(aside_std, angle * std) / max(abs(along), 1e-300)
-    if angle > max(_ASIDE_RAD, 0.0 if np.isnan(angle_std) else _STANDS_OUT * angle_std):
+    lateral, lateral_std, _ = _slope(press, turn @ direction, -moment @ [-direction[1], direction[0]])
+    (along, std, _), angle = slope, float(np.arctan2(abs(lateral), slope[0]))
+    angle_std = np.hypot(lateral_std, angle * std) / max(abs(along), 1e-300)
+    if angle > max(PressSettings.lateral_rad, 0.0 if np.isnan(angle_std) else PressSettings.stands_out_std * angle_std):
         return Answer(reason=f"the antenna slips sideways: the moment leans {np.degrees(angle):.0f}° from the turn")
     return _distance(press, slope, moment[-1], direction)
 
@@ -61,19 +75,19 @@ def _active_antenna_3d(press: Press) -> Answer:
 def _slope(press: Press, turn: np.ndarray, moment: np.ndarray) -> _Slope:
     """Of the moment over the turn (F,) by least squares, with an intercept if F > 1, its deviation, and how much the
     last moment moves it; NaN where nothing turns."""
-    aside = turn - turn.mean() if len(turn) > 1 else turn
-    spread = float(aside @ aside)
+    lateral = turn - turn.mean() if len(turn) > 1 else turn
+    spread = float(lateral @ lateral)
     if spread <= 0.0:
         return np.nan, np.nan, np.nan
-    slope = float(aside @ moment) / spread
+    slope = float(lateral @ moment) / spread
     noise = np.hypot(press.noise.moment_Nm, 0.0 if np.isnan(press.noise.turn_rad) else slope * press.noise.turn_rad)
-    return slope, float(noise / np.sqrt(spread)), float(aside[-1]) / spread
+    return slope, float(noise / np.sqrt(spread)), float(lateral[-1]) / spread
 
 
 def _distance(press: Press, found: _Slope, moment_Nm: np.ndarray, direction: np.ndarray) -> Answer:
     """From dτ/dw = 3EI/l; the force is the last moment (2,) over l, along the components that were turned."""
     wire, (slope, std, by_last) = press.wire, found
-    if not slope > (0.0 if np.isnan(std) else _STANDS_OUT * std):
+    if not slope > (0.0 if np.isnan(std) else PressSettings.stands_out_std * std):
         return Answer(reason="the moment does not grow with the turn beyond its noise: nothing is pressed")
     distance = 3.0 * wire.stiffness_Nm2 / slope
     relative = np.hypot(std / slope, wire.stiffness_std_Nm2 / wire.stiffness_Nm2)
@@ -94,12 +108,14 @@ def _dynamic_active_antenna(press: Press) -> Answer:
     Assumes: a contact that neither moves nor is left while the antenna rings, and that lets it turn; one mode that
     outlives the others. An object that gives way lowers the frequency: it feels like a contact nearer to the clamp.
     """
-    wire, places = press.wire, np.linspace(0.0, 1.0, _NODES)
+    wire, places = press.wire, np.linspace(0.0, 1.0, PressSettings.nodes)
     assert press.ring is not None
     beam = Beam(wire.length_m, wire.stiffness_Nm2, wire.mass_per_length_kg_m)
     curve = CubicSpline(places, beam.first_mode_rad_s(places))
     free, tip = float(curve(0.0)), float(curve(1.0))
-    found = _fit_ringing(press.ring, (0.8 * free, 1.2 * float(curve(np.linspace(0.0, 1.0, 4 * _NODES)).max())))
+    found = _fit_ringing(
+        press.ring, (0.8 * free, 1.2 * float(curve(np.linspace(0.0, 1.0, 4 * PressSettings.nodes)).max()))
+    )
     if isinstance(found, str):
         return Answer(reason=found)
     natural, std = found
@@ -110,29 +126,29 @@ def _dynamic_active_antenna(press: Press) -> Answer:
     pace = f"{natural / (2.0 * np.pi):.1f} Hz"
     if natural < free + 2.0 * std:
         return Answer(reason=f"{pace} is the free antenna's frequency, or below: nothing holds it")
-    held = curve.solve(natural, extrapolate=False)
-    if len(held) == 0:
+    roots = curve.solve(natural, extrapolate=False)
+    if len(roots) == 0:
         return Answer(reason=f"{pace} is faster than the first mode is with any contact")
-    distances = np.sort(held) * wire.length_m
+    distances = np.sort(roots) * wire.length_m
     if natural > tip - 2.0 * std:
         distances = distances if len(distances) > 1 else np.array([distances[0], wire.length_m])
         listed = " and ".join(f"{1e3 * value:.0f}" for value in distances)
         words = f"{pace} is rung with a contact on either side of the second mode's node: {listed} mm"
         return Answer(candidates_m=distances, reason=words)
-    return Answer(float(distances[0]), std * wire.length_m / float(curve(held[0], 1)), candidates_m=distances)
+    return Answer(float(distances[0]), std * wire.length_m / float(curve(roots[0], 1)), candidates_m=distances)
 
 
 def _fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, float] | str:
     """Natural frequency √(ω² + decay²) of the strongest damped sinusoid over a constant, and the deviation of ω from
     the misfit that is left, rad/s; in words why there is none.
 
-    It is looked for in the band, within which a first mode can be: higher modes may be louder.
+    It is sought in the band of possible first modes: higher modes may be louder.
     """
     time, signal = np.asarray(ring.time_s, float), np.asarray(ring.moment_Nm, float)
-    given = np.isfinite(time) & np.isfinite(signal)
-    time, signal = time[given] - (time[given].min() if given.any() else 0.0), signal[given]
-    if len(time) < _FEWEST_SAMPLES:
-        return f"{len(time)} samples: at least {_FEWEST_SAMPLES} are needed"
+    finite = np.isfinite(time) & np.isfinite(signal)
+    time, signal = time[finite] - (time[finite].min() if finite.any() else 0.0), signal[finite]
+    if len(time) < PressSettings.fewest_samples:
+        return f"{len(time)} samples: at least {PressSettings.fewest_samples} are needed"
     omega = _strongest(time, signal, band_rad_s)
     if not omega > 0.0:
         return "the times do not rise, or are too few for the first mode's frequencies"
@@ -152,11 +168,11 @@ def _fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, fl
     covariance = np.linalg.inv(information) * (2.0 * solved.cost / (len(time) - len(solved.x)))
     amplitude = float(np.hypot(*solved.x[2:4]))
     toward = solved.x[2:4] / max(amplitude, 1e-300)
-    if amplitude < _STANDS_OUT * float(np.sqrt(toward @ covariance[2:4, 2:4] @ toward)):
+    if amplitude < PressSettings.stands_out_std * float(np.sqrt(toward @ covariance[2:4, 2:4] @ toward)):
         return "no ringing stands out of the signal's noise"
     damped = float(abs(omega * solved.x[0]))
-    if damped * span < _FEWEST_PERIODS * 2.0 * np.pi:
-        return f"fewer than {_FEWEST_PERIODS:.0f} periods: the frequency is indistinguishable from a drift"
+    if damped * span < PressSettings.fewest_periods * 2.0 * np.pi:
+        return f"fewer than {PressSettings.fewest_periods:.0f} periods: the frequency is indistinguishable from a drift"
     return float(np.hypot(damped, solved.x[1] / span)), float(omega * np.sqrt(covariance[0, 0]))
 
 
@@ -165,18 +181,11 @@ def _strongest(time_s: np.ndarray, signal: np.ndarray, band_rad_s: tuple[float, 
     if not (np.diff(time_s) > 0.0).all():
         return np.nan
     even = np.interp(np.linspace(0.0, time_s[-1], len(time_s)), time_s, signal)
-    power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(len(even)), _FINER * len(even))) ** 2
-    omega = 2.0 * np.pi * np.arange(len(power)) / _FINER / len(even) * (len(even) - 1) / time_s[-1]
-    inside = (np.arange(len(power)) >= _FINER) & (omega >= band_rad_s[0]) & (omega <= band_rad_s[1])
+    power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(len(even)), PressSettings.finer * len(even))) ** 2
+    omega = 2.0 * np.pi * np.arange(len(power)) / PressSettings.finer / len(even) * (len(even) - 1) / time_s[-1]
+    inside = (np.arange(len(power)) >= PressSettings.finer) & (omega >= band_rad_s[0]) & (omega <= band_rad_s[1])
     return float(omega[np.argmax(np.where(inside, power, -1.0))]) if inside.any() else np.nan
 
-
-_SHARES = (0.6, 0.97)  # where the two points are taken, in antenna lengths
-_UNCERTAIN = 0.1  # distances less certain than this share of the length are not given out
-_STEEP = 0.5  # slopes of the straight part beyond this are not the small deflections of Assumption 1
-_FEWEST_FRAMES = 3  # needed for an object's stiffness
-_KNOWN = 0.2  # frames whose force is less certain than this share of itself are left out: the formulas are not linear
-STANDS_OUT = 3.0  # the compliance must be so many of its deviations
 
 _Formula = Callable[[np.ndarray], np.ndarray]  # from M inputs (M, K) to results (M, Q)
 
@@ -194,9 +203,9 @@ def _vbaa_3d_camera_a(press: Press) -> Answer:
 def _vbaa_3d_camera_b(press: Press) -> Answer:
     """l, f_y and f_z from two points and the moment together, exactly; parallel rays, inclined by ϕ to the clamp."""
 
-    def solve(given: np.ndarray) -> np.ndarray:
+    def solve(finite: np.ndarray) -> np.ndarray:
         found = inclined_two_point_contact(
-            given[:, 0:2], given[:, 2:4], given[:, 4], given[:, 5], press.camera_tilt_rad, press.wire.length_m
+            finite[:, 0:2], finite[:, 2:4], finite[:, 4], finite[:, 5], press.camera_tilt_rad, press.wire.length_m
         )
         alone = np.where(found.solutions > 1, np.nan, found.contact_m)
         return np.stack([alone, found.force_y_N, found.force_z_N], axis=1)
@@ -207,18 +216,20 @@ def _vbaa_3d_camera_b(press: Press) -> Answer:
 def _vbaa_2d_pushing(press: Press) -> Answer:
     """`_vbaa_2d` of the last frame, and the object's stiffness from all of them.
 
-    Assumes, besides: a turn within plane C against an object whose normal is along y, a linear spring, no friction. At
-    least three frames of different force. Frames whose two points no contact explains are left out. What the beam's
+    Assumes, besides: a turn within plane C against an object with its normal along y, a linear spring, no friction. At
+    least three frames of different force. Frames are left out where no contact explains the two points. What the beam's
     second order leaves, some 0.1 % of the antenna's own compliance l³/3EI at slopes of 3°, 0.3 % at 7°, is a bias.
     """
     last = _vbaa_2d(press)
     frames = [_yield_at(press, *frame) for frame in enumerate(np.asarray(press.turn_rad)[:, 0])]
     kept = [frame for frame in frames if frame is not None and np.isfinite(frame[0]).all()]
     prefix = f"{last.reason}; object's stiffness:" if last.reason else "object's stiffness:"
-    if len(kept) < _FEWEST_FRAMES:
-        return replace(last, reason=f"{prefix} {len(kept)} frames with a contact, {_FEWEST_FRAMES} are needed")
+    if len(kept) < PressSettings.fewest_frames:
+        return replace(
+            last, reason=f"{prefix} {len(kept)} frames with a contact, {PressSettings.fewest_frames} are needed"
+        )
     compliance, std = compliance_of(*map(np.array, zip(*kept, strict=True)))
-    if np.isfinite(std) and not compliance > STANDS_OUT * std:
+    if np.isfinite(std) and not compliance > PressSettings.compliance_std * std:
         least = 1.0 / (max(compliance, 0.0) + 2.0 * std)
         words = f"{prefix} gives way by no more than the noise; probably stiffer than {least:.3g} N/m"
         return replace(last, reason=words)
@@ -233,26 +244,28 @@ def _two_points(press: Press, frame: int) -> np.ndarray | None:
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 2:
         return None
-    first, second = np.argmin(np.abs(points[:, 0] - np.array(_SHARES)[:, None] * press.wire.length_m), axis=1)
+    first, second = np.argmin(
+        np.abs(points[:, 0] - np.array(PressSettings.shares)[:, None] * press.wire.length_m), axis=1
+    )
     return points[[first, second]] if first != second else None
 
 
-def _propagate(solve: _Formula, given: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _propagate(solve: _Formula, finite: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Results (Q,) of one input (K,), and what independent noise of these deviations (K,) moves them by, (Q, K): half
     the difference over ± one deviation; NaN where that reaches out of what has a solution."""
-    values = solve(given + np.concatenate([np.zeros((1, len(given))), np.diag(std), -np.diag(std)]))
+    values = solve(finite + np.concatenate([np.zeros((1, len(finite))), np.diag(std), -np.diag(std)]))
     up, down = np.split(values[1:], 2)
     return values[0], 0.5 * (up - down).T
 
 
 def _upright(press: Press, moment_Nm: float) -> Answer:
-    def solve(given: np.ndarray) -> np.ndarray:
-        found = two_point_contact(given[:, 0:2], given[:, 2:4], given[:, 5], press.wire.length_m)
-        return np.stack([found.contact_m, found.force_y_N, force_z(given[:, 4], found.contact_m)], axis=1)
+    def solve(finite: np.ndarray) -> np.ndarray:
+        found = two_point_contact(finite[:, 0:2], finite[:, 2:4], finite[:, 5], press.wire.length_m)
+        return np.stack([found.contact_m, found.force_y_N, force_z(finite[:, 4], found.contact_m)], axis=1)
 
     points = _two_points(press, -1)
-    if points is not None and abs(np.diff(points[:, 1])) > _STEEP * abs(np.diff(points[:, 0])):
-        return Answer(reason=f"bent beyond small deflections: a slope of more than {_STEEP:g}")
+    if points is not None and abs(np.diff(points[:, 1])) > PressSettings.steep * abs(np.diff(points[:, 0])):
+        return Answer(reason=f"bent beyond small deflections: a slope of more than {PressSettings.steep:g}")
     return _answer(press, solve, points, moment_Nm)
 
 
@@ -269,7 +282,7 @@ def _answer(press: Press, solve: _Formula, points: np.ndarray | None, moment_Nm:
     if np.isnan(values[0]):
         return Answer(reason="no contact explains the two points, or more than one: too little bent for their noise")
     deviations = np.full(3, np.nan) if np.isnan(std).any() else np.sqrt((moved**2).sum(axis=1))
-    if not (np.isnan(std).any() or deviations[0] < _UNCERTAIN * wire.length_m):
+    if not (np.isnan(std).any() or deviations[0] < PressSettings.uncertain * wire.length_m):
         reason = "bent too little: the two points' noise leaves the contact's place open"
         return Answer(candidates_m=values[:1], reason=reason)
     force, force_std = np.full(3, np.nan), np.full(3, np.nan)
@@ -284,18 +297,18 @@ def compliance_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, fl
     Least is Σ (u − u₀ − slope·(−f))²/variance of that, which depends on the slope, since the errors of f and u go
     together. The deviation grows with the scatter where that is more than the noise, or where no noise is known.
     """
-    force, given = values.T
-    if len(values) < _FEWEST_FRAMES or not np.ptp(force) > 0.0:
+    force, finite = values.T
+    if len(values) < PressSettings.fewest_frames or not np.ptp(force) > 0.0:
         return np.nan, np.nan
     noisy = bool(np.isfinite(covariance).all() and (covariance[:, 1, 1] > 0.0).all())
     noise = covariance if noisy else np.broadcast_to(np.diag([0.0, 1.0]), (len(values), 2, 2))
 
     def cost(slope: float) -> float:
         weight = 1.0 / np.einsum("i,nij,j->n", [-slope, 1.0], noise, [-slope, 1.0])
-        residual = given - slope * force
+        residual = finite - slope * force
         return float(weight @ (residual - (weight @ residual) / weight.sum()) ** 2)
 
-    rough, step = np.polyfit(force, given, 1)[0], float(np.ptp(given) + 1e-9 * np.ptp(force)) / float(np.ptp(force))
+    rough, step = np.polyfit(force, finite, 1)[0], float(np.ptp(finite) + 1e-9 * np.ptp(force)) / float(np.ptp(force))
     best = float(minimize_scalar(cost, bracket=(rough - 0.1 * step, rough + 0.1 * step)).x)
     step = 1e-3 * step
     curvature = (cost(best + step) - 2.0 * cost(best) + cost(best - step)) / step**2
@@ -311,28 +324,21 @@ def _yield_at(press: Press, frame: int, turn_rad: float) -> tuple[np.ndarray, np
     if points is None:
         return None
 
-    def solve(given: np.ndarray) -> np.ndarray:
-        found = two_point_contact(points[:, 0], given[:, :2], stiffness, press.wire.length_m)
+    def solve(finite: np.ndarray) -> np.ndarray:
+        found = two_point_contact(points[:, 0], finite[:, :2], stiffness, press.wire.length_m)
         contact, force = found.contact_m, found.force_y_N
         bent = force * contact**3 / (3.0 * stiffness)
-        return np.stack([-force, contact * np.sin(given[:, 2]) + bent * np.cos(given[:, 2])], axis=1)
+        return np.stack([-force, contact * np.sin(finite[:, 2]) + bent * np.cos(finite[:, 2])], axis=1)
 
     point_std, turn_std = np.nan_to_num([press.noise.point_m, press.noise.turn_rad])
     values, moved = _propagate(solve, np.array([*points[:, 1], turn_rad]), np.array([point_std, point_std, turn_std]))
     if np.isnan(press.noise.point_m):
         return values, np.full((2, 2), np.nan)
-    if not np.linalg.norm(moved[0]) < _KNOWN * abs(values[0]):
+    if not np.linalg.norm(moved[0]) < PressSettings.known * abs(values[0]):
         return None
     return values, moved @ moved.T
 
 
-_NEEDS = {
-    "turns": "the base's turns since first contact",
-    "moment_y": "a moment sensor about y",
-    "moment_z": "a moment sensor about z",
-    "centreline": "the antenna's centreline on plane C",
-    "ring": "a ring-down of the moment, and the wire's mass",
-}
 METHODS: dict[str, tuple[Callable[[Press], Answer], str]] = {
     "Active Antenna": (_active_antenna, "turns moment_y|moment_z"),
     "3D Active Antenna": (_active_antenna_3d, "turns moment_y moment_z"),
@@ -355,5 +361,12 @@ def run_method(name: str, press: Press) -> Answer:
         raise InputError(f"no method {name!r}", remedy=f"one of {', '.join(METHODS)}")
     solve, needs = METHODS[name]
     any_of = [need.split("|") for need in needs.split()]
-    lacking = [" or ".join(_NEEDS[each] for each in need) for need in any_of if press.has.isdisjoint(need)]
+    words = {
+        "turns": "the base's turns since first contact",
+        "moment_y": "a moment sensor about y",
+        "moment_z": "a moment sensor about z",
+        "centreline": "the antenna's centreline on plane C",
+        "ring": "a ring-down of the moment, and the wire's mass",
+    }
+    lacking = [" or ".join(words[each] for each in need) for need in any_of if press.has.isdisjoint(need)]
     return Answer(reason=f"needs {' and '.join(lacking)}") if lacking else solve(press)

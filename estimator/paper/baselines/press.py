@@ -1,4 +1,4 @@
-"""What a system of the paper's family is given of one touch, and what it answers.
+"""What a system of the paper's family knows of one touch, and what it answers.
 
 A *press* begins at first contact: the base turns on, the object bends the antenna. Directions across the antenna are
 counted (y, z). A turn (w_y, w_z) carries the tip of a free antenna by L·w; an object in its way bends the antenna back
@@ -128,12 +128,12 @@ class Answer:
     reason: str = ""
 
 
-def world_turn(rotations: np.ndarray) -> np.ndarray:
+def _world_turn(rotations: np.ndarray) -> np.ndarray:
     """(F, 2) turns (w_y, w_z), rad, of the antenna's x axis since the first of the base's rotations (F, 3, 3)."""
     now = np.einsum("ji,fj->fi", rotations[0], rotations[:, :, 0])
-    aside = np.linalg.norm(now[:, 1:], axis=1, keepdims=True)
-    angle = np.arctan2(aside, now[:, :1])
-    return now[:, 1:] * np.divide(angle, aside, out=np.ones_like(angle), where=aside > 0.0)
+    off_axis = np.linalg.norm(now[:, 1:], axis=1, keepdims=True)
+    angle = np.arctan2(off_axis, now[:, :1])
+    return now[:, 1:] * np.divide(angle, off_axis, out=np.ones_like(angle), where=off_axis > 0.0)
 
 
 def press_from_recording(
@@ -145,7 +145,7 @@ def press_from_recording(
     sigma_px: float | None = None,
     ring: Ring | None = None,
 ) -> Press:
-    """What every method of `METHODS` is given of one touch, from first contact on.
+    """What every method of `METHODS` knows of one touch, from first contact on.
 
     pictures : centrelines (F, N, 2) px, NaN where nothing is seen; and moment readings (F, 2) about z and about y, NaN
         without a sensor.
@@ -183,7 +183,7 @@ def press_from_recording(
     return Press(
         Wire(rig.antenna.length_m, stiffness, mass, *deviations),
         Noise(point_std, float(np.sqrt(2.0)) * sensor.std_Nm / sensor.gain, 0.0),
-        world_turn(rotations),
+        _world_turn(rotations),
         # offset and weight drop out
         (np.asarray(pictures[1], float) - np.asarray(free[1], float)) / gain,
         seen,

@@ -32,10 +32,7 @@ from vbaa_calib.core.errors import SolveError
 from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.objects import TouchObject
 
-from .stick_slip import TOLERANCE, Bases, Contacts, Held, Setting, tangent_axes
-
-_SAMPLES = 400
-_PARALLEL = 0.05
+from .stick_slip import STROKE, Bases, Held, Setting, SlidContacts, tangent_axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +51,7 @@ class _Core:
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class _FrictionlessProblem:
     """All B frames of a stroke, each in its own antenna frame.
 
     gravity : (B, 3). unloaded : the antenna under its weight alone. reach_m : the object's radius plus the antenna's
@@ -76,10 +73,10 @@ class _Problem:
     normal: np.ndarray
 
 
-def touch_at_once(setting: Setting, bases: Bases) -> Contacts:
+def touch_at_once(setting: Setting, bases: Bases) -> SlidContacts:
     """The contacts of one stroke of B frames; the object's friction is left out.
 
-    Raises SolveError naming the first frame in which a real antenna could not be held.
+    Raises SolveError naming the first frame in which a real antenna could not be in equilibrium.
     """
     problem = _problem(setting, bases)
     rows = np.flatnonzero(problem.touches)
@@ -89,13 +86,18 @@ def touch_at_once(setting: Setting, bases: Bases) -> Contacts:
         raise SolveError(f"frame {rows[np.argmax(pulls)]}: the force would have to pull")
     # within the solver's accuracy of first touch the force may come out as nothing
     firm = press > 0.0
-    touches, held, at = np.zeros(len(problem.touches), bool), Held.nowhere(len(problem.touches)), rows[firm]
-    touches[at], held.arclength_m[at], held.press_N[at], held.grip_N[at] = True, arclength[firm], press[firm], 0.0
-    held.normal[at] = np.einsum("bij,bj->bi", bases.rotation[at], normal[firm])
-    return Contacts(touches, np.zeros_like(touches), held)
+    touches, gripped, at = np.zeros(len(problem.touches), bool), Held.nowhere(len(problem.touches)), rows[firm]
+    touches[at], gripped.arclength_m[at], gripped.press_N[at], gripped.grip_N[at] = (
+        True,
+        arclength[firm],
+        press[firm],
+        0.0,
+    )
+    gripped.normal[at] = np.einsum("bij,bj->bi", bases.rotation[at], normal[firm])
+    return SlidContacts(touches, np.zeros_like(touches), gripped)
 
 
-def _problem(setting: Setting, bases: Bases) -> _Problem:
+def _problem(setting: Setting, bases: Bases) -> _FrictionlessProblem:
     rod, obj = setting.rod, setting.object
     core = _Core(
         center_m=np.einsum("bji,bj->bi", bases.rotation, obj.center_world_m - bases.origin_m),
@@ -115,20 +117,22 @@ def _problem(setting: Setting, bases: Bases) -> _Problem:
         touches, depth, normal = _line(obj, core, offset, tangent, (reaches, within), reach)
     compliance = 1.0 / obj.stiffness_N_m
     at_clamp, radius = obj.radius_m + setting.antenna_radius_m, setting.antenna_radius_m
-    return _Problem(rod, core, gravity, unloaded, at_clamp, radius, compliance, touches, depth, arclength, normal)
+    return _FrictionlessProblem(
+        rod, core, gravity, unloaded, at_clamp, radius, compliance, touches, depth, arclength, normal
+    )
 
 
 def _nearest(core: _Core, shape: RodShape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Arc length (B,), point and tangent (B, 3) where each shape is nearest to the core."""
     length = shape.arclength_m[:, -1:]
-    grid = np.linspace(0.0, 1.0, _SAMPLES + 1) * length
+    grid = np.linspace(0.0, 1.0, STROKE.samples + 1) * length
     square = (core.offset(sample_shape(shape, grid)[0]) ** 2).sum(axis=-1)
-    inner = np.clip(np.argmin(square, axis=1), 1, _SAMPLES - 1)[:, None]
+    inner = np.clip(np.argmin(square, axis=1), 1, STROKE.samples - 1)[:, None]
     low, middle, high = (np.take_along_axis(square, inner + i, axis=1) for i in (-1, 0, 1))
     curvature = low - 2.0 * middle + high
     shift = 0.5 * (low - high) / np.where(curvature > 0.0, curvature, np.inf)
     # at an end only the parabola's minimum inside the rod counts
-    arclength = np.clip((inner + np.clip(shift, -1.0, 1.0)) / _SAMPLES, 0.0, 1.0) * length
+    arclength = np.clip((inner + np.clip(shift, -1.0, 1.0)) / STROKE.samples, 0.0, 1.0) * length
     point, tangent = sample_shape(shape, arclength)
     return arclength[:, 0], point[:, 0], tangent[:, 0]
 
@@ -176,13 +180,14 @@ def _line(
                 side[i] = side[i - 1]
     depth = reach_m - side * signed
     touches = present & (depth > 0.0)
-    along = np.flatnonzero(touches & (sine < _PARALLEL))
+    # sine of the angle between antenna and axis below which they are parallel
+    along = np.flatnonzero(touches & (sine < 0.05))
     if along.size:
         raise SolveError(f"frame {along[0]}: the antenna lies along the object's axis; a point contact needs an angle")
     return touches, depth, side[:, None] * normal
 
 
-def _first_guess(problem: _Problem, rows: np.ndarray) -> np.ndarray:
+def _first_guess(problem: _FrictionlessProblem, rows: np.ndarray) -> np.ndarray:
     """(R, 7) of frames `rows` (R,): a straight cantilever and the object's spring in series, displaced by the depth."""
     rod = problem.rod
     arclength = np.clip(problem.arclength_m[rows], 0.05 * rod.length_m, 0.999 * rod.length_m)
@@ -199,7 +204,7 @@ def _first_guess(problem: _Problem, rows: np.ndarray) -> np.ndarray:
     return np.hstack([*scaled, np.zeros((rows.size, 2))])
 
 
-def _solved(problem: _Problem, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _solved(problem: _FrictionlessProblem, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Arc length, normal force (R,) and normal (R, 3); frames that do not converge are pushed in step by step."""
     rod, normal = problem.rod, problem.normal[rows]
     state = _first_guess(problem, rows)
@@ -208,7 +213,13 @@ def _solved(problem: _Problem, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray
     upper = np.stack([*[50.0 * steep] * 3, ones, 50.0 * steep**2, 3.0 * ones, 3.0 * ones], axis=1)
     limits = np.stack([np.where(np.arange(7) == 3, 0.01, -upper), upper], axis=1)
     force_unit = rod.bending_stiffness_Nm2 / rod.length_m**2
-    pressing = problem.reach_m, problem.compliance_m_N * force_unit, force_unit, TOLERANCE, problem.antenna_radius_m
+    pressing = (
+        problem.reach_m,
+        problem.compliance_m_N * force_unit,
+        force_unit,
+        STROKE.tolerance,
+        problem.antenna_radius_m,
+    )
     depth = problem.depth_m[rows, None, None] * normal[:, None]
     middle, across = problem.core.center_m[rows, None], problem.core.across[rows]
     vectors = [problem.gravity[rows, None], middle, depth, across, normal[:, None], tangent_axes(normal)]

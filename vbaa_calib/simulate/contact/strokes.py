@@ -1,6 +1,6 @@
 """Antennas that stroke an object, frame by frame: where they touch, stick, slide and lift off.
 
-All strokes of a recording advance together. Between two frames the base moves evenly, in steps of at most `_STEP_M`; a
+All strokes of a recording advance together. Between two frames the base moves evenly, in steps of at most `step_m`; a
 step without an equilibrium is halved.
 """
 
@@ -16,23 +16,13 @@ from vbaa_calib.antenna.rod import RodShape, sample_shape, solve_rod
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.simulate.scene.objects import WEDGES
 
-from .stick_slip import Bases, Contacts, Held, Setting, advance
-
-STICKS_M = 1e-6
-"""Along itself the antenna hardly yields, so that even a sticking contact creeps by nanometres."""
-_STEP_M = 4e-3
-"""Largest motion of the free antenna in one step. Compared with steps of 0.5 mm on a cylinder, μ = 0.3: contact within
-0.3 µm, direction of friction within 0.5° except in the frame of first touch, N within 0.5 %."""
-_MOST_STEPS = 100
-_HALVINGS, _DOUBLINGS = 6, 8
-_SNAP_M, _CLEAR_M = 2e-4, 2e-3
-_FINE = 24
+from .stick_slip import STROKE, Bases, Held, Setting, SlidContacts, advance
 
 _Place = tuple[Bases, np.ndarray]
 """Bases, and the free antenna's nodes (B, N, 3) in their frames."""
 
 
-def follow(setting: Setting, strokes: Sequence[Bases]) -> list[Contacts]:
+def follow(setting: Setting, strokes: Sequence[Bases]) -> list[SlidContacts]:
     """The contacts of all strokes of one recording; each stroke is its bases (at least one) in order of time.
 
     A stroke that begins in contact is first pressed on along the object's normal, without friction.
@@ -44,20 +34,20 @@ def follow(setting: Setting, strokes: Sequence[Bases]) -> list[Contacts]:
     path, count = _path(setting, strokes), len(strokes)
     gap = _gaps(setting, path.at(1, 0.0), path.arclength_m)[0]
     walk = _Walk(setting, path, Held.nowhere(count), np.zeros(count, bool), gap)
-    touches, sticks, held = [], [], []
+    touches, sticks, gripped = [], [], []
     for frame in range(1, len(path.bases)):
         # the first frame is where it is pressed on
         friction = 0.0 if frame == 1 else setting.object.friction
         before = walk.touches
         walk, way, slid_m = _to_frame(walk, frame, friction)
         touches.append(walk.touches)
-        sticks.append(before & walk.touches & (slid_m < STICKS_M) & (friction > 0.0))
-        held.append(replace(walk.contacts, slipped_m=way))
+        sticks.append(before & walk.touches & (slid_m < STROKE.sticks_m) & (friction > 0.0))
+        gripped.append(replace(walk.contacts, slipped_m=way))
 
-    def of(stroke: int, frames: int) -> Contacts:
-        columns = ([getattr(at, each.name)[stroke] for at in held[:frames]] for each in fields(Held))
+    def of(stroke: int, frames: int) -> SlidContacts:
+        columns = ([getattr(at, each.name)[stroke] for at in gripped[:frames]] for each in fields(Held))
         touching, sticking = (np.array(each)[:frames, stroke] for each in (touches, sticks))
-        return Contacts(touching, sticking, Held(*map(np.array, columns)))
+        return SlidContacts(touching, sticking, Held(*map(np.array, columns)))
 
     return [of(stroke, len(bases.origin_m)) for stroke, bases in enumerate(strokes)]
 
@@ -110,8 +100,8 @@ def _drawn_back(setting: Setting, path: _Path) -> Bases:
     home, points = path.at(1, 1.0)
     gap, _, _, normal = _gaps(setting, (home, points), path.arclength_m)
     outward = -setting.object.wedge_world if setting.object.shape in WEDGES else normal
-    away = np.where(gap < 0.0, _CLEAR_M - gap, 0.0)
-    for _ in range(_DOUBLINGS):
+    away = np.where(gap < 0.0, STROKE.clear_m - gap, 0.0)
+    for _ in range(STROKE.doublings):
         back = replace(path.bases[0], origin_m=path.bases[0].origin_m + away[:, None] * outward)
         inside = _gaps(setting, (back, points), path.arclength_m)[0] < 0.0
         if not inside.any():
@@ -136,13 +126,13 @@ def _gaps(
     nearest = setting.object.rough_distance(bases.world(points_m)).argmin(axis=1)
     low = arclength_m[np.maximum(nearest - 1, 0)]
     high = arclength_m[np.minimum(nearest + 1, len(arclength_m) - 1)]
-    fine = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _FINE)
+    fine = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, STROKE.fine)
     close = bases.world(_interpolated(points_m, arclength_m, fine))
     distance, normal = setting.object.signed_distance(close)
     best = distance.argmin(axis=1)
     gap = distance[rows, best] - setting.radius_at(fine[rows, best])
     passes = ~setting.object.within(close[rows, best]) | (fine[rows, best] < 0.01 * setting.rod.length_m)
-    return np.where(passes, np.abs(gap) + _CLEAR_M, gap), fine[rows, best], close[rows, best], normal[rows, best]
+    return np.where(passes, np.abs(gap) + STROKE.clear_m, gap), fine[rows, best], close[rows, best], normal[rows, best]
 
 
 def _interpolated(points_m: np.ndarray, arclength_m: np.ndarray, at_m: np.ndarray) -> np.ndarray:
@@ -170,7 +160,7 @@ def _to_frame(walk: _Walk, frame: int, friction: float) -> tuple[_Walk, np.ndarr
     ways, gap = path.ways(frame), _gaps(setting, path.at(frame, 1.0), path.arclength_m)[0]
     # a free antenna may also have met the object on its way
     busy = walk.touches | (walk.gap_m + gap < ways)
-    steps = int(np.clip(np.ceil(ways[busy].max(initial=0.0) / _STEP_M), 1, _MOST_STEPS))
+    steps = int(np.clip(np.ceil(ways[busy].max(initial=0.0) / STROKE.step_m), 1, STROKE.most_steps))
     slipped, slid_m = np.zeros_like(walk.contacts.point_m), np.zeros(len(walk.touches))
     for step in range(1, steps + 1):
         ends = path.at(frame, (step - 1) / steps), path.at(frame, step / steps)
@@ -195,7 +185,7 @@ def _step(walk: _Walk, ends: tuple[_Place, _Place], friction: float, frame: int)
     touches, way = np.zeros(count, bool), np.zeros((count, 3))
     if rows.size:
         bases = ends[0][0].picked(rows), ends[1][0].picked(rows)
-        found, good = _carry(walk.setting, bases, before.picked(rows), guess.picked(rows), friction, _HALVINGS)
+        found, good = _carry(walk.setting, bases, before.picked(rows), guess.picked(rows), friction, STROKE.halvings)
         if not good.all():
             raise _refused(count, int(rows[np.argmin(good)]), frame, "no equilibrium; the antenna may have slipped off")
         after.put(rows, found)
@@ -204,7 +194,7 @@ def _step(walk: _Walk, ends: tuple[_Place, _Place], friction: float, frame: int)
     # the free antenna would lie beyond the last contact
     at = np.nan_to_num(walk.contacts.arclength_m)[:, None]
     point = ends[1][0].world(_interpolated(ends[1][1], walk.path.arclength_m, at))[:, 0]
-    behind = ((point - walk.contacts.place_m) * walk.contacts.normal).sum(axis=1) < -_SNAP_M
+    behind = ((point - walk.contacts.place_m) * walk.contacts.normal).sum(axis=1) < -STROKE.snap_m
     snapped = walk.touches & (after.press_N <= 0.0) & behind
     if snapped.any():
         raise _refused(count, int(np.argmax(snapped)), frame, "the antenna has slipped off the object")

@@ -21,7 +21,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.objects import TouchObject
 
 from .at_once import touch_at_once
-from .stick_slip import Bases, Contacts, Setting
+from .stick_slip import Bases, Setting, SlidContacts
 from .strokes import follow
 
 
@@ -36,7 +36,7 @@ class Touch:
     force_antenna_N : (B, 3) the object's force on the antenna, antenna frame; zero without contact.
     contact_antenna_m : (B, 3) point of the centreline at the contact, antenna frame.
     touched_world_m, normal_world : (B, 3) touched point of the undeformed surface, and its outward normal.
-    sticks : (B,) bool; in contact in the previous frame, too, without slip since (`strokes.STICKS_M`).
+    sticks : (B,) bool; in contact in the previous frame, too, without slip since (`STROKE.sticks_m`).
     slip_world_m : (B, 3) slip of the antenna's material point since the previous frame; zero without contact there.
     shape : the antenna under its weight and this force.
     """
@@ -90,21 +90,21 @@ def touch_strokes(
     return [replace(_touch(setting, at, found), slip_world_m=found.held.slipped_m) for at, found in followed]
 
 
-def _touch(setting: Setting, bases: Bases, contacts: Contacts) -> Touch:
+def _touch(setting: Setting, bases: Bases, contacts: SlidContacts) -> Touch:
     """The antenna's shapes under the contacts' forces. Raises SolveError for contacts that are impossible."""
     rod, obj = setting.rod, setting.object
-    touching, held = contacts.touches, contacts.held
+    touching, gripped = contacts.touches, contacts.held
     lost = ~touching[:, None]
-    normal = np.where(lost, np.nan, held.normal)
-    force_world = np.where(lost, 0.0, held.press_N[:, None] * held.normal + held.grip_N)
+    normal = np.where(lost, np.nan, gripped.normal)
+    force_world = np.where(lost, 0.0, gripped.press_N[:, None] * gripped.normal + gripped.grip_N)
     force = np.einsum("bji,bj->bi", bases.rotation, force_world)
-    where = np.where(touching, held.arclength_m, rod.length_m / 2)
+    where = np.where(touching, gripped.arclength_m, rod.length_m / 2)
     radius = setting.radius_at(where)
     shape = solve_rod(rod, setting.gravity_world_m_s2 @ bases.rotation, where, force)
     point, tangent = (values[:, 0] for values in sample_shape(shape, where[:, None]))
     point = np.where(lost, np.nan, point)
-    in_world, indentation = bases.world(point), held.press_N / obj.stiffness_N_m
-    contact = np.where(touching, held.arclength_m, np.nan)
+    in_world, indentation = bases.world(point), gripped.press_N / obj.stiffness_N_m
+    contact = np.where(touching, gripped.arclength_m, np.nan)
     slip = _slips(in_world, contact, np.einsum("bij,bj->bi", bases.rotation, tangent), normal)
     # of the surface, next to where it touches
     deepest = (obj.signed_distance(bases.world(shape.points_m))[0] - setting.radius_at(shape.arclength_m)).min(axis=1)

@@ -11,9 +11,8 @@ from scipy.interpolate import CubicSpline
 from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import Lens, project
 
-from .picture import Patch, Studio, frame_around
-
-_SUBPIXELS = 4
+from .picture import ImagePatch, Studio, frame_around
+from .settings import PAINT
 
 DepthOfObstacle = Callable[[np.ndarray], np.ndarray]
 """Pixels (N, 2) to the depth (N,) along the camera's z of whatever may stand in front; inf where nothing does."""
@@ -77,7 +76,7 @@ def tube(
 
 def tube_patch(
     place: Studio, seen: Tube, paint: float, asymmetry: float = 0.0, obstacle: DepthOfObstacle | None = None
-) -> Patch | None:
+) -> ImagePatch | None:
     """The tube's picture, hidden where the obstacle is nearer to the camera; None when it is outside the picture.
 
     Parameters
@@ -85,11 +84,11 @@ def tube_patch(
     paint : albedo, 0 to 1.
     asymmetry : how much brighter one flank is; with 0 the centroid across the tube lies on the axis.
     """
-    steps = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
+    steps = (np.arange(PAINT.antenna_subpixels) + 0.5) / PAINT.antenna_subpixels - 0.5
     inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     curve = np.column_stack([seen.pixels, seen.tangents, seen.normals, seen.half_width_px])
     size = place.rays.lens.image_size
-    found = core.simulate.tube_pixels(curve, *size, inner, _SUBPIXELS, asymmetry)
+    found = core.simulate.tube_pixels(curve, *size, inner, PAINT.antenna_subpixels, asymmetry)
     rows, columns, nearest, coverage, shade = found
     if not rows.size:
         return None
@@ -103,11 +102,11 @@ def tube_patch(
     left, top, right, bottom = frame_around(place, centres)
 
     def laid_out(values: np.ndarray) -> np.ndarray:
-        fine = np.zeros((bottom - top, _SUBPIXELS, right - left, _SUBPIXELS), np.float32)
-        fine[rows - top, :, columns - left, :] = values.reshape(-1, _SUBPIXELS, _SUBPIXELS)
-        return fine.reshape((bottom - top) * _SUBPIXELS, (right - left) * _SUBPIXELS)
+        fine = np.zeros((bottom - top, PAINT.antenna_subpixels, right - left, PAINT.antenna_subpixels), np.float32)
+        fine[rows - top, :, columns - left, :] = values.reshape(-1, PAINT.antenna_subpixels, PAINT.antenna_subpixels)
+        return fine.reshape((bottom - top) * PAINT.antenna_subpixels, (right - left) * PAINT.antenna_subpixels)
 
-    return Patch(left, top, _SUBPIXELS, laid_out(light[:, None] * shade), laid_out(coverage))
+    return ImagePatch(left, top, PAINT.antenna_subpixels, laid_out(light[:, None] * shade), laid_out(coverage))
 
 
 def visible_centreline(lens: Lens, seen: Tube, obstacle: DepthOfObstacle | None, step_px: float = 1.0) -> np.ndarray:
@@ -115,8 +114,8 @@ def visible_centreline(lens: Lens, seen: Tube, obstacle: DepthOfObstacle | None,
     stride = max(1, round(2 * step_px))
     keep = np.arange(0, len(seen.pixels), stride)
     pixels = seen.pixels[keep]
-    shown = visible(lens, pixels, seen.depth_m[keep], obstacle)
-    return np.concatenate([pixels, seen.normals[keep]], axis=1)[shown]
+    in_sight = visible(lens, pixels, seen.depth_m[keep], obstacle)
+    return np.concatenate([pixels, seen.normals[keep]], axis=1)[in_sight]
 
 
 def visible(lens: Lens, pixels: np.ndarray, depth_m: np.ndarray, obstacle: DepthOfObstacle | None) -> np.ndarray:

@@ -12,11 +12,9 @@ from targets.board import AprilGrid, BoardWithIds, opencv_board
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.lens import project
 
-from .picture import LAMP_WORLD, Patch, Studio, frame_around
+from .picture import LAMP_WORLD, ImagePatch, Studio, frame_around
+from .settings import PAINT
 
-_INK, PAPER = 0.05, 0.88
-_MARGIN_SQUARES = 0.5
-_SUBPIXELS = 3
 _FULL = 65535
 
 
@@ -43,7 +41,7 @@ def print_sheet(spec: BoardWithIds) -> Sheet:
     if isinstance(spec, AprilGrid):
         sides = range(10 * spec.modules, 21 * spec.modules, spec.modules)
         tag = min(sides, key=lambda texels: round(abs(spec.spacing * texels - round(spec.spacing * texels)), 6))
-        margin = round(_MARGIN_SQUARES * tag)
+        margin = round(PAINT.margin_squares * tag)
         drawing = np.pad(spec.drawing(tag), margin, constant_values=255)
         return _printed(spec, drawing, tag / spec.tag_m, margin / tag * spec.tag_m + spec.pitch_m)
     ratio = spec.marker_m / spec.square_m
@@ -53,7 +51,7 @@ def print_sheet(spec: BoardWithIds) -> Sheet:
         return abs(module - round(module)) * spec.modules + abs(gap - round(gap))
 
     square = min(range(72, 132, 2), key=lambda texels: (round(misfit(texels), 6), abs(texels - 90)))
-    margin = round(_MARGIN_SQUARES * square)
+    margin = round(PAINT.margin_squares * square)
     size = (spec.squares_x * square + 2 * margin, spec.squares_y * square + 2 * margin)
     drawing = opencv_board(spec).generateImage(size, marginSize=margin, borderBits=1)
     return _printed(spec, drawing, square / spec.square_m, margin / square * spec.square_m)
@@ -61,7 +59,7 @@ def print_sheet(spec: BoardWithIds) -> Sheet:
 
 def _printed(spec: BoardWithIds, drawing: np.ndarray, texels_per_m: float, margin_m: float) -> Sheet:
     """The sheet of a drawing (rows, columns) uint8."""
-    brightness = np.where(drawing > 127, np.uint16(PAPER * _FULL), np.uint16(_INK * _FULL))
+    brightness = np.where(drawing > 127, np.uint16(PAINT.paper * _FULL), np.uint16(PAINT.ink * _FULL))
     texture = np.stack([brightness, np.full_like(brightness, _FULL)], axis=-1)
     return Sheet(spec, texture, texels_per_m, margin_m)
 
@@ -75,7 +73,7 @@ def outline(sheet: Sheet) -> np.ndarray:
     return np.pad(np.concatenate(sides), ((0, 0), (0, 1)))
 
 
-def board_patch(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camera: np.ndarray) -> Patch | None:
+def board_patch(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camera: np.ndarray) -> ImagePatch | None:
     """The sheet in front of the camera, or None when it is outside the picture or seen from behind.
 
     R_world_camera : (3, 3), for the light on it.
@@ -86,7 +84,7 @@ def board_patch(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camer
     left, top, right, bottom = frame_around(place, project(place.rays.lens, T_camera_board @ outline(sheet)))
     if right <= left or bottom <= top:
         return None
-    rays = place.rays.block(left, top, right, bottom, _SUBPIXELS)
+    rays = place.rays.block(left, top, right, bottom, PAINT.board_subpixels)
     board_from_ray = np.linalg.inv(np.stack([rotation[:, 0], rotation[:, 1], shift], axis=1))
     scale = sheet.texels_per_m
     texel_from_board = np.array(
@@ -102,4 +100,4 @@ def board_patch(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camer
     facing = -(R_world_camera @ rotation[:, 2]) @ LAMP_WORLD
     light = (0.6 + 0.4 * max(facing, 0.0)) / _FULL
     ink, presence = cv2.split(fine)
-    return Patch(left, top, _SUBPIXELS, np.float32(light) * ink, np.float32(1 / _FULL) * presence)
+    return ImagePatch(left, top, PAINT.board_subpixels, np.float32(light) * ink, np.float32(1 / _FULL) * presence)

@@ -11,8 +11,7 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, WEDGES, TouchObject, implicit, surface_radius
 
 from .object import flat_sides
-
-_ROUND_THE_TUBE, _FACETS = 32, 255
+from .settings import PAINT
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,18 +45,18 @@ def tube_mesh(s: np.ndarray, points: np.ndarray, radius: np.ndarray | float, ste
     helper = np.eye(3)[np.abs(along).max(axis=0).argmin()]
     side = np.cross(along, helper)
     side /= np.linalg.norm(side, axis=1, keepdims=True)
-    turn = np.linspace(0.0, 2 * np.pi, _ROUND_THE_TUBE, endpoint=False)[:, None]
+    turn = np.linspace(0.0, 2 * np.pi, PAINT.tube_facets, endpoint=False)[:, None]
     out = np.cos(turn) * side[:, None] + np.sin(turn) * np.cross(along, side)[:, None]
     rings = middle[:, None] + np.interp(fine, s, np.broadcast_to(radius, len(s)))[:, None, None] * out
-    count = len(fine) * _ROUND_THE_TUBE
+    count = len(fine) * PAINT.tube_facets
     vertices, normals = [rings.reshape(-1, 3)], [out.reshape(-1, 3)]
-    faces = [_grid_faces(len(fine), _ROUND_THE_TUBE)]
+    faces = [_grid_faces(len(fine), PAINT.tube_facets)]
     fan = np.stack([np.zeros(30, int), np.arange(1, 31), np.arange(2, 32)], axis=1)
     for ring, outward, order in ((rings[0], -along[0], fan[:, ::-1]), (rings[-1], along[-1], fan)):
         vertices.append(ring)
-        normals.append(np.tile(outward, (_ROUND_THE_TUBE, 1)))
+        normals.append(np.tile(outward, (PAINT.tube_facets, 1)))
         faces.append(order + count)
-        count += _ROUND_THE_TUBE
+        count += PAINT.tube_facets
     return Triangles(np.concatenate(vertices), np.concatenate(normals), np.concatenate(faces))
 
 
@@ -87,9 +86,9 @@ def _planes(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
         into = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
         into /= np.linalg.norm(into)
     reach = np.pi / 4 if obj.shape == "box_edge" else np.pi
-    turn = np.linspace(-reach, reach, _FACETS)[:, None]
+    turn = np.linspace(-reach, reach, PAINT.wedge_facets)[:, None]
     rounding = -np.cos(turn) * into + np.sin(turn) * np.cross(axis, into)
-    return np.vstack([rounding, normals]), np.append(np.full(_FACETS, obj.radius_m), offsets)
+    return np.vstack([rounding, normals]), np.append(np.full(PAINT.wedge_facets, obj.radius_m), offsets)
 
 
 def _round_mesh(obj: TouchObject, rings: int) -> Triangles:

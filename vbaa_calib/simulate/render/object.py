@@ -15,23 +15,18 @@ from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, LINES, WEDGES, ObjectNumbers, TouchObject
 
 from .antenna import DepthOfObstacle
-from .picture import LAMP_WORLD, Patch, Studio, frame_around
-
-_BLADE_HALF_ANGLE_RAD, _BLADE_DEPTH_M = np.deg2rad(3.0), 0.025
-_AMBIENT = 0.35
-_STEEPEST = math.exp(-0.5)
-"""Largest slope of a bump, in its height over its width."""
-_SUBPIXELS = 4
+from .picture import LAMP_WORLD, ImagePatch, Studio, frame_around
+from .settings import PAINT
 
 
-def cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """First hits of rays from one origin (3,) along directions (N, 3), world frame: depth (N,) in lengths of the ray's
     vector (inf: a miss), normal (N, 3), face (N,), a round side being face 0."""
     found: tuple[np.ndarray, np.ndarray, np.ndarray] = core.simulate.cast_rays(_body(obj), origin_m, directions)
     return found
 
 
-class Body(NamedTuple):
+class _Body(NamedTuple):
     """What is drawn of an object, as the core reads it.
 
     sides : (K, 4) half-spaces normal·(x − centre) ≤ offset. across : (3, 3) projects on the directions across its axis.
@@ -45,9 +40,10 @@ class Body(NamedTuple):
     steepest: float
 
 
-def _body(obj: TouchObject) -> Body:
-    steepest = 1.0 + _STEEPEST * sum(abs(one.height_m) / one.width_m for one in obj.bumps)
-    return Body(obj.numbers, np.column_stack(flat_sides(obj)), obj.across, _reach_m(obj), steepest)
+def _body(obj: TouchObject) -> _Body:
+    # exp(−½): largest slope of a bump, in its height over its width
+    steepest = 1.0 + math.exp(-0.5) * sum(abs(one.height_m) / one.width_m for one in obj.bumps)
+    return _Body(obj.numbers, np.column_stack(flat_sides(obj)), obj.across, _reach_m(obj), steepest)
 
 
 def flat_sides(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
@@ -55,9 +51,9 @@ def flat_sides(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
     axis, into, radius, half = obj.axis_world, obj.wedge_world, obj.radius_m, obj.half_length_m
     if obj.shape == "knife_edge":
         side = np.cross(axis, into)
-        sin, cos = np.sin(_BLADE_HALF_ANGLE_RAD), np.cos(_BLADE_HALF_ANGLE_RAD)
+        sin, cos = np.sin(PAINT.blade_half_angle_rad), np.cos(PAINT.blade_half_angle_rad)
         normals = [-into, cos * side - sin * into, -cos * side - sin * into, into, axis, -axis]
-        return np.stack(normals), np.array([radius, radius, radius, _BLADE_DEPTH_M, half, half])
+        return np.stack(normals), np.array([radius, radius, radius, PAINT.blade_depth_m, half, half])
     if obj.shape == "box_edge":
         return np.vstack([obj.into_faces, axis, -axis]), np.array([BOX_FACE_M] * 2 + [half] * 2)
     return (np.stack([axis, -axis]), np.full(2, half)) if obj.shape == "cylinder" else (np.zeros((0, 3)), np.zeros(0))
@@ -78,7 +74,7 @@ def pressed_in(obj: TouchObject, depth_m: float) -> TouchObject:
 
 
 def _world_rays(rays: np.ndarray, T_world_camera: Pose) -> np.ndarray:
-    """(N, 2) x/z, y/z to (N, 3) directions in the world whose length counts depth along the camera's z."""
+    """(N, 2) x/z, y/z to (N, 3) directions in the world, as long as depth 1 along the camera's z makes them."""
     turn = T_world_camera.rotation
     return rays @ turn[:, :2].T + turn[:, 2]
 
@@ -87,7 +83,7 @@ def obstacle(place: Studio, obj: TouchObject, T_world_camera: Pose) -> DepthOfOb
     """The object as something that may stand in front of the antenna."""
 
     def depth(pixels: np.ndarray) -> np.ndarray:
-        return cast(obj, T_world_camera.translation_m, _world_rays(place.rays.at(pixels), T_world_camera))[0]
+        return _cast(obj, T_world_camera.translation_m, _world_rays(place.rays.at(pixels), T_world_camera))[0]
 
     return depth
 
@@ -96,7 +92,7 @@ def _bounding_points(obj: TouchObject) -> np.ndarray:
     axis = obj.axis_world if obj.shape in LINES else np.array([0.0, 0.0, 1.0])
     helper = np.eye(3)[np.argmin(np.abs(axis))]
     side = np.cross(axis, helper) / np.linalg.norm(np.cross(axis, helper))
-    reach = _BLADE_DEPTH_M * 1.2 if obj.shape == "knife_edge" else obj.radius_m
+    reach = PAINT.blade_depth_m * 1.2 if obj.shape == "knife_edge" else obj.radius_m
     half = obj.half_length_m if obj.shape in LINES else obj.radius_m
     if obj.shape in ("box_edge", "freeform"):
         reach = half = _reach_m(obj)
@@ -108,13 +104,13 @@ def _shaded(
     obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray, albedo: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Brightness, whether the object is hit, and its face, each (N,)."""
-    depth, normal, face = cast(obj, origin_m, directions)
-    light = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(normal @ LAMP_WORLD, 0.0)
+    depth, normal, face = _cast(obj, origin_m, directions)
+    light = PAINT.ambient + (1.0 - PAINT.ambient) * np.maximum(normal @ LAMP_WORLD, 0.0)
     shade = core.simulate.shade(obj.center_world_m, origin_m, directions, depth, light)
     return albedo * shade, np.isfinite(depth), face
 
 
-def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Patch | None:
+def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> ImagePatch | None:
     """The object's picture, edges antialiased; None when it is outside the picture."""
     corners = T_world_camera.inverse() @ _bounding_points(obj)
     left, top, right, bottom = frame_around(place, project(place.rays.lens, corners))
@@ -130,11 +126,11 @@ def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Patch
     around = np.ones((3, 3), np.uint8)
     rows, columns = np.nonzero(cv2.dilate(faces, around) != cv2.erode(faces, around))
     if rows.size:
-        steps = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
+        steps = (np.arange(PAINT.object_subpixels) + 0.5) / PAINT.object_subpixels - 0.5
         inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(1, -1, 2)
         samples = np.stack([columns + left, rows + top], axis=1)[:, None, :] + inner
         fine = _world_rays(place.rays.at(samples.reshape(-1, 2)), T_world_camera)
         brightness[rows, columns], alpha[rows, columns] = (
             each.reshape(len(rows), -1).mean(axis=1) for each in _shaded(obj, origin, fine, albedo)[:2]
         )
-    return Patch(left, top, 1, brightness.astype(np.float32), alpha.astype(np.float32))
+    return ImagePatch(left, top, 1, brightness.astype(np.float32), alpha.astype(np.float32))

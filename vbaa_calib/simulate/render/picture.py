@@ -15,12 +15,10 @@ from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import Lens, RayMap, ray_map
 from vbaa_calib.simulate.scene.scene import PictureSpec
 
+from .settings import PAINT
+
 LAMP_WORLD = np.array([-0.32, 0.38, 0.87]) / np.linalg.norm([-0.32, 0.38, 0.87])
 """Direction toward the lamp, world frame: it shades board, antenna and object."""
-
-_BENCH_TEXELS, _BENCH_REACH = 1600, 1.3
-_SHAPES = 60
-"""Things that lie on the bench, in each of three degrees of focus."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +39,7 @@ class Studio:
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class ImagePatch:
     """Something in front of what was drawn before; in sub-pixels where its edges are measured: blur before sampling.
 
     Attributes
@@ -64,10 +62,15 @@ class Patch:
         rows, columns = (length // self.factor for length in self.alpha.shape)
         return slice(self.top, self.top + rows), slice(self.left, self.left + columns)
 
+    def behind(self, canvas: np.ndarray) -> np.ndarray:
+        """The canvas behind the patch, in its sub-pixels."""
+        return cv2.resize(canvas[self.where], self.alpha.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
-def behind(canvas: np.ndarray, patch: Patch) -> np.ndarray:
-    """The canvas behind a patch, in its sub-pixels."""
-    return cv2.resize(canvas[patch.where], patch.alpha.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    def over(self, canvas: np.ndarray) -> np.ndarray:
+        """A new picture, (H, W) as the canvas is, with this patch of whole pixels in front."""
+        result = canvas.copy()
+        result[self.where] = result[self.where] * (1.0 - self.alpha) + self.brightness
+        return result
 
 
 def studio(lens: Lens, spec: PictureSpec, rng: np.random.Generator) -> Studio:
@@ -84,7 +87,7 @@ def _light(lens: Lens, spec: PictureSpec) -> np.ndarray:
 
 
 def _bench(spec: PictureSpec, rng: np.random.Generator) -> np.ndarray:
-    size = (_BENCH_TEXELS, _BENCH_TEXELS)
+    size = (PAINT.bench_texels, PAINT.bench_texels)
     cloud = np.zeros(size, np.float32)
     for cells, weight in ((6, 0.5), (17, 0.25), (70, 0.12)):
         coarse = rng.standard_normal((cells, cells)).astype(np.float32)
@@ -97,9 +100,9 @@ def _bench(spec: PictureSpec, rng: np.random.Generator) -> np.ndarray:
 
 def _soft_shapes(rng: np.random.Generator, softness: float) -> np.ndarray:
     """Boards, discs and edges lying about, out of focus."""
-    canvas, one = np.zeros((2, _BENCH_TEXELS, _BENCH_TEXELS), np.float32)
-    for _ in range(_SHAPES):
-        centre, size = rng.uniform(0, _BENCH_TEXELS, 2), rng.uniform(25, 260, 2)
+    canvas, one = np.zeros((2, PAINT.bench_texels, PAINT.bench_texels), np.float32)
+    for _ in range(PAINT.bench_things):
+        centre, size = rng.uniform(0, PAINT.bench_texels, 2), rng.uniform(25, 260, 2)
         if rng.uniform() < 0.3:
             cv2.circle(one, centre.astype(int).tolist(), int(size[0] / 2), 1.0, -1)
         else:
@@ -119,15 +122,8 @@ def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
     The bench is far away: it turns with the camera and does not shift. Directions are laid out stereographically,
     straight down in the middle, so that it goes on past the horizon.
     """
-    texel = core.simulate.bench_texels(place.rays.padded, R_world_camera, _BENCH_TEXELS, _BENCH_REACH)
+    texel = core.simulate.bench_texels(place.rays.padded, R_world_camera, PAINT.bench_texels, PAINT.bench_reach)
     return cv2.remap(place.bench, texel, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-
-
-def composed(canvas: np.ndarray, patch: Patch) -> np.ndarray:
-    """A new picture, (H, W) as the canvas is, with a patch of whole pixels in front."""
-    result = canvas.copy()
-    result[patch.where] = result[patch.where] * (1.0 - patch.alpha) + patch.brightness
-    return result
 
 
 def frame_around(place: Studio, pixels: np.ndarray) -> tuple[int, int, int, int]:
@@ -144,7 +140,7 @@ def frame_around(place: Studio, pixels: np.ndarray) -> tuple[int, int, int, int]
     return int(left), int(top), int(right), int(bottom)
 
 
-def expose(place: Studio, canvas: np.ndarray, patches: Sequence[Patch] = ()) -> np.ndarray:
+def expose(place: Studio, canvas: np.ndarray, patches: Sequence[ImagePatch] = ()) -> np.ndarray:
     """(height, width) grey levels, float, before noise and quantisation: the patches in front, blur, light.
 
     The patches must not overlap one another.
@@ -152,7 +148,7 @@ def expose(place: Studio, canvas: np.ndarray, patches: Sequence[Patch] = ()) -> 
     picture = blurred(canvas, place.spec.blur_px)
     for patch in patches:
         # blur is linear: what the patch adds to what it hides can be blurred by itself, as finely as it was drawn
-        change = blurred(patch.brightness - patch.alpha * behind(canvas, patch), place.spec.blur_px * patch.factor)
+        change = blurred(patch.brightness - patch.alpha * patch.behind(canvas), place.spec.blur_px * patch.factor)
         region = picture[patch.where]
         region += cv2.resize(change, region.shape[::-1], interpolation=cv2.INTER_AREA)
     return 255.0 * picture * place.light

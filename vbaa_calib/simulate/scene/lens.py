@@ -13,10 +13,6 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.native import core
 
-_PRECISE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
-_POINTS = 4000
-_NO_TURN, _NO_SHIFT = np.zeros((3, 1)), np.zeros((3, 1))
-
 
 @dataclass(frozen=True, eq=False)
 class Lens:
@@ -43,8 +39,11 @@ def project(lens: Lens, points_camera_m: np.ndarray) -> np.ndarray:
     safe = np.where(in_front[:, None, None], points, [0.0, 0.0, 1.0])
     function = cv2.fisheye.projectPoints if lens.model == "fisheye" else cv2.projectPoints
     # OpenCV makes a Jacobian too: of few points at a time it stays in the processor's cache
-    parts = np.split(safe, range(_POINTS, len(safe), _POINTS))
-    pixels = np.concatenate([function(p, _NO_TURN, _NO_SHIFT, lens.matrix, lens.distortion)[0] for p in parts])
+    count = 4000
+    parts = np.split(safe, range(count, len(safe), count))
+    pixels = np.concatenate(
+        [function(p, np.zeros((3, 1)), np.zeros((3, 1)), lens.matrix, lens.distortion)[0] for p in parts]
+    )
     pixels = np.asarray(pixels, float).reshape(-1, 2)
     return np.where(in_front[:, None], pixels, np.nan).reshape(*np.shape(points_camera_m)[:-1], 2)
 
@@ -52,11 +51,12 @@ def project(lens: Lens, points_camera_m: np.ndarray) -> np.ndarray:
 def normalise(lens: Lens, pixels: np.ndarray) -> np.ndarray:
     """(x/z, y/z) of the rays through pixels, (N, 2) to (N, 2); meaningless where the lens cannot be inverted."""
     points = np.asarray(pixels, float).reshape(-1, 1, 2)
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
     if lens.model == "fisheye":
-        return cv2.fisheye.undistortPoints(points, lens.matrix, lens.distortion, criteria=_PRECISE).reshape(-1, 2)
+        return cv2.fisheye.undistortPoints(points, lens.matrix, lens.distortion, criteria=criteria).reshape(-1, 2)
     if not lens.distortion.size:
         return (points[:, 0] - lens.matrix[:2, 2]) / np.diag(lens.matrix)[:2]
-    turned = cv2.undistortPointsIter(points, lens.matrix, lens.distortion, np.eye(3), np.eye(3), _PRECISE)
+    turned = cv2.undistortPointsIter(points, lens.matrix, lens.distortion, np.eye(3), np.eye(3), criteria)
     return turned.reshape(-1, 2)
 
 
@@ -94,7 +94,7 @@ class RayMap:
 
 
 def invertible(lens: Lens, step_px: int = 8) -> bool:
-    """Whether every pixel has its own ray: looked at every few pixels, and one pixel beyond the picture."""
+    """Whether every pixel has its own ray: tested at every few pixels, and one pixel beyond the picture."""
     return _inverted(lens, step_px)[1]
 
 

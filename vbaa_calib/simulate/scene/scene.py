@@ -37,7 +37,7 @@ class Degrees(ReadAs):
         super().__init__(Annotated[Number, Field(ge=low, le=high)], _radians)
 
 
-class Range(ReadAs):
+class _Range(ReadAs):
     """Annotation of a smallest and a largest value, both from `low` to `high` as the file writes them."""
 
     def __init__(self, low: float, high: float, convert: Callable[[Any], Any] = tuple) -> None:
@@ -73,7 +73,7 @@ class TrueAntenna:
 
 
 @dataclass(frozen=True)
-class MomentSensor:
+class SceneSensor:
     """The sensor reads gain · moment + offset + noise."""
 
     std_Nm: Annotated[Number, Field(ge=1e-12, le=10)]
@@ -164,7 +164,7 @@ larger (m; labels have the bare antenna)."""
 
 @dataclass(frozen=True)
 class TraceSpec:
-    """What a path-traced picture shows beside what every picture shows.
+    """What a path-traced picture shows in addition to what every picture shows.
 
     Attributes
     ----------
@@ -200,11 +200,11 @@ class TraceSpec:
 
 @dataclass(frozen=True)
 class IntrinsicsSpec:
-    """Pictures of the hand-held board: how many, and the ranges of distance and tilt."""
+    """Pictures of the board in the hand: how many, and the ranges of distance and tilt."""
 
     pictures: Annotated[WholeNumber, Field(ge=1, le=1000)]
-    distance_m: Annotated[tuple[float, float], Range(0.01, 10)]
-    tilt_rad: Annotated[tuple[float, float], Range(0, 70, _radians), Field(alias="tilt_deg")]
+    distance_m: Annotated[tuple[float, float], _Range(0.01, 10)]
+    tilt_rad: Annotated[tuple[float, float], _Range(0, 70, _radians), Field(alias="tilt_deg")]
 
 
 @dataclass(frozen=True)
@@ -243,13 +243,13 @@ class Sweep:
     frames: Annotated[WholeNumber, Field(ge=1, le=100_000)]
     free_frames: Annotated[WholeNumber, Field(ge=1, le=1000, default=2)]
     clearance_rad: Annotated[float, Degrees(0.01, 90), Field(alias="clearance_deg", default=_radians(2.0))]
-    push_rad: Annotated[tuple[float, float], Range(0.1, 60, _radians), Field(alias="push_deg")]
+    push_rad: Annotated[tuple[float, float], _Range(0.1, 60, _radians), Field(alias="push_deg")]
     swells: Annotated[Number, Field(ge=0, le=100, default=1.0)]
     sweep_rad: Annotated[tuple[float, float], ReadAs(tuple[Number, Number], _radians), Field(alias="sweep_deg")]
 
 
 @dataclass(frozen=True)
-class Recording:
+class PlannedStrokes:
     """Strokes along the object, one after the other, at one rate; `pause_s` passes between two strokes."""
 
     rate_hz: Annotated[Number, Field(ge=1e-3, le=1e5)]
@@ -293,7 +293,7 @@ class OverSpec:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class SceneSpec:
     """A whole scene file.
 
     Attributes
@@ -313,7 +313,7 @@ class Scene:
     jig_pictures: int
     antenna: NominalAntenna
     true: TrueAntenna
-    moment: MomentSensor | None
+    moment: SceneSensor | None
     wrench: WrenchSpec | None
     kinematics: Kinematics
     gravity_world_m_s2: np.ndarray
@@ -322,14 +322,14 @@ class Scene:
     intrinsics: IntrinsicsSpec
     noload: tuple[Joints, ...]
     loads: tuple[KnownLoad, ...]
-    recording: Recording
+    recording: PlannedStrokes
     sweep: bool = False
     over: OverSpec | None = None
     traced: TraceSpec = field(default_factory=TraceSpec)
     cameras: Mapping[str, tuple[Lens, Pose]] = field(default_factory=dict)
     camera: str = ""
 
-    def of_camera(self, name: str) -> Scene:
+    def of_camera(self, name: str) -> SceneSpec:
         """As one of its cameras sees it."""
         lens, T_antenna_camera = self.cameras[name]
         return replace(self, lens=lens, T_antenna_camera=T_antenna_camera, camera=name)
@@ -345,15 +345,15 @@ class Scene:
         return self.antenna.diameter_m / 2
 
     def T_world_antenna(self, joints: Joints) -> Pose:
-        """Pose of the antenna frame at given joint angles."""
+        """Pose of the antenna frame at joint angles."""
         return self.kinematics.T_world_antenna(joints.pan_rad, joints.tilt_rad)
 
     def T_world_camera(self, joints: Joints) -> Pose:
-        """Pose of the camera at given joint angles."""
+        """Pose of the camera at joint angles."""
         return self.T_world_antenna(joints) @ self.T_antenna_camera
 
 
-def true_rod(scene: Scene) -> Rod:
+def true_rod(scene: SceneSpec) -> Rod:
     """The antenna as it really is. A round wire: GJ = EI / (1 + ν)."""
     stiffness = scene.antenna.stiffness_Nm2 * scene.true.stiffness_factor
     taper, tip = scene.antenna.taper, scene.true.tip_factor
@@ -390,12 +390,12 @@ def camera_pose(
 def bundled_scene(name: str) -> Path:
     """Path of a scene that comes with the package. Raises InputError when there is none of that name."""
     path = Path(__file__).parent / "scenes" / f"{name}.yaml"
-    if name not in bundled_names():
-        remedy = f"the bundled ones are {', '.join(bundled_names())}"
+    if name not in _bundled_names():
+        remedy = f"the bundled ones are {', '.join(_bundled_names())}"
         raise InputError("is neither a file nor a bundled scene", where=name, remedy=remedy)
     return path
 
 
-def bundled_names() -> list[str]:
+def _bundled_names() -> list[str]:
     """Names of the scenes that come with the package."""
     return sorted(path.stem for path in (Path(__file__).parent / "scenes").glob("*.yaml"))

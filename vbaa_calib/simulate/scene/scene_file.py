@@ -25,22 +25,18 @@ from .scene import (
     IntrinsicsSpec,
     Joints,
     KnownLoad,
-    MomentSensor,
     OverSpec,
     PictureSpec,
-    Recording,
-    Scene,
+    PlannedStrokes,
+    SceneSensor,
+    SceneSpec,
     TraceSpec,
     TrueAntenna,
     WrenchSpec,
     camera_pose,
 )
 
-_DISTORTION_LENGTHS = {"opencv": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 _Side = Annotated[WholeNumber, Field(ge=16, le=20_000)]
-_STEEPEST = 0.5
-"""A bump's height over its width up to which `objects.implicit` still grows outwards near the surface: its slope there
-is above 1 − 0.61·0.5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +57,7 @@ def _camera_matrix(matrix: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Camera:
+class _SceneCamera:
     image_size: tuple[_Side, _Side]
     matrix: Annotated[np.ndarray, ReadAs(Annotated[np.ndarray, ArrayOf(3, 3)], _camera_matrix)]
     distortion: Annotated[list[Number], Strict()] = field(default_factory=list)
@@ -70,8 +66,8 @@ class _Camera:
     T_antenna_camera: FilePose | None = None
 
 
-def _lens_and_pose(read: _Camera) -> tuple[Lens, Pose]:
-    lengths = _DISTORTION_LENGTHS[read.model]
+def _lens_and_pose(read: _SceneCamera) -> tuple[Lens, Pose]:
+    lengths = {"opencv": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}[read.model]
     if len(read.distortion) not in lengths:
         possible = f"{', '.join(map(str, lengths))} are possible for {read.model}"
         raise ValueError(f"has {len(read.distortion)} numbers", possible, "distortion")
@@ -97,16 +93,19 @@ _Direction = Annotated[np.ndarray, ReadAs(Annotated[np.ndarray, ArrayOf(3)], _di
 
 
 @dataclass(frozen=True, eq=False)
-class _Bump:
+class _SceneBump:
     direction_world: _Direction
     height_m: Annotated[Number, Field(ge=-0.5, le=0.5)]
     width_m: Annotated[Number, Field(ge=1e-4, le=1)]
 
 
-def _bump(read: _Bump) -> Bump:
-    if abs(read.height_m) > _STEEPEST * read.width_m:
+def _bump(read: _SceneBump) -> Bump:
+    # up to such a height over its width `objects.implicit` grows outwards near the surface: its slope there is above
+    # 1 − 0.61·0.5
+    steepest = 0.5
+    if abs(read.height_m) > steepest * read.width_m:
         what = f"does not fit: a bump {read.height_m} m high and {read.width_m} m wide is too steep"
-        raise ValueError(what, f"keep its height below {_STEEPEST} of its width", "height_m")
+        raise ValueError(what, f"keep its height below {steepest} of its width", "height_m")
     return Bump(**vars(read))
 
 
@@ -120,7 +119,7 @@ class _Object:
     half_length_m: Annotated[Number, Field(ge=1e-3, le=10)] = 0.1
     stiffness_N_m: Annotated[Number, Field(ge=1e-3, le=1e12)] = float("inf")
     friction: Annotated[Number, Field(ge=0, le=2)] = 0.0
-    bumps: Annotated[list[Annotated[Bump, ReadAs(_Bump, _bump)]], Strict(), Field(min_length=1)] | None = None
+    bumps: Annotated[list[Annotated[Bump, ReadAs(_SceneBump, _bump)]], Strict(), Field(min_length=1)] | None = None
 
 
 def _touch_object(read: _Object) -> TouchObject:
@@ -146,7 +145,7 @@ FileObject = Annotated[TouchObject, ReadAs(_Object, _touch_object)]
 
 
 @dataclass(frozen=True)
-class _Antenna:
+class _SceneAntenna:
     length_m: AnyLength
     diameter_m: Diameter
     youngs_modulus_Pa: Annotated[Number, Field(ge=1e5, le=2e12)]
@@ -156,7 +155,7 @@ class _Antenna:
     actual: TrueAntenna = field(default_factory=TrueAntenna)
 
 
-def _nominal_and_true(read: _Antenna) -> tuple[NominalAntenna, TrueAntenna]:
+def _nominal_and_true(read: _SceneAntenna) -> tuple[NominalAntenna, TrueAntenna]:
     nominal = NominalAntenna(
         read.length_m,
         read.diameter_m,
@@ -169,13 +168,13 @@ def _nominal_and_true(read: _Antenna) -> tuple[NominalAntenna, TrueAntenna]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Jig:
+class _SceneJig:
     T_antenna_board: FilePose
     pictures: Annotated[WholeNumber, Field(ge=1, le=1000)]
 
 
 @dataclass(frozen=True, eq=False)
-class _Kinematics:
+class _SceneKinematics:
     T_actuator_antenna: FilePose = field(default_factory=Pose.identity)
     position_world_m: Annotated[np.ndarray, ArrayOf(3)] = field(default_factory=lambda: np.zeros(3))
     axis_skew_rad: Annotated[float, Degrees(-20, 20), Field(alias="axis_skew_deg")] = 0.0
@@ -191,16 +190,16 @@ class _SceneFile(FileModel):
     version: Literal["vbaa.scene/1"] = Field(alias="schema")
     name: Annotated[str, BeforeValidator(str)]
     seed: Annotated[WholeNumber, Field(ge=0, le=2**63)]
-    camera: Annotated[tuple[Lens, Pose], ReadAs(_Camera, _lens_and_pose)] | None = None
-    cameras: dict[CameraName, Annotated[tuple[Lens, Pose], ReadAs(_Camera, _lens_and_pose)]] = Field(
+    camera: Annotated[tuple[Lens, Pose], ReadAs(_SceneCamera, _lens_and_pose)] | None = None
+    cameras: dict[CameraName, Annotated[tuple[Lens, Pose], ReadAs(_SceneCamera, _lens_and_pose)]] = Field(
         default_factory=dict
     )
     board: FileBoard
-    jig: _Jig
-    antenna: Annotated[tuple[NominalAntenna, TrueAntenna], ReadAs(_Antenna, _nominal_and_true)]
-    moment_sensor: MomentSensor | None = None
+    jig: _SceneJig
+    antenna: Annotated[tuple[NominalAntenna, TrueAntenna], ReadAs(_SceneAntenna, _nominal_and_true)]
+    moment_sensor: SceneSensor | None = None
     wrench_sensor: WrenchSpec | None = None
-    kinematics: Annotated[Kinematics, ReadAs(_Kinematics, lambda read: Kinematics(**vars(read)))] = Field(
+    kinematics: Annotated[Kinematics, ReadAs(_SceneKinematics, lambda read: Kinematics(**vars(read)))] = Field(
         default_factory=Kinematics
     )
     gravity_world: Gravity
@@ -209,13 +208,13 @@ class _SceneFile(FileModel):
     intrinsics: IntrinsicsSpec
     noload: Annotated[tuple[Joints, ...], ReadAs(Annotated[list[Joints], Strict(), Field(min_length=1)], tuple)]
     loads: Annotated[tuple[KnownLoad, ...], ReadAs(Annotated[list[KnownLoad], Strict(), Field(min_length=1)], tuple)]
-    recording: Recording
+    recording: PlannedStrokes
     sweep: Annotated[bool, Strict()] = False
     over: OverSpec | None = None
     traced: TraceSpec = Field(default_factory=TraceSpec)
 
 
-def load_scene(path: Path) -> Scene:
+def load_scene(path: Path) -> SceneSpec:
     """Read and check a scene file. Raises InputError naming the file and the key."""
     path = Path(path)
     with about(path):
@@ -232,7 +231,7 @@ def load_scene(path: Path) -> Scene:
         if load.distance_m > nominal.length_m:
             what = f"loads.{number}.distance_m: {load.distance_m:g} is beyond the antenna's {nominal.length_m:g} m"
             raise InputError(what, where=path, remedy="give metres from the clamp along the antenna")
-    same = {name: getattr(read, name) for name in _SceneFile.model_fields if name in Scene.__dataclass_fields__}
+    same = {name: getattr(read, name) for name in _SceneFile.model_fields if name in SceneSpec.__dataclass_fields__}
     made = {
         "lens": lens,
         "camera": first,
@@ -245,7 +244,7 @@ def load_scene(path: Path) -> Scene:
         "wrench": read.wrench_sensor,
         "gravity_world_m_s2": read.gravity_world,
     }
-    return Scene(**same | made)
+    return SceneSpec(**same | made)
 
 
 def _without_nulls(data: Any) -> Any:

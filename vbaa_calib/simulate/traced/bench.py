@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -15,11 +16,27 @@ _Thing = dict[str, Any]
 _Solid = _Thing | tuple[Triangles, _Thing]
 """One of mitsuba's own shapes, or triangles and their surface."""
 
-_TEXELS, _TEXTURED_MM, _BENCH_MM = 2048, 800.0, 4000.0
+
+@dataclass(frozen=True)
+class _TraceSettings:
+    """How mitsuba traces a picture. Its lengths are mm."""
+
+    finer: float = 2.0  # pixels of mitsuba's picture per pixel of ours, in the middle of it
+    subpixels: int = 4  # samples per pixel and axis when the lens is applied
+    widest: float = 3.0  # largest tangent of the angle of view
+    full_well: float = 2.0  # brightness at which a pixel saturates
+    clear_m: float = 0.05  # height above everything on the bench
+    depth: int = 4  # longest path of light, in reflections
+    texels: int = 2048  # of the bench's texture, a side
+    textured_mm: float = 800.0  # side of the part of the bench with texture
+    bench_mm: float = 4000.0  # side of the bench
+
+
+TRACE = _TraceSettings()
 
 
 def rgb(*value: float) -> _Thing:
-    """A colour; grey where one number is given."""
+    """A colour; of one number a grey."""
     return {"type": "rgb", "value": list(value) if len(value) == 3 else 3 * [float(value[0])]}
 
 
@@ -32,7 +49,7 @@ def placed(middle: Any, turn: np.ndarray | None = None, scale: Any = (1.0, 1.0, 
 
 
 def facing(middle: Any, target: Any) -> np.ndarray:
-    """(3, 3) whose z axis runs from `middle` to `target`."""
+    """(3, 3) rotation with z from `middle` to `target`."""
     z = np.asarray(target, float) - np.asarray(middle, float)
     z /= np.linalg.norm(z)
     x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
@@ -118,13 +135,13 @@ def bench(
         return {"type": "roughplastic", "alpha": roughness, "diffuse_reflectance": colour}
 
     turn = Rotation.from_euler("z", along + rng.uniform(-0.6, 0.6)).as_matrix()
-    top = placed([*middle, 0.0], turn, (_TEXTURED_MM / 2, _TEXTURED_MM / 2, 1.0))
-    texture = _TEXTURES.get(kind, _plain)(rng)
+    top = placed([*middle, 0.0], turn, (TRACE.textured_mm / 2, TRACE.textured_mm / 2, 1.0))
+    texture = {"wood": _wood, "cloth": _cloth, "patchwork": _patchwork}.get(kind, _plain)(rng)
     things: dict[str, _Solid] = {
         "top": {"type": "rectangle", "to_world": top, "bsdf": finish(picture_of(texture))},
         "around": {
             "type": "rectangle",
-            "to_world": placed([*middle, -1.0], scale=(_BENCH_MM / 2, _BENCH_MM / 2, 1.0)),
+            "to_world": placed([*middle, -1.0], scale=(TRACE.bench_mm / 2, TRACE.bench_mm / 2, 1.0)),
             "bsdf": finish(rgb(*texture.mean(axis=(0, 1)))),
         },
     }
@@ -182,7 +199,7 @@ def _clutter(middle: np.ndarray, along: float, rng: np.random.Generator) -> list
 def _noise(rng: np.random.Generator, columns: int, rows: int) -> np.ndarray:
     """(texels, texels) smooth random values of standard deviation about 1, so many hills across and down."""
     coarse = rng.standard_normal((rows, columns)).astype(np.float32)
-    return cv2.resize(coarse, (_TEXELS, _TEXELS), interpolation=cv2.INTER_CUBIC)
+    return cv2.resize(coarse, (TRACE.texels, TRACE.texels), interpolation=cv2.INTER_CUBIC)
 
 
 def _coloured(grey: np.ndarray, colour: Any) -> np.ndarray:
@@ -190,18 +207,18 @@ def _coloured(grey: np.ndarray, colour: Any) -> np.ndarray:
 
 
 def _plain(rng: np.random.Generator) -> np.ndarray:
-    grain = 0.04 * _noise(rng, 30, 30) + 0.03 * _noise(rng, _TEXELS // 2, _TEXELS // 2)
+    grain = 0.04 * _noise(rng, 30, 30) + 0.03 * _noise(rng, TRACE.texels // 2, TRACE.texels // 2)
     return _coloured(0.3 * (1.0 + grain), (0.97, 1.0, 1.04))
 
 
 def _wood(rng: np.random.Generator) -> np.ndarray:
     grain = 0.5 * _noise(rng, 6, 400) + 0.3 * _noise(rng, 20, 900)
-    rings = np.sin(2 * np.pi * (14 * np.linspace(0, 1, _TEXELS)[:, None] + 0.9 * _noise(rng, 4, 7)))
+    rings = np.sin(2 * np.pi * (14 * np.linspace(0, 1, TRACE.texels)[:, None] + 0.9 * _noise(rng, 4, 7)))
     return _coloured(0.5 * (1.0 + 0.14 * rings + 0.2 * grain), (1.0, 0.72, 0.45))
 
 
 def _cloth(rng: np.random.Generator) -> np.ndarray:
-    x = np.arange(_TEXELS)
+    x = np.arange(TRACE.texels)
     weave = 0.25 * np.sign(np.sin(x / 2.5))[:, None] * np.sign(np.sin(x / 2.5))
     stripes = np.where((x // 60) % 4 == 0, 1.7, 1.0) * np.where((x // 45) % 5 == 1, 0.5, 1.0)[:, None]
     return _coloured(0.28 * stripes * (1.0 + weave + 0.15 * _noise(rng, 300, 300)), (0.6, 0.8, 1.1))
@@ -209,9 +226,8 @@ def _cloth(rng: np.random.Generator) -> np.ndarray:
 
 def _patchwork(rng: np.random.Generator) -> np.ndarray:
     cells = cv2.resize(
-        rng.uniform(0.15, 0.95, (40, 40, 3)).astype(np.float32), (_TEXELS, _TEXELS), interpolation=cv2.INTER_NEAREST
+        rng.uniform(0.15, 0.95, (40, 40, 3)).astype(np.float32),
+        (TRACE.texels, TRACE.texels),
+        interpolation=cv2.INTER_NEAREST,
     )
     return np.clip(cells * (1.0 + 0.08 * _noise(rng, 500, 500))[..., None], 0.02, 0.95)
-
-
-_TEXTURES = {"wood": _wood, "cloth": _cloth, "patchwork": _patchwork}

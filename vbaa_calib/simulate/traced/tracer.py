@@ -22,27 +22,15 @@ from vbaa_calib.simulate.render.board import Sheet
 from vbaa_calib.simulate.render.meshes import Triangles, object_mesh, tube_mesh
 from vbaa_calib.simulate.scene.lens import RayMap
 from vbaa_calib.simulate.scene.objects import TouchObject
-from vbaa_calib.simulate.scene.scene import Joints, Scene
+from vbaa_calib.simulate.scene.scene import Joints, SceneSpec
 
-from .bench import bench, facing, lights, matt, picture_of, placed, rgb
+from .bench import TRACE, bench, facing, lights, matt, picture_of, placed, rgb
 
 _MM = 1000.0
-_FINER = 2.0
-"""Pixels of mitsuba's picture per pixel of ours, in the middle of it."""
-_SUBPIXELS = 4
-_WIDEST, _FULL_WELL = 3.0, 2.0
-_CLEAR_M = 0.05
-"""Higher than anything on the bench."""
-_DEPTH = 4
-_PROBE = (
-    "import mitsuba as mi, drjit as dr, numpy as np; mi.set_variant('llvm_ad_rgb'); "
-    "print(np.array(dr.minimum(mi.Float([1, 2]), mi.Float([2, 1]))))"
-)
-"""A program that an LLVM too old for this processor cannot compile."""
 
 
 @cache
-def load_mitsuba() -> Any:
+def _load_mitsuba() -> Any:
     """The module, set to its fastest variant. Raises InputError if it is not installed."""
     try:
         import mitsuba
@@ -51,8 +39,13 @@ def load_mitsuba() -> Any:
             f"needs mitsuba ({error})", where="--render mitsuba", remedy="pip install 'vbaa-calib[render]'"
         ) from error
     # an unsuitable LLVM aborts the process: try in another one
+    # A program that an LLVM too old for this processor cannot compile.
+    program = (
+        "import mitsuba as mi, drjit as dr, numpy as np; mi.set_variant('llvm_ad_rgb'); "
+        "print(np.array(dr.minimum(mi.Float([1, 2]), mi.Float([2, 1]))))"
+    )
     probe = subprocess.run(
-        [sys.executable, "-c", _PROBE], capture_output=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+        [sys.executable, "-c", program], capture_output=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     )
     mitsuba.set_variant("scalar_rgb" if probe.returncode else "llvm_ad_rgb")
     return mitsuba
@@ -76,7 +69,7 @@ class Tracer:
     """What all pictures of a scene share: mitsuba, the lens, the surroundings, and the radiance of a white card."""
 
     mi: Any
-    scene: Scene
+    scene: SceneSpec
     rays: RayMap
     around: dict[str, Any]
     card: float
@@ -85,18 +78,18 @@ class Tracer:
     def picture(self, exposures: Sequence[Exposure], things: dict[str, Any], seed: int) -> np.ndarray:
         """(height, width, 3) float32 brightness in linear red, green, blue; the mean over the exposures."""
         spec = self.scene.traced
-        each = round(spec.samples / _FINER**2 / len(exposures))
+        each = round(spec.samples / TRACE.finer**2 / len(exposures))
         total: Any = sum(
             _render(self.mi, self._around_and(one, things), self._sensor(one), each, seed + n)
             for n, one in enumerate(exposures)
         )
         # pixels saturate; without a limit a rare path through nylon would be a spark
-        fine = np.minimum(total / len(exposures) * (spec.exposure / self.card), _FULL_WELL)
+        fine = np.minimum(total / len(exposures) * (spec.exposure / self.card), TRACE.full_well)
         return _through_lens(self.rays, _pinhole(self.rays), fine)
 
     def _around_and(self, one: Exposure, things: dict[str, Any]) -> dict[str, Any]:
         wires = {
-            f"wire_{n}": mesh(
+            f"wire_{n}": _mesh(
                 self.mi, tube_mesh(s * _MM, self.at(one.T_world_antenna @ points), radius * _MM, 0.6), look
             )
             for n, (s, points, radius, look) in enumerate(one.wires)
@@ -109,14 +102,14 @@ class Tracer:
 
     def raised_above(self, points_world_m: np.ndarray) -> Tracer:
         """The same with the rig lifted until points (N, 3) are above everything on the bench."""
-        needed = _CLEAR_M - self.scene.traced.bench_below_m + _origin(self.scene)[2] - points_world_m[:, 2].min()
+        needed = TRACE.clear_m - self.scene.traced.bench_below_m + _origin(self.scene)[2] - points_world_m[:, 2].min()
         return replace(self, lift_m=max(float(needed), 0.0))
 
     def touched(self, obj: TouchObject) -> Any:
         """The touched object."""
         shape = object_mesh(obj)
         look = matt(rgb(self.scene.picture.object))
-        return mesh(self.mi, Triangles(self.at(shape.vertices), shape.normals, shape.faces), look)
+        return _mesh(self.mi, Triangles(self.at(shape.vertices), shape.normals, shape.faces), look)
 
     def board(self, sheet: Sheet, T_world_board: Pose) -> Any:
         """The printed sheet."""
@@ -126,7 +119,7 @@ class Tracer:
         normals = np.tile(-T_world_board.rotation[:, 2], (4, 1))
         faces, uv = np.array([[0, 2, 1], [0, 3, 2]]), np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         print_ = np.repeat(sheet.texture[..., :1] / np.float32(65535), 3, axis=2)
-        return mesh(self.mi, Triangles(vertices, normals, faces), matt(picture_of(print_)), uv)
+        return _mesh(self.mi, Triangles(vertices, normals, faces), matt(picture_of(print_)), uv)
 
     def _sensor(self, one: Exposure) -> dict[str, Any]:
         focal, (width, height) = _pinhole(self.rays)
@@ -156,10 +149,10 @@ class Tracer:
         }
 
 
-def tracer(scene: Scene, rays: RayMap, rng: np.random.Generator) -> Tracer:
+def tracer(scene: SceneSpec, rays: RayMap, rng: np.random.Generator) -> Tracer:
     """Prepare a scene. Raises InputError without mitsuba, or for a lens too wide for a pinhole."""
-    mi = load_mitsuba()
-    if np.abs(rays.padded).max() > _WIDEST:
+    mi = _load_mitsuba()
+    if np.abs(rays.padded).max() > TRACE.widest:
         what = "sees more than 143°, too wide for a pinhole picture"
         raise InputError(what, where=f"scene {scene.name}: camera", remedy="take a longer lens or the other renderer")
     spec = scene.traced
@@ -173,7 +166,7 @@ def tracer(scene: Scene, rays: RayMap, rng: np.random.Generator) -> Tracer:
     return Tracer(mi, scene, rays, around, _card(mi, lit, middle))
 
 
-def _origin(scene: Scene) -> np.ndarray:
+def _origin(scene: SceneSpec) -> np.ndarray:
     return scene.kinematics.position_world_m
 
 
@@ -187,7 +180,7 @@ def _card(mi: Any, lit: dict[str, Any], middle: np.ndarray) -> float:
     return float(_render(mi, lit | {"card": card}, sensor, 256, 0).mean())
 
 
-def mesh(mi: Any, shape: Triangles, look: dict[str, Any], uv: np.ndarray | None = None) -> Any:
+def _mesh(mi: Any, shape: Triangles, look: dict[str, Any], uv: np.ndarray | None = None) -> Any:
     """One of mitsuba's meshes."""
     holds = mi.Properties()
     holds["surface"] = mi.load_dict(_native(mi, look))
@@ -206,7 +199,7 @@ def _loaded(mi: Any, thing: Any, shift: np.ndarray) -> Any:
     """A thing of the bench, set to where the bench is."""
     if isinstance(thing, tuple):
         shape, look = thing
-        return mesh(mi, Triangles(shape.vertices + shift, shape.normals, shape.faces), look)
+        return _mesh(mi, Triangles(shape.vertices + shift, shape.normals, shape.faces), look)
     if "to_world" in thing:
         thing = thing | {"to_world": placed(shift) @ thing["to_world"]}
     return mi.load_dict(_native(mi, thing))
@@ -225,14 +218,14 @@ def _native(mi: Any, thing: Any) -> Any:
 
 
 def _render(mi: Any, things: dict[str, Any], sensor: dict[str, Any], samples: int, seed: int) -> np.ndarray:
-    scene = {"type": "scene", "integrator": {"type": "path", "max_depth": _DEPTH}, "eye": _native(mi, sensor)}
+    scene = {"type": "scene", "integrator": {"type": "path", "max_depth": TRACE.depth}, "eye": _native(mi, sensor)}
     loaded = mi.load_dict(scene | {name: _native(mi, thing) for name, thing in things.items()})
     return np.array(mi.render(loaded, spp=max(1, samples), seed=seed), np.float32)[..., :3]
 
 
 def _pinhole(rays: RayMap) -> tuple[float, tuple[int, int]]:
     """Focal length and size, px, of the pinhole picture that holds all of the lens's rays, axis in its middle."""
-    focal = _FINER * float(np.diag(rays.lens.matrix)[:2].mean())
+    focal = TRACE.finer * float(np.diag(rays.lens.matrix)[:2].mean())
     width, height = 2 * np.ceil(focal * np.abs(rays.padded).max(axis=(0, 1))).astype(int) + 4
     return focal, (int(width), int(height))
 
@@ -241,6 +234,6 @@ def _through_lens(rays: RayMap, pinhole: tuple[float, tuple[int, int]], fine: np
     """(height, width, 3) what the lens makes of the pinhole's picture: the mean over each of its own pixels."""
     focal, size = pinhole
     width, height = rays.lens.image_size
-    where = rays.block(0, 0, width, height, _SUBPIXELS) * np.float32(focal) + np.float32(np.array(size) / 2 - 0.5)
+    where = rays.block(0, 0, width, height, TRACE.subpixels) * np.float32(focal) + np.float32(np.array(size) / 2 - 0.5)
     samples = cv2.remap(fine, where.astype(np.float32), np.empty(0), cv2.INTER_LINEAR)
     return cv2.resize(samples, (width, height), interpolation=cv2.INTER_AREA)
