@@ -76,14 +76,14 @@ BARS = {
     "simulate demo": 3.0,
 }
 """Work → how many times faster than the older commit it has to be."""
-OTHERS = {"mrcal": 0.5, "cv2 CharucoDetector": 1.0, "one thread": 1.8}
+OTHERS = {"mrcal": 0.5, "cv2 CharucoDetector": 1.0}
 """Other program → its time over ours, at least."""
 _NO_BAR = "SciPy least_squares", "OpenCV", "lensboy"
 
 
 @dataclass(frozen=True)
 class WaitRow:
-    """One kind of work beside one other program, or alone; ms of processor time, on the wall for two threads.
+    """One kind of work beside one other program, or alone; ms of processor time.
 
     times : the other's time over ours, which has to be `bar` at least. evaluations : of the model, of a frame.
     """
@@ -174,25 +174,18 @@ def fits(trees: Sequence[Tree], rig: Rig, frames: int, seed: int, folder: Path) 
     with ExitStack() as stack:
         workers = [stack.enter_context(Worker(tree)) for tree in trees]
         jobs = (
-            ("batch, a frame of 500 points", "batch", "frames", path, 1),
-            ("batch on two threads, on the wall", "batch", "frames", path, 2),
-            ("one frame of 500 points", "single", "few", path, 1),
-            ("picture in memory, alone", "alone", "pictures", folder / "camera.json", 1),
-            ("picture in memory, in a recording", "recording", "pictures", folder / "camera.json", 1),
-            (LIVE, "live", "pictures", folder / "camera.json", 1),
+            ("batch, a frame of 500 points", "batch", "frames", path),
+            ("one frame of 500 points", "single", "few", path),
+            ("picture in memory, alone", "alone", "pictures", folder / "camera.json"),
+            ("picture in memory, in a recording", "recording", "pictures", folder / "camera.json"),
+            (LIVE, "live", "pictures", folder / "camera.json"),
         )
-        wall_s = 0.0
-        for work, way, given, own, threads in progress(jobs, "fits", len(jobs)):
-            asked = workers[:1] if threads > 1 or work == LIVE else workers
-            job = {"way": way, "rig": str(own), "frames": str(folder / f"{given}.npz"), "threads": threads}
+        for work, way, given, own in progress(jobs, "fits", len(jobs)):
+            asked = workers[:1] if work == LIVE else workers
+            job = {"way": way, "rig": str(own), "frames": str(folder / f"{given}.npz")}
             counts = [worker.ask(**job)["evaluations"] for worker in asked]
-            timings = [[worker.ask() for worker in asked] for _ in range(3)]
-            ms = [1e3 * min(each[place]["cpu_s"] for each in timings) for place in range(len(asked))]
-            now_s = min(each[0]["wall_s"] for each in timings)
-            if threads > 1:
-                yield row(work, 1e3 * now_s, "one thread", 1e3 * wall_s)
-                continue
-            wall_s = wall_s or now_s
+            timings = [[worker.ask()["cpu_s"] for worker in asked] for _ in range(3)]
+            ms = (1e3 * np.min(timings, axis=0)).tolist()
             more = {"evaluations": counts[0], "other_evaluations": counts[1] if len(asked) > 1 else None}
             yield row(work, ms[0], *((trees[1].name, ms[1]) if len(asked) > 1 else ()), **more)
             if way == "single":

@@ -8,7 +8,6 @@ has other ones.
 
 from __future__ import annotations
 
-import inspect
 import itertools
 import json
 import os
@@ -46,9 +45,7 @@ def prepared(job: dict[str, Any], counted: list[np.ndarray]) -> tuple[Work, int]
     `counted` takes how often each fit evaluates the model.
     """
     rig, given = Rig.load(Path(job["rig"])), dict(np.load(job["frames"]))
-    # a tree that knows no threads of its own stays with one
-    threads = {"jobs": job["threads"]} if "jobs" in inspect.signature(ContactEstimator).parameters else {}
-    estimator = ContactEstimator(rig, **threads)
+    estimator = ContactEstimator(rig, jobs=1)
     solved = estimator._solved
 
     def counting(*words: Any, **more: Any) -> Any:
