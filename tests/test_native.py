@@ -159,6 +159,7 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "antenna.jacobi": (1.0, 0.1),
         "antenna.solve_rods": (rod, _a(2, 7), 1.0, _a(2, 2), _a(2, 3), 4),
         "antenna.shoot_rods": (rod, _a(2, 7), _a(2, 3), 4),
+        "antenna.solve_touched_twice": (rod, _a(2, 11), 0.0, _a(2, 5), 4),
         "simulate.signed_distances": (object_, _a(3, 3)),
         "simulate.rough_distances": (object_, _a(3, 3)),
         "simulate.elevations": (_a(3, 3), 1.0, _a(2, 5)),

@@ -236,19 +236,16 @@ def _linearize(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Propagation:
-    """The errors of B results."""
+_Propagation = tuple[dict[str, np.ndarray], np.ndarray]
+"""The errors of B results: variance (B, 6) by each kind of noise, friction and the force's prior; (B, 6, S) by each
+independent error."""
 
-    gain: np.ndarray  # (B, 6, K) by what pulls at the unknowns
-    by_noise: dict[str, np.ndarray]  # variance (B, 6) by each kind of noise, friction and the force's prior
-    by_errors: np.ndarray  # (B, 6, S) by each independent error
 
-    @property
-    def variance(self) -> np.ndarray:
-        """(B, 6) of the results, all causes together."""
-        whole: np.ndarray = sum(self.by_noise.values(), np.zeros(()))
-        return np.asarray(whole + (self.by_errors**2).sum(axis=-1))
+def _variance(propagation: _Propagation) -> np.ndarray:
+    """(B, 6) of the results, all causes together."""
+    by_noise, by_errors = propagation
+    whole: np.ndarray = sum(by_noise.values(), np.zeros(()))
+    return np.asarray(whole + (by_errors**2).sum(axis=-1))
 
 
 def _propagate(linear: _Linearization, space: _ErrorSpace, cause: str = "", factor: float = 1.0) -> _Propagation:
@@ -274,24 +271,24 @@ def _propagate(linear: _Linearization, space: _ErrorSpace, cause: str = "", fact
     by_prior = gain[..., :UNKNOWNS] ** 2 * weights[..., :UNKNOWNS]
     by_noise |= {"friction": by_prior[..., -1], "force_prior": by_prior[..., 1:-1].sum(axis=-1)}
     by_errors = -gain[..., UNKNOWNS:] * weights[..., UNKNOWNS:] - linear.beyond @ left[UNKNOWNS:, UNKNOWNS:]
-    return _Propagation(gain, by_noise, by_errors)
+    return by_noise, by_errors
 
 
 def _correlated_variance(space: _ErrorSpace, propagation: _Propagation) -> np.ndarray:
     """(B, 6) variance by errors that belong to no cause alone: of all, less what each makes beyond what the others
     determine; negative where they cancel. `_variance_by_cause` divides it."""
-    errors = propagation.by_errors
+    errors = propagation[1]
     whole = (errors**2).sum(axis=-1)
     others = np.einsum("bqi,gij,bqj->gbq", errors, space.determined_by_others, errors, optimize=True)
     return np.asarray(whole - (whole - others).sum(axis=0))
 
 
 def _variance_by_cause(space: _ErrorSpace, propagation: _Propagation) -> dict[str, np.ndarray]:
-    """(B, 6) variance by every cause; they add up to `Propagation.variance`."""
-    errors = propagation.by_errors
+    """(B, 6) variance by every cause; they add up to `_variance`."""
+    errors = propagation[1]
     shared = np.einsum("bqi,gij,bqj->gbq", errors, space.shares, errors, optimize=True)
     # rounding leaves what is nothing a little below it
-    return propagation.by_noise | dict(zip(space.causes, np.clip(shared, 0.0, None), strict=True))
+    return propagation[0] | dict(zip(space.causes, np.clip(shared, 0.0, None), strict=True))
 
 
 def per_result(rows: np.ndarray) -> dict[str, np.ndarray]:
@@ -453,12 +450,12 @@ def error_budget(
     without = () if with_moment else ("moment_noise", "moment_gain", "moment_offset")
     several = with_moment and rig.wrench_sensor is not None
     excluded = ("force_prior", *without, *([] if several else ["sensor_axes"]))
-    whole, shared = _mean(now.variance), _mean(_correlated_variance(space, now))
+    whole, shared = _mean(_variance(now)), _mean(_correlated_variance(space, now))
     parts: dict[str, dict[str, _CausePart]] = {name: {} for name in RESULTS}
     for cause, rows in by_cause.items():
         own, halved, exact = _mean(rows), whole, whole
         if cause != "force_prior":
-            halved, exact = (_mean(_propagate(linear, space, cause, factor).variance) for factor in (0.5, 0.0))
+            halved, exact = (_mean(_variance(_propagate(linear, space, cause, factor))) for factor in (0.5, 0.0))
         for name in RESULTS:
             std, if_halved, if_exact = (float(np.sqrt(each[name])) for each in (own, halved, exact))
             parts[name][cause] = _CausePart(std, own[name] / whole[name], if_halved, if_exact)
@@ -488,7 +485,7 @@ def _determined(
     sound = np.isfinite(linear.points).all(axis=(1, 2)) & (linear.usable >= ContactSettings.fewest_points)
     std = np.full((len(linear), 6), np.nan)
     if sound.any():
-        std[sound] = np.sqrt(_propagate(linear.picked(sound), space).variance)
+        std[sound] = np.sqrt(_variance(_propagate(linear.picked(sound), space)))
     relative_m = ContactSettings.low_signal_relative * touches.distance_m
     limit = np.minimum(ContactSettings.low_signal * rig_arrays.length_m, relative_m)
     determined = np.isfinite(std).all(axis=1) & (std[:, 0] < limit)

@@ -159,12 +159,12 @@ class ContactEstimator:
             return [one]
         return both_contacts(one, contacts.numbers.unknowns[0], self._rig_arrays, batch)
 
-    def _checked(self, **given: Any) -> Batch:
+    def _checked(self, **data: Any) -> Batch:
         """What `estimate_batch` takes, checked. Raises InputError."""
-        read = {"moments": given["moments"], "moments_z": given["moments_z"], **(given.get("readings") or {})}
-        joints = {name: given[name] for name in ("pans", "tilts")}
-        plane: Mapping[str, Any] = {name: given[name] for name in ("plane_xy_m", "covariance_m2") if name in given}
-        return Batch.checked(self.rig, given["centrelines_px"], read, joints, given["sigma_px"], plane)
+        read = {"moments": data["moments"], "moments_z": data["moments_z"], **(data.get("readings") or {})}
+        joints = {name: data[name] for name in ("pans", "tilts")}
+        plane: Mapping[str, Any] = {name: data[name] for name in ("plane_xy_m", "covariance_m2") if name in data}
+        return Batch.checked(self.rig, data["centrelines_px"], read, joints, data["sigma_px"], plane)
 
     def estimate_batch(
         self,
@@ -194,8 +194,8 @@ class ContactEstimator:
         ------
         InputError : as `estimate`, or when not everything is there for every frame.
         """
-        given = {"centrelines_px": centrelines_px, "moments": moments, "pans": pans, "tilts": tilts, **options}
-        batch = self._checked(**given, sigma_px=sigma_px, moments_z=moments_z)
+        lines = {"centrelines_px": centrelines_px, "moments": moments, "pans": pans, "tilts": tilts, **options}
+        batch = self._checked(**lines, sigma_px=sigma_px, moments_z=moments_z)
         contacts = self._contacts(batch)
         if not options.get("jacobian", False):
             return contacts

@@ -287,7 +287,7 @@ class _TwoContactFrame:
             return self.fit(self._limited(at.unknowns, free, move), free, at.shape.solution[0])
 
         rules = Rules(iterations=iterations, standstill=1e-3, damping=1e-2, takes_last=True)
-        return levenberg_marquardt(first, step, moved, rules).at
+        return levenberg_marquardt(first, step, moved, rules)[0]
 
     def _equations(self, at: _TwoContactFit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Information (F, F) and pull (F,) of the residuals by columns (M, F), the rig's errors marginalised."""

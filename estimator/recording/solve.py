@@ -286,8 +286,8 @@ def _descended(
         way = further.unknowns - now.state.unknowns, shared
         return replace(trial, cost=now.cost - 0.5 * (now.decrease(*way) + trial.decrease(*way)))
 
-    descent = levenberg_marquardt(first, step, moved, _RULES)
-    return descent.at, descent.promise <= _RULES.standstill
+    at, promise, _ = levenberg_marquardt(first, step, moved, _RULES)
+    return at, promise <= _RULES.standstill
 
 
 def _moved(problem: RecordingProblem, unknowns: np.ndarray, step: np.ndarray) -> np.ndarray:

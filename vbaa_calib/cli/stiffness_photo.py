@@ -190,7 +190,7 @@ def _notes(found: PhotoStiffness, setting: PhotoSetting, single: bool, line: Rod
     apart = f"no single EI with one bow fits: curvature departs from it by {spread:.2g} 1/m: {cause}{decide}"
     curved = f"curvature is not proportional to the moment (p = {found.curved_p:.1g}): take moment_curvature, not EI"
     bound = "as the rod hangs or lies, its line gives no upper bound of EI: clamp a shorter piece more nearly level"
-    weight = "the rod's own weight is taken as nothing beside the load; --weight allows for it"
+    weight = "the rod's own weight is taken as nothing next to the load; --weight allows for it"
     (clamp_u, clamp_v), (tip_u, tip_v) = line.curve_px[0], line.curve_px[-1]
     higher = (
         f"the higher end, {clamp_u:.0f},{clamp_v:.0f}, is taken as clamped; else give --clamp {tip_u:.0f},{tip_v:.0f}"
@@ -230,8 +230,8 @@ def _with_candidates(
     error: InputError, args: argparse.Namespace, photo: Path, picture: np.ndarray, search: RodSearch
 ) -> InputError:
     """The error, with the name of a picture in which candidates are numbered and known ends ringed, if it can be."""
-    beside = args.output or args.overlay
-    path = (beside.parent if beside else Path()) / f"{photo.stem}_candidates.png"
+    written = args.output or args.overlay
+    path = (written.parent if written else Path()) / f"{photo.stem}_candidates.png"
     if path.resolve() == photo.resolve():
         return error
     from vbaa_calib.detect.drawing.canvas import Canvas

@@ -133,7 +133,7 @@ def _descended(fisheye: bool, start: np.ndarray, rays: np.ndarray, pixels: np.nd
         return Linearised(values, residuals, np.vstack([slopes, prior]), count, loss=SQUARES)
 
     first, rules = at(start), Rules(iterations=300, tolerance=1e-9, standstill=1e-9, damping=1e-3)
-    return start if first is None or not first.is_finite else minimise(at, first, rules).at.parameters
+    return start if first is None or not first.is_finite else minimise(at, first, rules)[0].parameters
 
 
 def _projected(fisheye: bool, values: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

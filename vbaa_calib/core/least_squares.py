@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -47,22 +47,13 @@ class Rules:
     relief: float = 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class _Descent(Generic[_Point]):
-    """Where a descent ended: the point, what its next step promises, and whether the iterations ran out before."""
-
-    at: _Point
-    promise: float
-    exhausted: bool
-
-
 def levenberg_marquardt(
     at: _Point,
     step: Callable[[_Point, float], tuple[np.ndarray, float]],
     moved: Callable[[_Point, np.ndarray], _Point | None],
     rules: Rules,
-) -> _Descent[_Point]:
-    """Descend to a least cost.
+) -> tuple[_Point, float, bool]:
+    """Descend to a least cost: the point, what its next step promises, and whether the iterations ran out before.
 
     step : of a point and a damping, in units of the diagonal of the normal equations; and the decrease it promises.
     moved : the point a step further; None where there is none.
@@ -77,7 +68,7 @@ def levenberg_marquardt(
         # a damped step is short wherever it is taken
         last = promise <= rules.standstill + rules.tolerance * at.cost and damping < 1.0
         if last and not rules.takes_last:
-            return _Descent(at, promise, False)
+            return at, promise, False
         trial = moved(at, move)
         rounding = rules.may_rise + rules.may_rise_share * at.cost
         if trial is not None and np.isfinite(trial.cost) and trial.cost <= at.cost + rounding:
@@ -87,8 +78,8 @@ def levenberg_marquardt(
         else:
             damping = max(rules.growth * damping, rules.after_failure)
         if last or damping > 1e12:
-            return _Descent(at, promise, False)
-    return _Descent(at, promise, True)
+            return at, promise, False
+    return at, promise, True
 
 
 def solve_scaled(matrix: np.ndarray, right: np.ndarray, damping: float = 0.0) -> np.ndarray:
@@ -387,8 +378,8 @@ def minimise(
     start: Linearised,
     rules: Rules,
     upper: float | np.ndarray = np.inf,
-) -> _Descent[Linearised]:
-    """Least robust cost of a dense problem, by reweighted steps.
+) -> tuple[Linearised, float, bool]:
+    """Least robust cost of a dense problem, by reweighted steps, as `levenberg_marquardt` gives it.
 
     evaluate : the problem at parameters (P,); None where it has no residuals there.
     upper : (P,) upper ends of the parameters.

@@ -198,19 +198,19 @@ class JigEvidence:
             extent_px = float(np.linalg.norm(np.ptp(lines[0].points_px, axis=0)))
             if off_px > self.limits.far * extent_px:
                 return -self.limits.lost, None, None
-            descent = minimise(problem.linearised, first, Rules(iterations=20, takes_last=True, may_rise=1e-3))
-            problem.camera(descent.at.parameters)
+            at, *_ = minimise(problem.linearised, first, Rules(iterations=20, takes_last=True, may_rise=1e-3))
+            problem.camera(at.parameters)
         except (SolveError, InputError, ValueError, np.linalg.LinAlgError):
             return -self.limits.lost, None, None
-        weighted = descent.at.jacobian * descent.at.weights[:, None]
+        weighted = at.jacobian * at.weights[:, None]
         known = sum(float(np.linalg.slogdet(one.covariance)[1]) for one in problem.prior.poses)
         information = 2.0 * float(np.log(np.abs(np.diag(np.linalg.qr(weighted, mode="r")))).sum())
         along = 0.0
         if len(problem.tips):
-            by_length = problem.evaluate(descent.at.parameters).by_length
+            by_length = problem.evaluate(at.parameters).by_length
             along = float(np.log1p((problem.prior.tip_std_m or 0.0) ** 2 * by_length @ by_length))
-        evidence = -descent.at.cost - 0.5 * (known + information + along)
-        return max(evidence, -self.limits.lost), problem, descent.at
+        evidence = -at.cost - 0.5 * (known + information + along)
+        return max(evidence, -self.limits.lost), problem, at
 
     def _by_ways(self, case: _JigMistake) -> float:
         """Log evidence where no picture of the free antenna is there: by the other ways to plane C alone."""

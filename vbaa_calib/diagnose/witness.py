@@ -301,9 +301,9 @@ class Witness:
                 found = self._evaluated(alter, std, at)
                 return None if found is None else _weighted(found, even)
 
-            end = minimise(roughly, _weighted(now, even), replace(_RULES, iterations=6), upper).at
+            end = minimise(roughly, _weighted(now, even), replace(_RULES, iterations=6), upper)[0]
             now = self._evaluated(alter, std, end.parameters) or now
-        now = minimise(partial(self._evaluated, alter, std), now, _RULES, upper).at
+        now = minimise(partial(self._evaluated, alter, std), now, _RULES, upper)[0]
         occam = 0.0
         values, own = now.parameters[count:], np.zeros((len(std), len(std)))
         if len(std):

@@ -48,10 +48,8 @@ def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, stand
             return None
         return trial if trial.is_finite else None
 
-    descent = minimise(evaluate, first, replace(_RULES, standstill=standstill), upper)
-    return replace(
-        descent.at, converged=descent.promise < (AntennaSettings.enough if descent.exhausted else standstill)
-    )
+    at, promise, exhausted = minimise(evaluate, first, replace(_RULES, standstill=standstill), upper)
+    return replace(at, converged=promise < (AntennaSettings.enough if exhausted else standstill))
 
 
 def _fitting(

@@ -122,20 +122,18 @@ class OverSetup:
     clamp: LineEnd | None = None  # the clamp's visible edge, where it is known
 
 
-@dataclass(frozen=True, eq=False)
-class _Mark:
-    """A point of the antenna with a known place along it."""
+_Mark = tuple[int, SeenPoints, float]
+"""A point of the antenna with a known place along it: its node, −1 the tip and 0 the clamp; where it is seen; how well
+its place along the antenna is known, m."""
 
-    end: int  # −1 the tip, 0 the clamp
-    seen: SeenPoints  # the one point
-    std_m: float  # how well its place along the antenna is known
 
-    def along(self, curves: ImageCurves) -> np.ndarray:
-        """(1, 2) the first curve's direction there over the mark's standard deviation along it."""
-        slope = curves.slopes[0, self.end]
-        unit = slope / np.linalg.norm(slope)
-        variance = unit @ self.seen.covariance[0] @ unit + (self.std_m * np.linalg.norm(slope)) ** 2
-        return unit[None] / np.sqrt(variance)
+def _along(mark: _Mark, curves: ImageCurves) -> np.ndarray:
+    """(1, 2) the first curve's direction at a mark over the mark's standard deviation along it."""
+    end, seen, std_m = mark
+    slope = curves.slopes[0, end]
+    unit = slope / np.linalg.norm(slope)
+    variance = unit @ seen.covariance[0] @ unit + (std_m * np.linalg.norm(slope)) ** 2
+    return np.asarray(unit[None] / np.sqrt(variance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +166,7 @@ class _OverProblem:
         """Whitened residuals (R,), Huber's of the points, then marks and priors; their Jacobian (R, 19)."""
         curves = self.curves(np.vstack([unknowns, unknowns + np.diag(_STEPS)]))
         rows = [whitened_with_lens(self.seen, curves)[0] / self.noise_scale]
-        rows += [one.along(curves) @ (one.seen.points.T - curves.nodes[:, one.end].T) for one in self.marks]
+        rows += [_along(one, curves) @ (one[1].points.T - curves.nodes[:, one[0]].T) for one in self.marks]
         values = np.vstack(rows)
         jacobian = (values[:, 1:] - values[:, :1]) / _STEPS
         prior = np.eye(_UNKNOWNS)[_IN_PLANE.stop :]
@@ -178,7 +176,7 @@ class _OverProblem:
     def by_lens(self, curves: ImageCurves) -> np.ndarray:
         """(R, P) change of the residuals with the lens, board and frame fixed."""
         rows = [whitened_with_lens(self.seen, curves)[1] / self.noise_scale]
-        rows += [one.along(curves) @ one.seen.by_lens[0] for one in self.marks if one.seen.by_lens is not None]
+        rows += [_along(one, curves) @ one[1].by_lens[0] for one in self.marks if one[1].by_lens is not None]
         points = np.vstack(rows)
         return np.vstack([points, np.zeros((_UNKNOWNS - _IN_PLANE.stop, points.shape[1]))])
 
@@ -223,10 +221,11 @@ def _solve_over(problem: _OverProblem, start: np.ndarray) -> tuple[PoseEstimate,
 
 
 def _descended(problem: _OverProblem, unknowns: np.ndarray) -> np.ndarray:
-    descent = minimise(problem.linearised, problem.linearised(unknowns), Rules(iterations=40, standstill=1e-12))
-    if descent.exhausted and descent.promise >= _OverBoardFitSettings.enough:
+    rules = Rules(iterations=40, standstill=1e-12)
+    at, promise, exhausted = minimise(problem.linearised, problem.linearised(unknowns), rules)
+    if exhausted and promise >= _OverBoardFitSettings.enough:
         raise SolveError("the antenna over the board could not be fitted to its picture")
-    return descent.at.parameters
+    return at.parameters
 
 
 def solve_over_board(
@@ -388,7 +387,7 @@ def _from_clamp(line: BoardLine, plane: PlaneAbove, guess: Pose | None, setup: O
 def _marks(line: BoardLine, setup: OverSetup, where: str) -> list[_Mark]:
     known = (-1, line.ends[1], setup.antenna.length_std_m), (0, setup.clamp, 0.0)
     marks = [
-        _Mark(end, see(setup.camera, at.point_px[None], np.array([at.std_px]), with_lens=True), std_m)
+        (end, see(setup.camera, at.point_px[None], np.array([at.std_px]), with_lens=True), std_m)
         for end, at, std_m in known
         if at is not None
     ]

@@ -210,7 +210,7 @@ class _SeenBoard:
             return linearised(at.pose.retract(move))
 
         rules = Rules(iterations=60, tolerance=1e-12, takes_last=True, may_rise_share=1e-13)
-        return levenberg_marquardt(linearised(T_camera_board), step, moved, rules).at.pose
+        return levenberg_marquardt(linearised(T_camera_board), step, moved, rules)[0].pose
 
     def second_rms_px(self, first: Pose, others: Sequence[Pose]) -> float | None:
         """Rms error, px, of the next other pose that explains the corners; None without one."""

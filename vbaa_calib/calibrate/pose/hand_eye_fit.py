@@ -369,7 +369,7 @@ class HandEyeProblem:
             return self.linearised(tuple(pose.retract(own) for pose, own in zip(at.state, steps, strict=True)), std)
 
         rules = Rules(60, tolerance=1e-12, takes_last=True, may_rise_share=1e-9)
-        return levenberg_marquardt(self.linearised(state, std), step, moved, rules).at
+        return levenberg_marquardt(self.linearised(state, std), step, moved, rules)[0]
 
     def solved(self, state: _HandEyeState, std: np.ndarray) -> HandEyeSolution:
         """Solves for state and standard deviations by turns, the latter from the residuals (REML)."""

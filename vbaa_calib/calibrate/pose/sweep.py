@@ -245,7 +245,7 @@ class _SweepProblem:
             whole[self.free] = move
             return linearised(system.state.moved(whole))
 
-        return levenberg_marquardt(linearised(state), step, moved, rules).at
+        return levenberg_marquardt(linearised(state), step, moved, rules)[0]
 
     def robust(self, state: _SweepState, used: np.ndarray) -> tuple[_SweepState, np.ndarray]:
         """A state by IRLS of distances of the corners used (N,), and all residuals (N, 2) px.

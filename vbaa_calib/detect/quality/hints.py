@@ -86,20 +86,10 @@ def _board_map(view: BoardView, spec: BoardWithIds) -> _BoardMap | None:
     return mapped if off_px < QualitySettings.most_bent * mapped.square_px else None
 
 
-@dataclass(frozen=True, eq=False)
-class _Levels:
-    """Grey levels on the board.
-
-    Attributes
-    ----------
-    dark : (squares_y, squares_x) median of each black square's middle, and of the darkest third of each marker; NaN
-        where the square is not wholly in the picture.
-    black, white : what is usual: the median black square, and the brighter ones of the white squares' rims.
-    """
-
-    dark: np.ndarray
-    black: float
-    white: float
+_Levels = tuple[np.ndarray, float, float]
+"""Grey levels on the board: (squares_y, squares_x) median of each black square's middle, and of the darkest third of
+each marker, NaN where the square is not wholly in the picture; the usual black, the median of these; the usual white,
+that of the brighter rims of white squares."""
 
 
 def _levels(image: np.ndarray, where: _BoardMap) -> _Levels | None:
@@ -125,7 +115,7 @@ def _levels(image: np.ndarray, where: _BoardMap) -> _Levels | None:
     dark = np.where(is_black, np.median(middle, axis=-1), np.percentile(marker, 100.0 / 6.0, axis=-1))
     rim = flat[:, :, (0, texels - 1) if is_grid else (1, texels - 2), inner]
     black, white = np.median(dark[whole & (is_black | is_grid)]), np.percentile(rim[whole & ~is_black], 75.0)
-    return _Levels(np.where(whole, dark, np.nan), float(black), float(white))
+    return np.where(whole, dark, np.nan), float(black), float(white)
 
 
 def _blemishes(seen: _Levels) -> list[tuple[bool, int, tuple[float, float]]]:
@@ -134,9 +124,10 @@ def _blemishes(seen: _Levels) -> list[tuple[bool, int, tuple[float, float]]]:
     Of each whether it is as bright as paper, a reflection (else something covers the board, or a shadow's edge), its
     number of squares, and its centre in squares along the board's x and y.
     """
-    rise = (np.nan_to_num(seen.dark, nan=seen.black) - seen.black) / max(seen.white - seen.black, 1.0)
+    dark, black, white = seen
+    rise = (np.nan_to_num(dark, nan=black) - black) / max(white - black, 1.0)
     count, labels = cv2.connectedComponents((rise > QualitySettings.washed_out).astype(np.uint8), connectivity=8)
-    shining = (seen.dark >= QualitySettings.clipped_level) | (rise >= QualitySettings.paper)
+    shining = (dark >= QualitySettings.clipped_level) | (rise >= QualitySettings.paper)
     found = []
     for label in range(1, count):
         rows, columns = np.nonzero(labels == label)
@@ -239,10 +230,10 @@ def _light(view: BoardView, seen: _Levels | None) -> list[Diagnosis]:
     noisy = corner_std_px(view) > QualitySettings.noisy_px
     uncertain = f", its corners are uncertain by {corner_std_px(view):.2f} px" if noisy else ""
     differ = f"black and white differ by {quality.contrast:.0f} grey levels{uncertain}"
-    if seen is not None and seen.white < QualitySettings.dark and (noisy or quality.contrast < QualitySettings.pale):
+    if seen is not None and seen[2] < QualitySettings.dark and (noisy or quality.contrast < QualitySettings.pale):
         return [Diagnosis("too_dark", f"dark: {differ}", "add light, or expose longer")]
     if quality.contrast < QualitySettings.pale:
-        veiled = seen is not None and seen.black > QualitySettings.bright - QualitySettings.pale
+        veiled = seen is not None and seen[1] > QualitySettings.bright - QualitySettings.pale
         remedy = "turn the board out of the light's reflection, clean the lens" if veiled else "light the board better"
         return [Diagnosis("pale", f"pale: {differ}", remedy)]
     if noisy:
@@ -253,12 +244,12 @@ def _light(view: BoardView, seen: _Levels | None) -> list[Diagnosis]:
 def _blemish(where: _BoardMap, seen: _Levels) -> list[Diagnosis]:
     """The largest patch of the board that has lost its black."""
     patch = max(_blemishes(seen), key=lambda one: one[:2], default=None)
-    if patch is None or seen.white - seen.black < 0.5 * QualitySettings.pale:
+    if patch is None or seen[2] - seen[1] < 0.5 * QualitySettings.pale:
         return []
     shining, squares, centre = patch
     place = _place(where, np.array(centre))
     many = f"{squares} square{'s' if squares > 1 else ''}"
-    severity: Severity = "wrong" if squares > 0.25 * seen.dark.size else "doubt"
+    severity: Severity = "wrong" if squares > 0.25 * seen[0].size else "doubt"
     if shining:
         words = f"light is reflected {place} of the board: {many} washed out"
         return [Diagnosis("reflection", words, "turn the board or move the lamp until the patch is gone", severity)]
