@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from vbaa_calib.calibrate.photo.centreline import RodLine, search_rod
 from vbaa_calib.calibrate.photo.stiffness import PhotoSetting, PhotoStiffness, solve_photo
 from vbaa_calib.cli.main import main
-from vbaa_calib.core.images import read_gray
+from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.core.polyline import beside
 
 DATA = Path(__file__).parents[3] / "shared/data"
@@ -159,12 +159,12 @@ def hand_drawn() -> dict[str, np.ndarray]:
 
 
 @cache
-def photographed(name: str) -> RodLine:
+def photographed(name: str, colour: bool = False) -> RodLine:
     """The rod in a real photograph."""
     path = DATA / ("fabric_strip/strip.jpg" if name == "strip" else f"yarn_over_ledge/{name}.jpg")
     if not path.exists():
         pytest.skip("no ../shared/data here")
-    return search_rod(read_gray(path)).line()
+    return search_rod(read_picture(path) if colour else read_gray(path)).line()
 
 
 @pytest.mark.parametrize(
@@ -177,6 +177,13 @@ def photographed(name: str) -> RodLine:
 def test_real_lines_run_where_a_person_draws_them(name: str) -> None:
     _, apart = beside(photographed(name).curve_px, hand_drawn()[name])
     assert np.sqrt(np.mean(apart**2)) < 1.5
+    assert np.median(np.abs(apart)) < 1.25
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) for name in (*YARNS, "strip")])
+def test_real_lines_run_there_in_colour_too(name: str) -> None:
+    _, apart = beside(photographed(name, colour=True).curve_px, hand_drawn()[name])
+    assert np.sqrt(np.mean(apart**2)) < 1.6
     assert np.median(np.abs(apart)) < 1.25
 
 
@@ -228,3 +235,26 @@ def test_the_verb_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixt
     assert len(Path(out[2]).read_text().splitlines()) == 1 + len(document["moment_curvature"])
     assert main([*call, "-o", out[0]]) == 2
     assert "--force" in capsys.readouterr().err
+
+
+def test_of_two_ends_in_the_picture_the_higher_one_is_taken_as_clamped_and_that_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    picture = drawn(rod(lambda s, moment: moment / 1e-3, 0.0, 1.0), np.random.default_rng(0))
+    cv2.imwrite(str(tmp_path / "inner.png"), np.pad(picture, ((0, 0), (60, 0)), constant_values=40))
+    assert main(["stiffness", str(tmp_path / "inner.png"), "--length", "0.2", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["clamp_px"][1] < found["tip_px"][1]
+    assert any("taken as clamped" in note for note in found["notes"])
+
+
+def test_a_line_that_is_not_found_leaves_a_picture_of_where_it_was_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    noise = np.random.default_rng(0).normal(60.0, 4.0, (300, 400)).clip(0, 255).astype(np.uint8)
+    cv2.imwrite("none.png", noise)
+    assert main(["stiffness", "none.png", "--length", "0.2", "--clamp", "50,50", "--tip", "350,250"]) == 2
+    shown = cv2.imread("none_candidates.png")
+    assert shown is not None
+    assert np.ptp(shown.astype(int), axis=2).max() > 100  # the ends are ringed

@@ -76,17 +76,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         what, remedy = f"a mark lies outside this picture of {width}x{height} px", "give both as U,V in its pixels"
         raise InputError(what, where=args.table, remedy=remedy)
     lines: list[RodLine] = []
+    searches: list[RodSearch] = []
     for path, picture in zip(photos, pictures, strict=True):
         with about(path):
-            search = search_rod(picture, args.clamp, None if lines else args.tip)
+            searches.append(search_rod(picture, args.clamp, None if lines else args.tip))
             try:
-                lines.append(search.line(None if lines else args.candidate))
+                lines.append(searches[-1].line(None if lines else args.candidate))
             except InputError as error:
-                raise _with_candidates(error, args, path, picture, search) from None
+                raise _with_candidates(error, args, path, picture, searches[-1]) from None
     if args.overlay:
         _draw(args.overlay, pictures[0], lines[0], args.force)
     with about(args.table):
-        found = solve_photo(lines, setting)
+        try:
+            found = solve_photo(lines, setting)
+        except InputError as error:
+            raise _with_candidates(error, args, args.table, pictures[0], searches[0]) from None
     document = _document(found, setting, lines[0])
     document |= {"inputs_sha256": {path.name: sha256(path) for path in photos}, "command": list(args.argv)}
     _report(document)
@@ -174,11 +178,11 @@ def _document(found: PhotoStiffness, setting: PhotoSetting, line: RodLine) -> di
         "single_stiffness_fits": single,
         "curved_p": found.curved_p,
         "moment_curvature": [dict(zip(keys, map(float, row), strict=True)) for row in table],
-        "notes": _notes(found, setting, single),
+        "notes": _notes(found, setting, single, line),
     }
 
 
-def _notes(found: PhotoStiffness, setting: PhotoSetting, single: bool) -> list[str]:
+def _notes(found: PhotoStiffness, setting: PhotoSetting, single: bool, line: RodLine) -> list[str]:
     spread = found.linear.curl_std
     two = len(found.views) > 1
     cause = "the material is not linear" if two else "the rod has curl of its own, or the material is not linear"
@@ -187,8 +191,13 @@ def _notes(found: PhotoStiffness, setting: PhotoSetting, single: bool) -> list[s
     curved = f"curvature is not proportional to the moment (p = {found.curved_p:.1g}): take moment_curvature, not EI"
     bound = "as the rod hangs or lies, its line gives no upper bound of EI: clamp a shorter piece more nearly level"
     weight = "the rod's own weight is taken as nothing beside the load; --weight allows for it"
+    (clamp_u, clamp_v), (tip_u, tip_v) = line.curve_px[0], line.curve_px[-1]
+    higher = (
+        f"the higher end, {clamp_u:.0f},{clamp_v:.0f}, is taken as clamped; else give --clamp {tip_u:.0f},{tip_v:.0f}"
+    )
     # limp, curly rods reach a probability of 0.01 in 1 of 20
     rules = (
+        (line.clamp_supposed, higher),
         (not found.determined, bound),
         (not single, apart),
         (found.curved_p < 1e-3, curved),
@@ -220,10 +229,10 @@ def _report(document: dict[str, Any]) -> None:
 def _with_candidates(
     error: InputError, args: argparse.Namespace, photo: Path, picture: np.ndarray, search: RodSearch
 ) -> InputError:
-    """The error, with the name of a picture in which the candidates are numbered, if there are any and it can be."""
+    """The error, with the name of a picture in which candidates are numbered and known ends ringed, if it can be."""
     written = args.output or args.overlay
     path = (written.parent if written else Path()) / f"{photo.stem}_candidates.png"
-    if not search.candidates or path.resolve() == photo.resolve():
+    if path.resolve() == photo.resolve():
         return error
     from vbaa_calib.detect.drawing.canvas import Canvas
 
@@ -233,11 +242,16 @@ def _with_candidates(
         colour = colours[(number - 1) % len(colours)]
         canvas.line(found.curve_px, colour, 2.0)
         canvas.words(str(number), found.curve_px[len(found.curve_px) // 2], colour)
+    for name, place in (("clamp", search.clamp), ("tip", search.tip)):
+        if place is not None:
+            canvas.ring(place, 8.0, (255, 255, 0))
+            canvas.words(name, place, (255, 255, 0))
     try:
         _write_canvas(path, canvas, force=True)
     except InputError:
         return error
-    return InputError(f"{error.what} (lines numbered in {path})", where=error.where, remedy=error.remedy)
+    content = "lines numbered" if search.candidates else "no line to number"
+    return InputError(f"{error.what} ({content} in {path})", where=error.where, remedy=error.remedy)
 
 
 def _grey(picture: np.ndarray) -> np.ndarray:

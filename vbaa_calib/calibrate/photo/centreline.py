@@ -42,13 +42,13 @@ class _RodPath:
         return self.mean > settings.enough and self.evidence > settings.clear_evidence
 
 
-def _opponent(picture: np.ndarray) -> np.ndarray:
+def _opponent(picture: np.ndarray, settings: RodSettings) -> np.ndarray:
     """Planes (1, H, W) of a grey picture (H, W), or (3, H, W) luma and two chroma of a colour one (H, W, 3)."""
     if picture.ndim == 2:
         return picture.astype(np.float32)[None]
     luma, *chroma = np.moveaxis(cv2.transform(picture.astype(np.float32), _TO_OPPONENT.astype(np.float32)), -1, 0)
     # less light is less chroma as well
-    usual, dark = np.float32(128.0), np.float32(32.0)
+    usual, dark = np.float32(128.0), np.float32(settings.dark)
     return np.stack([luma, *(each * (usual + dark) / (luma + dark) for each in chroma)])
 
 
@@ -302,6 +302,15 @@ class _MeasuredRod:
         """Whether all but a few of its places have both edges."""
         return self.parts["edges"] > settings.good_edges
 
+    def is_bent(self, settings: RodSettings) -> bool:
+        """Whether it turns, and to one side, as a rod under its load does and edges of things do not."""
+        return self.parts["net"] > max(settings.bent, 0.5 * self.parts["turning"])
+
+    def is_sure(self, settings: RodSettings) -> bool:
+        """Whether it is good all along, and one end of it at least is before plain background."""
+        ends = [odds for odds, inside in zip(self.holder, self.inside, strict=True) if inside]
+        return self.is_good(settings) and min(ends, default=1.0) < 0.0
+
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
         """Whether a line (N, 2) runs in this rod over such a share of its points."""
         return float(np.mean(np.abs(beside(self.curve_px, line)[1]) < 0.5 * self.width_px)) > share
@@ -344,10 +353,9 @@ def _fitted(
             coarse = np.concatenate([end[None], coarse[::way][int(np.argmax(apart)) :]])[::way]
     course: _Course | None = None
     most = 0.0
-    # a highlight or a shadow changes light, hairs have the colour: what tells the edges is what makes them parallel
+    # highlights and shadows change light, hairs have the rod's colour: the channels are used that make edges parallel
     for channels, light in ((slice(None), settings.light), (slice(None), 0.0), (slice(1), 0.0))[-len(planes) :]:
-        told = planes[channels], patch.spread[channels], replace(settings, light=light)
-        found = _course(planes, noise, coarse, width, first, last, *told)
+        found = _course(patch, channels, coarse, width, (first, last), replace(settings, light=light))
         if found is None:
             continue
         parallel = float(found[-1].mean()) * min(1.0, arc_lengths(found[1])[-1] / arc_lengths(coarse)[-1])
@@ -388,25 +396,24 @@ _Course = tuple[np.ndarray, np.ndarray, np.ndarray, float, tuple[bool, bool], np
 
 
 def _course(
-    planes: np.ndarray,
-    noise: np.ndarray,
+    patch: _PhotoPatch,
+    channels: slice,
     coarse: np.ndarray,
     width: float,
-    first: np.ndarray | None,
-    last: np.ndarray | None,
-    told: np.ndarray,
-    spread: np.ndarray,
+    ends: tuple[np.ndarray | None, np.ndarray | None],
     settings: RodSettings,
 ) -> _Course | None:
     """Points, their curve and distances from it, the width, whether the ends are inside, and which stations have two
-    edges, by those planes whose edges are `told`, of one surface's `spread`; None where there are none."""
+    edges, by the edges in some channels; None where there are none. In pixels of the patch."""
+    planes, spread = patch.planes[channels], patch.spread[channels]
+    first, last = ends
     curve = _smooth(coarse, np.ones(len(coarse)), max(width, settings.least_smoothing_px))
     for _ in range(settings.centred_rounds):
-        middles = _centred(told, spread, curve, width, settings)
+        middles = _centred(planes, spread, curve, width, settings)
         curve = _smooth(middles, np.ones(len(middles)), max(width, settings.least_smoothing_px))
     points, misses = np.zeros((0, 2)), np.zeros(0)
     for round_ in range(settings.fit_rounds):
-        points, width, _ = _edges(told, spread, curve, width, settings, round_ > settings.fit_rounds - 3)
+        points, width, _ = _edges(planes, spread, curve, width, settings, round_ > settings.fit_rounds - 3)
         if len(points) < settings.least_points:
             return None
         scale = max(
@@ -418,7 +425,7 @@ def _course(
         if not np.isfinite(curve).all() or arc_lengths(curve)[-1] > 1.5 * arc_lengths(coarse)[-1] + 8.0 * width:
             return None
     # points beyond the ends are no rod's, and would bend the line there
-    on, inside = _to_the_ends(planes, noise, curve, width, first, last)
+    on, inside = _to_the_ends(patch.planes, patch.noise, curve, width, first, last)
     if len(on) < 10:
         return None
     index, _ = beside(on, points)
@@ -426,7 +433,7 @@ def _course(
     if settings.least_points <= kept.sum() < len(points):
         points = points[kept]
         curve, misses = _robust(points, scale, width)
-        curve, inside = _to_the_ends(planes, noise, curve, width, first, last)
+        curve, inside = _to_the_ends(patch.planes, patch.noise, curve, width, first, last)
     else:
         curve = on
     length = float(arc_lengths(curve)[-1])
@@ -435,7 +442,7 @@ def _course(
     far = max(2.0 * width, 0.03 * length)
     if any(end is not None and np.hypot(*(at - end)) > far for end, at in ((first, curve[0]), (last, curve[-1]))):
         return None
-    _, width, seen = _edges(told, spread, curve, width, settings, True)
+    _, width, seen = _edges(planes, spread, curve, width, settings, True)
     if seen.mean() < settings.least_edges:
         return None
     return points, curve, misses, width, inside, seen
@@ -451,7 +458,7 @@ def _along(
     soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
     strip = _Strip.along(soft, curve, fine, 4.0 * width, fine)
     level = _Level(np.ascontiguousarray(strip.values), 1.0 / fine)
-    # of what is on either side: the rod's own edges are no texture
+    # texture of the sides: the rod's own edges are none
     outer = strip.across_px < -width, strip.across_px > width
     apart = settings.flank_widths * settings.level_width_px
     textures = [_Level(level.planes[:, :, side], level.scale).texture(apart, settings) for side in outer]
@@ -478,7 +485,7 @@ def _along(
     log = np.where((near < 0.3) | (other > 0.5), settings.gap, log)
     there = (log > 0.5) | ((near > settings.good_edges) & (other < 0.5))
     shading = _shading_of(len(planes), settings)
-    shadow = np.maximum(*(_shadowed(middle, side, shading, settings.darkest_shadow) for side in sides))
+    shadow = np.maximum(*(_shadowed(middle, side, shading, settings) for side in sides))
     tangent = np.diff(curve, axis=0)
     angle = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     angle = uniform_filter1d(angle, max(1, round(2.0 * width / (length / len(curve)))), mode="nearest")
@@ -771,6 +778,8 @@ def _to_the_ends(
         local = np.nanmean(np.stack([*grounds, np.repeat(around[:, None], count, axis=1)]), axis=0)
         on_rod = difference @ (mark - around[:, None]) / scale > 0.5
         on_rod |= difference @ (mark - local) / scale > 0.5
+        # between two sides of its own colour there is no rod, but its clamp
+        on_rod &= ~np.all([difference @ (each - around[:, None]) / scale > 0.5 for each in grounds], axis=0)
         run = order[count // 2 :]
         off = ~on_rod[run]
         # a dark ply is not the end
@@ -801,14 +810,15 @@ def _other(middle: np.ndarray, sides: list[np.ndarray], least_chroma: float) -> 
     return ((across > 0.7) | ((along < 0.0) & (np.hypot(*chroma) > 0.4 * size))).astype(float)
 
 
-def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray, darkest: float) -> np.ndarray:
+def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray, settings: RodSettings) -> np.ndarray:
     """(S,) 0 to 1, how much colours (channels, S) look like those on one side in less light; 0 in a grey picture."""
     if len(middle) == 1:
         return np.zeros(middle.shape[1])
     with np.errstate(invalid="ignore", divide="ignore"):
         light = middle[0] / np.maximum(side[0], 1.0)
-        off = np.sum(((middle[1:] - light * side[1:]) / (4.0 * shading[1:, None])) ** 2, axis=0)
-        there = np.exp(-0.5 * off) * ((light > darkest) & (light < 0.95))
+        chroma = side[1:] * light * (side[0] + settings.dark) / (middle[0] + settings.dark)  # as `_opponent` has it
+        off = np.sum(((middle[1:] - chroma) / (4.0 * shading[1:, None])) ** 2, axis=0)
+        there = np.exp(-0.5 * off) * ((light > settings.darkest_shadow) & (light < 0.95))
     return np.where(np.isfinite(there), there, 0.0)
 
 
@@ -826,6 +836,7 @@ class RodLine:
     tip_inside: bool  # whether the rod ends within the picture
     centre_px: np.ndarray  # (2,) middle of the picture
     evidence: float = 0.0  # log odds of a rod against background alone
+    clamp_supposed: bool = False  # nothing but that it is higher tells which of both ends is clamped
 
     @property
     def length_px(self) -> float:
@@ -846,7 +857,7 @@ class RodSearch:
     def line(self, candidate: int | None = None) -> RodLine:
         """The rod's line; the candidate with this number, from 1, where one is chosen.
 
-        Raises InputError where none stands out, where two may be meant, or where it is not known which end is clamped.
+        Raises InputError where none stands out, or where two may be meant.
         """
         if candidate is not None:
             if not 1 <= candidate <= len(self.candidates):
@@ -856,8 +867,11 @@ class RodSearch:
         best = self.candidates[0] if self.candidates else None
         known = (self.clamp is not None) + (self.tip is not None)
         least = self.settings.least_evidence_known if known == 2 else self.settings.least_evidence_alone
-        if known < 2 and best is not None and best.hangs:
-            least = self.settings.least_evidence_hanging
+        if known < 2 and best is not None and best.is_bent(self.settings):
+            if known == 0 and best.is_sure(self.settings):
+                least = self.settings.least_evidence_sure
+            elif best.hangs:
+                least = self.settings.least_evidence_hanging
         if best is None or best.evidence < least:
             where = " between clamp and tip" if known == 2 else ""
             remedy = "check --clamp and --tip" if known == 2 else _END_REMEDY
@@ -880,7 +894,12 @@ class RodSearch:
             least_mean = best.parts["mean"] - self.settings.alike
             alike = [line.parts["mean"] > least_mean and not best.contains(line.curve_px) for line in self.candidates]
         else:
-            alike = [line.evidence > self.settings.rival_share * best.evidence for line in self.candidates]
+            alike = [
+                line.evidence > self.settings.rival_share * best.evidence
+                and line.parts["mean"] > self.settings.least_mean_alone
+                and not (line.parts["shadow"] > 0.5 > 2.0 * best.parts["shadow"])  # it may be the best one's
+                for line in self.candidates
+            ]
         rivals = [number for number, is_one in enumerate(alike[1:], start=2) if is_one]
         if rivals:
             numbers = ", ".join(map(str, range(1, rivals[-1]))) + f" and {rivals[-1]}"
@@ -890,7 +909,7 @@ class RodSearch:
 
     def _directed(self, found: _MeasuredRod) -> RodLine:
         """The line in the order from clamp to tip."""
-        inside, ends = found.inside, found.curve_px[[0, -1]]
+        inside, ends, supposed = found.inside, found.curve_px[[0, -1]], False
         if self.clamp is not None or self.tip is not None:
             turned = False  # it was fitted from the clamp to the tip
         elif inside[0] != inside[1]:
@@ -900,8 +919,7 @@ class RodSearch:
         elif abs(found.holder[0] - found.holder[1]) > self.settings.least_holder_lead:
             turned = found.holder[1] > found.holder[0]
         else:
-            places = " or ".join(f"--clamp {u:.0f},{v:.0f}" for u, v in ends)
-            raise InputError("both ends of the rod are in the picture", remedy=f"say which is clamped: {places}")
+            turned, supposed = ends[0, 1] > ends[1, 1], True  # a rod hangs down from its clamp
         order = slice(None, None, -1) if turned else slice(None)
         tip_inside = inside[0] if turned else inside[1]
         return RodLine(
@@ -912,6 +930,7 @@ class RodSearch:
             tip_inside,
             self.centre_px,
             found.evidence,
+            supposed,
         )
 
 
@@ -927,7 +946,7 @@ def search_rod(
         if place is not None and not (0 <= place[0] <= width - 1 and 0 <= place[1] <= height - 1):
             raise InputError(f"the {name} {place[0]:g},{place[1]:g} is outside the picture of {width}x{height} pixels")
     settings = settings or RodSettings()
-    planes = _opponent(picture)
+    planes = _opponent(picture, settings)
     if clamp is not None and tip is not None:
         found = _between(planes, clamp, tip, settings)
     else:

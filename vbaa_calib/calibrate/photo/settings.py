@@ -109,7 +109,11 @@ class RodSettings:
     least_evidence_alone: float = 60.0
     """Evidence that a rod must have where not both ends are known: the most of 30 pictures without one is 57."""
     least_evidence_hanging: float = 35.0
-    """The same where it comes from the picture's border and its other end is before plain background."""
+    """The same where it is bent, comes from the picture's border and its other end is before plain background."""
+    least_evidence_sure: float = 25.0
+    """The same where it is good all along, bent, and an end is before plain background: a quarter of a diagonal."""
+    bent: float = 0.25
+    """Turning in radians from which a line is bent; edges of sheets and boards turned by 0.2, or by 0.4 to and fro."""
     least_evidence_known: float = 8.0
     """Evidence that it must have between known ends."""
     least_mean: float = 2.5
@@ -155,6 +159,8 @@ class RodSettings:
     """Fewest measured points of a rod."""
     ring_widths: float = 1.7
     """Distance from an end, in widths, at which what goes on is looked for."""
+    dark: float = 32.0
+    """Grey levels of light that are added before chroma is taken relative to it: noise is all of it in the dark."""
     darkest_shadow: float = 0.3
     """Least light, over that next to it, in a shadow: tried."""
 
