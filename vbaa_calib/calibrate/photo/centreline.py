@@ -891,7 +891,7 @@ class RodSearch:
             remedy = "check --clamp and --tip" if known == 2 else _END_REMEDY
             raise InputError(f"no rod can be made out{where}: nothing stands out like one", remedy=remedy)
         least_mean = self.settings.least_mean if known == 2 else self.settings.least_mean_alone
-        if known == 2 and best.gap_px is None and best.has_edges(self.settings):
+        if known == 2 and best.gap_px is None and best.has_edges(self.settings) and not best.may_be_shadow:
             least_mean = self.settings.least_mean_edged
         if best.parts["mean"] < least_mean:
             what = "no rod can be made out: the likeliest line is one only in parts"
