@@ -302,6 +302,11 @@ class _MeasuredRod:
         """Whether all but a few of its places have both edges."""
         return self.parts["edges"] > settings.good_edges
 
+    @property
+    def may_be_shadow(self) -> bool:
+        """Whether most of it has a side's hue in less light."""
+        return self.parts["shadow"] > 0.5
+
     def is_bent(self, settings: RodSettings) -> bool:
         """Whether it turns, and to one side, as a rod under its load does and edges of things do not."""
         return self.parts["net"] > max(settings.bent, 0.5 * self.parts["turning"])
@@ -474,7 +479,7 @@ def _along(
     run = min(max(1, round(cell / fine)), len(strip.stations_px))
     every = slice((run - 1) // 2, None, run)
     middle, *sides = (
-        uniform_filter1d(strip.colours(low * width, high * width), run, axis=1, mode="nearest")[:, every]
+        uniform_filter1d(_filled(strip.colours(low * width, high * width)), run, axis=1, mode="nearest")[:, every]
         for low, high in ((-0.35, 0.35), (-1.2, -0.65), (0.65, 1.2))
     )
     other = np.interp(
@@ -499,6 +504,15 @@ def _along(
         "aspect": length / width,
         "shadow": float(np.mean(shadow)),
     }
+
+
+def _filled(colours: np.ndarray) -> np.ndarray:
+    """Colours (channels, S) with those of the nearest known place where they are NaN: at the picture's border."""
+    known = np.flatnonzero(np.isfinite(colours[0]))
+    if len(known) == 0:
+        return colours
+    nearest = np.abs(np.subtract.outer(known, np.arange(colours.shape[1]))).argmin(axis=0)
+    return np.asarray(colours[:, known[nearest]])
 
 
 def _sharpest(angle: np.ndarray, run: float) -> float:
@@ -867,7 +881,7 @@ class RodSearch:
         best = self.candidates[0] if self.candidates else None
         known = (self.clamp is not None) + (self.tip is not None)
         least = self.settings.least_evidence_known if known == 2 else self.settings.least_evidence_alone
-        if known < 2 and best is not None and best.is_bent(self.settings):
+        if known < 2 and best is not None and best.is_bent(self.settings) and not best.may_be_shadow:
             if known == 0 and best.is_sure(self.settings):
                 least = self.settings.least_evidence_sure
             elif best.hangs:
@@ -877,7 +891,7 @@ class RodSearch:
             remedy = "check --clamp and --tip" if known == 2 else _END_REMEDY
             raise InputError(f"no rod can be made out{where}: nothing stands out like one", remedy=remedy)
         least_mean = self.settings.least_mean if known == 2 else self.settings.least_mean_alone
-        if known == 2 and best.gap_px is None and best.has_edges(self.settings):
+        if known == 2 and best.gap_px is None and best.has_edges(self.settings) and not best.may_be_shadow:
             least_mean = self.settings.least_mean_edged
         if best.parts["mean"] < least_mean:
             what = "no rod can be made out: the likeliest line is one only in parts"
@@ -897,7 +911,7 @@ class RodSearch:
             alike = [
                 line.evidence > self.settings.rival_share * best.evidence
                 and line.parts["mean"] > self.settings.least_mean_alone
-                and not (line.parts["shadow"] > 0.5 > 2.0 * best.parts["shadow"])  # it may be the best one's
+                and (best.may_be_shadow or not line.may_be_shadow)
                 for line in self.candidates
             ]
         rivals = [number for number, is_one in enumerate(alike[1:], start=2) if is_one]
