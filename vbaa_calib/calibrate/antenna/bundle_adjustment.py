@@ -55,7 +55,9 @@ def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, stand
     return replace(descent.at, converged=descent.promise < (_ENOUGH if descent.exhausted else standstill))
 
 
-_FALSE_STILL = 3.0  # a still whose points lie this many times further off than the median still's is left out
+_FALSE_STILL = 3.0
+"""A still whose points lie so many times further off than the median still's, and further than they are stated to, is
+left out."""
 _FALSE_READING_STD = 5.0  # beyond which a still's own readings must not move for it to fit
 
 
@@ -80,7 +82,7 @@ def _fitting(
         step = -np.linalg.solve(np.eye(len(errors)) + columns.T @ columns, columns.T @ left + errors)
         rms[index] = np.sqrt(((left + columns @ step) ** 2).mean())
         needed[index] = np.linalg.norm((errors + step)[: len(own)])
-    return (rms < _FALSE_STILL * np.median(rms)) & (needed < _FALSE_READING_STD), rms
+    return (rms < max(_FALSE_STILL * np.median(rms), 1.0)) & (needed < _FALSE_READING_STD), rms
 
 
 _CONTRADICTS = 1e-6

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vbaa_calib.core.polyline import beside
-from vbaa_calib.detect.whisker.centreline import Centreline
+from vbaa_calib.core.polyline import arc_lengths, beside
+from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.contrast import coloured
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import SHOWN, Paint
@@ -17,6 +17,8 @@ from vbaa_calib.detect.whisker.profile import measure_on
 WELL_SEEN, CLEARLY_MORE = 0.9, 0.1
 """Share of the antenna that one polarity must show. Where it shows less, a polarity that changes along the antenna is
 taken if it sees more by `CLEARLY_MORE`."""
+ENDS = 4.0
+"""Widths from either end within which what holds the antenna, or lies beyond it, is in the profiles of one polarity."""
 PULLED_ASIDE = 0.018
 """By which part of its width a line must lie off the middle between its edges, in free pictures, to be measured by
 these."""
@@ -53,8 +55,10 @@ class _Tried:
         lines = tuple(
             finder.find(paint.plane(image), paint.bright, image) for finder, image in zip(finders, images, strict=True)
         )
+        seen = [_seen_between(line, finder.corridor.width_px) for line, finder in zip(lines, finders, strict=True)]
         # a second line does not make the first one less seen
-        return _Tried(paint, lines, float(np.mean([line.seen * (line.verdict in SHOWN) for line in lines])))
+        shown = [line.verdict in SHOWN for line in lines]
+        return _Tried(paint, lines, float(np.mean(np.multiply(seen, shown))))
 
     def clearness(self) -> float:
         """Mean height over noise of the lines found, weighted by what was seen of them."""
@@ -78,3 +82,12 @@ class _Tried:
         thickest = width * (1.0 + 0.25 * abs(taper))
         both = bool(aside) and float(np.median(aside)) > PULLED_ASIDE * thickest
         return replace(self, paint=replace(self.paint, both_edges=both))
+
+
+def _seen_between(line: Centreline, width_px: float) -> float:
+    """Share of a line that is seen away from its ends."""
+    if len(line.guide_px) < 2:
+        return line.seen
+    along = arc_lengths(line.guide_px)
+    between = (along > ENDS * width_px) & (along < along[-1] - ENDS * width_px)
+    return float((line.visibility[between] == Visibility.SEEN).mean()) if between.any() else line.seen
