@@ -229,9 +229,7 @@ def named(observations: list[Observation]) -> list[Observation]:
     ]
 
 
-def found_doubts(
-    observations: list[Observation], rng: np.random.Generator, session: Session = SESSION
-) -> list[str]:
+def found_doubts(observations: list[Observation], rng: np.random.Generator, session: Session = SESSION) -> list[str]:
     joint = solved(observations, rng)
     found = still_diagnoses(session, Kinematics(), joint)
     found += prior_doubts(joint, found) + row_doubts(joint, found)

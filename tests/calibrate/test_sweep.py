@@ -225,7 +225,7 @@ class TestRefused:
                 "only the tilt moved in the sweep: .* tilt axis .*; add .* pan",
             ),
             ([(0.1, 0.1)] * 5, "neither joint moved"),
-            (FEW[:4], "4 pictures of the sweep show the board, at least 5 are needed"),
+            (FEW[:4], "4 pictures of the sweep show the board's markers, at least 5 are needed"),
             ([(a / 20, b / 20) for a, b in FEW], r"open to 0\.0\d+ rad .* turn pan and tilt further"),
         ],
     )

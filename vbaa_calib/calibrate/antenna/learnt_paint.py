@@ -14,31 +14,37 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import SHOWN, Paint
 from vbaa_calib.detect.whisker.profile import measure_on
 
-WELL_SEEN, CLEARLY_MORE = 0.9, 0.1
-"""Share of the antenna that one polarity must show. Where it shows less, a polarity that changes along the antenna is
-taken if it sees more by `CLEARLY_MORE`."""
-ENDS = 4.0
-"""Widths from either end within which what holds the antenna, or lies beyond it, is in the profiles of one polarity."""
-PULLED_ASIDE = 0.018
-"""By which part of its width a line must lie off the middle between its edges, in free pictures, to be measured by
-these."""
+
+@dataclass(frozen=True)
+class _PaintSettings:
+    """Which paint shows the antenna best. Chosen on rendered and path-traced pictures."""
+
+    well_seen: float = 0.9  # share of the antenna that one polarity must show
+    clearly_more: float = 0.1  # by which a polarity that changes along the antenna must show more
+    ends: float = 4.0  # widths from either end within which clamp and background are in a broad antenna's profiles
+    two_edges_px: float = 2.5  # width from which on the blur of an ordinary lens leaves an antenna two edges
+    off_middle: float = 0.018  # part of its width, off the middle between its edges, from which these are measured
+
+
+_RULES = _PaintSettings()
 
 
 def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
     """The paint that shows the antenna best in pictures (H, W[, 3]); None where none finds it.
 
-    In colours by its edges, of whatever polarity. In grey brighter or darker than its surroundings, which is measured
-    best; a polarity that changes along the antenna where that sees clearly more.
+    In colours by its edges, of whatever polarity. In grey, and where it is too thin to have two edges, brighter or
+    darker than its surroundings, which is measured best; a polarity that changes along the antenna where that sees
+    clearly more.
 
     finders : one for each picture.
     """
-    if coloured(images[0]):
-        in_colour = _Tried.of(Paint(None), finders, images)
-        return in_colour.paint if in_colour.seen else None
-    best = max((_Tried.of(Paint(bright), finders, images) for bright in (True, False)), key=_Tried.clearness)
-    if best.seen < WELL_SEEN:
+    in_colour = coloured(images[0])
+    polarities = (True, False) if not in_colour or finders[0].corridor.width_px < _RULES.two_edges_px else ()
+    tried = [_Tried.of(Paint(bright), finders, images) for bright in polarities]
+    best = max(tried, key=_Tried.clearness, default=None)
+    if best is None or best.seen < _RULES.well_seen:
         changing = _Tried.of(Paint(None), finders, images)
-        best = changing if changing.seen > best.seen + CLEARLY_MORE else best
+        best = changing if best is None or in_colour or changing.seen > best.seen + _RULES.clearly_more else best
     return best.pulled(finders, images).paint if best.seen else None
 
 
@@ -57,8 +63,8 @@ class _Tried:
         )
         seen = [_seen_between(line, finder.corridor.width_px) for line, finder in zip(lines, finders, strict=True)]
         # a second line does not make the first one less seen
-        shown = [line.verdict in SHOWN for line in lines]
-        return _Tried(paint, lines, float(np.mean(np.multiply(seen, shown))))
+        clear = [line.verdict in SHOWN for line in lines]
+        return _Tried(paint, lines, float(np.mean(np.multiply(seen, clear))))
 
     def clearness(self) -> float:
         """Mean height over noise of the lines found, weighted by what was seen of them."""
@@ -80,7 +86,7 @@ class _Tried:
                 thick = line.points_px[: half if taper < 0.0 else None][half if taper > 0.0 else 0 :]
                 aside.append(np.sqrt(np.mean(beside(between.guide_px, thick)[1] ** 2)))
         thickest = width * (1.0 + 0.25 * abs(taper))
-        both = bool(aside) and float(np.median(aside)) > PULLED_ASIDE * thickest
+        both = bool(aside) and float(np.median(aside)) > _RULES.off_middle * thickest
         return replace(self, paint=replace(self.paint, both_edges=both))
 
 
@@ -89,5 +95,5 @@ def _seen_between(line: Centreline, width_px: float) -> float:
     if len(line.guide_px) < 2:
         return line.seen
     along = arc_lengths(line.guide_px)
-    between = (along > ENDS * width_px) & (along < along[-1] - ENDS * width_px)
+    between = (along > _RULES.ends * width_px) & (along < along[-1] - _RULES.ends * width_px)
     return float((line.visibility[between] == Visibility.SEEN).mean()) if between.any() else line.seen

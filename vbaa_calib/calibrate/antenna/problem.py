@@ -244,6 +244,7 @@ class Problem:
             dead=True,
             sweeps=_SWEEPS,
             taper=self.prior.taper.thinned(self.prior.log_tip_std * self.thinner),
+            diameter_m=self.prior.diameter_m,
         )
         if not uneven.any():
             return curves

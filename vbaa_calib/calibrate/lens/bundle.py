@@ -46,7 +46,7 @@ class Corners(NamedTuple):
     bounds: np.ndarray
 
 
-class LensState(NamedTuple):
+class _LensState(NamedTuple):
     """Lens (4 + k,), board's shape (5,), poses (V, 6)."""
 
     fisheye: bool
@@ -129,10 +129,10 @@ class Bundle:
         return replace(self, intrinsics=intrinsics, directions=free, shape=shape, prior=prior, noise_px=noise_px)
 
     @property
-    def state(self) -> LensState:
+    def state(self) -> _LensState:
         """What a descent moves."""
         parts = (np.array(part, float) for part in (self.intrinsics, self.shape, self.poses))
-        return LensState(self.model.is_fisheye, *parts)
+        return _LensState(self.model.is_fisheye, *parts)
 
     @property
     def priors(self) -> Priors:

@@ -434,16 +434,24 @@ def solve_sweep(
     )
 
 
+def why_no_sweep(views: Sequence[BoardView], nominal_m: np.ndarray) -> InputError | None:
+    """What refuses a sweep of which too few pictures show the board, of corners (C, 3)."""
+    count = len(usable_views(views, nominal_m, 0)[0])
+    if count >= _LEAST_PICTURES:
+        return None
+    what = f"{count} pictures of the sweep show the board's markers, at least {_LEAST_PICTURES} are needed"
+    return InputError(what, remedy=f"{_CROSS}; the board so near that a marker's modules are 2 px wide")
+
+
 def _usable_pictures(
     views: Sequence[BoardView], pictures: Sequence[SweepPicture], nominal_m: np.ndarray, camera: Camera
 ) -> tuple[list[BoardView], list[SweepPicture], list[DroppedView]]:
     """Views that fix the board's pose, their readings, and the others with the reason."""
     for view in views:
         require_size(view.image_size, camera, view.name)
+    if error := why_no_sweep(views, nominal_m):
+        raise error
     usable, dropped = usable_views(views, nominal_m, 0)
-    if len(usable) < _LEAST_PICTURES:
-        what = f"{len(usable)} pictures of the sweep show the board, at least {_LEAST_PICTURES} are needed"
-        raise InputError(what, remedy=_CROSS)
     readings = {id(view): reading for view, reading in zip(views, pictures, strict=True)}
     return usable, [readings[id(view)] for view in usable], dropped
 

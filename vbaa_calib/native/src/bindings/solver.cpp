@@ -50,9 +50,9 @@ void read_copies(nb::handle object, const char* name, T& target, More&&... more)
 Rig rig_of(nb::handle object, const lens::Lens& lens) {
     Rig rig = {};
     rig.lens = &lens;
-    read_numbers(object, "length_m", rig.length_m, "friction_rad", rig.friction_rad, "force_unit_N", rig.force_unit_N,
-                 "unit_load", rig.unit_load, "tip_offset_m", rig.tip_offset_m, "stiffness_Nm2", rig.stiffness_Nm2,
-                 "focal", rig.focal, "with_tip", rig.with_tip, "with_wrench", rig.with_wrench, "with_lens",
+    read_numbers(object, "length_m", rig.length_m, "radius_m", rig.radius_m, "friction_rad", rig.friction_rad,
+                 "force_unit_N", rig.force_unit_N, "unit_load", rig.unit_load, "tip_offset_m", rig.tip_offset_m,
+                 "stiffness_Nm2", rig.stiffness_Nm2, "focal", rig.focal, "with_tip", rig.with_tip, "with_wrench", rig.with_wrench, "with_lens",
                  rig.with_lens, "readings", rig.readings);
     read_copies(object, "antenna_parameters", rig.antenna_parameters, "antenna_steps", rig.antenna_steps, "pose_lanes",
                 rig.pose_lanes, "by_pose_step", rig.by_pose_step, "rotation", rig.rotation, "translation_m",

@@ -13,12 +13,13 @@ namespace {
 constexpr double STEP = 1e-4;              // finite difference of each unknown
 constexpr double BEFORE_TIP = 1.0 - 1e-6;  // in antenna lengths: the last two nodes stay apart
 
-// The first lane's picture: nodes, normals, and the cubics between them.
+// The first lane's picture: nodes, normals, and the cubics between them. Seen is the middle between the edges of a round
+// antenna, which are tangent to rays from the camera: off its axis by the square of its radius over the distance.
 void curve(const Rig& rig, const Bent& bent, Fit& fit) {
     fit.contact_m = std::min(fit.unknowns[0], BEFORE_TIP) * rig.length_m;
     const double inner = fit.contact_m / CONTACT, outer = (rig.length_m - fit.contact_m) / NODES_BEYOND;
     const auto& turn = rig.rotation;
-    double slope_u[NODES], slope_v[NODES];
+    double slope_u[NODES], slope_v[NODES], u[NODES], v[NODES];
     for (int j = 0; j < NODES; ++j) {
         for (int axis = 0; axis < 3; ++axis) fit.points_m[axis][j] = bent.points_m[axis][j][0];
         fit.u[j] = bent.u[j][0], fit.v[j] = bent.v[j][0], fit.depth[j] = bent.depth[j][0];
@@ -32,6 +33,15 @@ void curve(const Rig& rig, const Bent& bent, Fit& fit) {
         const double size = std::sqrt(slope_u[j] * slope_u[j] + slope_v[j] * slope_v[j]);
         const double by_size = 1.0 / std::max(size, 1e-30);
         fit.normal_u[j] = -slope_v[j] * by_size, fit.normal_v[j] = slope_u[j] * by_size;
+        // of the plane through the camera and the tangent
+        double normal[3] = {slope_v[j], -slope_u[j], fit.v[j] * slope_u[j] - fit.u[j] * slope_v[j]};
+        const double length = std::max(std::hypot(size, normal[2]), 1e-30);
+        for (double& each : normal) each /= length;
+        const double place = (j < CONTACT ? j * inner : fit.contact_m + (j - CONTACT) * outer) / rig.length_m;
+        const double radius = rig.radius_m * by_depth, width = rig.taper ? antenna::weight_at(rig.taper, place) : 1.0;
+        const double off = width * radius * radius * normal[2];
+        u[j] = fit.u[j] + off * (fit.u[j] * normal[2] - normal[0]);
+        v[j] = fit.v[j] + off * (fit.v[j] * normal[2] - normal[1]);
     }
     const auto cubic = [](double start, double end, double leave, double arrive, double* coefficients) {
         const double gap = end - start;
@@ -40,8 +50,8 @@ void curve(const Rig& rig, const Bent& bent, Fit& fit) {
     };
     for (int j = 0; j < LAST; ++j) {
         const double width = j < CONTACT ? inner : outer;
-        cubic(fit.u[j], fit.u[j + 1], slope_u[j] * width, slope_u[j + 1] * width, fit.cubics[j]);
-        cubic(fit.v[j], fit.v[j + 1], slope_v[j] * width, slope_v[j + 1] * width, fit.cubics[j] + 4);
+        cubic(u[j], u[j + 1], slope_u[j] * width, slope_u[j + 1] * width, fit.cubics[j]);
+        cubic(v[j], v[j + 1], slope_v[j] * width, slope_v[j + 1] * width, fit.cubics[j] + 4);
     }
     std::copy_n(fit.cubics[LAST - 1], 8, fit.cubics[LAST]);
 }
