@@ -134,8 +134,8 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
     unread = views.sweep and why_no_sweep(views.sweep, board.nominal_m)
     if unread and (estimates or views.over):
         # another way shows where the camera is
-        words, remedy = f"the sweep was not used: {unread.what}", unread.remedy
-        unused.append(Diagnosis("sweep_unused", words, remedy))
+        words = f"the sweep was not used: {unread.what}"
+        unused.append(Diagnosis("sweep_unused", words, unread.remedy or ""))
     elif views.sweep is not None:
         sweep = solve_sweep(
             views.sweep, read_sweep(session), board, camera, session.kinematics, session.tilt_zero_std_rad
