@@ -80,7 +80,9 @@ def see_each(
 def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> ImageCurves:
     """Project B curves, through one camera pose, or through several in turn.
 
-    Of a round antenna the middle between its edges is seen, see `_off_axis`.
+    Of a round antenna the middle between its edges is seen. These are tangent to rays from the camera, so that it lies
+    off the axis by the square of radius over distance, where the plane through camera and tangent is off the optical
+    axis.
     """
     if isinstance(T_camera_antenna, Pose):
         rotation, translation = T_camera_antenna.rotation[None], T_camera_antenna.translation_m[None]
@@ -94,28 +96,11 @@ def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> Ima
     nodes = points[..., :2] / depth
     slopes = (tangents[..., :2] - nodes * tangents[..., 2:]) / depth
     if curves.radius_m is not None:
-        nodes = nodes + _off_axis(curves.arclength_m, nodes, slopes, curves.radius_m / depth[..., 0])
+        normal = np.cross(np.insert(slopes, 2, 0.0, axis=-1), np.insert(nodes, 2, 1.0, axis=-1))
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        off = (curves.radius_m[..., None] / depth) ** 2 * normal[..., 2:]
+        nodes = nodes + off * (nodes * normal[..., 2:] - normal[..., :2])
     return ImageCurves(curves.arclength_m, nodes, slopes)
-
-
-def _off_axis(arclength_m: np.ndarray, nodes: np.ndarray, slopes: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """(B, M, 2) by which the middle between an antenna's edges lies off its axis; radius (B, M): over the depth.
-
-    The edges are tangent to rays from the camera: off the optical axis their middle is not the axis's picture. And it
-    is found along columns, of a line that runs more upward along rows: where these cross a line that becomes broader at
-    a slant, they meet one edge where it is broader than the other.
-    """
-    normal = np.cross(np.insert(slopes, 2, 0.0, axis=-1), np.insert(nodes, 2, 1.0, axis=-1))
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    size = np.linalg.norm(slopes, axis=-1)
-    along_x, along_y = np.moveaxis(slopes, -1, 0) / size
-    across = np.stack([-along_y, along_x], axis=-1)
-    half = radius * np.abs(((normal[..., :2] - nodes * normal[..., 2:]) * across).sum(axis=-1))
-    broader = np.stack([np.gradient(*each) for each in zip(half, arclength_m, strict=True)]) / size
-    steep = np.abs(along_y) > np.abs(along_x)
-    slant = np.where(steep, -along_x, along_y) / np.where(steep, along_y, along_x)
-    off = radius**2 * normal[..., 2]
-    return off[..., None] * (nodes * normal[..., 2:] - normal[..., :2]) + (half * broader * slant)[..., None] * across
 
 
 def feet(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:

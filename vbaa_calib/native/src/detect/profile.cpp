@@ -61,10 +61,10 @@ Crossings in_widths(const Crossings& found, const Measuring& how) {
     const double blur_px = FULL_WIDTH * std::hypot(ORDINARY_BLUR_PX, PIXEL_BLUR_PX);
     const double middle = std::hypot(how.width_px, blur_px);
     const Numbers width_px = widths(found, how);
+    const double growth_px = how.width_px * how.taper / std::max(found.along[width_px.size() - 1], 1e-6);
     for (int n = 0; n < width_px.size(); ++n) {
-        const double width = std::hypot(width_px[n], blur_px) / middle;
-        scaled.stretch[n] *= width;
-        scaled.bow[n] /= width;
+        const double width = std::hypot(width_px[n], blur_px);
+        in_width(scaled, n, width / middle, width_px[n] * growth_px / (width * width));
     }
     return scaled;
 }

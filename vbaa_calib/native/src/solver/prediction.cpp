@@ -13,33 +13,19 @@ namespace {
 constexpr double STEP = 1e-4;              // finite difference of each unknown
 constexpr double BEFORE_TIP = 1.0 - 1e-6;  // in antenna lengths: the last two nodes stay apart
 
-// By how much the middle between a round antenna's edges lies off its axis. They are tangent to rays from the camera: off
-// the optical axis their middle is not the axis's picture. And it is found along columns, of a line that runs more upward
-// along rows: where these cross a line that becomes broader at a slant, they meet one edge where it is broader.
+// By how much the middle between a round antenna's edges lies off its axis: they are tangent to rays from the camera.
 void off_axis(const Rig& rig, const Fit& fit, const double* slope_u, const double* slope_v, double* u, double* v) {
     const double inner = fit.contact_m / CONTACT, outer = (rig.length_m - fit.contact_m) / NODES_BEYOND;
-    double half[NODES], arc_m[NODES];
     for (int j = 0; j < NODES; ++j) {
-        arc_m[j] = j < CONTACT ? j * inner : fit.contact_m + (j - CONTACT) * outer;
-        double radius = rig.radius_m / fit.depth[j];
-        if (rig.taper) radius *= std::sqrt(antenna::weight_at(rig.taper, arc_m[j] / rig.length_m));
+        const double arc_m = j < CONTACT ? j * inner : fit.contact_m + (j - CONTACT) * outer;
+        const double radius = rig.radius_m / fit.depth[j];
+        const double size = rig.taper ? antenna::weight_at(rig.taper, arc_m / rig.length_m) : 1.0;
         // of the plane through the camera and the tangent
-        double normal[3] = {slope_v[j], -slope_u[j], fit.v[j] * slope_u[j] - fit.u[j] * slope_v[j]};
-        const double size = std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
-        for (double& each : normal) each /= std::max(size, 1e-30);
-        const double ahead = normal[2], off = radius * radius * ahead;
-        const double by_u = normal[0] - fit.u[j] * ahead, by_v = normal[1] - fit.v[j] * ahead;
-        half[j] = radius * std::abs(by_u * fit.normal_u[j] + by_v * fit.normal_v[j]);
-        u[j] = fit.u[j] - off * by_u, v[j] = fit.v[j] - off * by_v;
-    }
-    for (int j = 0; j < NODES; ++j) {
-        const int before = std::max(j - 1, 0), after = std::min(j + 1, LAST);
-        const double along_u = fit.normal_v[j], along_v = -fit.normal_u[j];
-        const double size = std::sqrt(slope_u[j] * slope_u[j] + slope_v[j] * slope_v[j]);
-        const double broader = (half[after] - half[before]) / ((arc_m[after] - arc_m[before]) * std::max(size, 1e-30));
-        const double slant = std::abs(along_v) > std::abs(along_u) ? -along_u / along_v : along_v / along_u;
-        const double off = half[j] * broader * slant;
-        u[j] += off * fit.normal_u[j], v[j] += off * fit.normal_v[j];
+        const double normal[3] = {slope_v[j], -slope_u[j], fit.v[j] * slope_u[j] - fit.u[j] * slope_v[j]};
+        const double square = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+        const double off = size * radius * radius * normal[2] / std::max(square, 1e-30);
+        u[j] = fit.u[j] + off * (fit.u[j] * normal[2] - normal[0]);
+        v[j] = fit.v[j] + off * (fit.v[j] * normal[2] - normal[1]);
     }
 }
 
