@@ -89,6 +89,21 @@ def test_a_rod_that_comes_nearer_is_measured_midway_between_its_edges(channels: 
     assert np.abs(off).mean() < 0.01
 
 
+@pytest.mark.parametrize("slope_deg", [0.0, 20.0, 32.0, 40.0])
+def test_a_broad_rod_is_as_high_and_broad_at_any_slant(slope_deg: float) -> None:
+    """Where columns cross it at a slant they show less of what is next to it."""
+    optics = Optics("radial", (480, 360), np.array([500.0, 500.0]), np.array([240.0, 180.0]), np.zeros(2))
+    x = np.linspace(-0.045, 0.045, 300)
+    axis = np.stack([x * np.cos(np.radians(slope_deg)), x * np.sin(np.radians(slope_deg)), np.full(300, 0.15)], axis=1)
+    rod = Tube.of(optics, axis, 3.6e-3, (0.1, 0.1))
+    bench = np.full((360, 480), 0.6) * (1.0 + np.linspace(-0.1, 0.1, 360)[:, None])
+    light = photograph(optics, SHARP, bench, [rod], np.random.default_rng(0))
+    line = measure(light, np.ascontiguousarray(rod.axis_px[::8]), 24.0, False)
+    assert line.found
+    assert abs(line.breadth - 1.0) < 0.1
+    assert abs(line.amplitude / (255.0 * 0.5) - 1.0) < 0.1
+
+
 def test_corners_lie_where_they_are_projected_to() -> None:
     world = replace(draw_world(0, 6), sensor=SHARP)
     view = world.camera.inverse() @ world.jig
