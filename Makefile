@@ -103,4 +103,4 @@ sanitize: $(INSTALLED) build/tidy/compile_commands.json
 	  VBAA_PROCESSOR=sanitized $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow' $(TOUCHING)
 
 clean:
-	rm -rf $(VENV) build $(addprefix vbaa_calib/native/, CMakeFiles CMakeCache.txt base v3 v4 sanitized) demo docs/_build docs/jupyter_execute .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build $(addprefix vbaa_calib/native/, CMakeFiles CMakeCache.txt base v3 v4 sanitized) demo docs/_build .pytest_cache .mypy_cache .ruff_cache

@@ -2,7 +2,8 @@
 
     python docs/pictures.py [FOLDER]      # FOLDER of a demo that was run already; without it the demo is run
 
-Needs Chromium for the pages. The examples' figures are renewed by `quote_examples.py`, the drawings by `drawings.py`.
+Needs Chromium for the pages. `python examples/NAME.py --figures docs/images/examples` renews
+the figure of an example, `drawings.py` the drawings.
 """
 
 from __future__ import annotations

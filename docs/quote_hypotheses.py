@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import sys
-from itertools import groupby, takewhile
+from itertools import takewhile
 from pathlib import Path
 
 from estimator.diagnose.changes import CHANGES
@@ -18,14 +18,21 @@ PAGE = ROOT / "docs" / "troubleshooting.md"
 
 
 def hypotheses() -> str:
-    """The table in Markdown, a row for each remedy: its messages, with the words that they begin with once."""
+    """The table in Markdown, a row for each remedy: the beginnings of its messages, without numbers and columns' names,
+    the words that several begin with once."""
+    by_remedy = dict[str, dict[str, None]]()
+    for row in (*READINGS, *CHANGES):
+        begins = re.split(": | since the calibration", row.words)[0]
+        words = re.sub(r"\w+_Nm?\b|\{\}|\b(before|after)$", "…", begins)
+        by_remedy.setdefault(re.sub(r"[\d.e-]+(?=:)", "…", row.remedy), {})[words] = None
     lines = ["| message | do |", "|---|---|"]
-    for remedy, group in groupby((*READINGS, *CHANGES), key=lambda row: re.sub(r"[\d.e-]+(?=:)", "…", row.remedy)):
-        messages = [words.split() for words in dict.fromkeys(row.words.replace("{}", "…") for row in group)]
+    for remedy, group in by_remedy.items():
+        messages = [words.split() for words in group]
         common = len(list(takewhile(lambda each: len(set(each)) == 1, zip(*messages, strict=False))))
-        begin = common if common > 2 else 0
-        shown = [words if number == 0 else ["…"] * bool(begin) + words[begin:] for number, words in enumerate(messages)]
-        lines.append(f"| {', '.join('*' + ' '.join(words) + '*' for words in shown)} | {remedy} |")
+        begin = common if common > 2 and len(messages) > 1 else 0
+        shown = [f"*{' '.join(messages[0][:begin])}*"] if begin else []
+        shown.append(", ".join(f"*{' '.join(words[begin:])}*" for words in messages))
+        lines.append(f"| {' '.join(shown)} | {remedy} |")
     return "\n".join(lines)
 
 

@@ -37,7 +37,7 @@ MOST = {
     "public names": 1357,
     "private words": 702,
     "type: ignore": 4,
-    "words on pages": 56500,
+    "words on pages": 35540,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

@@ -106,27 +106,32 @@ def _calls() -> dict[str, tuple[object, ...]]:
     colour = np.repeat(image[..., None], 3, axis=2)
     found = core.search.crossings(image, path, 9, 1.0)
     free = _fields(clamp_m=(3,), axes=np.eye(3), segments_m=np.array([[0.05, 0.0, 0.0]] * 6))
-    rig_numbers = dict.fromkeys(("length_m", "force_unit_N", "unit_load", "stiffness_Nm2", "focal"), 1.0)
-    flags, known = dict.fromkeys(("with_tip", "with_wrench", "with_lens"), True), {"axes": (26, 3), "line": (3,)}
+    rig_numbers = dict.fromkeys(("length_m", "radius_m", "force_unit_N", "unit_load", "stiffness_Nm2"), 1.0)
+    flags, known = (
+        dict.fromkeys(("with_tip", "with_wrench", "with_lens"), True),
+        {"axes": (40, 3), "by_pose_step": (8,)},
+    )
     small = dict.fromkeys(("friction_rad", "tip_offset_m"), 0.1)
-    pose = {"pose_lanes": (3, 4, 8), "by_pose_step": (8,), "rotation": np.eye(3), "translation_m": (3,)}
-    more = {"antenna_parameters": (9,), "antenna_steps": (9,), "to_camera": (2,), "eye_m": (3,)}
+    pose = {"pose_lanes": (3, 4, 8), "rotation": np.eye(3), "translation_m": (3,), "to_camera": (2,), "eye_m": (3,)}
+    cameras = tuple(_fields(**pose, line=(3,), focal=1.0, lens=LENS) for _ in range(2))
+    more = {"antenna_parameters": (9,), "antenna_steps": (9,)}
     sensors = {"std": (7,), "by_wrench": (7, 7), "by_sensor": (2, 7, 7)}
     more["taper"] = taper
-    fields = _fields(**rig_numbers, **small, **flags, **known, **pose, **more, **sensors, readings=3)
-    rig, exact = core.solver.Rig(fields, LENS), core.solver.Rig(_fields(**vars(fields) | {"axes": (26, 0)}), LENS)
+    fields = _fields(**rig_numbers, **small, **flags, **known, **more, **sensors, readings=3)
+    rig, exact = (core.solver.Rig(each, cameras) for each in (fields, _fields(**vars(fields) | {"axes": (40, 0)})))
     frames = _fields(
         usable=(3, 9), points=(3, 9, 2), covariance=(3, 9, 3), reading=(3, 3), tip=(3, 2), tip_covariance=(3, 3)
     )
     frames.available, frames.gravity_m_s2 = np.ones((3, 3)), _a(3, 3)
+    frames.camera, frames.tip_camera = np.tile(_whole(*[0] * 4, *[1] * 5), (3, 1)), _whole(0, 1, 0)
     planes = RNG.uniform(0.0, 255.0, (3, 36, 40)).astype(np.float32)
     ways = core.search.DIRECTIONS_DOWN
     ribbons = [RNG.normal(0.0, 2.0, each).astype(np.float32) for each in ((7, ways, 40), (8, ways, 36))]
     nodes, pieces = core.solver.NODES, core.solver.PIECES
-    linear = {"tangents": (3, nodes), "point_force": (6,), "columns": (6, 10), "residual": (3,)}
-    linear |= {"readings": (3, 10), "information": (10, 10), "side": (10,), "prior": (10,), "excess": ()}
+    linear = {"tangents": (3, nodes), "point_force": (6,), "columns": (6, 13), "residual": (3,)}
+    linear |= {"readings": (3, 13), "information": (13, 13), "side": (13,), "prior": (13,), "excess": ()}
     linearised = _fields(**{name: (3, *shape) for name, shape in linear.items()})
-    antennas = _fields(information=(3, 6, 6), side=(3, 6), gain=(3,))
+    antennas = _fields(information=(3, 9, 9), side=(3, 9), gain=(3,))
     return {
         "lens.interpolate": (*curve, _a(3)),
         "lens.feet": (*curve, _a(3, 2)),
@@ -168,12 +173,12 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "simulate.touch_at_once": (rod, (1.0,) * 5, _a(2, 9, 3), _a(2, 2, 7), _a(2, 7)),
         "simulate.advance": (rod, object_, (1.0,) * 5, _a(2, 7, 3), _a(2, 2, 23)),
         "simulate.gripped": (_a(2), _a(2), _a(2, 2), 1.0, _a(2), 0.3),
-        "solver.Rig": (fields, LENS),
+        "solver.Rig": (fields, cameras),
         "solver.solve": (rig, exact, frames, 0, 3, -1, _a(3, 4), _a(pieces), FitNumbers.unwritten(3)),
         "solver.rough": (rig, frames, _a(3, 4), _a(3, nodes, 3)),
         "solver.linearise": (rig, frames, 1, _a(3, 4), linearised),
         "solver.gradients": (rig, frames, 1, _a(3, 4), np.ones(3), np.zeros(3, bool)),
-        "solver.free_antennas": (rig, frames, _a(3, 6), 3.0, antennas),
+        "solver.free_antennas": (rig, frames, _a(3, 9), 3.0, antennas),
         "solver.edge_on": (rig, _a(3, 4)),
         "solver.ideal_points": (LENS, _a(3, 2), _a(3)),
         "solver.places": (_a(3, 5, 2),),

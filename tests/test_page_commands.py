@@ -19,7 +19,7 @@ from vbaa_calib.cli.main import VERBS, _verb_parser, main
 from .page_folder import page_folder, photos
 from .test_docs import FENCE, PAGES, name_of
 
-QUICK = {"build", "convert", "howto_camera", "howto_recordings", "live", "object", "simulators"}
+QUICK = {"build", "convert", "howto_recordings", "live", "object", "simulators"}
 """Pages that are run with the other tests; of the rest, which take a minute, the options are checked there."""
 NOT_RUN = {
     "vbaa wizard": "asks; walked in tests/wizard",

@@ -28,13 +28,13 @@ class ContactEstimator(estimate.ContactEstimator):
 
     def estimate(
         self,
-        centreline_px: np.ndarray | None = None,
+        centreline_px: np.ndarray | Mapping[str, np.ndarray] | None = None,
         *,
         image: np.ndarray | str | Path | None = None,
         moment: float | None,
         pan: float,
         tilt: float,
-        sigma_px: np.ndarray | float | None = None,
+        sigma_px: np.ndarray | float | Mapping[str, np.ndarray | float] | None = None,
         moment_z: float | None = None,
         **options: Unpack[FrameOptions],
     ) -> Contact:

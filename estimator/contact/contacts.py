@@ -16,7 +16,7 @@ from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .inputs import Batch
 from .motion import Beam, Inertia, Motion, Shapes
-from .status import FAILED, NO_ANTENNA, NO_CONTACT, ODD_END, OK, TIP, reason, statuses
+from .status import FAILED, FEWEST_POINTS, NO_ANTENNA, NO_CONTACT, ODD_END, OK, TIP, reason, statuses
 
 _LARGEST_SHIFT = 1 / 3  # inertia that would move the distance by more than this part of its deviation is too much
 
@@ -39,14 +39,15 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
     """The results of B frames: a sequence of `Contact`, and its numbers as arrays with a leading axis B.
 
     Numbers that the data do not support are NaN. `numbers` are the fits themselves; `requested` is the model that was
-    asked for; `outside_points` (B,) are left out because they lie outside the picture; `jacobian`, if it was asked
-    for, has the derivatives.
+    asked for; `outside_points` (B,) are left out because they lie outside the picture; `seen` (B, V) are those that
+    each of several cameras saw; `jacobian`, if it was asked for, has the derivatives.
     """
 
     rig: Rig
     numbers: FitNumbers
     requested: str
     outside_points: np.ndarray
+    seen: np.ndarray | None = None
     jacobian: Jacobian | None = None
 
     def __len__(self) -> int:
@@ -69,6 +70,9 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         far = int(numbers.outliers[0])
         for count, which in ((outside, "outside the picture"), (far, "far from where the neighbours lie")):
             words += f"; {count} point{'s' * (count > 1)} {which}: left out" if count else ""
+        for name, count in zip(self.rig.cameras, () if self.seen is None else self.seen[index].tolist(), strict=False):
+            if count < FEWEST_POINTS:
+                words += f"; {name} shows only {count} points: left out" if count else f"; {name} shows no antenna"
         end_std = float(numbers.tip_std[0])
         return Contact(
             reason=words,
@@ -113,6 +117,7 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
             numbers=numbers,
             requested=model,
             outside_points=batch.outside_points,
+            seen=batch.seen,
             status=status,
             in_contact=numbers.finite & (status != NO_ANTENNA) & (status != NO_CONTACT),
             model=_NAMES[numbers.rung],

@@ -103,7 +103,7 @@ class LearntRig:
         part = self.calibrated.drift.hourly * np.sqrt(hours)
         later = wandering.drifted(min(part, 1.0))
         zero = len(RIG_PARAMETERS) - 1
-        covariance = later.covariance.copy()
+        covariance = (later.covariance_with_tip if later.others else later.covariance).copy()
         if self.now.moment_sensor.exists:
             covariance[zero, zero] += hours * (self.calibrated.drift.zero_hourly * self.now.moment_sensor.std_Nm) ** 2
         return replace(self, now=_in_covariance(later.with_covariance(covariance), self.now), time_s=time_s)
@@ -123,7 +123,8 @@ class LearntRig:
             # with a prior that is wide, or it would say how large they are
             wide = replace(now, drift=replace(now.drift, line_px=DriftSettings.wide_line * now.drift.line_px))
             _, _, excess_px2 = yield from _posterior(free, wide)
-            own, count = own + float(excess_px2.sum()) / LINE_ERRORS, count + len(excess_px2)
+            lines = excess_px2.reshape(-1, LINE_ERRORS)
+            own, count = own + float(lines.sum()) / LINE_ERRORS, count + len(lines)
             line_px = max(float(np.sqrt(max(own, 0.0) / count)), self.calibrated.drift.line_px)
             now = replace(now, drift=replace(now.drift, line_px=line_px))
         rig, covariance, agreeing = yield from _posterior(free, now)
@@ -166,7 +167,7 @@ def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.nd
             rig_arrays = replace(RigArrays.from_rig(moving, 0.0), axes=axes)
         frames = batch.frames(rig_arrays)
         yield
-        steps, kept = np.zeros((len(batch), size + len(line))), np.ones(len(batch), bool)
+        steps, kept = np.zeros((len(batch), size + line.size)), np.ones(len(batch), bool)
         for _ in range(DriftSettings.reweightings):
             equations = free_antennas(frames, steps, DriftSettings.beyond_std)
             information, sides, by_shared = _on_the_rig(equations, steps, size)
@@ -175,7 +176,7 @@ def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.nd
             kept = _agreeing(information, sides, from_prior)
             total = information[kept].sum(axis=0) + np.eye(size)
             change = np.linalg.solve(total, sides[kept].sum(axis=0) - from_prior)
-            own = by_shared[..., size] - (by_shared[..., :size] @ change) if len(line) else steps[:, size:]
+            own = by_shared[..., size] - (by_shared[..., :size] @ change) if line.size else steps[:, size:]
             steps = steps + np.concatenate([np.broadcast_to(change, (len(batch), size)), own], axis=1)
             yield
         at = at + steps[0, :size]
@@ -184,7 +185,7 @@ def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.nd
     yield
     covariance = axes @ np.linalg.solve(total, axes.T)
     own_information = equations.information[:, size:, size:]
-    variance = np.diagonal(np.linalg.inv(own_information), axis1=1, axis2=2) if len(line) else steps[:, size:]
+    variance = np.diagonal(np.linalg.inv(own_information), axis1=1, axis2=2) if line.size else steps[:, size:]
     excess_px2 = (steps[:, size:] ** 2 - variance) * rig.drift.line_px**2
     return moving, 0.5 * (covariance + covariance.T), excess_px2[kept]
 

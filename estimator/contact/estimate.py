@@ -25,7 +25,7 @@ from vbaa_calib.session import DRIFTS
 
 from .contacts import Contacts, MotionCheck, MovingContacts, RoughFit, contacts_of, last, moving, with_joint_errors
 from .drift import LearntRig
-from .inputs import Batch, FrameOptions, Values, without_outliers
+from .inputs import Batch, FrameOptions, Lines, Values, without_outliers
 from .jacobian import jacobian as jacobian_of
 from .motion import Beam
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
@@ -82,12 +82,12 @@ class ContactEstimator:
 
     def estimate(
         self,
-        centreline_px: np.ndarray | None = None,
+        centreline_px: np.ndarray | Mapping[str, np.ndarray] | None = None,
         *,
         moment: float | None,
         pan: float,
         tilt: float,
-        sigma_px: np.ndarray | float | None = None,
+        sigma_px: np.ndarray | float | Mapping[str, np.ndarray | float] | None = None,
         moment_z: float | None = None,
         **options: Unpack[FrameOptions],
     ) -> Contact:
@@ -95,10 +95,12 @@ class ContactEstimator:
 
         Parameters
         ----------
-        centreline_px : (N, 2) pixels on the antenna's centreline, in any order; rows with NaN are ignored.
+        centreline_px : (N, 2) pixels on the antenna's centreline, in any order; rows with NaN are ignored. Of a rig
+            with several cameras, those of each that saw the antenna, by its name.
         moment : the sensor's reading, N·m; None or NaN for vision alone.
         pan, tilt : joint angles, rad.
-        sigma_px : standard deviation across the antenna, one or (N,); by default what the rig's own pictures showed.
+        sigma_px : standard deviation across the antenna, one or (N,); by default what the rig's own pictures showed. Of
+            several cameras one for all, or by name.
         moment_z : reading of a second sensor about z, if the rig has one.
         readings : further ones of a wrench sensor, by the columns of `session.READINGS`.
         jacobian : whether the contact gets its derivatives, `Contact.jacobian`.
@@ -115,6 +117,15 @@ class ContactEstimator:
         lines: dict[str, Any] = {"centreline_px": centreline_px, **options}
         shapes = {"centreline_px": "(N, 2) pixels", "plane_xy_m": "(N, 2) m on plane C, of one camera"}
         points = np.empty((0, 2))
+        if isinstance(centreline_px, Mapping):
+            remedy = f"give {shapes['centreline_px']} of each camera"
+            lines["centreline_px"] = {
+                name: [as_floats(each, f"centreline_px of {name}", remedy)] for name, each in centreline_px.items()
+            }
+            shapes.pop("centreline_px")
+        if isinstance(sigma_px, Mapping):
+            many = {name: as_floats(each, f"sigma_px of {name}", "give px") for name, each in sigma_px.items()}
+            lines["sigma_px"] = {name: each[None] if each.ndim else each for name, each in many.items()}
         for name, shape in shapes.items():
             if (line := lines.get(name)) is not None:
                 points = as_floats(line, name, f"give {shape}")
@@ -124,7 +135,9 @@ class ContactEstimator:
         if (spread := lines.get("covariance_m2")) is not None:
             spread = as_floats(spread, "covariance_m2", "give (N, 2, 2) m²")
             lines["covariance_m2"] = spread if spread.ndim == 2 else spread[None]
-        sigma = None if sigma_px is None else as_floats(sigma_px, "sigma_px", "give standard deviations in px")
+        by_camera, sigma = lines.pop("sigma_px", None), None
+        if sigma_px is not None and by_camera is None:
+            sigma = as_floats(sigma_px, "sigma_px", "give standard deviations in px")
         if sigma is not None and sigma.shape not in ((), points.shape[:1]):
             raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
         sigma = sigma[None] if sigma is not None and sigma.ndim else sigma
@@ -132,17 +145,20 @@ class ContactEstimator:
             lines["readings"] = {name: [value] for name, value in read.items()}
         pixels = lines.pop("centreline_px")
         return self.estimate_batch(
-            pixels, [moment], [pan], [tilt], sigma_px=sigma, moments_z=[moment_z], **cast(FrameOptions, lines)
+            *(pixels, [moment], [pan], [tilt]),
+            sigma_px=sigma if by_camera is None else by_camera,
+            moments_z=[moment_z],
+            **cast(FrameOptions, lines),
         )[0]
 
     def estimate_batch(
         self,
-        centrelines_px: np.ndarray | Sequence[np.ndarray] | None = None,
+        centrelines_px: Lines | Mapping[str, Lines] | None = None,
         moments: Sequence[float | None] | np.ndarray | None = None,
         pans: Sequence[float] | np.ndarray | None = None,
         tilts: Sequence[float] | np.ndarray | None = None,
         *,
-        sigma_px: np.ndarray | float | None = None,
+        sigma_px: np.ndarray | float | Mapping[str, np.ndarray | float] | None = None,
         moments_z: Sequence[float | None] | np.ndarray | None = None,
         **options: Unpack[FrameOptions],
     ) -> Contacts:
@@ -150,7 +166,8 @@ class ContactEstimator:
 
         Parameters
         ----------
-        centrelines_px : (B, N, 2), or B arrays (N_i, 2) of their own lengths; rows with NaN are ignored.
+        centrelines_px : (B, N, 2), or B arrays (N_i, 2) of their own lengths; rows with NaN are ignored. Of a rig
+            with several cameras such ones by name; a camera without a point in a frame drops out of that.
         moments, moments_z : (B,) N·m, None or an entry None or NaN for vision alone. pans, tilts : (B,) rad.
         readings : (B,) of each further column of `session.READINGS`.
         sigma_px : one, (B, 1) or (B, N); by default what the rig's own pictures showed.

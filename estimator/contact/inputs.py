@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any, TypedDict
+from typing import Any, TypedDict, cast
 
 import numpy as np
 
@@ -34,12 +34,16 @@ from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import READINGS
 
-from .status import CONTACT_EVIDENCE, unexplained
+from .status import CONTACT_EVIDENCE, FEWEST_POINTS, unexplained
 
 _LEAST_END_PX = 0.02
 
 Values = Sequence[float | None] | np.ndarray | None
 """A number for every frame, None where there is none."""
+
+
+Lines = np.ndarray | Sequence[np.ndarray]
+"""(B, N, 2) pixels, or B arrays (N_i, 2)."""
 
 
 class FrameOptions(TypedDict, total=False):
@@ -68,6 +72,9 @@ class Batch(Rows):
     joint_errors_rad : (B, 2) deviations of pan and tilt; None without any.
     covariance_shape : (B, N, 2, 2) covariance of each point over sigma_px²; None: the same in every direction.
     order : (B, N) where each point was listed; None: as it is here.
+    camera : (B, N) that sees each point, of the rig's in their order, one camera's after the other's; None: the rig has
+        one. tip_camera : (B,) that sees the end. seen : (B, V) how many points each camera sees; of one with
+        fewer than `FEWEST_POINTS` they are left out.
     """
 
     points_px: np.ndarray
@@ -82,6 +89,9 @@ class Batch(Rows):
     joint_errors_rad: np.ndarray | None = None
     covariance_shape: np.ndarray | None = None
     order: np.ndarray | None = None
+    camera: np.ndarray | None = None
+    tip_camera: np.ndarray | None = None
+    seen: np.ndarray | None = None
 
     def weights(self, rig_arrays: RigArrays) -> np.ndarray | None:
         """(B, S) the sensors' noise by all of the readings' deviation; None where there is nothing but noise."""
@@ -92,9 +102,10 @@ class Batch(Rows):
         """As the solver takes them, for one rig."""
         rotation, _ = rig_arrays.rig.kinematics.world_antenna(self.pan_rad, self.tilt_rad)
         gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
-        frames = frames_from_pixels(rig_arrays, self.points_px, self.sigma_px, self.readings_Nm, self.tip_px, gravity)
+        lines = self.points_px, self.sigma_px, self.readings_Nm, self.tip_px
+        frames = frames_from_pixels(rig_arrays, *lines, gravity, self.camera, self.tip_camera)
         if self.covariance_shape is not None:
-            slopes = self.sigma_px[..., None, None] * rig_arrays.rig.camera.normalized_with_slopes(self.points_px)[1]
+            slopes = self.sigma_px[..., None, None] * self.slopes(rig_arrays.rig)
             spread = slopes @ self.covariance_shape @ np.swapaxes(slopes, -1, -2)
             spread = np.stack([spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]], axis=-1)
             frames.covariance[...] = np.where(frames.usable[..., None] > 0.0, spread, frames.covariance)
@@ -105,9 +116,70 @@ class Batch(Rows):
             )
         return frames
 
+    def slopes(self, rig: Rig) -> np.ndarray:
+        """(B, N, 2, 2) derivatives of the points' ideal coordinates by their pixels."""
+        if self.camera is None:
+            return rig.camera.normalized_with_slopes(self.points_px)[1]
+        slopes = np.full((*self.camera.shape, 2, 2), np.nan)
+        for index, one in enumerate(rig.cameras.values()):
+            own = self.camera == index
+            slopes[own] = one.camera.normalized_with_slopes(self.points_px[own])[1]
+        return slopes
+
+    @staticmethod
+    def _of_cameras(parts: Sequence[Batch]) -> Batch:
+        """The frames of which each part is what one of the rig's cameras saw; all else as in the first."""
+        count, wide = len(parts[0].points_px), [part.points_px.shape[1] for part in parts]
+
+        def together(values: Callable[[Batch], np.ndarray]) -> np.ndarray:
+            return np.concatenate([values(part) for part in parts], axis=1)
+
+        points = together(lambda part: part.points_px)
+        camera = np.tile(np.repeat(np.arange(len(parts)), wide), (count, 1))
+        seen = np.column_stack([np.isfinite(part.points_px[..., 0]).sum(axis=1) for part in parts])
+        if (seen < FEWEST_POINTS).any():
+            points[np.take_along_axis(seen, camera, 1) < FEWEST_POINTS] = np.nan
+        order = shape = None
+        if any(part.order is not None for part in parts):
+            before = dict(zip(map(id, parts), np.cumsum([0, *wide]), strict=False))
+            listed = np.arange(max(wide))
+            order = together(
+                lambda part: (
+                    before[id(part)]
+                    + (np.tile(listed[: part.points_px.shape[1]], (count, 1)) if part.order is None else part.order)
+                )
+            )
+        if any(part.covariance_shape is not None for part in parts):
+            same = np.eye(2)
+            shape = together(
+                lambda part: (
+                    np.broadcast_to(same, (*part.sigma_px.shape, 2, 2))
+                    if part.covariance_shape is None
+                    else part.covariance_shape
+                )
+            )
+        tips = np.stack([part.tip_px for part in parts], axis=1)
+        tip_camera = np.argmax(np.isfinite(tips).all(axis=2), axis=1)
+        return replace(
+            parts[0],
+            points_px=points,
+            sigma_px=together(lambda part: part.sigma_px),
+            tip_px=tips[np.arange(count), tip_camera],
+            outside_points=np.sum([part.outside_points for part in parts], axis=0),
+            covariance_shape=shape,
+            order=order,
+            camera=camera,
+            tip_camera=tip_camera,
+            seen=seen,
+        )
+
     @staticmethod
     def of(rig: Rig, several: Sequence[Measured], warm: np.ndarray | None = None) -> Batch:
         """Frames that were checked already. `warm` (4,): where those without a start of their own begin."""
+        if rig.others:
+            ones = [replace(rig, others={}), *rig.others.values()]
+            own = [several, *([each.of_camera(name) for each in several] for name in rig.others)]
+            return Batch._of_cameras([Batch.of(one, part, warm) for one, part in zip(ones, own, strict=True)])
         # one frame of far more points than its picture has place for would make room for as many in all of a batch
         steps = [1 + len(each.points_px) // (4 * sum(rig.camera.image_size)) for each in several]
         points = _padded([each.points_px[::n] for each, n in zip(several, steps, strict=True)], np.nan)
@@ -137,13 +209,15 @@ class Batch(Rows):
     @staticmethod
     def checked(
         rig: Rig,
-        centrelines_px: np.ndarray | Sequence[np.ndarray] | None,
+        centrelines_px: Lines | Mapping[str, Lines] | None,
         readings: dict[str, Values],
         joints: dict[str, Values],
-        sigma_px: np.ndarray | float | None,
+        sigma_px: np.ndarray | float | Mapping[str, np.ndarray | float] | None,
         plane: Mapping[str, Any],
     ) -> Batch:
         """Frames as users give them, with moments about y and z, further readings, pan and tilt. Raises InputError."""
+        if rig.others:
+            return Batch._of_cameras(_by_camera(rig, centrelines_px, readings, joints, sigma_px, plane))
         points, own, shape = _lines(rig, centrelines_px, sigma_px, plane.get("plane_xy_m"), plane.get("covariance_m2"))
         moments = {name: _column(name, values, len(points)) for name, values in readings.items()}
         angles = {name: _column(name, values, len(points)) for name, values in joints.items()}
@@ -151,7 +225,7 @@ class Batch(Rows):
             check_each(values, LARGEST_RAD, name, ANGLE_REMEDY, missing="")
         for name, values in moments.items():
             check_each(values, LARGEST_NM, name, f"{MOMENT_REMEDY}, or None where there is no reading")
-        sigma = _deviations(points, own if sigma_px is None else sigma_px)
+        sigma = _deviations(points, own if sigma_px is None else cast(Any, sigma_px))
         no_tips = np.full((len(points), 3), np.nan)
         points, sigma, shape, outside, order = _in_order(rig, points, sigma, shape)
         pan, tilt = angles.values()
@@ -164,6 +238,33 @@ class Batch(Rows):
         if not rig.moment_sensor.exists:
             columns[:, 0] = np.nan
         return Batch(points, sigma, columns, no_tips, pan, tilt, outside, covariance_shape=shape, order=order)
+
+
+def _by_camera(
+    rig: Rig,
+    centrelines_px: Any,
+    readings: dict[str, Values],
+    joints: dict[str, Values],
+    sigma_px: Any,
+    plane: Mapping[str, Any],
+) -> list[Batch]:
+    """What each of several cameras saw, by name. Raises InputError."""
+    names = ", ".join(rig.cameras)
+    remedy = f"give {{name: (N, 2) pixels}} of some of its cameras: {names}"
+    if plane.get("plane_xy_m") is not None:
+        raise InputError("plane_xy_m does not say of which camera", remedy=f"give centrelines: {remedy}")
+    if not isinstance(centrelines_px, Mapping) or not centrelines_px:
+        raise InputError(f"the rig has several cameras, the centreline is {shown(centrelines_px)}", remedy=remedy)
+    for named in (centrelines_px, sigma_px if isinstance(sigma_px, Mapping) else {}):
+        if unknown := sorted(map(str, named.keys() - rig.cameras.keys())):
+            raise InputError(f"there is no camera {unknown[0]}", where="rig", remedy=remedy)
+    count = len(next(iter(centrelines_px.values())))
+    parts = []
+    for name, one in rig.cameras.items():
+        lines = centrelines_px.get(name, np.full((count, 0, 2), np.nan))
+        sigma = sigma_px.get(name) if isinstance(sigma_px, Mapping) else sigma_px
+        parts.append(Batch.checked(one, lines, readings, joints, sigma if name in centrelines_px else None, plane))
+    return parts
 
 
 def outside(points_px: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
@@ -325,7 +426,9 @@ def without_outliers(
         nodes_m, left = bend(some, rung, fitted.unknowns[rows, None]).points_m, some.usable.copy()
         for row, nodes, own in zip(rows, nodes_m, left, strict=True):
             points_px = np.where(own[:, None], batch.points_px[row], np.nan)
-            own *= ~_outliers(rig, nodes, points_px, batch.sigma_px[row], which)
+            for index, one in enumerate(rig.cameras.values()):
+                mine = slice(None) if batch.camera is None else np.flatnonzero(batch.camera[row] == index)
+                own[mine] *= ~_outliers(one, nodes, points_px[mine], batch.sigma_px[row, mine], which)
         count = (every[rows] - left.sum(axis=1)).astype(int)
         fewer = (left.sum(axis=1) < some.usable.sum(axis=1)) & (count < settings.most * every[rows])
         if not fewer.any():

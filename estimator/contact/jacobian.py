@@ -33,7 +33,7 @@ def jacobian(batch: Batch, rig_arrays: RigArrays, rung: str, fitted: FitNumbers,
         )
         return whole
 
-    slopes = rig.camera.normalized_with_slopes(batch.points_px)[1]
+    slopes = batch.slopes(rig)
     by_pixels = in_world(np.einsum("brni,bnij->brnj", by_points, np.nan_to_num(slopes)))
     if batch.order is not None:
         listed = np.empty_like(by_pixels)

@@ -113,7 +113,7 @@ class Problem:
 
     def lines_of(self, view: Pictures) -> int:
         """How many errors a line in its pictures has."""
-        return len(RigArrays.from_rig(view.rig, self.friction_rad).line)
+        return RigArrays.from_rig(view.rig, self.friction_rad).line.size
 
     @property
     def lines(self) -> int:

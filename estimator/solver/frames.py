@@ -9,6 +9,7 @@ import numpy as np
 from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.native import core
+from vbaa_calib.rig import Rig
 
 from .rig_arrays import RigArrays
 
@@ -27,6 +28,7 @@ class Frames(Rows):
     available : (B, K) 1 where there is such a reading, and an end, else 0; less where the deviation of the reading is
         more than the noise: its residual is multiplied by it.
     gravity_m_s2 : (B, 3) antenna frame.
+    camera : (B, N) that sees each point, of the rig's in their order. tip_camera : (B,) likewise.
     """
 
     rig_arrays: RigArrays
@@ -38,6 +40,8 @@ class Frames(Rows):
     tip_covariance: np.ndarray
     available: np.ndarray
     gravity_m_s2: np.ndarray
+    camera: np.ndarray
+    tip_camera: np.ndarray
 
     def with_available(self, sensors: np.ndarray | float, ends: np.ndarray | float) -> Frames:
         """The readings weighted by numbers, or (B, S), as `RigArrays.sensors`, the antenna's end by one, or (B,)."""
@@ -59,29 +63,49 @@ def frames_from_pixels(
     readings_Nm: np.ndarray,
     tip_px: np.ndarray,
     gravity_m_s2: np.ndarray,
+    camera: np.ndarray | None = None,
+    tip_camera: np.ndarray | None = None,
 ) -> Frames:
     """Frames of pixels (B, N, 2) with deviations (B, N) across the antenna; what is not finite counts as missing.
 
     `readings_Nm` (B, 6) as `session.READINGS`: NaN where there is none. `tip_px` (B, 3): the antenna's end and its
-    deviation along it. `gravity_m_s2` (B, 3) in the antenna frame.
+    deviation along it. `gravity_m_s2` (B, 3) in the antenna frame. `camera` (B, N), `tip_camera` (B,) see `Frames`, by
+    default the first.
     """
     if rig_arrays.rig.tip is None:
         tip_px = np.full_like(tip_px, np.nan)
-    points, covariance, usable = _ideal(rig_arrays, points_px, sigma_px)
-    tip, tip_covariance, with_tip = _ideal(rig_arrays, tip_px[:, :2], tip_px[:, 2])
+    camera = np.zeros(points_px.shape[:2], np.int64) if camera is None else camera
+    tip_camera = np.zeros(len(points_px), np.int64) if tip_camera is None else tip_camera
+    points, covariance, usable = _ideal(rig_arrays.rig, points_px, sigma_px, camera)
+    tip, tip_covariance, with_tip = (
+        each[:, 0] for each in _ideal(rig_arrays.rig, tip_px[:, None, :2], tip_px[:, None, 2], tip_camera[:, None])
+    )
     slots, own = rig_arrays.sensors, readings_Nm[:, : len(rig_arrays.sensors)]
     read = np.isfinite(own) & rig_arrays.exists
     reading, available = np.zeros((2, len(points), len(rig_arrays.std)))
     reading[:, slots], available[:, slots], available[:, core.solver.END] = np.where(read, own, 0.0), read, with_tip
     gravity = np.ascontiguousarray(gravity_m_s2, float)
-    return Frames(rig_arrays, points, covariance, usable, reading, tip, tip_covariance, available, gravity)
+    return Frames(
+        rig_arrays, points, covariance, usable, reading, tip, tip_covariance, available, gravity, camera, tip_camera
+    )
 
 
 def _ideal(
-    rig_arrays: RigArrays, points_px: np.ndarray, sigma_px: np.ndarray
+    rig: Rig, points_px: np.ndarray, sigma_px: np.ndarray, camera: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels (..., 2) in normalized coordinates, their covariances (..., 3), and 1 for usable ones (...)."""
-    shape, lens = points_px.shape[:-1], lens_of(rig_arrays.rig.camera.intrinsics)
+    """Pixels (B, N, 2) of cameras (B, N) in normalized coordinates, covariances (B, N, 3), and 1 for usable ones."""
+    if rig.others and len(camera):
+        parts = []
+        for index, one in enumerate(rig.cameras.values()):
+            own = camera == index
+            if (own == own[0]).all():  # the same columns of every frame
+                own = np.s_[:, slice(*np.searchsorted(camera[0], [index, index + 1]))]
+            parts.append((own, _ideal(one, points_px[own], sigma_px[own], camera[own])))
+        points, covariance, usable = (np.empty((*camera.shape, *size)) for size in ((2,), (3,), ()))
+        for own, each in parts:
+            points[own], covariance[own], usable[own] = each
+        return points, covariance, usable
+    shape, lens = points_px.shape[:-1], lens_of(rig.camera.intrinsics)
     flat = np.ascontiguousarray(points_px, float).reshape(-1, 2)
     sigma = np.ascontiguousarray(sigma_px, float).reshape(-1)
     points, covariance, usable = core.solver.ideal_points(lens, flat, sigma)

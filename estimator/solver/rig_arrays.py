@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
+from vbaa_calib.camera import Camera
 from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.geometry import Pose
-from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.native import core
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_STEPS, MomentSensor, Rig, WrenchSensor
 from vbaa_calib.session import READINGS
@@ -39,8 +39,8 @@ class RigArrays:
     by_wrench : (7, 7) the readings, in their deviations, by force and moment at the clamp, and 1; 0 for a missing one.
     by_sensor : (2 + W, 7, 7) the same by a unit of the sensors' parameters: the moment's gain and offset, and the W of
         a wrench sensor.
-    line : (L,) deviations of the found line's errors that neighbours share, in the ideal picture: its offset, slope and
-        curvature, or none. They are the last of the R + L steps of each frame, and each frame has its own.
+    line : (V, L) deviations of the found line's errors that neighbours share, in each camera's ideal picture: its
+        offset, slope and curvature, or none. They are the last of the R + V L steps of each frame, which has its own.
     """
 
     rig: Rig
@@ -56,28 +56,20 @@ class RigArrays:
         """drift : whether the rig may have changed since its calibration, lines have errors of their own, and the
         antenna's end counts."""
         rig = rig.drifted() if drift else replace(rig, tip=None)
-        axes = independent_axes(rig.covariance_with_tip)
+        axes = rig.axes
         size = np.abs(axes).max(axis=0)
         axes = axes[:, size > _NEGLIGIBLE * max(float(size.max()), 1e-300)]
-        focal = np.sqrt(np.prod(np.diag(rig.camera.matrix)[:2]))
         line_px = np.hypot(rig.drift.line_px, rig.drift.light_px) if drift else 0.0
-        own = np.full(LINE_ERRORS if line_px > 0.0 else 0, line_px / focal)
+        focal = [_focal_px(one.camera) for one in rig.cameras.values()]
+        own = np.array([np.full(LINE_ERRORS if line_px > 0.0 else 0, line_px / each) for each in focal])
         return RigArrays(rig, friction_rad, *map(np.ascontiguousarray, (axes, *_reading(rig), own)))
 
     @cached_property
     def core(self) -> Any:
         """The core's: `structs.hpp` says what its fields mean."""
-        rig, poses = self.rig, np.array(RIG_STEPS[:POSES])
-        # the pose moved along each axis of its tangent; lanes are eight
-        moved = [
-            rig.T_antenna_camera.retract(step).inverse() for step in np.diag(np.append(poses, [0.0, 0.0]))[:, :POSES]
-        ]
-        lanes = [np.column_stack([pose.rotation, pose.translation_m]) for pose in moved]
-        y_m, z_m, about_y, about_z = rig.antenna.parameters[:4]
-        T_antenna_clamp = Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y_m, z_m]))
-        side = rig.T_antenna_camera.translation_m[1:]
+        rig = self.rig
         fields = SimpleNamespace(
-            **{name: getattr(self, name) for name in ("friction_rad", "axes", "by_wrench", "by_sensor", "line")},
+            **{name: getattr(self, name) for name in ("friction_rad", "axes", "by_wrench", "by_sensor")},
             length_m=self.length_m,
             radius_m=0.5 * rig.antenna.diameter_m,
             force_unit_N=self.force_unit_N,
@@ -92,20 +84,17 @@ class RigArrays:
             with_lens=bool(rig.with_lens),
             antenna_parameters=np.array(rig.antenna.parameters, float),
             antenna_steps=np.array(RIG_STEPS[POSES : POSES + ANTENNA], float),
-            pose_lanes=np.ascontiguousarray(np.stack(lanes, axis=-1)),
-            by_pose_step=np.append(1.0 / poses, [0.0, 0.0]),
-            rotation=np.ascontiguousarray(lanes[-1][:, :3]),
-            translation_m=np.ascontiguousarray(lanes[-1][:, 3]),
-            to_camera=side / max(float(np.hypot(*side)), 1e-12),
-            eye_m=np.ascontiguousarray(T_antenna_clamp.inverse() @ rig.T_antenna_camera.translation_m),
-            focal=np.sqrt(np.prod(np.diag(rig.camera.matrix)[:2])),
+            by_pose_step=np.append(1.0 / np.array(RIG_STEPS[:POSES]), [0.0, 0.0]),
         )
-        return core.solver.Rig(fields, lens_of(rig.camera.intrinsics))
+        y_m, z_m, about_y, about_z = rig.antenna.parameters[:4]
+        T_antenna_clamp = Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y_m, z_m]))
+        cameras = zip(rig.cameras.values(), self.line, strict=True)
+        return core.solver.Rig(fields, tuple(_camera(one, T_antenna_clamp, line) for one, line in cameras))
 
     @cached_property
     def exact(self) -> RigArrays:
         """The same rig as if it were known exactly."""
-        return replace(self, axes=self.axes[:, :0], line=self.line[:0])
+        return replace(self, axes=self.axes[:, :0], line=self.line[:, :0])
 
     @property
     def sensors(self) -> np.ndarray:
@@ -119,8 +108,8 @@ class RigArrays:
 
     @property
     def steps(self) -> int:
-        """R + L."""
-        return self.axes.shape[1] + len(self.line)
+        """R + V L."""
+        return self.axes.shape[1] + self.line.size
 
     @property
     def length_m(self) -> float:
@@ -137,6 +126,30 @@ class RigArrays:
     def unit_load(self) -> float:
         """F·l²/EI of a unit force at the tip."""
         return self.force_unit_N * self.length_m**2 / self.rig.antenna.stiffness_Nm2
+
+
+def _focal_px(camera: Camera) -> Any:
+    """Mean focal length."""
+    return np.sqrt(np.prod(np.diag(camera.matrix)[:2]))
+
+
+def _camera(one: Rig, T_antenna_clamp: Pose, line: np.ndarray) -> SimpleNamespace:
+    """The core's `Camera`."""
+    # the pose moved along each axis of its tangent; lanes are eight
+    steps = np.diag(np.append(RIG_STEPS[:POSES], [0.0, 0.0]))[:, :POSES]
+    moved = [one.T_antenna_camera.retract(step).inverse() for step in steps]
+    lanes = [np.column_stack([pose.rotation, pose.translation_m]) for pose in moved]
+    side = one.T_antenna_camera.translation_m[1:]
+    return SimpleNamespace(
+        lens=lens_of(one.camera.intrinsics),
+        pose_lanes=np.ascontiguousarray(np.stack(lanes, axis=-1)),
+        rotation=np.ascontiguousarray(lanes[-1][:, :3]),
+        translation_m=np.ascontiguousarray(lanes[-1][:, 3]),
+        to_camera=side / max(float(np.hypot(*side)), 1e-12),
+        eye_m=np.ascontiguousarray(T_antenna_clamp.inverse() @ one.T_antenna_camera.translation_m),
+        focal=_focal_px(one.camera),
+        line=line,
+    )
 
 
 def _reading(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ their docstrings, and the table in docs/formats.md.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from inspect import cleandoc
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -88,15 +88,12 @@ class _Common(Generic[Number, Flag, Text]):
     status: Text = _column("–", ", ".join(STATUSES), MISSING)
     in_contact: Flag = _column("–", "true or false; false also if unknown", False)
     model: Text = _column(
-        "–",
-        "mechanical model: the one requested, or else the lowest that would have been good enough (then `rod` was "
-        "used): paper, linear, elastica or rod",
-        "",
+        "–", "paper, linear, elastica or rod: the model requested, or else the simplest that would have done", ""
     )
     distance_m: Number = _column("m", "arc length from the clamp to the contact")
     distance_std_m: Number = _column("m", "its standard deviation")
     distance_shared_std_m: Number = _column(
-        "m", "the part of it that is common to all frames of the recording: calibration and drift"
+        "m", "the part of the distance's standard deviation that is common to all frames"
     )
     point_antenna_m: np.ndarray = _vector("m", "contact point on the centreline, antenna frame", "x_m y_m z_m")
     point_world_m: np.ndarray = _vector("m", "contact point on the centreline, world frame", "X_m Y_m Z_m")
@@ -105,13 +102,13 @@ class _Common(Generic[Number, Flag, Text]):
     )
     point_shared_std_m: np.ndarray = _vector(
         "m",
-        "the part of the world point's deviations that is common to all frames",
+        "the part of the world point's standard deviation that is common to all frames",
         "X_shared_std_m Y_shared_std_m Z_shared_std_m",
     )
     force_covariance_yz_N2: Number = _column("N²", "covariance of the force's components along y and z")
     force_shared_std_N: np.ndarray = _vector(
         "N",
-        "the part of the force's deviations that is common to all frames, antenna frame",
+        "the part of the force's standard deviation that is common to all frames",
         "force_x_shared_std_N force_y_shared_std_N force_z_shared_std_N",
     )
     force_world_N: np.ndarray = _vector("N", "the object's force on the antenna, world frame", "FX_N FY_N FZ_N")
@@ -121,23 +118,15 @@ class _Common(Generic[Number, Flag, Text]):
     moment_residual_Nm: Number = _column("N·m", "measured moment minus the fitted contact's; empty without a reading")
     friction_angle_rad: Number = _column(
         "rad",
-        "the force's angle from the antenna's normal at the contact, positive towards the clamp; about 0 if the frame "
-        "does not determine it",
+        "the force's angle from the antenna's normal, positive towards the clamp; about 0 if undetermined",
     )
-    friction_angle_std_rad: Number = _column(
-        "rad", "its standard deviation; that of `--friction` if the frame does not determine it"
-    )
-    friction_prior_rad: Number = _column(
-        "rad", "standard deviation of the friction angle before the frame is seen: `--friction`"
-    )
+    friction_angle_std_rad: Number = _column("rad", "its standard deviation; `--friction` if undetermined")
+    friction_prior_rad: Number = _column("rad", "standard deviation of the friction angle beforehand: `--friction`")
     evidence: Number = _column(
         "–",
-        "half the difference of the sums of squares of free and touched antenna; above 14 there is contact, without "
-        "one it is 1.5 to 2 on average",
+        "half the difference of the sums of squares of free and touched antenna; above 14 there is contact",
     )
-    condition: Number = _column(
-        "–", "condition number of the information on distance, force and friction, each scaled to unit deviation"
-    )
+    condition: Number = _column("–", "condition number of the information on distance, force and friction")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -226,20 +215,18 @@ class _Columns(_Common[Number, Flag, Text], Generic[Whole, Number, Flag, Text]):
 
     frame: Whole = _column("–", "number of the frame in the recording", MISSING)
     time_s: Number = _column("s", "from the recording", MISSING, digits=15)  # clocks that count from 1970 need them
-    force_y_N: Number = _column("N", "the object's force on the antenna along the antenna frame's y")
+    force_y_N: Number = _column("N", "the object's force on the antenna, along y of the antenna frame")
     force_y_std_N: Number = _column("N", "its standard deviation")
-    force_z_N: Number = _column("N", "the object's force on the antenna along the antenna frame's z")
+    force_z_N: Number = _column("N", "the object's force on the antenna, along z of the antenna frame")
     force_z_std_N: Number = _column("N", "its standard deviation")
     deflection_y_m: Number = _column("m", "contact point less the same point of the free antenna, along y")
     deflection_z_m: Number = _column("m", "the same along z")
     reason: Text = _column("–", "the status and the choice of the model in words", "")
-    bias_std: Number = _column(
-        "–", "predicted bias of `model`, in standard deviations of what it moves most; by default not in the numbers"
-    )
+    bias_std: Number = _column("–", "predicted bias of `model` in standard deviations; by default not in the numbers")
     pan_rad: Number = _column("rad", "joint angle, from the recording")
     tilt_rad: Number = _column("rad", "joint angle, from the recording")
-    contact: Whole = _column("–", "which of the frame's contacts: 0; 1 and more where others give several", 0)
-    antenna: Text = _column("–", "its name, in recordings of several antennas or of clamps that move", "")
+    contact: Whole = _column("–", "which of the frame's contacts, from 0", 0)
+    antenna: Text = _column("–", "name of the antenna, where there are several or clamps move", "")
     clamp_world_m: np.ndarray = _vector("m", "where its clamp is, world frame", "clamp_X_m clamp_Y_m clamp_Z_m")
     clamp_angle_rad: Number = _column("rad", "where it points: its angle from the rig's x axis in plane C")
 
@@ -362,6 +349,7 @@ class Measured:
     outside_points : number of points that were left out because they lie outside the picture.
     sigma_factor : by which `sigma_px` was widened, as the recording's points scatter more than was stated.
     covariance_shape : (N, 2, 2) covariances of the points over sigma_px²; None: the same in every direction.
+    others : what further cameras of the rig saw of the same frame, by name; only points and end of theirs count.
     """
 
     points_px: np.ndarray
@@ -382,6 +370,12 @@ class Measured:
     outside_points: int = 0
     sigma_factor: float = 1.0
     covariance_shape: np.ndarray | None = None
+    others: Mapping[str, Measured] = field(default_factory=dict)
+
+    def of_camera(self, name: str) -> Measured:
+        """What a further camera saw: nothing, if it is not among the others."""
+        nothing: dict[str, Any] = {"points_px": np.empty((0, 2)), "sigma_px": np.empty(0), "tip_px": np.full(3, np.nan)}
+        return self.others[name] if name in self.others else replace(self, **nothing, covariance_shape=None, others={})
 
     @staticmethod
     def on_plane(

@@ -32,7 +32,6 @@ TAKES = {
     "--jobs": int,
     "--distance": float,
 }
-TABLE = Path(__file__).parents[2] / "docs" / "verbs.md"
 
 
 def options() -> dict[str, list[tuple[str, argparse.Action]]]:
@@ -62,12 +61,6 @@ def test_no_length_force_or_angle_in_other_than_si() -> None:
     assert degrees <= {"--tilt-std", "--gravity-angle", "--gravity-std"}
     small = {name for name, uses in options().items() if any(action.metavar in {"MM", "MN"} for _, action in uses)}
     assert all(name.endswith("-mm") for name in small)
-
-
-def test_the_table_has_what_several_verbs_share() -> None:
-    shared = {name for name, uses in options().items() if len({verb for verb, _ in uses}) > 1}
-    rows = {line.split("`")[1].split()[0] for line in TABLE.read_text().splitlines() if line.startswith("| `--")}
-    assert rows >= shared - {"--help"}
 
 
 def test_messages_of_calibration_name_options_that_its_verbs_have() -> None:

@@ -16,7 +16,7 @@ from vbaa_calib.core.arrays import as_floats, fixed, gate, of_shape, real_gravit
 from vbaa_calib.core.errors import InputError, Verdict, shown
 from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
-from vbaa_calib.geometry.independent_axes import is_covariance
+from vbaa_calib.geometry.independent_axes import independent_axes, is_covariance
 from vbaa_calib.session import DRIFTS, READINGS, Drift, MomentSensor, MovingClamp
 
 from .parts import (
@@ -58,6 +58,14 @@ def _named(name: str, one: tuple[Antenna, np.ndarray]) -> tuple[str, dict[str, A
     return name, antenna.to_dict(by_name.__getitem__) | {"parameters_std": std.tolist()}
 
 
+def _of_camera(data: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """rig.json of one of its `cameras` alone."""
+    return (
+        {key: value for key, value in data.items() if key != "cameras"} | data["cameras"][name] | {"camera_name": name}
+    )
+
+
+_OF_ALL_CAMERAS = ("antenna", "moment_sensor", "kinematics", "gravity_world_m_s2", "drift", "clamp", "antennas")
 _NEAREST_M = 1e-3  # what comes nearer to the camera's plane counts as not in front of it
 
 
@@ -94,6 +102,9 @@ class Rig:
     tip : where the antenna's visible end lies; None where that is not known.
     clamp : what is known of a clamp that moves and turns between frames; None for one that does not.
     antennas : by name, where several in the same picture differ; each in the place of `antenna` (`of_antenna`).
+    others : by name, rigs of further cameras that watch the same antenna; antenna, sensors, joints and drift are this
+        rig's. Once the antenna and its readings are known, errors of one camera say nothing about another's.
+    camera_name : of `camera`, among the others.
     verdict : what its calibration found, and whether it may be used.
 
     Raises InputError for other shapes, for what is no number, and for a matrix that is no covariance.
@@ -113,6 +124,8 @@ class Rig:
     clamp: MovingClamp | None = None
     antennas: NamedAntennas = field(default_factory=dict)
     verdict: Verdict = field(default_factory=Verdict)
+    others: Mapping[str, Rig] = field(default_factory=dict)
+    camera_name: str = "camera"
 
     def __post_init__(self) -> None:
         again, tip = "run vbaa calibrate again", self.tip
@@ -146,6 +159,68 @@ class Rig:
             raise InputError(f"gravity_world {error.args[0]}", remedy=error.args[1]) from None
         object.__setattr__(self, "covariance", fixed(covariance, covariance.shape, "joint.covariance"))
         object.__setattr__(self, "gravity_world_m_s2", gravity)
+        if self.others:
+            object.__setattr__(self, "others", self._others())
+
+    def _others(self) -> dict[str, Rig]:
+        """The further cameras' rigs, with what is the same for all. Raises InputError."""
+        same = {name: getattr(self, name) for name in _OF_ALL_CAMERAS}
+        others = {}
+        for name, rig in self.others.items():
+            if name == self.camera_name or rig.others:
+                raise InputError(f"two cameras are called {name}", where="cameras", remedy="give each its own name")
+            if rig.with_lens != self.with_lens or (rig.wrench_sensor is None) != (self.wrench_sensor is None):
+                remedy = "give it with the lens, and the sensors, of the first one"
+                raise InputError(f"the covariance of camera {name} is of other parameters", remedy=remedy)
+            tip = rig.tip if self.tip is not None else None
+            if tip is not None and self.tip is not None:
+                tip = replace(tip, offset_m=self.tip.offset_m)
+            kept = tip is rig.tip and all(getattr(rig, key) is each for key, each in same.items())
+            others[name] = rig if kept else replace(rig, **same, tip=tip, camera_name=name)
+            if self.tip is not None and tip is None:
+                raise InputError(f"camera {name} does not know the antenna's tip", remedy="run vbaa calibrate again")
+        return others
+
+    @property
+    def cameras(self) -> dict[str, Rig]:
+        """The rig of each camera by itself, by name; the first one's is this one's."""
+        return {self.camera_name: replace(self, others={}) if self.others else self, **self.others}
+
+    @property
+    def axes(self) -> np.ndarray:
+        """(Q, R) independent steps of unit deviation of `covariance_with_tip`; of further cameras, those that leave
+        the antenna and its readings alone come last."""
+        first = axes = independent_axes((replace(self, others={}) if self.others else self).covariance_with_tip)
+        pose, joint, lens = len(POSE_PARAMETERS), len(RIG_PARAMETERS), len(self.covariance)
+        shared = first[np.r_[pose:joint, lens : len(first)]]
+        for other in self.others.values():
+            alone, lens = independent_axes(other.covariance_with_tip), len(other.covariance)
+            own, known = alone[np.r_[:pose, joint:lens]], alone[np.r_[pose:joint, lens : len(alone)]]
+            unit = np.linalg.norm(known, axis=1, keepdims=True)
+            unit[unit == 0.0] = 1.0
+            back = np.linalg.pinv(known / unit, 1e-9)
+            left = np.linalg.qr((own - own @ back @ (known / unit)).T)[1].T
+            rows, columns = axes.shape
+            axes = np.pad(axes, ((0, len(own)), (0, left.shape[1])))
+            axes[rows:, : first.shape[1]], axes[rows:, columns:] = own @ back @ (shared / unit), left
+        return axes
+
+    def _split(self, count: int) -> list[np.ndarray]:
+        """Where each camera's own parameters stand among all Q, `count` for a vector or matrix of them; the first's by
+        itself if there are no more."""
+        pose, joint = len(POSE_PARAMETERS), len(RIG_PARAMETERS)
+        lens = len(self.camera.parameter_names)
+        lenses = [len(each.camera.parameter_names) for each in self.others.values()]
+        with_lens = count > joint + self._extra + sum(pose for _ in lenses)
+        first = joint + with_lens * lens + self._extra
+        places, at = [np.arange(first)], first
+        for own in lenses:
+            mine = np.arange(at, at := at + pose + with_lens * own)
+            extra = np.arange(first - self._extra, first)
+            places.append(np.concatenate([mine[:pose], np.arange(pose, joint), mine[pose:], extra]))
+        if at != count:
+            raise InputError(f"there are {count} numbers, the cameras' parameters are {at}", remedy="give all")
+        return places
 
     def __repr__(self) -> str:
         size = "x".join(map(str, self.camera.image_size))
@@ -198,6 +273,10 @@ class Rig:
     def with_covariance(self, covariance: np.ndarray) -> Rig:
         """With another joint covariance, (17 + P, 17 + P), or `covariance_with_tip`, (17 + P + W + 1, …)."""
         size = len(covariance) if covariance.ndim == 2 else 0
+        if self.others:
+            parts = [covariance[np.ix_(own, own)] for own in self._split(size)]
+            rigs = [rig.with_covariance(part) for rig, part in zip(self.cameras.values(), parts, strict=True)]
+            return replace(rigs[0], others=dict(zip(self.others, rigs[1:], strict=True)))
         if size < len(RIG_PARAMETERS) or covariance.shape != (size, size):
             raise InputError(f"covariance has shape {covariance.shape}", remedy="give (17 + P, 17 + P)")
         joint, tip, sensor = self._joint(size), self.tip, self.wrench_sensor
@@ -252,7 +331,10 @@ class Rig:
     @property
     def covariance_with_tip(self) -> np.ndarray:
         """(17 + P + W + 1, …) the joint covariance with the wrench sensor's parameters and the tip's offset as its last
-        ones; without these where None."""
+        ones, without these where None; and then pose and lens of each further camera."""
+        if self.others:
+            axes = self.axes
+            return np.asarray(axes @ axes.T)
         sensor = self.wrench_sensor
         covariance = self.covariance if sensor is None else sensor.joined(self.covariance)
         return covariance if self.tip is None else self.tip.beside(covariance)
@@ -264,6 +346,11 @@ class Rig:
             raise InputError(f"part is {part}", remedy="give a share, 0 or more")
         if part == 0.0 or not self.drift.of_rig:
             return self
+        if self.others:
+            return replace(
+                replace(self, others={}).drifted(part),
+                others={name: each.drifted(part) for name, each in self.others.items()},
+            )
         covariance = self._drift_covariance(self.drift.times(part))
         covariance[: len(self.covariance), : len(self.covariance)] += self.covariance
         drifted = self._with_joint(covariance)
@@ -294,6 +381,10 @@ class Rig:
     @gate
     def moved(self, step: np.ndarray) -> Rig:
         """With its parameters a step (17 + P,), or (17,), away, or one of all of `covariance_with_tip`; that stays."""
+        if self.others:
+            parts = self._split(len(step))
+            rigs = [rig.moved(step[own]) for rig, own in zip(self.cameras.values(), parts, strict=True)]
+            return replace(rigs[0], others=dict(zip(self.others, rigs[1:], strict=True)))
         tip, every, extra = self.tip, len(RIG_PARAMETERS) + len(self.camera.parameter_names), self._extra
         allowed = {len(RIG_PARAMETERS), every, every + extra, len(RIG_PARAMETERS) + extra}
         if step.ndim != 1 or len(step) not in allowed:
@@ -441,6 +532,8 @@ class Rig:
                 clamp=read.clamp,
                 antennas={name: (each.antenna(), each.parameters_std) for name, each in read.antennas.items()},
                 verdict=read.verdict,
+                others={name: Rig.from_dict(_of_camera(data, name), where) for name in read.cameras},
+                camera_name=read.camera_name,
             )
         except InputError as error:
             raise error if error.where else InputError(error.what, where=where, remedy=error.remedy) from None
@@ -454,7 +547,7 @@ class Rig:
         """The part of rig.json that describes the rig; the provenance is added by who writes it."""
         first, more = self.moment_sensor, self.wrench_sensor
         std = {"gain_std": self.std("moment_gain"), "offset_std_Nm": self.std("moment_offset_Nm")}
-        return {
+        whole = {
             "schema": SCHEMA,
             "camera": self.camera.to_dict(),
             "T_antenna_camera": self.T_antenna_camera.to_dict(),
@@ -473,3 +566,12 @@ class Rig:
             "verdict": self.verdict.to_dict(),
             "joint": {"parameters": list(self.parameter_names), "covariance": self.covariance.tolist()},
         }
+        if not self.others:
+            return whole
+        own = {name: replace(rig, verdict=self.verdict).to_dict() for name, rig in self.others.items()}
+        always = {"camera", "T_antenna_camera", "image", "joint"}
+        cameras = {
+            name: {key: value for key, value in rig.items() if key in always or value != whole.get(key)}
+            for name, rig in own.items()
+        }
+        return whole | {"camera_name": self.camera_name, "cameras": cameras}

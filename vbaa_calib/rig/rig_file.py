@@ -17,6 +17,7 @@ from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKine
 from .parts import SCHEMA, Antenna, AntennaImage
 from .wrench_sensor import WrenchSensor
 
+CameraName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
 _Side = Annotated[WholeNumber, Field(ge=1, le=100_000)]
 _Focal = Annotated[Number, Field(ge=1, le=1e7)]
 _Centre = Annotated[Number, Field(ge=-1e6, le=1e6)]
@@ -192,6 +193,11 @@ class RigFile(FileModel):
     antennas: Annotated[dict[str, _Antenna], Field(description="by name, where several in the same picture differ")] = (
         Field(default_factory=dict)
     )
+    camera_name: Annotated[CameraName, Field(description="of camera, among cameras")] = "camera"
+    cameras: Annotated[
+        dict[CameraName, dict[str, Any]],
+        Field(description="further ones by name: camera, T_antenna_camera, image, joint, and what else differs here"),
+    ] = Field(default_factory=dict)
     verdict: Verdict = Field(default_factory=Verdict, description="of the calibration: as bad as its worst finding")
     inputs_sha256: dict[str, str] | None = None
     versions: dict[str, Any] | None = None

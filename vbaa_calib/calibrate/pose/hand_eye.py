@@ -171,8 +171,8 @@ class HandEye:
             (used < _FEW_TO_JUDGE, f"{used} views hardly show which of them are wrong: ten to twenty are good"),
             (
                 abs(larger) > _SIGNIFICANT * by,
-                f"measured by the robot the board is {100 * larger:.2f} ± {100 * by:.2f} % larger than it is said "
-                "to be, and the camera's distance is off by as much: measure the print",
+                f"measured by the robot the board is {100 * larger:.2f} ± {100 * by:.2f} % larger than "
+                "described, and the camera's distance is off by as much: measure the print",
             ),
             (contradicted > _MANY * (used + contradicted), f"{contradicted} views contradict the others: look at them"),
         )

@@ -2,7 +2,9 @@
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 
+#include <algorithm>
 #include <string>
+#include <utility>
 
 #include "lens_bindings.hpp"
 #include "rod.hpp"
@@ -47,17 +49,27 @@ void read_copies(nb::handle object, const char* name, T& target, More&&... more)
     if constexpr (sizeof...(more) > 0) read_copies(object, more...);
 }
 
-Rig rig_of(nb::handle object, const lens::Lens& lens) {
+solver::Camera camera_of(nb::handle object, int pose_at, int lens_at) {
+    solver::Camera camera = {};
+    camera.pose_at = pose_at, camera.lens_at = lens_at;
+    camera.lens = nb::cast<const lens::Lens*>(object.attr("lens"));
+    read_numbers(object, "focal", camera.focal);
+    read_copies(object, "pose_lanes", camera.pose_lanes, "rotation", camera.rotation, "translation_m",
+                camera.translation_m, "to_camera", camera.to_camera, "eye_m", camera.eye_m);
+    camera.line = Array<double, 1>(attribute<const double, 1>(object, "line"));
+    return camera;
+}
+
+// `cameras` keeps the lenses.
+Rig rig_of(nb::handle object, const nb::tuple& cameras) {
     Rig rig = {};
-    rig.lens = &lens;
+    require(cameras.size() > 0, "a rig has a camera");
     read_numbers(object, "length_m", rig.length_m, "radius_m", rig.radius_m, "friction_rad", rig.friction_rad,
                  "force_unit_N", rig.force_unit_N, "unit_load", rig.unit_load, "tip_offset_m", rig.tip_offset_m,
-                 "stiffness_Nm2", rig.stiffness_Nm2, "focal", rig.focal, "with_tip", rig.with_tip, "with_wrench", rig.with_wrench, "with_lens",
-                 rig.with_lens, "readings", rig.readings);
-    read_copies(object, "antenna_parameters", rig.antenna_parameters, "antenna_steps", rig.antenna_steps, "pose_lanes",
-                rig.pose_lanes, "by_pose_step", rig.by_pose_step, "rotation", rig.rotation, "translation_m",
-                rig.translation_m, "std", rig.std, "by_wrench", rig.by_wrench, "to_camera", rig.to_camera, "eye_m",
-                rig.eye_m);
+                 "stiffness_Nm2", rig.stiffness_Nm2, "with_tip", rig.with_tip, "with_wrench", rig.with_wrench,
+                 "with_lens", rig.with_lens, "readings", rig.readings);
+    read_copies(object, "antenna_parameters", rig.antenna_parameters, "antenna_steps", rig.antenna_steps,
+                "by_pose_step", rig.by_pose_step, "std", rig.std, "by_wrench", rig.by_wrench);
     require(rig.readings == solver::USUAL_READINGS || rig.readings == solver::READINGS, "readings must be 3 or 7");
     rig.by_sensor = Array<double, 3>(attribute<const double, 3>(object, "by_sensor"));
     require(rig.by_sensor.shape[0] >= solver::OF_MOMENT && rig.by_sensor.shape[1] == solver::READINGS &&
@@ -66,13 +78,23 @@ Rig rig_of(nb::handle object, const lens::Lens& lens) {
     rig.taper = read_taper(attribute<const double, 2>(object, "taper"));
     rig.unit_deflection = solver::unit_deflections(rig.taper);
     const ConstMatrix axes = attribute<const double, 2>(object, "axes");
-    const int parameters = solver::POSES + solver::ANTENNA + 2 + (rig.with_lens ? lens.parameters() : 0);
-    require(axes.shape[0] == parameters + rig.with_tip + rig.sensor_parameters(),
-            "axes are not those of the rig's parameters");
+    // the first camera's pose, antenna, sensor, the first lens, more of the sensor, tip; then each further camera
+    int parameters = 0;
+    const auto next = [&](int count) { return std::exchange(parameters, parameters + count); };
+    for (nb::handle each : cameras) {
+        const bool first = rig.cameras.empty();
+        const int pose_at = next(first ? solver::POSES + solver::ANTENNA + solver::OF_MOMENT : solver::POSES);
+        rig.cameras.push_back(camera_of(each, pose_at, parameters));
+        if (rig.with_lens) next(rig.cameras.back().lens->parameters());
+        require(rig.cameras.back().line.size() == rig.cameras[0].line.size(), "cameras' lines have other errors");
+        if (!first) continue;
+        rig.more_at = next(rig.by_sensor.shape[0] - solver::OF_MOMENT);
+        rig.tip_at = next(rig.with_tip);
+    }
+    require(axes.shape[0] == parameters, "axes are not those of the rig's parameters");
     rig.shared = axes.shape[1];
     rig.axes = Array<double, 2>(axes.shape[0], whole_lanes(rig.shared));
     for (int q = 0; q < axes.shape[0]; ++q) std::copy_n(axes.row(q).data, rig.shared, rig.axes.row(q).data);
-    rig.line = Array<double, 1>(attribute<const double, 1>(object, "line"));
     return rig;
 }
 
@@ -82,6 +104,14 @@ Frames frames_of(const Rig& rig, nb::handle object) {
     const int count = frames.size(), points = frames.usable.shape[1];
     read(object, std::array{count, points, 2}, "points", frames.points);
     read(object, std::array{count, points, 3}, "covariance", frames.covariance);
+    read(object, std::array{count, points}, "camera", frames.camera);
+    read(object, std::array{count}, "tip_camera", frames.tip_camera);
+    const auto of_rig = [&](std::int64_t camera) {
+        return 0 <= camera && camera < static_cast<int>(rig.cameras.size());
+    };
+    require(std::all_of(frames.camera.begin(), frames.camera.end(), of_rig) &&
+                std::all_of(frames.tip_camera.begin(), frames.tip_camera.end(), of_rig),
+            "no such camera");
     read(object, std::array{count, 2}, "tip", frames.tip);
     read(object, std::array{count, rig.readings}, "reading", frames.reading, "available", frames.available);
     read(object, std::array{count, 3}, "tip_covariance", frames.tip_covariance, "gravity_m_s2", frames.gravity_m_s2);
@@ -184,7 +214,13 @@ auto edge_on(const Rig& rig, InMatrix unknowns) {
     require(unknowns.shape(1) >= 3, "unknowns must be (B, 3) or more");
     auto angles = room<double>(unknowns.shape(0));
     const ConstMatrix at = view(unknowns);
-    for (int b = 0; b < at.shape[0]; ++b) angles.data()[b] = solver::angle_edge_on(rig, at.row(b).data);
+    for (int b = 0; b < at.shape[0]; ++b) {
+        double most = 0.0;
+        for (const solver::Camera& camera : rig.cameras) {
+            most = std::max(most, solver::angle_edge_on(rig, camera, at.row(b).data));
+        }
+        angles.data()[b] = most;
+    }
     return angles;
 }
 
@@ -227,9 +263,11 @@ auto accelerations(InVector time_s, InCube points, InMatrix sigma, Numpy<const s
 
 void bind_solver(nb::module_& module) {
     auto room = module.def_submodule("solver", "The fit of frames: contacts with uncertainty and other minima.");
-    nb::class_<Rig>(room, "Rig", "What is known before a frame is seen, made of `RigArrays.fields` and its lens.")
+    nb::class_<Rig>(room, "Rig",
+                    "What is known before a frame is seen, made of `RigArrays.core`'s fields and its cameras.")
         .def(
-            "__init__", [](Rig* at, nb::handle fields, const lens::Lens& lens) { new (at) Rig(rig_of(fields, lens)); },
+            "__init__",
+            [](Rig* at, nb::handle fields, const nb::tuple& cameras) { new (at) Rig(rig_of(fields, cameras)); },
             nb::keep_alive<1, 3>());
     room.def("solve", &solve, "Fits frames from `begin` to `end` on a rung, −1: the highest, into `FitNumbers`.");
     room.def("rough", &rough, "Rough minima (B, 4) on a low rung and the antennas' nodes there (B, M, 3).");

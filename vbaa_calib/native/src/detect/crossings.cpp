@@ -113,7 +113,7 @@ Crossings crossings(const Picture& picture, ConstMatrix path_px, int half, doubl
         found.stretch[n] = 1.0 / std::max(std::abs(normal(k, axis)), 0.5);
         const double slant = normal(k, crossed);
         found.bow[n] = -0.5 * found.side[n] * bend[k] * slant * slant;
-        found.slant[n] = (path(k + 1, axis) - path(k, axis)) / SPACING_PX;
+        found.slant[n] = path(k + 1, axis) < path(k, axis) ? -std::abs(slant) : std::abs(slant);
         const double middle = std::rint(found.points(n, axis)), off = found.points(n, axis) - middle;
         for (int t = 0; t < length; ++t) across(n, t) = t - half - off;
         first(n, crossed) = pixel(line[k]);
@@ -158,13 +158,15 @@ void distances(const Crossings& found, int n, double centre, Vector across) {
 
 void in_width(Crossings& found, int n, double width, double growth) {
     found.stretch[n] *= width;
-    found.bow[n] = found.bow[n] / width - growth * found.slant[n] / found.stretch[n];
+    found.bow[n] /= width;
+    // what doubles within a pixel is no line
+    if (std::abs(growth) < 1.0) found.bow[n] -= growth * found.slant[n] / found.stretch[n];
 }
 
 Crossings tapered(const Crossings& found, double part) {
     Crossings wider = found;
     const Array<double, 1> share = shares(found);
-    const double length = std::max(found.along[share.size() - 1], 1e-6);
+    const double length = length_px(found);
     for (int n = 0; n < share.size(); ++n) {
         const double width = 1.0 + part * (share[n] - 0.5);
         in_width(wider, n, width, part / (length * width));

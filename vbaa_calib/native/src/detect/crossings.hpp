@@ -31,6 +31,11 @@ Crossings crossings(const Picture& picture, ConstMatrix path_px, int half, doubl
 // Every so many of the crossings.
 Crossings every(const Crossings& found, int step);
 
+// Distance along the path to the last crossing, at least 1 px.
+inline double length_px(const Crossings& found) {
+    return found.along.size() ? std::max(found.along[found.along.size() - 1], 1.0) : 1.0;
+}
+
 // (N,) how far along the path the crossings lie, as fractions of the last one's distance.
 Array<double, 1> shares(const Crossings& found);
 

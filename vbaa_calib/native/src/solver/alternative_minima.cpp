@@ -29,12 +29,33 @@ constexpr int APART = 6, FIRST = 5, GO_ON = 3, MORE = 15;
 // Moments that differ by fewer σ do not distinguish a contact from its mirror image.
 constexpr double DISTINGUISHABLE = 5.0;
 
-// The part of a force along the line of sight.
-double along_sight(const Rig& rig, const Unknowns& unknowns) {
-    return unknowns[1] * rig.to_camera[0] + unknowns[2] * rig.to_camera[1];
+// Whether another camera's picture distinguishes a contact from its mirror image, as a reading does: where the two are
+// farthest apart.
+bool camera_distinguishes(const Rig& rig, const Frame& frame, const Fit& fit, double along) {
+    if (rig.cameras.size() == 1 || frame.count == 0) return false;
+    const Array<double, 2> image = point_jacobian(rig, fit);
+    const double twice = 2.0 * along * rig.unit_load * rig.length_m;
+    const auto& to_camera = rig.cameras[frame.seen_by].to_camera;
+    double largest = 0.0;
+    for (int i = 0; i < fit.points; ++i) {
+        const int clamp = frame.clamp[i], j = fit.node[i];
+        if (clamp == frame.seen_by * NODES) continue;
+        const double place = arclength_of_node(fit, rig.length_m, j - clamp) / rig.length_m;
+        const double across = to_camera[0] * image(0, j) + to_camera[1] * image(1, j);
+        const double change = twice * across * antenna::deflection(rig.taper, place, fit.unknowns[0]);
+        double variance = 1.0 / fit.precision[i];
+        for (int k = UNKNOWNS; k < fit.size; ++k) variance += fit.columns(j, k) * fit.columns(j, k);
+        largest = std::max(largest, change * change / variance);
+    }
+    return largest > DISTINGUISHABLE * DISTINGUISHABLE;
 }
 
 }  // namespace
+
+double along_sight(const Rig& rig, const Frame& frame, const Unknowns& unknowns) {
+    const auto& to_camera = rig.cameras[frame.seen_by].to_camera;
+    return unknowns[1] * to_camera[0] + unknowns[2] * to_camera[1];
+}
 
 bool rough_minimum(const Rig& rig, const Few& few, const Unknowns& start, bool with_feet, Fit& rough) {
     few.work.most = few.work.evaluations + MOST_EVALUATIONS;
@@ -62,7 +83,7 @@ bool different(const Unknowns& first, const Unknowns& second) {
     return std::abs(first[0] - second[0]) > SAME_DISTANCE || gap > SAME_FORCE * std::hypot(first[1], first[2]);
 }
 
-double most_distance(const Rig& rig, const Frame& frame, const Fit& fit, int every, const double (&shift)[NODES]) {
+double most_distance(const Rig& rig, const Frame& frame, const Fit& fit, int every, ConstVector shift) {
     const int count = (frame.count + every - 1) / every;
     std::vector<double> size(count);
     for (int k = 0; k < count; ++k) {
@@ -71,7 +92,7 @@ double most_distance(const Rig& rig, const Frame& frame, const Fit& fit, int eve
         const double across = fit.distance[i] - shift[node] - fit.share[i] * (shift[node + 1] - shift[node]);
         double along = 0.0;
         if (!(0.0 < foot && foot < rig.length_m)) {
-            const int end = foot <= 0.0 ? 0 : LAST;
+            const int end = frame.clamp[i] + (foot <= 0.0 ? 0 : LAST);
             along = (frame.u()[i] - fit.u[end]) * fit.normal_v[end] - (frame.v()[i] - fit.v[end]) * fit.normal_u[end];
         }
         size[k] = std::hypot(across, along);
@@ -80,25 +101,31 @@ double most_distance(const Rig& rig, const Frame& frame, const Fit& fit, int eve
 }
 
 double beyond_reach(const Rig& rig, const Frame& frame) {
-    const double x = rig.translation_m[0], y = rig.translation_m[1], z = rig.translation_m[2];
     std::vector<double> further(frame.count);
+    double away = 1.0;
     for (int i = 0; i < frame.count; ++i) {
+        const auto& [x, y, z] = rig.cameras[frame.clamp[i] / NODES].translation_m;
         const double u = frame.u()[i], v = frame.v()[i], a = y - z * v, b = z * u - x, c = x * v - y * u;
+        away = std::sqrt(x * x + y * y + z * z);
         further[i] = std::sqrt((a * a + b * b + c * c) / (1.0 + u * u + v * v)) - rig.length_m;
     }
     const int last = frame.count - 1 - static_cast<int>(BEYOND * frame.count);
-    return nth_smallest(further, last) / std::sqrt(x * x + y * y + z * z);
+    return nth_smallest(further, last) / away;
 }
 
 LargestError largest_error(const Rig& rig, const Fit& free, int every) {
     const int count = (free.points + every - 1) / every;
-    double square = 0.0, noise = 0.0;
-    for (int j = 0; j < NODES; ++j) {
-        for (int k = UNKNOWNS; k < free.size; ++k) square += free.columns(j, k) * free.columns(j, k);
+    double square = 0.0, noise = 0.0, depth = free.depth[CONTACT];
+    for (int clamp = 0; clamp < free.nodes; clamp += NODES) {
+        double own = 0.0;
+        for (int j = clamp; j < clamp + NODES; ++j) {
+            for (int k = UNKNOWNS; k < free.size; ++k) own += free.columns(j, k) * free.columns(j, k);
+        }
+        square = std::max(square, own), depth = std::min(depth, free.depth[clamp + CONTACT]);
     }
     for (int k = 0; k < count; ++k) noise += 1.0 / std::sqrt(free.precision[k * every]);
     noise /= count;
-    const double of_length = OF_LENGTH * rig.length_m / free.depth[CONTACT];
+    const double of_length = OF_LENGTH * rig.length_m / depth;
     const double far = std::max(std::max(of_length, OF_NOISE * noise), OF_RIG * std::sqrt(square / NODES));
     return {far, far / noise};
 }
@@ -107,8 +134,8 @@ double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unkn
                      Unknowns& nearest) {
     constexpr int COUNT = 2 + GRID / APART;
     constexpr double NEVER = std::numeric_limits<double>::infinity();
-    const double unmoved[NODES] = {};
     Work work(exact, frame.count);
+    const Array<double, 1> unmoved(exact.nodes());
     Fit& fit = work.best;
     std::array<Unknowns, COUNT> starts = {start, {start[0], 0.0, 0.0, 0.0}};  // the second is the free antenna
     for (int k = 2; k < COUNT; ++k) {
@@ -136,13 +163,15 @@ double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unkn
 }
 
 bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit) {
-    const double along = along_sight(rig, fit.unknowns);
+    const double along = along_sight(rig, frame, fit.unknowns);
+    if (camera_distinguishes(rig, frame, fit, along)) return false;
+    const auto& to_camera = rig.cameras[frame.seen_by].to_camera;
     const double distance_m = rig.length_m * fit.unknowns[0];
     for (int reading = 0; reading < rig.readings; ++reading) {
         if (reading == END) continue;
         double response = 0.0;
         for (int axis = 0; axis < 2; ++axis) {
-            response += rig.force_unit_N * by_force(rig, reading, axis, distance_m) * rig.to_camera[axis];
+            response += rig.force_unit_N * by_force(rig, reading, axis, distance_m) * to_camera[axis];
         }
         double variance = 1.0;  // noise and calibration
         for (int k = UNKNOWNS; k < fit.size; ++k) {
@@ -157,10 +186,11 @@ bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit) {
 void try_mirrors(const Rig& rig, const Frame& frame, const Few& few, int rung, Unknowns unknowns, Fit& best,
                  Alternative& other, Work& work) {
     Fit& rough = few.work.other;
-    const double along = along_sight(rig, unknowns), sway = tip_deflection(rig, unknowns[0]);
+    const auto& to_camera = rig.cameras[frame.seen_by].to_camera;
+    const double along = along_sight(rig, frame, unknowns), sway = tip_deflection(rig, unknowns[0]);
     const auto try_along = [&](double part) {
         Unknowns start = unknowns;
-        for (int axis = 0; axis < 2; ++axis) start[1 + axis] += part * rig.to_camera[axis];
+        for (int axis = 0; axis < 2; ++axis) start[1 + axis] += part * to_camera[axis];
         const bool known = rough_minimum(rig, few, start, false, rough);
         if (known && !different(best.unknowns, rough.unknowns)) return;
         try_start(rig, frame, rung, known ? rough.unknowns : start, known ? &rough : nullptr, best, other, work);

@@ -31,7 +31,7 @@ bool different(const Unknowns& first, const Unknowns& second);
 
 // Distance, in the ideal picture, that most of every n-th point have at least from the fit's curve, which is displaced
 // along its normals (M,); beyond its ends from them.
-double most_distance(const Rig& rig, const Frame& frame, const Fit& fit, int every, const double (&shift)[NODES]);
+double most_distance(const Rig& rig, const Frame& frame, const Fit& fit, int every, ConstVector shift);
 
 // How much further from the clamp than the antenna is long the rays of many of the points pass it at least, in the
 // ideal picture.
@@ -53,7 +53,10 @@ LargestError largest_error(const Rig& rig, const Fit& free, int every);
 double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unknowns& start, LargestError error,
                      Unknowns& nearest);
 
-// Whether the moments do not distinguish the contact from its mirror image.
+// The part of a force along the line of sight of the first camera that sees anything.
+double along_sight(const Rig& rig, const Frame& frame, const Unknowns& unknowns);
+
+// Whether neither moments nor another camera distinguish the contact from its mirror image.
 //
 // The mirror is the plane through the antenna's x axis across the line of sight: small deflections before and behind
 // it look alike, but for perspective.

@@ -194,8 +194,8 @@ double scatter_of(const Rig& rig, const Frame& frame, const Fit& fit) {
     const auto square = [&](int i) {
         double along = 0.0;
         if (!(fit.foot_m[i] < rig.length_m)) {
-            along =
-                (frame.u()[i] - fit.u[LAST]) * fit.normal_v[LAST] - (frame.v()[i] - fit.v[LAST]) * fit.normal_u[LAST];
+            const int tip = frame.clamp[i] + LAST;
+            along = (frame.u()[i] - fit.u[tip]) * fit.normal_v[tip] - (frame.v()[i] - fit.v[tip]) * fit.normal_u[tip];
         }
         return (fit.distance[i] * fit.distance[i] + along * along) * fit.precision[i];
     };

@@ -11,8 +11,8 @@ Work::Work(const Rig& rig, int points)
       found(free),
       other(free),
       kept(free),
-      shift{},
-      product(NODES, free.side.size()),
+      shift(free.nodes),
+      product(free.nodes, free.side.size()),
       factor(free.side.size(), free.side.size()),
       scale(free.side.size()),
       step(free.side.size()) {}

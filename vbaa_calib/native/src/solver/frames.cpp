@@ -18,10 +18,12 @@ template <class Row>
 void put_points(Frame& frame, int count, Row&& row_of) {
     frame.count = count;
     frame.points = Array<double, 2>(5, whole_lanes(count));
+    frame.clamp = Array<int, 1>(whole_lanes(count));
     for (int i = 0; i < frame.points.shape[1] && count; ++i) {
-        const std::array<double, 5> row = row_of(std::min(i, count - 1));
+        const std::array<double, 5> row = row_of(std::min(i, count - 1), frame.clamp[i]);
         for (int k = 0; k < 5; ++k) frame.points(k, i) = row[k];
     }
+    frame.seen_by = count ? frame.clamp[0] / NODES : 0;
 }
 
 }  // namespace
@@ -34,13 +36,15 @@ Frame frame_of(const Frames& frames, int index) {
         if (usable[i] > 0.0) rows.push_back(i);
     }
     Frame frame = {};
-    put_points(frame, static_cast<int>(rows.size()), [&](int i) -> std::array<double, 5> {
+    put_points(frame, static_cast<int>(rows.size()), [&](int i, int& clamp) -> std::array<double, 5> {
+        clamp = static_cast<int>(frames.camera(index, rows[i])) * NODES;
         const double *point = &frames.points(index, rows[i], 0), *spread = &frames.covariance(index, rows[i], 0);
         return {point[0], point[1], spread[0], spread[1], spread[2]};
     });
     std::copy_n(frames.reading.row(index).data, frames.reading.shape[1], frame.reading);
     std::copy_n(frames.tip.row(index).data, 2, frame.tip);
     std::copy_n(frames.tip_covariance.row(index).data, 3, frame.tip_covariance);
+    frame.tip_clamp = static_cast<int>(frames.tip_camera[index]) * NODES;
     std::copy_n(frames.available.row(index).data, frames.available.shape[1], frame.available);
     std::copy_n(frames.gravity_m_s2.row(index).data, 3, frame.gravity_m_s2);
     return frame;
@@ -49,9 +53,10 @@ Frame frame_of(const Frames& frames, int index) {
 Thinned thinned(const Frame& frame, int most) {
     const int every = std::max(frame.count / most, 1);
     Thinned few = {frame, every};
-    put_points(few.frame, (frame.count + every - 1) / every, [&](int i) -> std::array<double, 5> {
+    put_points(few.frame, (frame.count + every - 1) / every, [&](int i, int& clamp) -> std::array<double, 5> {
         const ConstMatrix points = frame.points;
         const int at = i * every;
+        clamp = frame.clamp[at];
         return {points(0, at), points(1, at), points(2, at), points(3, at), points(4, at)};
     });
     return few;

@@ -1,14 +1,18 @@
 // Many frames' data as they come from Python, and one of them as the fit takes it.
 #pragma once
 
+#include <cstdint>
+
 #include "solver/structs.hpp"
 
 namespace vbaa::solver {
 
 // B frames of N points at most, see `Frames` in Python.
 struct Frames {
-    ConstCube points, covariance;  // (B, N, 2) in the ideal picture, (B, N, 3) xx, xy, yy
-    ConstMatrix usable;            // (B, N) 1 for a point, 0 for what is missing
+    ConstCube points, covariance;            // (B, N, 2) in the ideal picture, (B, N, 3) xx, xy, yy
+    ConstMatrix usable;                      // (B, N) 1 for a point, 0 for what is missing
+    View<const std::int64_t, 2> camera;      // (B, N) that sees each point, in their order
+    View<const std::int64_t, 1> tip_camera;  // (B,)
     ConstMatrix reading, tip, tip_covariance, available,
         gravity_m_s2;  // (B, readings), (B, 2), (B, 3), (B, readings), (B, 3)
 

@@ -20,8 +20,8 @@ static_assert(RESULTS <= LANES);
 struct Changes {
     Array<double, 2> shift, reading, touch;
 
-    explicit Changes(int count)
-        : shift(NODES, whole_lanes(count)), reading(READINGS, whole_lanes(count)), touch(6, whole_lanes(count)) {}
+    Changes(int nodes, int count)
+        : shift(nodes, whole_lanes(count)), reading(READINGS, whole_lanes(count)), touch(6, whole_lanes(count)) {}
 };
 
 // The rig's likeliest steps at the fit's unknowns; what lies in the flat part of the Huber loss gets no weight.
@@ -55,13 +55,13 @@ Array<double, 2> responses(const Rig& rig, const Fit& fit, bool at_tip, Work& wo
 
 // Derivatives (7, C) of the results by quantities that the prediction changes with.
 void by_changes(const Fit& fit, ConstMatrix response, const Changes& changes, Matrix found) {
-    Array<double, 2> weighted(NODES, changes.shift.shape[1]);
+    Array<double, 2> weighted(fit.nodes, changes.shift.shape[1]);
     times_tridiagonal(fit, changes.shift, weighted);
     for (int c = 0; c < found.shape[1]; ++c) {
         Lanes total = {};
         for (int a = 0; a < fit.size; ++a) {
             double pull = 0.0;
-            for (int j = 0; j < NODES; ++j) pull += fit.columns(j, a) * weighted(j, c);
+            for (int j = 0; j < fit.nodes; ++j) pull += fit.columns(j, a) * weighted(j, c);
             for (int k = 0; k < fit.readings; ++k) pull += fit.reading_columns(k, a) * changes.reading(k, c);
             total -= pull * load(response.row(a).data);
         }
@@ -71,11 +71,11 @@ void by_changes(const Fit& fit, ConstMatrix response, const Changes& changes, Ma
 
 // By the ideal points (7, N, 2), zeros for missing ones.
 void by_points(const Fit& fit, ConstMatrix response, ConstVector usable, Cube found) {
-    double along[NODES][LANES];
-    for (int j = 0; j < NODES; ++j) {
+    Array<double, 2> along(fit.nodes, LANES);
+    for (int j = 0; j < fit.nodes; ++j) {
         Lanes total = {};
         for (int a = 0; a < fit.size; ++a) total += fit.columns(j, a) * load(response.row(a).data);
-        store(along[j], total);
+        store(&along(j, 0), total);
     }
     const double by_scatter = 1.0 / (fit.scatter * fit.scatter);
     int i = 0;
@@ -88,7 +88,7 @@ void by_points(const Fit& fit, ConstMatrix response, ConstVector usable, Cube fo
         const double v = fit.normal_v[node] + share * (fit.normal_v[node + 1] - fit.normal_v[node]);
         const double scale = weight / std::hypot(u, v);
         for (int q = 0; q < RESULTS; ++q) {
-            const double pull = (along[node][q] + share * (along[node + 1][q] - along[node][q])) * scale;
+            const double pull = (along(node, q) + share * (along(node + 1, q) - along(node, q))) * scale;
             found(q, row, 0) = pull * u;
             found(q, row, 1) = pull * v;
         }
@@ -99,8 +99,8 @@ void by_points(const Fit& fit, ConstMatrix response, ConstVector usable, Cube fo
 // What the rig's parameters change.
 Changes changes_by_rig(const Rig& rig, const Frame& frame, const Bent& bent) {
     const int count = rig.axes.shape[0];
-    Changes changes(count);
-    for (int j = 0; j < NODES; ++j) std::copy_n(bent.raw.row(j).data, count, changes.shift.row(j).data);
+    Changes changes(rig.nodes(), count);
+    for (int j = 0; j < rig.nodes(); ++j) std::copy_n(bent.raw.row(j).data, count, changes.shift.row(j).data);
     for (int k = 0; k < rig.readings; ++k) {
         for (int q = 0; q < count; ++q) changes.reading(k, q) = bent.raw_readings(k, q) * frame.available[k];
     }
@@ -110,7 +110,7 @@ Changes changes_by_rig(const Rig& rig, const Frame& frame, const Bent& bent) {
 
 // What gravity along each axis of the antenna frame changes.
 Changes changes_by_gravity(const Rig& rig, const Frame& frame, int rung, const Fit& fit, Bent& bent) {
-    Changes changes(3);
+    Changes changes(fit.nodes, 3);
     const TipAxis end = fitted_tip_axis(rig, frame, fit);
     Frame moved = frame;
     for (int axis = 0; axis < 3; ++axis) {
@@ -119,8 +119,8 @@ Changes changes_by_gravity(const Rig& rig, const Frame& frame, int rung, const F
             moved.gravity_m_s2[axis] = frame.gravity_m_s2[axis] + sign * GRAVITY_STEP;
             lay(rig, bent, fit.unknowns);
             bend_and_see(rig, moved, rung, bent, false);
-            for (int j = 0; j < NODES; ++j) {
-                const double u = bent.u[j][0] - fit.u[j], v = bent.v[j][0] - fit.v[j];
+            for (int j = 0; j < fit.nodes; ++j) {
+                const double u = bent.u(j, 0) - fit.u[j], v = bent.v(j, 0) - fit.v[j];
                 changes.shift(j, axis) += scale * (u * fit.normal_u[j] + v * fit.normal_v[j]);
             }
             const ClampWrench wrench = clamp_wrench(rig, moved, bent, 0);
@@ -128,7 +128,8 @@ Changes changes_by_gravity(const Rig& rig, const Frame& frame, int rung, const F
                 if (k != END)
                     changes.reading(k, axis) += scale * read_by(rig.by_wrench[k], wrench) * frame.available[k];
             }
-            const double u = bent.u[LAST][0] - fit.u[LAST], v = bent.v[LAST][0] - fit.v[LAST];
+            const int tip = frame.tip_clamp + LAST;
+            const double u = bent.u(tip, 0) - fit.u[tip], v = bent.v(tip, 0) - fit.v[tip];
             changes.reading(END, axis) += scale * (u * end.u + v * end.v) * frame.available[END];
             for (int k = 0; k < 3; ++k) {
                 changes.touch(k, axis) += scale * bent.points_m[k][CONTACT][0];

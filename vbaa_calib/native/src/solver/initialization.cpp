@@ -26,9 +26,7 @@ double grid_distance(int g) { return NEAREST + (1.0 - NEAREST) * g / (GRID - 1);
 
 // Weighted sums of every n-th point over the nodes, into the fit's.
 void weighted_sums(Fit& free, int every, const Array<double, 1>& weights) {
-    std::fill_n(free.diagonal, NODES, 0.0);
-    std::fill_n(free.off_diagonal, NODES, 0.0);
-    std::fill_n(free.pull, NODES, 0.0);
+    for (Array<double, 1>* each : {&free.diagonal, &free.off_diagonal, &free.pull}) fill(each->view(), 0.0);
     for (int k = 0, i = 0; k < weights.size(); ++k, i += every) {
         const int node = free.node[i];
         const double share = free.share[i], weight = weights[k];
@@ -68,13 +66,14 @@ void cross(const Rig& rig, const Fit& free, Grid& grid, ConstMatrix product, int
             }
         }
     }
-    for (int j = 0; j < NODES; ++j) {
+    const double *image_y = &grid.image(0, 0), *image_z = &grid.image(1, 0);
+    for (int j = 0; j < free.nodes; ++j) {
+        const double* bent_there = bent_by + j % NODES * GRID;
         for (int c = 0; c < COUNT; ++c) {
             rest[c] += free.columns(j, a + c) * free.pull[j];
-            const double along = product(j, a + c), along_y = along * grid.image[0][j],
-                         along_z = along * grid.image[1][j];
+            const double along = product(j, a + c), along_y = along * image_y[j], along_z = along * image_z[j];
             for (int k = 0; k < vectors; ++k) {
-                const Lanes bent = load(bent_by + j * GRID + k * LANES);
+                const Lanes bent = load(bent_there + k * LANES);
                 y[c][k] += along_y * bent;
                 z[c][k] += along_z * bent;
             }
@@ -107,7 +106,7 @@ void best_force(const Rig& rig, Grid& grid, int g, const ForceSums& sums, int la
 
 // The best forces at all distances, and the costs that they explain.
 void every_force(const Rig& rig, const Fit& free, Grid& grid) {
-    const auto &image_y = grid.image[0], &image_z = grid.image[1];
+    const double *image_y = &grid.image(0, 0), *image_z = &grid.image(1, 0);
     const double* bent_by = rig.unit_deflection.begin();
     for (int first = 0; first < GRID; first += LANES) {
         // a force along y acts about z, and one along z about y
@@ -122,22 +121,25 @@ void every_force(const Rig& rig, const Fit& free, Grid& grid) {
             sums.y += free.residual[reading] * by_y;
             sums.z += free.residual[reading] * by_z;
         }
-        Lanes bent = load(bent_by + first);
-        for (int j = 0; j < NODES; ++j) {
-            const double y = image_y[j], z = image_z[j];
-            const Lanes own = free.diagonal[j] * bent * bent, pull = free.pull[j] * bent;
-            sums.y += y * pull;
-            sums.z += z * pull;
-            sums.yy += y * y * own;
-            sums.yz += y * z * own;
-            sums.zz += z * z * own;
-            if (j == LAST) break;
-            const double next_y = image_y[j + 1], next_z = image_z[j + 1];
-            const Lanes next = load(bent_by + (j + 1) * GRID + first), mixed = free.off_diagonal[j] * bent * next;
-            sums.yy += 2.0 * y * next_y * mixed;
-            sums.zz += 2.0 * z * next_z * mixed;
-            sums.yz += (y * next_z + next_y * z) * mixed;
-            bent = next;
+        for (int clamp = 0; clamp < free.nodes; clamp += NODES) {
+            Lanes bent = load(bent_by + first);
+            for (int k = 0; k < NODES; ++k) {
+                const int j = clamp + k;
+                const double y = image_y[j], z = image_z[j];
+                const Lanes own = free.diagonal[j] * bent * bent, pull = free.pull[j] * bent;
+                sums.y += y * pull;
+                sums.z += z * pull;
+                sums.yy += y * y * own;
+                sums.yz += y * z * own;
+                sums.zz += z * z * own;
+                if (k == LAST) break;
+                const double next_y = image_y[j + 1], next_z = image_z[j + 1];
+                const Lanes next = load(bent_by + (k + 1) * GRID + first), mixed = free.off_diagonal[j] * bent * next;
+                sums.yy += 2.0 * y * next_y * mixed;
+                sums.zz += 2.0 * z * next_z * mixed;
+                sums.yz += (y * next_z + next_y * z) * mixed;
+                bent = next;
+            }
         }
         for (int a = 0; a < grid.crossed.shape[0]; ++a) {
             const double *row = &grid.crossed(a, 0), rest = row[REST];
@@ -227,11 +229,9 @@ Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, int every, Work&
     grid.best_steps = Array<double, 1>(free.steps.size());
     grid.weight = Array<double, 1>(count);
     grid.crossed = Array<double, 2>(free.steps.size(), REST + LANES);
-    point_jacobian(rig, free, grid.image);
+    grid.image = point_jacobian(rig, free);
     const double unit = rig.unit_load * rig.length_m;
-    for (auto& image : grid.image) {
-        for (double& displacement : image) displacement *= unit;
-    }
+    for (double& displacement : grid.image.view()) displacement *= unit;
     for (int g = 0; g < GRID; ++g) {
         grid.distance[g] = grid_distance(g);
         const double moment = grid.distance[g] * rig.force_unit_N * rig.length_m;
@@ -250,12 +250,13 @@ Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, int every, Work&
         const int best = best_forces(rig, free, every, grid, work);
         // displacement by the best force and the rig's steps that go with it
         shift_by_steps(free, UNKNOWNS, grid.best_steps.begin(), grid.best_steps.size(), work.shift);
-        for (int j = 0; j < NODES; ++j) {
+        for (int j = 0; j < free.nodes; ++j) {
             const auto& force = grid.force[best];
-            work.shift[j] += (force[0] * grid.image[0][j] + force[1] * grid.image[1][j]) * rig.unit_deflection(j, best);
+            work.shift[j] +=
+                (force[0] * grid.image(0, j) + force[1] * grid.image(1, j)) * rig.unit_deflection(j % NODES, best);
         }
         for (int k = 0, i = 0; k < count; ++k, i += every) {
-            const double *shift = work.shift + free.node[i], precision = free.precision[i];
+            const double *shift = work.shift.begin() + free.node[i], precision = free.precision[i];
             const double off = free.distance[i] - shift[0] - free.share[i] * (shift[1] - shift[0]);
             grid.weight[k] = precision * huber_weight(off * std::sqrt(precision));
         }

@@ -81,7 +81,9 @@ class Room {
     bool fits(const Rig& rig, int points) const {
         const Fit& fit = work->best;
         const Array<double, 2>& axes = work->bent.axes;
-        if (fit.points != points || fit.size != UNKNOWNS + rig.steps() || fit.readings != rig.readings) return false;
+        if (fit.points != points || fit.nodes != rig.nodes() || fit.size != UNKNOWNS + rig.steps() ||
+            fit.readings != rig.readings)
+            return false;
         if (axes.shape[0] != rig.axes.shape[0] || axes.shape[1] != whole_lanes(UNKNOWNS + rig.shared)) return false;
         for (int q = 0; q < axes.shape[0]; ++q) {
             const double* own = rig.axes.row(q).begin();
@@ -168,10 +170,12 @@ bool is_significant(const Unknowns& unknowns, const Uncertainty& found) {
 void near_feet(const Search& search, Fit& fit) {
     fit.foot_m = search.work.free.foot_m;
     const Array<double, 1>&rough_m = search.rough[0]->foot_m, &free_m = search.work.free.foot_m;
+    const Array<int, 1>& picture = search.some.frame.clamp;
     const int every = search.some.every, last = search.some.frame.count - 1;
     const auto shift = [&](int k) { return rough_m[k] - free_m[k * every]; };
     for (int i = 0; i < fit.points; ++i) {
-        const int k = std::min(i / every, last), next = std::min(k + 1, last);
+        const int k = std::min(i / every, last);
+        const int next = k < last && picture[k + 1] == picture[k] ? k + 1 : k;
         const double part = (i - k * every) / static_cast<double>(every), here = shift(k);
         fit.foot_m[i] += here + (next > k ? part * (shift(next) - here) : 0.0);
     }
@@ -272,7 +276,7 @@ void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model
         findings.evidence = contact_evidence(rig, rung, work.best, problem, work);
     }
     findings.other.cost -= unscaled_cost(rig, work.best);
-    findings.left_px = rig.focal * left;
+    findings.left_px = rig.cameras[frame.seen_by].focal * left;
     write_numbers(rig, frame, found, findings, pieces_m, numbers, row, work);
 }
 

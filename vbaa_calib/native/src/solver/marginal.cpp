@@ -24,17 +24,14 @@ struct Slice {
     double covariance[UNKNOWNS][UNKNOWNS], touch[6], touch_covariance[6][6];
 };
 
-double along_sight(const Rig& rig, const Unknowns& unknowns) {
-    return unknowns[1] * rig.to_camera[0] + unknowns[2] * rig.to_camera[1];
-}
-
 // Adds what fixes the force along the line of sight, and pulls it to a value; gives its weight.
-double fix(const Rig& rig, double along, Fit& fit) {
+double fix(const Rig& rig, const Frame& frame, double along, Fit& fit) {
     const double weight = settings.fixed_weight * (fit.information(1, 1) + fit.information(2, 2));
-    const double pull = weight * (along - along_sight(rig, fit.unknowns));
+    const double pull = weight * (along - along_sight(rig, frame, fit.unknowns));
+    const auto& to_camera = rig.cameras[frame.seen_by].to_camera;
     for (int a = 0; a < 2; ++a) {
-        fit.side[1 + a] += pull * rig.to_camera[a];
-        for (int b = 0; b < 2; ++b) fit.information(1 + a, 1 + b) += weight * rig.to_camera[a] * rig.to_camera[b];
+        fit.side[1 + a] += pull * to_camera[a];
+        for (int b = 0; b < 2; ++b) fit.information(1 + a, 1 + b) += weight * to_camera[a] * to_camera[b];
     }
     return weight;
 }
@@ -55,24 +52,24 @@ void fixed_step(const Fit& fit, Work& work) {
 bool reach(const Rig& rig, const Frame& frame, int rung, double along, double tolerance, Fit& fit, Work& work) {
     for (int round = 0; round < settings.most_rounds; ++round) {
         const double before = fit.cost;
-        fix(rig, along, fit);
+        fix(rig, frame, along, fit);
         fixed_step(fit, work);
         fit.unknowns = moved_unknowns(rig, fit.unknowns, work.step.begin());
         for (int k = 0; k < fit.steps.size(); ++k) fit.steps[k] += work.step[UNKNOWNS + k];
         evaluate(rig, frame, rung, fit, work);
         if (!std::isfinite(fit.cost) || !(std::abs(fit.unknowns[3]) < LARGEST_FRICTION)) return false;
-        const bool there = std::abs(along - along_sight(rig, fit.unknowns)) < tolerance;
+        const bool there = std::abs(along - along_sight(rig, frame, fit.unknowns)) < tolerance;
         if (there && std::abs(fit.cost - before) < settings.cost_change) break;
     }
     return true;
 }
 
 // Laplace's approximation about a fit: density of the force along the line of sight, moments of all else.
-Slice slice_of(const Rig& rig, Fit& fit, Work& work) {
+Slice slice_of(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
     Slice slice;
     const int size = fit.size;
-    slice.along = along_sight(rig, fit.unknowns);
-    const double weight = fix(rig, slice.along, fit);
+    slice.along = along_sight(rig, frame, fit.unknowns);
+    const double weight = fix(rig, frame, slice.along, fit);
     fixed_step(fit, work);
     double promise = 0.0;
     for (int k = 0; k < size; ++k) promise += fit.side[k] * work.step[k];
@@ -122,7 +119,7 @@ void sweep(const Rig& rig, const Frame& frame, int rung, const Fit& start, const
         if (!((target - along) * step > 0.0)) return;
         kept = fit;
         if (!reach(rig, frame, rung, target, settings.off_place * std::abs(step), fit, work)) return;
-        const Slice slice = slice_of(rig, fit, work);
+        const Slice slice = slice_of(rig, frame, fit, work);
         if (!std::isfinite(slice.log_density)) return;
         const double change = std::abs(slice.log_density - last);
         if (change > settings.coarse && halvings < settings.most_halvings) {
@@ -150,7 +147,7 @@ void sweep_about(const Rig& rig, const Frame& frame, int rung, const Fit& start,
                  std::vector<Slice>& slices, Work& work) {
     work.other = start;
     evaluate(rig, frame, rung, work.other, work);
-    const Slice middle = slice_of(rig, work.other, work);
+    const Slice middle = slice_of(rig, frame, work.other, work);
     if (!std::isfinite(middle.log_density)) return;
     slices.push_back(middle);
     for (double side : {1.0, -1.0}) sweep(rig, frame, rung, start, middle, side * step, slices, work);
@@ -199,7 +196,8 @@ void widen(ConstVector mean, ConstVector values, Matrix covariance) {
 
 void marginalise(const Rig& rig, const Frame& frame, int rung, Fit& best, const Alternative& other, Uncertainty& found,
                  Marginal& marginal, Work& work) {
-    const double e_y = rig.to_camera[0], e_z = rig.to_camera[1], sway = tip_deflection(rig, best.unknowns[0]);
+    const auto& [e_y, e_z] = rig.cameras[frame.seen_by].to_camera;
+    const double sway = tip_deflection(rig, best.unknowns[0]);
     const double variance = e_y * e_y * found.covariance[1][1] + 2.0 * e_y * e_z * found.covariance[1][2] +
                             e_z * e_z * found.covariance[2][2];
     double step = settings.first_step_deflection / sway;
@@ -212,7 +210,7 @@ void marginalise(const Rig& rig, const Frame& frame, int rung, Fit& best, const 
     if (slices.size() < 3) return;
     const auto [low, high] = std::minmax_element(slices.begin(), slices.end(),
                                                  [](const Slice& a, const Slice& b) { return a.along < b.along; });
-    const double there = along_sight(rig, other.unknowns);
+    const double there = along_sight(rig, frame, other.unknowns);
     if (std::isfinite(other.cost) && !(low->along < there && there < high->along)) {
         start.unknowns = other.unknowns;
         evaluate(rig, frame, rung, start, work);
@@ -258,7 +256,7 @@ void marginalise(const Rig& rig, const Frame& frame, int rung, Fit& best, const 
     if (best.at_tip) covariance[0][0] += back * back, mean[0] = TIP;
     marginal.known = true;
     work.other = best;
-    fix(rig, along_sight(rig, best.unknowns), work.other);
+    fix(rig, frame, along_sight(rig, frame, best.unknowns), work.other);
     uncertainty(work.other, found, work);
     std::copy_n(found.covariance[0], UNKNOWNS * UNKNOWNS, marginal.fixed[0]);
     std::copy_n(covariance[0], UNKNOWNS * UNKNOWNS, found.covariance[0]);

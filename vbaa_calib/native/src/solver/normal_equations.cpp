@@ -33,11 +33,11 @@ double huber_loss(double residual) {
 }
 
 // Take a displacement (M,) of the curve out of the points' distances.
-void take_out(Fit& fit, const double (&shift)[NODES]) {
+void take_out(Fit& fit, ConstVector shift) {
     double* distance = fit.distance.begin();
     for (int i = 0; i < fit.points; i += LANES) {
         const int* node = fit.node.begin() + i;
-        const Lanes before = gather(shift, node), after = gather(shift + 1, node);
+        const Lanes before = gather(shift.data, node), after = gather(shift.data + 1, node);
         store(distance + i, load(distance + i) - before - load(fit.share.begin() + i) * (after - before));
     }
 }
@@ -60,8 +60,12 @@ template <int COUNT>
 void pull_along(Fit& fit, int first) {
     Lanes totals[COUNT];
     for (Lanes& total : totals) total = spread(0.0);
-    for (int j = 0; j < NODES; ++j) {
-        for (int c = 0; c < COUNT; ++c) totals[c] += fit.pull[j] * load(&fit.columns(j, first + c * LANES));
+    for (int clamp = 0; clamp < fit.nodes; clamp += NODES) {
+        for (int j = 0; j < NODES; ++j) {
+            for (int c = 0; c < COUNT; ++c) {
+                totals[c] += fit.pull[clamp + j] * load(&fit.columns(clamp + j, first + c * LANES));
+            }
+        }
     }
     for (int c = 0; c < COUNT; ++c) store(&fit.side[first + c * LANES], totals[c]);
 }
@@ -85,8 +89,12 @@ void nearest_feet(const Rig& rig, const Frame& frame, Fit& fit) {
     for (int j = 0; j < NODES; j += EVERY) at_node[j] = arclength_of_node(fit, rig.length_m, j);
     for (int i = 0; i < fit.points; i += LANES) {
         Lanes best = spread(std::numeric_limits<double>::infinity()), foot_m = spread(at_node[0]);
+        const int* clamp = frame.clamp.begin() + i;
+        const bool one = clamp[0] == clamp[LANES - 1];  // picture for all
         for (int j = 0; j < NODES; j += EVERY) {
-            const Lanes off_u = load(u + i) - fit.u[j], off_v = load(v + i) - fit.v[j];
+            const Lanes there_u = one ? spread(fit.u[clamp[0] + j]) : gather(fit.u.begin() + j, clamp);
+            const Lanes there_v = one ? spread(fit.v[clamp[0] + j]) : gather(fit.v.begin() + j, clamp);
+            const Lanes off_u = load(u + i) - there_u, off_v = load(v + i) - there_v;
             const Lanes square = off_u * off_u + off_v * off_v, nearer = best - square;
             best = where_positive(nearer, square, best);
             foot_m = where_positive(nearer, at_node[j], foot_m);
@@ -97,15 +105,19 @@ void nearest_feet(const Rig& rig, const Frame& frame, Fit& fit) {
 }
 
 void feet_along_chord(const Rig& rig, const Frame& frame, Fit& fit) {
-    const double start_u = fit.u[0], start_v = fit.v[0], chord_u = fit.u[LAST] - start_u,
-                 chord_v = fit.v[LAST] - start_v;
-    const double by_square = 1.0 / (chord_u * chord_u + chord_v * chord_v);
-    const double near = fit.depth[0], far = fit.depth[LAST];
     const double *u = frame.u(), *v = frame.v();
-    for (int i = 0; i < fit.foot_m.size(); ++i) {
-        const double along = ((u[i] - start_u) * chord_u + (v[i] - start_v) * chord_v) * by_square;
-        const double seen = std::min(std::max(along, 0.0), 1.0);
-        fit.foot_m[i] = seen * near / (far - (far - near) * seen) * rig.length_m;
+    for (int i = 0, end = 0; i < fit.foot_m.size(); i = end) {
+        const int clamp = frame.clamp[i], tip = clamp + LAST;
+        const double start_u = fit.u[clamp], start_v = fit.v[clamp];
+        const double chord_u = fit.u[tip] - start_u, chord_v = fit.v[tip] - start_v;
+        const double by_square = 1.0 / (chord_u * chord_u + chord_v * chord_v);
+        const double near = fit.depth[clamp], far = fit.depth[tip];
+        while (end < fit.foot_m.size() && frame.clamp[end] == clamp) ++end;
+        for (int k = i; k < end; ++k) {
+            const double along = ((u[k] - start_u) * chord_u + (v[k] - start_v) * chord_v) * by_square;
+            const double seen = std::min(std::max(along, 0.0), 1.0);
+            fit.foot_m[k] = seen * near / (far - (far - near) * seen) * rig.length_m;
+        }
     }
 }
 
@@ -117,6 +129,7 @@ void point_residuals(const Rig& rig, const Frame& frame, Fit& fit) {
     const double *u = frame.u(), *v = frame.v(), *xx = frame.xx(), *xy = frame.xy(), *yy = frame.yy();
     double *feet = fit.foot_m.begin(), *shares = fit.share.begin();
     double *distances = fit.distance.begin(), *precisions = fit.precision.begin();
+    const double* cubics = fit.cubics.begin();
     int* nodes = fit.node.begin();
     for (int i = 0; i < fit.points; i += LANES) {
         const Lanes foot = load(feet + i), beyond = where_positive(foot - contact, foot - contact, 0.0);
@@ -126,7 +139,10 @@ void point_residuals(const Rig& rig, const Frame& frame, Fit& fit) {
         const Lanes before = truncated(where_positive(within - end, end, within), nodes + i), share = along - before;
         store(shares + i, share);
         Lanes cubic[8];
-        for (int lane = 0; lane < LANES; ++lane) cubic[lane] = load(fit.cubics[nodes[i + lane]]);
+        for (int lane = 0; lane < LANES; ++lane) {
+            nodes[i + lane] += frame.clamp[i + lane];
+            cubic[lane] = load(cubics + 8 * nodes[i + lane]);
+        }
         transpose(cubic);
         const Lanes rise_u = cubic[3] * share, rise_v = cubic[7] * share, bend_u = cubic[2], bend_v = cubic[6];
         const Lanes off_u = load(u + i) - (((rise_u + bend_u) * share + cubic[1]) * share + cubic[0]);
@@ -149,8 +165,8 @@ void point_residuals(const Rig& rig, const Frame& frame, Fit& fit) {
     for (int i = fit.points; i < fit.distance.size(); ++i) distances[i] = precisions[i] = 0.0;
 }
 
-void shift_by_steps(const Fit& fit, int first, const double* steps, int count, double (&shift)[NODES]) {
-    for (int j = 0; j < NODES; ++j) {
+void shift_by_steps(const Fit& fit, int first, const double* steps, int count, Vector shift) {
+    for (int j = 0; j < fit.nodes; ++j) {
         const double* row = &fit.columns(j, first);
         double total = 0.0;
         for (int k = 0; k < count; ++k) total += row[k] * steps[k];
@@ -158,7 +174,7 @@ void shift_by_steps(const Fit& fit, int first, const double* steps, int count, d
     }
 }
 
-void residuals_with_rig(Fit& fit, double (&shift)[NODES]) {
+void residuals_with_rig(Fit& fit, Vector shift) {
     std::copy_n(fit.predicted_residual, READINGS, fit.residual);
     const int count = fit.steps.size();
     if (count == 0) return;
@@ -171,7 +187,7 @@ void residuals_with_rig(Fit& fit, double (&shift)[NODES]) {
     }
 }
 
-void step_linearly(Fit& fit, const double* step, double (&shift)[NODES]) {
+void step_linearly(Fit& fit, const double* step, Vector shift) {
     shift_by_steps(fit, 0, step, fit.size, shift);
     take_out(fit, shift);
     for (int k = 0; k < fit.size; ++k) {
@@ -186,9 +202,7 @@ void step_linearly(Fit& fit, const double* step, double (&shift)[NODES]) {
 }
 
 double points_cost(Fit& fit) {
-    std::fill_n(fit.diagonal, NODES, 0.0);
-    std::fill_n(fit.off_diagonal, NODES, 0.0);
-    std::fill_n(fit.pull, NODES, 0.0);
+    for (Array<double, 1>* each : {&fit.diagonal, &fit.off_diagonal, &fit.pull}) fill(each->view(), 0.0);
     const double by_scatter = 1.0 / fit.scatter, square = by_scatter * by_scatter;
     Lanes costs = spread(0.0);
     Sums sums;  // written when the next node comes
@@ -222,16 +236,17 @@ double points_cost(Fit& fit) {
 }
 
 void times_tridiagonal(const Fit& fit, ConstMatrix columns, Matrix product) {
-    const double *diagonal = fit.diagonal, *off_diagonal = fit.off_diagonal;
+    const double *diagonal = fit.diagonal.begin(), *off_diagonal = fit.off_diagonal.begin();
+    const int last = fit.nodes - 1;  // between two pictures the off-diagonal is 0
     for (int first = 0; first < columns.shape[1]; first += LANES) {
         Lanes before = spread(0.0), here = load(&columns(0, first));
         double by_before = 0.0;
-        for (int j = 0; j < LAST; ++j) {
+        for (int j = 0; j < last; ++j) {
             const Lanes after = load(&columns(j + 1, first));
             store(&product(j, first), by_before * before + diagonal[j] * here + off_diagonal[j] * after);
             before = here, here = after, by_before = off_diagonal[j];
         }
-        store(&product(LAST, first), by_before * before + diagonal[LAST] * here);
+        store(&product(last, first), by_before * before + diagonal[last] * here);
     }
 }
 

@@ -24,13 +24,13 @@ void feet_along_chord(const Rig& rig, const Frame& frame, Fit& fit);
 void point_residuals(const Rig& rig, const Frame& frame, Fit& fit);
 
 // Displacement (M,) by `count` steps of the columns from `first` on.
-void shift_by_steps(const Fit& fit, int first, const double* steps, int count, double (&shift)[NODES]);
+void shift_by_steps(const Fit& fit, int first, const double* steps, int count, Vector shift);
 
 // Take the rig's steps out of the residuals. `shift` is scratch room.
-void residuals_with_rig(Fit& fit, double (&shift)[NODES]);
+void residuals_with_rig(Fit& fit, Vector shift);
 
 // Residuals, contact point and force after a small step (K,), by the fit's columns.
-void step_linearly(Fit& fit, const double* step, double (&shift)[NODES]);
+void step_linearly(Fit& fit, const double* step, Vector shift);
 
 // Robust cost of the points, whose weighted sums over the nodes are renewed.
 double points_cost(Fit& fit);

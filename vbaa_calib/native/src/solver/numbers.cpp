@@ -97,16 +97,22 @@ void write_drift(const Rig& rig, const Fit& fit, const Numbers& numbers, int row
         for (int k = 0; k < rig.shared; ++k) total += columns[UNKNOWNS + k] * fit.steps[k];
         return total;
     };
-    double square = 0.0, most = 0.0;
-    for (int j = 0; j < NODES; ++j) {
-        const double shift = moved(fit.columns.row(j).data);
-        square += shift * shift;
+    double most = 0.0, farthest_px = 0.0;
+    int clamp = 0;
+    for (const Camera& camera : rig.cameras) {
+        double square = 0.0;
+        for (int j = clamp; j < clamp + NODES; ++j) {
+            const double shift = moved(fit.columns.row(j).data);
+            square += shift * shift;
+        }
+        farthest_px = std::max(farthest_px, camera.focal * std::sqrt(square / NODES));
+        clamp += NODES;
     }
     for (int reading = 0; reading < fit.readings; ++reading) {
         if (reading == END) continue;
         most = std::max(most, std::abs(moved(fit.reading_columns.row(reading).data)));
     }
-    numbers.drift_px[row] = rig.focal * std::sqrt(square / NODES);
+    numbers.drift_px[row] = farthest_px;
     numbers.drift_readings[row] = most;
 }
 
@@ -137,16 +143,16 @@ void write_push(const Rig& rig, const Frame& frame, const Fit& fit, ConstVector 
                 const Numbers& numbers, int row, Work& work) {
     constexpr int FORCES = 2 * PIECES;
     const double width = rig.length_m / PIECES, unit = rig.unit_load / rig.force_unit_N * rig.length_m * width;
-    double bent[NODES][PIECES], force_N[PIECES], lever[PIECES];
-    double columns[NODES][FORCES], weighted[NODES][FORCES], readings[READINGS][FORCES];
+    double bent[NODES][PIECES], force_N[PIECES], lever[PIECES], readings[READINGS][FORCES];
+    Array<double, 2> columns(fit.nodes, FORCES), weighted(fit.nodes, FORCES);
     for (int g = 0; g < PIECES; ++g) force_N[g] = width, lever[g] = pieces_m[g] * width;
     for (int j = 0; j < NODES; ++j) {
         const double at = arclength_of_node(fit, rig.length_m, j) / rig.length_m;
         for (int g = 0; g < PIECES; ++g)
             bent[j][g] = unit * antenna::deflection(rig.taper, at, pieces_m[g] / rig.length_m);
     }
-    force_columns(rig, frame, fit, view(bent), view(force_N), view(lever), view(columns), view(readings));
-    times_tridiagonal(fit, view(columns), view(weighted));
+    force_columns(rig, frame, fit, view(bent), view(force_N), view(lever), columns, view(readings));
+    times_tridiagonal(fit, columns, weighted);
     factorise(fit.information, 0, fit.size, 0.0, work.factor, work.scale);
     // of each pull only the distance's answer is wanted: the first row of the inverse
     fill(work.step.view(), 0.0);
@@ -158,7 +164,7 @@ void write_push(const Rig& rig, const Frame& frame, const Fit& fit, ConstVector 
         for (int a = 0; a < fit.size; ++a) response += work.step[a] * columns_there[a];
         for (int k = 0; k < FORCES; ++k) moved[k] += weight * response * pulls[k];
     };
-    for (int j = 0; j < NODES; ++j) add(fit.columns.row(j).data, 1.0, weighted[j]);
+    for (int j = 0; j < fit.nodes; ++j) add(fit.columns.row(j).data, 1.0, weighted.row(j).data);
     for (int k = 0; k < fit.readings; ++k)
         add(fit.reading_columns.row(k).data, huber_weight(fit.residual[k]), readings[k]);
     for (int k = 0; k < FORCES; ++k) numbers.push(row, k / 2, k % 2) = moved[k] / distance_std;
@@ -266,7 +272,12 @@ void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found,
     std::copy_n(findings.bias, REFERENCE + 1, numbers.bias.row(row).data);
     numbers.farthest[row] = std::sqrt(largest);
     numbers.outliers[row] = 0;
-    numbers.edge_on_rad[row] = angle_edge_on(rig, unknowns.data());
+    numbers.edge_on_rad[row] = angle_edge_on(rig, rig.cameras[frame.seen_by], unknowns.data());
+    for (int i = 1; i < frame.count; ++i) {
+        if (frame.clamp[i] == frame.clamp[i - 1]) continue;
+        const double angle = angle_edge_on(rig, rig.cameras[frame.clamp[i] / NODES], unknowns.data());
+        numbers.edge_on_rad[row] = std::max(numbers.edge_on_rad[row], angle);
+    }
     numbers.rung[row] = findings.needed;
     numbers.left_px[row] = findings.left_px;
     if (pieces_m.size()) {
@@ -279,8 +290,8 @@ void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found,
     }
 }
 
-double angle_edge_on(const Rig& rig, const double* unknowns) {
-    const double x = rig.eye_m[0] - unknowns[0] * rig.length_m, y = rig.eye_m[1], z = rig.eye_m[2];
+double angle_edge_on(const Rig& rig, const Camera& camera, const double* unknowns) {
+    const double x = camera.eye_m[0] - unknowns[0] * rig.length_m, y = camera.eye_m[1], z = camera.eye_m[2];
     const double roll = std::atan2(unknowns[2], unknowns[1]);
     const double height = std::cos(roll) * z - std::sin(roll) * y;
     return std::atan2(std::abs(height), std::sqrt(std::max(x * x + y * y + z * z - height * height, 0.0)));

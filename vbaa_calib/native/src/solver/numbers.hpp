@@ -48,6 +48,6 @@ void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found,
 
 // Angle between the deformation plane and the ray from the camera's centre to the contact, rad.
 // At 0 the camera's centre lies in that plane and the antenna looks straight however it bends.
-double angle_edge_on(const Rig& rig, const double* unknowns);
+double angle_edge_on(const Rig& rig, const Camera& camera, const double* unknowns);
 
 }  // namespace vbaa::solver

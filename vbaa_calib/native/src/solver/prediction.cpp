@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "lens.hpp"
 #include "shapes.hpp"
@@ -14,61 +15,77 @@ constexpr double STEP = 1e-4;              // finite difference of each unknown
 constexpr double BEFORE_TIP = 1.0 - 1e-6;  // in antenna lengths: the last two nodes stay apart
 
 // By how much the middle between a round antenna's edges lies off its axis: they are tangent to rays from the camera.
-void off_axis(const Rig& rig, const Fit& fit, const double* slope_u, const double* slope_v, double* u, double* v) {
-    const double inner = fit.contact_m / CONTACT, outer = (rig.length_m - fit.contact_m) / NODES_BEYOND;
+void off_axis(const Rig& rig, double contact_m, const double* depth, const double* slope_u, const double* slope_v,
+              double* u, double* v) {
+    const double inner = contact_m / CONTACT, outer = (rig.length_m - contact_m) / NODES_BEYOND;
     for (int j = 0; j < NODES; ++j) {
-        const double arc_m = j < CONTACT ? j * inner : fit.contact_m + (j - CONTACT) * outer;
-        const double radius = rig.radius_m / fit.depth[j];
+        const double arc_m = j < CONTACT ? j * inner : contact_m + (j - CONTACT) * outer;
+        const double radius = rig.radius_m / depth[j];
         const double size = rig.taper ? antenna::weight_at(rig.taper, arc_m / rig.length_m) : 1.0;
         // of the plane through the camera and the tangent
-        const double normal[3] = {slope_v[j], -slope_u[j], fit.v[j] * slope_u[j] - fit.u[j] * slope_v[j]};
+        const double normal[3] = {slope_v[j], -slope_u[j], v[j] * slope_u[j] - u[j] * slope_v[j]};
         const double square = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
         const double off = size * radius * radius * normal[2] / std::max(square, 1e-30);
-        u[j] = fit.u[j] + off * (fit.u[j] * normal[2] - normal[0]);
-        v[j] = fit.v[j] + off * (fit.v[j] * normal[2] - normal[1]);
+        const double by_u = u[j] * normal[2] - normal[0], by_v = v[j] * normal[2] - normal[1];
+        u[j] += off * by_u, v[j] += off * by_v;
     }
 }
 
-// The first lane's picture: nodes, normals, and the cubics between them.
-void curve(const Rig& rig, const Bent& bent, Fit& fit) {
-    fit.contact_m = std::min(fit.unknowns[0], BEFORE_TIP) * rig.length_m;
+// One camera's picture of the first lane from its first node on: nodes, normals, and the cubics between them.
+void curve(const Rig& rig, const Camera& camera, const Bent& bent, int clamp, Fit& fit) {
     const double inner = fit.contact_m / CONTACT, outer = (rig.length_m - fit.contact_m) / NODES_BEYOND;
-    const auto& turn = rig.rotation;
-    double slope_u[NODES], slope_v[NODES], u[NODES], v[NODES];
+    const auto& turn = camera.rotation;
+    double u[NODES], v[NODES], depth[NODES], normal_u[NODES], normal_v[NODES], slope_u[NODES], slope_v[NODES];
     for (int j = 0; j < NODES; ++j) {
-        for (int axis = 0; axis < 3; ++axis) fit.points_m[axis][j] = bent.points_m[axis][j][0];
-        fit.u[j] = bent.u[j][0], fit.v[j] = bent.v[j][0], fit.depth[j] = bent.depth[j][0];
+        u[j] = bent.u(clamp + j, 0), v[j] = bent.v(clamp + j, 0), depth[j] = bent.depth(clamp + j, 0);
     }
     for (int j = 0; j < NODES; ++j) {
         const double x = bent.tangents[0][j], y = bent.tangents[1][j], z = bent.tangents[2][j];
-        fit.tangents[0][j] = x, fit.tangents[1][j] = y, fit.tangents[2][j] = z;
-        const double ahead = turn[2][0] * x + turn[2][1] * y + turn[2][2] * z, by_depth = 1.0 / fit.depth[j];
-        slope_u[j] = (turn[0][0] * x + turn[0][1] * y + turn[0][2] * z - fit.u[j] * ahead) * by_depth;
-        slope_v[j] = (turn[1][0] * x + turn[1][1] * y + turn[1][2] * z - fit.v[j] * ahead) * by_depth;
+        const double ahead = turn[2][0] * x + turn[2][1] * y + turn[2][2] * z, by_depth = 1.0 / depth[j];
+        slope_u[j] = (turn[0][0] * x + turn[0][1] * y + turn[0][2] * z - u[j] * ahead) * by_depth;
+        slope_v[j] = (turn[1][0] * x + turn[1][1] * y + turn[1][2] * z - v[j] * ahead) * by_depth;
         const double size = std::sqrt(slope_u[j] * slope_u[j] + slope_v[j] * slope_v[j]);
         const double by_size = 1.0 / std::max(size, 1e-30);
-        fit.normal_u[j] = -slope_v[j] * by_size, fit.normal_v[j] = slope_u[j] * by_size;
+        normal_u[j] = -slope_v[j] * by_size, normal_v[j] = slope_u[j] * by_size;
     }
-    off_axis(rig, fit, slope_u, slope_v, u, v);
     const auto cubic = [](double start, double end, double leave, double arrive, double* coefficients) {
         const double gap = end - start;
         coefficients[0] = start, coefficients[1] = leave;
         coefficients[2] = 3.0 * gap - 2.0 * leave - arrive, coefficients[3] = leave + arrive - 2.0 * gap;
     };
+    std::copy_n(u, NODES, &fit.u[clamp]);
+    std::copy_n(v, NODES, &fit.v[clamp]);
+    std::copy_n(depth, NODES, &fit.depth[clamp]);
+    std::copy_n(normal_u, NODES, &fit.normal_u[clamp]);
+    std::copy_n(normal_v, NODES, &fit.normal_v[clamp]);
+    off_axis(rig, fit.contact_m, depth, slope_u, slope_v, u, v);
+    double* cubics = &fit.cubics(clamp, 0);
     for (int j = 0; j < LAST; ++j) {
         const double width = j < CONTACT ? inner : outer;
-        cubic(u[j], u[j + 1], slope_u[j] * width, slope_u[j + 1] * width, fit.cubics[j]);
-        cubic(v[j], v[j + 1], slope_v[j] * width, slope_v[j + 1] * width, fit.cubics[j] + 4);
+        cubic(u[j], u[j + 1], slope_u[j] * width, slope_u[j + 1] * width, cubics + 8 * j);
+        cubic(v[j], v[j + 1], slope_v[j] * width, slope_v[j + 1] * width, cubics + 8 * j + 4);
     }
-    std::copy_n(fit.cubics[LAST - 1], 8, fit.cubics[LAST]);
+    std::copy_n(cubics + 8 * (LAST - 1), 8, cubics + 8 * LAST);
+}
+
+// The first lane's antenna and its pictures.
+void curves(const Rig& rig, const Bent& bent, Fit& fit) {
+    fit.contact_m = std::min(fit.unknowns[0], BEFORE_TIP) * rig.length_m;
+    for (int axis = 0; axis < 3; ++axis) {
+        for (int j = 0; j < NODES; ++j) fit.points_m[axis][j] = bent.points_m[axis][j][0];
+        std::copy_n(bent.tangents[axis], NODES, fit.tangents[axis]);
+    }
+    int clamp = 0;
+    for (const Camera& camera : rig.cameras) curve(rig, camera, bent, std::exchange(clamp, clamp + NODES), fit);
 }
 
 // Displacements along the normals, of the lanes that were moved.
 void by_unknowns(const Bent& bent, Fit& fit, int free) {
     const Lanes by_step = load(bent.by_step);
-    for (int j = 0; j < NODES; ++j) {
-        const Lanes moved = (load(bent.u[j]) - bent.u[j][0]) * (by_step * fit.normal_u[j]) +
-                            (load(bent.v[j]) - bent.v[j][0]) * (by_step * fit.normal_v[j]);
+    for (int j = 0; j < fit.nodes; ++j) {
+        const double *u = &bent.u(j, 0), *v = &bent.v(j, 0);
+        const Lanes moved =
+            (load(u) - u[0]) * (by_step * fit.normal_u[j]) + (load(v) - v[0]) * (by_step * fit.normal_v[j]);
         for (int k = 0; k < free; ++k) fit.columns(j, k) = moved[1 + k];
     }
 }
@@ -76,7 +93,7 @@ void by_unknowns(const Bent& bent, Fit& fit, int free) {
 // By friction on the rungs whose shapes do not depend on it: only the force turns.
 void friction_column(const Rig& rig, const double* available, Fit& fit) {
     constexpr int friction = UNKNOWNS - 1;
-    for (int j = 0; j < NODES; ++j) fit.columns(j, friction) = 0.0;
+    for (int j = 0; j < fit.nodes; ++j) fit.columns(j, friction) = 0.0;
     const double* force = fit.point_force + 3;
     const double size = std::sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2]) * rig.friction_rad;
     for (int axis = 0; axis < 3; ++axis) {
@@ -97,9 +114,12 @@ void friction_column(const Rig& rig, const double* available, Fit& fit) {
 }  // namespace
 
 Bent::Bent(const Rig& rig)
-    : by_step{},
+    : u(rig.nodes(), LANES),
+      v(rig.nodes(), LANES),
+      depth(rig.nodes(), LANES),
+      by_step{},
       axes(rig.axes.shape[0], whole_lanes(UNKNOWNS + rig.shared)),
-      raw(NODES, whole_lanes(rig.axes.shape[0]) + LANES),
+      raw(rig.nodes(), whole_lanes(rig.axes.shape[0]) + LANES),
       raw_readings(rig.reading_rows(), whole_lanes(rig.axes.shape[0]) + LANES),
       raw_point_force(6, whole_lanes(rig.axes.shape[0]) + LANES) {
     for (int q = 0; q < axes.shape[0]; ++q) std::copy_n(rig.axes.row(q).begin(), rig.shared, &axes(q, UNKNOWNS));
@@ -118,19 +138,24 @@ void bend_and_see(const Rig& rig, const Frame& frame, int rung, Bent& bent, bool
     antenna::bend_lanes(rung, view(bent.parameters), rig.length_m, rig.taper, frame.gravity_m_s2, view(bent.contact_m),
                         view(bent.push_N), view(bent.friction_rad), view(bent.points_m), tangents, view(bent.force_N),
                         view(bent.moment_Nm));
-    const auto& turn = rig.rotation;
-    const double* shift = rig.translation_m;
-    for (int j = 0; j < NODES; ++j) {
-        const Lanes x = load(bent.points_m[0][j]), y = load(bent.points_m[1][j]), z = load(bent.points_m[2][j]);
-        const auto seen = [&](int axis) {
-            return turn[axis][0] * x + turn[axis][1] * y + (turn[axis][2] * z + shift[axis]);
-        };
-        Lanes ahead = seen(2);
-        ahead = where_positive(NEAREST_DEPTH_M - ahead, NEAREST_DEPTH_M, ahead);  // NaN stays NaN
-        const Lanes by_depth = 1.0 / ahead;
-        store(bent.u[j], seen(0) * by_depth);
-        store(bent.v[j], seen(1) * by_depth);
-        store(bent.depth[j], ahead);
+    int clamp = 0;
+    for (const Camera& camera : rig.cameras) {
+        const auto& turn = camera.rotation;
+        const double* shift = camera.translation_m;
+        double *u = &bent.u(clamp, 0), *v = &bent.v(clamp, 0), *depth = &bent.depth(clamp, 0);
+        for (int j = 0; j < NODES; ++j) {
+            const Lanes x = load(bent.points_m[0][j]), y = load(bent.points_m[1][j]), z = load(bent.points_m[2][j]);
+            const auto seen = [&](int axis) {
+                return turn[axis][0] * x + turn[axis][1] * y + (turn[axis][2] * z + shift[axis]);
+            };
+            Lanes ahead = seen(2);
+            ahead = where_positive(NEAREST_DEPTH_M - ahead, NEAREST_DEPTH_M, ahead);  // NaN stays NaN
+            const Lanes by_depth = 1.0 / ahead;
+            store(u + j * LANES, seen(0) * by_depth);
+            store(v + j * LANES, seen(1) * by_depth);
+            store(depth + j * LANES, ahead);
+        }
+        clamp += NODES;
     }
 }
 
@@ -143,20 +168,26 @@ TipAxis tip_axis(const Frame& frame, double slope_u, double slope_v) {
 
 TipAxis fitted_tip_axis(const Rig& rig, const Frame& frame, const Fit& fit) {
     const double by_width = NODES_BEYOND / (rig.length_m - fit.contact_m);
-    const auto& last = fit.cubics[LAST - 1];
+    const double* last = &fit.cubics(frame.tip_clamp + LAST - 1, 0);
     return tip_axis(frame, (last[1] + 2.0 * last[2] + 3.0 * last[3]) * by_width,
                     (last[5] + 2.0 * last[6] + 3.0 * last[7]) * by_width);
 }
 
-void point_jacobian(const Rig& rig, const Fit& fit, double (&image)[2][NODES]) {
-    const auto& turn = rig.rotation;
-    for (int j = 0; j < NODES; ++j) {
-        const double u = fit.normal_u[j], v = fit.normal_v[j], ahead = u * fit.u[j] + v * fit.v[j];
-        for (int axis = 0; axis < 2; ++axis) {
-            const double along = u * turn[0][1 + axis] + v * turn[1][1 + axis] - ahead * turn[2][1 + axis];
-            image[axis][j] = along / fit.depth[j];
+Array<double, 2> point_jacobian(const Rig& rig, const Fit& fit) {
+    Array<double, 2> image(2, fit.nodes);
+    int clamp = 0;
+    for (const Camera& camera : rig.cameras) {
+        const auto& turn = camera.rotation;
+        for (int j = clamp; j < clamp + NODES; ++j) {
+            const double u = fit.normal_u[j], v = fit.normal_v[j], ahead = u * fit.u[j] + v * fit.v[j];
+            for (int axis = 0; axis < 2; ++axis) {
+                const double along = u * turn[0][1 + axis] + v * turn[1][1 + axis] - ahead * turn[2][1 + axis];
+                image(axis, j) = along / fit.depth[j];
+            }
         }
+        clamp += NODES;
     }
+    return image;
 }
 
 ClampWrench clamp_wrench(const Rig& rig, const Frame& frame, const Bent& bent, int lane) {
@@ -210,10 +241,11 @@ void predict(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit,
         if (free == UNKNOWNS) bent.friction_rad[4] += STEP * rig.friction_rad;
     }
     bend_and_see(rig, frame, rung, bent, true);
-    curve(rig, bent, fit);
+    curves(rig, bent, fit);
     const TipAxis end = fitted_tip_axis(rig, frame, fit);
+    const int last = frame.tip_clamp + LAST;
     const auto tip_of = [&](int lane) {
-        return bent.u[LAST][lane] * end.u + bent.v[LAST][lane] * end.v + rig.tip_offset_m * end.per_m;
+        return bent.u(last, lane) * end.u + bent.v(last, lane) * end.v + rig.tip_offset_m * end.per_m;
     };
     const double* available = frame.available;
     double base[READINGS];

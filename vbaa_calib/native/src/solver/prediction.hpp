@@ -23,8 +23,8 @@ struct TipAxis {
 TipAxis tip_axis(const Frame& frame, double slope_u, double slope_v);
 TipAxis fitted_tip_axis(const Rig& rig, const Frame& frame, const Fit& fit);
 
-// (2, M) displacement along the picture's normals per metre that a node moves along y and z, antenna frame.
-void point_jacobian(const Rig& rig, const Fit& fit, double (&image)[2][NODES]);
+// (2, M) displacement along the pictures' normals per metre that a node moves along y and z, antenna frame.
+Array<double, 2> point_jacobian(const Rig& rig, const Fit& fit);
 
 // Force and moment of contact and weight on a lane's shape about the antenna frame's origin, and 1; of a rig that reads
 // the moment about y alone only that.

@@ -11,27 +11,29 @@ namespace vbaa::solver {
 
 namespace {
 
-constexpr int PLACE = 2;         // of the antenna's parameters the first ones are the clamp's place, y and z
-constexpr int BASE = LANES - 1;  // the lane of the antenna as it is
-constexpr int SENSOR = POSES + ANTENNA, LENS = SENSOR + OF_MOMENT;  // where these parameters of the rig begin
-constexpr double OF_UNKNOWNS[LANES] = {1.0, 1.0, 1.0, 1.0};         // the columns of a fit before the axes
+constexpr int PLACE = 2;                 // of the antenna's parameters the first ones are the clamp's place, y and z
+constexpr int BASE = LANES - 1;          // the lane of the antenna as it is
+constexpr int SENSOR = POSES + ANTENNA;  // where these parameters of the rig begin
+constexpr double OF_UNKNOWNS[LANES] = {1.0, 1.0, 1.0, 1.0};  // the columns of a fit before the axes
 static_assert(ANTENNA - PLACE <= BASE && UNKNOWNS == 4);
 
-// Raw derivatives by the pose's tangent, of the fit's points.
-void by_pose(const Rig& rig, Bent& bent, const Fit& fit, const TipAxis& end) {
+// Raw derivatives by a camera's pose's tangent, of the fit's points in its picture from the clamp's node on.
+void by_pose(const Rig& rig, const Camera& camera, int clamp, const Frame& frame, Bent& bent, const Fit& fit,
+             const TipAxis& end) {
     const Lanes by_step = load(rig.by_pose_step);
-    for (int j = 0; j < NODES; ++j) {
-        const double x = fit.points_m[0][j], y = fit.points_m[1][j], z = fit.points_m[2][j];
+    for (int k = 0; k < NODES; ++k) {
+        const int j = clamp + k;
+        const double x = fit.points_m[0][k], y = fit.points_m[1][k], z = fit.points_m[2][k];
         const auto seen = [&](int axis) {
-            const auto& pose = rig.pose_lanes[axis];
+            const auto& pose = camera.pose_lanes[axis];
             return x * load(pose[0]) + y * load(pose[1]) + z * load(pose[2]) + load(pose[3]);
         };
         Lanes ahead = seen(2);
         ahead = where_positive(NEAREST_DEPTH_M - ahead, NEAREST_DEPTH_M, ahead);
         const Lanes by_depth = 1.0 / ahead;
         const Lanes u = (seen(0) * by_depth - fit.u[j]) * by_step, v = (seen(1) * by_depth - fit.v[j]) * by_step;
-        store(&bent.raw(j, 0), u * fit.normal_u[j] + v * fit.normal_v[j]);
-        if (j == LAST) store(&bent.raw_readings(END, 0), u * end.u + v * end.v);
+        store(&bent.raw(j, camera.pose_at), u * fit.normal_u[j] + v * fit.normal_v[j]);
+        if (j == frame.tip_clamp + LAST) store(&bent.raw_readings(END, camera.pose_at), u * end.u + v * end.v);
     }
 }
 
@@ -48,12 +50,14 @@ ClampWrench by_antenna(const Rig& rig, const Frame& frame, int rung, Bent& bent,
     bend_and_see(rig, frame, rung, bent, false);
     const Lanes by_step = load(bent.by_step);
     const ClampWrench base = clamp_wrench(rig, frame, bent, BASE);
-    const auto change = [&](const double (&values)[LANES]) { return load(values) - values[BASE]; };
-    for (int j = 0; j < NODES; ++j) {
-        const Lanes u = change(bent.u[j]) * (by_step * fit.normal_u[j]);
-        store(&bent.raw(j, first), u + change(bent.v[j]) * (by_step * fit.normal_v[j]));
+    const auto change = [&](const double* values) { return load(values) - values[BASE]; };
+    for (int j = 0; j < fit.nodes; ++j) {
+        const Lanes u = change(&bent.u(j, 0)) * (by_step * fit.normal_u[j]);
+        store(&bent.raw(j, first), u + change(&bent.v(j, 0)) * (by_step * fit.normal_v[j]));
     }
-    store(&bent.raw_readings(END, first), (change(bent.u[LAST]) * end.u + change(bent.v[LAST]) * end.v) * by_step);
+    const int tip = frame.tip_clamp + LAST;
+    store(&bent.raw_readings(END, first),
+          (change(&bent.u(tip, 0)) * end.u + change(&bent.v(tip, 0)) * end.v) * by_step);
     for (int lane = 0; lane < count; ++lane) {
         ClampWrench moved = clamp_wrench(rig, frame, bent, lane);
         for (int k = 0; k < WRENCH; ++k) moved.values[k] = (moved.values[k] - base.values[k]) * bent.by_step[lane];
@@ -71,9 +75,9 @@ ClampWrench by_antenna(const Rig& rig, const Frame& frame, int rung, Bent& bent,
 // Raw derivatives by where the clamp stands across the antenna frame's x axis: the whole antenna goes with it.
 void by_place(const Rig& rig, const Frame& frame, int rung, const ClampWrench& wrench, Bent& bent, const Fit& fit,
               const TipAxis& end) {
-    const auto& turn = rig.rotation;
-    double image[2][NODES];
-    point_jacobian(rig, fit, image);
+    const auto& turn = rig.cameras[frame.tip_clamp / NODES].rotation;
+    const int tip = frame.tip_clamp + LAST;
+    const Array<double, 2> image = point_jacobian(rig, fit);
     const double pull = bent.force_N[0][BASE];
     const double weight = std::exp(rig.antenna_parameters[7]) * rig.taper.weight * rig.length_m * frame.gravity_m_s2[0];
     // small deflections: only friction's part of the pull has a moment about the clamp's place
@@ -83,9 +87,9 @@ void by_place(const Rig& rig, const Frame& frame, int rung, const ClampWrench& w
     }
     for (int k = 0; k < PLACE; ++k) {
         const int column = POSES + k;
-        for (int j = 0; j < NODES; ++j) bent.raw(j, column) = image[k][j];
-        const double ahead = (end.u * fit.u[LAST] + end.v * fit.v[LAST]) * turn[2][1 + k];
-        bent.raw_readings(END, column) = (end.u * turn[0][1 + k] + end.v * turn[1][1 + k] - ahead) / fit.depth[LAST];
+        for (int j = 0; j < fit.nodes; ++j) bent.raw(j, column) = image(k, j);
+        const double ahead = (end.u * fit.u[tip] + end.v * fit.v[tip]) * turn[2][1 + k];
+        bent.raw_readings(END, column) = (end.u * turn[0][1 + k] + end.v * turn[1][1 + k] - ahead) / fit.depth[tip];
         for (int q = 0; q < 6; ++q) bent.raw_point_force(q, column) = q == 1 + k ? 1.0 : 0.0;
     }
     const double *force = wrench.values, about_z = rig.with_wrench ? -(pull + weight) : 0.0;
@@ -101,9 +105,8 @@ void by_place(const Rig& rig, const Frame& frame, int rung, const ClampWrench& w
 
 // Raw derivatives of what is read, in σ, by the sensor's parameters.
 void by_sensor(const Rig& rig, const ClampWrench& wrench, Bent& bent) {
-    const int own = rig.axes.shape[0] - rig.with_tip - rig.sensor_parameters();
     for (int k = 0; k < rig.by_sensor.shape[0]; ++k) {
-        const int column = k < OF_MOMENT ? SENSOR + k : own + k - OF_MOMENT;
+        const int column = k < OF_MOMENT ? SENSOR + k : rig.more_at + k - OF_MOMENT;
         for (int reading = 0; reading < rig.readings; ++reading) {
             double change = 0.0;
             for (int c = 0; c < WRENCH; ++c) change += rig.by_sensor(k, reading, c) * wrench.values[c];
@@ -112,43 +115,53 @@ void by_sensor(const Rig& rig, const ClampWrench& wrench, Bent& bent) {
     }
 }
 
-// Raw derivatives by the lens, which moves the seen points, not the curve.
-void by_lens(const Rig& rig, Bent& bent, const Fit& fit, const TipAxis& end) {
-    const int count = rig.lens->parameters();
+// Raw derivatives by a camera's lens, which moves the points seen in its picture, not the curve.
+void by_lens(const Camera& camera, int clamp, const Frame& frame, Bent& bent, const Fit& fit, const TipAxis& end) {
+    const int count = camera.lens->parameters();
     for (int begin = 0; begin < NODES; begin += LANES) {
         const int some = std::min(LANES, NODES - begin);
         for (int lane = 0; lane < LANES; ++lane) {
-            const int j = begin + std::min(lane, some - 1);
+            const int j = clamp + begin + std::min(lane, some - 1);
             bent.seen[0][lane] = fit.u[j], bent.seen[1][lane] = fit.v[j];
         }
-        lens::normalized_by_lens(*rig.lens, bent.seen, view(bent.by_lens));
+        lens::normalized_by_lens(*camera.lens, bent.seen, view(bent.by_lens));
         for (int lane = 0; lane < some; ++lane) {
-            const int j = begin + lane;
+            const int j = clamp + begin + lane;
             for (int k = 0; k < count; ++k) {
                 const double u = bent.by_lens[0][k][lane], v = bent.by_lens[1][k][lane];
-                bent.raw(j, LENS + k) = -(fit.normal_u[j] * u + fit.normal_v[j] * v);
+                bent.raw(j, camera.lens_at + k) = -(fit.normal_u[j] * u + fit.normal_v[j] * v);
             }
         }
     }
+    if (clamp != frame.tip_clamp) return;
     constexpr int last = LAST % LANES;
     for (int k = 0; k < count; ++k) {
-        bent.raw_readings(END, LENS + k) = -(end.u * bent.by_lens[0][k][last] + end.v * bent.by_lens[1][k][last]);
+        bent.raw_readings(END, camera.lens_at + k) =
+            -(end.u * bent.by_lens[0][k][last] + end.v * bent.by_lens[1][k][last]);
     }
 }
 
-// Three rows of derivatives by the rig's parameters along the axes in COUNT vectors of columns.
+// Parameters of the rig from one to before another.
+struct Range {
+    int begin, end;
+};
+
+// Three rows of derivatives by parameters in two ranges along the axes in COUNT vectors of columns.
 template <int COUNT>
-void three_along_axes(ConstMatrix axes, ConstMatrix raw, int row, int first, Matrix columns) {
+void three_along_axes(ConstMatrix axes, ConstMatrix raw, const Range (&ranges)[2], int row, int first, Matrix columns) {
     Lanes sums[3][COUNT];
     for (auto& sums_of_row : sums) {
         for (Lanes& sum : sums_of_row) sum = spread(0.0);
     }
     const int wide = axes.shape[1], apart = raw.shape[1];
-    const double *axis = axes.data + first, *parts = raw.data + row * apart;
-    for (int q = 0; q < axes.shape[0]; ++q, axis += wide) {
-        for (int c = 0; c < COUNT; ++c) {
-            const Lanes along = load(axis + c * LANES);
-            for (int r = 0; r < 3; ++r) sums[r][c] += parts[r * apart + q] * along;
+    const double* parts = raw.data + row * apart;
+    for (const Range& range : ranges) {
+        const double* axis = axes.data + range.begin * wide + first;
+        for (int q = range.begin; q < range.end; ++q, axis += wide) {
+            for (int c = 0; c < COUNT; ++c) {
+                const Lanes along = load(axis + c * LANES);
+                for (int r = 0; r < 3; ++r) sums[r][c] += parts[r * apart + q] * along;
+            }
         }
     }
     for (int r = 0; r < 3; ++r) {
@@ -158,23 +171,41 @@ void three_along_axes(ConstMatrix axes, ConstMatrix raw, int row, int first, Mat
     }
 }
 
-// Derivatives by the rig's parameters (rows, Q) along the axes (Q, K′), into the columns after the unknowns.
-void along_axes(ConstMatrix axes, ConstMatrix raw, Matrix columns) {
+// Derivatives by the rig's parameters in two ranges, some rows of them, along the axes (Q, K′), into the columns
+// after the unknowns.
+void along_axes(ConstMatrix axes, ConstMatrix raw, const Range (&ranges)[2], Range rows, Matrix columns) {
     static_assert(NODES % 3 == 0);
-    for (int row = 0; row < raw.shape[0]; row += 3) {
+    for (int row = rows.begin; row < rows.end; row += 3) {
         by_vectors(axes.shape[1],
-                   [&](auto count, int first) { three_along_axes<count>(axes, raw, row, first, columns); });
+                   [&](auto count, int first) { three_along_axes<count>(axes, raw, ranges, row, first, columns); });
+    }
+}
+
+// The same of all pictures, each by what its camera's depend on.
+void pictures_along_axes(const Rig& rig, const Bent& bent, Fit& fit) {
+    const int every = rig.axes.shape[0];
+    int clamp = 0;
+    for (const Camera& camera : rig.cameras) {
+        const int end = camera.lens_at + (rig.with_lens ? camera.lens->parameters() : 0);
+        Range ranges[2] = {{POSES, SENSOR}, {camera.pose_at, end}};
+        if (clamp == 0) ranges[0] = {0, rig.cameras.size() > 1 ? end : every}, ranges[1] = {};
+        along_axes(bent.axes, bent.raw, ranges, {clamp, clamp + NODES}, fit.columns);
+        clamp += NODES;
     }
 }
 
 // The found line's own errors: offset, slope and curvature along the antenna, which readings and contact do not have.
 void by_line(const Rig& rig, Fit& fit) {
-    for (int k = 0; k < rig.line.size(); ++k) {
-        const int column = UNKNOWNS + rig.shared + k;
+    const int count = rig.cameras[0].line.size();
+    for (int own = 0; own < rig.lines(); ++own) {
+        const int column = UNKNOWNS + rig.shared + own, k = own % count, clamp = own / count * NODES;
+        if (rig.cameras.size() > 1) {
+            for (int j = 0; j < fit.nodes; ++j) fit.columns(j, column) = 0.0;
+        }
         for (int j = 0; j < NODES; ++j) {
             const double along = 2.0 * arclength_of_node(fit, rig.length_m, j) / rig.length_m - 1.0;
             const double shape = k == 0 ? 1.0 : k == 1 ? along : 1.5 * along * along - 0.5;
-            fit.columns(j, column) = shape * rig.line[k];
+            fit.columns(clamp + j, column) = shape * rig.cameras[own / count].line[k];
         }
         for (int reading = 0; reading < rig.readings; ++reading) fit.reading_columns(reading, column) = 0.0;
         for (int q = 0; q < 6; ++q) fit.point_force_columns(q, column) = 0.0;
@@ -187,20 +218,26 @@ void rig_derivatives(const Rig& rig, const Frame& frame, int rung, Bent& bent, c
     rung = std::max<int>(rung, LINEAR);
     const TipAxis end = fitted_tip_axis(rig, frame, fit);
     // each writes whole vectors, whose ends the next one overwrites
-    by_pose(rig, bent, fit, end);
+    int clamp = 0;
+    if (rig.cameras.size() > 1) fill(bent.raw_readings.row(END), 0.0);
+    for (const Camera& camera : rig.cameras) {
+        by_pose(rig, camera, clamp, frame, bent, fit, end);
+        if (rig.with_lens) by_lens(camera, clamp, frame, bent, fit, end);
+        clamp += NODES;
+    }
     const ClampWrench wrench = by_antenna(rig, frame, rung, bent, fit, end);
     by_place(rig, frame, rung, wrench, bent, fit, end);
-    if (rig.with_lens) by_lens(rig, bent, fit, end);
-    if (rig.with_tip) bent.raw_readings(END, rig.axes.shape[0] - 1) = end.per_m;
+    if (rig.with_tip) bent.raw_readings(END, rig.tip_at) = end.per_m;
     by_sensor(rig, wrench, bent);
 }
 
 void rig_jacobian(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit) {
     if (rig.steps() == 0) return;
     rig_derivatives(rig, frame, rung, bent, fit);
-    along_axes(bent.axes, bent.raw, fit.columns);
-    along_axes(bent.axes, bent.raw_readings, fit.reading_columns);
-    along_axes(bent.axes, bent.raw_point_force, fit.point_force_columns);
+    pictures_along_axes(rig, bent, fit);
+    const Range every[2] = {{0, rig.axes.shape[0]}, {}};
+    along_axes(bent.axes, bent.raw_readings, every, {0, rig.reading_rows()}, fit.reading_columns);
+    along_axes(bent.axes, bent.raw_point_force, every, {0, 6}, fit.point_force_columns);
     for (int reading = 0; reading < rig.readings; ++reading) {
         for (int k = 0; k < rig.shared; ++k) fit.reading_columns(reading, UNKNOWNS + k) *= frame.available[reading];
     }

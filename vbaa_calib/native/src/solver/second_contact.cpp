@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 #include "linear_algebra.hpp"
 #include "order.hpp"
@@ -23,17 +24,19 @@ constexpr double STRUCTURE = 22.0;
 // A force counts for nothing if the first contact and the rig explain all but this part of its deflection's square.
 constexpr double DEPENDENT = 1e-4;
 
-// Sum of squares of the residuals' means over BLOCKS stretches, in their σ: χ² if all is noise.
-double structure(const Fit& problem) {
+// Sum of squares of the residuals' means over BLOCKS stretches of a picture from its first node on, in their σ: χ² if
+// all is noise.
+double structure(const Fit& problem, int clamp) {
     constexpr int WIDTH = NODES / BLOCKS;
     double total = 0.0;
     for (int block = 0; block < BLOCKS; ++block) {
         double pull = 0.0, weight = 0.0;
-        const int begin = NODES - (BLOCKS - block) * WIDTH;
+        const int begin = clamp + NODES - (BLOCKS - block) * WIDTH;
         for (int j = begin; j < begin + WIDTH; ++j) {
             // the nodes' hat functions add up to one, so that a row's sum is the weight of its node
             pull += problem.pull[j];
-            weight += problem.diagonal[j] + (j < LAST ? problem.off_diagonal[j] : 0.0) + problem.off_diagonal[j - 1];
+            weight +=
+                problem.diagonal[j] + (j - clamp < LAST ? problem.off_diagonal[j] : 0.0) + problem.off_diagonal[j - 1];
         }
         total += pull * pull / std::max(weight, 1e-30);
     }
@@ -64,7 +67,8 @@ double neighbour_scatter(const Fit& fit) {
     if (count < 2) return 1.0;
     std::vector<int> order(count);
     std::iota(order.begin(), order.end(), 0);
-    std::sort(order.begin(), order.end(), [&](int a, int b) { return fit.foot_m[a] < fit.foot_m[b]; });
+    const auto place = [&](int i) { return std::pair(fit.node[i] / NODES, fit.foot_m[i]); };
+    std::sort(order.begin(), order.end(), [&](int a, int b) { return place(a) < place(b); });
     const auto whitened = [&](int i) { return fit.distance[i] * std::sqrt(fit.precision[i]); };
     std::vector<double> gaps(count - 1);
     for (int i = 0; i < count - 1; ++i) gaps[i] = std::abs(whitened(order[i + 1]) - whitened(order[i]));
@@ -74,8 +78,8 @@ double neighbour_scatter(const Fit& fit) {
 
 // Forces at PLACES: their columns and what all that contact, friction and rig can do about them explains.
 struct Forces {
-    double columns[NODES][FORCES], weighted[NODES][FORCES], readings[READINGS][FORCES];
-    double side[FORCES] = {};
+    double readings[READINGS][FORCES], side[FORCES] = {};
+    Array<double, 2> columns, weighted;   // (M, FORCES)
     Array<double, 2> crossed, explained;  // (FORCES, K) sums with the fit's columns, and their solutions
 };
 
@@ -95,21 +99,22 @@ void small_forces(const Rig& rig, const Frame& frame, const Fit& fit, Forces& fo
             bent[j][g] = antenna::deflection(rig.taper, along, place) / tip;
         }
     }
-    force_columns(rig, frame, fit, view(bent), view(force_N), view(lever), view(forces.columns), view(forces.readings));
+    forces.columns = forces.weighted = Array<double, 2>(fit.nodes, FORCES);
+    force_columns(rig, frame, fit, view(bent), view(force_N), view(lever), forces.columns, view(forces.readings));
 }
 
 // Products of the forces with the residuals and the fit's columns, and what these explain.
 void project_out(const Fit& fit, const double (&weight)[READINGS], Work& work, Forces& forces) {
     const int size = fit.size;
     forces.crossed = forces.explained = Array<double, 2>(FORCES, size);
-    times_tridiagonal(fit, view(forces.columns), view(forces.weighted));
+    times_tridiagonal(fit, forces.columns, forces.weighted);
     factorise(fit.information, 0, size, 0.0, work.factor, work.scale);
     solve_factorised(work.factor, work.scale, size, fit.side.begin(), work.step.begin());
     for (int k = 0; k < FORCES; ++k) {
         double* crossed = forces.crossed.row(k).data;
-        for (int j = 0; j < NODES; ++j) {
-            forces.side[k] += forces.columns[j][k] * fit.pull[j];
-            for (int a = 0; a < size; ++a) crossed[a] += forces.weighted[j][k] * fit.columns(j, a);
+        for (int j = 0; j < fit.nodes; ++j) {
+            forces.side[k] += forces.columns(j, k) * fit.pull[j];
+            for (int a = 0; a < size; ++a) crossed[a] += forces.weighted(j, k) * fit.columns(j, a);
         }
         for (int reading = 0; reading < fit.readings; ++reading) {
             const double pull = weight[reading] * forces.readings[reading][k];
@@ -135,7 +140,7 @@ SecondForce score_test(const Rig& rig, const Frame& frame, const Fit& fit, doubl
         double own[3] = {}, left[3];
         for (int pair = 0; pair < 3; ++pair) {
             const int a = 2 * g + (pair == 2), b = 2 * g + (pair > 0);
-            for (int j = 0; j < NODES; ++j) own[pair] += forces.columns[j][a] * forces.weighted[j][b];
+            for (int j = 0; j < fit.nodes; ++j) own[pair] += forces.columns(j, a) * forces.weighted(j, b);
             for (int reading = 0; reading < fit.readings; ++reading) {
                 own[pair] += weight[reading] * forces.readings[reading][a] * forces.readings[reading][b];
             }
@@ -157,7 +162,11 @@ SecondForce score_test(const Rig& rig, const Frame& frame, const Fit& fit, doubl
 
 SecondForce second_force(const Rig& rig, const Frame& frame, int rung, const Fit& fit, const Fit& problem,
                          double distance_std, Work& work) {
-    if (!(structure(problem) > STRUCTURE || fit.scatter > 1.0)) return {};
+    bool structured = fit.scatter > 1.0;
+    for (int clamp = 0; clamp < fit.nodes; clamp += NODES) {
+        structured = structured || structure(problem, clamp) > STRUCTURE;
+    }
+    if (!structured) return {};
     work.other = fit;
     if (rung != REFERENCE) evaluate(rig, frame, REFERENCE, work.other, work);
     return score_test(rig, frame, work.other, distance_std, work);
@@ -166,19 +175,19 @@ SecondForce second_force(const Rig& rig, const Frame& frame, int rung, const Fit
 void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, ConstMatrix bent, ConstVector force_N,
                    ConstVector lever, Matrix columns, Matrix readings) {
     const int places = lever.size();
-    double image[2][NODES];
-    point_jacobian(rig, fit, image);
-    for (int j = 0; j < NODES; ++j) {
+    const Array<double, 2> image = point_jacobian(rig, fit);
+    for (int j = 0; j < fit.nodes; ++j) {
         for (int g = 0; g < places; ++g) {
-            for (int axis = 0; axis < 2; ++axis) columns(j, 2 * g + axis) = bent(j, g) * image[axis][j];
+            for (int axis = 0; axis < 2; ++axis) columns(j, 2 * g + axis) = bent(j % NODES, g) * image(axis, j);
         }
     }
     // the picture's direction at the end
-    const TipAxis end = tip_axis(frame, fit.normal_v[LAST], -fit.normal_u[LAST]);
-    const double ahead = end.u * fit.u[LAST] + end.v * fit.v[LAST];
+    const int tip = frame.tip_clamp + LAST;
+    const auto& turn = rig.cameras[frame.tip_clamp / NODES].rotation;
+    const TipAxis end = tip_axis(frame, fit.normal_v[tip], -fit.normal_u[tip]);
+    const double ahead = end.u * fit.u[tip] + end.v * fit.v[tip];
     for (int axis = 0; axis < 2; ++axis) {
-        const double along =
-            end.u * rig.rotation[0][1 + axis] + end.v * rig.rotation[1][1 + axis] - ahead * rig.rotation[2][1 + axis];
+        const double along = end.u * turn[0][1 + axis] + end.v * turn[1][1 + axis] - ahead * turn[2][1 + axis];
         for (int g = 0; g < places; ++g) {
             const int k = 2 * g + axis;
             for (int reading = 0; reading < rig.readings; ++reading) {
@@ -186,7 +195,7 @@ void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, ConstMatr
                 const double turns = (axis == 0 ? row[5] : -row[4]) * lever[g], pulls = row[1 + axis] * force_N[g];
                 readings(reading, k) = (turns + pulls) * frame.available[reading];
             }
-            readings(END, k) = bent(LAST, g) * along / fit.depth[LAST] * frame.available[END];
+            readings(END, k) = bent(LAST, g) * along / fit.depth[tip] * frame.available[END];
         }
     }
 }

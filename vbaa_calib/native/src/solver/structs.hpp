@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <vector>
 
 #include "arrays.hpp"
 #include "lanes.hpp"
@@ -50,35 +51,44 @@ View<T, 3> view(T (&values)[A][B][C]) {
     return {values[0][0], {static_cast<int>(A), static_cast<int>(B), static_cast<int>(C)}};
 }
 
+// A camera that watches the antenna, and where its parameters stand among the rig's.
+struct Camera {
+    const lens::Lens* lens;
+    int pose_at, lens_at;                     // its pose's six, and its lens' if the rig knows their uncertainty
+    double pose_lanes[3][4][LANES];           // rotation and translation into it of poses moved along each tangent axis
+    double rotation[3][3], translation_m[3];  // antenna frame to camera
+    double to_camera[2];                      // unit direction across the antenna's x axis to it
+    double eye_m[3];                          // its centre in the clamp's frame
+    double focal;                             // mean focal length, px
+    Array<double, 1> line;  // (L,) σ of the found line's own errors: offset, slope, curvature; or none
+};
+
 // What is known before a frame is seen, see `RigArrays` in Python.
 struct Rig {
     double length_m, radius_m, friction_rad, force_unit_N, unit_load, tip_offset_m, stiffness_Nm2;
     // whether the rig knows the antenna's end, reads more than the moment about y, and the lens' uncertainty
     bool with_tip, with_wrench, with_lens;
     int readings;  // how many of READINGS are in use: USUAL_READINGS or all
-    const lens::Lens* lens;
+    std::vector<Camera> cameras;
     antenna::Taper taper;
     Array<double, 2> unit_deflection;  // (NODES, GRID) of a free antenna's nodes by unit forces at the grid's distances
     double antenna_parameters[ANTENNA], antenna_steps[ANTENNA];
-    double pose_lanes[3][4][LANES];  // rotation and translation into the camera of poses moved along each tangent axis
-    double by_pose_step[LANES];      // one over those steps, zeros after the sixth
-    double rotation[3][3], translation_m[3];  // antenna frame to camera
-    double std[READINGS];                     // of the readings; 1 for a missing one
-    double by_wrench[READINGS][WRENCH];       // the readings, in σ, by force, moment and 1; 0 for a missing one
+    double by_pose_step[LANES];          // one over the steps of `pose_lanes`, zeros after the sixth
+    double std[READINGS];                // of the readings; 1 for a missing one
+    double by_wrench[READINGS][WRENCH];  // the readings, in σ, by force, moment and 1; 0 for a missing one
     // (S, READINGS, WRENCH) that by a unit of the sensor's parameters: OF_MOMENT, and then those before the tip's
     Array<double, 3> by_sensor;
+    int more_at, tip_at;    // where the sensor's parameters beyond OF_MOMENT and the tip's stand among the rig's
     int shared;             // R independent axes of the rig's errors, which all frames share
     Array<double, 2> axes;  // (Q, R) steps of the Q parameters of unit σ, each row filled with zeros to whole vectors
-    Array<double, 1> line;  // (L,) σ of the found line's own errors: offset, slope, curvature; or none
-    double to_camera[2];    // unit direction across the antenna's x axis to the camera
-    double eye_m[3];        // the camera's centre in the clamp's frame
-    double focal;           // mean focal length, px
 
-    int steps() const { return shared + line.size(); }
+    // nodes of all pictures of the antenna, one camera's after the other's
+    int nodes() const { return NODES * static_cast<int>(cameras.size()); }
+    // L of each camera, one after the other
+    int lines() const { return cameras[0].line.size() * static_cast<int>(cameras.size()); }
+    int steps() const { return shared + lines(); }
     // rows of the arrays that hold readings: whole threes
     int reading_rows() const { return (readings + 2) / 3 * 3; }
-    // parameters of the sensor between the lens' and the tip's
-    int sensor_parameters() const { return by_sensor.shape[0] - OF_MOMENT; }
 };
 
 // Small deflection of the tip by a unit force at a distance, both in antenna lengths.
@@ -91,12 +101,15 @@ inline double load_at(const Rig& rig, double distance) {
     return 2.0 * rig.unit_load * antenna::deflection_by_contact(rig.taper, distance, distance);
 }
 
-// One frame: its usable points in the ideal picture and what the sensors read.
+// One frame: its usable points in the ideal pictures and what the sensors read.
 struct Frame {
-    int count;                 // N points
+    int count;                 // N points, one camera's after the other's
     Array<double, 2> points;   // (5, N′) u, v and covariance xx, xy, yy; what fills the rows to whole vectors is finite
+    Array<int, 1> clamp;       // (N′,) the first node of the picture that each point is in
+    int seen_by;               // the first camera that sees any
     double reading[READINGS];  // N·m or N; that of the end is not used
     double tip[2], tip_covariance[3];  // the antenna's end, as the points
+    int tip_clamp;                     // the first node of the picture that it is in
     double available[READINGS];        // 1 where there is such a reading; less where it is noisier; 0 without
     double gravity_m_s2[3];            // antenna frame
 
@@ -130,12 +143,13 @@ struct State {
 // A fit of N points in K unknowns and rig steps. Rows are whole vectors: K′ and N′ are K and N rounded up, and what
 // fills them is zero, or finite and without weight. Assignment copies one fit into another of the same sizes.
 struct Fit : State {
-    int points, size, readings;                     // N, K, of READINGS
+    int points, size, readings, nodes;              // N, K, of READINGS, M
     double points_m[3][NODES], tangents[3][NODES];  // of the predicted antenna, antenna frame
-    double u[NODES], v[NODES], depth[NODES];        // its ideal picture
-    double normal_u[NODES], normal_v[NODES];        // unit normals there
-    double cubics[NODES][8];   // the picture between nodes: four coefficients of u, then of v, by the share of the way
-    Array<double, 2> columns;  // (M, K′) displacement along the normals by unknowns and rig steps
+    Array<double, 1> u, v, depth;                   // (M,) its ideal pictures, one camera's after the other's
+    Array<double, 1> normal_u, normal_v;            // (M,) unit normals there
+    // (M, 8) the pictures between nodes: four coefficients of u, then of v, by the share of the way
+    Array<double, 2> cubics;
+    Array<double, 2> columns;              // (M, K′) displacement along the normals by unknowns and rig steps
     Array<double, 2> reading_columns;      // (reading_rows, K′) of the predicted readings, in σ
     double point_force[6];                 // contact point, m, and force, N, antenna frame
     Array<double, 2> point_force_columns;  // (6, K′)
@@ -147,22 +161,23 @@ struct Fit : State {
     Array<double, 1> precision;  // (N′,) one over the variance of that
     // weighted sums of the points over nodes, a tridiagonal information and its right side. For values c on the nodes,
     // linear between them: Σ w c² = Σ diagonal·c² + 2 Σ off_diagonal·c·c₊₁ and Σ w c·r = Σ pull·c
-    double diagonal[NODES], off_diagonal[NODES], pull[NODES];
+    Array<double, 1> diagonal, off_diagonal, pull;  // (M,)
 
     Fit(int count, const Rig& rig)
         : State(count, rig.steps()),
           points(count),
           size(UNKNOWNS + rig.steps()),
           readings(rig.readings),
+          nodes(rig.nodes()),
           points_m{},
           tangents{},
-          u{},
-          v{},
-          depth{},
-          normal_u{},
-          normal_v{},
-          cubics{},
-          columns(NODES, whole_lanes(size)),
+          u(nodes),
+          v(nodes),
+          depth(nodes),
+          normal_u(nodes),
+          normal_v(nodes),
+          cubics(nodes, 8),
+          columns(nodes, whole_lanes(size)),
           reading_columns(rig.reading_rows(), whole_lanes(size)),
           point_force{},
           point_force_columns(6, whole_lanes(size)),
@@ -172,9 +187,9 @@ struct Fit : State {
           share(whole_lanes(count)),
           distance(whole_lanes(count)),
           precision(whole_lanes(count)),
-          diagonal{},
-          off_diagonal{},
-          pull{} {}
+          diagonal(nodes),
+          off_diagonal(nodes),
+          pull(nodes) {}
 };
 
 inline void keep(const Fit& fit, State& kept) { kept = fit; }
@@ -197,15 +212,15 @@ struct Place {
 // Where an arc length lies between the nodes.
 Place locate(const Fit& fit, double length_m, double arclength_m);
 
-// Shapes of LANES antennas next to each other and their ideal picture; scratch room of one frame.
+// Shapes of LANES antennas next to each other and their ideal pictures; scratch room of one frame.
 struct alignas(LANES * sizeof(double)) Bent {
     double parameters[ANTENNA][LANES];
     double contact_m[LANES], push_N[2][LANES], friction_rad[LANES];
     double points_m[3][NODES][LANES];
     double tangents[3][WIDE_NODES];  // of the first shape
     double force_N[3][LANES], moment_Nm[LANES];
-    double u[NODES][LANES], v[NODES][LANES], depth[NODES][LANES];
-    double by_step[LANES];  // one over each lane's step
+    Array<double, 2> u, v, depth;  // (M, LANES)
+    double by_step[LANES];         // one over each lane's step
     double by_lens[2][18][LANES], seen[6][LANES];
     Array<double, 2> axes;  // (Q, K′) the rig's, in the columns that a fit has for them, zeros elsewhere
     // derivatives (M, Q′), (reading_rows, Q′), (6, Q′) by the rig's Q parameters, with room to write whole vectors
@@ -218,11 +233,11 @@ struct alignas(LANES * sizeof(double)) Bent {
 // Scratch room for one frame at a time.
 struct Work {
     Bent bent;
-    Fit free;         // the free antenna
-    Fit best, found;  // of the frame's minima
-    Fit other;        // for whatever is done at the moment
-    State kept;       // lowest of a descent
-    double shift[NODES];
+    Fit free;                                      // the free antenna
+    Fit best, found;                               // of the frame's minima
+    Fit other;                                     // for whatever is done at the moment
+    State kept;                                    // lowest of a descent
+    Array<double, 1> shift;                        // (M,)
     Array<double, 2> product;                      // (M, K′)
     Array<double, 2> factor;                       // (K′, K′)
     Array<double, 1> scale, step;                  // (K′,)
@@ -235,7 +250,8 @@ struct Work {
 // Distances of the grid, what unit forces there do, and what the best forces explain.
 struct Grid {
     double distance[GRID];   // antenna lengths
-    double image[2][NODES];  // displacement of the picture by a unit force along y and z, per deflection of a unit beam
+    Array<double, 2> image;  // (2, M) displacement of the pictures by a unit force along y and z, per deflection of a
+                             // unit beam
     double moment[2][GRID];  // response, in σ, of the sensor about z to a unit force along y; of that about y to one
                              // along z
     double more[2][READINGS][GRID];  // of a wrench sensor's readings to both, which then are not in `moment`

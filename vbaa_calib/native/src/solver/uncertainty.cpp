@@ -27,7 +27,10 @@ constexpr double INFINITE = std::numeric_limits<double>::infinity();
 // Changes of what is observed and found: along the normals (M, ·), of the readings in σ (READINGS, ·), of contact point
 // and force (6, ·); a column for each row of Errors.
 struct Changes {
-    double shift[NODES][LANES] = {}, reading[READINGS][LANES] = {}, touch[6][LANES] = {};
+    Array<double, 2> shift;
+    double reading[READINGS][LANES] = {}, touch[6][LANES] = {};
+
+    explicit Changes(int nodes) : shift(nodes, LANES) {}
 };
 
 // What the rig's steps do for a known contact, and how they go with it; gives what they make of the readings'
@@ -85,9 +88,9 @@ void reading_std(const Fit& fit, const std::array<double, READINGS>& fitted, Unc
 // What another shape of the antenna says, less the fit's, into a column.
 void compare(const Rig& rig, const Frame& frame, const Fit& fit, const Bent& bent, int column, double sign,
              Changes& changes) {
-    for (int j = 0; j < NODES; ++j) {
-        const double u = bent.u[j][0] - fit.u[j], v = bent.v[j][0] - fit.v[j];
-        changes.shift[j][column] = sign * (u * fit.normal_u[j] + v * fit.normal_v[j]);
+    for (int j = 0; j < fit.nodes; ++j) {
+        const double u = bent.u(j, 0) - fit.u[j], v = bent.v(j, 0) - fit.v[j];
+        changes.shift(j, column) = sign * (u * fit.normal_u[j] + v * fit.normal_v[j]);
     }
     const ClampWrench wrench = clamp_wrench(rig, frame, bent, 0);
     for (int k = 0; k < rig.readings; ++k) {
@@ -95,7 +98,8 @@ void compare(const Rig& rig, const Frame& frame, const Fit& fit, const Bent& ben
         changes.reading[k][column] = sign * (apart * frame.available[k] + fit.predicted_residual[k]);
     }
     const TipAxis end = fitted_tip_axis(rig, frame, fit);
-    const double along = (bent.u[LAST][0] - fit.u[LAST]) * end.u + (bent.v[LAST][0] - fit.v[LAST]) * end.v;
+    const int tip = frame.tip_clamp + LAST;
+    const double along = (bent.u(tip, 0) - fit.u[tip]) * end.u + (bent.v(tip, 0) - fit.v[tip]) * end.v;
     changes.reading[END][column] = sign * along * frame.available[END];
     for (int axis = 0; axis < 3; ++axis) {
         changes.touch[axis][column] = sign * (bent.points_m[axis][CONTACT][0] - fit.point_force[axis]);
@@ -105,12 +109,11 @@ void compare(const Rig& rig, const Frame& frame, const Fit& fit, const Bent& ben
 
 // How far unknowns and rig steps (K, LANES) would move, to first order, if the data changed.
 Array<double, 2> linear_shifts(const Fit& fit, const Changes& changes, Work& work) {
-    double product[NODES][LANES];
-    Array<double, 2> sides(fit.size, LANES);
-    times_tridiagonal(fit, {changes.shift[0], {NODES, LANES}}, view(product));
+    Array<double, 2> product(fit.nodes, LANES), sides(fit.size, LANES);
+    times_tridiagonal(fit, changes.shift, product);
     for (int a = 0; a < fit.size; ++a) {
         Lanes total = {};
-        for (int j = 0; j < NODES; ++j) total += fit.columns(j, a) * load(product[j]);
+        for (int j = 0; j < fit.nodes; ++j) total += fit.columns(j, a) * load(&product(j, 0));
         for (int k = 0; k < fit.readings; ++k) {
             total += huber_weight(fit.residual[k]) * fit.reading_columns(k, a) * load(changes.reading[k]);
         }
@@ -124,7 +127,7 @@ Array<double, 2> linear_shifts(const Fit& fit, const Changes& changes, Work& wor
 // The changes that other rungs' shapes, or friction, would make at the fit's unknowns.
 Changes changes_by_shape(const Rig& rig, const Frame& frame, int rung, const Fit& fit, const Fit& reference,
                          Bent& bent) {
-    Changes changes;
+    Changes changes(fit.nodes);
     lay(rig, bent, fit.unknowns);
     if (rung == REFERENCE) {
         for (int lower = 0; lower < REFERENCE; ++lower) {
@@ -133,7 +136,7 @@ Changes changes_by_shape(const Rig& rig, const Frame& frame, int rung, const Fit
         }
         if (!(rig.friction_rad > 0.0)) return changes;
         constexpr int FRICTION = UNKNOWNS - 1;
-        for (int j = 0; j < NODES; ++j) changes.shift[j][BY_FRICTION] = fit.columns(j, FRICTION);
+        for (int j = 0; j < fit.nodes; ++j) changes.shift(j, BY_FRICTION) = fit.columns(j, FRICTION);
         for (int k = 0; k < fit.readings; ++k) changes.reading[k][BY_FRICTION] = fit.reading_columns(k, FRICTION);
         for (int q = 0; q < 6; ++q) changes.touch[q][BY_FRICTION] = fit.point_force_columns(q, FRICTION);
         return changes;

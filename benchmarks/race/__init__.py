@@ -1,0 +1,1 @@
+"""The race: place and force of contacts by every method, on the same frames."""

@@ -1,0 +1,157 @@
+"""Place and force of the same contacts by our estimators, by SciPy, and by what others publish: the neuroscience method
+(force from the curvature near the base, place known) and the paper's formulas.
+
+Planar contacts bend the antenna across the camera's line of sight; spatial ones in any direction. The frames come from
+the closed form, which the estimators do not use, with white noise on every point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.estimator.baselines import at_shares, one_contact
+from benchmarks.estimator.scenes import Scenes, elastica_shapes, push_for_slope, rolled, scenes
+from benchmarks.estimator.setup import Setup
+from benchmarks.harness import Findings, Options, column, mean, rms, table, timed
+from estimator.paper.two_point import force_z, two_point_contact
+from vbaa_calib.antenna.elastica import planar_elastica
+from vbaa_calib.core.console import progress
+
+NOISES_PX = (0.05, 0.5)
+_REACH = (0.2, 0.95)
+"""Contact distances in lengths."""
+_SLOPES_RAD = (0.05, 0.6)
+"""Slopes of the antenna at the contact."""
+_AT = 0.3
+"""Where the neuroscience method takes the curvature, in contact distances: near the base, as Pammer et al.,
+J. Neurosci. 33 (2013) 6726, and Birdwell et al., J. Neurophysiol. 98 (2007) 2439, do."""
+_SPAN = 0.2
+"""How far to both sides the cubic is fitted that the curvature is of, in contact distances."""
+Answer = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Contact distances (B,), their standard deviations (B,), and forces (B, 2) along y and z; NaN where there is none."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method on one kind of contacts.
+
+    answered : share of the frames with a place (of the neuroscience method, with a force).
+    place_median_mm, place_rms_mm : of the distances' errors. force : median of the force's error over its size.
+    covered : share of the places within 1.96 stated standard deviations. silent : places off by more than 5 of these.
+    ms : processor time a frame.
+    """
+
+    kind: str = column("contacts")
+    noise_px: float = column("px", ".2f")
+    method: str = column("method")
+    answered: float = column("answered %", ".0f", 100)
+    place_median_mm: float = column("median mm", ".3f")
+    place_rms_mm: float = column("rms mm", ".3f")
+    force: float = column("force %", ".2f", 100)
+    covered: float = column("covered %", ".0f", 100)
+    silent: int = column("silent", "d")
+    ms: float = column("ms", ".2f")
+
+
+def ours(frames: Scenes, moment: bool = True) -> Answer:
+    """By `ContactEstimator.estimate_batch`, with the moment's reading or without."""
+    read = frames.moment_Nm if moment else np.full(len(frames), np.nan)
+    found = frames.estimated(moment_Nm=read)
+    return found.distance_m, found.distance_std_m, found.force_N[:, 1:]
+
+
+def scipy_loop(frames: Scenes) -> Answer:
+    """By SciPy's least squares over distance and force, frame by frame."""
+    distance, *push = np.array([one_contact(frames, index) for index in range(len(frames))]).T
+    force = np.full((2, len(frames)), np.nan)
+    good = np.isfinite(distance) & (distance > 0.0)
+    if good.any():  # the force stands on the bent antenna: across the straight one it is smaller
+        shape = planar_elastica(
+            distance[good, None], distance[good], np.hypot(*push)[good], frames.rig.antenna.stiffness_Nm2, 0.0
+        )
+        force[:, good] = np.cos(shape.theta_rad[:, 0]) * np.array(push)[:, good]
+    return distance, np.full(len(distance), np.nan), force.T
+
+
+def two_points(frames: Scenes) -> Answer:
+    """By the paper's formulas, from a point on the curved part and one on the straight part, named by the truth."""
+    pixels = np.take_along_axis(frames.points_px, at_shares(frames, (0.6, 2.0))[..., None], axis=1)
+    x, y = np.moveaxis(frames.rig.camera_on_plane().project(pixels)[0], -1, 0)
+    antenna = frames.rig.antenna
+    found = two_point_contact(x, y, antenna.stiffness_Nm2, antenna.length_m)
+    force = np.column_stack([found.force_y_N, force_z(frames.moment_Nm, found.contact_m)])
+    return np.asarray(found.contact_m), np.full(len(frames), np.nan), force
+
+
+def from_curvature(frames: Scenes) -> Answer:
+    """By κ·EI near the base over the lever of the force, which acts along the antenna's normal at the known place."""
+    xy = frames.rig.camera_on_plane().project(frames.points_px)[0]
+    force = np.full((len(frames), 2), np.nan)
+    for index, (line, contact) in enumerate(zip(xy, frames.distance_m, strict=True)):
+        share = frames.arclength_m / contact
+        x, y = line[np.abs(share - _AT) < _SPAN].T
+        along = np.polynomial.Polynomial.fit(x, y, 3)
+        at = float(line[np.argmin(np.abs(share - _AT)), 0])
+        slope = along.deriv()(at)
+        moment = frames.rig.antenna.stiffness_Nm2 * along.deriv(2)(at) / (1.0 + slope**2) ** 1.5
+        end = line[np.abs(share - 1.0) < 0.1]
+        tangent = np.linalg.svd(end - end.mean(axis=0))[2][0]
+        normal = np.array([-tangent[1], tangent[0]]) * np.sign(tangent[0])
+        lever = end.mean(axis=0) - [at, float(along(at))]
+        force[index] = moment / (lever[0] * normal[1] - lever[1] * normal[0]) * normal[1], 0.0
+    return np.full(len(frames), np.nan), np.full(len(frames), np.nan), force
+
+
+METHODS: dict[str, Callable[[Scenes], Answer]] = {
+    "ours": ours,
+    "ours, no moment": lambda frames: ours(frames, moment=False),
+    "SciPy least squares": scipy_loop,
+    "curvature near the base, place known": from_curvature,
+    "the paper's two points": two_points,
+}
+
+
+def contacts(kind: str, count: int, noise_px: float, rng: np.random.Generator) -> Scenes:
+    """Noisy frames of planar or spatial contacts."""
+    rig = Setup("brown", swing_m=0.1).rig()
+    distance = rig.antenna.length_m * rng.uniform(*_REACH, count)
+    size = push_for_slope(rng.uniform(*_SLOPES_RAD, count), distance, rig.antenna.stiffness_Nm2)
+    roll = np.where(rng.random(count) < 0.5, 0.0, np.pi) if kind == "planar" else rng.uniform(-np.pi, np.pi, count)
+    return scenes(rig, distance, rolled(size, roll), made_by=elastica_shapes, sigma_px=noise_px).noisy(rng)
+
+
+def _row(kind: str, noise_px: float, method: str, frames: Scenes) -> Row:
+    METHODS[method](frames.picked(np.arange(2)))  # what is made ready once
+    (distance, std, force), seconds = timed(lambda: METHODS[method](frames))
+    true = frames.force_N[:, 1:]
+    off, missed = distance - frames.distance_m, np.linalg.norm(force - true, axis=1) / np.linalg.norm(true, axis=1)
+    placed, forced, stated = np.isfinite(off), np.isfinite(missed), np.isfinite(std) & np.isfinite(off)
+    score = np.abs(off[stated]) / std[stated]
+    return Row(
+        kind=kind,
+        noise_px=noise_px,
+        method=method,
+        answered=float((placed | forced).mean()),
+        place_median_mm=1e3 * float(np.median(np.abs(off[placed]))) if placed.any() else np.nan,
+        place_rms_mm=1e3 * rms(off[placed]),
+        force=float(np.median(missed[forced])) if forced.any() else np.nan,
+        covered=mean(score < 1.96),
+        silent=int((score > 5.0).sum()),
+        ms=1e3 * seconds / len(frames),
+    )
+
+
+def measure(options: Options) -> Findings:
+    """All methods on every kind of contacts."""
+    rows: list[Row] = []
+    cases = [(kind, noise) for noise in NOISES_PX for kind in ("planar", "spatial")]
+    for number, (kind, noise) in enumerate(progress(cases, "contacts", len(cases))):
+        frames = contacts(kind, options.draws, noise, np.random.default_rng((options.seed, number)))
+        rows += [_row(kind, noise, method, frames) for method in METHODS]
+    best = next(row for row in rows if row.method == "ours" and row.kind == "spatial")
+    scipy = next(row for row in rows if row.method == "SciPy least squares" and row.kind == "spatial")
+    headline = f"spatial, 0.05 px: {best.place_median_mm:.2f} mm median; {scipy.ms / best.ms:.0f} times SciPy's speed"
+    return Findings(table(rows, "contacts by every method", once=2), {"race.csv": rows}, {}, {}, headline)
