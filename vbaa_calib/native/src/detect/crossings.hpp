@@ -42,8 +42,8 @@ Array<double, 1> shares(const Crossings& found);
 // Distances of profile n's pixels from a line through its `centre`, px, positive along the normal: into (T,).
 void distances(const Crossings& found, int n, double centre, Vector across);
 
-// Distances of profile n in widths of a line of this width there, which grows by this part of itself per px along it: where
-// a profile crosses it at a slant it meets one edge where the line is broader.
+// Distances of profile n in widths of a line of this width there, which grows by this part of itself per px along it:
+// where a profile crosses it at a slant it meets one edge where the line is broader.
 void in_width(Crossings& found, int n, double width, double growth);
 
 // The same with distances in widths of a line that grows broader by this part of its width on its way.
