@@ -25,7 +25,7 @@ import numpy as np
 import yaml
 
 from benchmarks.estimator.setup import SIGMA_PX
-from benchmarks.growth.work import period
+from benchmarks.waiting.recordings import period
 from estimator import ContactEstimator
 from estimator.live import LiveEstimator
 from estimator.table.contacts import Measured

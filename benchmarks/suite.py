@@ -85,7 +85,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--draws", type=int, help="how much of one subject (default: see below)")
     parser.add_argument("--jobs", type=int, default=1, help=f"processes, of {jobs}; the numbers stay (default: 1)")
     parser.add_argument("--seed", type=int, default=0, help="of everything that is random (default: 0)")
-    parser.add_argument("--against", default=AGAINST, metavar="COMMIT", help=f"of speed (default: {AGAINST})")
+    parser.add_argument("--against", default=AGAINST, metavar="COMMIT", help=f"of waiting (default: {AGAINST})")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

@@ -4,7 +4,7 @@
     vbaa calibrate session/ -o rig.json
     python docs/quote_losses.py rig.json
 
-After a change that moves the budget. `tests/test_build_page.py` checks the table's form.
+After a change that moves the budget.
 """
 
 from __future__ import annotations

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.calibrate.over_board.fit import FreeAntenna, OverSetup, nominal_free_antenna
-from vbaa_calib.calibrate.over_board.over_board import solve_over_board
+from vbaa_calib.calibrate.over_board.over_board import FreeAntenna, OverSetup, nominal_free_antenna, solve_over_board
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose

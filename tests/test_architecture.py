@@ -31,13 +31,13 @@ NATIVE = [path for kind in ("cpp", "hpp") for path in sorted((ROOT / "vbaa_calib
 CXX_CONSTANTS = re.compile(r"^(?:inline )?(?:constexpr|const) .*", re.MULTILINE)
 CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
-    "module constants": 2025,
+    "module constants": 1476,
     "class names used twice": 20,
     "classes": 484,
-    "public names": 1357,
-    "private words": 702,
+    "public names": 1345,
+    "private words": 576,
     "type: ignore": 4,
-    "words on pages": 35540,
+    "words on pages": 35535,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.estimator.hard import CASES, Hard, estimated, judged_at_random, resized, run
 from benchmarks.estimator.setup import Setup
-from benchmarks.speed.frames import population
+from benchmarks.waiting.frames import population
 
 
 def test_hard_cases_never_raise_and_keep_to_their_deviations() -> None:

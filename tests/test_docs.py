@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
-import json
 import re
 import runpy
 import shutil
@@ -39,6 +38,8 @@ BESIDE = [
 PAGES = [*DOCS, *BESIDE]
 FENCE = re.compile(r"^```(?P<language>[^\n]*)\n(?P<code>.*?)^```", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+
+
 _LOADED = re.compile(
     r"<(?:script|link|img|iframe|source|video)\b[^>]*?(?:src|href)=\"((?:https?:)?//[^\"]+)", re.DOTALL
 )
@@ -54,10 +55,10 @@ def without_code(text: str) -> str:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The built site. Every warning is an error, as in `make docs`."""
+    """The built site, the tutorial run. Every warning is an error, as in `make docs`."""
     out = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-n", "-q", "-b", "html", "-d", str(out / "trees")]
-    command += [str(ROOT / "docs"), str(out / "html")]
+    command += ["-D", "nb_execution_mode=force", str(ROOT / "docs"), str(out / "html")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return out / "html"
@@ -74,29 +75,6 @@ def test_the_site_builds_and_loads_nothing_from_elsewhere(site: Path) -> None:
         found for style in styles for found in re.findall(r"(?:@import|url\()\s*[\"']?((?:https?:)?//[^\"')]+)", style)
     }
     assert loaded == set()
-
-
-@pytest.mark.slow
-def test_the_site_describes_every_verb(site: Path) -> None:
-    """By its own parser, with every option."""
-    page = (site / "verbs.html").read_text(encoding="utf-8")
-    for verb in VERBS:
-        assert f'<section id="vbaa-{verb}">' in page
-    assert "--overlay DIR" in page
-
-
-@pytest.mark.slow
-def test_search_finds_its_excerpts_offline(site: Path) -> None:
-    """The text of every page is a script of the search page, with the anchors that results lead to."""
-    assert "_static/excerpts.js" in (site / "search.html").read_text(encoding="utf-8")
-    script = (site / "_static" / "excerpts.js").read_text(encoding="utf-8")
-    pages, _ = json.JSONDecoder().raw_decode(script.removeprefix("const pages = "))
-    assert set(pages) == {path.stem for path in DOCS}
-    for name, text in pages.items():
-        anchors = re.findall(r'<section id="([^"]+)">', text)
-        assert anchors, name
-        page = (site / f"{name}.html").read_text(encoding="utf-8")
-        assert all(f'id="{anchor}"' in page for anchor in anchors), name
 
 
 def test_every_verb_has_its_row() -> None:

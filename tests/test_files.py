@@ -33,9 +33,6 @@ from vbaa_calib.core.files import (
 )
 from vbaa_calib.core.folders import replacing_folder
 
-BOMB = "a0: &a0 [1, 1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12))
-"""A few hundred bytes of YAML that stand for 9¹¹ values."""
-
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
@@ -84,14 +81,6 @@ class TestTables:
             ("b", 2),
         ]
 
-    def test_decimal_commas_are_named(self, path: Path) -> None:
-        path.write_text("frame;u_px\n0;1,5\n")
-        (row,) = read_csv(path, ("frame", "u_px"))
-        with pytest.raises(InputError) as caught:
-            number(row, "u_px", path)
-        refused(caught, path, "'1,5'")
-        assert "decimal point" in caught.value.remedy
-
 
 class TestYaml:
     def test_numbers_as_people_write_them(self, path: Path) -> None:
@@ -101,30 +90,6 @@ class TestYaml:
     def test_aliases_and_merges(self, path: Path) -> None:
         path.write_text("a: &pose {x: 1, y: 2}\nb: *pose\nc: {<<: *pose, y: 3}\n")
         assert read_yaml(path) == {"a": {"x": 1, "y": 2}, "b": {"x": 1, "y": 2}, "c": {"x": 1, "y": 3}}
-
-    @pytest.mark.parametrize(
-        ("text", "line", "words"),
-        [
-            ("a: 1\nb: 2\na: 3\n", 3, "'a' stands twice"),
-            ("x:\n  a: 1\n  a: 1\n", 3, "'a' stands twice"),
-            ("x: {a: 1, a: 1}\n", 1, "'a' stands twice"),
-            ("a: [1, 2\n", 2, "not valid YAML"),
-            ("a: 1\n\tb: 2\n", 2, "not valid YAML"),
-            ("a: 1\n b: 2\n", 2, "not valid YAML"),
-            ("a: !!python/object/apply:os.system [ls]\n", 1, "not valid YAML"),
-            ("a: 1\n? [1, 2]\n: 3\n", 2, "unhashable"),
-            ("a: 1\n---\nb: 2\n", 2, "not valid YAML"),
-            ("a: *x\n", 1, "undefined alias"),
-            ("a: &x\n  - *x\n", 1, "its aliases never end"),
-            (BOMB, 1, "its aliases never end"),
-        ],
-    )
-    def test_the_line_is_named(self, path: Path, text: str, line: int, words: str) -> None:
-        path.write_text(text)
-        with pytest.raises(InputError) as caught:
-            read_yaml(path)
-        refused(caught, path, words)
-        assert f"line {line}:" in str(caught.value)
 
 
 class TestCsv:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -304,25 +303,6 @@ def test_wrong_calls_are_refused_or_answered(name: str) -> None:
             arguments[at] = _spoilt(arguments[at], rng)
         with suppress(TypeError, ValueError, AttributeError, MemoryError):
             function(*arguments)
-
-
-@pytest.mark.slow
-def test_a_wheel_needs_no_compiler_where_it_is_installed(tmp_path: Path) -> None:
-    """Built here; installed into a fresh environment, and run where no compiler is found."""
-    pip = [sys.executable, "-m", "pip", "--quiet"]
-    source = tmp_path / "source"
-    shutil.copytree(
-        ROOT, source, ignore=shutil.ignore_patterns(".*", "build", "demo", "CMakeCache.txt", "CMakeFiles", "*.so")
-    )
-    subprocess.run([*pip, "wheel", "--no-deps", "-w", str(tmp_path), str(source)], check=True)
-    subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "other")], check=True)
-    python = tmp_path / "other" / "bin" / "python"
-    install = [str(python), "-m", "pip", "--quiet", "install", "--no-deps", "--force-reinstall"]
-    subprocess.run([*install, *map(str, tmp_path.glob("*.whl"))], check=True)
-    found = subprocess.run(
-        [str(python), "-c", NAMES], env={"PATH": ""}, cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert set(FUNCTIONS) <= set(found.stdout.split())
 
 
 @pytest.mark.slow

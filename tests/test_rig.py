@@ -92,23 +92,6 @@ def test_keys_of_later_versions_are_ignored_everywhere(good: dict[str, Any], pat
     assert Rig.from_dict(good).to_dict() == expected
 
 
-def test_what_is_no_covariance_is_refused(good: dict[str, Any]) -> None:
-    ruined = {name: copy.deepcopy(good) for name in ("asymmetric", "negative", "indefinite", "nan", "ragged")}
-    variance = np.diag(make_rig().covariance)
-    ruined["asymmetric"]["joint"]["covariance"][0][1] += 0.5 * math.sqrt(variance[0] * variance[1])
-    ruined["negative"]["joint"]["covariance"][0][0] *= -1
-    for i, j in ((0, 1), (1, 0)):
-        ruined["indefinite"]["joint"]["covariance"][i][j] = 1.1 * math.sqrt(variance[0] * variance[1])
-    ruined["nan"]["joint"]["covariance"][2][2] = math.nan
-    ruined["ragged"]["joint"]["covariance"][3].pop()
-    # the smallest entries, 1e-12, count as much as the largest
-    assert variance[0] < 1e-10
-    for name in ("asymmetric", "negative", "indefinite"):
-        refused(ruined[name], "joint.covariance is not a covariance")
-    refused(ruined["nan"], "joint.covariance.2.2 is not a finite number")
-    refused(ruined["ragged"], "joint must give the covariance of")
-
-
 def leaves(data: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
     """Paths to everything in a rig that holds nothing itself; rows of the joint covariance count as one."""
     items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()

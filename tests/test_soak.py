@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.growth.work import SESSION, write_recording
 from benchmarks.soak import MOST_MB as MOST_RISE_MB
 from benchmarks.soak import rise
+from benchmarks.waiting.recordings import SESSION, write_recording
 from estimator.table.files import read_contacts
 from tests.estimator.drawn_frames import picture, rig_of, shape
 
@@ -109,24 +109,8 @@ def test_some_frames(tmp_path: Path) -> None:
 
 @needs_proc
 @pytest.mark.slow
-def test_fifty_thousand_frames(tmp_path: Path) -> None:
-    write_recording(tmp_path, 50_000, POINTS, seed=3)
-    samples = resident(tmp_path, 500)
-    assert samples[-1, 0] == 49_500
-    assert grown_MB(samples, 5_000) < MOST_MB
-
-
-@needs_proc
-@pytest.mark.slow
 def test_some_pictures(tmp_path: Path) -> None:
     assert grown_MB(resident(pictures(tmp_path, 80), 10), 30) < MOST_MB
-
-
-@needs_proc
-@pytest.mark.slow
-def test_two_thousand_pictures(tmp_path: Path) -> None:
-    """Long enough for every finder that the tilt asks for to be made, and to come again."""
-    assert grown_MB(resident(pictures(tmp_path, 2_500), 50), 700) < MOST_MB
 
 
 def test_a_wrong_line_at_the_end_leaves_nothing_behind(tmp_path: Path) -> None:

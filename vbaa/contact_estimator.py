@@ -19,6 +19,7 @@ from vbaa_calib.core.errors import InputError, shown
 if TYPE_CHECKING:
     from estimator import RecordingVerdict
     from estimator.contact.recording import _FirstDetection
+    from vbaa_calib.session import Frame
 
 
 class ContactEstimator(estimate.ContactEstimator):
@@ -30,7 +31,7 @@ class ContactEstimator(estimate.ContactEstimator):
         self,
         centreline_px: np.ndarray | Mapping[str, np.ndarray] | None = None,
         *,
-        image: np.ndarray | str | Path | None = None,
+        image: np.ndarray | str | Path | Mapping[str, np.ndarray | str | Path] | None = None,
         moment: float | None,
         pan: float,
         tilt: float,
@@ -42,7 +43,8 @@ class ContactEstimator(estimate.ContactEstimator):
 
         Parameters
         ----------
-        image : a file, or (H, W) grey or (H, W, 3) blue, green, red of 8 bits, as OpenCV reads it, of the rig's camera.
+        image : a file, or (H, W) grey or (H, W, 3) blue, green, red of 8 bits, as OpenCV reads it, of the rig's camera;
+            of several cameras those that there are, by name.
         centreline_px : (N, 2) pixels on the antenna's centreline, in any order; rows with NaN are ignored.
         moment : the sensor's reading, N·m; None or NaN for vision alone.
         pan, tilt : joint angles, rad.
@@ -67,11 +69,14 @@ class ContactEstimator(estimate.ContactEstimator):
         if centreline_px is not None or sigma_px is not None or options:
             remedy = "give one of image, centreline_px and plane_xy_m, and sigma_px and jacobian with the latter two"
             raise InputError("image stands for the pixels", remedy=remedy)
-        from estimator.contact.recording import detect_again, frame_contact  # loads the detector
+        from estimator.contact.recording import Detection, detect_again, frame_contact  # loads the detector
 
-        first = self._seen(0, image, moment=moment, pan=pan, tilt=tilt, moment_z=moment_z, readings=read)
-        (seen,) = detect_again(self, [first])
-        return frame_contact(first.frame, seen, self.measure(seen.measured)).contact
+        firsts = self._glances(
+            0, {"image": image, "moment": moment, "pan": pan, "tilt": tilt, "moment_z": moment_z, "readings": read}
+        )
+        parts = [detect_again(one, [first])[0] for one, first in firsts]
+        seen = Detection.together(self.rig, parts) if self.rig.others else parts[0]
+        return frame_contact(firsts[0][1].frame, seen, self.measure(seen.measured)).contact
 
     def estimate_session(self, path: str | Path, *, no_moment: bool = False) -> ContactTable:
         """Every frame of a recording, as `vbaa estimate` writes it: of a session, a bag or a video.
@@ -109,41 +114,45 @@ class ContactEstimator(estimate.ContactEstimator):
         frames : mappings with image, moment, pan, tilt and, where they are known, moment_z, readings and time_s, as
             `estimate` takes them. For readings at other instants than the pictures': `estimator.live`.
         """
-        from estimator.contact.recording import after, detect_again, frame_contact
+        from estimator.contact.recording import Detection, after, detect_again, frame_contact
 
-        stream, before = estimate.ContactStream(self, live=True), np.empty((0, 2))
+        stream, before = estimate.ContactStream(self, live=True), [np.empty((0, 2))] * len(self.rig.cameras)
         for number, each in enumerate(frames):
             if not isinstance(each, Mapping) or not {"image", "moment", "pan", "tilt"} <= set(each):
                 remedy = "give a mapping with image, moment, pan and tilt for each"
                 raise InputError(f"frame {number} is {shown(each)}", remedy=remedy)
-            first, before = after(self._seen(number, **each), before)
-            (seen,) = detect_again(self, [first])
+            parts, looks = [], self._glances(number, each)
+            for index, (one, look) in enumerate(looks):
+                first, before[index] = after(look, before[index])
+                parts.append(detect_again(one, [first])[0])
+            seen = Detection.together(self.rig, parts) if self.rig.others else parts[0]
             for contact in stream.push(seen.measured):
-                yield frame_contact(first.frame, seen, contact).contact
+                yield frame_contact(looks[0][1].frame, seen, contact).contact
 
-    def _seen(
-        self,
-        number: int,
-        image: Any,
-        *,
-        moment: Any,
-        pan: Any,
-        tilt: Any,
-        moment_z: Any = None,
-        readings: Any = None,
-        time_s: Any = np.nan,
-    ) -> _FirstDetection:
+    def _glances(self, number: int, read: Mapping[str, Any]) -> list[tuple[ContactEstimator, _FirstDetection]]:
+        """First looks at each camera's picture, and the estimator of each. Raises InputError."""
+        from estimator.contact.recording import first_look
+
+        if not self.rig.others:
+            return [(self, self._seen(number, **read))]
+        images, names = read["image"], self.rig.cameras
+        if not isinstance(images, Mapping) or not images or images.keys() - names.keys():
+            remedy = f"give {{name: picture}} of some of its cameras: {', '.join(names)}"
+            raise InputError(f"the rig has several cameras, image is {shown(images)}", remedy=remedy)
+        found = []
+        for name, one in self.cameras.items():
+            more = {key: value for key, value in read.items() if key != "image"}
+            if name in images:
+                found.append((one, one._seen(number, images[name], **more)))
+            else:
+                found.append((one, first_look(one, one._frame(number, **more), None)))
+        return found
+
+    def _seen(self, number: int, image: Any, **read: Any) -> _FirstDetection:
         """A first look at a picture and what was read with it. Raises InputError."""
         from estimator.contact.recording import first_look, read_own
-        from vbaa_calib.session import READINGS, Frame
 
-        read: Any = {"moments": [moment], "moments_z": [moment_z]}
-        read |= {name: [value] for name, value in (readings or {}).items()}
-        checked = Batch.checked(self.rig, np.full((1, 1, 2), np.nan), read, {"pans": [pan], "tilts": [tilt]}, None, {})
-        of_y, *others = checked.readings_Nm[0].tolist()
-        more = dict(zip(list(READINGS.values())[1:], others, strict=True))
-        time_s = as_float(time_s, "time_s", "give seconds")
-        frame = Frame(None, float(pan), float(tilt), of_y, frame=number, time_s=time_s, **more)
+        frame = self._frame(number, **read)
         if isinstance(image, str | os.PathLike):
             return first_look(self, frame, read_own(self.rig, Path(image)))
         width, height = self.rig.camera.image_size
@@ -156,3 +165,25 @@ class ContactEstimator(estimate.ContactEstimator):
             )
             raise InputError(what, remedy=remedy)
         return first_look(self, frame, image)
+
+    def _frame(
+        self,
+        number: int,
+        *,
+        moment: Any,
+        pan: Any,
+        tilt: Any,
+        moment_z: Any = None,
+        readings: Any = None,
+        time_s: Any = np.nan,
+    ) -> Frame:
+        """What was read with a picture. Raises InputError."""
+        from vbaa_calib.session import READINGS, Frame
+
+        read: Any = {"moments": [moment], "moments_z": [moment_z]}
+        read |= {name: [value] for name, value in (readings or {}).items()}
+        checked = Batch.checked(self.rig, np.full((1, 1, 2), np.nan), read, {"pans": [pan], "tilts": [tilt]}, None, {})
+        of_y, *others = checked.readings_Nm[0].tolist()
+        more = dict(zip(list(READINGS.values())[1:], others, strict=True))
+        time_s = as_float(time_s, "time_s", "give seconds")
+        return Frame(None, float(pan), float(tilt), of_y, frame=number, time_s=time_s, **more)

@@ -17,13 +17,10 @@ from scipy.spatial.transform import Rotation
 from benchmarks.boards import BOARD, FISHEYE, HD, LONG, MILD, SQUARE, TALL, WIDE, bent_corners, noisy_view
 from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
 from vbaa_calib.calibrate.antenna.session_rig import (
-    CLAMP_ANGLE_STD_RAD,
-    CLAMP_GIVE_STD_M,
-    CLAMP_OFFSET_STD_M,
-    LOG_MASS_STD,
     bow_std_per_m,
     nominal_parameters,
 )
+from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import Load, NominalAntenna, Still, gravity_antenna
@@ -202,8 +199,21 @@ def true_rod(truth: np.ndarray) -> Rod:
 
 def drawn_truth(rng: np.random.Generator) -> np.ndarray:
     """(11,) antenna parameters, gain and offset."""
-    std = [CLAMP_OFFSET_STD_M] * 2 + [CLAMP_ANGLE_STD_RAD] * 2 + [bow_std_per_m(NOMINAL.length_m)] * 2
-    spread = np.array([*std, _LOG_STIFFNESS_SPREAD, LOG_MASS_STD, CLAMP_GIVE_STD_M, _GAIN_SPREAD, _OFFSET_SPREAD_NM])
+    std = (
+        [AntennaSettings.clamp_offset_std_m] * 2
+        + [AntennaSettings.clamp_angle_std_rad] * 2
+        + [bow_std_per_m(NOMINAL.length_m)] * 2
+    )
+    spread = np.array(
+        [
+            *std,
+            _LOG_STIFFNESS_SPREAD,
+            AntennaSettings.log_mass_std,
+            AntennaSettings.clamp_give_std_m,
+            _GAIN_SPREAD,
+            _OFFSET_SPREAD_NM,
+        ]
+    )
     return np.concatenate([nominal_parameters(NOMINAL), [1.0, 0.0]]) + spread * rng.normal(size=11)
 
 

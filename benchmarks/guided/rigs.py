@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from benchmarks.boards import BARREL, BOARD, HD, MILD, VGA, WIDE, Optics, pose_by, rms_on_plane_mm
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.guide.next_view import lens_progress
+from vbaa_calib.calibrate.guide.settings import GuideSettings
 from vbaa_calib.calibrate.guide.suggestion import (
-    NEAREST,
     Suggestion,
     visible_corners,
 )
@@ -195,7 +195,7 @@ def _as_people_do(photographer: Photographer, *_views: object) -> BoardView | No
         rotation = (tilt * Rotation.from_rotvec([0.0, 0.0, rng.uniform(-0.5, 0.5)])).as_matrix()
         place = 0.5 + rng.uniform(-_PEOPLES_PLACE, _PEOPLES_PLACE, 2)
         ray = photographer.camera.unproject((place * (np.array(rig.image_size) - 1))[None])[0][0]
-        distance = rig.plane.distance_m * rng.uniform(NEAREST, 1.4)
+        distance = rig.plane.distance_m * rng.uniform(GuideSettings.nearest, 1.4)
         view = photographer.picture(Pose(rotation, distance * ray - rotation @ rig.half_board_m))
         if view is not None and len(view.ids) >= _SHARE * rig.board.corner_count:
             return view

@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.estimator.setup import Setup, drawn_truth, rod_of
 from benchmarks.harness import Draws, column, mean, of_any, rms, row_of, table
-from estimator.contact.status import CONTACT_EVIDENCE
+from estimator.contact.settings import ContactSettings
 from estimator.object.track import follow
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.console import progress
@@ -104,7 +104,7 @@ def alarms(frames: int, seed: int) -> list[AlarmRow]:
             for draw in progress(range(count), f"free, {rig}, {motion}", count):
                 table = _free_recording(rig, motion, (seed, RIGS.index(rig), number, draw))
                 told = sum(event.kind == "first_contact" for event in follow(table).events)
-                counts += told, int((table.evidence >= CONTACT_EVIDENCE).sum())
+                counts += told, int((table.evidence >= ContactSettings.contact_evidence).sum())
             rows.append(AlarmRow(rig, motion, count, count * _FREE_FRAMES, *counts.tolist()))
     return rows
 

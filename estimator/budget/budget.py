@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.contact.status import EDGE_ON_BLIND_RAD, FEWEST_POINTS, LOW_SIGNAL, LOW_SIGNAL_RELATIVE
+from estimator.contact.settings import ContactSettings
 from estimator.solver.linearised import edge_on
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import FRICTION_RAD
@@ -205,16 +205,17 @@ def _determined(
     rig_arrays: RigArrays, space: ErrorSpace, touches: BudgetContacts, linear: Linearization, with_moment: bool
 ) -> np.ndarray:
     """(B,) whether the estimator would give numbers, as `contact.status` decides for contacts that fit well."""
-    sound = np.isfinite(linear.points).all(axis=(1, 2)) & (linear.usable >= FEWEST_POINTS)
+    sound = np.isfinite(linear.points).all(axis=(1, 2)) & (linear.usable >= ContactSettings.fewest_points)
     std = np.full((len(linear), 6), np.nan)
     if sound.any():
         std[sound] = np.sqrt(propagate(linear.picked(sound), space).variance)
-    limit = np.minimum(LOW_SIGNAL * rig_arrays.length_m, LOW_SIGNAL_RELATIVE * touches.distance_m)
+    relative_m = ContactSettings.low_signal_relative * touches.distance_m
+    limit = np.minimum(ContactSettings.low_signal * rig_arrays.length_m, relative_m)
     determined = np.isfinite(std).all(axis=1) & (std[:, 0] < limit)
     if with_moment:
         return determined
     force = np.hypot(*touches.push_N.T)
-    seen = edge_on(rig_arrays, unknowns_of(rig_arrays, touches)) >= EDGE_ON_BLIND_RAD
+    seen = edge_on(rig_arrays, unknowns_of(rig_arrays, touches)) >= ContactSettings.edge_on_blind_rad
     return determined & seen & (std[:, 1:3].max(axis=1) < 0.5 * force)
 
 

@@ -14,12 +14,9 @@ from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 from vbaa_calib.session import READINGS
 
-_RUNG = "elastica"
-_CHUNK = 256
-_STEP = 0.1  # of the deviations along which contacts are moved: small against what bends
-_FORCE_STEPS = 4
-_WEIGHTS, _HALVINGS = (1e-3, 1e3), 14
-MOST_POINTS = 400
+from .settings import ContactSettings
+
+_RUNG = "elastica"  # by which contacts are moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +64,7 @@ def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = No
         rig, table.assumed_friction_rad if friction_rad is None else friction_rad, drift=False
     )
     rows = np.flatnonzero(table.located & np.isfinite(pan + tilt + table.distance_std_m))
-    chunks = (rows[begin : begin + _CHUNK] for begin in range(0, len(rows), _CHUNK))
+    chunks = (rows[begin : begin + ContactSettings.chunk] for begin in range(0, len(rows), ContactSettings.chunk))
     parts = [_moved(rig_arrays, table, row, pan[row], tilt[row]) for row in chunks]
     size = parts[0].shape[-1] if parts else 1
     moved = np.full((len(table), 9, size), np.nan)
@@ -100,10 +97,15 @@ def _moved(
     by_error = _errors(seen, unknowns, table.distance_std_m[rows] / rig_arrays.length_m)
     by_error = np.concatenate([0.0 * by_error[:, :1], by_error], axis=1)  # the contacts themselves first
     by_antenna = by_error[..., UNKNOWNS:] @ rig_arrays.axes[POSES : POSES + ANTENNA].T
-    shapes = bend(frames, _RUNG, unknowns[:, None] + _STEP * by_error[..., :UNKNOWNS], _STEP * by_antenna)
+    shapes = bend(
+        frames,
+        _RUNG,
+        unknowns[:, None] + ContactSettings.error_step * by_error[..., :UNKNOWNS],
+        ContactSettings.error_step * by_antenna,
+    )
     values = np.stack([shapes.contact_m, shapes.force_N, shapes.tangents[:, CONTACT]], axis=-2)
     values = values.reshape(len(rows), -1, 3, 3)
-    slopes = (values[:, 1:] - values[:, :1]) / _STEP
+    slopes = (values[:, 1:] - values[:, :1]) / ContactSettings.error_step
     turned = np.einsum("bij,bsqj->bqis", rotation, slopes)
     by_axes = _by_axes(rig_arrays, values[:, 0], pan, tilt)
     kinematics = rig_arrays.rig.kinematics
@@ -125,7 +127,7 @@ def unknowns_of(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.nda
     unknowns[:, 1:3] = force / rig_arrays.force_unit_N
     if rig_arrays.friction_rad > 0.0:
         unknowns[:, 3] = np.nan_to_num(table.friction_angle_rad[rows]) / rig_arrays.friction_rad
-    for _ in range(_FORCE_STEPS):
+    for _ in range(ContactSettings.force_steps):
         there = linearised(frames, _RUNG, unknowns)
         step = np.linalg.solve(there.columns[:, 4:6, 1:3], (force - there.point_force[:, 4:6])[..., None])
         unknowns[:, 1:3] += step[..., 0]
@@ -154,8 +156,8 @@ def _as_certain(points: np.ndarray, beside: np.ndarray, variance: np.ndarray) ->
     values, vectors = np.linalg.eigh(inverse @ points @ np.swapaxes(inverse, 1, 2))
     shares = np.einsum("bki,bk->bi", vectors, inverse[:, :, 0]) ** 2
     values = np.clip(values, 0.0, 1.0)
-    low, high = (np.full(len(variance), value) for value in _WEIGHTS)
-    for _ in range(_HALVINGS):
+    low, high = (np.full(len(variance), value) for value in (1e-3, 1e3))
+    for _ in range(14):
         middle = np.sqrt(low * high)
         vague = (shares / (1.0 + (middle[:, None] - 1.0) * values)).sum(axis=1) > variance
         low, high = np.where(vague, middle, low), np.where(vague, high, middle)
@@ -187,7 +189,7 @@ def noise_free_frames(
     """Frames that show contacts with these unknowns (B, 4), with the readings that are available (B,), or (B, S)
     as `RigArrays.sensors`.
 
-    All have the points of the longest, about one a pixel but not more than `MOST_POINTS`; with `point_per_px` each
+    All have the points of the longest, about one a pixel but not more than `most_points`; with `point_per_px` each
     point's deviation makes up for it, so that they weigh as much as one a pixel.
     """
     rig_arrays, rig = empty.rig_arrays, empty.rig_arrays.rig
@@ -195,7 +197,7 @@ def noise_free_frames(
     shapes = bend(empty, rung, unknowns[:, None])
     nodes, _ = rig.camera.project(T_camera_antenna @ shapes.points_m)
     length_px = np.nansum(np.hypot(*np.moveaxis(np.diff(nodes, axis=1), -1, 0)), axis=1)
-    count = int(np.clip(np.max(length_px, initial=2.0), 2, MOST_POINTS))
+    count = int(np.clip(np.max(length_px, initial=2.0), 2, ContactSettings.most_points))
     share = (np.arange(count) + 0.5) / count
     points = np.stack(
         [

@@ -10,20 +10,18 @@ from typing import TypeVar, overload
 import numpy as np
 
 from estimator.solver.numbers import FitNumbers
+from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Contact, ContactEstimate, Jacobian, Measured
 from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.native import core
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .inputs import Batch
 from .motion import Beam, Inertia, Motion, Shapes
-from .status import FAILED, FEWEST_POINTS, NO_ANTENNA, NO_CONTACT, ODD_END, OK, TIP, reason, statuses
-
-_LARGEST_SHIFT = 1 / 3  # inertia that would move the distance by more than this part of its deviation is too much
-
+from .settings import ContactSettings
+from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, statuses
 
 _T = TypeVar("_T")
-_NAMES = np.array(RUNGS)
-_COLUMNS = tuple(f.name for f in fields(ContactEstimate))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +61,7 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         if not -len(self) <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         index %= len(self)
-        values = {name: getattr(self, name)[index] for name in _COLUMNS}
+        values = {one.name: getattr(self, one.name)[index] for one in fields(ContactEstimate)}
         numbers = self.numbers if len(self) == 1 else self.numbers.row(index)
         bias, outside = zip(RUNGS, numbers.bias[0].tolist(), strict=True), int(self.outside_points[index])
         words = reason(numbers, str(self.status[index]), self.rig.antenna.length_m, self.requested)
@@ -71,13 +69,13 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         for count, which in ((outside, "outside the picture"), (far, "far from where the neighbours lie")):
             words += f"; {count} point{'s' * (count > 1)} {which}: left out" if count else ""
         for name, count in zip(self.rig.cameras, () if self.seen is None else self.seen[index].tolist(), strict=False):
-            if count < FEWEST_POINTS:
+            if count < ContactSettings.fewest_points:
                 words += f"; {name} shows only {count} points: left out" if count else f"; {name} shows no antenna"
         end_std = float(numbers.tip_std[0])
         return Contact(
             reason=words,
             outside_points=outside,
-            end_used=abs(end_std) <= ODD_END if np.isfinite(end_std) else None,
+            end_used=abs(end_std) <= ContactSettings.outlying_end if np.isfinite(end_std) else None,
             bias={rung: value for rung, value in bias if np.isfinite(value)},
             jacobian=None if self.jacobian is None else self.jacobian.of(index),
             **{name: value if value.ndim else value.item() for name, value in values.items()},
@@ -120,7 +118,7 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
             seen=batch.seen,
             status=status,
             in_contact=numbers.finite & (status != NO_ANTENNA) & (status != NO_CONTACT),
-            model=_NAMES[numbers.rung],
+            model=np.array(RUNGS)[numbers.rung],
             distance_m=given(numbers.unknowns[:, 0] * length),
             distance_std_m=given(numbers.std[:, 0] * length),
             distance_shared_std_m=given(numbers.shared_std * length),
@@ -210,7 +208,7 @@ def moving(rig: Rig, several: Sequence[Measured], found: Contacts) -> MovingCont
 def _at_rest(contact: Contact, shift: float) -> Contact:
     """The contact, or that there is none to be had while the antenna swings: inertia moves the distance by `shift` of
     its standard deviations."""
-    if not (abs(shift) > _LARGEST_SHIFT and contact.status in (OK, TIP)):
+    if not (abs(shift) > ContactSettings.largest_shift and contact.status in (OK, TIP)):
         return contact
     off_m = abs(shift) * contact.distance_std_m
     off = f"{1e3 * off_m:.1f} mm off, {abs(shift):.1f} std"
@@ -264,3 +262,37 @@ def last(parts: Generator[None, None, _T]) -> _T:
         except StopIteration as done:
             found: _T = done.value
             return found
+
+
+def jacobian_of(batch: Batch, rig_arrays: RigArrays, rung: str, fitted: FitNumbers, located: np.ndarray) -> Jacobian:
+    """Derivatives of the contacts (B,) that were fitted to a batch; `located` says which there are."""
+    frames, rig = batch.frames(rig_arrays), rig_arrays.rig
+    known = located & ~fitted.marginal
+    at = np.where(known[:, None], fitted.unknowns, [0.5, 0.0, 0.0, 0.0])
+    scatter = np.where(known, fitted.scatter, 1.0)
+    by_points, by_readings, by_gravity, by_rig = core.solver.gradients(
+        rig_arrays.core, frames, RUNGS.index(rung), at, scatter, fitted.at_tip & known
+    )
+    rotation, _ = rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
+    turned, shifted = rig.kinematics.by_joints(batch.pan_rad, batch.tilt_rad)  # (2, B, 3, 3), (2, B, 3)
+
+    def in_world(by: np.ndarray) -> np.ndarray:
+        """(B, 7, ...) with the point's rows in the world and behind the force's."""
+        point = np.einsum("bij,bj...->bi...", rotation, by[:, 1:4])
+        whole: np.ndarray = np.where(
+            known.reshape(-1, *[1] * (by.ndim - 1)), np.concatenate([by[:, :1], by[:, 4:], point], axis=1), np.nan
+        )
+        return whole
+
+    slopes = batch.slopes(rig)
+    by_pixels = in_world(np.einsum("brni,bnij->brnj", by_points, np.nan_to_num(slopes)))
+    if batch.order is not None:
+        listed = np.empty_like(by_pixels)
+        np.put_along_axis(listed, batch.order[:, None, :, None], by_pixels, 2)
+        by_pixels = listed
+    gravity = np.einsum("kbji,j->bik", turned, rig.gravity_world_m_s2)
+    by_joints = in_world(by_gravity @ gravity)
+    by_joints[:, 4:] += np.einsum("kbij,bj->bik", turned, fitted.point_m) + np.moveaxis(shifted, 0, -1)
+    names = len(rig.parameter_names)
+    by_readings = in_world(by_readings)[..., rig_arrays.sensors]
+    return Jacobian(by_pixels, by_readings, by_joints, in_world(by_rig)[..., :names])

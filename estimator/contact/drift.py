@@ -18,8 +18,6 @@ from vbaa_calib.rig import RIG_PARAMETERS, Rig
 
 from .inputs import Batch
 
-_HOUR_S = 3600.0
-
 
 @dataclass(frozen=True)
 class DriftSettings:
@@ -96,7 +94,7 @@ class LearntRig:
 
     def later(self, time_s: float) -> LearntRig:
         """With what may have changed until a time, or since: a random walk."""
-        hours = abs(time_s - self.time_s) / _HOUR_S
+        hours = abs(time_s - self.time_s) / 3600.0
         if not hours > 0.0:
             return self
         wandering = replace(self.now, drift=self.calibrated.drift)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import chain, islice
-from typing import Any, Unpack, cast
+from typing import Any, Self, Unpack
 
 import numpy as np
 
@@ -23,21 +24,28 @@ from vbaa_calib.core.threads import cores
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
-from .contacts import Contacts, MotionCheck, MovingContacts, RoughFit, contacts_of, last, moving, with_joint_errors
+from .contacts import (
+    Contacts,
+    MotionCheck,
+    MovingContacts,
+    RoughFit,
+    contacts_of,
+    jacobian_of,
+    last,
+    moving,
+    with_joint_errors,
+)
 from .drift import LearntRig
-from .inputs import Batch, FrameOptions, Lines, Values, without_outliers
-from .jacobian import jacobian as jacobian_of
+from .inputs import Batch, FrameOptions, Lines, without_outliers
 from .motion import Beam
-from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
+from .settings import ContactSettings
+from .status import unexplained
+from .two_contacts import both_contacts
 
 CHUNK = 2048
 """Frames that are solved at once."""
 STREAM = 64
 """Frames of a recording that are solved at once, each batch from where the one before ended."""
-_AT_ONCE, _MOST_STEPS = 8, 4
-"""Of work done little by little: frames taken over or contacts given in a step, and steps with a frame, at most."""
-_PATIENCE = 16
-"""Batches of a recording that wait for its first free frames, at most."""
 
 
 class ContactEstimator:
@@ -80,6 +88,14 @@ class ContactEstimator:
         self._rung = RUNGS[-1] if model == "auto" else model
         self._then: tuple[LearntRig, float, ContactEstimator] | None = None
 
+    @cached_property
+    def cameras(self) -> dict[str, Self]:
+        """The same of each of its rig's cameras by itself, by name."""
+        friction, jobs = self.friction_rad, self.jobs
+        return {
+            name: type(self)(one, self.model, friction=friction, jobs=jobs) for name, one in self.rig.cameras.items()
+        }
+
     def estimate(
         self,
         centreline_px: np.ndarray | Mapping[str, np.ndarray] | None = None,
@@ -114,42 +130,41 @@ class ContactEstimator:
         InputError : wrong shapes, what is no number, angles beyond a turn, moments and pixels that cannot be, not one
             of centreline_px and plane_xy_m, a camera in plane C.
         """
-        lines: dict[str, Any] = {"centreline_px": centreline_px, **options}
-        shapes = {"centreline_px": "(N, 2) pixels", "plane_xy_m": "(N, 2) m on plane C, of one camera"}
-        points = np.empty((0, 2))
-        if isinstance(centreline_px, Mapping):
-            remedy = f"give {shapes['centreline_px']} of each camera"
-            lines["centreline_px"] = {
-                name: [as_floats(each, f"centreline_px of {name}", remedy)] for name, each in centreline_px.items()
-            }
-            shapes.pop("centreline_px")
-        if isinstance(sigma_px, Mapping):
-            many = {name: as_floats(each, f"sigma_px of {name}", "give px") for name, each in sigma_px.items()}
-            lines["sigma_px"] = {name: each[None] if each.ndim else each for name, each in many.items()}
-        for name, shape in shapes.items():
-            if (line := lines.get(name)) is not None:
-                points = as_floats(line, name, f"give {shape}")
-                if points.ndim != 2 or points.shape[1] != 2:
-                    raise InputError(f"{name} has shape {points.shape}", remedy=f"give {shape}")
-                lines[name] = points[None]
-        if (spread := lines.get("covariance_m2")) is not None:
-            spread = as_floats(spread, "covariance_m2", "give (N, 2, 2) m²")
-            lines["covariance_m2"] = spread if spread.ndim == 2 else spread[None]
-        by_camera, sigma = lines.pop("sigma_px", None), None
-        if sigma_px is not None and by_camera is None:
-            sigma = as_floats(sigma_px, "sigma_px", "give standard deviations in px")
-        if sigma is not None and sigma.shape not in ((), points.shape[:1]):
-            raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
-        sigma = sigma[None] if sigma is not None and sigma.ndim else sigma
-        if read := lines.pop("readings", None):
-            lines["readings"] = {name: [value] for name, value in read.items()}
-        pixels = lines.pop("centreline_px")
-        return self.estimate_batch(
-            *(pixels, [moment], [pan], [tilt]),
-            sigma_px=sigma if by_camera is None else by_camera,
-            moments_z=[moment_z],
-            **cast(FrameOptions, lines),
-        )[0]
+        return self.estimate_batch(**_as_batch(centreline_px, moment, (pan, tilt), sigma_px, moment_z, options))[0]
+
+    def estimate_two(
+        self,
+        centreline_px: np.ndarray | Mapping[str, np.ndarray] | None = None,
+        *,
+        moment: float | None,
+        pan: float,
+        tilt: float,
+        sigma_px: np.ndarray | float | Mapping[str, np.ndarray | float] | None = None,
+        moment_z: float | None = None,
+        **options: Unpack[FrameOptions],
+    ) -> list[Contact]:
+        """Both contacts of a frame that shows two, the nearer one first; else the one of `estimate`.
+
+        The parameters are those of `estimate`, without jacobian. Two contacts are searched where no single one explains
+        the frame, and given where the frame determines both; otherwise the single contact's reason names them. The
+        antenna's end and points' covariances other than `sigma_px` are not used.
+
+        Raises InputError as `estimate`, and for an antenna that is not uniform.
+        """
+        batch = self._checked(**_as_batch(centreline_px, moment, (pan, tilt), sigma_px, moment_z, options))
+        if self.rig.antenna.taper:
+            raise InputError("the antenna is not uniform", where="rig", remedy="use estimate: one contact at a time")
+        (one,) = contacts = self._contacts(batch)
+        if not unexplained(contacts.numbers)[0]:
+            return [one]
+        return both_contacts(one, contacts.numbers.unknowns[0], self._rig_arrays, batch)
+
+    def _checked(self, **given: Any) -> Batch:
+        """What `estimate_batch` takes, checked. Raises InputError."""
+        read = {"moments": given["moments"], "moments_z": given["moments_z"], **(given.get("readings") or {})}
+        joints = {name: given[name] for name in ("pans", "tilts")}
+        plane: Mapping[str, Any] = {name: given[name] for name in ("plane_xy_m", "covariance_m2") if name in given}
+        return Batch.checked(self.rig, given["centrelines_px"], read, joints, given["sigma_px"], plane)
 
     def estimate_batch(
         self,
@@ -179,9 +194,8 @@ class ContactEstimator:
         ------
         InputError : as `estimate`, or when not everything is there for every frame.
         """
-        read: dict[str, Values] = {"moments": moments, "moments_z": moments_z, **(options.get("readings") or {})}
-        joints: dict[str, Values] = {"pans": pans, "tilts": tilts}
-        batch = Batch.checked(self.rig, centrelines_px, read, joints, sigma_px, options)
+        given = {"centrelines_px": centrelines_px, "moments": moments, "pans": pans, "tilts": tilts, **options}
+        batch = self._checked(**given, sigma_px=sigma_px, moments_z=moments_z)
         contacts = self._contacts(batch)
         if not options.get("jacobian", False):
             return contacts
@@ -237,7 +251,7 @@ class ContactEstimator:
         """A quick fit of each frame on a low rung. None with too few points."""
         frames = Batch.of(self.rig, several).frames(self._rig_arrays)
         found: list[RoughFit | None] = [None] * len(several)
-        enough = np.flatnonzero(frames.usable.sum(-1) >= FEWEST_POINTS)
+        enough = np.flatnonzero(frames.usable.sum(-1) >= ContactSettings.fewest_points)
         if len(enough):
             frames = frames if len(enough) == len(several) else frames.picked(enough)
             for index, own, points_m in zip(enough, *rough_fits(frames), strict=True):
@@ -247,7 +261,7 @@ class ContactEstimator:
     def shape(self, measured: Measured) -> np.ndarray | None:
         """(M, 3) nodes of the fitted antenna, antenna frame. None with too few points."""
         frames = (batch := Batch.of(self.rig, [measured])).frames(self._rig_arrays)
-        if int(frames.usable.sum()) < FEWEST_POINTS:
+        if int(frames.usable.sum()) < ContactSettings.fewest_points:
             return None
         found = solve(frames, self.model, batch.start)
         return np.asarray(bend(frames, self._rung, found.unknowns[:, None]).points_m[0])
@@ -267,8 +281,8 @@ class ContactEstimator:
         left = np.array([row for row in range(count) if row not in known], np.intp)
         found = None if 0 < len(left) == count <= most else FitNumbers.empty(count)
         if known and found is not None:
-            for begin in range(0, len(known), _AT_ONCE):
-                some = dict(islice(known.items(), begin, begin + _AT_ONCE))
+            for begin in range(0, len(known), ContactSettings.frames_per_step):
+                some = dict(islice(known.items(), begin, begin + ContactSettings.frames_per_step))
                 columns = zip(*(numbers.tables for numbers in some.values()), strict=True)
                 found.put(np.array(list(some)), FitNumbers(*map(np.concatenate, columns)))
                 yield
@@ -278,7 +292,7 @@ class ContactEstimator:
             rows = left[begin : begin + most]
             part = batch if len(rows) == count else batch.picked(rows)
             usable = (frames := part.frames(self._rig_arrays)).usable.sum(-1)
-            enough = np.flatnonzero(usable >= FEWEST_POINTS)
+            enough = np.flatnonzero(usable >= ContactSettings.fewest_points)
             if found is None and len(enough) == count:
                 found = self._fitted(part, frames, beam)
                 continue
@@ -298,7 +312,7 @@ class ContactEstimator:
         fitted = self._solved(frames, batch.start, beam)
         frames = without_outliers(batch, frames, fitted, self._rung, lambda some: self._solved(some, None, beam))
         frames = self._without_odd_tips(frames, fitted, beam)
-        if len(rows := np.flatnonzero((fitted.evidence >= CONTACT_EVIDENCE) & unexplained(fitted))):
+        if len(rows := np.flatnonzero((fitted.evidence >= ContactSettings.contact_evidence) & unexplained(fitted))):
             self._without_reading(frames, fitted, rows[fitted.sensor_available[rows].any(axis=1)])
             self._with_drift(batch, fitted, rows)
         return fitted
@@ -309,7 +323,7 @@ class ContactEstimator:
     def _without_odd_tips(self, frames: Frames, fitted: FitNumbers, beam: Beam | None) -> Frames:
         """Fit frames whose antenna's end lies where it cannot be without it: something else ended there. As used."""
         with np.errstate(invalid="ignore"):
-            odd = np.abs(fitted.tip_std) > ODD_END
+            odd = np.abs(fitted.tip_std) > ContactSettings.outlying_end
         if not odd.any():
             return frames
         rows, tip_std = np.flatnonzero(odd), fitted.tip_std[odd]
@@ -353,7 +367,7 @@ class ContactStream:
     ) -> None:
         self._estimator, self._now, self._beside = estimator, estimator, beside
         self._size, self._little = 1 if live else STREAM, little_by_little
-        self._patience = _PATIENCE if estimator.rig.drift.of_rig and not live else 0
+        self._patience = ContactSettings.patience if estimator.rig.drift.of_rig and not live else 0
         self._beam = Beam.of(estimator.rig)
         self._motion = MotionCheck(self._beam, live)
         self._coming: list[Measured] = []
@@ -375,7 +389,9 @@ class ContactStream:
         if len(self._coming) == self._size:
             self._work.append(self._taken(self._coming))
             self._coming = []
-        return self._worked(min(max(len(self._work) - 2 - hurried, not hurried), _MOST_STEPS) if self._little else None)
+        return self._worked(
+            min(max(len(self._work) - 2 - hurried, not hurried), ContactSettings.most_steps) if self._little else None
+        )
 
     def idle(self) -> Iterator[Contact]:
         """The contacts that a step of the work gives, if there is any: for who has time before the next frame."""
@@ -418,7 +434,7 @@ class ContactStream:
             found = yield from self._search(now, several)
             yield None
             contacts = self._motion.push(found)
-            while part := list(islice(contacts, _AT_ONCE if self._little else CHUNK)):
+            while part := list(islice(contacts, ContactSettings.frames_per_step if self._little else CHUNK)):
                 yield part
 
     def _search(self, now: ContactEstimator, several: list[Measured]) -> Generator[None, None, MovingContacts]:
@@ -442,3 +458,49 @@ class ContactStream:
         located = np.flatnonzero(np.isfinite(found.distance_m))
         self._warm = found.numbers.unknowns[located[-1]] if len(located) else None
         return moving(self._estimator.rig, several, found)
+
+
+def _as_batch(
+    centreline_px: np.ndarray | Mapping[str, np.ndarray] | None,
+    moment: float | None,
+    joints: tuple[float, float],
+    sigma_px: np.ndarray | float | Mapping[str, np.ndarray | float] | None,
+    moment_z: float | None,
+    options: Mapping[str, Any],
+) -> dict[str, Any]:
+    """The arguments of `estimate_batch` for one frame. Raises InputError for wrong shapes, and what is no number."""
+    lines: dict[str, Any] = {"centreline_px": centreline_px, **options}
+    shapes = {"centreline_px": "(N, 2) pixels", "plane_xy_m": "(N, 2) m on plane C, of one camera"}
+    points = np.empty((0, 2))
+    if isinstance(centreline_px, Mapping):
+        remedy = f"give {shapes['centreline_px']} of each camera"
+        lines["centreline_px"] = {
+            name: [as_floats(each, f"centreline_px of {name}", remedy)] for name, each in centreline_px.items()
+        }
+        shapes.pop("centreline_px")
+    if isinstance(sigma_px, Mapping):
+        many = {name: as_floats(each, f"sigma_px of {name}", "give px") for name, each in sigma_px.items()}
+        lines["sigma_px"] = {name: each[None] if each.ndim else each for name, each in many.items()}
+    for name, shape in shapes.items():
+        if (line := lines.get(name)) is not None:
+            points = as_floats(line, name, f"give {shape}")
+            if points.ndim != 2 or points.shape[1] != 2:
+                raise InputError(f"{name} has shape {points.shape}", remedy=f"give {shape}")
+            lines[name] = points[None]
+    if (spread := lines.get("covariance_m2")) is not None:
+        spread = as_floats(spread, "covariance_m2", "give (N, 2, 2) m²")
+        lines["covariance_m2"] = spread if spread.ndim == 2 else spread[None]
+    by_camera, sigma = lines.pop("sigma_px", None), None
+    if sigma_px is not None and by_camera is None:
+        sigma = as_floats(sigma_px, "sigma_px", "give standard deviations in px")
+    if sigma is not None and sigma.shape not in ((), points.shape[:1]):
+        raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
+    sigma = sigma[None] if sigma is not None and sigma.ndim else sigma
+    if read := lines.pop("readings", None):
+        lines["readings"] = {name: [value] for name, value in read.items()}
+    pixels = lines.pop("centreline_px")
+    return {
+        **{"centrelines_px": pixels, "moments": [moment], "pans": [joints[0]], "tilts": [joints[1]]},
+        **{"sigma_px": sigma if by_camera is None else by_camera, "moments_z": [moment_z]},
+        **lines,
+    }

@@ -34,9 +34,8 @@ from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import READINGS
 
-from .status import CONTACT_EVIDENCE, FEWEST_POINTS, unexplained
-
-_LEAST_END_PX = 0.02
+from .settings import ContactSettings
+from .status import unexplained
 
 Values = Sequence[float | None] | np.ndarray | None
 """A number for every frame, None where there is none."""
@@ -74,7 +73,7 @@ class Batch(Rows):
     order : (B, N) where each point was listed; None: as it is here.
     camera : (B, N) that sees each point, of the rig's in their order, one camera's after the other's; None: the rig has
         one. tip_camera : (B,) that sees the end. seen : (B, V) how many points each camera sees; of one with
-        fewer than `FEWEST_POINTS` they are left out.
+        fewer than `ContactSettings.fewest_points` they are left out.
     """
 
     points_px: np.ndarray
@@ -102,8 +101,7 @@ class Batch(Rows):
         """As the solver takes them, for one rig."""
         rotation, _ = rig_arrays.rig.kinematics.world_antenna(self.pan_rad, self.tilt_rad)
         gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
-        lines = self.points_px, self.sigma_px, self.readings_Nm, self.tip_px
-        frames = frames_from_pixels(rig_arrays, *lines, gravity, self.camera, self.tip_camera)
+        frames = self._ideal(rig_arrays, gravity)
         if self.covariance_shape is not None:
             slopes = self.sigma_px[..., None, None] * self.slopes(rig_arrays.rig)
             spread = slopes @ self.covariance_shape @ np.swapaxes(slopes, -1, -2)
@@ -115,6 +113,23 @@ class Batch(Rows):
                 weights  # each residual, and its derivatives, in its own deviations
             )
         return frames
+
+    def _ideal(self, rig_arrays: RigArrays, gravity_m_s2: np.ndarray) -> Frames:
+        if self.camera is None or self.tip_camera is None:
+            lines = self.points_px, self.sigma_px, self.readings_Nm, self.tip_px
+            return frames_from_pixels(rig_arrays, *lines, gravity_m_s2)
+        ones = [replace(rig_arrays, rig=one) for one in rig_arrays.rig.cameras.values()]
+        # of every frame a camera's points stand in the same columns
+        places = (
+            np.searchsorted(self.camera[0], np.arange(len(ones) + 1)) if len(self.camera) else [0] * (len(ones) + 1)
+        )
+        parts = []
+        for index, one in enumerate(ones):
+            own = np.s_[:, places[index] : places[index + 1]]
+            tip = np.where((self.tip_camera == index)[:, None], self.tip_px, np.nan)
+            lines = self.points_px[own], self.sigma_px[own], self.readings_Nm, tip
+            parts.append(frames_from_pixels(one, *lines, gravity_m_s2))
+        return Frames.together(rig_arrays, parts, self.camera, self.tip_camera)
 
     def slopes(self, rig: Rig) -> np.ndarray:
         """(B, N, 2, 2) derivatives of the points' ideal coordinates by their pixels."""
@@ -137,8 +152,8 @@ class Batch(Rows):
         points = together(lambda part: part.points_px)
         camera = np.tile(np.repeat(np.arange(len(parts)), wide), (count, 1))
         seen = np.column_stack([np.isfinite(part.points_px[..., 0]).sum(axis=1) for part in parts])
-        if (seen < FEWEST_POINTS).any():
-            points[np.take_along_axis(seen, camera, 1) < FEWEST_POINTS] = np.nan
+        if (seen < ContactSettings.fewest_points).any():
+            points[np.take_along_axis(seen, camera, 1) < ContactSettings.fewest_points] = np.nan
         order = shape = None
         if any(part.order is not None for part in parts):
             before = dict(zip(map(id, parts), np.cumsum([0, *wide]), strict=False))
@@ -361,9 +376,7 @@ def _about_curve(
     points, sigma = points_px[there], np.broadcast_to(sigma_px, len(points_px))[there]
     if len(points) < settings.scatter_points:
         return None
-    from scipy.spatial import cKDTree  # takes longer to load than a contact to find
-
-    apart = cKDTree(points).query(points, k=5)[0][:, -1]
+    apart = _apart(points, settings.neighbours)
     near = apart <= settings.lonely * np.median(apart)
     centred = points - points[near].mean(axis=0)
     first = np.linalg.svd(centred[near], full_matrices=False)[2][0]
@@ -392,6 +405,28 @@ def _about_curve(
     lags = range(settings.lags + 1)
     taken = np.array([np.einsum("nk,nk->", basis[lag:], basis[: len(basis) - lag]) for lag in lags]) / len(off)
     return off, taken
+
+
+def _apart(points_px: np.ndarray, neighbours: int) -> np.ndarray:
+    """(N,) distance of each of the points (N, 2), N ≥ 5, from its fourth nearest.
+
+    Along a line the nearest are among the next few in the order of one coordinate; a tree, which takes longer to load
+    than a contact to find, finds them where they need not be.
+    """
+    axis = int(np.argmax(np.ptp(points_px, axis=0)))
+    order = np.argsort(points_px[:, axis], kind="stable")
+    ordered = np.pad(points_px[order], ((neighbours, neighbours), (0, 0)), constant_values=np.inf)
+    around = np.lib.stride_tricks.sliding_window_view(ordered, 2 * neighbours + 1, axis=0)  # (N, 2, around)
+    off = np.abs(around - points_px[order][:, :, None])
+    found = np.sort(np.hypot(off[:, 0], off[:, 1]), axis=1)[:, 4]
+    far = np.flatnonzero(found > off[:, axis][:, [0, -1]].min(axis=1))
+    if len(far):
+        from scipy.spatial import cKDTree
+
+        found[far] = cKDTree(points_px).query(points_px[order[far]], k=5)[0][:, -1]
+    apart = np.empty_like(found)
+    apart[order] = found
+    return apart
 
 
 def _cubic_spline(along: np.ndarray, inner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -435,7 +470,7 @@ def without_outliers(
             continue
         again = solved(replace(some.picked(fewer), usable=left[fewer]))
         again.outliers[:] = count[fewer]
-        better = (again.evidence < CONTACT_EVIDENCE) | ~unexplained(again)
+        better = (again.evidence < ContactSettings.contact_evidence) | ~unexplained(again)
         changed = rows[fewer][better]
         fitted.put(changed, FitNumbers(*(values[better] for values in again.tables)))
         usable = usable.copy() if usable is frames.usable else usable
@@ -513,7 +548,7 @@ def _end(tip_px: np.ndarray) -> np.ndarray:
     end = np.asarray(tip_px, float)
     if end.shape != (3,) or end[2] <= 0.0:
         raise InputError(f"tip_px is {tip_px!r:.60}", remedy="give u, v and their deviation along the antenna, px")
-    return end if not end[2] < _LEAST_END_PX else np.array([*end[:2], _LEAST_END_PX])
+    return end if not end[2] < ContactSettings.least_end_px else np.array([*end[:2], ContactSettings.least_end_px])
 
 
 def _points(lines: Any, name: str = "centrelines_px", remedy: str = "give (N, 2) pixels for every frame") -> np.ndarray:

@@ -18,14 +18,11 @@ from vbaa_calib.core.arrays import Rows
 from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
 
-_MOST = 64  # at most so many frames on either side count: what a judge of a recording must remember is bounded
+from .settings import ContactSettings
+
 PIECES = core.solver.PIECES
 """The antenna is judged at the middles of so many equal pieces; each one's inertia acts there as a point force."""
-_FALSE_ALARM = 1e-5
-"""Probability that a frame at rest is taken for a moving one, at most: over all pieces and axes together."""
-_CLAMPED_FREE, _FASTEST = 1.8751040687119611, 4.6945
-"""βL of the free antenna's first mode, and a bound for any contact's: where it sits on a node of the second mode."""
-_TABLE = 65
+_TABLE = 65  # places of a contact at which the first mode is tabulated
 
 
 @dataclass(frozen=True)
@@ -111,7 +108,7 @@ class Inertia:
 
     @property
     def significant(self) -> np.ndarray:
-        """(R,) whether noise alone would hardly ever show as much (`_FALSE_ALARM`); False where undetermined."""
+        """(R,) whether noise alone would hardly ever show as much (`motion_false_alarm`); False where undetermined."""
         return np.asarray((abs(self.load_N_m) > _threshold() * self.load_std_N_m).any((-1, -2)))
 
 
@@ -132,7 +129,9 @@ def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bo
     place = (np.cumsum(known) - 1)[judged]
     rows, points, std = known[judged], np.ascontiguousarray(kept.points_m), np.ascontiguousarray(kept.std_m)
     longest_s = math.pi / beam.slowest_rad_s
-    each = core.solver.accelerations(kept.time_s, points, std, place[rows], mode[rows], longest_s, _MOST, live)
+    each = core.solver.accelerations(
+        kept.time_s, points, std, place[rows], mode[rows], longest_s, ContactSettings.motion_frames, live
+    )
     if rows.all():
         acceleration, std, response = each
     else:
@@ -163,7 +162,7 @@ class Motion:
             time = np.where(np.isfinite(late.time_s), late.time_s, -np.inf)
             ends = time + 0.5 * math.pi / self._beam.first_mode_rad_s(late.contact)
             complete = int(np.cumprod(ends < time.max()).sum())
-        return self._judge(held, max(complete, waiting - _MOST))
+        return self._judge(held, max(complete, waiting - ContactSettings.motion_frames))
 
     def finish(self) -> Inertia | None:
         """The verdicts on the frames that still wait; None if none was ever pushed, or none waits."""
@@ -172,17 +171,17 @@ class Motion:
     def _judge(self, held: Shapes, count: int) -> Inertia:
         end = self._judged + count
         verdicts = inertia(held, self._beam, slice(self._judged, end), live=self._live)
-        start = max(0, end - _MOST)
+        start = max(0, end - ContactSettings.motion_frames)
         self._held, self._judged = held.picked(slice(start, None)), end - start
         return verdicts
 
 
 @cache
 def _threshold() -> float:
-    """Standard deviations that noise exceeds, on any piece and axis, with `_FALSE_ALARM`'s probability."""
+    """Standard deviations that noise exceeds, on any piece and axis, with the probability `motion_false_alarm`."""
     from statistics import NormalDist
 
-    return -NormalDist().inv_cdf(_FALSE_ALARM / (2 * 3 * PIECES))
+    return -NormalDist().inv_cdf(ContactSettings.motion_false_alarm / (2 * 3 * PIECES))
 
 
 @cache
@@ -203,13 +202,15 @@ def _wave_numbers() -> np.ndarray:
         return hinged(inner) * free - hinged(outer) * clamped
 
     contact = np.linspace(0.0, 1.0, _TABLE)
-    low, high = np.full(_TABLE, _CLAMPED_FREE), np.full(_TABLE, _FASTEST)
+    # βL of the free antenna's first mode, and a bound for any contact's, where it sits on a node of the second mode
+    clamped_free, fastest = 1.8751040687119611, 4.6945
+    low, high = np.full(_TABLE, clamped_free), np.full(_TABLE, fastest)
     sign = np.sign(moment(low))
     for _ in range(52):
         middle = 0.5 * (low + high)
         same = np.sign(moment(middle)) == sign
         low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return np.where(contact > 0.0, 0.5 * (low + high), _CLAMPED_FREE)
+    return np.where(contact > 0.0, 0.5 * (low + high), clamped_free)
 
 
 def _wave_numbers_of(taper: Taper) -> np.ndarray:

@@ -365,7 +365,7 @@ def _own_bow(track: ClampTrack, row: int, measured: Measured, axes: np.ndarray) 
     """The change of bow that a free frame asks for, and its variance, in units of the last of `axes` (17 + P, 5); the
     others are the clamp's; None for a frame that is not free."""
     rig = track.at(row)
-    frames = Batch.of(rig, [measured]).frames(replace(RigArrays.from_rig(rig, 0.0), axes=axes, line=np.empty(0)))
+    frames = Batch.of(rig, [measured]).frames(replace(RigArrays.from_rig(rig, 0.0), axes=axes, line=np.empty((1, 0))))
     free = free_antennas(frames)
     if frames.usable.sum() < DriftSettings.fewest_points or not free.gain[0] < DriftSettings.free_gain:
         return None

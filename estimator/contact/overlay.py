@@ -38,6 +38,7 @@ from vbaa_calib.session import Frame
 
 from .estimate import ContactEstimator
 from .recording import FrameContact, gravity
+from .settings import ContactSettings
 
 STATUS_COLOURS = {
     "ok": "#009e73",
@@ -51,18 +52,10 @@ STATUS_COLOURS = {
     "contradicted": "#9f1239",
 }
 """As in the report; told apart by the colour-blind as well."""
-CONTACT: Colour = (60, 220, 255)
-_UNFITTED = ("no_contact", "no_antenna")  # statuses without a shape beside the free one to show
-_RADIUS_95 = 2.448  # in deviations: the ellipse of this size holds 95 % of a plane's normal distribution
-_WHOLE = 0.99  # with so much of it seen, nothing needs to be explained
-_FORCE_SHARE = 0.15  # length of the force's arrow, of the antenna's
-# the close-up's side, of the picture's shorter side, how far it shows the contact's surroundings, px, and the factor on
-# its grey levels
-_CLOSE_UP, _CLOSE_UP_PX, _CLOSE_UP_LIGHT = 0.3, (8.0, 80.0), 1.2
-_SLOPE_STEP = 1e-5  # of the finite differences by a point, of its distance from the camera
-_PAGE = "index.html"
+CONTACT: Colour = (60, 220, 255)  # of contact, ellipse and force
+_PAGE = "index.html"  # of the folder
 _OURS = '<meta name="generator" content="vbaa estimate --overlay">'  # a folder whose page has this line may be replaced
-_THUMBNAILS, _THUMBNAIL_WIDTH = "thumbnails", 320
+_THUMBNAILS = "thumbnails"  # their folder
 _JPEG = [
     *(cv2.IMWRITE_JPEG_QUALITY, 92),
     *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),  # thin coloured lines stay sharp
@@ -113,7 +106,12 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
     image = np.zeros((height, width), np.uint8) if frame.image is None else read_gray(frame.image)
     where = corridor_of(rig, frame)
     found = marks(estimator, item)
-    if item.line is not None and item.line.seen < _WHOLE and frame.image is not None and where is not None:
+    if (
+        item.line is not None
+        and item.line.seen < ContactSettings.whole
+        and frame.image is not None
+        and where is not None
+    ):
         plane = rig.image.paint.plane(read_picture(frame.image))
         found = replace(found, parts=stretches(plane, item.line, where, rig.image.paint.polarity))
     grey = background(image, where)
@@ -157,7 +155,7 @@ def marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
     rig, contact = estimator.rig, item.contact
     T_camera_antenna = rig.T_antenna_camera.inverse()
     # without a contact the fit is done again: a picture is not worth keeping every fit of a recording for
-    fitted = None if contact.status in _UNFITTED else _bent(estimator, item)
+    fitted = None if contact.status in ("no_contact", "no_antenna") else _bent(estimator, item)
     points = np.empty((0, 3)) if fitted is None else fitted[np.isfinite(fitted).all(axis=1)]
     shape = pixels(rig.camera, T_camera_antenna, points) if len(points) else np.empty((0, 2))
     antenna_m = rig.antenna.diameter_m * rig.antenna.taper.middle
@@ -166,7 +164,7 @@ def marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
         return _Marks(shape, width, np.full(2, np.nan), np.empty((0, 2)), np.full(2, np.nan))
     force_N = np.nan_to_num(contact.force_N)
     size_N = max(float(np.linalg.norm(force_N)), 1e-300)
-    head = contact.point_antenna_m + _FORCE_SHARE * rig.antenna.length_m * force_N / size_N
+    head = contact.point_antenna_m + ContactSettings.force_share * rig.antenna.length_m * force_N / size_N
     ends, _ = rig.camera.project(T_camera_antenna @ np.stack([contact.point_antenna_m, head]))
     rotation = rig.kinematics.T_world_antenna(item.frame.pan_rad, item.frame.tilt_rad).rotation
     return _Marks(shape, width, ends[0], ellipse(rig, contact, rotation), ends[1])
@@ -192,12 +190,13 @@ def ellipse(rig: Rig, contact: Contact, rotation_world_antenna: np.ndarray) -> n
     T_camera_antenna = rig.T_antenna_camera.inverse()
     point = T_camera_antenna @ contact.point_antenna_m
     turn = T_camera_antenna.rotation @ rotation_world_antenna.T
-    step = _SLOPE_STEP * float(np.linalg.norm(point))
+    step = 1e-5 * float(np.linalg.norm(point))
     ahead, behind = (rig.camera.project(point + sign * step * np.eye(3))[0] for sign in (1.0, -1.0))
     slopes = np.asarray((ahead - behind) / (2.0 * step)).T @ turn  # (2, 3) px/m: how the pixel moves with the point
     sizes, axes = np.linalg.eigh(slopes @ contact.covariance_world_m2 @ slopes.T)
     angle = np.linspace(0.0, 2.0 * np.pi, 49)
-    circle = _RADIUS_95 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    # 2.448 standard deviations hold 95 % of a plane's normal distribution
+    circle = 2.448 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return np.asarray(rig.camera.project(point[None])[0][0] + circle * np.sqrt(np.clip(sizes, 0.0, None)) @ axes.T)
 
 
@@ -221,10 +220,10 @@ def _draw(canvas: Canvas, item: FrameContact, found: _Marks, *, close: bool = Fa
 def _close_up(canvas: Canvas, grey: np.ndarray, item: FrameContact, found: _Marks) -> None:
     """The contact's surroundings enlarged, in the corner that is farthest from the antenna."""
     rows, columns = canvas.image.shape[:2]
-    size = int(_CLOSE_UP * min(rows, columns))
+    size = int(ContactSettings.close_up * min(rows, columns))
     reach = float(np.abs(found.ellipse - found.contact).max()) if len(found.ellipse) else 0.0
-    radius = float(np.clip(max(2.0 * reach, 3.0 * found.width), *_CLOSE_UP_PX))
-    part = canvas.cut(cv2.convertScaleAbs(grey, alpha=_CLOSE_UP_LIGHT), found.contact, radius, size)
+    radius = float(np.clip(max(2.0 * reach, 3.0 * found.width), *ContactSettings.close_up_px))
+    part = canvas.cut(cv2.convertScaleAbs(grey, alpha=ContactSettings.close_up_light), found.contact, radius, size)
     _draw(part, item, found, close=True)
     corner = found.contact + np.array([-radius, radius])
     part.words(f"contact, {part.scale / canvas.scale:.0f} times larger", corner, CONTACT, (6.0, -6.0))
@@ -270,7 +269,7 @@ def overlaid(
             # a thumbnail is of the part above the legend
             width, height = estimator.rig.camera.image_size
             rows = round(image.shape[1] * height / width)
-            small = (_THUMBNAIL_WIDTH, max(1, round(_THUMBNAIL_WIDTH * rows / image.shape[1])))
+            small = (ContactSettings.thumbnail_px, max(1, round(ContactSettings.thumbnail_px * rows / image.shape[1])))
             thumbnail = cv2.resize(image[:rows], small, interpolation=cv2.INTER_AREA)
             for place, picture in ((folder, image), (folder / _THUMBNAILS, thumbnail)):
                 (place / f"{name}.jpg").write_bytes(cv2.imencode(".jpg", picture, _JPEG)[1].tobytes())

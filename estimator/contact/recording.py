@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice, tee
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -26,32 +27,15 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import without_other_things
 from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import READINGS, Frame, Session, Still, read_centrelines
+from vbaa_calib.session import READINGS, Frame, Session, Still, pictures_of, read_centrelines
 
 from .contacts import RoughFit
 from .estimate import STREAM, ContactEstimator
 from .inputs import OutlierSettings, outside, point_scatter
-
-_GRAVITY_STEP_M_S2 = 0.5
-"""A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
-_SECOND_LOOK, _FARTHER_WIDTHS = 0.8, 6.0
-"""The second look is taken unless it sees less than this fraction of what the first saw; where the polarity changes,
-unless it sees less at all and reaches as far, but for so many widths: an edge may go on."""
-CLAMP_PX, CLAMP_RAD, DRIFTED = 1.5, 0.015, 3.0
-"""How far off its free shape, and turned by how much, a calibrated antenna may leave its clamp; and how many standard
-deviations of the camera's drift are added."""
-SHAPE_PX, SHAPE_WIDTHS = 0.5, 0.11
-"""How far from a shape that it can take it may lie in the mean: the larger of so many px and widths."""
-_LEAST_NOISE = (0.5, 1.0)
-"""Points are not better than this part of what the rig's own pictures showed; no better at all where the polarity may
-change: one picture's scatter does not show what all of its points share."""
+from .settings import ContactSettings
 
 Ground = Callable[[Still], Background | None]
 """What lies behind the antenna in a picture, as far as it is known."""
-
-_NO_JOINTS = "no joint angles were read near enough to the picture's instant"
-_AT_ONCE_PX = 16_000_000
-"""Most pixels of the pictures that are kept for a second look, so that their rough fits are one batch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +75,23 @@ class _FirstDetection:
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """What was seen of the antenna in a picture, and what that offers to the fit."""
+    """What was seen of the antenna in a picture, and what that offers to the fit.
+
+    others : of several cameras what each saw, by name.
+    """
 
     line: Centreline
     measured: Measured
+    others: Mapping[str, Centreline] = field(default_factory=dict)
+
+    @staticmethod
+    def together(rig: Rig, several: Sequence[Detection]) -> Detection:
+        """What each of a rig's cameras saw of one frame, as one."""
+        first, *rest = several
+        others = dict(zip(rig.others, (each.measured for each in rest), strict=True))
+        starts = [each.measured.start for each in several if np.isfinite(each.measured.start).all()]
+        measured = replace(first.measured, others=others, start=starts[0] if starts else first.measured.start)
+        return Detection(first.line, measured, dict(zip(rig.cameras, (each.line for each in several), strict=True)))
 
 
 def gravity(rig: Rig, frame: Still) -> np.ndarray:
@@ -104,7 +101,9 @@ def gravity(rig: Rig, frame: Still) -> np.ndarray:
 
 def measured(rig: Rig, frame: Frame, line: Centreline, **more: Any) -> Measured:
     """A centreline with the deviations that this rig's pictures really have, its end where it is the tip, and more."""
-    least = _LEAST_NOISE[rig.image.paint.polarity is None] * rig.image.noise_px
+    changing = rig.image.paint.polarity is None
+    share = ContactSettings.least_noise_changing if changing else ContactSettings.least_noise
+    least = share * rig.image.noise_px
     sigma = np.maximum(line.effective_px * rig.image.noise_scale, least)
     if line.end == "tip":
         more["tip_px"] = np.array([*line.end_px, line.end_std_px])
@@ -130,7 +129,10 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more:
 def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
     """What looks for the antenna in pictures at these joint angles; None where the lens cannot show it."""
     pull = gravity(rig, frame).tolist()
-    near, alike = (tuple(step * round(g / step) for g in pull) for step in (_GRAVITY_STEP_M_S2, _same_paths_m_s2(rig)))
+    near, alike = (
+        tuple(step * round(g / step) for g in pull)
+        for step in (ContactSettings.same_gravity_m_s2, _same_paths_m_s2(rig))
+    )
     return _finder(rig, near, alike)
 
 
@@ -138,12 +140,12 @@ def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
 def _finder(rig: Rig, pull_m_s2: tuple[float, ...], paths_m_s2: tuple[float, ...]) -> AntennaFinder | None:
     """The same under this gravity (antenna frame), along the paths tabled for one much like it."""
     where = _corridor(rig, pull_m_s2)
-    shape_px = max(SHAPE_PX, SHAPE_WIDTHS * where.width_px)
+    shape_px = max(ContactSettings.shape_px, ContactSettings.shape_widths * where.width_px)
     drift, focal = rig.drift, 0.5 * (rig.camera.matrix[0, 0] + rig.camera.matrix[1, 1])
     depth_m = max(float(rig.T_antenna_camera.inverse().translation_m[2]), 1e-3)
     drifted = (focal * drift.camera_turn_rad, focal * drift.camera_shift_m / depth_m, drift.picture_shift_px)
-    clamp_px = float(np.hypot(CLAMP_PX, DRIFTED * np.linalg.norm(drifted)))
-    where = replace(where, clamp_px=clamp_px, clamp_rad=CLAMP_RAD, shape_px=shape_px)
+    clamp_px = float(np.hypot(ContactSettings.clamp_px, ContactSettings.drifted * np.linalg.norm(drifted)))
+    where = replace(where, clamp_px=clamp_px, clamp_rad=ContactSettings.clamp_rad, shape_px=shape_px)
     found = finder(where, rig.camera, _tabled(rig, paths_m_s2))
     if found is None:
         return None
@@ -167,7 +169,8 @@ def _same_paths_m_s2(rig: Rig) -> float:
     """The step of gravity within which the same paths will do."""
     where = _corridor(rig, (0.0, 0.0, 0.0))
     return max(
-        same_paths_m_s2(where, rig.antenna.parameters, rig.antenna.length_m, rig.antenna.taper), _GRAVITY_STEP_M_S2
+        same_paths_m_s2(where, rig.antenna.parameters, rig.antenna.length_m, rig.antenna.taper),
+        ContactSettings.same_gravity_m_s2,
     )
 
 
@@ -196,11 +199,11 @@ def _along(rig: Rig, glance: _FirstDetection, rough: RoughFit) -> Detection:
     where, changing = glance.looking.corridor, glance.bright is None
     # whatever was left out of the first look, since it was judged
     line = of_antennas_shape(glance.line, where, changing) if changing else glance.line
-    if len(again.points_px) >= _SECOND_LOOK * len(line.points_px):
+    if len(again.points_px) >= ContactSettings.second_detection * len(line.points_px):
         first, line = line, of_antennas_shape(again, where, changing)
         if line.found and changing:
             farther_px = arc_lengths(first.points_px)[-1] - arc_lengths(again.points_px)[-1]
-            more = first.found and line.seen < first.seen and farther_px < _FARTHER_WIDTHS * width
+            more = first.found and line.seen < first.seen and farther_px < ContactSettings.farther_widths * width
             line = first if more else less_sure(line, where)
     # what is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
@@ -210,7 +213,7 @@ def detections(estimator: ContactEstimator, glances: Iterable[_FirstDetection]) 
     """Second looks at pictures in order, as many at a time as memory allows."""
     coming = iter(glances)
     for first in coming:
-        most = min(_AT_ONCE_PX // first.image.size, STREAM)
+        most = min(ContactSettings.at_once_px // first.image.size, STREAM)
         yield from detect_again(estimator, [first, *islice(coming, max(most - 1, 0))])
 
 
@@ -225,25 +228,35 @@ def read_own(rig: Rig, path: Path) -> np.ndarray:
     return image
 
 
-def first_detection(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> _FirstDetection:
-    """A first look at a frame's picture, less what lies behind the antenna where that is known and helps.
+def read_ahead(rig: Rig, frames: Iterable[Frame]) -> Iterator[tuple[Frame, np.ndarray | None]]:
+    """Frames with their pictures, if there are any, of which a thread reads the next few meanwhile.
 
-    Raises InputError when the picture cannot be read or has another size.
+    Raises InputError, at its turn, for one that cannot be read or has another size.
     """
-    assert frame.image is not None
-    return first_look(estimator, frame, read_own(estimator.rig, frame.image), ground)
+    with ThreadPoolExecutor(1) as reader:
+        coming = ((one, reader.submit(read_own, rig, one.image) if one.image else None) for one in frames)
+        waiting = deque(islice(coming, ContactSettings.pictures_ahead))
+        while waiting:
+            frame, picture = waiting.popleft()
+            yield frame, None if picture is None else picture.result()
+            waiting.extend(islice(coming, 1))
 
 
 def first_look(
-    estimator: ContactEstimator, frame: Frame, picture: np.ndarray, ground: Ground | None = None
+    estimator: ContactEstimator, frame: Frame, picture: np.ndarray | None, ground: Ground | None = None
 ) -> _FirstDetection:
-    """The same at a picture (H, W[, 3]) of the rig's size that was read already."""
+    """A first look at a frame's picture (H, W[, 3]), of the rig's size, less what lies behind the antenna where that is
+    known and helps. `picture` : None where only another camera's was taken."""
     rig, paint = estimator.rig, estimator.rig.image.paint
+    if picture is None:
+        none = replace(NOTHING, reason="there is no picture")
+        return _FirstDetection(frame, np.zeros((1, 1), np.uint8), none, paint.polarity)
     bright, image = paint.polarity, paint.plane(picture)
     known = math.isfinite(frame.pan_rad + frame.tilt_rad)
     looking = prepared(rig, frame) if known else None
     if looking is None:
-        return _FirstDetection(frame, image, NOTHING if known else replace(NOTHING, reason=_NO_JOINTS), bright)
+        why = NOTHING.reason if known else "no joint angles were read near enough to the picture's instant"
+        return _FirstDetection(frame, image, replace(NOTHING, reason=why), bright)
     less = subtracted(looking, image, None if ground is None else ground(frame))
     if less is not None and less[1].found:
         image, line, bright, bare = *less, None, True
@@ -282,19 +295,23 @@ def after(first: _FirstDetection, before: np.ndarray) -> tuple[_FirstDetection, 
 def estimate_pictures(
     estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
-    """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `glance` does."""
-    return _estimated(estimator, ((frame, first_detection(estimator, frame, ground)) for frame in frames))
+    """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `read_ahead` does."""
+    if estimator.rig.others:
+        given, kept = tee(detected(estimator, frames, ground))
+        contacts = estimator.run(each.measured for each in given)
+        return (frame_contact(*each) for each in zip(frames, kept, contacts, strict=True))
+    return estimate_taken(estimator, read_ahead(estimator.rig, frames), ground)
 
 
 def estimate_taken(
-    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray]], ground: Ground | None = None
+    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray | None]], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
     """Every frame from its picture (H, W[, 3]) of the rig's size, in order, in constant memory."""
     return _estimated(estimator, ((each.frame, each) for each in first_looks(estimator, taken, ground)))
 
 
 def first_looks(
-    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray]], ground: Ground | None = None
+    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray | None]], ground: Ground | None = None
 ) -> Iterator[_FirstDetection]:
     """First looks at pictures (H, W[, 3]) of the rig's size."""
     return (first_look(estimator, frame, image, ground) for frame, image in taken)
@@ -315,7 +332,10 @@ def _estimated(estimator: ContactEstimator, firsts: Iterable[tuple[Frame, _First
 
 def frame_contact(frame: Frame, seen: Detection, contact: Contact) -> FrameContact:
     """A frame's contact, or why nothing was seen in its picture."""
-    said = contact if seen.line.found else replace(contact, reason=seen.line.reason)
+    said = contact if seen.line.found or seen.others else replace(contact, reason=seen.line.reason)
+    for name, line in seen.others.items():
+        if not line.found:
+            said = replace(said, reason=said.reason.replace(f"{name} shows no antenna", f"{name}: {line.reason}"))
     return FrameContact(frame, said, seen.measured, seen.line)
 
 
@@ -323,20 +343,27 @@ def measured_recording(
     estimator: ContactEstimator, session: Session, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[Measured]:
     """What every frame of a session's recording offers to a fit, in order, as `estimate_source` takes it."""
-    if frames[0].image is None:
+    if not pictures_of(frames):
         lines = read_centrelines(session).checked(frames, "recording.csv")
         return measured_lines(estimator.rig, frames, lines)
     return (each.measured for each in detected(estimator, frames, ground))
 
 
 def detected(estimator: ContactEstimator, frames: Iterable[Frame], ground: Ground | None = None) -> Iterator[Detection]:
-    """What is seen in the pictures of frames, in order. Raises as `first_detection` does."""
-    return detections(estimator, _in_order(first_detection(estimator, frame, ground) for frame in frames))
+    """What is seen in the pictures of frames, in order. Raises as `read_ahead` does."""
+    if estimator.rig.others:
+        parts, frames = [], list(frames)
+        for name, one in estimator.cameras.items():
+            own = [replace(frame, image=frame.others.get(name), others={}) for frame in frames]
+            first = name == estimator.rig.camera_name
+            parts.append(detected(one, frames if first else own, ground if first else None))
+        return (Detection.together(estimator.rig, several) for several in zip(*parts, strict=True))
+    return detections(estimator, _in_order(first_looks(estimator, read_ahead(estimator.rig, frames), ground)))
 
 
 def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:
     """One frame from its picture, as `estimate_pictures` does it but for its motion."""
-    return next(estimate_pictures(estimator, [frame], ground))
+    return next(estimate_taken(estimator, [(frame, read_own(estimator.rig, cast(Path, frame.image)))], ground))
 
 
 def measured_lines(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.ndarray]) -> Iterator[Measured]:
@@ -345,6 +372,13 @@ def measured_lines(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.nda
     Standard deviations that are absent are the points' own scatter, or the rig's pictures' where too little is seen;
     those that are far smaller than it are widened to it.
     """
+    if rig.others:
+        others = getattr(lines, "others", {})
+        parts = [measured_lines(replace(rig, others={}), frames, lines)]
+        parts += [measured_lines(one, frames, others.get(name, {})) for name, one in rig.others.items()]
+        for first, *rest in zip(*parts, strict=True):
+            yield replace(first, others=dict(zip(rig.others, rest, strict=True)))
+        return
     absent_px, factor = _scatter(rig, frames, lines)
     for frame in frames:
         every = lines.get(frame.frame, np.empty((0, 3)))

@@ -6,13 +6,16 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
+from estimator.table.contacts import LOCATED, Contact
 from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
+from vbaa_calib.core.polyline import arc_lengths, resample
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import (
     Centrelines,
@@ -44,10 +47,7 @@ from .recording import (
     estimate_pictures,
     estimate_taken,
 )
-from .shutter import checked
-
-_STILLS = 48
-"""So many pictures of a bag or video show what stands still behind the antenna."""
+from .settings import ContactSettings
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class _Stream:
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class _Source:
     """A recording that was opened and checked.
 
     Attributes
@@ -134,7 +134,7 @@ class Source:
         """The camera's, as far as it is known."""
         return Shutter() if self.session is None else self.session.shutter
 
-    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> Source:
+    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> _Source:
         """With the clocks' offset of a bag or video, if it is to be estimated. Raises InputError where it cannot be."""
         return self if self.stream is None else replace(self, stream=self.stream.clocked(estimator, ground))
 
@@ -183,10 +183,10 @@ def unpacked(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> Iterato
 
 def some_stills(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> list[Still]:
     """Of a bag or video some pictures, in files of a folder."""
-    return [frame for frame, _ in unpacked(thinned(taken, _STILLS), folder)]
+    return [frame for frame, _ in unpacked(thinned(taken, ContactSettings.sampled_pictures), folder)]
 
 
-def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> Source:
+def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> _Source:
     """Open a session folder, or its recording/centrelines.csv; a bag; a video with readings in the .csv of its name.
 
     no_moment : leave the moment readings aside. Raises InputError for what is wrong in it.
@@ -194,19 +194,35 @@ def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOp
     if is_stream(path):
         stream = _Stream(path, rig, options or StreamOptions(), no_moment)
         stream.opened()  # what is wrong is told at once
-        return Source(None, (), None, stream)
-    session = load_session(_session_root(path))
+        return _Source(None, (), None, stream)
+    session = _of_rig(load_session(_session_root(path)), rig)
     frames = read_recording(session)
     if no_moment:
         frames = without_moments(frames)
     pictures = pictures_of(frames)
-    check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
+    for name, one in rig.cameras.items():
+        own = [frame.others[name] for frame in frames if name in frame.others] if name in rig.others else pictures
+        check_pictures(own, one.camera.image_size, "the rig was calibrated at")
     lines = None if pictures else read_centrelines(session).checked(frames, "recording.csv")
-    return Source(session, frames, lines)
+    return _Source(session, frames, lines)
+
+
+def _of_rig(session: Session, rig: Rig) -> Session:
+    """A session as the rig's first camera saw it. Raises InputError where the two have different cameras."""
+    where = session.root / "session.yaml"
+    if not session.cameras and rig.others:
+        what = f"it names no cameras, the rig has {', '.join(rig.cameras)}"
+        raise InputError(what, where=where, remedy="say whose its pictures are, as cameras: {left: {}, right: {}}")
+    if len(session.cameras) > 1 or rig.others:
+        if unknown := [name for name in session.cameras if name not in rig.cameras]:
+            what = f"the rig has no camera {unknown[0]}, but {', '.join(rig.cameras)}"
+            raise InputError(what, where=where, remedy="calibrate this session's cameras, or name them as there")
+        return session.of_camera(rig.camera_name) if rig.camera_name in session.cameras else session
+    return session
 
 
 def estimate_source(
-    estimator: ContactEstimator, source: Source, ground: Ground | None = None
+    estimator: ContactEstimator, source: _Source, ground: Ground | None = None
 ) -> Iterator[FrameContact]:
     """Every frame of a recording, in order, those in which the shutter matters marked."""
     if source.stream is not None:
@@ -215,7 +231,7 @@ def estimate_source(
         found = estimate_pictures(estimator, source.frames, ground)
     else:
         found = estimate_centrelines(estimator, source.frames, source.lines)
-    return checked(found, source.shutter, estimator.rig.camera.image_size[1])
+    return marked_by_shutter(found, source.shutter, estimator.rig.camera.image_size[1])
 
 
 def inputs_digest(path: Path) -> str:
@@ -231,9 +247,9 @@ def inputs_digest(path: Path) -> str:
     said: list[object] = [[file.name, sha256(file)] for file in files]
     session = load_session(_session_root(path))
     for frame in () if files[-1].name == "centrelines.csv" else read_recording(session):
-        if frame.image is not None:
-            status = frame.image.stat()
-            said.append([str(frame.image.relative_to(session.root)), status.st_size, status.st_mtime_ns])
+        for image in ([] if frame.image is None else [frame.image]) + list(frame.others.values()):
+            status = image.stat()
+            said.append([str(image.relative_to(session.root)), status.st_size, status.st_mtime_ns])
     return hashlib.sha256(json.dumps(said).encode()).hexdigest()
 
 
@@ -245,3 +261,83 @@ def _free_stills(session: Session, rig: Rig) -> list[Still]:
     except InputError:  # they are not needed
         return []
     return stills
+
+
+# Blur by an even movement moves no point: the line lies where the antenna is in the middle of the exposure. A rolling
+# shutter reads the rows one after the other: a point lies where the antenna is when its row is read, not the clamp's.
+
+
+@dataclass(frozen=True)
+class _Movement:
+    """The most that the antenna moves during the exposure and during the readout, px; how far that puts points off, px
+    and deviations."""
+
+    exposure_px: float = 0.0
+    readout_px: float = 0.0
+    off_px: float = 0.0
+    off_std: float = 0.0
+
+
+def marked_by_shutter(found: Iterable[FrameContact], shutter: Shutter, rows: int) -> Iterator[FrameContact]:
+    """A recording's frames in order, those in which the movement matters marked; pictures of so many rows.
+
+    Each comes out once the next one is known, where the shutter is known.
+    """
+    if not (shutter.exposure_s or shutter.readout_s):
+        yield from found
+        return
+    before = waiting = None
+    for item in chain(found, [None]):
+        if waiting is not None:
+            # an antenna that comes to rest, or starts from it, may be at rest in the picture itself
+            others = (other for other in (before, item) if other is not None)
+            moved = [_movement(waiting, other, shutter, rows) for other in others]
+            yield _marked(waiting, min(moved, key=_carried_px, default=_Movement()))
+        before, waiting = waiting, item
+
+
+def _carried_px(moved: _Movement) -> float:
+    return moved.readout_px + moved.exposure_px
+
+
+def _movement(item: FrameContact, other: FrameContact, shutter: Shutter, rows: int) -> _Movement:
+    """As fast as from this frame to the other."""
+    after_s = abs(other.frame.time_s - item.frame.time_s)
+    here, there = item.measured.points_px, other.measured.points_px
+    if len(here) < 2 or len(there) < 2 or not after_s > 0.0:
+        return _Movement()
+    # points that are listed in no order make a path of any length
+    spacing_px = max(0.1, float(arc_lengths(there)[-1]) / (100 * rows))
+    from scipy.spatial import cKDTree  # slow to load
+
+    gap, at = cKDTree(resample(there, spacing_px)[0]).query(here)
+    gap[(at == 0) | (at == at.max())] = 0.0  # beyond its ends, the distance is along the line
+    speed = gap / after_s
+    off = speed * shutter.readout_s * np.abs(here[:, 1] - here[0, 1]) / rows
+    worst = int((off / item.measured.sigma_px).argmax())
+    most = float(speed.max())
+    std = float(off[worst] / item.measured.sigma_px[worst])
+    return _Movement(most * shutter.exposure_s, most * shutter.readout_s, float(off[worst]), std)
+
+
+def _marked(item: FrameContact, moved: _Movement) -> FrameContact:
+    contact = item.contact
+    if contact.status in LOCATED and moved.off_std > ContactSettings.carried:
+        reason = (
+            f"the antenna moves by {moved.readout_px:.1f} px while the sensor is read out, which puts points "
+            f"{moved.off_px:.2f} px off, {moved.off_std:.0f} std: move slower, or use a global shutter"
+        )
+        moment = contact.moment_residual_Nm
+        contact = Contact(
+            status="not_quasistatic",
+            reason=reason,
+            model=contact.model,
+            in_contact=True,
+            moment_residual_Nm=moment,
+            outside_points=contact.outside_points,
+            end_used=contact.end_used,
+        )
+    elif moved.exposure_px > ContactSettings.blurred_px:
+        blur = f"moves by {moved.exposure_px:.0f} px during the exposure: expose shorter, or move slower"
+        contact = replace(contact, reason="; ".join(said for said in (contact.reason, f"the antenna {blur}") if said))
+    return replace(item, contact=contact)

@@ -9,76 +9,56 @@ from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.native import core
 
-FEWEST_POINTS = 5
-CONTACT_EVIDENCE = 14.0
-"""Least evidence for a contact. Noise exceeds it about four times in a million: χ² with 3 degrees of freedom > 28."""
-LOW_SIGNAL, LOW_SIGNAL_RELATIVE = 0.05, 0.1
-"""Distances less certain than this fraction of the length, or of themselves, are withheld, and so are deflections less
-certain than that fraction of the length: beyond it first order no longer describes the uncertainty."""
-EDGE_ON_RAD, EDGE_ON_BLIND_RAD = 0.05, 0.15
-"""Within this angle of the camera's centre the deformation plane counts as seen edge-on: with a reading only where the
-distance is uncertain as well, without one always."""
-_ALTERNATIVE_COST = 4.5
-"""Two contacts whose costs differ by less explain a frame about equally well: three standard deviations."""
-SECOND_CONTACT, SECOND_SHIFT = 25.0, 1.0
-"""A second force counts when it lowers the cost by so much and moves the distance by so many deviations. Over the grid
-of places, noise exceeds the first less than once in 10⁵ frames, also with heavy tails."""
-HIGHEST_BIAS = 10.0
-"""A model with a larger predicted bias, in standard deviations, is rejected: to there the bias is known to a factor of
-two, and is part of the deviations."""
-STEEPEST, STEEPEST_BLIND = 3.5, 2.5
-"""Friction angles beyond so many of their prior deviations are rejected, with and without a reading."""
-ODD_END = 2.5
-"""An end of the antenna so many deviations off where the rest puts it is not used: it may be another thing's, and
-without one that is not little is lost."""
-_FRICTION_SHARE = 0.75
-"""A part of the distance's variance by unknown friction that is mentioned: without it the deviation would be half."""
-_RIG_P_VALUE = 2e-5
-"""The rig's steps, in deviations, follow χ²: at a lower probability the frame asks for another rig."""
-DISAGREEMENT, CONTRADICTION = 4.0, 6.0
-"""Residual of a reading, in standard deviations, that is mentioned, and that which fails the frame."""
+from .settings import ContactSettings
 
-NO_ANTENNA, NO_CONTACT, UNOBSERVABLE, LOW = "no_antenna", "no_contact", "unobservable", "low_signal"
-FAILED, TIP, OK = "failed", "tip_contact", "ok"
-_STATUS = np.array([NO_ANTENNA, NO_CONTACT, UNOBSERVABLE, LOW, FAILED, TIP, OK]).dtype
+NO_ANTENNA = "no_antenna"  # too few points
+NO_CONTACT = "no_contact"  # the free shape explains the frame
+UNOBSERVABLE = "unobservable"  # picture and reading leave the contact open
+LOW = "low_signal"  # the distance is too uncertain
+FAILED = "failed"  # no contact explains the frame
+TIP = "tip_contact"  # the contact is at the tip
+OK = "ok"  # all numbers can be used
 
 
 def statuses(numbers: FitNumbers) -> np.ndarray:
     """(B,) the first that applies, from what makes all else meaningless to what can be trusted."""
     with np.errstate(invalid="ignore"):
-        uncertain = ~(numbers.std[:, 0] < np.minimum(LOW_SIGNAL, LOW_SIGNAL_RELATIVE * numbers.unknowns[:, 0]))
-        edge_on, mirrored = numbers.edge_on_rad < EDGE_ON_RAD, _mirrored(numbers)
+        uncertain = ~(
+            numbers.std[:, 0]
+            < np.minimum(ContactSettings.low_signal, ContactSettings.low_signal_relative * numbers.unknowns[:, 0])
+        )
+        edge_on, mirrored = numbers.edge_on_rad < ContactSettings.edge_on_rad, _mirrored(numbers)
         determined = np.isfinite(numbers.std[:, 0])
         # a fit that stopped somewhere says nothing about whether there is a contact
         stopped = ~numbers.converged & (numbers.scatter > core.solver.WRONG_SHAPE)
         order = [
-            (numbers.points < FEWEST_POINTS, NO_ANTENNA),
+            (numbers.points < ContactSettings.fewest_points, NO_ANTENNA),
             (~numbers.finite | np.isfinite(numbers.left_px), FAILED),
-            (~(numbers.evidence >= CONTACT_EVIDENCE) & ~stopped, NO_CONTACT),
+            (~(numbers.evidence >= ContactSettings.contact_evidence) & ~stopped, NO_CONTACT),
             (edge_on & (uncertain | ~numbers.converged), UNOBSERVABLE),
-            (mirrored & (numbers.edge_on_rad < EDGE_ON_BLIND_RAD), UNOBSERVABLE),
+            (mirrored & (numbers.edge_on_rad < ContactSettings.edge_on_blind_rad), UNOBSERVABLE),
             (unexplained(numbers) | _model_too_low(numbers), FAILED),
             (uncertain & determined, LOW),
             (uncertain | _force_undetermined(numbers) | _ambiguous(numbers), UNOBSERVABLE),
-            (_disagreement(numbers) > CONTRADICTION, FAILED),
+            (_disagreement(numbers) > ContactSettings.contradiction, FAILED),
             (numbers.at_tip, TIP),
         ]
     order.append((np.ones(len(numbers), bool), OK))
-    return np.array([status for _, status in order], _STATUS)[np.argmax([which for which, _ in order], axis=0)]
+    return np.array([status for _, status in order])[np.argmax([which for which, _ in order], axis=0)]
 
 
 def unexplained(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether no one contact, as contacts are thought possible, explains the frame."""
     wrong = ~numbers.converged | (numbers.scatter > core.solver.WRONG_SHAPE)
     # without a reading a steep bend along the line of sight fits almost anything, if not quite
-    steep = np.abs(numbers.unknowns[:, 3]) > STEEPEST_BLIND
+    steep = np.abs(numbers.unknowns[:, 3]) > ContactSettings.steepest_blind
     wrong |= _mirrored(numbers) & ((numbers.scatter > 1.0) | steep)
     return wrong | _at_clamp(numbers) | _friction_exceeded(numbers) | _second_contact(numbers)
 
 
 def _ambiguous(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether another contact, apart by more than the uncertainty, explains the frame about equally well."""
-    as_good = numbers.alternative_cost < _ALTERNATIVE_COST * numbers.scatter**2
+    as_good = numbers.alternative_cost < ContactSettings.alternative_cost * numbers.scatter**2
     if not as_good.any():
         return as_good
     apart = np.abs(numbers.alternative_unknowns - numbers.unknowns)[:, :3] > 3.0 * numbers.std[:, :3]
@@ -97,25 +77,27 @@ def _at_clamp(numbers: FitNumbers) -> np.ndarray:
 
 
 def _friction_exceeded(numbers: FitNumbers) -> np.ndarray:
-    return np.abs(numbers.unknowns[:, 3]) > STEEPEST
+    return np.abs(numbers.unknowns[:, 3]) > ContactSettings.steepest
 
 
 def _second_contact(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether a second force explains so much more that the distance cannot be believed."""
-    return (numbers.second_gain > SECOND_CONTACT) & (numbers.second_shift > SECOND_SHIFT)
+    return (numbers.second_gain > ContactSettings.second_contact) & (
+        numbers.second_shift > ContactSettings.second_shift
+    )
 
 
 def _force_undetermined(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether the force, and with it the contact point, is undetermined in some direction across the antenna, and
     the rest is not known for all that it may be there."""
     std = np.max(numbers.std[:, 1:3], axis=1)
-    return ~(0.01 * numbers.unknowns[:, 0] ** 3 * std < LOW_SIGNAL) & ~numbers.marginal
+    return ~(0.01 * numbers.unknowns[:, 0] ** 3 * std < ContactSettings.low_signal) & ~numbers.marginal
 
 
 def _model_too_low(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether the requested model's bias exceeds what its deviations can include."""
     bias = numbers.bias[np.arange(len(numbers)), numbers.rung]
-    return np.isfinite(bias) & (bias > HIGHEST_BIAS)
+    return np.isfinite(bias) & (bias > ContactSettings.highest_bias)
 
 
 def _disagreement(numbers: FitNumbers) -> np.ndarray:
@@ -186,7 +168,9 @@ def _misfit(numbers: FitNumbers, length_m: float) -> str:
 
 
 def _unobservable(numbers: FitNumbers, length_m: float) -> str:
-    if numbers.edge_on_rad[0] < (EDGE_ON_BLIND_RAD if _mirrored(numbers)[0] else EDGE_ON_RAD):
+    if numbers.edge_on_rad[0] < (
+        ContactSettings.edge_on_blind_rad if _mirrored(numbers)[0] else ContactSettings.edge_on_rad
+    ):
         return f"the camera sees the deformation plane edge-on, {np.degrees(numbers.edge_on_rad[0]):.1f}° off"
     if not np.isfinite(numbers.std[0, 0]):
         return "nothing in picture and moment holds the contact distance"
@@ -235,13 +219,13 @@ def _remarks(numbers: FitNumbers) -> list[str]:
     if numbers.scatter[0] > 1.0:
         remarks.append(f"the points scatter {numbers.scatter[0]:.1f} times more than they should")
     rig = float(numbers.rig_chi_square[0])
-    if chi_square_p(rig, max(int(numbers.rig_axes[0]), 1)) < _RIG_P_VALUE:
+    if chi_square_p(rig, max(int(numbers.rig_axes[0]), 1)) < ContactSettings.rig_p_value:
         remarks.append(f"the rig's parameters had to move by {np.sqrt(rig):.0f} std to fit: check the rig")
-    if abs(numbers.tip_std[0]) > DISAGREEMENT:
+    if abs(numbers.tip_std[0]) > ContactSettings.disagreement:
         remarks.append(f"the antenna's visible end lies {abs(numbers.tip_std[0]):.0f} std off, and is not used")
-    if numbers.friction_share[0] > _FRICTION_SHARE:
+    if numbers.friction_share[0] > ContactSettings.friction_share:
         worse = 1.0 / np.sqrt(max(1.0 - float(numbers.friction_share[0]), 1e-2))
         remarks.append(f"unknown friction makes the distance {worse:.0f} times less certain (--friction)")
-    if _disagreement(numbers)[0] > DISAGREEMENT:
+    if _disagreement(numbers)[0] > ContactSettings.disagreement:
         remarks.append(f"picture and moment disagree by {_disagreement(numbers)[0]:.0f} std")
     return remarks

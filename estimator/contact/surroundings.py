@@ -25,15 +25,10 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import Still, check_pictures
 
 from .recording import Ground, prepared, read_own
+from .settings import ContactSettings
 
 AUTO = Path("auto")
 """In place of a picture: learn the background."""
-MOST_PICTURES, MOST_PX = 24, 40_000_000
-"""Pictures that are looked at for one background, and their pixels in all."""
-ALIKE_PX, MOST_POSITIONS = 2.0, 6
-"""Joint angles count as one position where the picture moves by no more; so many positions have a background."""
-_HARDLY_MOVES = 0.5
-"""An antenna that always covers this part of what lies behind it hardly moves: nothing is learnt."""
 
 
 def surroundings(rig: Rig, given: Path | None, stills: Callable[[], Sequence[Still]]) -> tuple[Ground | None, str]:
@@ -54,11 +49,11 @@ def _learn_surroundings(rig: Rig, stills: Sequence[Still]) -> tuple[Ground | Non
     """Backgrounds from pictures with the antenna in them, and what came of it in words; None where none is of use."""
     shown = [still for still in stills if still.image is not None]
     why = f"fewer than {LEAST_PICTURES} pictures"
-    for step in (np.inf, ALIKE_PX / float(rig.camera.matrix[0, 0])):
+    for step in (np.inf, ContactSettings.alike_px / float(rig.camera.matrix[0, 0])):
         cells = defaultdict(list)
         for still in shown:
             cells[_cell(still, step)].append(still)
-        several = sorted(cells.items(), key=lambda cell: -len(cell[1]))[:MOST_POSITIONS]
+        several = sorted(cells.items(), key=lambda cell: -len(cell[1]))[: ContactSettings.most_positions]
         grounds: dict[tuple[int, int], Background] = {}
         for cell, own in several:
             if len(own) >= LEAST_PICTURES:
@@ -82,7 +77,7 @@ def beside(rig: Rig, still: Still) -> list[Still]:
     assert still.image is not None
     paths = sorted(path for path in still.image.parent.iterdir() if path.suffix.lower() in SUFFIXES)
     several = []
-    for path in paths[:: 1 + len(paths) // (2 * MOST_PICTURES)]:
+    for path in paths[:: 1 + len(paths) // (2 * ContactSettings.most_pictures)]:
         with suppress(InputError):
             check_pictures([path], rig.camera.image_size, "the rig was calibrated at")
             several.append(replace(still, image=path))
@@ -99,7 +94,7 @@ def _learnt(rig: Rig, stills: Sequence[Still]) -> tuple[Background | None, str]:
     if looking is None:
         return None, "the camera does not see the antenna"
     width, height = rig.camera.image_size
-    count = int(np.clip(MOST_PX // (width * height), LEAST_PICTURES, MOST_PICTURES))
+    count = int(np.clip(ContactSettings.most_px // (width * height), LEAST_PICTURES, ContactSettings.most_pictures))
     sample = [stills[i] for i in np.unique(np.linspace(0, len(stills) - 1, count).round().astype(int))]
     return background_of([_plane(rig, still.image) for still in sample if still.image], looking, rig.image.bright)
 
@@ -124,7 +119,7 @@ def background_of(
         return None, "what lies behind the antenna does not stand still"
     unknown = np.isnan(ground.scatter)
     always = [unknown[covered(line, unknown.shape, 1.0) > 0].mean() for line in lines if line.found]
-    if always and np.mean(always) > _HARDLY_MOVES:
+    if always and np.mean(always) > ContactSettings.hardly_moves:
         return None, "the antenna hardly moves in the picture, and hides what lies behind it"
     if ground.detail_over_scatter(corridor_mask(looking.corridor, looking.image_size) > 0) < STILL:
         return None, "what lies behind the antenna is plain, or does not stand still"

@@ -197,6 +197,8 @@ def axes_of(rig: Rig, rows: Sequence[Change]) -> tuple[np.ndarray, list[np.ndarr
     empty one where the rig does not have the parameter."""
     more = () if rig.wrench_sensor is None else rig.wrench_sensor.parameter_names
     names = [*rig.parameter_names, *more, *["tip_offset_m"] * (rig.tip is not None)]
+    if rig.others:  # nothing is supposed of further cameras' own parameters
+        names += [""] * (len(rig.covariance_with_tip) - len(names))
     sensor = rig.moment_sensor
     units = {"moment_gain": abs(sensor.gain), "moment_offset_Nm": sensor.std_Nm} if sensor.exists else {}
     columns: list[np.ndarray] = []

@@ -10,17 +10,10 @@ from estimator.object.friction import Friction, steady_slides
 from estimator.table.contacts import ContactTable
 
 from .problem import FrictionPrior
+from .settings import RefineSettings
 
 if TYPE_CHECKING:
     from estimator.object.track import Track
-
-_LEAST_RAD = 0.01  # no friction angle is known better: friction differs a little from place to place
-_LATERAL_KNOWN_RAD = 0.15  # forces known to this about the antenna bound what is left along it
-_ALONG, _TURN, _RIM = 0.9, 0.2, 0.2
-"""A slip that runs along the antenna by so much, known to that angle, puts friction on the cone's rim, within this part
-of it: a slip is an average over some frames."""
-_CONTRADICTED, _FEW = 3.5, 0.1  # deviations by which a frame contradicts the law; share by which the recording does
-_TELLS = 0.5  # a frame tells its friction angle if that part of the prior's variance, at least, is gone
 
 
 def as_estimated(table: ContactTable, unit_rad: float) -> FrictionPrior:
@@ -42,24 +35,28 @@ def by_coulomb(table: ContactTable, track: Track, friction: Friction, before: Fr
         mu, std = float(friction.interval[1]), 0.0
     else:
         return None
-    cone = np.hypot(np.arctan(mu + std), _LEAST_RAD)
+    cone = np.hypot(np.arctan(mu + std), RefineSettings.least_friction_rad)
     mean, spread = np.zeros(len(table)), np.full(len(table), cone / np.sqrt(2.0))
     if not friction.determined:
         spread = np.minimum(spread, before.std_rad)
     else:
         rows, across = friction.row, np.tan(np.clip(friction.lateral_rad, -1.0, 1.0)) / mu if mu > 0.0 else None
-        known = friction.lateral_std_rad < _LATERAL_KNOWN_RAD
+        known = friction.lateral_std_rad < RefineSettings.lateral_known_rad
         if across is not None:
             unsure = friction.lateral_std_rad / mu
             left = np.maximum(1.0 - across**2, 0.0) + 2.0 * np.abs(across) * unsure + unsure**2
-            rim = np.hypot(np.arctan(mu) * np.sqrt(np.minimum(left, 1.0)), _LEAST_RAD)
+            rim = np.hypot(np.arctan(mu) * np.sqrt(np.minimum(left, 1.0)), RefineSettings.least_friction_rad)
             spread[rows[known]] = np.minimum(rim, spread[rows])[known]
         speed = np.linalg.norm(track.slip_velocity_m_s, axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             along, turn = track.longitudinal_m_s / speed, track.slip_std_m_s / speed
-            slides = steady_slides(track, table.time_s) & (np.abs(along) > _ALONG) & (turn < _TURN)
+            slides = (
+                steady_slides(track, table.time_s)
+                & (np.abs(along) > RefineSettings.slip_along)
+                & (turn < RefineSettings.slip_turn)
+            )
             lean = np.arctan(mu * along)
-            doubt = np.sqrt((std * along) ** 2 + (_RIM * mu) ** 2 + _LEAST_RAD**2)
+            doubt = np.sqrt((std * along) ** 2 + (RefineSettings.rim * mu) ** 2 + RefineSettings.least_friction_rad**2)
         mean, spread = np.where(slides, lean, mean), np.where(slides, doubt, spread)
     at_tip = table.status == "tip_contact"
     return FrictionPrior(np.where(at_tip, before.mean_rad, mean), np.where(at_tip, before.std_rad, spread))
@@ -69,7 +66,7 @@ def contradicted(prior: FrictionPrior, angle_rad: np.ndarray, std_rad: np.ndarra
     """Which frames (B,) see another angle than the law's, and whether so many do that it does not hold; angle_rad,
     std_rad : (B,) with the prior."""
     told = prior.std_rad**2 - std_rad**2
-    tells = told > _TELLS * prior.std_rad**2
+    tells = told > RefineSettings.informative * prior.std_rad**2
     off = np.abs(angle_rad - prior.mean_rad) / np.sqrt(np.maximum(told, 1e-12))
-    wrong = tells & (off > _CONTRADICTED)
-    return wrong, bool(wrong.sum() > max(3, _FEW * tells.sum()))
+    wrong = tells & (off > RefineSettings.law_contradicted)
+    return wrong, bool(wrong.sum() > max(3, RefineSettings.law_share * tells.sum()))

@@ -8,11 +8,11 @@ import numpy as np
 
 from vbaa_calib.antenna.nodes import CONTACT
 
+from .settings import RefineSettings
+
 if TYPE_CHECKING:
     from estimator.solver.linearised import Linearised
     from vbaa_calib.session import KnownObject
-
-_ROUND_M = 1e-5  # how far pin and antenna are from round and straight
 
 
 def known_equations(
@@ -44,5 +44,7 @@ def known_equations(
     across = np.linalg.svd(known.direction[None])[2][1:]
     rows = across @ rotation @ columns[:, :3]
     rows[:, :, -3:] -= known.std_m * across
-    rows /= _ROUND_M
-    return np.swapaxes(rows, 1, 2) @ rows, -np.einsum("bqk,bq->bk", rows, off @ across.T / _ROUND_M)
+    rows /= RefineSettings.object_round_m
+    return np.swapaxes(rows, 1, 2) @ rows, -np.einsum(
+        "bqk,bq->bk", rows, off @ across.T / RefineSettings.object_round_m
+    )

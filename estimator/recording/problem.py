@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.contact.inputs import Batch
-from estimator.contact.status import ODD_END
+from estimator.contact.settings import ContactSettings
 from estimator.solver.linearised import Linearised, free_antennas, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
@@ -23,12 +23,10 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import KnownObject
 
 from .known_object import known_equations
+from .settings import RefineSettings
 from .views import Pictures
 
 RUNG = "rod"  # the highest: what a lower rung leaves out is the same in neighbours and adds up
-_CHUNK = 512
-_SINGULAR = 1e-13  # least eigenvalue of scaled normal equations: below, their solution is rounding
-_HELD = 1e12  # prior weight of a distance that is fixed at the tip
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +136,8 @@ class Problem:
         """Of the contacts, linearised at a state; trust : as in `Equations`, by default, and where NaN, by the state
         itself. It jumps where a frame's scatter, or its end, passes a threshold."""
         views = [(self.arrays_at(state.shared, index), self._split(index)) for index in range(len(self.views))]
-        begins = range(0, max(len(self.touching), 1), _CHUNK)
-        parts = [self._of_chunk(views, state, slice(begin, begin + _CHUNK), trust) for begin in begins]
+        begins = range(0, max(len(self.touching), 1), RefineSettings.chunk)
+        parts = [self._of_chunk(views, state, slice(begin, begin + RefineSettings.chunk), trust) for begin in begins]
         return Equations(
             *(np.concatenate(column) for column in zip(*(vars(part).values() for part in parts), strict=True))
         )
@@ -150,8 +148,8 @@ class Problem:
         information, side = [np.zeros((0, size, size))], [np.zeros((0, size))]
         for index, view in enumerate(self.views):
             arrays, split = self.arrays_at(state.shared, index), self._split(index)[UNKNOWNS:]
-            for begin in range(0, len(view.free), _CHUNK):
-                found = free_antennas(view.free.picked(slice(begin, begin + _CHUNK)).frames(arrays))
+            for begin in range(0, len(view.free), RefineSettings.chunk):
+                found = free_antennas(view.free.picked(slice(begin, begin + RefineSettings.chunk)).frames(arrays))
                 steps = found.information.shape[1]
                 whole = split.T @ (found.information - np.eye(steps)) @ split
                 right = found.side @ split
@@ -227,7 +225,8 @@ class Problem:
         whole[~sound], side[~sound] = np.eye(whole.shape[1]), 0.0
         mine = whole[:, own, own]
         fixed = mine.copy()
-        fixed[self.held[rows], 0, 0] += _HELD * np.maximum(mine[self.held[rows], 0, 0], 1.0)
+        # a distance that is fixed at the tip
+        fixed[self.held[rows], 0, 0] += 1e12 * np.maximum(mine[self.held[rows], 0, 0], 1.0)
         scale = 1.0 / np.sqrt(np.einsum("bii->bi", fixed))
         inverse = np.linalg.inv(fixed * scale[:, :, None] * scale[:, None, :]) * scale[:, :, None] * scale[:, None, :]
         through = inverse @ whole[:, own, shared]
@@ -258,7 +257,11 @@ def _trust(taken: Batch, found: Linearised) -> np.ndarray:
     scatter = np.where(points > 1, found.excess, 1.0)  # a camera that saw nothing has none
     more = scatter > 1.0 + core.solver.EXCESS_SCATTER / np.sqrt(points)
     return np.stack(
-        [np.where(more, 1.0 / np.maximum(scatter, 1.0), 1.0), np.abs(found.residual[:, 2]) <= ODD_END], axis=1
+        [
+            np.where(more, 1.0 / np.maximum(scatter, 1.0), 1.0),
+            np.abs(found.residual[:, 2]) <= ContactSettings.outlying_end,
+        ],
+        axis=1,
     )
 
 
@@ -267,4 +270,4 @@ def _determined(information: np.ndarray) -> np.ndarray:
     diagonal = np.einsum("bii->bi", information)
     positive = (diagonal > 0.0).all(axis=1)
     scale = 1.0 / np.sqrt(np.where(positive[:, None], diagonal, 1.0))
-    return positive & (np.linalg.eigvalsh(information * scale[:, :, None] * scale[:, None, :])[:, 0] > _SINGULAR)
+    return positive & (np.linalg.eigvalsh(information * scale[:, :, None] * scale[:, None, :])[:, 0] > 1e-13)

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.contact.common_errors import empty_frames, unknowns_of
 from estimator.contact.drift import parameter_changes
-from estimator.contact.status import FEWEST_POINTS
+from estimator.contact.settings import ContactSettings
 from estimator.object.estimate import estimate_object
 from estimator.solver.linearised import bend
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
@@ -24,6 +24,7 @@ from vbaa_calib.session import SILENT, KnownObject
 
 from .coulomb import as_estimated, by_coulomb, contradicted
 from .problem import RUNG, FrictionPrior, Problem, State
+from .settings import RefineSettings
 from .solve import Solution, solved
 from .views import View, beside, completed, pictures_of
 from .zero import walk_of_zero
@@ -31,14 +32,6 @@ from .zero import walk_of_zero
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
     from estimator.object.friction import Friction
-
-_GAP_FRAMES, _GAP_S = 5, 0.5  # a stroke ends where so many frames, or so much time, lies before the next contact
-_ANOTHER_RIG = 1e-4  # probability below which shared errors as large as the best fit's are not this calibration's
-_ALLOWED_OFFNESS, _LARGEST_OFFNESS = 1.3, 5.0
-"""How many times farther than its deviations say a rig may be off for its prior to stay, and to be recalibrated by a
-known object."""
-_FOREIGN_SHARE = 0.3  # if so large a part of the frames does not belong to the rest, there is no rest
-_APART_RAD = 1e-5  # joint angles of contacts and recording that differ by more are of two recordings
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +118,7 @@ def refine(
     reason = _refusal(found, known is not None) or walk_of_zero(problem.views[0], FRICTION_RAD, RUNG)
     touched: ObjectEstimate | None = None
     notes: list[str] = []
-    if not reason and known is not None and found.offness > _ALLOWED_OFFNESS:
+    if not reason and known is not None and found.offness > RefineSettings.allowed_excess:
         notes.append(f"the rig is off {found.offness:.1f} times as far as its calibration says; allowed for")
         offness, p = found.offness, found.prior_p
         found = replace(solved(problem, found.state, strokes, offness), offness=offness, prior_p=p)
@@ -137,7 +130,7 @@ def refine(
             problem, found, note = _with_coulomb(problem, found, prior, strokes)
             notes += note
     # with two cameras the rig is known so well that the frames' errors of second order look like a trend
-    if not reason and not views and found.trend_p < _ANOTHER_RIG:
+    if not reason and not views and found.trend_p < RefineSettings.another_rig:
         found = found.changing()
         size = 2.0 * float(np.linalg.norm(found.trend))
         notes.append(
@@ -186,7 +179,7 @@ def _check_frames(contacts: ContactTable, recording: Sequence[Measured]) -> None
     apart = np.array([[each.pan_rad, each.tilt_rad] for each in recording]) - np.stack(
         [contacts.pan_rad, contacts.tilt_rad], axis=1
     )
-    far = np.abs(apart).max(axis=1) > _APART_RAD
+    far = np.abs(apart).max(axis=1) > RefineSettings.joints_apart_rad
     if far.any():
         which = int(contacts.frame[np.argmax(far)])
         raise InputError(
@@ -213,7 +206,7 @@ def _usable(contacts: ContactTable, recording: Sequence[Measured], views: Sequen
         [np.isfinite(each.points_px).all(axis=1).sum() for each in seen]
         for seen in (recording, *(view.recording for view in views))
     ]
-    enough = np.max(points, axis=0) >= FEWEST_POINTS
+    enough = np.max(points, axis=0) >= ContactSettings.fewest_points
     whole = np.isfinite(contacts.distance_std_m + contacts.force_y_N + contacts.force_z_N)
     rows = np.flatnonzero(contacts.located & whole & enough)
     if not len(rows) and (contacts.located & ~whole & enough).any():
@@ -261,8 +254,8 @@ def begun(
 
 def _strokes(contacts: ContactTable, rows: np.ndarray) -> np.ndarray:
     """(P,) number of the stroke that each of these rows belongs to."""
-    late = np.diff(contacts.time_s[rows]) > _GAP_S
-    return np.concatenate([[0], np.cumsum((np.diff(rows) > _GAP_FRAMES) | late)])
+    late = np.diff(contacts.time_s[rows]) > RefineSettings.gap_s
+    return np.concatenate([[0], np.cumsum((np.diff(rows) > RefineSettings.gap_frames) | late)])
 
 
 def _refusal(found: Solution, known: bool) -> str:
@@ -270,10 +263,10 @@ def _refusal(found: Solution, known: bool) -> str:
     if not found.converged or not np.isfinite(found.state.shared).all():
         return "the frames do not come to a common solution: is it another rig?"
     foreign = float(np.mean(found.weight == 0.0))
-    if foreign > _FOREIGN_SHARE:
+    if foreign > RefineSettings.foreign_share:
         share = f"{100 * foreign:.0f} % of the frames contradict the rest"
         return f"{share}: the rig changed in between, or it is another one; look at `vbaa check`"
-    if found.prior_p < _ANOTHER_RIG and (not known or found.offness >= _LARGEST_OFFNESS):
+    if found.prior_p < RefineSettings.another_rig and (not known or found.offness >= RefineSettings.largest_excess):
         off = f"the frames together say that the rig is off {found.offness:.1f} times as far as its calibration says"
         return f"{off}: it has drifted beyond what was allowed for, or it is another rig; look at `vbaa check`"
     return ""

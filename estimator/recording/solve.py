@@ -11,26 +11,17 @@ from vbaa_calib.core.least_squares import TELLS, Rules, disagreement, disagreeme
 from vbaa_calib.native import core
 
 from .problem import Equations, Problem, State, spread_evenly
+from .settings import RefineSettings
 
-_ENOUGH = 0.02  # steps are taken until none is longer than this part of a standard deviation
 _RULES = Rules(
     iterations=40,
-    standstill=_ENOUGH**2,
+    standstill=RefineSettings.enough**2,
     takes_last=True,
-    may_rise=_ENOUGH**2,
+    may_rise=RefineSettings.enough**2,
     growth=2.0,
     relief=0.5,
     after_failure=1.0,
 )
-_LONGEST = 0.2  # longest step of a distance, in its own size
-_NEARLY_ALL = 0.98
-_MOST = 1000  # contacts, and free frames, from which the shared errors are solved for
-_ROUNDS, _SMALL_CHANGE = 4, 0.1  # frames are weighed anew until no weight changes by more
-_DOUBTED, _FOREIGN, _BEYOND_DOUBT = 1e-2, 1e-6, 1e-9
-"""Probabilities below which a frame counts less; below which it, or its stroke, does not belong; and below which it is
-not even begun with, unless more than a part `_FEW` of all are such."""
-_FEW = 0.4
-_WIDE = 1e-2  # prior information of a change while the recording lasts: ten times what a calibration leaves
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,19 +46,19 @@ class Solution:
 
 
 def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float = 1.0) -> Solution:
-    """The most probable recording. What frames share is solved for with `_MOST` of them at most, evenly over the
+    """The most probable recording. What frames share is solved for with `most_frames` of them at most, evenly over the
     recording, then held while the others are fitted: a frame's bias is of second order in its noise, but the same in
     many. strokes : (B,) number of each frame's; widening : on the deviations of the calibration.
     """
     rig = problem.axes.shape[1]
     prior = np.ones(problem.size)
     prior[:rig] /= widening**2
-    chosen = spread_evenly(len(problem.touching), _MOST)
-    few, labels = problem.picked(chosen, _MOST), strokes[chosen]
+    chosen = spread_evenly(len(problem.touching), RefineSettings.most_frames)
+    few, labels = problem.picked(chosen, RefineSettings.most_frames), strokes[chosen]
     state = State(start.unknowns[chosen], start.shared)
     weight, foreign = _beginning(few, state, labels), np.zeros(0, strokes.dtype)
     kept = None
-    for _ in range(_ROUNDS):
+    for _ in range(RefineSettings.weighings):
         end, converged = _descended(few, state, weight, prior, kept)
         state, equations, total = end.state, end.equations, end.total
         pull = _pull(few, state, equations)
@@ -76,14 +67,14 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
         sums = np.array([weight * (labels == label) for label in each])
         square, freedom = disagreement(np.einsum("gb,bst->gst", sums, equations.information), sums @ pull, total)
         stroke_p = disagreement_p(square, freedom)
-        if stroke_p.min(initial=1.0) < _FOREIGN:
+        if stroke_p.min(initial=1.0) < RefineSettings.foreign:
             foreign = np.append(foreign, each[np.argmin(stroke_p)])
         renewed[np.isin(labels, foreign)] = 0.0
         trust = equations.trust if kept is None else np.minimum(kept, equations.trust)
         distrust = np.abs(trust - end.trust).max(initial=0.0)
         kept = None if kept is None and distrust == 0.0 else trust
         change, weight = np.abs(renewed - weight).max(initial=distrust), renewed
-        if change < _SMALL_CHANGE:
+        if change < RefineSettings.last_change:
             break
     offset = np.zeros((1, problem.size))
     offset[0, :rig] = -prior[:rig] * state.shared[:rig]
@@ -134,7 +125,7 @@ def _trend(
     along = vectors.T @ side
     square = along @ np.linalg.solve(vectors.T @ (of_trend + alike.T @ alike) @ vectors, along)
     p = disagreement_p(np.array([square]), np.array([len(along)]))[0]
-    return np.linalg.solve(of_trend + _WIDE * np.eye(rig), side), float(p)
+    return np.linalg.solve(of_trend + RefineSettings.trend_information * np.eye(rig), side), float(p)
 
 
 def _offness(covariance: np.ndarray, prior: np.ndarray, rig: int, excess: float) -> float:
@@ -158,17 +149,17 @@ def _beginning(problem: Problem, state: State, strokes: np.ndarray) -> np.ndarra
         told = values > TELLS
         along = np.einsum("gsk,gs->gk", vectors, pull)
         square = np.where(told, along**2 / np.where(told, values + values**2, 1.0), 0.0).sum(axis=1)
-        weight[(disagreement_p(square, told.sum(axis=1)) < _BEYOND_DOUBT)[of]] = 0.0
+        weight[(disagreement_p(square, told.sum(axis=1)) < RefineSettings.excluded)[of]] = 0.0
     weight[~equations.sound] = 0.0
-    return weight if np.mean(weight) > 1.0 - _FEW else np.where(equations.sound, 1.0, 0.0)
+    return weight if np.mean(weight) > 1.0 - RefineSettings.most_excluded else np.where(equations.sound, 1.0, 0.0)
 
 
 def _weights(equations: Equations, pull: np.ndarray, total: np.ndarray) -> np.ndarray:
     """(B,) of frames in the shared steps, by the chance of disagreeing as much with the rest."""
     square, freedom = disagreement(equations.information, pull, total)
     p = disagreement_p(square, freedom)
-    weight = np.where(p < _DOUBTED, freedom / np.maximum(square, 1e-9), 1.0)
-    return np.where((p < _FOREIGN) | ~equations.sound, 0.0, weight)
+    weight = np.where(p < RefineSettings.doubted, freedom / np.maximum(square, 1e-9), 1.0)
+    return np.where((p < RefineSettings.foreign) | ~equations.sound, 0.0, weight)
 
 
 def _pull(problem: Problem, state: State, equations: Equations) -> np.ndarray:
@@ -186,10 +177,10 @@ def _others(problem: Problem, state: State, found: np.ndarray, chosen: np.ndarra
         state = State(unknowns, state.shared)
         equations = problem.equations(state, trust)
         own = equations.step - np.einsum("bks,s->bk", equations.through, _ahead(problem, state))
-        if turn and _length(own, equations.own_covariance) < _ENOUGH:
+        if turn and _length(own, equations.own_covariance) < RefineSettings.enough:
             break
         length = _lengths(own, equations.own_covariance).max(axis=1)
-        rises, before = rises + (length > before + _ENOUGH), length
+        rises, before = rises + (length > before + RefineSettings.enough), length
         part = 0.5 ** np.maximum(rises - 1.0, 0.0)
         kept = np.where(np.isnan(trust), equations.trust, trust)
         trust = np.where((part < 1.0)[:, None, None], kept, np.nan)
@@ -204,7 +195,7 @@ def _lengths(own: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 def _length(own: np.ndarray, covariance: np.ndarray) -> float:
     """Of nearly all frames' steps (B, 4), in their standard deviations."""
-    return float(np.quantile(_lengths(own, covariance), _NEARLY_ALL)) if len(own) else 0.0
+    return float(np.quantile(_lengths(own, covariance), RefineSettings.nearly_all)) if len(own) else 0.0
 
 
 def _ahead(problem: Problem, state: State) -> np.ndarray:
@@ -289,7 +280,7 @@ def _descended(
         trial = _linearised(problem, further, weight, prior, now.trust if keeps else None)
         if trial is None:
             return None
-        keeps = keeps or trial.length > now.length + _ENOUGH
+        keeps = keeps or trial.length > now.length + RefineSettings.enough
         way = further.unknowns - now.state.unknowns, shared
         return replace(trial, cost=now.cost - 0.5 * (now.decrease(*way) + trial.decrease(*way)))
 
@@ -300,7 +291,7 @@ def _descended(
 def _moved(problem: Problem, unknowns: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Unknowns (B, 4) after a step, straight in the clamp's moment: in the force its valley is bent."""
     old = unknowns[:, :1]
-    limited = np.clip(step[:, :1], -_LONGEST * old, _LONGEST * old)
+    limited = np.clip(step[:, :1], -RefineSettings.longest * old, RefineSettings.longest * old)
     share = np.where(step[:, :1] == 0.0, 1.0, limited / np.where(step[:, :1] == 0.0, 1.0, step[:, :1]))
     step = step * share
     distance = np.clip(old + step[:, :1], core.solver.NEAREST, 1.0)

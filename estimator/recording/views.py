@@ -10,7 +10,7 @@ import numpy as np
 from estimator.contact.drift import DriftSettings
 from estimator.contact.estimate import ContactEstimator
 from estimator.contact.inputs import Batch
-from estimator.contact.status import FEWEST_POINTS
+from estimator.contact.settings import ContactSettings
 from estimator.solver.linearised import free_antennas
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import LOCATED, ContactRow, ContactTable, Measured
@@ -21,9 +21,10 @@ from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import READINGS, Frame
 
-_POSE, _ANTENNA = len(POSE_PARAMETERS), slice(len(POSE_PARAMETERS), len(RIG_PARAMETERS) - 2)
-_OF_ANTENNA = slice(_POSE, len(RIG_PARAMETERS))  # with its sensor
-_ANOTHER_ANTENNA, _LENGTHS = 1e-6, 1e-2
+from .settings import RefineSettings
+
+_POSE = len(POSE_PARAMETERS)  # of a camera, in front of `RIG_PARAMETERS`
+_ANTENNA = slice(_POSE, len(RIG_PARAMETERS) - 2)  # the antenna's, without its sensor
 
 
 @gate
@@ -77,7 +78,10 @@ def beside(first: Rig, axes: np.ndarray, other: Rig) -> tuple[Rig, np.ndarray]:
     both = near.covariance[_ANTENNA, _ANTENNA] + wide.covariance[_ANTENNA, _ANTENNA]
     square = float(apart @ _inverse(both) @ apart)
     length = first.antenna.length_m / other.antenna.length_m - 1.0
-    if abs(length) > _LENGTHS or disagreement_p(np.array([square]), np.array([len(apart)]))[0] < _ANOTHER_ANTENNA:
+    if (
+        abs(length) > RefineSettings.length_log
+        or disagreement_p(np.array([square]), np.array([len(apart)]))[0] < RefineSettings.another_antenna
+    ):
         raise InputError(
             "the cameras' rigs have different antennas",
             remedy="calibrate both cameras with the antenna of this recording",
@@ -92,7 +96,8 @@ def beside(first: Rig, axes: np.ndarray, other: Rig) -> tuple[Rig, np.ndarray]:
     # sensor and tip, after pose, antenna and lens, are the first rig's
     more = axes[len(near.covariance) :]
     whole = np.zeros((len(covariance) + len(more), count + left.shape[1]))
-    whole[_OF_ANTENNA, :count] = axes[_OF_ANTENNA]
+    with_sensor = slice(_POSE, len(RIG_PARAMETERS))
+    whole[with_sensor, :count] = axes[with_sensor]
     whole[own, :count], whole[own, count:] = slopes @ axes[_ANTENNA], left
     whole[len(covariance) :, :count] = more
     if sensor is not None:
@@ -123,7 +128,8 @@ def completed(contacts: ContactTable, recording: Sequence[Measured], views: Sequ
         open_rows = [
             index
             for index, row in enumerate(rows)
-            if row.status not in (*LOCATED, "not_quasistatic") and len(view.recording[index].points_px) >= FEWEST_POINTS
+            if row.status not in (*LOCATED, "not_quasistatic")
+            and len(view.recording[index].points_px) >= ContactSettings.fewest_points
         ]
         seen = (
             replace(

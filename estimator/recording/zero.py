@@ -11,11 +11,8 @@ import numpy as np
 from estimator.solver.linearised import linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 
+from .settings import RefineSettings
 from .views import Pictures
-
-_FEWEST, _BEYOND = 6, 4.5  # frames that say anything, and deviations of their slope that a walk is beyond
-_ANYWHERE = np.array([0.5, 0.0, 0.0, 0.0])  # a contact without a force
-_TO_DEVIATION = 1.4826  # of the median of the sizes of normal numbers
 
 
 def walk_of_zero(pictures: Pictures, friction_rad: float, rung: str) -> str:
@@ -24,10 +21,10 @@ def walk_of_zero(pictures: Pictures, friction_rad: float, rung: str) -> str:
     arrays = RigArrays.from_rig(pictures.rig, friction_rad)
     read = np.isfinite(pictures.straight.readings_Nm[:, 0]) & np.isfinite(pictures.straight_s)
     time_s = pictures.straight_s[read]
-    if len(time_s) < _FEWEST or not np.ptp(time_s) > 0.0:
+    if len(time_s) < RefineSettings.zero_frames or not np.ptp(time_s) > 0.0:
         return ""
     frames = pictures.straight.picked(read).frames(arrays)
-    found = linearised(frames, rung, np.tile(_ANYWHERE, (len(time_s), 1)))
+    found = linearised(frames, rung, np.tile(np.array([0.5, 0.0, 0.0, 0.0]), (len(time_s), 1)))
     off, by_rig = found.residual[:, 0], found.readings[:, 0, UNKNOWNS:]
     when = (time_s - time_s.mean()) / np.ptp(time_s)
     # every two frames' slope, the median: frames that are pushed along the line of sight are few, or scatter
@@ -36,10 +33,10 @@ def walk_of_zero(pictures: Pictures, friction_rad: float, rung: str) -> str:
     far = np.abs(apart) > 0.1
     slope = float(np.median((off[second] - off[first])[far] / apart[far]))
     rest = off - slope * when
-    scatter = max(1.0, _TO_DEVIATION * float(np.median(np.abs(rest - np.median(rest)))))
+    scatter = max(1.0, 1.4826 * float(np.median(np.abs(rest - np.median(rest)))))
     of_rig = float(np.linalg.norm(when @ by_rig) / (when @ when))
     std = np.hypot(scatter * np.sqrt(np.pi / 2.0 / (when @ when)), of_rig)
-    if abs(slope) < _BEYOND * std:
+    if abs(slope) < RefineSettings.zero_walks * std:
         return ""
     return (
         f"the moment sensor's zero walks by {slope:+.0f} deviations of its noise while the recording lasts, or "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +10,6 @@ import numpy as np
 from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.native import core
-from vbaa_calib.rig import Rig
 
 from .rig_arrays import RigArrays
 
@@ -50,6 +50,23 @@ class Frames(Rows):
         available[:, core.solver.END] = ends
         return replace(self, available=available)
 
+    @staticmethod
+    def together(rig_arrays: RigArrays, parts: Sequence[Frames], camera: np.ndarray, tip_camera: np.ndarray) -> Frames:
+        """Frames by what each of the cameras saw of them, and the end by tip_camera (B,)."""
+        rows = np.arange(len(tip_camera))
+        points, covariance, usable = (
+            np.concatenate([getattr(part, name) for part in parts], axis=1)
+            for name in ("points", "covariance", "usable")
+        )
+        tip, tip_covariance, ends = (
+            np.stack([getattr(part, name) for part in parts])[tip_camera, rows]
+            for name in ("tip", "tip_covariance", "ends")
+        )
+        frames = replace(parts[0], rig_arrays=rig_arrays, points=points, covariance=covariance, usable=usable)
+        frames = replace(frames, tip=tip, tip_covariance=tip_covariance, camera=camera, tip_camera=tip_camera)
+        frames.available[:, core.solver.END] = ends
+        return frames
+
     @property
     def ends(self) -> np.ndarray:
         """(B,) `available` of the antenna's end."""
@@ -63,49 +80,31 @@ def frames_from_pixels(
     readings_Nm: np.ndarray,
     tip_px: np.ndarray,
     gravity_m_s2: np.ndarray,
-    camera: np.ndarray | None = None,
-    tip_camera: np.ndarray | None = None,
 ) -> Frames:
     """Frames of pixels (B, N, 2) with deviations (B, N) across the antenna; what is not finite counts as missing.
 
     `readings_Nm` (B, 6) as `session.READINGS`: NaN where there is none. `tip_px` (B, 3): the antenna's end and its
-    deviation along it. `gravity_m_s2` (B, 3) in the antenna frame. `camera` (B, N), `tip_camera` (B,) see `Frames`, by
-    default the first.
+    deviation along it. `gravity_m_s2` (B, 3) in the antenna frame, of a rig with one camera.
     """
     if rig_arrays.rig.tip is None:
         tip_px = np.full_like(tip_px, np.nan)
-    camera = np.zeros(points_px.shape[:2], np.int64) if camera is None else camera
-    tip_camera = np.zeros(len(points_px), np.int64) if tip_camera is None else tip_camera
-    points, covariance, usable = _ideal(rig_arrays.rig, points_px, sigma_px, camera)
-    tip, tip_covariance, with_tip = (
-        each[:, 0] for each in _ideal(rig_arrays.rig, tip_px[:, None, :2], tip_px[:, None, 2], tip_camera[:, None])
-    )
+    points, covariance, usable = _ideal(rig_arrays, points_px, sigma_px)
+    tip, tip_covariance, with_tip = _ideal(rig_arrays, tip_px[:, :2], tip_px[:, 2])
     slots, own = rig_arrays.sensors, readings_Nm[:, : len(rig_arrays.sensors)]
     read = np.isfinite(own) & rig_arrays.exists
     reading, available = np.zeros((2, len(points), len(rig_arrays.std)))
     reading[:, slots], available[:, slots], available[:, core.solver.END] = np.where(read, own, 0.0), read, with_tip
     gravity = np.ascontiguousarray(gravity_m_s2, float)
-    return Frames(
-        rig_arrays, points, covariance, usable, reading, tip, tip_covariance, available, gravity, camera, tip_camera
-    )
+    cameras = np.zeros(usable.shape, np.int64), np.zeros(len(usable), np.int64)
+    measured = reading, tip, tip_covariance, available, gravity
+    return Frames(rig_arrays, points, covariance, usable, *measured, *cameras)
 
 
 def _ideal(
-    rig: Rig, points_px: np.ndarray, sigma_px: np.ndarray, camera: np.ndarray
+    rig_arrays: RigArrays, points_px: np.ndarray, sigma_px: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels (B, N, 2) of cameras (B, N) in normalized coordinates, covariances (B, N, 3), and 1 for usable ones."""
-    if rig.others and len(camera):
-        parts = []
-        for index, one in enumerate(rig.cameras.values()):
-            own = camera == index
-            if (own == own[0]).all():  # the same columns of every frame
-                own = np.s_[:, slice(*np.searchsorted(camera[0], [index, index + 1]))]
-            parts.append((own, _ideal(one, points_px[own], sigma_px[own], camera[own])))
-        points, covariance, usable = (np.empty((*camera.shape, *size)) for size in ((2,), (3,), ()))
-        for own, each in parts:
-            points[own], covariance[own], usable[own] = each
-        return points, covariance, usable
-    shape, lens = points_px.shape[:-1], lens_of(rig.camera.intrinsics)
+    """Pixels (..., 2) in normalized coordinates, their covariances (..., 3), and 1 for usable ones (...)."""
+    shape, lens = points_px.shape[:-1], lens_of(rig_arrays.rig.camera.intrinsics)
     flat = np.ascontiguousarray(points_px, float).reshape(-1, 2)
     sigma = np.ascontiguousarray(sigma_px, float).reshape(-1)
     points, covariance, usable = core.solver.ideal_points(lens, flat, sigma)

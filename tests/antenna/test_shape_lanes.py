@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from tests.antenna.test_shape import LENGTH, cases
 from vbaa_calib.antenna.nodes import CONTACT, aligned_arclength
-from vbaa_calib.antenna.rungs import RUNGS, curves
+from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.antenna.taper import UNIFORM
 from vbaa_calib.native import core
 
@@ -112,37 +112,3 @@ def test_series_and_closed_form_meet(rung: int) -> None:
             for factor in (1.0 - 1e-13, 1.0 + 1e-13)
         )
         np.testing.assert_allclose(below, above, rtol=0, atol=2e-12, err_msg=name)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("rung", range(len(RUNGS)))
-def test_tangents_of_the_first_shape_alone(rung: int) -> None:
-    press = presses(25.0, seed=6)
-    every = lanes(rung, press)
-    for rows in (0, core.antenna.NODE_ROWS):
-        some = lanes(rung, press, rows)
-        np.testing.assert_array_equal(some[0], every[0])
-    first = some[1].reshape(3, -1)[:, :NODES]
-    np.testing.assert_allclose(first, every[1][..., 0], rtol=0, atol=1e-15)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("rung", range(len(RUNGS)))
-@pytest.mark.parametrize("slope_deg", [1e-6, 25.0, 70.0])
-def test_a_batch_is_made_of_these(rung: int, slope_deg: float) -> None:
-    press = presses(slope_deg, seed=7)
-    points, tangents, force, moment = lanes(rung, press)
-    batch = curves(
-        RUNGS[rung],
-        press["parameters"].T,
-        LENGTH,
-        np.tile(GRAVITY, (LANES, 1)),
-        press["contact_m"],
-        press["force_N"].T,
-        press["friction_rad"],
-    )
-    np.testing.assert_allclose(batch.points_m, points.T, rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(batch.tangents, tangents.T, rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(batch.force_N, force.T, rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(batch.moment_Nm, moment, rtol=1e-12, atol=1e-16)
-    np.testing.assert_allclose(batch.contact_m, points[:, CONTACT].T, rtol=1e-12, atol=1e-15)

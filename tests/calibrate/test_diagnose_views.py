@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,7 +11,7 @@ from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import STRETCH
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.detect.board.corners import BoardView
-from vbaa_calib.diagnose.boards import ViewSet, find_change, resolution_changed, same_pose, view_set_diagnoses
+from vbaa_calib.diagnose.boards import ViewSet, find_change, same_pose, view_set_diagnoses
 from vbaa_calib.geometry import Pose
 
 from .photo_sets import detected
@@ -140,27 +139,6 @@ def test_a_stretched_print_is_measured_and_the_lens_solved_with_it() -> None:
     assert "longer along its x than along its y by 0.7" in found.words
 
 
-def test_what_is_missing_is_said() -> None:
-    rng = np.random.default_rng(1)
-    shifts = rng.uniform(-0.04, 0.04, (10, 2))
-    flat = [Pose.from_rotvec(np.array([0.02 * k, 0.0, 0.3 * k]), np.zeros(3)) for k in range(10)]
-    face_on = [Pose(p.rotation, np.array([*s, 0.3]) - p.rotation @ CENTRE) for p, s in zip(flat, shifts, strict=True)]
-    good = solved(pictures(2, np.ones(12)))
-    views = pictures(1, np.ones(10), poses=face_on)
-    used = [
-        dataclasses.replace(good.views[0], name=view.name, T_camera_board=pose)
-        for view, pose in zip(views, face_on, strict=True)
-    ]
-    found = [one.name for one in view_set_diagnoses(views, dataclasses.replace(good, views=tuple(used)), SPEC)]
-    assert "never_tilted" in found
-    assert "border_empty" in found
-    one_way = [Pose.from_rotvec(np.array([0.0, turn, 0.0]), np.zeros(3)) for turn in np.linspace(-0.6, 0.6, 10)]
-    used = [dataclasses.replace(view, T_camera_board=pose) for view, pose in zip(used, one_way, strict=True)]
-    found = [one.name for one in view_set_diagnoses(views, dataclasses.replace(good, views=tuple(used)), SPEC)]
-    assert "tilted_one_way" in found
-    assert not {"never_tilted", "tilted_one_way"} & set(names(pictures(2, np.ones(12))))
-
-
 @pytest.mark.parametrize("name", ["gopro", pytest.param("realsense", marks=pytest.mark.slow)])
 def test_real_sets_raise_no_alarm_about_the_lens(name: str) -> None:
     """Their corners miss the fit by several times their noise, whole views together."""
@@ -178,20 +156,3 @@ def test_small_moves_are_the_same_pose_and_tilts_are_not(turn_rad: float, move_m
         moved = Pose(turn @ pose.rotation, middle + np.array([move_m, 0.0, 0.0]) - turn @ pose.rotation @ CENTRE)
         first, second = pictures(seed, [1.0, 1.0], poses=[pose, moved])
         assert (same_pose(second, [first], SPEC) is not None) == same
-
-
-@pytest.mark.parametrize(
-    ("size", "name"),
-    [
-        ((1280, 720), None),
-        ((720, 1280), "picture_turned"),
-        ((640, 360), "picture_scaled"),
-        ((1920, 1080), "picture_scaled"),
-        ((1280, 640), "picture_cropped"),
-        ((1280, 960), "picture_cropped"),
-    ],
-)
-def test_a_change_of_resolution_has_its_cause(size: tuple[int, int], name: str | None) -> None:
-    found = resolution_changed(size, (1280, 720))
-    assert (None if found is None else found.name) == name
-    assert found is None or found.grave

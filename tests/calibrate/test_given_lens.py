@@ -22,7 +22,6 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
 from vbaa_calib.convert import FORMATS
 from vbaa_calib.convert.values import Exchanged
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
@@ -190,34 +189,6 @@ def test_the_board_in_the_jig_contradicts_the_lens_of_another_camera(bare: Path)
         camera = replace(true, matrix=matrix, covariance=np.diag(np.array([1, 1, 1, 1, 1e-3, 3e-3, 1e-4, 1e-4]) ** 2))
         found = given_solution(GivenLens(camera, Path("c.json"), "", (), ""), [], session.board, placed).verdict
         assert ("given_lens_contradicted" in {one.name for one in found.diagnoses}) == wrong
-
-
-def test_a_lens_that_cannot_be_taken_is_one_line(
-    bare: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    true = true_camera()
-    larger = replace(true, image_size=(960, 720))
-    folding = replace(true, distortion=np.array([-0.9, 0.0, 0.0, 0.0]))
-    for camera, words in ((larger, "is for 960x720 px"), (folding, "folds inside the picture")):
-        file = tmp_path / "camera.yaml"
-        file.write_text(FORMATS["kalibr"].write(Exchanged(camera)))
-        assert main(["calibrate", str(bare), "--camera", str(file), "-o", str(tmp_path / "rig.json")]) == 2
-        said = capsys.readouterr().err
-        assert words in said
-        assert len(said.splitlines()) == 1
-    for vague in (1e30, 60.0**2):
-        file.write_text(json.dumps(true.to_dict() | {"covariance": np.diag([vague] * 4 + [1e-6] * 4).tolist()}))
-        with pytest.raises(InputError, match="known to"):
-            read_lens(file)
-    file.write_text(json.dumps(true.to_dict() | {"covariance": np.zeros((8, 8)).tolist()}))
-    assert read_lens(file).assumed
-    for text in ("", "{}", "lens: wide", "fx, fy = 900, 900"):
-        file.write_text(text)
-        with pytest.raises(InputError):
-            read_lens(file)
-    assert main(["calibrate", str(bare), "-o", str(tmp_path / "rig.json")]) == 2
-    assert "--camera" in capsys.readouterr().err
-    assert not (tmp_path / "rig.json").exists()
 
 
 def test_what_a_file_says_against_its_own_lens_is_kept(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine
 from vbaa_calib.calibrate.lens.information import information, observations_of
 from vbaa_calib.calibrate.lens.initialization import rough_lens
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.calibrate.lens.models import LENS_MODELS, pole_distance
+from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
@@ -87,26 +87,6 @@ def test_a_tie_between_lenses_does_not_go_to_the_absurd_one(seed: int) -> None:
     smaller = [one for one in solution.comparison if one.expected_error_px < chosen.expected_error_px]
     assert ("smallest expected error" in solution.verdict.words) == (not smaller)
     assert all(one.passed_over and f"{one.model} {one.passed_over}" in solution.verdict.words for one in smaller)
-
-
-def test_poles_are_near_where_they_are_near() -> None:
-    """Or where numerator and denominator are large and nearly cancel: which lens it is is then decided by noise."""
-    size, model = (1280, 960), LENS_MODELS["rational"]
-    corner = np.hypot(*size) / 2
-
-    def distance(squares: list[complex], focal: float) -> float:
-        """Of a lens all but free of distortion, from squares of its poles' radii over the corner's."""
-        bottom = np.poly(1.0 / np.array(squares)).real[1:] * (focal / corner) ** np.array([2, 4, 6])
-        top = bottom * (1.0, 1.0, 1.0) + 1e-9
-        intrinsics = np.array([focal, focal, 639.5, 479.5, *top[:2], 0.0, 0.0, top[2], *bottom])
-        return pole_distance(model, intrinsics, size)
-
-    for focal in (600.0, 6000.0):
-        assert distance([-0.9, -2.0, -4.0], focal) == pytest.approx(np.sqrt(0.9), rel=2e-3)
-        assert distance([1.21, -2.0, -4.0], focal) == pytest.approx(0.1, abs=2e-3)
-        assert distance([1e-2 * np.exp(0.1j), 1e-2 * np.exp(-0.1j), -2.0], focal) == pytest.approx(0.005, abs=1e-4)
-        assert distance([-1e-4, -2.0, -4.0], focal) == pytest.approx(0.01, abs=1e-4)
-    assert pole_distance(LENS_MODELS["opencv4"], LENSES["opencv4"], size) == np.inf
 
 
 @pytest.mark.slow

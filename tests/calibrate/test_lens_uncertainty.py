@@ -14,7 +14,6 @@ from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine
 from vbaa_calib.calibrate.lens.information import (
-    AGREE,
     _compare_split_half,
     _held_out_squares,
     _solved_squares,
@@ -22,6 +21,7 @@ from vbaa_calib.calibrate.lens.information import (
     observations_of,
 )
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
+from vbaa_calib.calibrate.lens.settings import LensSettings
 from vbaa_calib.calibrate.lens.uncertainty import (
     compensate,
     pixel_grid,
@@ -98,13 +98,13 @@ def test_halves_of_two_cameras_do_not_agree() -> None:
     given = draw(RIG, 44)
     views = observations_of(given.views, POINTS)
     deviations, p_value = halves_of(views, given.poses)
-    assert p_value > AGREE
+    assert p_value > LensSettings.halves_agree
     zoomed = [
         view if index % 2 else BoardCorners(view.points_m, view.pixels + 6e-3 * (view.pixels - RIG.intrinsics[2:4]))
         for index, view in enumerate(views)
     ]
     spoilt, chance = halves_of(zoomed, given.poses)
-    assert chance < AGREE
+    assert chance < LensSettings.halves_agree
     assert spoilt > 2.0 * deviations
     assert halves_of(views[:5], given.poses[:5]) == (None, None)
 
@@ -118,7 +118,7 @@ def test_halves_of_good_views_differ_as_often_as_chance_has_it() -> None:
     # forty draws: the share below one half has a standard deviation of 0.08
     assert np.mean(p_values < 0.5) == pytest.approx(0.5, abs=0.2)
     assert np.mean(deviations**2) == pytest.approx(1.0, abs=0.5)
-    assert p_values.min() > AGREE
+    assert p_values.min() > LensSettings.halves_agree
 
 
 @pytest.mark.parametrize("index", [0, 2])

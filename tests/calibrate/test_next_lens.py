@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
-import pytest
-
 from benchmarks.boards import BOARD, draw, rigs
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.pipeline import first_solved, next_lenses
-from vbaa_calib.core.errors import Diagnosis, InputError, SolveError, VbaaError
+from vbaa_calib.core.errors import Diagnosis, SolveError
 
 VIEWS = draw(rigs()[0], 1).views
 
@@ -49,26 +47,3 @@ def test_the_first_lens_that_converges_is_taken() -> None:
         return lens.model
 
     assert first(solve) == lenses()[2].model
-
-
-def test_without_any_the_models_that_were_tried_are_named() -> None:
-    def solve(lens: LensSolution) -> str:
-        raise SolveError(f"not with {lens.model}")
-
-    with pytest.raises(SolveError, match=f"not with {lenses()[0].model}") as raised:
-        first(solve)
-    assert ", ".join(one.model for one in lenses()) in str(raised.value)
-
-
-@pytest.mark.parametrize("error", [InputError("a column is missing"), SolveError("no common solution")])
-def test_what_is_wrong_with_the_input_is_wrong_with_any_lens(error: VbaaError) -> None:
-    """No other lens is tried where the input is refused, or a cause is found."""
-    tried = []
-
-    def solve(lens: LensSolution) -> str:
-        tried.append(lens.model)
-        raise error
-
-    with pytest.raises(VbaaError, match=r"column|the forces have the other sign"):
-        first(solve, Diagnosis("load_sign", "the forces have the other sign", "turn them round", "wrong"))
-    assert len(tried) == 1

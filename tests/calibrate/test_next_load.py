@@ -11,7 +11,6 @@ from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
 from vbaa_calib.calibrate.guide.next_load import load_progress
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.session import Load
 
 from ..rod_scenes import World
 from .still_faults import WEIGHED, Faults, before, drawn_world, free_stills, hung_loads, observed, session, solved
@@ -72,29 +71,3 @@ def test_the_forecast_with_weighed_readings_is_that_of_the_solve(free, loaded) -
     after = solved([*seen, *more], known)
     std = np.sqrt(after.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
     assert progress.suggestion[1].total == pytest.approx(std, rel=0.15)
-
-
-@pytest.mark.slow
-def test_following_the_suggestions_is_no_worse_than_loads_at_random() -> None:
-    followed, random = [], []
-    for seed in range(8):
-        rng = np.random.default_rng(seed)
-        world = drawn_world(rng)
-        free_seen, known = observed(world, free_stills(), rng), before(world, rng)
-        for guided, errors in ((True, followed), (False, random)):
-            seen = list(free_seen)
-            for _ in range(3):
-                joint = solved(seen, known)
-                suggestion = load_progress(joint, session(), MASSES_KG, Kinematics(), 1e-4).suggestion
-                load = suggestion[0] if guided else at_random(rng)
-                seen += observed(world, [load], rng)
-            errors.append(solved(seen, known).parameters[LOG_STIFFNESS] - world.parameters[6])
-    assert np.sqrt(np.mean(np.square(followed))) < 1.1 * np.sqrt(np.mean(np.square(random)))
-
-
-def at_random(rng: np.random.Generator) -> Load:
-    """One of the weights, somewhere along the antenna, where it does not bend it too far."""
-    while True:
-        mass, distance = float(rng.choice(MASSES_KG)), round(float(rng.uniform(0.085, 0.235)), 3)
-        if 9.80665 * mass * distance**2 / (2 * 3.9e-3) < np.deg2rad(35):
-            return Load(None, 0.0, 0.0, 0.0, distance, 0.0, -9.80665 * mass)

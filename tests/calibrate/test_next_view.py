@@ -12,11 +12,8 @@ from targets.board import corner_points
 from vbaa_calib.calibrate.guide.next_view import lens_progress
 from vbaa_calib.calibrate.guide.suggestion import (
     _coarse_poses,
-    _tilt_words,
     _view_candidates,
     best_next,
-    pose_match,
-    seen_as,
 )
 from vbaa_calib.calibrate.guide.view_uncertainty import (
     LensDesign,
@@ -35,7 +32,7 @@ from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.geometry import Pose
 
-from .synthetic_views import CENTRE, SPEC, board_view, pose_towards, project_board
+from .synthetic_views import SPEC, board_view, pose_towards, project_board
 
 SIZE = (1280, 720)
 MODEL = LENS_MODELS["opencv5"]
@@ -143,43 +140,6 @@ def tilted(rotvec_rad: tuple[float, float, float], middle_m: tuple[float, float,
     rotation = Pose.from_rotvec(np.array(rotvec_rad), np.zeros(3)).rotation
     half = SPEC.square_m * np.array([SPEC.squares_x, SPEC.squares_y, 0.0]) / 2
     return Pose(rotation, np.array(middle_m) - rotation @ half)
-
-
-@pytest.mark.parametrize(
-    ("direction", "words"),
-    [((1, 0), "right edge"), ((-1, 0), "left edge"), ((0, 1), "lower edge"), ((0, -1), "upper edge")],
-)
-def test_the_edge_named_is_the_one_that_is_farther(direction, words):
-    for angle in (-0.6, 0.6):
-        for axis in ((0.0, angle, 0.0), (angle, 0.0, 0.0)):
-            pose = tilted(axis, (0.0, 0.0, 0.3))
-            seen = seen_as(CAMERA, pose, SPEC)
-            far = pose.rotation @ (np.array([*direction, 0.0]) * 0.05)
-            assert (words in _tilt_words(seen)) == (far[2] > 0.01)
-            assert seen.tilt_rad == pytest.approx(0.6)
-
-
-def test_the_match_is_one_at_the_pose_and_names_what_to_change():
-    suggestion = lens_progress([], SPEC, PLANE, image_size=SIZE).suggestion
-    wanted = suggestion.T_camera_board
-    rng = np.random.default_rng(0)
-
-    def judged(pose: Pose) -> tuple[float, str]:
-        view = board_view("live", project_board(MODEL, INTRINSICS, pose), SIZE, rng)
-        return pose_match(suggestion, view, SPEC, CAMERA, SIZE)
-
-    share, words = judged(wanted)
-    assert share > 0.95
-    assert words == "hold it there"
-    ray = (wanted @ CENTRE) / np.linalg.norm(wanted @ CENTRE)
-    share, words = judged(Pose(wanted.rotation, wanted.translation_m + 0.4 * np.linalg.norm(wanted @ CENTRE) * ray))
-    assert share < 0.6
-    assert "nearer" in words
-    share, words = judged(Pose(wanted.rotation, wanted.translation_m + np.array([0.05, 0.0, 0.0])))
-    assert share < 0.6
-    assert "further left" in words
-    empty = board_view("live", np.full((SPEC.corner_count, 2), -9.0), SIZE, rng)
-    assert pose_match(suggestion, empty, SPEC, None, SIZE) == (0.0, "the board is not seen")
 
 
 @pytest.mark.slow

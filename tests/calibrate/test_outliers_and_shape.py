@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from benchmarks.boards import BOARD, Rig, draw, error_mm, rigs
 from benchmarks.calibration.methods import kept_corners, screening, solve_oracle, solve_ours
 from targets.board import corner_points
-from vbaa_calib.calibrate.lens.board_shape import ShapePrior, deformations
-from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, polished, refine, rows
+from vbaa_calib.calibrate.lens.board_shape import ShapePrior
+from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, polished, refine
 from vbaa_calib.calibrate.lens.homography import homography
 from vbaa_calib.calibrate.lens.information import information, observations_of
 from vbaa_calib.calibrate.lens.initialization import rough_lens, unfolded, widened
 from vbaa_calib.calibrate.lens.models import (
     LENS_MODELS,
-    DistortionModel,
     camera_of,
     corner_radius,
     is_monotonic,
@@ -104,32 +100,6 @@ def test_a_lens_that_folds_among_the_corners_stays() -> None:
 
 WIDE = rigs()[2]
 FISHEYE = np.array([520.0, 521.0, 641.0, 358.0, 0.05, -0.01, 0.003, -0.001])
-
-
-@pytest.mark.parametrize("model", LENS_MODELS.values(), ids=lambda model: model.name)
-def test_corners_and_slopes_are_opencvs(model: DistortionModel) -> None:
-    rng = np.random.default_rng(3)
-    intrinsics = np.array([900.0, 880.0, 640.0, 350.0, *0.04 * rng.normal(size=model.distortion_count)])
-    poses = np.array([[0.2, -0.3, 0.1, -0.1, -0.05, 0.6], [-0.4, 0.1, 1.5, 0.05, 0.0, 0.4]])
-    shape = np.array([2e-3, -1e-3, 1e-3, 5e-3, -3e-3])
-    seen = [BoardCorners(POINTS, np.zeros((len(POINTS), 2)), deformations(POINTS))] * 2
-    bundle = Bundle(model, intrinsics, poses, np.zeros((0, 0)), shape=shape)
-    residuals, by_shared, by_pose, bounds = rows(bundle, seen)
-    bent = POINTS + deformations(POINTS) @ shape
-    for pose, first, last in zip(poses, bounds[:-1], bounds[1:], strict=True):
-        pixels, by_lens, by_board = projection(model.camera_model, bent, pose, intrinsics)
-        np.testing.assert_allclose(-residuals[first:last], pixels, rtol=1e-12)
-        by_lens, by_board = by_lens.reshape(-1, 2, len(intrinsics)), by_board.reshape(-1, 2, 6)
-        np.testing.assert_allclose(by_shared[first:last, :, : len(intrinsics)], by_lens, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(by_pose[first:last, :, 3:], by_board[..., 3:], rtol=1e-9, atol=1e-9)
-    # steps as the descent takes them: a turn in the camera's frame, and the board's shape
-    for number, step in enumerate(1e-6 * np.eye(3)):
-        turned = [(Rotation.from_rotvec(step) * Rotation.from_rotvec(pose[:3])).as_rotvec() for pose in poses]
-        moved = rows(replace(bundle, poses=np.hstack([turned, poses[:, 3:]])), seen)[0]
-        np.testing.assert_allclose((residuals - moved) / 1e-6, by_pose[..., number], atol=1e-2)
-    for number, step in enumerate(1e-6 * np.eye(5)):
-        moved = rows(replace(bundle, shape=shape + step), seen)[0]
-        np.testing.assert_allclose((residuals - moved) / 1e-6, by_shared[..., len(intrinsics) + number], atol=1e-2)
 
 
 def test_a_homography_is_found_under_outliers() -> None:

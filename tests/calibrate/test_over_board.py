@@ -9,10 +9,7 @@ import pytest
 
 from vbaa_calib.calibrate.plane_c import _corner_bias
 from vbaa_calib.calibrate.pose.fusion import inflated
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import chi_square
-from vbaa_calib.detect.over_board.line import LineEnd
-from vbaa_calib.geometry import Pose
 
 from ..over_scenes import HEIGHT_STD_M, LENGTH_STD_M, Shown, View, drawn_view, shown
 
@@ -89,62 +86,3 @@ def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_frame() -> None:
     predicted = before.lens_sensitivity @ change
     np.testing.assert_allclose(step[:3], predicted[:3], atol=0.1 * np.abs(predicted[:3]).max())
     np.testing.assert_allclose(step[3:], predicted[3:], atol=0.1 * np.abs(predicted[3:]).max())
-
-
-@pytest.mark.slow
-def test_z_points_to_the_side_that_the_guess_says() -> None:
-    scene = shown(View(stiffness=1e4, over=replace(PLAIN.over, shadow=0.0)))
-    weightless = replace(scene.antenna, gravity_m_s2=np.zeros(3))
-    turned = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3)) @ scene.truth
-    found = scene.solved(antenna=weightless, guess=turned).T_antenna_camera
-    assert found.translation_m[2] < 0
-    assert np.abs(found.tangent_from(turned)).max() < 1.5e-3
-
-
-@pytest.mark.slow
-def test_a_clamp_that_leaves_the_picture_tells_which_end_it_is() -> None:
-    scene = shown(View(distance=0.3, look_at=(0.17, 0.0, 0.0)))
-    assert scene.centreline_px()[0, 0] < 0
-    assert nees(scene, guess=None) < 25.0
-
-
-@pytest.mark.slow
-def test_a_marked_clamp_fixes_the_place_without_a_tip() -> None:
-    scene = shown(View(distance=0.3, look_at=(0.0, 0.0, 0.0), over=replace(PLAIN.over, center_m=(0.075, 0.005))))
-    line = scene.centreline_px()
-    assert line[-1, 0] > 960
-    with pytest.raises(InputError, match="tip is not in the picture"):
-        scene.solved()
-    assert nees(scene, clamp=LineEnd(line[0], 0.5)) < 25.0
-
-
-@pytest.mark.slow
-def test_a_dark_antenna_beside_its_hard_shadow_is_refused() -> None:
-    scene = shown(View(paint=0.05, diameter=0.0016, over=replace(PLAIN.over, shadow=0.5, penumbra_m=6e-4)))
-    with pytest.raises(InputError, match="darker runs beside the dark antenna"):
-        scene.solved()
-
-
-REFUSED = {
-    "board is not found": lambda scene: {"images": {"grey.png": np.full((720, 960), 90, np.uint8)}},
-    "no pictures": lambda scene: {"images": {}},
-    "is 100x50": lambda scene: {"images": {"small.png": np.zeros((50, 100), np.uint8)}},
-    "no antenna is found": lambda scene: {"images": {"empty.png": shown(PLAIN, wires=0).picture}},
-    "expected direction": lambda scene: {"guess": Pose.from_rotvec([0.0, 0.0, 1.57], np.zeros(3)) @ scene.truth},
-    "sags by 4": lambda scene: {"height_m": 0.003},
-    "which of them is the clamp does not show": lambda scene: {"guess": None},
-    "as near to one end": lambda scene: {"guess": None, "clamp": LineEnd(scene.centreline_px()[2000], 1.0)},
-    r"moved\.png: the antenna is not where": lambda scene: {
-        "images": {"a": scene.picture, "b": scene.picture, "moved.png": shown(View(bow=(0.0, 0.3))).picture}
-    },
-    "the line found is 2": lambda scene: {"antenna": replace(scene.antenna, length_m=0.18)},
-}
-
-
-@pytest.mark.parametrize(
-    "words", [pytest.param(words, marks=pytest.mark.slow if n % 5 else ()) for n, words in enumerate(REFUSED)]
-)
-def test_what_cannot_be_the_antenna_over_its_board_is_refused(words: str) -> None:
-    scene = shown(PLAIN)
-    with pytest.raises(InputError, match=words):
-        scene.solved(**REFUSED[words](scene))

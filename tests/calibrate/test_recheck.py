@@ -11,14 +11,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 import yaml
 
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.calibrate.check.finding import Checked
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.scene import Scene
@@ -172,54 +170,6 @@ def test_the_uncertainty_of_a_ruler_is_not_blamed_on_the_antenna(made: SimpleNam
     found = assess(made.rig, session)
     assert "stiffness" not in changed_answers(found)
     assert [row["look_at"] for row in found.to_dict()["session"]["loads"]] == [False, False]
-
-
-def test_other_resolutions_other_antennas_and_empty_sessions_are_refused(made: SimpleNamespace, tmp_path: Path) -> None:
-    session = only(made.session, tmp_path / "small", MONTH)
-    picture = session / "plane" / "jig_000.png"
-    cv2.imwrite(str(picture), cv2.resize(cv2.imread(str(picture), 0), (480, 360)))
-    with pytest.raises(InputError, match=r"is 480x360 px, the rig's lens is 960x720 px"):
-        assess(made.rig, session)
-    session = only(made.session, tmp_path / "other", MONTH)
-    text = (session / "session.yaml").read_text()
-    (session / "session.yaml").write_text(text.replace("length_m: 0.24", "length_m: 0.30"))
-    with pytest.raises(InputError, match=r"length_m is 0.3, the rig's 0.24"):
-        assess(made.rig, session)
-    with pytest.raises(InputError, match="has none of intrinsics, plane, noload, loads"):
-        assess(made.rig, only(made.session, tmp_path / "empty", ()))
-
-
-@pytest.mark.parametrize("quality", [{}, {"lens": 3, "warnings": "x", "plane": [1]}, {"lens": {"warnings": {}}}, None])
-def test_a_quality_section_of_any_kind_is_borne(made: SimpleNamespace, tmp_path: Path, quality: Any) -> None:
-    data = json.loads(made.rig.read_text())
-    data.pop("quality")
-    data |= {} if quality is None else {"quality": quality}
-    (tmp_path / "rig.json").write_text(json.dumps(data))
-    assert assess(tmp_path / "rig.json").verdict == "holds"
-
-
-def widen(data: dict[str, Any]) -> None:
-    data["joint"]["covariance"] = (100.0 * np.array(data["joint"]["covariance"])).tolist()
-
-
-@pytest.mark.parametrize(
-    ("change", "name", "level"),
-    [
-        (widen, "plane_c", "look at"),
-        (lambda data: data["moment_sensor"].update(gain=-1.0), "sensor_known", "does not hold"),
-        (lambda data: data["quality"].update(plane_second_solution_ratio=1.05), "planar_ambiguity", "look at"),
-        (lambda data: data["quality"].update(warnings=["the wire is not round"]), "doubts", "look at"),
-        (lambda data: data["antenna"].update(stiffness_Nm2=6e-3), "stiffness_known", "look at"),
-        (lambda data: data["camera"]["distortion"].__setitem__(0, -1.5), "lens_region", "look at"),
-    ],
-)
-def test_doubts_about_the_rig_itself(
-    made: SimpleNamespace, tmp_path: Path, change: Callable[[dict[str, Any]], None], name: str, level: str
-) -> None:
-    data = json.loads(made.rig.read_text())
-    change(data)
-    (tmp_path / "rig.json").write_text(json.dumps(data))
-    assert {one.name: one.level for one in assess(tmp_path / "rig.json").findings}[name] == level
 
 
 def test_a_rig_that_takes_its_lens_as_exact_is_checked_all_the_same(made: SimpleNamespace, tmp_path: Path) -> None:

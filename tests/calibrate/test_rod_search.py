@@ -81,27 +81,6 @@ def test_of_a_rod_and_its_shadow_the_rod_is_found() -> None:
     assert apart(search_rod(picture).line(1), line) < 1.0
 
 
-def test_two_rods_are_numbered_and_either_can_be_chosen() -> None:
-    lines = [bow(0.8, start=(-20.0, 60.0)), bow(0.5, start=(-20.0, 200.0))]
-    search = search_rod(painted([(line, 9.0, (230, 230, 230)) for line in lines]))
-    with pytest.raises(InputError, match="candidates 1 and 2"):
-        search.line()
-    chosen = [search.line(number) for number in (1, 2)]
-    assert sorted(min((apart(line, true), index) for index, true in enumerate(lines))[1] for line in chosen) == [0, 1]
-    with pytest.raises(InputError, match="candidate 9"):
-        search.line(9)
-
-
-def test_mirrored_and_turned_pictures_give_the_same_line() -> None:
-    picture = painted([(bow(), 9.0, (230, 230, 230))])
-    found = search_rod(picture).line()
-    mirrored = search_rod(np.ascontiguousarray(picture[:, ::-1])).line().curve_px * [-1.0, 1.0] + [519.0, 0.0]
-    turned = search_rod(np.ascontiguousarray(np.rot90(picture))).line().curve_px
-    turned = np.stack([519.0 - turned[:, 1], turned[:, 0]], axis=1)
-    for other in (mirrored, turned):
-        assert np.abs(beside(found.curve_px, other[10:-10])[1]).max() < 0.7
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_nothing_is_found_where_nothing_is(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from targets.board import corner_points
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters, observe
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.pipeline import calibrate, stills_prior
-from vbaa_calib.calibrate.plane_c import PlaneViews, find_plane, jig_causes, picture_folders, read_views
+from vbaa_calib.calibrate.plane_c import PlaneViews, find_plane, picture_folders, read_views
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.polyline import beside
@@ -183,52 +182,7 @@ def test_a_load_before_other_things_is_looked_at_with_its_own_paint(rendered: Re
         observe(session, plane.kinematics, [inverted(noload[0])], learnt, "")
 
 
-def _zoomed(size: tuple[int, int], factor: float) -> np.ndarray:
-    """Homography of a picture whose focal length changed."""
-    middle = (np.array(size) - 1.0) / 2.0
-    return np.array([[factor, 0.0, (1 - factor) * middle[0]], [0.0, factor, (1 - factor) * middle[1]], [0.0, 0.0, 1.0]])
-
-
 def _turned(matrix: np.ndarray, about: list[float]) -> np.ndarray:
     """Homography of a camera that turned by 0.3°."""
     turn = Pose.from_rotvec(np.radians(0.3) * np.array(about), np.zeros(3)).rotation
     return matrix @ turn @ np.linalg.inv(matrix)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("change", "folders", "name"),
-    [
-        (lambda camera: _zoomed(camera.image_size, 1.03), ("noload", "loads"), "refocused"),
-        (lambda camera: _turned(camera.matrix, [1.0, 0.0, 0.0]), ("noload", "loads"), "camera_moved"),
-        (lambda camera: np.eye(3), (), None),
-    ],
-)
-def test_what_changed_after_the_jigs_picture_is_named(
-    rendered: Rendered, tmp_path: Path, change, folders, name
-) -> None:
-    root, camera = tmp_path / "session", rendered.lens.camera
-    shutil.copytree(rendered.session.root, root, ignore=shutil.ignore_patterns("sweep", "over", "recording"))
-    for path in [path for folder in folders for path in (root / folder).glob("*.png")]:
-        warped = cv2.warpPerspective(
-            cv2.imread(str(path), cv2.IMREAD_UNCHANGED),
-            change(camera),
-            camera.image_size,
-            flags=cv2.INTER_CUBIC,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        cv2.imwrite(str(path), warped)
-    found = calibrate(load_session(root), "opencv4").rig.verdict.findings
-    assert [one.name for one in found if one.grave] == ([name] if name else [])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("factor", [100.0, 1e-3, np.array([1.0, -1.0, 1.0])])
-def test_a_slip_in_the_jig_is_named_before_the_light(rendered: Rendered, factor: float | np.ndarray) -> None:
-    pose = rendered.session.T_antenna_board
-    wrong = replace(rendered.session, T_antenna_board=Pose(pose.rotation, factor * pose.translation_m))
-    views = PlaneViews(rendered.views.jig, None, None)
-    plane = find_plane(wrong, rendered.lens.camera, rendered.lens.board_shape, views)
-    (found,) = jig_causes(wrong, rendered.lens.camera, plane)
-    assert found.grave
-    assert found.name == ("jig_sign" if np.ndim(factor) else "jig_unit")

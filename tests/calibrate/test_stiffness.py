@@ -10,8 +10,8 @@ import pytest
 
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.rod import Rod, solve_rod
-from vbaa_calib.calibrate.antenna.deflection_table import DeflectionTable
 from vbaa_calib.calibrate.antenna.stiffness import (
+    DeflectionTable,
     elastica,
     outlying,
     solve_stiffness,

@@ -112,22 +112,6 @@ def test_a_tip_load_by_the_closed_form(amount: str) -> None:
     assert found.inverse == pytest.approx(1.0 / stiffness, rel=0.03)
 
 
-@pytest.mark.slow
-def test_an_unloaded_photograph_takes_the_own_shape_out() -> None:
-    rng, stiffness = np.random.default_rng(4), 1e-3
-
-    def own(s: float) -> float:
-        return 6.0 * np.sin(2.0 * np.pi * s / 0.11)
-
-    bent, flat = (rod(lambda s, moment, w=w: w * moment / stiffness + own(s), 0.0, 1.0) for w in (1.0, 0.0))
-    alone = solved(drawn(bent, rng), PhotoSetting(LENGTH))
-    both = solved(drawn(bent, rng), PhotoSetting(LENGTH), drawn(flat, rng))
-    assert alone.linear.uncurled < 0.05
-    assert both.inverse_std < 0.5 * alone.inverse_std
-    for found in (alone, both):
-        assert abs(found.inverse - 1.0 / stiffness) < 2.5 * found.inverse_std
-
-
 def test_a_rod_beside_hairs_is_followed_to_the_border_that_cuts_it_aslant() -> None:
     angle = 0.7 + np.linspace(0.0, 0.4, 300)
     line = np.cumsum(np.stack([np.cos(angle), np.sin(angle)], axis=1), axis=0) * 5e-4
@@ -244,50 +228,3 @@ def test_the_verb_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixt
     assert len(Path(out[2]).read_text().splitlines()) == 1 + len(document["moment_curvature"])
     assert main([*call, "-o", out[0]]) == 2
     assert "--force" in capsys.readouterr().err
-
-
-def test_what_cannot_be_is_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    rng = np.random.default_rng(0)
-    one = drawn(rod(lambda s, moment: moment / 1e-3, 0.0, 1.0), rng)
-    pictures = {
-        "rod": one,
-        "none": rng.normal(60.0, 4.0, (300, 400)).clip(0, 255).astype(np.uint8),
-        "two": np.maximum(one, np.roll(one, -150, axis=0)),
-        "cut": one[:, :250],
-        "hidden": np.where(np.abs(np.arange(520) - 150) < 60, 60, one).astype(np.uint8),
-        "inner": np.pad(one, ((0, 0), (60, 0)), constant_values=40),
-    }
-    for name, picture in pictures.items():
-        cv2.imwrite(str(tmp_path / f"{name}.png"), picture)
-    (tmp_path / "text.jpg").write_text("not a picture")
-    for call, word in (
-        ("text.jpg --length 0.2", "picture"),
-        ("missing.jpg --length 0.2", "no such"),
-        ("none.png --length 0.2", "no rod"),
-        ("two.png --length 0.2", "things"),
-        ("cut.png --length 0.2", "tip"),
-        ("cut.png --length 0.2 --clamp 0,260", "tip"),
-        ("inner.png --length 0.2", "clamped"),
-        ("rod.png", "scale"),
-        ("rod.png --length 200", "length"),
-        ("rod.png --length 0.2 --marks 0,0 100,0 --apart 0.1", "twice"),
-        ("rod.png --marks 5,5 6,6 --apart 0.1", "marks"),
-        ("rod.png --marks 5,5 5,485 --apart 0.1", "outside"),
-        ("rod.png --length 0.2 --load nan", "load"),
-        ("rod.png --length 0.2 --load 0.1 --distance 0.3", "beyond"),
-        ("rod.png --length 0.2 --clamp 900,9", "outside"),
-        ("rod.png --length 0.2 --clamp nonsense", "clamp"),
-        ("rod.png --length 0.2 --clamp 3,300 --tip 300,20", "clamp and tip"),
-        ("hidden.png --length 0.2 --clamp 0,80", "no rod"),
-        ("rod.png --length 0.2 --gravity-angle 180", "against"),
-        ("rod.png --length 0.2 --unloaded none.png", "no rod"),
-    ):
-        name, *rest = call.split()
-        rest = [str(tmp_path / each) if each.endswith(".png") else each for each in rest]
-        assert main(["stiffness", str(tmp_path / name), *rest]) == 2, call
-        error = capsys.readouterr().err
-        assert word in error, (call, error)
-        assert len(error.strip().splitlines()) == 1

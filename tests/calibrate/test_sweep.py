@@ -16,7 +16,6 @@ from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView, detect_files
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import SweepPicture
@@ -210,41 +209,6 @@ class TestWrongRows:
         ]
         solved = solve((spoilt, pictures))
         assert squared(solved) < 25
-
-
-class TestRefused:
-    @pytest.mark.parametrize(
-        ("angles", "words"),
-        [
-            (
-                [(a, 0.1) for a in (-0.2, -0.1, 0.0, 0.1, 0.3)],
-                "only the pan moved in the sweep: .* pan axis .*; add .* tilt",
-            ),
-            (
-                [(0.1, a) for a in (-0.2, -0.1, 0.0, 0.1, 0.3)],
-                "only the tilt moved in the sweep: .* tilt axis .*; add .* pan",
-            ),
-            ([(0.1, 0.1)] * 5, "neither joint moved"),
-            (FEW[:4], "4 pictures of the sweep show the board's markers, at least 5 are needed"),
-            ([(a / 20, b / 20) for a, b in FEW], r"open to 0\.0\d+ rad .* turn pan and tilt further"),
-        ],
-    )
-    def test_moves_that_leave_the_pose_open(self, angles: list[tuple[float, float]], words: str) -> None:
-        with pytest.raises(InputError, match=words):
-            solve(sweep(angles=angles, sigma_px=0.3))
-
-    def test_angles_of_other_pictures(self) -> None:
-        views, pictures = sweep()
-        order = np.random.default_rng(5).permutation(len(pictures))
-        with pytest.raises(InputError, match=r"the angles of sweep\.csv"):
-            solve((views, [pictures[index] for index in order]))
-
-    @pytest.mark.slow
-    def test_one_wrong_row_of_five(self) -> None:
-        with pytest.raises(InputError, match=r"the angles of sweep\.csv explain 4 of 5 pictures"):
-            solve(misread(sweep(angles=FEW[:5]), 1, pan_rad=0.05))
-        with pytest.raises(InputError, match=r"one row of sweep\.csv is off .* nothing shows which"):
-            solve(misread(sweep(angles=FEW[:5], angle_std_rad=3e-4), 2, pan_rad=0.02))
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from vbaa_calib.camera.lens import lens_of
-from vbaa_calib.native import core
 
 from .lenses import LENSES, random_camera, random_directions
 
@@ -103,14 +102,3 @@ def test_derivatives_are_difference_quotients(name):
     for index, move in enumerate(np.diag([1e-3] * 4 + [1e-6] * camera.distortion.size)):
         ends = [camera.moved(sign * move).project(points)[0] for sign in (1, -1)]
         close(by_lens[..., index], quotient(ends, move[index]))
-
-
-def test_the_core_refuses_what_is_no_lens_or_array():
-    with pytest.raises(ValueError, match="4, 8, 9, 12, 16 or 18"):
-        core.lens.Lens(False, np.ones(3))
-    lens = lens_of(LENSES["barrel"].intrinsics)
-    with pytest.raises(ValueError, match=r"\(N, 3\)"):
-        lens.project(np.ones((5, 2)))
-    for wrong in (np.ones(3), [[1.0, 2.0, 3.0]], np.array([["1", "2", "3"]]), None):
-        with pytest.raises(TypeError):
-            lens.project(wrong)

@@ -104,13 +104,3 @@ def test_the_search_on_other_devices_is_the_cores(name):
     x, y, valid = solve_on_device(camera.intrinsics.model, lens, own, *torch.tensor(sensor).unbind(-1))
     np.testing.assert_array_equal(valid.numpy(), known)
     np.testing.assert_allclose(np.stack([x, y], -1)[known], expected[known], rtol=1e-7, atol=1e-9)
-
-
-@pytest.mark.parametrize("name", ["pinhole", "fisheye equidistant"])
-def test_tensors_come_back_as_tensors(name):
-    camera, pixels = LENSES[name], torch.full((4, 3, 2), 300.0)
-    points, slopes, valid = camera.normalized_with_slopes(pixels)
-    by_lens = camera.lens_slopes_at(points)
-    assert points.dtype == slopes.dtype == by_lens.dtype == torch.float32
-    assert valid.dtype == torch.bool
-    assert by_lens.shape == (4, 3, 2, len(camera.parameter_names))

@@ -11,8 +11,6 @@ import pytest
 from vbaa_calib.cli.main import main
 from viz.cli.demo import SCENES
 
-from ..readme_table import table_in_readme, table_of
-
 HARD = [pytest.param(name, marks=pytest.mark.slow) for name in SCENES[1:]]
 
 
@@ -40,11 +38,3 @@ def test_reaches_the_goals(demo: Path) -> None:
 def test_predicted_uncertainty_is_honest(demo: Path) -> None:
     """The mean squared error over its predicted variance, per degree of freedom, is neither blind nor timid."""
     assert 0.1 < json.loads((demo / "summary.json").read_text())["nees"] < 2.5
-
-
-def test_the_readme_says_it(demo: Path) -> None:
-    """Its table, each number in parts of what it means: of a goal, or of its standard deviation."""
-    here, readme = table_of(demo), table_in_readme()[demo.name]
-    assert here.keys() == readme.keys()
-    for name, cell in here.items():
-        assert cell.agrees(readme[name]), f"{name}: {readme[name]} in the README, {cell.text} here"

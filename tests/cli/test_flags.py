@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import ast
 import os
-import re
 import subprocess
 import sys
 from collections import defaultdict
@@ -61,19 +59,6 @@ def test_no_length_force_or_angle_in_other_than_si() -> None:
     assert degrees <= {"--tilt-std", "--gravity-angle", "--gravity-std"}
     small = {name for name, uses in options().items() if any(action.metavar in {"MM", "MN"} for _, action in uses)}
     assert all(name.endswith("-mm") for name in small)
-
-
-def test_messages_of_calibration_name_options_that_its_verbs_have() -> None:
-    verbs = ("board", "intrinsics", "calibrate", "handeye", "stiffness", "check", "convert", "wizard", "estimate")
-    known = {name for verb in verbs for name in _verb_parser(verb)._option_string_actions}
-    named = {}
-    for folder in ("calibrate", "camera", "convert", "session", "wizard"):
-        for path in (Path(vbaa_calib.__file__).parent / folder).rglob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                    named |= dict.fromkeys(re.findall(r"(?<![\w-])--[a-z][\w-]+", node.value), f"{path}:{node.lineno}")
-    assert {name: place for name, place in named.items() if name not in known} == {}
-    assert "--lens-model" in named
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,6 @@ from vbaa_calib.detect.whisker.profile import measure
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
 
 WIDTH_PX = 3.0
-DEPTHS = ((1, np.uint8), (257, np.uint16))
-"""Of one of its levels in 8 bits, and the type."""
 
 
 @pytest.fixture(scope="module")
@@ -59,18 +57,6 @@ def test_a_colour_is_found_where_the_grey_level_shows_nothing(finder: AntennaFin
     assert abs(error.mean()) < 0.02
     # measured by both edges: what these share is in the deviations
     assert 0.5 < error.std() / np.sqrt((found.sigma_px**2).mean()) < 1.2
-
-
-def test_sixteen_bits_give_what_eight_bits_give(finder: AntennaFinder) -> None:
-    rng = np.random.default_rng(2)
-    light, path = picture(rng, -25.0)
-    noisy = light + rng.normal(0.0, 1.5, light.shape)
-    deep = finder.find(np.clip(np.rint(noisy * 200.0), 0, 65535).astype(np.uint16))
-    shallow = finder.find(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
-    assert deep.found
-    assert shallow.found
-    assert aside(path, deep.points_px).std() < 1.02 * aside(path, shallow.points_px).std()
-    assert deep.amplitude == pytest.approx(200.0 * shallow.amplitude, rel=0.03)
 
 
 def test_what_is_hidden_and_where_the_visible_end_is(finder: AntennaFinder) -> None:

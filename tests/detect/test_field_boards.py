@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
-from targets.board import AprilGrid, Board, BoardSpec, Chessboard, corner_points
-from tests.detect.drawn_grids import CHESSBOARD, drawn, picture, pose
+from targets.board import AprilGrid, Board, BoardSpec, corner_points
+from tests.detect.drawn_grids import CHESSBOARD
 from tests.detect.drawn_sheets import charuco_sheet, grid_sheet, view
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.board_file import board_from, load_board, load_lens_board
@@ -150,44 +150,3 @@ def test_a_real_april_grid_is_found_and_proposed(tmp_path: Path) -> None:
     assert isinstance(proposed, AprilGrid)
     assert (proposed.columns, proposed.rows, proposed.border) == (6, 6, 2)
     assert abs(proposed.spacing - 0.3) < 0.02
-
-
-def test_markers_that_make_no_board_are_named(tmp_path: Path) -> None:
-    known, image = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100), np.full((480, 640), 220, np.uint8)
-    for number, (x, y) in {3: (40, 60), 9: (300, 40), 12: (90, 300), 40: (420, 250)}.items():
-        image[y : y + 90, x : x + 90] = cv2.aruco.generateImageMarker(known, number, 90)
-    cv2.imwrite(str(tmp_path / "0.png"), image)
-    message = refused(tmp_path, CHARUCO)
-    assert "4 markers of DICT_5X5_100 are read (3, 9, 12, 40)" in message
-    assert "0 to 16" in message
-
-
-def test_inner_corners_are_named_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for seed in range(4):
-        grey, _ = drawn(CHESSBOARD, *pose(seed, CHESSBOARD, 0.5))
-        cv2.imwrite(str(tmp_path / f"{seed}.png"), picture(grey, seed=seed))
-    inner = replace(CHESSBOARD, squares_x=CHESSBOARD.squares_x - 1, squares_y=CHESSBOARD.squares_y - 1)
-    monkeypatch.setattr("vbaa_calib.detect.board.corners.detect_corners", None)  # the search that takes minutes
-    message = refused(tmp_path, inner)
-    assert "8x5 are inner corners: 9x6 squares" in message
-    assert yaml.safe_load(message[message.index("{") : message.index("}") + 1])["squares_x"] == 9
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the real photographs are not here")
-def test_inner_corners_of_a_real_chessboard_are_named() -> None:
-    assert "inner corners: 9x7 squares" in refused(SHARED / "carnd_chessboard", Chessboard("chessboard", 8, 6, 0.03))
-
-
-def test_pictures_of_another_size_are_named_before_any_is_searched(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    written(tmp_path, [charuco_sheet(CHARUCO)], 7)
-    cv2.imwrite(str(tmp_path / "odd.png"), np.zeros((300, 400), np.uint8))
-    views = detect_folder(tmp_path, CHARUCO)
-    assert [one.left_out for one in views][:-1] == [""] * 7
-    assert "400x300" in views[-1].left_out
-    assert "odd.png" in capsys.readouterr().err
-    for number in range(3):
-        cv2.imwrite(str(tmp_path / f"z{number}.png"), np.zeros((300, 400), np.uint8))
-    monkeypatch.setattr("vbaa_calib.detect.board.corners.detect_corners", None)
-    assert "is 400x300 px, 0.png is 640x480 px, as 7 of 11 are" in refused(tmp_path, CHARUCO)

@@ -12,13 +12,12 @@ import pytest
 
 from targets.board import BoardSpec, Chessboard, CircleGrid, corner_points
 from tests.detect.drawn_grids import ASYMMETRIC, CHESSBOARD, CIRCLES, MATRIX, drawn, picture, pose
-from tests.detect.test_corners import write_pictures
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.circles import circle_centres
 from vbaa_calib.detect.board.corners import BoardView, detect_corners, detect_files, detect_folder
-from vbaa_calib.detect.board.grids import _grid_readings, find_grid
+from vbaa_calib.detect.board.grids import find_grid
 from vbaa_calib.detect.board.parts import place_part
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -59,22 +58,6 @@ def test_large_tilted_circles_have_their_centres_where_these_are_projected(spec:
     left, taken_off = (np.sqrt((vectors**2).sum(axis=1).mean()) for vectors in (centres - truth[ids], bias))
     assert taken_off > 0.15
     assert left < 0.15 * taken_off
-
-
-def test_readings_are_the_symmetries_of_the_board() -> None:
-    # turned by half and mirrored twice; a square board also by quarters; an odd count of rows lets an asymmetric grid
-    # be mirrored alone
-    expected = {
-        CHESSBOARD: 4,
-        CIRCLES: 4,
-        replace(CIRCLES, columns=6): 8,
-        ASYMMETRIC: 2,
-        replace(ASYMMETRIC, rows=6): 2,
-    }
-    for spec, count in expected.items():
-        readings = _grid_readings(spec)
-        assert len(readings) == len({tuple(order) for order in readings.tolist()}) == count
-        assert (np.sort(readings, axis=1) == np.arange(spec.corner_count)).all()
 
 
 @pytest.mark.parametrize("spec", [CHESSBOARD, CIRCLES, ASYMMETRIC], ids=lambda spec: spec.type)
@@ -144,12 +127,6 @@ def test_a_picture_of_a_part_is_a_view_only_beside_one_of_the_whole(tmp_path: Pa
     assert not len(view.ids) or np.abs(view.corners_px - truth[view.ids]).max() < 0.3
 
 
-def test_a_part_of_a_larger_grid_is_no_view() -> None:
-    image, _ = seen(CIRCLES, 0)
-    assert find_grid(image, replace(CIRCLES, columns=8)) is None
-    assert find_grid(image, CIRCLES) is not None
-
-
 def test_light_circles_on_dark_are_circles_too() -> None:
     image, truth = seen(CIRCLES, 0)
     view = detect_corners(255 - image, CIRCLES)
@@ -157,53 +134,6 @@ def test_light_circles_on_dark_are_circles_too() -> None:
 
 
 CHARUCO = BoardSpec(9, 6, 0.02, 0.015)
-
-
-@pytest.mark.parametrize(
-    ("shown", "named", "words"),
-    [
-        pytest.param(
-            CHESSBOARD, CHARUCO, "a plain chessboard of 9 x 6 squares is in the pictures", marks=pytest.mark.slow
-        ),
-        pytest.param(
-            CHESSBOARD,
-            Chessboard("chessboard", 8, 5, 0.02),
-            "8x5 are inner corners: 9x6 squares",
-        ),
-        pytest.param(
-            CHESSBOARD, CIRCLES, "a plain chessboard of 9 x 6 squares is in the pictures", marks=pytest.mark.slow
-        ),
-        pytest.param(
-            CHARUCO,
-            CHESSBOARD,
-            "squares_x: 9, squares_y: 6, square_m: 0.02, marker_m: 0.015",
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(CHARUCO, CIRCLES, "a ChArUco board is in the pictures", marks=pytest.mark.slow),
-        (
-            ASYMMETRIC,
-            replace(ASYMMETRIC, columns=11, rows=4),
-            "grid of 4 columns and 11 rows of circles is in the pict",
-        ),
-        pytest.param(
-            ASYMMETRIC,
-            replace(CIRCLES, columns=4, rows=11),
-            "an asymmetric grid of 4 columns and 11 rows",
-            marks=pytest.mark.slow,
-        ),
-    ],
-)
-def test_a_board_of_another_kind_is_named(
-    tmp_path: Path, shown: BoardSpec | _Plain, named: BoardSpec | _Plain, words: str
-) -> None:
-    if isinstance(shown, BoardSpec):
-        write_pictures(tmp_path, shown, 1)
-    else:
-        for seed in (0, 2):
-            cv2.imwrite(str(tmp_path / f"{seed}.png"), seen(shown, seed)[0])
-    with pytest.raises(InputError, match="does not fit the pictures") as refused:
-        detect_folder(tmp_path, named)
-    assert words in str(refused.value)
 
 
 @pytest.mark.skipif(not ENDOSCOPE.is_dir(), reason="the real endoscope pictures are not here")

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
-import cv2
 import numpy as np
 import pytest
 
-from targets.board import AprilGrid, BoardSpec, BoardWithIds, opencv_board
+from targets.board import AprilGrid, BoardSpec, BoardWithIds
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.detect.board.corners import detect_corners
-from vbaa_calib.detect.quality.hints import blur_ellipse, edge_blur, picture_hints, wrong_board
+from vbaa_calib.detect.quality.hints import blur_ellipse, picture_hints
 
 from .drawn_boards import GOOD, SPEC, Conditions, DrawnBoard, drawn, picture, smeared
 
@@ -77,31 +76,6 @@ def test_blur_out_of_focus_is_no_motion() -> None:
     assert "motion_blur" not in names(lost)
 
 
-@pytest.mark.parametrize("angle_deg", [0, 90])
-def test_motion_that_hides_the_board_is_told_by_all_edges(angle_deg: int) -> None:
-    """Squares that stand upright in the picture, so that some edges run along the movement."""
-    sheet = np.pad(opencv_board(SPEC).generateImage((385, 275)), 60, constant_values=255) * 0.8 + 10.0
-    flat = dataclasses.replace(drawn(0), grey=cv2.GaussianBlur(sheet, (0, 0), 0.8))
-    angle = np.radians(angle_deg)
-    image = picture(smeared(flat, 24.0 * np.array([np.cos(angle), np.sin(angle)])))
-    (long_px, short_px, direction_rad), still = edge_blur(image), edge_blur(picture(flat))
-    assert long_px > 4.0 * short_px
-    assert direction_rad == pytest.approx(angle)
-    assert still[0] < 1.5
-    view = detect_corners(image, SPEC)
-    assert names(picture_hints(image, view, SPEC))[0] in ("no_board", "few_corners")
-    one_marker = dataclasses.replace(view, marker_ids=np.zeros(1, int), marker_corners_px=np.zeros((1, 4, 2)))
-    told = the_one(picture_hints(image, one_marker, SPEC), "motion_blur")
-    assert ("sideways", "up or down")[angle_deg // 90] in told.words
-
-
-def test_light() -> None:
-    assert the_one(hints(picture(drawn(1, Conditions(55, 0.8, 2.0, 4.0)))), "overexposed").grave
-    assert the_one(hints(picture(drawn(1, Conditions(55, 0.8, 2.0, 0.15)))), "too_dark")
-    pale = dataclasses.replace(drawn(1), grey=130.0 + 0.2 * drawn(1).grey)
-    assert the_one(hints(picture(pale)), "pale")
-
-
 @pytest.mark.parametrize("radius_px", [60.0, 100.0])
 def test_a_reflection_is_found_with_its_place(radius_px: float) -> None:
     board = drawn(1)
@@ -115,48 +89,10 @@ def test_a_reflection_is_found_with_its_place(radius_px: float) -> None:
         assert ("right", "left")[side[0]] not in words
 
 
-def test_a_dark_thing_before_the_board_is_no_reflection() -> None:
+def test_a_patch_as_bright_as_paper_is_a_reflection_though_not_clipped() -> None:
     board = drawn(1)
     grey = board.grey.copy()
     u, v = board.corners_px[8].astype(int)
-    grey[v - 50 : v + 50, u - 50 : u + 50] = 120.0
-    found = hints(picture(dataclasses.replace(board, grey=grey)))
-    assert the_one(found, "covered")
-    assert "reflection" not in names(found)
-
-
-def test_a_small_board_and_one_half_outside() -> None:
-    image = picture(drawn(1, Conditions(24, 0.6)))
-    wide = np.full((1000, 1400), 90, np.uint8)
-    wide[300 : 300 + image.shape[0], 500 : 500 + image.shape[1]] = image
-    assert "squares of 2" in the_one(hints(wide), "board_small").words
-    board = drawn(2)
-    middle = int(np.median(board.corners_px[:, 0]))
-    right = picture(board)[:, middle + 20 :]
-    assert "at the left" in the_one(hints(np.ascontiguousarray(right)), "board_outside").words
-
-
-def test_pictures_without_the_board() -> None:
-    for grey, name in ((4, "too_dark"), (255, "overexposed"), (120, "no_board")):
-        found = hints(np.full((200, 300), grey, np.uint8))
-        assert names(found) == [name]
-        assert found[0].grave
-    image = picture(drawn(3))
-    view = detect_corners(image, SPEC)
-    few = dataclasses.replace(view, ids=view.ids[:3], corners_px=view.corners_px[:3], covariance_px2=None)
-    assert names(picture_hints(image, few, SPEC))[0] == "few_corners"
-    assert names(hints(np.zeros((0, 0), np.uint8))) == ["too_dark"]
-
-
-def test_mirrored_pictures_and_other_boards() -> None:
-    image = picture(drawn(4))
-    mirror = np.ascontiguousarray(image[:, ::-1])
-    found = wrong_board(mirror, detect_corners(mirror, SPEC), SPEC)
-    assert (found.name, found.grave) == ("mirrored_picture", True)
-    other = dataclasses.replace(SPEC, dictionary="DICT_5X5_100")
-    found = wrong_board(image, detect_corners(image, other), other)
-    assert found.name == "wrong_board"
-    assert "DICT_4X4" in found.words
-    assert wrong_board(image, detect_corners(image, SPEC), SPEC) is None
-    blank = np.full((200, 300), 120, np.uint8)
-    assert wrong_board(blank, detect_corners(blank, SPEC), SPEC) is None
+    grey[v - 50 : v + 50, u - 50 : u + 50] = np.percentile(grey, 95.0)
+    assert grey.max() < 245.0
+    assert the_one(hints(picture(dataclasses.replace(board, grey=grey))), "reflection")

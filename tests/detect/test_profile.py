@@ -96,25 +96,6 @@ def test_what_hides_the_antenna_leaves_a_gap_and_draws_nothing_aside(brightness:
     assert np.abs(aside(path, line.points_px)).max() < 0.25
 
 
-def test_a_line_that_leaves_the_picture() -> None:
-    rng = np.random.default_rng(5)
-    path = straight(0.0, 180.0, (270.0, 119.6))
-    line = measured(path, rng)
-    assert line.found
-    assert line.points_px[:, 0].max() <= SIZE[1] - 1
-    assert line.points_px[:, 0].max() > SIZE[1] - 8
-    assert np.abs(aside(path, line.points_px)).max() < 0.25
-    assert line.seen < 0.85
-
-
-def test_a_guide_outside_the_picture_or_too_short_finds_nothing() -> None:
-    picture = exposed(background(np.random.default_rng(6)), np.random.default_rng(6))
-    for guide in (np.array([[-300.0, 50.0], [-100.0, 60.0]]), np.array([[50.0, 50.0], [52.0, 50.0]]), np.empty((0, 2))):
-        line = measure(picture, guide, WIDTH_PX)
-        assert not line.found
-        assert len(line.points_px) == 0
-
-
 def test_noise_and_clutter_are_no_antenna() -> None:
     """The whole way, path and measurement, over pictures of everything but an antenna."""
     found = []

@@ -77,12 +77,3 @@ def test_normal_equations_are_products_of_columns_without_background(image: np.n
         columns -= columns @ q @ q.T
         meant = columns @ columns.T
         assert np.allclose(made[n], meant, rtol=1e-8, atol=1e-8 * np.sqrt(np.outer(meant.diagonal(), meant.diagonal())))
-
-
-def test_wrong_arrays_are_refused(image: np.ndarray) -> None:
-    found, distance = across(image, np.zeros(200))
-    shape = core.profile.expected(WIDTH_PX, BLUR_PX, HALF + 2)
-    with pytest.raises(ValueError, match="every profile has a centre"):
-        core.profile.fit(shape, found, np.zeros(len(distance) - 1))
-    with pytest.raises(TypeError):
-        core.profile.fit(shape, found, np.zeros((len(distance), 1)))

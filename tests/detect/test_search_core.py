@@ -228,17 +228,3 @@ def test_colours(depth: type) -> None:
     np.testing.assert_array_equal(other, maximum_filter(off > 4.0, 15))
     assert other.any()
     assert not other.all()
-
-
-def test_wrong_arrays_are_refused() -> None:
-    line, picture = np.zeros((3, 2)), np.zeros((9, 9), np.uint8)
-    for wrong in (lambda: normals(line[:1]), lambda: resample(line * np.nan, 1.0)):
-        with pytest.raises(ValueError, match="poi"):
-            wrong()
-    with pytest.raises(TypeError):
-        core.search.crossings(picture.astype(np.int64), line, 3, 1.0)
-    with pytest.raises(ValueError, match="pixels"):
-        core.search.crossings(picture, line, 0, 1.0)
-    with pytest.raises(ValueError, match="numbers"):
-        refine_path(picture, line, 2.0, 5.0, True)
-    assert core.search.scores(np.zeros(3, np.uint8), np.array([[-5, 99]], np.int32), np.ones(1)) == [0.0]

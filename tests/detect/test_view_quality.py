@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
-from vbaa_calib.detect.board.view_quality import ViewQuality, fixes_homography, measure_quality
-from vbaa_calib.detect.quality.screen import corner_std_px, screen_views
+from vbaa_calib.detect.board.view_quality import ViewQuality, measure_quality
+from vbaa_calib.detect.quality.screen import screen_views
 
 from .drawn_boards import SPEC, Conditions, drawn, picture, smeared
 
@@ -84,26 +84,3 @@ def test_good_views_stay_and_bad_ones_go_with_their_reason() -> None:
     assert [one for one, _ in dropped] == list(bad.values())
     for (_, reason), words in zip(dropped, bad, strict=True):
         assert reason.startswith(words)
-
-
-def test_a_view_blurred_beyond_the_rest_goes() -> None:
-    good = [view(Conditions(80, 0.6), seed) for seed in range(2)]
-    soft = view(Conditions(80, 3.6, 4.0), 5)
-    kept, dropped = screen_views([*good, soft])
-    assert kept == good
-    assert dropped[0][1].startswith("blurred by 3.")
-    assert corner_std_px(soft) > 4 * np.median([corner_std_px(one) for one in good])
-    assert screen_views([soft, soft])[1] == [], "alone among its like it is what there is"
-
-
-def test_views_without_measurements_are_judged_by_their_corners() -> None:
-    bare = BoardView("bare.png", np.arange(8), np.random.default_rng(0).uniform(0, 100, (8, 2)), (100, 100))
-    assert screen_views([bare]) == ([bare], [])
-
-
-def test_lines_fix_no_homography() -> None:
-    line = np.stack([np.arange(6.0), 2 * np.arange(6.0)], axis=1)
-    assert not fixes_homography(np.vstack([line, [[1.0, 5.0]]]))
-    assert fixes_homography(np.vstack([line, [[1.0, 5.0], [2.0, 7.0]]]))
-    assert not fixes_homography(np.zeros((5, 2)))
-    assert not fixes_homography(line[:3])

@@ -15,7 +15,7 @@ from estimator import Contact, ContactEstimator, Measured
 from estimator.contact.estimate import STREAM
 
 from ..rod_scenes import RIG_STD, SIGMA_PX, World, camera_pose
-from .contact_scenes import RIG, WORLD, answered, deviations, estimated, estimated_together, frame, furthest, rubbed
+from .contact_scenes import RIG, WORLD, answered, deviations, frame, furthest, rubbed
 
 STANDSTILL = 0.015
 """In standard deviations. A descent ends when a step promises less than 1e-4 of the cost, √(2·1e-4) of a deviation: two
@@ -100,24 +100,6 @@ def test_frames_without_an_antenna_disturb_no_other() -> None:
     assert [found[i].status for i in (1, 4)] == ["no_antenna", "no_antenna"]
     assert max(furthest(alone()[i], found[i]) for i in (0, 2, 3, 5)) < STANDSTILL
     assert len(ContactEstimator(given.rig).estimate_batch([], [], [], [])) == 0
-
-
-def test_readings_may_be_missing_here_and_there() -> None:
-    several = [frame(contact, 0.9, 0.03, seed=seed) for seed, contact in enumerate((0.4, 0.6, 0.8, 0.5, 0.7, 0.9))]
-    moments = [seen.moment_Nm if index % 2 else None for index, seen in enumerate(several)]
-    lines = [seen.points_px for seen in several]
-    found = ContactEstimator(RIG).estimate_batch(lines, moments, [0.0] * 6, [0.3] * 6)
-    for seen, moment, contact in zip(several, moments, found, strict=True):
-        assert furthest(estimated(seen, moment=moment), contact) < STANDSTILL
-        assert np.isnan(contact.moment_residual_Nm) == (moment is None)
-
-
-@pytest.mark.parametrize(("model", "friction"), [("linear", 0.0), ("elastica", 0.2), ("rod", 0.0), ("rod", 0.2)])
-def test_every_rung_agrees_with_itself(model: str, friction: float) -> None:
-    several = [frame(contact, 0.4, 0.004, seed=seed) for seed, contact in enumerate((0.4, 0.5, 0.6, 0.7, 0.8, 0.9))]
-    together = estimated_together(several, model=model, friction=friction)
-    for seen, found in zip(several, together, strict=True):
-        assert furthest(estimated(seen, model=model, friction=friction), found) < STANDSTILL
 
 
 def moving(count: int) -> tuple[World, list[Measured], list[float]]:

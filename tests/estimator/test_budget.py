@@ -6,12 +6,11 @@ import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from benchmarks.estimator.scenes import ShapesOf, rod_shapes
+from benchmarks.estimator.scenes import ShapesOf
 from estimator import ContactEstimator
 from estimator.budget.budget import Budget, error_budget
 from estimator.budget.parts import (
@@ -27,12 +26,12 @@ from estimator.budget.parts import (
     touch_of_force,
     variance_by_cause,
 )
-from estimator.contact.common_errors import MOST_POINTS, shared_errors
+from estimator.contact.common_errors import shared_errors
+from estimator.contact.settings import ContactSettings
 from estimator.solver.rig_arrays import RigArrays
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import Rig
-from viz.cli.budget import configure, run
+from viz.cli.budget import configure
 
 from .budget_draws import FRICTION_RAD, RIG, correlated_rig, errors, linearised, rung_shapes, seen_of, three_touches
 from .test_shared import table_of
@@ -58,9 +57,9 @@ def test_parts_add_up_to_what_the_estimator_says() -> None:
     now = propagate(given, space)
     whole = np.sum(list(variance_by_cause(space, now).values()), axis=0)
     np.testing.assert_allclose(whole, now.variance, rtol=1e-9)
-    seen = seen_of(rig, touches, points=MOST_POINTS)
+    seen = seen_of(rig, touches, points=ContactSettings.most_points)
     estimator = ContactEstimator(rig, "rod", friction=FRICTION_RAD)
-    sigma = rig.image.noise_px * np.sqrt(MOST_POINTS / length_px(seen.points_px))
+    sigma = rig.image.noise_px * np.sqrt(ContactSettings.most_points / length_px(seen.points_px))
     found = estimator.estimate_batch(
         seen.points_px, seen.moment_Nm, seen.pan_rad, seen.tilt_rad, sigma_px=sigma[:, None]
     )
@@ -193,33 +192,6 @@ def test_knowing_more_never_harms_and_half_lies_between(ordinary: Budget) -> Non
     assert sum(budget.leads("distance_m").values()) == len(budget.touches)
 
 
-def test_the_advice_names_what_was_made_bad() -> None:
-    std = whitened(RIG) * (RIG.covariance.diagonal() > 0.0)
-    touches = three_touches(RIG)
-    noisy = replace(RIG, covariance=np.diag(std**2), image=replace(RIG.image, noise_px=0.5))
-    assert error_budget(noisy, touches).first == PIXELS
-    for cause, factor in (("bow", 30.0), ("moment_gain", 100.0), ("stiffness", 100.0)):
-        worse = std.copy()
-        worse[[RIG.parameter_names.index(name) for name in RIG_CAUSES[cause]]] *= factor
-        budget = error_budget(replace(RIG, covariance=np.diag(worse**2)), touches, friction=0.02)
-        assert budget.first_of_rig == cause
-        assert cause == "bow" or budget.results["force_N"].first == cause
-    turned = replace(RIG, kinematics=replace(RIG.kinematics, axes_std=np.array([0.05, 0.0, 0.05])))
-    budget = error_budget(turned, touches)
-    assert budget.results["point_m"].first == JOINT_AXES
-    assert budget.results["distance_m"].parts[JOINT_AXES].share < 1e-12
-
-
-def test_contacts_that_would_come_without_numbers_are_left_out(ordinary: Budget) -> None:
-    with pytest.raises(InputError, match="friction is 3"):
-        error_budget(RIG, friction=3.0)
-    blind = error_budget(RIG_AXES, with_moment=False)
-    assert len(blind.touches) < len(ordinary.touches)
-    assert MOMENT_NOISE not in blind.variances
-    assert any("Vision alone" in note for note in blind.notes)
-    assert MOMENT_NOISE not in blind.exact
-
-
 def test_a_force_is_made_by_its_push() -> None:
     """Under weight and bow, on a contact that bends much, the force's lateral part is what was asked for."""
     rig_arrays = RigArrays.from_rig(RIG, 0.2)
@@ -254,14 +226,6 @@ def test_sampled_errors_are_as_large_as_predicted(cause: str, draws: int) -> Non
     assert ((ratio > 0.83) & (ratio < 1.2)).all(), ratio
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("cause", ["", FRICTION, LENS, "bow"])
-def test_more_samples_fall_as_predicted_when_a_cause_is_known(cause: str) -> None:
-    drawn, said = sampled(400, 5, cause, rod_shapes)
-    assert np.isfinite(drawn).all()
-    np.testing.assert_allclose(drawn, said, rtol=0.15, atol=1e-9)
-
-
 ONE = ("--distance", "0.14", "--force-y", "0.06", "--force-z", "-0.04")
 
 
@@ -275,40 +239,3 @@ def arguments(*words: str | Path) -> argparse.Namespace:
 def written(path: Path, rig: Rig | None = None) -> Path:
     path.write_text(json.dumps((correlated_rig() if rig is None else rig).to_dict()))
     return path
-
-
-def test_the_whole_antenna(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rig = written(tmp_path / "rig.json")
-    result = run(arguments(rig, "-o", tmp_path / "budget.json", "--figure", tmp_path / "budget.svg"))
-    assert json.loads(json.dumps(result, allow_nan=False)) == result
-    assert result["asked"] == 144
-    for name in ("distance_m", "force_y_N", "force_z_N", "point_m"):
-        causes = result["results"][name]["causes"]
-        assert sum(cause["share"] for cause in causes.values()) == pytest.approx(1.0)
-        assert result["results"][name]["improve_first"] in causes
-    whole = json.loads((tmp_path / "budget.json").read_text())
-    assert whole["schema"] == "vbaa.budget/1"
-    assert len(whole["by_contact"]) == result["contacts"]
-    mean = np.mean([contact["std"]["distance_m"] ** 2 for contact in whole["by_contact"]])
-    assert np.sqrt(mean) == pytest.approx(result["results"]["distance_m"]["std"])
-    one = whole["by_contact"][0]
-    parts = [part["point_m"] ** 2 for part in one["by_cause"].values()]
-    assert np.sqrt(sum(parts)) == pytest.approx(one["std"]["point_m"])
-    figure = ElementTree.parse(tmp_path / "budget.svg")
-    assert sum("aria-label" in one.attrib for one in figure.iter()) == 4
-    assert "counted as exact: clamp give, joint axes" in capsys.readouterr().err
-
-
-def test_one_contact(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Of a rig without a lens; and of one without errors."""
-    rig = written(tmp_path / "rig.json", correlated_rig(lens=False))
-    result = run(arguments(rig, *ONE, "--tilt", "20", "--degrees", "--figure", tmp_path / "one.svg"))
-    assert result["contacts"] == 1
-    assert result["tilt_rad"] == pytest.approx(np.radians(20.0))
-    assert ElementTree.parse(tmp_path / "one.svg").getroot().tag == "{http://www.w3.org/2000/svg}svg"
-    assert "without the lens" in capsys.readouterr().err
-    exact = replace(correlated_rig(lens=False), covariance=np.zeros((17, 17)))
-    path = written(tmp_path / "exact.json", exact)
-    result = run(arguments(path, *ONE, "--friction", "0", "--figure", tmp_path / "exact.svg"))
-    assert "says that the whole rig is exact" in capsys.readouterr().err
-    assert result["improve_first"]["of_calibration"] is None

@@ -18,10 +18,9 @@ from estimator.contact.estimate import STREAM
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Measured
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import DRIFTS, Drift, load_session
+from vbaa_calib.session import DRIFTS, Drift
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, World, along, camera_pose, gravity_antenna, press
 from .contact_scenes import RIG, frame
@@ -150,17 +149,6 @@ def test_time_makes_a_learnt_rig_less_certain(given: Draw, rig: Rig) -> None:
     assert 1.02 * std[1] < std[2]
 
 
-def test_contacts_wait_for_the_free_frames_that_come_after_them(given: Draw, rig: Rig) -> None:
-    recording = recorded(given, ALL, (2,))
-    free, touched = recording.frames[:FREE], recording.frames[FREE:]
-    estimator = ContactEstimator(replace(rig, drift=LAB))
-    # more than are solved at once
-    late, first = list(estimator.run([*3 * touched, *free])), list(estimator.run([*free, *touched]))
-    assert [one.status for one in late[: len(touched)]] == [one.status for one in first[FREE:]]
-    before, after = ([one.distance_std_m for one in part] for part in (late[: len(touched)], first[FREE:]))
-    np.testing.assert_allclose(before, after, rtol=0.15)
-
-
 def test_free_frames_give_back_what_drift_costs(given: Draw, rig: Rig) -> None:
     recording = recorded(given, Change("nothing"), (2,))
     ignored, unseen, seen = (
@@ -207,18 +195,6 @@ def test_drift_widens_the_covariance_and_wanders_on(rig: Rig) -> None:
     assert wandered[0] == pytest.approx((LAB.hourly * LAB.camera_turn_rad) ** 2, rel=1e-6)
 
 
-def test_the_rig_at_some_time_is_made_once_for_times_that_are_near(rig: Rig) -> None:
-    estimator = ContactEstimator(replace(rig, drift=LAB))
-    estimator.drift = replace(estimator.drift, time_s=100.0)
-    assert estimator.at(160.0) is estimator.at(41.0) is estimator
-    for time_s in (161.0, 219.0, 3690.0):
-        later = estimator.at(time_s)
-        assert estimator.at(time_s + 0.5) is later
-        least, before = (np.diag(each.now.covariance) for each in (estimator.drift.later(time_s), estimator.drift))
-        assert (np.diag(later.rig.covariance) >= least).all()
-        assert later.rig.covariance[0, 0] > before[0]
-
-
 def test_a_frame_that_drift_explains_is_said_so(given: Draw, rig: Rig) -> None:
     recording = recorded(given, Change("picture", picture_px=0.5), (1,))
     numbers = [recording.frames[FREE + index] for index in range(3)]
@@ -228,20 +204,6 @@ def test_a_frame_that_drift_explains_is_said_so(given: Draw, rig: Rig) -> None:
     assert failed.any()
     assert found.numbers.explained_drifted[failed].all()
     assert (found.numbers.drift_px[failed] < 1.0).all()
-
-
-@pytest.mark.parametrize("value", ["stormy", "[1]", "{camera_turn_rad: -1}", "{camera_turn_rad: .nan}", "{turn: 1}"])
-def test_a_drift_that_is_none_is_refused(value: str, tmp_path: Path) -> None:
-    written(tmp_path, value)
-    with pytest.raises(InputError, match="drift"):
-        load_session(tmp_path)
-
-
-def test_a_drift_is_a_name_or_what_differs_from_lab(tmp_path: Path) -> None:
-    written(tmp_path, "rough")
-    assert load_session(tmp_path).drift == DRIFTS["rough"]
-    written(tmp_path, "{picture_shift_px: 0.5}")
-    assert load_session(tmp_path).drift == replace(LAB, picture_shift_px=0.5)
 
 
 def written(folder: Path, drift: str) -> None:

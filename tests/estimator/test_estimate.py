@@ -7,9 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator import ContactEstimator
-from estimator.contact.status import FEWEST_POINTS
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, STIFFNESS_NM2, Frame, World, camera_pose, frames, pushing
@@ -105,15 +102,6 @@ def test_where_a_free_antenna_would_be_touched_is_not_searched() -> None:
     assert 0.5 < found.evidence.mean() < 2.5
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, FEWEST_POINTS - 1])
-def test_too_few_points_are_no_antenna(count: int) -> None:
-    contact = estimated(replace(frame(), points_px=frame().points_px[:count]))
-    assert contact.status == "no_antenna"
-    assert not contact.in_contact
-    assert np.isnan(contact.distance_m)
-    assert str(count) in contact.reason
-
-
 def test_rows_with_nan_are_left_out() -> None:
     seen = frame()
     points, sigma = seen.points_px.copy(), np.full(len(seen.points_px), SIGMA_PX)
@@ -128,21 +116,6 @@ def test_rows_with_nan_are_left_out() -> None:
     assert with_nan.distance_m == pytest.approx(without.distance_m, abs=0.1 * without.distance_std_m)
     nothing = estimated(replace(seen, points_px=np.full((50, 2), np.nan)))
     assert nothing.status == "no_antenna"
-
-
-@pytest.mark.parametrize(
-    ("changes", "what"),
-    [
-        ({"moments": [0.0]}, "moments has shape .1,., the centrelines number 2"),
-        ({"tilts": [0.0] * 3}, "tilts has shape .3,., the centrelines number 2"),
-        ({"sigma_px": np.ones((2, 7))}, "sigma_px has shape"),
-        ({"centrelines_px": [np.zeros((9, 2)), np.zeros(4)]}, "a centreline has shape"),
-    ],
-)
-def test_a_batch_of_unequal_lengths_is_refused(changes: dict, what: str) -> None:
-    call = {"centrelines_px": np.zeros((2, 9, 2)), "moments": None, "pans": [0.0] * 2, "tilts": [0.0] * 2} | changes
-    with pytest.raises(InputError, match=what):
-        ContactEstimator(RIG).estimate_batch(**call)
 
 
 def test_a_reading_that_is_not_there_is_vision_alone() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,6 @@ from benchmarks.estimator.setup import Setup, drawn_truth
 from benchmarks.object.scenes import Recorded, contacts, record
 from estimator.object.estimate import ObjectEstimate, estimate_object
 from estimator.table.contacts import ContactTable
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Sweep
 
@@ -47,14 +45,6 @@ def test_friction_and_normals_of_a_simulated_ball(rough: tuple[Recorded, Contact
     assert np.sqrt(np.mean(normal_errors_deg(recorded, felt)[felt.friction.used_as == "sliding"] ** 2)) < 3.0
 
 
-def test_the_summary_is_plain_data(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
-    felt = rough[2]
-    summary = felt.summary()
-    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
-    assert summary["friction"]["mu"] == felt.friction.mu
-    assert summary["contacts"] == len(felt.friction.used_as)
-
-
 def test_without_a_rig_less_is_certain(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
     _, table, felt = rough
     alone = estimate_object(table)
@@ -72,9 +62,3 @@ def test_a_slippery_object_pushes_along_its_normal() -> None:
     assert felt.friction.interval[0] == 0.0
     assert felt.friction.interval[1] < 0.05
     assert np.median(normal_errors_deg(recorded, felt)) < 2.0
-
-
-def test_nothing_touched_is_said_so(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
-    table = rough[1]
-    with pytest.raises(InputError, match="located"):
-        estimate_object(replace(table, status=np.full(len(table), "no_contact")), RIG)

@@ -254,12 +254,3 @@ def test_intervals_cover() -> None:
     share, square = covered(0.3, 24, one_way=False)
     assert share >= 19 / 24
     assert 0.3 < square < 2.2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mu", [0.0, 0.1, 0.3, 0.6])
-@pytest.mark.parametrize("one_way", [False, True])
-def test_intervals_cover_at_length(mu: float, one_way: bool) -> None:
-    share, square = covered(mu, 200, one_way, seed=1)
-    assert share >= 0.90
-    assert square < 1.5 or mu == 0.0

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import json
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from estimator import Contact, ContactEstimator
-from estimator.contact.status import FEWEST_POINTS
+from estimator.contact.settings import ContactSettings
 from estimator.table.contacts import Measured
-from vbaa_calib.cli.main import main
 
-from ..recordings import write_recording, write_rig
+from ..recordings import write_rig
 from ..rod_scenes import SIGMA_PX, Frame
 from .contact_scenes import RIG, frame
 
@@ -56,18 +51,11 @@ def test_points_outside_the_picture_are_missing_ones() -> None:
 def test_too_few_points_within_the_picture_are_no_antenna() -> None:
     seen = frame()
     wrong = np.full_like(seen.points_px, 1e5)
-    wrong[: FEWEST_POINTS - 1] = seen.points_px[: FEWEST_POINTS - 1]
+    wrong[: ContactSettings.fewest_points - 1] = seen.points_px[: ContactSettings.fewest_points - 1]
     contact = ContactEstimator(RIG).measure(measured(seen, wrong))
     assert contact.status == "no_antenna"
-    assert f"only {FEWEST_POINTS - 1} usable" in contact.reason
+    assert f"only {ContactSettings.fewest_points - 1} usable" in contact.reason
     assert "outside the picture" in contact.reason
-
-
-def test_points_near_the_border_are_still_used() -> None:
-    """A curve through a tracker's points goes on a little."""
-    seen = frame()
-    wrong = np.concatenate([seen.points_px, [[SIZE[0] + 5.0, 300.0]]])
-    assert ContactEstimator(RIG).measure(measured(seen, wrong)).outside_points == 0
 
 
 @pytest.mark.parametrize("shown", [1.0, 0.65])
@@ -135,58 +123,6 @@ def test_a_stretch_that_lies_off_moves_no_contact(off_px: float) -> None:
                 assert (np.abs(contact.force_N - sound.force_N) < sound.force_std_N).all()
 
 
-def spoilt(root: Path, change: Callable[[int, float, float], tuple[float, float]]) -> Path:
-    """A session whose points were changed: `change` of each row's index, u and v gives u and v."""
-    path = root / "recording" / "centrelines.csv"
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        for index, row in enumerate(rows):
-            u, v = change(index, float(row["u_px"]), float(row["v_px"]))
-            writer.writerow(row | {"u_px": u, "v_px": v})
-    return root
-
-
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
     return write_rig(tmp_path / "rig.json")
-
-
-def test_the_commands_count_them(tmp_path: Path, rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """`estimate` of a session and of --centrelines, and `batch`: a line at the end, and a count in --json."""
-    sound = write_recording(tmp_path / "one", 40)
-    session = spoilt(sound, lambda n, u, v: (6e4 + n, 6e4) if n in (0, 1, 200) else (u, v))
-    lines = session / "recording" / "centrelines.csv"
-    table = ["--readings", str(session / "recording" / "recording.csv")]
-    calls = (["estimate", str(session)], ["estimate", "--centrelines", str(lines), *table])
-    for index, call in enumerate(calls):
-        out = str(tmp_path / f"contacts_{index}.csv")
-        assert main([*call, "--rig", str(rig), "-o", out, "--no-report", "--json"]) == 0
-        told = capsys.readouterr()
-        assert json.loads(told.out)["outside_points"] == 3
-        assert json.loads(told.out)["outside_frames"] == 2
-        assert "3 points of 2 frames outside the picture of 1280x720 px" in told.err
-    out = str(tmp_path / "results")
-    assert main(["batch", str(session), "--rig", str(rig), "-o", out, "--jobs", "1", "--json"]) == 0
-    told = capsys.readouterr()
-    assert json.loads(told.out)["outside_points"] == 3
-    with (tmp_path / "results" / "summary.csv").open(newline="") as file:
-        (row,) = csv.DictReader(file)
-    assert row["outside_points"] == "3"
-    assert "3 points of 2 frames" in row["warnings"]
-
-
-def test_exchanged_columns_are_named(tmp_path: Path, rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A picture that is broader than high: then part of the points lies below it."""
-    session = spoilt(write_recording(tmp_path / "one", 6), lambda n, u, v: (v, u))
-    assert main(["estimate", str(session), "--rig", str(rig), "-o", str(tmp_path / "c.csv"), "--no-report"]) == 0
-    assert "are u_px and v_px exchanged" in capsys.readouterr().err
-
-
-def test_a_measured_frame_says_how_many_points_it_lost() -> None:
-    """What was left out before counts as well."""
-    seen = frame()
-    given = replace(measured(seen, seen.points_px), outside_points=4)
-    assert ContactEstimator(RIG).measure(given).outside_points == 4

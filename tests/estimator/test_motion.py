@@ -171,18 +171,6 @@ def test_what_cannot_be_told_is_not_told() -> None:
     assert np.isnan(verdict(repeated).response).tolist() == [True, False, True, True, False, True]
 
 
-def test_frames_without_a_shape_are_passed_over() -> None:
-    time = np.arange(12) / 60.0
-    swing = 1e-3 * np.cos(20.0 * time)
-    whole = swinging(time, swing[:, None] * BEAM.pieces_m)
-    whole.points_m[5, 3, 1] = np.nan
-    whole.std_m[8] = np.nan
-    left = whole.picked(np.array([0, 1, 2, 3, 4, 6, 7, 9, 10, 11]))
-    told = inertia(whole, BEAM)
-    assert np.isnan(told.response[[5, 8]]).all()
-    same(inertia(left, BEAM), Inertia(*(np.delete(values, [5, 8], axis=0) for values in vars(told).values())))
-
-
 def random_recording(count: int) -> Shapes:
     rng = np.random.default_rng(5)
     time = np.cumsum(rng.choice([0.004, 0.01, 0.03, 0.07], count, p=[0.5, 0.2, 0.25, 0.05]))

@@ -143,19 +143,6 @@ def test_it_tells_more_of_stiffness_and_friction(
     told_more(before, after, least)
 
 
-@pytest.mark.slow
-def test_a_touch_without_friction_comes_out_as_it_says() -> None:
-    table, rig = given("sphere", RIGID, 74)
-    one = chosen(on_sphere()[2])[0]
-    truth = made(one, "sphere", RIGID, rig, 0.0).truth
-    assert not truth.in_contact[0]
-    pressed = 8
-    spread = np.sqrt(np.nanmedian(np.einsum("bii->b", table.covariance_world_m2)))
-    assert truth.in_contact[pressed]
-    assert np.linalg.norm(truth.point_world_m[pressed] - one.point_m) < 3.0 * spread
-    assert np.linalg.norm(truth.force_world_N[pressed]) == pytest.approx(one.force_N, rel=0.1)
-
-
 def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
     table, rig = given("sphere", RIGID, 37)
     whole = touches_within(table, rig, SURFACE, LIMITS).reach
@@ -169,16 +156,6 @@ def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
     assert (surface_std(found, whole.patch, whole.point_m, whole.normal) <= shown[whole.patch]).all()
     with pytest.raises(InputError, match="joint limits"):
         next_touch(table, rig, SURFACE, limits=JointLimits((0.5, 0.6), (0.5, 0.6)))
-
-
-def test_what_cannot_be_planned_is_refused() -> None:
-    table, rig = given("sphere", RIGID, 37)
-    with pytest.raises(InputError, match="goal"):
-        next_touch(table, rig, "colour")
-    with pytest.raises(InputError, match="covariance"):
-        next_touch(replace(table, covariance_world_m2=np.full_like(table.covariance_world_m2, np.nan)), rig)
-    with pytest.raises(InputError):
-        next_touch(table.picked(table.status == "no_contact"), rig)
 
 
 @pytest.mark.slow

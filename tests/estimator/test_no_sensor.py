@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +11,7 @@ from benchmarks.estimator.scenes import Scenes, elastica_shapes, push_for_slope,
 from benchmarks.estimator.setup import Setup
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
-from estimator.table.contacts import ContactRow
-from estimator.table.files import read_contacts, write_contacts
-from vbaa_calib.session import Frame, MomentSensor
+from vbaa_calib.session import MomentSensor
 
 
 def planar(sigma_px: float, count: int = 120) -> Scenes:
@@ -63,19 +60,3 @@ def test_a_rig_without_a_sensor_is_one_whose_sensor_is_not_read() -> None:
         np.testing.assert_array_equal(getattr(read, name), getattr(unread, name))
         np.testing.assert_allclose(getattr(read, name), getattr(silent, name), rtol=5e-3, atol=1e-9)
     assert (read.status == silent.status).all()
-
-
-def test_a_force_that_is_partly_known_survives_the_table(tmp_path: Path) -> None:
-    given = planar(0.5, 24)
-    found = given.estimated("auto", 0.2, moment_Nm=None)
-    frames = [Frame(None, 0.0, 0.0, np.nan, frame=index, time_s=0.1 * index) for index in range(len(found))]
-    rows = [ContactRow.of(frame, one) for frame, one in zip(frames, found, strict=True)]
-    write_contacts(tmp_path / "contacts.csv", iter(rows))
-    table = read_contacts(tmp_path / "contacts.csv")
-    partly = table.located & np.isnan(table.force_z_N)
-    assert partly.sum() > 5
-    assert np.isfinite(table.force_y_N[partly]).all()
-    assert np.isfinite(table.point_world_m[partly]).all()
-    assert np.isnan(table.force_world_N[partly]).all()
-    assert np.isnan(table.deflection_z_m[partly]).all()
-    assert all("f_z not determined" in words for words in table.reason[partly])

@@ -20,7 +20,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 
 from ..rod_scenes import World, camera_pose
-from .contact_scenes import RIG, frame, rubbed
+from .contact_scenes import RIG, rubbed
 
 SQUARE = np.array([[640.0, 0.0, 480.0], [0.0, 640.0, 360.0], [0.0, 0.0, 1.0]])
 FISHEYE = Camera("fisheye", (960, 720), SQUARE, np.array([-0.02, 0.01, -0.004, 0.001]))
@@ -166,66 +166,3 @@ def test_what_the_layer_cannot_have_given_is_outside() -> None:
     flat = replace(RIG, T_antenna_camera=Pose(RIG.T_antenna_camera.rotation, np.array([0.1, 0.2, 0.0])))
     with pytest.raises(InputError, match="the camera lies in plane C"):
         ContactEstimator(flat).estimate(plane_xy_m=behind, moment=None, pan=0.0, tilt=0.0)
-
-
-XY = np.column_stack([np.linspace(0.0, 0.2, 40), np.zeros(40)])
-
-
-@pytest.mark.parametrize(
-    ("changes", "what"),
-    [
-        ({"plane_xy_m": None}, "pixels and plane_xy_m: neither"),
-        ({"centreline_px": frame().points_px}, "pixels and plane_xy_m: both"),
-        ({"plane_xy_m": XY.T}, "plane_xy_m has shape"),
-        ({"plane_xy_m": XY[0]}, "plane_xy_m has shape"),
-        ({"plane_xy_m": np.zeros((40, 3))}, "plane_xy_m has shape"),
-        ({"plane_xy_m": {"left": XY}}, "of one camera"),
-        ({"plane_xy_m": "xy"}, "not a number"),
-        ({"plane_xy_m": XY.astype(complex)}, "not a number"),
-        ({"plane_xy_m": torch.tensor(XY).bool()}, "not a number"),
-        ({"plane_xy_m": 1e8 * (1.0 + XY)}, "plane_xy_m"),
-        ({"covariance_m2": np.ones(40)}, "covariance_m2 has shape"),
-        ({"covariance_m2": np.ones((40, 2))}, "covariance_m2 has shape"),
-        ({"covariance_m2": np.tile(np.eye(2), (39, 1, 1))}, "covariance_m2 has shape"),
-        ({"covariance_m2": np.zeros((2, 2))}, "no covariance"),
-        ({"covariance_m2": [[1e-8, 1e-9], [-1e-9, 1e-8]]}, "no covariance"),
-        ({"covariance_m2": [[1e-8, 1e-8], [1e-8, 1e-8]]}, "no covariance"),
-        ({"covariance_m2": np.full((2, 2), np.nan)}, "no covariance"),
-        ({"covariance_m2": np.diag([np.inf, 1.0])}, "no covariance"),
-        ({"covariance_m2": "small"}, "not a number"),
-        ({"covariance_m2": np.eye(2), "sigma_px": 0.1}, "covariance_m2 is not of pixels"),
-        ({"plane_xy_m": None, "centreline_px": frame().points_px, "covariance_m2": np.eye(2)}, "not of pixels"),
-        ({"sigma_px": -1.0}, "sigma_px"),
-    ],
-)
-def test_what_is_no_centreline_on_the_plane_is_refused(changes: dict, what: str) -> None:
-    call = {"plane_xy_m": XY, "moment": None, "pan": 0.0, "tilt": 0.0} | changes
-    with pytest.raises(InputError, match=what):
-        ContactEstimator(RIG).estimate(**call)
-
-
-@pytest.mark.parametrize(
-    ("changes", "what"),
-    [
-        ({"plane_xy_m": None}, "neither"),
-        ({"plane_xy_m": XY}, "a centreline has shape"),
-        ({"plane_xy_m": {"left": XY}}, "of one camera"),
-        ({"plane_xy_m": 3.0}, "plane_xy_m is 3.0"),
-        ({"plane_xy_m": [XY, XY[:30]], "covariance_m2": [np.tile(np.eye(2), (40, 1, 1))] * 2}, "other lengths"),
-        ({"covariance_m2": np.ones((2, 2, 2))}, "covariance_m2 has shape"),
-        ({"moments": [0.0]}, "moments has shape .1,., the centrelines number 2"),
-        ({"pans": None}, "pans"),
-    ],
-)
-def test_what_is_no_batch_on_the_plane_is_refused(changes: dict, what: str) -> None:
-    call = {"plane_xy_m": [XY, XY], "moments": None, "pans": [0.0] * 2, "tilts": [0.0] * 2} | changes
-    with pytest.raises(InputError, match=what):
-        ContactEstimator(RIG).estimate_batch(**call)
-
-
-def test_no_measured_of_other_shapes() -> None:
-    own = {"moment_Nm": 0.0, "pan_rad": 0.0, "tilt_rad": 0.0}
-    with pytest.raises(InputError, match="both"):
-        Measured.on_plane(RIG, XY, np.eye(2), sigma_px=0.1, **own)
-    with pytest.raises(InputError, match="covariance_shape has shape"):
-        Measured(np.zeros((3, 2)), np.ones(3), covariance_shape=np.eye(2), **own)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator import RecordingVerdict
-from estimator.diagnose.consequences import with_unused
-from estimator.table.contacts import LOCATED, STATUSES, Contact
+from estimator.table.contacts import LOCATED, STATUSES
 from estimator.table.overview import Overview, overview_in_words
 from vbaa_calib.session import Frame
 
@@ -64,41 +62,3 @@ def test_every_frame_is_counted_once_and_parts_join_to_the_whole() -> None:
         printed = [int(line.split()[0]) for line in overview_in_words(whole) if line.startswith("  ")]
         assert printed == [*counts[:3], sum(counts[3:])]
         assert set(whole["status"]) <= set(STATUSES)
-
-
-def test_amended_results_are_counted_as_if_they_had_been_so_from_the_first() -> None:
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        several = drawn(200, rng)
-        concerned = set(rng.choice(200, 60, replace=False).tolist())
-
-        def changed(row: int, status: str, reason: str, rows: set[int] = concerned) -> tuple[str, str]:
-            return ("contradicted", "the tilt has the wrong sign") if row in rows else (status, reason)
-
-        amended, direct = counted(several), Overview()
-        amended.amend(changed)
-        for row, (frame, status, reason, _) in enumerate(several):
-            direct.add_readings(frame)
-            direct.add_result(frame.frame, *changed(row, status, reason))
-        one, other = ({**each.numbers(), "reasons": None} for each in (amended, direct))
-        assert one == other
-        kinds = [
-            [(each["status"], each["frames"], each["frame"]) for each in overview.numbers()["reasons"]]
-            for overview in (amended, direct)
-        ]
-        assert kinds[0] == kinds[1]
-
-
-def test_a_witness_that_is_often_not_used_is_a_doubt() -> None:
-    """In more than a tenth of the frames; and it is counted where a frame's contact says so."""
-    still = Frame(None, 0.0, 0.0, 0.0, frame=0, time_s=0.0)
-    for unused, severity in ((10, "none"), (11, "doubt")):
-        overview = Overview()
-        for number in range(100):
-            overview.add_readings(still, None, Contact(status="ok", end_used=number >= unused))
-        for _ in range(100):
-            overview.add_readings(still, None, Contact(status="ok"))
-        assert (overview.unused["ends_seen"], overview.unused["ends_unused"]) == (100, unused)
-        found = with_unused(RecordingVerdict(), overview.unused, overview.frames).verdict
-        assert (found.severity, len(found.findings)) == (severity, int(severity == "doubt"))
-        assert (f"{unused} of 100 frames" in " ".join(overview_in_words(overview.numbers()))) == (unused > 0)

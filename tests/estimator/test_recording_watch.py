@@ -13,7 +13,7 @@ from benchmarks.mistakes.rigs import KINDS
 from estimator.diagnose.changes import CHANGES, axes_of, fitted
 from estimator.diagnose.evidence import Case, Recorded, weighed
 from estimator.diagnose.settings import RecordingSettings
-from estimator.diagnose.watch import RecordingVerdict, RecordingWatch
+from estimator.diagnose.watch import RecordingWatch
 
 
 @cache
@@ -92,12 +92,3 @@ def test_few_frames_of_a_long_recording_are_kept() -> None:
     assert len(kept) <= settings.first + settings.spread
     assert kept[-1] > 2700
     assert np.diff(kept[settings.first :]).max() < 300
-
-
-def test_nothing_is_said_of_too_few_frames() -> None:
-    recording = clean()
-    watch = RecordingWatch(recording.rig)
-    assert watch.verdict() == RecordingVerdict()
-    for measured in recording.frames[:3]:
-        watch.push(measured)
-    assert watch.verdict().verdict.severity == "none"

@@ -16,8 +16,6 @@ from estimator.recording import Refined, refine
 from estimator.recording.refined import begun
 from estimator.recording.solve import solved
 from estimator.table.contacts import ContactTable, Measured
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.rig import Rig
 from vbaa_calib.session import KnownObject
 from vbaa_calib.simulate.scene.scene import camera_pose
 
@@ -200,17 +198,3 @@ def test_intervals_hold_over_rigs(draws: int, cells: list[int]) -> None:
     assert all(0.9 < row.distance_held < 0.99 for row in rows)
     assert all(0.9 < row.point_held < 0.995 for row in rows)
     assert all(row.mu_held == 1.0 for row in rows)
-
-
-def test_what_cannot_be_is_refused() -> None:
-    recorded, table, lines, _ = given()
-    rig: Rig = recorded.given
-    free = np.flatnonzero(table.status == "no_contact")
-    for contact_table, some, words in (
-        (table, lines[:-1], "frames"),
-        (table, [replace(each, pan_rad=each.pan_rad + 0.1) for each in lines], "joint angles"),
-        (table.picked(free), [lines[row] for row in free], "no frame has a contact"),
-        (table, [replace(each, points_px=np.full((0, 2), np.nan), sigma_px=np.ones(0)) for each in lines], "points"),
-    ):
-        with pytest.raises(InputError, match=words):
-            refine(contact_table, rig, some)

@@ -18,7 +18,6 @@ from estimator.table.contacts import ContactTable, Measured
 from estimator.table.files import read_contacts, write_contacts
 from tests.recordings import SESSION
 from vbaa_calib.cli.main import main
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.scene.objects import TouchObject
 
 # the first looks along plane C's normal: pushes along it (ξ = 90°) leave its picture straight
@@ -122,16 +121,3 @@ def test_the_command_takes_two_cameras(tmp_path: Path) -> None:
     rows = together(0).refined
     off = np.abs(found.distance_m - expected.distance_m)[rows] / expected.distance_std_m[rows]
     assert off.max() < 0.05
-
-
-def test_views_that_cannot_be_are_refused() -> None:
-    both, table, lines = seen(0)
-    other = both[1].given
-    stiffer = replace(other.antenna, parameters=other.antenna.parameters + np.eye(9)[6])
-    for view, words in (
-        (View(other, lines[1][:-1]), "frames"),
-        (View(other, [replace(each, pan_rad=each.pan_rad + 0.1) for each in lines[1]]), "joint angles"),
-        (View(replace(other, antenna=stiffer), lines[1]), "different antennas"),
-    ):
-        with pytest.raises(InputError, match=words):
-            refine(table, both[0].given, lines[0], views=[view])

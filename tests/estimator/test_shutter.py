@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.contact.recording import FrameContact
-from estimator.contact.shutter import checked
+from estimator.contact.source import marked_by_shutter
 from estimator.table.contacts import Measured
 from tests.detect.drawn_lines import SIZE, aside, background, bent, exposed, tube
 from vbaa_calib.antenna.shape import Curves
@@ -43,7 +43,7 @@ def frames(curves: Curves, turns_deg: list[float], sigma_px: float = 0.03) -> li
 
 
 def statuses(items: list[FrameContact], shutter: Shutter) -> list[str]:
-    return [item.contact.status for item in checked(items, shutter, SIZE[0])]
+    return [item.contact.status for item in marked_by_shutter(items, shutter, SIZE[0])]
 
 
 def test_named_where_points_are_off_by_more_than_their_deviations_carry(curves: Curves) -> None:
@@ -53,17 +53,17 @@ def test_named_where_points_are_off_by_more_than_their_deviations_carry(curves: 
     assert statuses(frames(curves, [2.0] * 3), rolling) == ["ok"] * 3, "at rest"
     assert statuses(frames(curves, [0.0, 1.0, 1.0, 1.0]), rolling)[1:] == ["ok"] * 3, "came to rest"
     assert statuses(moving, Shutter()) == statuses(moving, Shutter(exposure_s=0.03)) == ["ok"] * 4
-    words = next(checked(moving, rolling, SIZE[0])).contact.reason
+    words = next(marked_by_shutter(moving, rolling, SIZE[0])).contact.reason
     assert "while the sensor is read out" in words
     assert "global shutter" in words
-    blurred = list(checked(frames(curves, [0.0, 3.0, 6.0]), Shutter(exposure_s=0.03), SIZE[0]))
+    blurred = list(marked_by_shutter(frames(curves, [0.0, 3.0, 6.0]), Shutter(exposure_s=0.03), SIZE[0]))
     assert all("expose shorter" in item.contact.reason for item in blurred)
 
 
 def test_frames_without_points_or_time_pass(curves: Curves) -> None:
     items = frames(curves, [0.0, 1.0, 2.0])
     items[1] = replace(items[1], measured=Measured(np.empty((0, 2)), np.empty(0), 0.0, 0.0, 0.0))
-    assert [item.frame.frame for item in checked(items, Shutter(readout_s=0.02), SIZE[0])] == [0, 1, 2]
+    assert [item.frame.frame for item in marked_by_shutter(items, Shutter(readout_s=0.02), SIZE[0])] == [0, 1, 2]
 
 
 def test_a_drawn_rolling_shutter_puts_points_off_by_as_much_as_is_said() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.estimator.scenes import elastica_shapes
-from estimator.contact.status import HIGHEST_BIAS
+from estimator.contact.settings import ContactSettings
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.native import core
 
@@ -121,6 +121,6 @@ def test_a_demanded_rung_is_never_wrong_and_confident(rung: str, std: float, fri
     off = np.abs(scene_deviations(found, scenes))
     assert not (off > 4.0).any()
     said = np.array([one.predicted_bias_std for one in found])
-    assert not (np.isfinite(found.distance_m) & (said > HIGHEST_BIAS)).any()
+    assert not (np.isfinite(found.distance_m) & (said > ContactSettings.highest_bias)).any()
     assert (rung == "linear") == bool((found.status == "ok").any())
     assert any(one.reason.startswith(f"{rung} is too low for this frame") for one in found)

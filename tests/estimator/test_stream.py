@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -93,9 +94,10 @@ def test_pictures_are_judged_for_motion_too(monkeypatch: pytest.MonkeyPatch) -> 
     seen[lost] = replace(
         seen[lost], measured=replace(seen[lost].measured, points_px=np.empty((0, 2)), sigma_px=np.empty(0))
     )
-    monkeypatch.setattr(recording, "first_detection", lambda _, frame, ground: frame.frame)
+    monkeypatch.setattr(recording, "read_own", lambda _, path: path)
+    monkeypatch.setattr(recording, "first_look", lambda _, frame, picture, ground: SimpleNamespace(frame=frame))
     monkeypatch.setattr(recording, "_in_order", lambda glances: glances)
-    monkeypatch.setattr(recording, "detections", lambda _, glances: (seen[index] for index in glances))
+    monkeypatch.setattr(recording, "detections", lambda _, glances: (seen[each.frame.frame] for each in glances))
     frames = [Frame(None, 0.0, 0.0, 0.0, frame=index, time_s=index / RATE_HZ) for index in range(COUNT)]
     found = list(recording.estimate_pictures(ContactEstimator(RIG), frames))
     assert [item.frame.frame for item in found] == list(range(COUNT))

@@ -37,34 +37,6 @@ def sound(surface: Surface, count: int) -> None:
     assert surface.compliance.reason
 
 
-@pytest.mark.parametrize("count", [1, 4])
-def test_few_contacts(count: int) -> None:
-    surface = reconstruct(picked(noisy(SPHERE), slice(count)), RADIUS_M)
-    sound(surface, count)
-    assert not surface.compliance.determined or count > 3
-    if count == 1:
-        assert len(surface.triangles) == len(surface.lines) == 0
-        assert "is undetermined" in surface.compliance.reason
-        # one contact tells the turn about its tangent not at all
-        assert np.sqrt(np.trace(surface.touched_normal_covariance[0])) > 0.5
-
-
-def test_contacts_in_one_place() -> None:
-    same = picked(noisy(SPHERE), np.zeros(20, int))
-    surface = reconstruct(replace(same, own_m2=np.zeros((20, 3, 3))), RADIUS_M)
-    sound(surface, 20)
-    assert np.abs(surface.touched_m - surface.touched_m[0]).max() < 1e-6
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_places_that_are_known_along_one_line_only(seed: int) -> None:
-    """Across it, rounding leaves a variance that is a little below zero."""
-    rng = np.random.default_rng(seed)
-    one = picked(noisy(SPHERE, seed=seed), slice(1))
-    flat = rng.standard_normal((3, 1)) * 1e-4
-    sound(reconstruct(replace(one, own_m2=(flat @ flat.T)[None]), RADIUS_M), 1)
-
-
 def test_without_tangents_a_line_does_not_know_its_normals() -> None:
     height = np.linspace(-0.02, 0.02, 25)
     points = np.array([0.16, 0.035, 0.0]) + np.outer(height, [0.0, 0.0, 1.0])
@@ -85,13 +57,6 @@ def test_unknown_covariances_are_said_and_give_no_deviations() -> None:
     assert "no covariance" in surface.notes[0]
     assert "is undetermined" in surface.compliance.reason
     assert np.sqrt(np.mean(CYLINDER.signed_distance(surface.points_m)[0] ** 2)) < 4e-4
-
-
-def test_forces_of_any_size() -> None:
-    touches = noisy(SPHERE)
-    surface = reconstruct(replace(touches, force_N=1e3 * touches.force_N), RADIUS_M)
-    sound(surface, 40)
-    assert np.sqrt(np.mean(SPHERE.signed_distance(surface.touched_m)[0] ** 2)) < 2e-4
 
 
 def senseless() -> dict[str, dict[str, np.ndarray]]:

@@ -100,14 +100,6 @@ def test_a_plain_scene_has_nothing_to_take_off() -> None:
     assert background_of(images[:3], finder(), True)[0] is None
 
 
-def test_a_background_of_another_scene_is_noticed() -> None:
-    rng = np.random.default_rng(4)
-    empty = Background(scene(rng).astype(np.float32))
-    image = recording(rng)[0][0]
-    assert empty.behind(image) is None
-    assert Background(np.full(SIZE, 60.0, np.float32)).behind(image) is None
-
-
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (0.3, -0.2), (1.4, 0.9), (-2.0, 1.5)])
 @pytest.mark.parametrize("gain", [0.8, 1.2])
 def test_a_background_is_moved_and_scaled_onto_a_picture(shift: tuple[float, float], gain: float) -> None:

@@ -90,18 +90,6 @@ def test_columns_beyond_the_contract_are_optional(written: Path) -> None:
     assert np.isnan([back.friction_angle_rad, back.friction_angle_std_rad, back.bias_std, back.condition]).all()
 
 
-def test_a_damaged_parquet_file_is_refused(rows: list[ContactRow], tmp_path: Path) -> None:
-    path = tmp_path / "contacts.parquet"
-    with pytest.raises(InputError, match="no such file"):
-        read_contacts(path)
-    path.write_text("text")
-    with pytest.raises(InputError, match="is not a valid Parquet file"):
-        read_contacts(path)
-    write_contacts(path, [replace(rows[0], status="fine")], force=True)
-    with pytest.raises(InputError, match="line 1: status is 'fine'"):
-        read_contacts(path)
-
-
 def test_a_contact_becomes_a_row() -> None:
     """Every number of the estimator's result has its place."""
     values = {
@@ -127,14 +115,6 @@ def test_a_frame_may_have_several_contacts_where_they_are_asked_for(rows: list[C
     write_contacts(path, [replace(rows[0], contact=1)] * 2, force=True)
     with pytest.raises(InputError, match="stands already in line 2"):
         read_contacts(path, several=True)
-
-
-def test_a_clock_since_1970_keeps_its_milliseconds(tmp_path: Path) -> None:
-    sent = [ContactRow(frame=i, time_s=1763741766.123 + 0.001 * i, status="no_contact") for i in range(3)]
-    write_contacts(tmp_path / "contacts.csv", sent)
-    np.testing.assert_allclose(
-        read_contacts(tmp_path / "contacts.csv").time_s, [row.time_s for row in sent], rtol=0, atol=1e-5
-    )
 
 
 def test_the_documented_columns_are_the_declared_ones() -> None:

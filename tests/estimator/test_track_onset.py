@@ -123,14 +123,6 @@ def test_without_evidence_the_instant_lies_between_two_frames() -> None:
     assert any("evidence" in note for note in track.notes)
 
 
-def test_without_joint_angles_frames_are_not_pooled_and_it_is_said() -> None:
-    values = evidence(depth(120, 60.0, 0.1), *OFF, np.random.default_rng(11))
-    table = evidence_table(values)
-    track = follow(replace(table, pan_rad=np.full(120, np.nan)))
-    assert of(track, "first_contact")[0].frame == int(np.argmax(values >= 14.0))
-    assert any("no joint angles" in note for note in track.notes)
-
-
 def test_a_base_that_moves_in_steps_lands_between_two_frames() -> None:
     """Its forces grow slowly afterwards, and run back to a zero that free frames contradict."""
     noise, common = 1.0, np.zeros(3)
@@ -163,14 +155,6 @@ def test_the_frequency_is_told_where_frames_are_many() -> None:
     few = ringing_table(15.0, pace_hz=4.0)
     (event,) = ringing_events(few, ringing_frames(few), STEEL)
     assert "too fast for 15 frames a second" in event.words
-
-
-def test_following_flags_them_and_does_not_take_them_for_losses() -> None:
-    table = ringing_table(60.0)
-    track = follow(table)
-    np.testing.assert_array_equal(track.ringing, ringing_frames(table))
-    assert {event.kind for event in track.events} == {"first_contact", "ringing"}
-    assert set(track.phase[track.ringing]) == {"unknown"}
 
 
 @pytest.mark.parametrize("pace_hz", [3.1, 13.0])

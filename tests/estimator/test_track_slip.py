@@ -11,12 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.estimator.setup import Setup
 from estimator.cli.track import COLUMNS, configure, run
 from estimator.contact.common_errors import CommonErrors
 from estimator.object.track import Event, Track, follow
 from estimator.table.contacts import ContactTable
-from estimator.table.files import read_contacts, write_contacts
+from estimator.table.files import write_contacts
 
 from .track_tables import RATE_HZ, Rubbed, rubbed, rubbed_table
 
@@ -162,16 +161,3 @@ def test_events_and_frames_are_written(tmp_path: Path, capsys: pytest.CaptureFix
     assert {row["phase"] for row in rows} >= {"sliding", "sticking"}
     assert float(rows[30]["slip_m_s"]) == pytest.approx(15e-3, rel=0.1)
     assert rows[30]["ringing"] == "false"
-
-
-def test_contacts_are_smoothed_on_request(tmp_path: Path) -> None:
-    rig = Setup(real=True, exact=False).rig()
-    (tmp_path / "rig.json").write_text(json.dumps(rig.to_dict()))
-    table, _ = track_of(stick_slip())
-    contacts = written(tmp_path / "contacts.csv", table)
-    smoothed = tmp_path / "smoothed.csv"
-    run(arguments(contacts, "--rig", tmp_path / "rig.json", "-o", tmp_path / "track.csv", "--smooth", smoothed))
-    back = read_contacts(smoothed)
-    assert len(back) == COUNT
-    assert np.abs(back.point_world_m - table.point_world_m).max() > 1e-5
-    assert (np.trace(back.covariance_world_m2, axis1=1, axis2=2) > 0.0).all()

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.contact.status import CONTACT_EVIDENCE
+from estimator.contact.settings import ContactSettings
 from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.ladder import solve
 from estimator.solver.linearised import linearised
@@ -156,7 +156,7 @@ def test_evidence_without_contact_follows_its_law() -> None:
     assert 1.0 < np.mean(found) < 2.2
     assert 0.6 < np.var(found) < 3.5
     assert min(found) > -0.01
-    assert max(found) < 0.7 * CONTACT_EVIDENCE
+    assert max(found) < 0.7 * ContactSettings.contact_evidence
 
 
 def test_an_upright_camera_leaves_nothing_to_test_the_moment_with() -> None:

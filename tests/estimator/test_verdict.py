@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.speed.frames import ALIKE, fitting_nothing
+from benchmarks.waiting.frames import ALIKE, fitting_nothing
 from estimator import ContactEstimator
 
 from ..rod_scenes import LENGTH_M, RIG_STD, Frame, World, blunt, camera_pose, frames

@@ -11,23 +11,26 @@ import pytest
 
 from estimator import Contact, ContactEstimator
 from estimator.contact.recording import estimate_pictures
-from estimator.contact.shutter import checked
 from estimator.table.contacts import STATUSES, Measured
 from vbaa_calib.core.arrays import LARGEST_NM
-from vbaa_calib.core.polyline import arc_lengths, followed
-from vbaa_calib.detect.whisker.antenna import pixels, width_px
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.session import Frame, Shutter
+from vbaa_calib.session import Frame
 
 from ..fuzz.test_memory import taken
 from ..rod_scenes import SIGMA_PX
 from .contact_scenes import RIG, frame
-from .drawn_frames import DIAMETER_M, FORCE_N, frame_of, picture, rig_of, shape
-from .test_shutter import SIZE, frames
+from .drawn_frames import frame_of, picture, rig_of, shape
 
 SIZE_PX = (320, 240)
 linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux alone reports the peak of memory")
+
+
+def replaced(frame: Frame, number: int, moment_Nm: float, joints: np.ndarray) -> Frame:
+    """The same picture with other readings."""
+    return replace(
+        frame, frame=number, time_s=float(number), moment_Nm=moment_Nm, pan_rad=joints[0], tilt_rad=joints[1]
+    )
 
 
 @linux
@@ -52,44 +55,6 @@ def test_no_reading_and_no_joint_angle_costs_memory(tmp_path: Path, bright: bool
     assert "ok" not in found[:4], "nothing is located by a moment that cannot be"
 
 
-def replaced(frame: Frame, number: int, moment_Nm: float, joints: np.ndarray) -> Frame:
-    """The same picture with other readings."""
-    return replace(
-        frame, frame=number, time_s=float(number), moment_Nm=moment_Nm, pan_rad=joints[0], tilt_rad=joints[1]
-    )
-
-
-def test_a_path_is_followed_as_long_as_it_may_be_an_antenna() -> None:
-    """Sound paths are the same; of any other what is left is the part that first is near, bounded by the picture."""
-    rng = np.random.default_rng(0)
-    half, room = 0.5 * np.array(SIZE_PX), sum(SIZE_PX)
-    for _ in range(300):
-        path = half + np.cumsum(rng.normal(size=(rng.integers(1, 60), 2)) * 10 ** rng.uniform(-1, 9), axis=0)
-        if rng.random() < 0.3:
-            path[rng.integers(len(path))] = rng.choice([np.nan, np.inf, -np.inf, 1e300])
-        left = followed(path, SIZE_PX)
-        near = (np.abs(path - half) <= half + room).all(axis=1)
-        np.testing.assert_array_equal(left, path[int(near.argmax()) :][: len(left)])
-        assert len(left) > 0 or not near.any()
-        assert np.isfinite(left).all()
-        assert (np.abs(left - half) <= half + room).all()
-        assert len(left) < 2 or arc_lengths(np.ascontiguousarray(left))[-1] <= 10.0 * room
-    beyond = np.column_stack([np.linspace(10.0, 600.0, 40), np.linspace(100.0, -200.0, 40)])
-    assert followed(beyond, SIZE_PX) is beyond
-
-
-def test_a_shape_near_the_cameras_plane_is_no_longer_than_the_picture_allows() -> None:
-    """Whatever force bends it, and wherever it lies: its picture and its width there are bounded."""
-    rig, rng = rig_of(SIZE_PX), np.random.default_rng(1)
-    seen_from = (rig.camera, rig.T_antenna_camera.inverse())
-    for _ in range(200):
-        nodes_m = shape(rig, FORCE_N * 10 ** rng.uniform(0, 5)).points_m[0] * 10 ** rng.uniform(-1, 2)
-        nodes_m = nodes_m + rng.normal(size=3) * [0.2, 0.2, 0.4]
-        path, width = pixels(*seen_from, nodes_m), width_px(*seen_from, nodes_m, DIAMETER_M)
-        assert 0.0 <= width <= min(SIZE_PX)
-        assert len(path) < 2 or arc_lengths(np.ascontiguousarray(path))[-1] <= 10.0 * sum(SIZE_PX)
-
-
 @linux
 def test_a_broad_antenna_is_searched_in_bounded_memory() -> None:
     """Of either polarity: the number of shapes that are tried does not grow with its width."""
@@ -100,17 +65,6 @@ def test_a_broad_antenna_is_searched_in_bounded_memory() -> None:
     )
     narrow.shapes(image)
     assert taken(lambda: broad.shapes(image)) < 3e8
-
-
-@linux
-def test_points_in_no_order_cost_the_shutters_check_no_memory() -> None:
-    items = frames(shape(rig_of(SIZE_PX)), [0.0, 1.0, 2.0])
-    for item in items:
-        shuffled = np.random.default_rng(3).permuted(np.tile(item.measured.points_px, (40, 1)), axis=0)
-        object.__setattr__(item.measured, "points_px", shuffled)
-        object.__setattr__(item.measured, "sigma_px", np.full(len(shuffled), 0.03))
-    most = taken(lambda: list(checked(items, Shutter(readout_s=0.02), SIZE[0])))
-    assert most < 1e8
 
 
 @linux

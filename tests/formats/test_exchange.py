@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.convert import FORMATS, guessed
-from vbaa_calib.convert.values import Exchanged, Wanted, _left_out_px
+from vbaa_calib.convert.values import Exchanged, Wanted
 from vbaa_calib.core.errors import InputError
 
-from .files import COLMAP, MATRIX, MRCAL, POSE, READ_ONLY, SAMPLES, SIZE, WHICH, camera, fisheye, points
+from .files import COLMAP, MRCAL, POSE, READ_ONLY, SAMPLES, WHICH, camera, fisheye, points
 
 HELD = {"ros": (0, 4, 5, 8), "opencv": (0, 4, 5, 8, 12, 14), "kalibr": (0, 4), "mrcal": (0, 4, 5, 8, 12)}
 HELD |= {"colmap": (0, 4, 5, 8), "vbaa": (0, 4, 5, 8, 12, 14)}
@@ -175,18 +175,6 @@ def test_a_file_tells_its_format_by_itself(name: str, tmp_path: Path) -> None:
         if name in HELD and holds(name, lens):
             (tmp_path / "ours").write_text(FORMATS[name].write(Exchanged(lens, POSE)))
             assert guessed(tmp_path / "ours").name == name
-
-
-def test_the_price_is_what_opencv_says_it_is() -> None:
-    lens = camera(5)
-    u, v = np.meshgrid(np.linspace(0, SIZE[0] - 1, 41), np.linspace(0, SIZE[1] - 1, 31))
-    pixels = np.stack([u, v], axis=-1).reshape(-1, 1, 2)
-    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
-    ideal = cv2.undistortPointsIter(pixels, MATRIX, lens.distortion, np.eye(3), np.eye(3), stop).reshape(-1, 2)
-    rays = np.concatenate([ideal, np.ones((len(ideal), 1))], axis=1)
-    moved = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), MATRIX, lens.distortion[:4])[0]
-    expected = np.linalg.norm(moved - pixels, axis=-1).max()
-    assert _left_out_px(lens, 4) == pytest.approx(expected, rel=1e-6)
 
 
 def test_colmap_counts_pixels_from_their_corner() -> None:

@@ -182,16 +182,6 @@ def test_two_readings_are_asked_about(tmp_path: Path, name: str, content: Any, w
         read(tmp_path / name)
 
 
-def test_the_answers_decide(tmp_path: Path) -> None:
-    path = tmp_path / "a.json"
-    text(ASKED[2][2])(path)
-    for fisheye, model in ((True, "fisheye"), (False, "opencv")):
-        assert read(path, Wanted(fisheye=fisheye)).camera.model == model
-    text(ASKED[1][2])(path)
-    assert read(path, SIZED).camera.image_size == SIZE
-    assert read(path, Wanted(size=SIZE[::-1])).camera.image_size == SIZE[::-1]
-
-
 def test_the_lens_of_binned_and_cropped_pictures(tmp_path: Path) -> None:
     """A point's pixel in the part is its pixel in the whole, moved and binned; as CameraInfo says, or as asked for."""
     path, more = (
@@ -343,12 +333,3 @@ def test_a_refits_error_goes_with_the_lens(tmp_path: Path) -> None:
         (note,) = read_lens(tmp_path / name).doubts
         assert "skew of 1.5 px" in note.words
         assert "px rms" in note.words
-
-
-def test_convert_says_what_folds_inside_the_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "a.yaml"
-    text(echo(d=[-0.9, 0.0, 0.0, 0.0, 0.0]))(path)
-    assert main(["convert", str(path), "-o", str(tmp_path / "camera.json")]) == 0
-    assert "folds inside the picture" in capsys.readouterr().err
-    with pytest.raises(InputError, match="folds"):
-        read_lens(path)

@@ -23,7 +23,6 @@ from benchmarks.suite import SUBJECTS
 from estimator import rod as public_rod
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.antenna.shape import bend
-from vbaa_calib.cli import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
@@ -210,37 +209,6 @@ def no_elastica() -> ModuleType:
     """In its place, for a file that only names the parts of it."""
     parts = ("BaseSystemCollection", "Constraints", "Forcing", "Damping")
     return SimpleNamespace(**{part: type(part, (), {}) for part in parts})  # type: ignore[return-value]
-
-
-@pytest.mark.parametrize("segments", [2, 201, 40.0, True])
-def test_segments_that_cannot_be_are_refused(segments: int, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="segments"):
-        vbaa.export(a_rig(), "mujoco", tmp_path / "a.xml", segments=segments)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_clamp_stiffer_than_a_segment_and_another_simulator_are_refused(tmp_path: Path) -> None:
-    rig = a_rig()
-    parameters = rig.antenna.parameters.copy()
-    parameters[8] = -3.0e-3
-    stiff = replace(rig, antenna=replace(rig.antenna, parameters=parameters))
-    vbaa.export(stiff, "mujoco", tmp_path / "a.xml", segments=39)
-    with pytest.raises(InputError, match="give 40 segments or fewer"):
-        vbaa.export(stiff, "mujoco", tmp_path / "b.xml", segments=80)
-    tapered = replace(rig, antenna=replace(rig.antenna, profile=((0.0, 0.8e-3), (rig.antenna.length_m, 0.4e-3))))
-    with pytest.raises(InputError, match="not uniform"):
-        vbaa.export(tapered, "pyelastica", tmp_path / "c.py")
-    with pytest.raises(InputError, match="give one of mujoco"):
-        vbaa.export(rig, "newton", tmp_path / "c.xml")
-
-
-def test_the_command_says_what_is_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    a_rig().save(tmp_path / "rig.json")
-    call = ["export", str(tmp_path / "rig.json"), "--to", "mujoco", "-o", str(tmp_path / "a.xml"), "--json"]
-    assert main(call) == 0
-    assert "distortion" in json.loads(capsys.readouterr().out)["lost"]
-    assert main(call) == 2
-    assert "exists already" in capsys.readouterr().err
 
 
 @pytest.mark.slow

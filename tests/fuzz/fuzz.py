@@ -30,7 +30,7 @@ import yaml
 
 from estimator.table.files import read_contacts
 from vbaa_calib import Camera, Rig
-from vbaa_calib.calibrate.antenna.deflection_table import read_deflections
+from vbaa_calib.calibrate.antenna.stiffness import read_deflections
 from vbaa_calib.calibrate.given_lens import read_lens
 from vbaa_calib.calibrate.pose.robot_tables import read_corners, read_robot_poses
 from vbaa_calib.convert import FORMATS
@@ -86,10 +86,6 @@ def _all_of(items: Iterable[Any]) -> None:
 
 def _every_centreline(lines: Any) -> None:
     _all_of(lines.values())
-
-
-def _centrelines(path: Path) -> None:
-    _every_centreline(_of(path, read_centrelines))
 
 
 def _every_message(source: Any) -> None:

@@ -142,16 +142,9 @@ TO_LISTED = (("missing", d.gone, NOT_THERE), *((name, damage, NOT_THERE) for nam
 
 GIANTS: tuple[tuple[str, str, int, str], ...] = (
     ("session.yaml", "session/session.yaml", 300_000_000, CALIBRATE),
-    ("board.yaml", "board.yaml", 300_000_000, "board --spec board.yaml -o out.pdf"),
-    ("scene.yaml", "scene.yaml", 300_000_000, "simulate scene.yaml -o out"),
-    ("answers.yaml", "answers.yaml", 300_000_000, "wizard new --answers answers.yaml --batch"),
     ("rig.json", "rig.json", 300_000_000, ESTIMATE),
     ("stiffness.csv", "stiffness.csv", 10**13, "stiffness stiffness.csv --load 0.01 --distance 0.2 -o out.json"),
-    ("camera.json", "camera.json", 10**13, "convert camera.json --to opencv -o out.yaml"),
-    ("mrcal", "mrcal.txt", 10**13, "convert mrcal.txt --from mrcal -o out.json"),
     ("object.vtp", "object.vtp", 10**13, "view contacts.csv --object object.vtp --html out.html"),
-    ("free.png", "free.png", 10**13, "look free.png --rig rig.json"),
-    ("board_002.png", "session/intrinsics/board_002.png", 10**13, CALIBRATE),
     ("frame_0003.png", "session/recording/frame_0003.png", 10**13, ESTIMATE),
 )
 """Kind, path, bytes that the file claims, command."""
@@ -161,20 +154,44 @@ SOUND = {(kind, name) for kind in ("centrelines.csv", "wizard.json") for name in
 """What is none of the harm: a session without centrelines has pictures, one without wizard.json was not begun."""
 
 
+FOLDERS: tuple[tuple[str, str, str], ...] = (
+    ("session", "session", CALIBRATE),
+    ("session", "session", ESTIMATE),
+    ("session", "session", CHECK),
+    ("session", "session", "view contacts.csv --rig rig.json --session session --html out.html"),
+    ("intrinsics", "session/intrinsics", CALIBRATE),
+    ("intrinsics", "session/intrinsics", "intrinsics session/intrinsics --board board.yaml -o o.json"),
+    ("plane", "session/plane", CALIBRATE),
+    ("noload", "session/noload", CALIBRATE),
+    ("loads", "session/loads", CALIBRATE),
+    ("recording", "session/recording", ESTIMATE),
+)
+TO_FOLDERS: tuple[tuple[str, Damage, tuple[str, ...]], ...] = (
+    ("missing", d.gone, ("no such f",)),
+    *((name, damage, ()) for name, damage in (
+        ("empty", d.folder), ("a file", d.content("a text")), ("a pipe", d.pipe), ("a link to nothing", d.link("none")),
+        ("a link to itself", d.loop), ("a link to /dev", d.link("/dev")))),
+)  # fmt: skip
+DRAWN = 2
+"""Damages of a file in each command: any reader refuses them all (`tests/fuzz/test_properties.py`), and each command
+must end as it should."""
+
+
 def cases() -> list[Case]:
-    """Each file with each damage."""
-    pairs = ((TEXTS, TO_TEXTS), (OBJECTS, TO_OBJECTS), (PICTURES, TO_PICTURES), (LISTED, TO_LISTED))
-    found = [
-        Case(name, kind, path, damage, line, (path.rpartition("/")[2], *words))
-        for files, damages in pairs
-        for kind, path, line in files
-        for name, damage, words in damages
-    ]
-    found += [
+    """Each file in each command that reads it, with damages that differ from row to row."""
+    groups = ((TEXTS, TO_TEXTS), (OBJECTS, TO_OBJECTS), (PICTURES, TO_PICTURES), (LISTED, TO_LISTED))
+    found = []
+    for files, damages in (*groups, (FOLDERS, TO_FOLDERS)):
+        for number, (kind, path, line) in enumerate(files):
+            fit = [one for one in damages if (kind, one[0]) not in SOUND]
+            for name, damage, words in (fit[(DRAWN * number + more) % len(fit)] for more in range(DRAWN)):
+                named = () if files is FOLDERS else (path.rpartition("/")[2],)
+                found.append(Case(name, kind, path, damage, line, (*named, *words)))
+    giants = (
         Case(f"{size:.0e} bytes", kind, path, d.giant(size), line, (path.rpartition("/")[2], "MB, more than"))
         for kind, path, size, line in GIANTS
-    ]
-    return [case for case in found if (case.kind, case.name) not in SOUND]
+    )
+    return [*found, *giants]
 
 
 CASES = cases()

@@ -9,6 +9,7 @@ import numpy as np
 
 from . import damage as d
 from .case import Case, Row, cases
+from .every_file import CALIBRATE, ESTIMATE
 
 NOT_WHOLE, NONE = "is truncated or damaged", "is not a picture"
 
@@ -77,20 +78,9 @@ NO_BOARD: tuple[Row, ...] = (
 
 CASES: list[Case] = [
     *cases("free.png", "free.png", "look free.png --rig rig.json", ROWS),
-    *cases(
-        "board_002.png",
-        "session/intrinsics/board_002.png",
-        "intrinsics session/intrinsics --board board.yaml -o o.json",
-        ROWS[::2],
-    ),
-    *cases(
-        "frame_0003.png", "session/recording/frame_0003.png", "estimate session --rig rig.json -o out.csv", ROWS[1::2]
-    ),
-    *cases("free.png", "free.png", "estimate session --rig rig.json -o out.csv --background free.png", ROWS[::4]),
-    *cases("jig.png", "jig.png", "check rig.json --jig jig.png", ROWS[::4]),
-    *cases("loads_002.png", "session/loads/loads_002.png", "calibrate session -o out.json", NOTHING_ON_IT),
-    *cases("noload_001.png", "session/noload/noload_001.png", "calibrate session -o out.json", NOTHING_ON_IT[:2]),
+    *cases("frame_0003.png", "session/recording/frame_0003.png", ESTIMATE, ROWS[1::6]),
+    *cases("loads_002.png", "session/loads/loads_002.png", CALIBRATE, NOTHING_ON_IT[:1]),
+    *cases("noload_001.png", "session/noload/noload_001.png", CALIBRATE, NOTHING_ON_IT[2:]),
     *cases("intrinsics", "session/intrinsics", "intrinsics session/intrinsics --board board.yaml -o o.json", NO_BOARD),
-    *cases("intrinsics", "session/intrinsics", "calibrate session -o out.json", NO_BOARD[:1]),
-    *cases("jig_000.png", "session/plane/jig_000.png", "calibrate session -o out.json", NO_BOARD),
+    *cases("jig_000.png", "session/plane/jig_000.png", CALIBRATE, NO_BOARD[:1]),
 ]

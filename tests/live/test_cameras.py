@@ -8,7 +8,6 @@ import os
 import signal
 import threading
 from collections.abc import Callable
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -143,80 +142,3 @@ def test_an_interrupt_while_a_camera_is_away(
 
     monkeypatch.setattr(cv2, "VideoCapture", Scripted(stage, [[picture()] * 4, interrupted]))
     assert "interrupted" in run("camera:0", tmp_path / "contacts.csv", capsys)["notes"]
-
-
-class _Handler(BaseHTTPRequestHandler):
-    """An MJPEG camera that sends so many pictures, and breaks off; or, where it has an end, goes on until that."""
-
-    stage: Stage
-    ends: Callable[[], bool]
-    count = 4
-
-    def log_message(self, *_: object) -> None:
-        """Silent."""
-
-    def do_GET(self) -> None:
-        self.send_response(200)
-        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
-        self.end_headers()
-        data = cv2.imencode(".jpg", picture())[1].tobytes()
-        head = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(data)
-        sent = 0
-        try:
-            while sent < self.count or not self.ends():
-                self.wfile.write(head + data + b"\r\n")
-                sent += 1
-                self.stage.began.wait(0.05 if sent < self.count else 0.2)
-        except OSError:
-            """The reader hung up."""
-
-
-def test_a_server_that_is_stopped_and_started_again(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The program goes on by itself, and an interrupt ends it."""
-    stage = Stage(monkeypatch)
-    monkeypatch.setattr(devices, "RETRIES_S", (0.1,) * 600)
-    out, port, servers = tmp_path / "contacts.csv", 0, list[ThreadingHTTPServer]()
-
-    def rows() -> int:
-        return out.read_bytes().count(b"\n") - 1 if out.exists() else 0
-
-    def serve(ends: Callable[[], bool]) -> int:
-        handler = type("Handler", (_Handler,), {"stage": stage, "ends": staticmethod(ends)})
-        server = ThreadingHTTPServer(("127.0.0.1", port), handler)
-        servers.append(server)
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        return int(server.server_port)
-
-    def again() -> None:
-        # so many rows there are before it breaks off; those after it are of the server that was started anew
-        assert stage.broke_off.wait(120.0)
-        before = rows()
-
-        def more() -> bool:
-            if rows() > before + 2:
-                os.kill(os.getpid(), signal.SIGINT)
-                return True
-            return False
-
-        servers[0].server_close()
-        serve(more)
-
-    def first_is_over() -> bool:
-        if rows() < 3:
-            return False
-        servers[0].shutdown()
-        servers[0].server_close()
-        return True
-
-    port = serve(first_is_over)
-    starter = threading.Thread(target=again)
-    starter.start()
-    summary = run(f"http://127.0.0.1:{port}/video", out, capsys)
-    starter.join()
-    for server in servers:
-        server.shutdown()
-        server.server_close()
-    assert "interrupted" in summary["notes"]
-    assert summary["reconnected"] >= 1

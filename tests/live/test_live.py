@@ -25,7 +25,6 @@ from mcap.reader import NonSeekingReader
 from estimator import ContactEstimator
 from estimator.contact.estimate import STREAM
 from estimator.contact.recording import estimate_taken
-from estimator.contact.source import StreamOptions
 from estimator.live import LiveContact, LiveEstimator, outputs
 from estimator.live.outputs import ContactBag, Datagrams, GrowingTable, json_line
 from estimator.table.contacts import ContactRow
@@ -35,10 +34,6 @@ from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import DRIFTS
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
-from vbaa_calib.streams.bags import Topics
-from viz.batch.recordings import Recording
-from viz.batch.results import Results
-from viz.batch.work import BatchSettings, do
 
 from .recordings import COUNT, RATE_HZ, frames, messages, rig, shown, write
 
@@ -203,27 +198,6 @@ def test_contacts_by_udp() -> None:
             Datagrams(wrong)
 
 
-def test_a_stated_offset_puts_readings_back(tmp_path: Path) -> None:
-    """A bag whose readings are stamped a quarter of a second early: the rows of the one that is right."""
-    found = []
-    for early_ns, words in ((0, ()), (250_000_000, ("--clock-offset", "0.25"))):
-        bag, out = write(tmp_path / f"{early_ns}.mcap", early_ns=early_ns, count=16), tmp_path / f"{early_ns}.csv"
-        rig, more = small_rig() / "rig.json", ("--no-report", "--drift", "none", "--gap", "0.5", "--wait", "1")
-        assert verb("estimate", bag, "--rig", rig, "-o", out, *more, *words) == 0
-        found.append(read_contacts(out))
-    assert found[0].status.tolist() == found[1].status.tolist()
-    np.testing.assert_allclose(found[0].distance_m, found[1].distance_m, rtol=1e-6)
-
-
-def test_an_offset_that_the_data_do_not_show_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Three pictures over and over, five in a second: one sentence, and nothing written."""
-    bag, out = write(tmp_path / "bag.mcap", early_ns=100_000_000), tmp_path / "contacts.csv"
-    words = ("--no-report", "--gap", "0.5", "--clock-offset", "estimate")
-    assert verb("estimate", bag, "--rig", small_rig() / "rig.json", "-o", out, *words) == 2
-    assert "cannot be estimated" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == [bag]
-
-
 def verb(*words: object) -> int:
     return main([str(word) for word in words])
 
@@ -249,84 +223,6 @@ def test_a_bag_live_is_the_bag_estimated(tmp_path: Path, capsys: pytest.CaptureF
     np.testing.assert_allclose(
         [[p.point.x, p.point.y, p.point.z] for p in points], table.point_world_m[table.located], rtol=1e-8
     )
-
-
-def test_a_wrench_of_the_other_sign(tmp_path: Path) -> None:
-    """Read with -y, in either form of the option, it gives the same contacts, live and afterwards; without, others."""
-    rig_json, count = small_rig() / "rig.json", 6
-    bag = write(tmp_path / "bag.mcap", count=count)
-    turned = write(tmp_path / "turned.mcap", count=count, torque=lambda frame: {"y": -frame.moment_Nm})
-    calls = {
-        "as it is": ("estimate", bag, "--rig", rig_json),
-        "estimated": ("estimate", turned, "--rig", rig_json, "--moment-axis", "-y"),
-        "live": ("live", rig_json, turned, "--moment-axis=-y"),
-        "wrong": ("estimate", turned, "--rig", rig_json),
-    }
-    found = {}
-    for name, words in calls.items():
-        out = tmp_path / f"{name}.csv"
-        assert verb(*words, "-o", out, *["--no-report"] * (words[0] == "estimate")) == 0
-        found[name] = out.read_bytes()
-    assert found["as it is"] == found["estimated"] == found["live"] != found["wrong"]
-
-
-@pytest.mark.parametrize("wrong", ["picture", "moment", "clock"])
-def test_a_wrong_stamp_costs_one_frame_and_a_clock_that_is_set_none(
-    wrong: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Stamps are those of a clock 1000 s ahead; one is by an hour more, or all are set back by one: live and
-    afterwards the same rows, which others can read, and it is reported as it happens and in the summary."""
-
-    def off_s(topic: str, number: int) -> float:
-        one = {"picture": topic.startswith("/camera"), "moment": topic == "/moment", "clock": False}[wrong]
-        return 5000.0 + 3600.0 * (one and number == 9) - 3600.0 * (wrong == "clock" and number >= 9)
-
-    bag = write(tmp_path / "bag.mcap", count=12, off_s=off_s)
-    one, other = tmp_path / "one.csv", tmp_path / "other.csv"
-    assert verb("live", small_rig() / "rig.json", bag, "-o", one, "--json") == 0
-    printed = capsys.readouterr()
-    assert verb("estimate", bag, "--rig", small_rig() / "rig.json", "-o", other, "--no-report") == 0
-    assert one.read_bytes() == other.read_bytes()
-    table, told = read_contacts(one), json.loads(printed.out)
-    assert len(table) == 11 + (wrong != "picture")
-    assert np.isfinite(table.moment_residual_Nm).sum() == 11 + (wrong == "clock")
-    assert np.diff(table.time_s) == pytest.approx(np.where(np.arange(len(table) - 1) == 8, 2.0, 1.0) / RATE_HZ, abs=0.3)
-    assert (np.diff(table.time_s) > 0.0).all()
-    what = {"picture": "pictures stamped ahead", "moment": "readings stamped ahead", "clock": "jumps of a clock"}[wrong]
-    assert told["stream"][what] == (4 if wrong == "clock" else 1)
-    assert what in printed.err
-    assert any("3600" in note or "3599" in note for note in told["notes"])
-
-
-def test_what_was_read_and_why_frames_have_no_contact(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Live, afterwards and in a batch the same numbers: with all readings, and with none."""
-    blank = cv2.imencode(".png", np.full(SIZE[::-1], 90, np.uint8))[1].ravel()
-    bag, rig_file = write(tmp_path / "bag.mcap", dict.fromkeys((3, 5, 6), blank), count=12), small_rig() / "rig.json"
-    for options, read in (((), 12), (("--no-moment", "--topic", "joints=none"), 0)):
-        out = tmp_path / str(read)
-        assert verb("estimate", bag, "--rig", rig_file, "-o", out / "a.csv", "--no-report", "--json", *options) == 0
-        one = capsys.readouterr()
-        assert verb("live", rig_file, bag, "-o", out / "b.csv", "--json", *options) == 0
-        other = capsys.readouterr()
-        streams = StreamOptions(Topics(joints="none" if options else ""))
-        results = Results(out / "batch")
-        results.prepare([])
-        done = do(Recording("bag", bag, rig_file), BatchSettings(no_moment=bool(options), streams=streams), results).row
-        results.write_summary([])
-        numbers, again = json.loads(one.out), json.loads(other.out)
-        assumed = {} if read else {"pan_rad": 0.0, "tilt_rad": 0.0}
-        expected = {"frames": 12, "moment_Nm": read, "pan_rad": read, "tilt_rad": read, "assumed_rad": assumed}
-        assert numbers["readings"] == again["readings"] == done["readings"] == expected
-        assert numbers["reasons"] == done["reasons"]
-        assert [each["status"] for each in again["reasons"]][:1] == ["no_antenna"]
-        (why,) = (each for each in numbers["reasons"] if each["status"] == "no_antenna")
-        assert (why["frames"], why["frame"]) == (3, 3)
-        assert why["remedy"]
-        for printed in (one.err, other.err):
-            assert ("moment: none; joints: none, taken as 0" in printed) == (not read)
-            assert "3 no_antenna" in printed
-            assert ("the sensor's zero" in printed) == bool(read)
-        assert f"moment: {'all frames' if read else 'none'}" in results.summary.read_text()
 
 
 def test_a_video_with_a_table_of_readings(tmp_path: Path) -> None:

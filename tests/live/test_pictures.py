@@ -105,13 +105,3 @@ def test_a_batch_takes_a_bag(tmp_path: Path) -> None:
     assert do(recording, BatchSettings(background=Path("auto")), results).state == "unchanged"
     bag.write_bytes(bag.read_bytes()[:-200])
     assert do(recording, BatchSettings(background=Path("auto")), results).state == "failed"
-
-
-def test_an_overlay_of_a_bag(tmp_path: Path) -> None:
-    bag, rig = write(tmp_path / "demo.mcap", count=COUNT), small_rig() / "rig.json"
-    words = ["estimate", str(bag), "--rig", str(rig), "-o", str(tmp_path / "one.csv"), "--no-report"]
-    assert main([*words, "--overlay", str(tmp_path / "seen"), "--background", "auto"]) == 0
-    pictures = sorted((tmp_path / "seen").glob("frame_*.jpg"))
-    assert len(pictures) == COUNT
-    # the pictures themselves, not black ones
-    assert cv2.imread(str(pictures[0]), cv2.IMREAD_GRAYSCALE)[:100].mean() > 5.0

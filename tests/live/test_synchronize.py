@@ -64,13 +64,6 @@ def test_readings_as_far_apart_as_the_gap_count_however_times_are_rounded() -> N
     assert [each.frame.moment_Nm for each in found] == pytest.approx([1e-3 * number for number in range(40)], abs=1e-9)
 
 
-def test_a_reading_at_the_very_instant_is_taken_as_it_is() -> None:
-    synchronizer = Synchronizer(Timing(), ["moment_Nm"])
-    list(synchronizer.push(moment(1.0, 0.1 + 0.2)))
-    (found,) = synchronizer.push(taken(1.0))
-    assert (found.frame.moment_Nm, found.age_s) == (0.1 + 0.2, 0.0)
-
-
 def test_nothing_is_made_up() -> None:
     """Before the first reading, after the last, and in a gap a picture has none."""
     synchronizer = Synchronizer(Timing(gap_s=0.1, wait_s=0.0))
@@ -84,12 +77,6 @@ def test_nothing_is_made_up() -> None:
     assert [np.isnan(each.frame.moment_Nm) for each in found] == [True, True, True]
     assert synchronizer.counts["pictures without a moment"] == 3
     assert synchronizer.counts["readings late"] == 0
-
-
-def test_a_container_that_rounds_to_milliseconds_loses_no_reading() -> None:
-    (found,) = through(Synchronizer(Timing()), moment(1.0, 1e-3), taken(1.0004, 2.0))
-    assert found.frame.moment_Nm == 1e-3
-    assert found.age_s == pytest.approx(4e-4)
 
 
 def test_a_picture_waits_for_what_comes_after_it_and_no_longer() -> None:
@@ -128,18 +115,6 @@ def test_what_is_left_out_is_counted() -> None:
         "pictures of another size": 1,
     }
     assert len(synchronizer.left_out()) == 6
-
-
-def test_another_camera_is_refused_at_once() -> None:
-    with pytest.raises(InputError, match="6x5 px, the rig's camera 6x4"):
-        list(Synchronizer(Timing(), image_size=(6, 4)).push(taken(1.0, image=np.zeros((5, 6), np.uint8))))
-
-
-def test_memory_does_not_grow_with_readings() -> None:
-    synchronizer = Synchronizer(Timing())
-    for index in range(20_000):
-        list(synchronizer.push(moment(1e-3 * index, 1e-3)))
-    assert len(synchronizer._channels["moment_Nm"].times) < 10_000
 
 
 def error_of(timing: Timing, at: float, *readings: Reading) -> float:

@@ -184,24 +184,3 @@ def test_an_alarm_reaches_every_output(tmp_path: Path, capsys: pytest.CaptureFix
     assert not with_alarm[0]["final"]
     assert "alarm, frame " in err
     assert b"/contact/alarm" in (tmp_path / "out.mcap").read_bytes()
-
-
-@pytest.mark.usefixtures("alarmed")
-def test_stop_ends_the_stream(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rig, bag = str(small_rig() / "rig.json"), str(write(tmp_path / "in.mcap"))
-    counts = {}
-    for mode in ("alarm", "stop"):
-        assert main(["live", rig, bag, "--watch", mode, "--json", "--gap", "0.5"]) == 1
-        summary = json.loads(capsys.readouterr().out)
-        assert [one["name"] for one in summary["alarms"]] == ["camera_turned"]
-        counts[mode] = summary["frames"]
-    assert counts["stop"] < counts["alarm"]
-
-
-@pytest.mark.usefixtures("alarmed")
-def test_check_watches_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rig, bag = str(small_rig() / "rig.json"), str(write(tmp_path / "in.mcap"))
-    assert main(["check", rig, bag, "--watch", "--json"]) == 1
-    assert json.loads(capsys.readouterr().out)["alarms"]
-    assert main(["check", rig, bag, "--watch", "--free", "free.png"]) == 2
-    assert "--watch" in capsys.readouterr().err

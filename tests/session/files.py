@@ -42,7 +42,6 @@ LOADS = (
     "a.png,0,0.1,1e-3,0.1,0.02,0\nb.png,0,0,0,0.24,0,-0.01\n"
 )
 RECORDING = "frame,time_s,image,pan_rad,tilt_rad,moment_Nm\n3,0.0,a.png,0.1,0.2,1e-3\n1,0.1,b.png,0,0,0\n"
-SWEEP = "image,pan_rad,tilt_rad\na.png,0.1,0.2\nb.png,0,-0.2\n"
 CENTRELINES = "frame,u_px,v_px,sigma_px\n1,10.5,20,0.1\n3,1,2,0.2\n1,11,21,0.3\n"
 
 

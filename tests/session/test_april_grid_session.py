@@ -14,7 +14,6 @@ import yaml
 from targets.board import AprilGrid
 from tests.made_once import made_once
 from tests.small_scene import small_scene
-from tests.wizard.small_session import answers_file, answers_with, call
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import rig_document
@@ -92,20 +91,6 @@ def test_the_board_may_be_named_or_written_there(tmp_path: Path) -> None:
 def _with_board(root: Path, board: str) -> str:
     rest = (root / "session.yaml").read_text().splitlines()
     return "\n".join([rest[0], f"board: {board}", *rest[2:]]) + "\n"
-
-
-@pytest.mark.slow
-def test_the_wizard_takes_it(tmp_path: Path) -> None:
-    """With its rulers read."""
-    source, session = written(tmp_path / "source", KALIBR), tmp_path / "session"
-    (source / "target.yaml").write_text(KALIBR)
-    (source / "session.yaml").unlink()
-    shutil.rmtree(source / "sweep")
-    given = answers_with(source / "target.yaml", BOARD.size_m, source)
-    code, said = call(session, "--answers", answers_file(tmp_path / "answers.yaml", given))
-    assert code == 0, said
-    assert_true(Rig.load(session / "rig.json"))
-    assert load_session(session).board == BOARD
 
 
 @pytest.mark.parametrize("off", [0.0, 0.003, -0.01])

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from vbaa_calib.core import csv_rows
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import Centrelines, centrelines, read_centrelines
 
@@ -22,7 +21,7 @@ def read(folder: Path, content: str | bytes) -> Centrelines:
     path = folder / "recording" / "centrelines.csv"
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return read_centrelines(SimpleNamespace(root=folder))
+    return read_centrelines(SimpleNamespace(root=folder, in_turn=()))
 
 
 def text(rows: list[tuple[int, float, float, float]]) -> str:
@@ -110,42 +109,6 @@ def test_a_point_that_stands_twice_was_measured_once(tmp_path: Path) -> None:
     lines = read(tmp_path, text(points))
     assert lines[0].tolist() == [[5.0, 1.0, 0.1], [2.0, 1.0, 0.2], [2.0, 3.0, 0.5]]
     assert lines[1].tolist() == [[2.0, 1.0, 0.3]]
-
-
-@pytest.mark.parametrize("block", [64, 1 << 20])
-@pytest.mark.parametrize(
-    ("cells", "words"),
-    [
-        ("3,nan,1,0.1", "u_px is nan"),
-        ("3,1,inf,0.1", "v_px is inf"),
-        ("3,1_0,1,0.1", "u_px is '1_0'"),
-        ("3,0x1p3,1,0.1", "u_px is '0x1p3'"),
-        ("3,1,1,0", "sigma_px is not positive"),
-        ("3.5,1,1,0.1", "frame is 3.5"),
-        ("-3,1,1,0.1", "frame is -3"),
-        ("9007199254740993,1,1,0.1", "frame is 9007199254740993"),
-        ("3,1,1", "has 3 cells, the header 4"),
-        ("3,1,1,0.1,5", "has 5 cells, the header 4"),
-        ("3,,1,0.1", "u_px is ''"),
-        ('3,"1,1,0.1', "is not a valid CSV"),
-    ],
-)
-def test_a_wrong_line_is_named_wherever_it_stands(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int, cells: str, words: str
-) -> None:
-    monkeypatch.setattr(centrelines, "BLOCK", block)
-    whole = text(ORDERED)
-    with pytest.raises(InputError, match=f"line {whole.count(chr(10)) + 1}") as caught:
-        read(tmp_path, whole + cells + "\n")
-    assert words in str(caught.value)
-
-
-def test_a_line_without_an_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(centrelines, "BLOCK", 64)
-    monkeypatch.setattr(csv_rows, "_LONGEST", 128)
-    for whole in (text(ORDERED) + "1" * 500, "1" * 500):
-        with pytest.raises(InputError, match="a line of over"):
-            read(tmp_path, whole)
 
 
 def test_a_file_that_changes_meanwhile_is_noticed(tmp_path: Path) -> None:

@@ -208,26 +208,6 @@ def test_several_lines_are_asked_about(tmp_path: Path) -> None:
             centrelines_of(tmp_path / name, "nobody")
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "words"),
-    [
-        ("a.csv", b"scorer,net,net\nbodyparts,tip,tip\ncoords,x,y\n0,1.5,x\n", "line 4"),
-        ("a.csv", b"scorer,net,net\nbodyparts,tip,tip\ncoords,x,y\n0,1.5\n", "line 4"),
-        ("a.csv", b"scorer,net\nbodyparts,tip\ncoords,x\n0,1.5\n", "without x and y"),
-        ("a.csv", b'Frame,X,Y\n0,"1,2","3"\n', "line 2"),
-        ("a.whiskers", b"bwhiskbin1\0\0" + struct.pack("<3i", 0, 0, 10**9), "torn"),
-        ("a.whiskers", b"hello\n1,2\n", "no trace of whisk"),
-        ("a.whiskers", b"0,1,4,7,1.5,2.5\n", "line 1: is no trace of whisk, or torn"),
-        ("a.whiskers", b"bwhiskbin1\0\0" + bytes(28) + struct.pack("<i", 2), "torn"),
-        ("a.measurements", b"measv3\0\0", "put a.whiskers"),
-    ],
-)
-def test_what_is_wrong_is_named(tmp_path: Path, name: str, content: bytes, words: str) -> None:
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(InputError, match=words):
-        centrelines_of(tmp_path / name)
-
-
 def test_a_pickle_that_asks_for_code_is_refused(tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "a.h5", "w") as file:

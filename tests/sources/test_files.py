@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 import threading
 import time
 from pathlib import Path
@@ -14,10 +13,9 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.sources import Picture, Source, files, open_source
-from vbaa_calib.sources.files import FolderSettings, FolderSource, SourceLost
+from vbaa_calib.sources.files import FolderSettings, FolderSource
 
 QUICK = FolderSettings(scan_s=0.02, settle_s=0.05, patience_s=0.25)
 
@@ -141,17 +139,6 @@ def test_a_broken_picture_is_told_once_and_offered_when_mended(tmp_path: Path, d
     assert offered.name == "bad.png"
 
 
-def test_temporary_and_unprintable_names_are_left_alone(tmp_path: Path) -> None:
-    for name in (".hidden.png", "a.png.part", "a.part.png", "b.tmp", "~c.png", "d.crdownload"):
-        put(tmp_path / name, picture(1))
-    put(tmp_path / "two\nlines.png", picture(1))
-    put(Path(os.fsdecode(os.fsencode(tmp_path) + b"/latin\xe4.png")), picture(1))
-    source = FolderSource(tmp_path, wait=True, pace=QUICK)
-    assert source.next(0.2) is None
-    assert len(source.notes) == 2
-    assert all(note.isprintable() and "rename" in note for note in source.notes)
-
-
 FRAMES = 25
 
 
@@ -195,14 +182,6 @@ def test_two_runs_give_the_same_bytes_and_seen_frames_are_left_out(video: Path) 
     assert frames(open_source(str(video), first)) == []
 
 
-@pytest.mark.parametrize("kept", [0, 300, 4000])
-def test_a_video_that_cannot_be_read_is_refused(video: Path, tmp_path: Path, kept: int) -> None:
-    path = tmp_path / "broken.avi"
-    path.write_bytes(video.read_bytes()[:kept])
-    with pytest.raises(InputError, match="not a video that can be read; record or copy it again"):
-        open_source(str(path))
-
-
 def test_a_video_that_is_cut_off_says_so(video: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "cut.avi"
     data = video.read_bytes()
@@ -212,14 +191,3 @@ def test_a_video_that_is_cut_off_says_so(video: Path, tmp_path: Path, capfd: pyt
     assert 5 < count < FRAMES
     assert source.notes == (f"cut.avi is cut off or damaged: {count} of its {FRAMES} frames can be read",)
     assert capfd.readouterr() == ("", "")
-
-
-def test_a_folder_that_vanishes_is_lost_in_words(tmp_path: Path) -> None:
-    folder = tmp_path / "pictures"
-    folder.mkdir()
-    source = FolderSource(folder, wait=True, pace=QUICK)
-    put(folder / "a.png", picture(1))
-    assert source.next(2.0) is not None
-    shutil.rmtree(folder)
-    with pytest.raises(SourceLost, match="pictures"):
-        source.next(2.0)

@@ -204,12 +204,3 @@ def _read(folder: Path, **changes: Any) -> TouchObject:
     scene = read_yaml(bundled_scene("demo")) | {"object": values | {"bumps": bumps} | changes}
     (folder / "scene.yaml").write_text(json.dumps(scene))
     return load_scene(folder / "scene.yaml").object
-
-
-def test_the_scene_file_gives_both(tmp_path: Path) -> None:
-    ball = _read(tmp_path)
-    assert ball.shape == "freeform"
-    np.testing.assert_allclose(ball.bumps[0].direction_world, [0, 1, 0])
-    assert (ball.bumps[0].height_m, ball.bumps[0].width_m) == (0.002, 0.01)
-    edge = _read(tmp_path, shape="box_edge", bumps=None, axis_world=[0, 0, 2], wedge_world=[1, 0, 1])
-    np.testing.assert_allclose(edge.wedge_world, [1, 0, 0])

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.geometry import rotation_world_antenna
-from vbaa_calib.simulate.render.picture import Patch, digitise, expose, surroundings
+from vbaa_calib.simulate.render.picture import Patch, digitise, expose
 from vbaa_calib.simulate.scene.lens import Lens, invertible, normalise, project, ray_map
 from vbaa_calib.simulate.scene.scene import camera_pose
 
@@ -58,18 +57,6 @@ def test_noise_has_the_variance_of_shot_and_read_noise() -> None:
     assert picture.var() == pytest.approx(2.0**2 + 120.0 / 20.0 + 1 / 12, rel=0.02)
 
 
-def test_the_surroundings_are_uneven_and_not_black_and_turn_with_the_camera() -> None:
-    scene = place("brown", clutter=0.25, vignette=0.25, gradient=0.15)
-    down = camera_pose(0.5, np.pi, 0.0, 0.4, np.zeros(3)).rotation
-    first = expose(scene, surroundings(scene, down))
-    second = expose(scene, surroundings(scene, rotation_world_antenna(0.3, 0.2) @ down))
-    assert first.min() > 5
-    assert first.std() > 3
-    assert np.abs(first - second).mean() > 2
-    sideways = expose(scene, surroundings(scene, rotation_world_antenna(0.0, 1.2) @ down))
-    assert np.isfinite(sideways).all()
-
-
 def test_a_patch_is_blurred_before_it_is_sampled() -> None:
     scene = place("pinhole", blur_px=1.0, background=0.2)
     canvas = np.full((720, 960), 0.2, np.float32)
@@ -97,11 +84,3 @@ def test_the_camera_looks_at_its_point_from_the_side_it_leans_to(inclination: fl
     right = pose.inverse().rotation @ [1.0, 0.0, 0.0]
     assert right[0] > 0.5
     assert right[1] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_roll_turns_the_picture_about_its_middle() -> None:
-    point = np.array([0.1, 0.0, 0.0])
-    straight, rolled = (camera_pose(0.3, 3.0, roll, 0.4, point) for roll in (0.0, 0.2))
-    turn = straight.rotation.T @ rolled.rotation
-    assert np.arctan2(turn[1, 0], turn[0, 0]) == pytest.approx(0.2)
-    np.testing.assert_allclose(straight.translation_m, rolled.translation_m)

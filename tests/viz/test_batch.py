@@ -5,19 +5,14 @@ from __future__ import annotations
 import csv
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
-import threading
-import time
-from argparse import ArgumentParser
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import dask
 import numpy as np
 import psutil
 import pyarrow
@@ -28,14 +23,12 @@ from pyarrow.parquet import read_table
 from estimator.table.contacts import STATUSES
 from estimator.table.files import read_contacts
 from vbaa_calib.cli.main import main
-from vbaa_calib.core import threads as in_threads
 from vbaa_calib.core.errors import InputError
 from viz.batch import cluster, work
 from viz.batch.cluster import Where, client_of
 from viz.batch.recordings import Recording, recordings_of
 from viz.batch.results import Results
 from viz.batch.work import BatchSettings
-from viz.cli.batch import _where, configure
 
 from ..recordings import write_recording, write_rig
 from . import stranger
@@ -43,13 +36,7 @@ from . import stranger
 FRAMES, LONG = 60, 1100
 ALIKE = 4
 NEEDS_ROOT = pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
-DEADLY, ENDLESS = "deadly", "endless"
-PRELOAD = f"""import time
-from viz.batch import work
-opened = work.open_source
-def dask_setup(worker):
-    work.open_source = lambda path, *given: time.sleep(600.0) if {ENDLESS!r} in path.name else opened(path, *given)
-"""
+DEADLY = "deadly"
 
 
 class KillsItself(WorkerPlugin):
@@ -172,55 +159,6 @@ def test_a_scheduler_that_is_there(client: Client, folder: Path, tmp_path: Path)
     assert main([*call, "--scheduler-file", str(file), *tls]) == 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("copies", "kills"), [(1, 1), (10, 30)])
-def test_killed_workers_cost_nothing_but_time(
-    client: Client, folder: Path, tmp_path: Path, copies: int, kills: int
-) -> None:
-    """Workers are killed while recordings are under way: all rows are there, once, bit for bit."""
-    over, killed = threading.Event(), []
-
-    def kill() -> None:
-        rng = np.random.default_rng(0)
-        while len(killed) < kills and not over.wait(0.5):
-            pids = [info["id"] for info in client.scheduler_info(n_workers=-1)["workers"].values()]
-            if len(pids) == 2:  # one that was killed has come back
-                found = client.run(os.getpid, on_error="ignore")
-                pid = list(found.values())[int(rng.integers(len(found)))] if found else None
-                if isinstance(pid, int):
-                    os.kill(pid, signal.SIGKILL)
-                    killed.append(pid)
-
-    own = tmp_path / "own"
-    for copy in range(copies):
-        shutil.copytree(folder, own / f"{copy}")
-    names = [f"{copy}-s{seed}" for copy in range(copies) for seed in range(ALIKE)] + ["0-long"]
-    (tmp_path / "list.csv").write_text(
-        "recording,name\n" + "".join(f"{own / name.replace('-', '/')},{name}\n" for name in names)
-    )
-    given = recordings_of([str(tmp_path / "list.csv")], folder / "rig.json")
-    results = Results(tmp_path / "results")
-    killer = threading.Thread(target=kill)
-    killer.start()
-    try:
-        found = batch(client, given, results)
-    finally:
-        over.set()
-        killer.join()
-    assert killed
-    # unchanged: its worker was killed after all was written, and the next one found it done
-    assert {each.state for each in found.values()} <= {"done", "unchanged"}
-    assert sorted(summary(results)) == sorted(names)
-    assert not list(results.root.glob("contacts/*/.*"))
-    for name in ("0-s0", "0-long"):
-        made = read_table(results.contacts(name), partitioning=None)
-        assert same_bits(made, serial(own / name.replace("-", "/"), folder / "rig.json", tmp_path / f"{name}.parquet"))
-    assert (
-        len(read_table(results.root / "contacts")) == copies * ALIKE * FRAMES + LONG
-    )  # any reader of Parquet finds them all
-    assert len(read_contacts(results.contacts("0-s1"))) == FRAMES
-
-
 def test_what_is_wrong_is_named_and_the_rest_goes_on(
     client: Client, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -276,17 +214,6 @@ def test_rows_are_those_of_estimate(folder: Path, tmp_path: Path) -> None:
         assert row["readings"]["frames"] == row["frames"] == len(table)
 
 
-def test_few_recordings_use_all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A process for each, and threads for the cores that are left; no more processes than cores."""
-    for module in (in_threads, cluster):
-        monkeypatch.setattr(module, "cores", lambda: 8)
-    parser = ArgumentParser()
-    configure(parser)
-    for options, count, expected in (((), 1, (1, 8)), ((), 3, (3, 2)), ((), 100, (8, 1)), (("--jobs", "2"), 1, (2, 4))):
-        where = _where(parser.parse_args(["s0", "-o", "out", *options]), count)
-        assert (where.jobs, where.threads) == expected
-
-
 def test_what_fails_or_is_killed_leaves_no_room_taken(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -311,48 +238,6 @@ def test_what_fails_or_is_killed_leaves_no_room_taken(
     with results.locked():
         assert not half.exists()
     assert results.contacts("s0").read_bytes() == whole
-
-
-@pytest.mark.slow
-def test_a_lost_scheduler_leaves_what_was_done(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Exit 1, nothing half-written; the same command on this machine does the rest."""
-    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "5s")
-    place, results = tmp_path / "scheduler.json", Results(tmp_path / "results")
-    write_recording(tmp_path / ENDLESS, 8)
-    (tmp_path / "preload.py").write_text(PRELOAD)
-    call = ["batch", str(folder / "s0"), str(tmp_path / ENDLESS), str(folder / "s1")]
-    call += ["--rig", str(folder / "rig.json"), "-o", str(results.root)]
-    dask, options = [sys.executable, "-m", "dask"], ["--scheduler-file", str(place), "--no-dashboard"]
-    scheduler = subprocess.Popen([*dask, "scheduler", *options, "--host", "127.0.0.1", "--port", "0"])
-    others = [scheduler]
-    try:
-        _until(place.exists)
-        preload = ["--preload", str(tmp_path / "preload.py"), "--no-nanny", "--nthreads", "1"]
-        others.append(subprocess.Popen([*dask, "worker", *options, *preload]))
-        batching = [sys.executable, "-m", "vbaa_calib", *call, "--scheduler-file", str(place), "--insecure-scheduler"]
-        others.append(subprocess.Popen(batching, stderr=subprocess.PIPE, text=True))
-        _until(lambda: results.contacts("s0").exists() or others[-1].poll() is not None)
-        scheduler.kill()
-        _, said = others[-1].communicate(timeout=300)
-        assert others[-1].returncode == 1, said
-        assert "scheduler is lost" in said
-    finally:
-        for one in others:
-            one.kill()
-            one.wait()
-    rows = summary(results)
-    assert list(rows) == ["s0"]
-    assert main([*call, "--jobs", "1"]) == 0
-    again = summary(results)
-    assert sorted(again) == [ENDLESS, "s0", "s1"]
-    assert again["s0"]["cpu_s"] == rows["s0"]["cpu_s"]  # not done again
-
-
-def _until(happened: Callable[[], bool], most_s: float = 300.0) -> None:
-    begun = time.monotonic()
-    while not happened():
-        assert time.monotonic() - begun < most_s
-        time.sleep(0.02)
 
 
 def test_recordings_by_folder_pattern_and_csv(folder: Path, tmp_path: Path) -> None:
@@ -381,16 +266,3 @@ def test_another_folder_is_not_written_into_nor_one_that_another_works_in(folder
         assert main([*call[:-1], str(results.root)]) == 2
     assert main([*call, "--jobs", "0"]) == 2
     assert main([*call[:-1], str(tmp_path / "new"), "--scheduler", "tcp://127.0.0.1:9", "--jobs", "2"]) == 2
-
-
-@pytest.mark.slow
-def test_a_process_that_is_given_up_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """When a worker's guard cannot start it anew, dask goes on without; with none left nothing would ever be done."""
-    monkeypatch.setattr(cluster, "_HEAL_S", 2.0)
-    with (
-        dask.config.set({"distributed.deploy.lost-worker-timeout": "3s"}),
-        cluster.client_of(cluster.Where(jobs=1)) as client,
-    ):
-        (guard,) = client.cluster.workers.values()
-        client.cluster.sync(guard.close, reason="cannot start")
-        assert client.submit(abs, -1, pure=False).result(timeout=60) == 1

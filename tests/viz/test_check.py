@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import re
-from pathlib import Path
 from types import SimpleNamespace
 
-import pypdfium2
 import pytest
 
 from vbaa_calib.calibrate.check.assessment import assess
@@ -17,7 +14,6 @@ from viz.pages.page import prose
 from viz.report.check import page
 
 from ..calibrate.checked_rigs import QUALITY, rig_of, scene, unchanged
-from ..wizard.browser import BROWSER, Browser
 
 
 @pytest.fixture(scope="module")
@@ -58,26 +54,3 @@ def test_the_page_of_a_rig_alone_whatever_its_quality_section(made: SimpleNamesp
     assert "Is it still valid?" not in text
     assert "not recorded" in text
     assert "<i>" not in text
-
-
-@pytest.mark.skipif(BROWSER is None, reason="no browser here")
-def test_the_page_fits_windows_and_paper(made: SimpleNamespace, tmp_path: Path) -> None:
-    """Nothing scrolls sideways; a table that goes over pages has its heading on each, and all of its rows."""
-    checks = {f"row{number}": number for number in range(150)}
-    (tmp_path / "page.html").write_text(page(assess(made.rig).to_dict() | {"quality": {"checks": checks}}))
-    browser = Browser(tmp_path / "profile")
-    try:
-        for width in (360, 1280, 2500):
-            browser.size(width, 900)
-            browser.open((tmp_path / "page.html").as_uri())
-            browser.until("document.readyState === 'complete' && !!document.querySelector('button.sort')")
-            assert browser.value("document.documentElement.scrollWidth") <= width
-        assert browser.complaints() == []
-        printed = browser.send("Page.printToPDF", preferCSSPageSize=True)["data"]
-    finally:
-        browser.close()
-    pages = [one.get_textpage().get_text_range() for one in pypdfium2.PdfDocument(base64.b64decode(printed))]
-    with_rows = [text for text in pages if re.search(r"row\d+", text)]
-    assert len(with_rows) > 2
-    assert all(re.search(r"what\s+value\s+unit", text) for text in with_rows)
-    assert len(set(re.findall(r"row\d+", "".join(pages)))) == len(checks)

@@ -90,22 +90,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], rig: Ri
         assert main(["compare", *wrong]) == 2
 
 
-def test_results_are_compared_by_recording_and_one_that_is_missing_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rng = np.random.default_rng(0)
-    for result, names in (("a", ("one", "two")), ("b", ("one",))):
-        for name in names:
-            write_contacts(tmp_path / result / f"contacts/recording={name}/contacts.parquet", [row(0, rng)])
-    both = [str(tmp_path / result) for result in "ab"]
-    assert main(["compare", both[0], both[0]]) == 0
-    capsys.readouterr()
-    assert main(["compare", *both, "--tolerance", "100"]) == 1
-    said = capsys.readouterr().err
-    assert "0 of 1 frames" in said
-    assert "two is not in B" in said
-
-
 def test_rigs_are_compared_in_deviations(rig: Rig) -> None:
     """A parameter that moves by two of its deviations is two off, and the others are not."""
     step = np.zeros(len(rig.covariance))

@@ -13,12 +13,10 @@ import pytest
 
 from estimator.table.contacts import ContactTable
 from viz.figures.contacts import SLIDING, contact_maps, friction_cone, indentation
-from viz.figures.drawing import SLATE, TEAL, Plot, ticks_in
-from viz.figures.time import TimeAxis, curve, lanes, signals
+from viz.figures.drawing import SLATE, TEAL, Plot
+from viz.figures.time import TimeAxis, curve, signals
 
 from .estimates import STIFFNESS_N_M, object_estimate
-
-STATUS = {"ok": "#00ff00", "failed": "#ff0000"}
 
 
 def marks(axes: Plot, name: str, colour: str = "") -> list[np.ndarray]:
@@ -50,15 +48,6 @@ def test_a_curve_of_nothing_or_of_one_value_is_still_a_picture(value: np.ndarray
     assert len(points(axes, TEAL)) == np.isfinite(value).sum()
     sound(axes)
     sound(signals(clock(4), "slip, mm/s", [("a", "#000000", value)], np.full(4, np.nan), "noise"))
-
-
-def test_one_bad_frame_of_very_many_is_still_seen() -> None:
-    label = ["ok"] * 50_000
-    label[31_234] = "failed"
-    axes = lanes(clock(50_000, 1 / 30), "status", label, STATUS)
-    (bad,) = marks(axes, "failed")[0]
-    assert np.ptp(bad[:, 1]) * 17 > 1.0, "higher than a pixel"
-    assert len(marks(axes, "ok")[0]) < 50
 
 
 def test_the_cone_has_the_slope_that_it_says() -> None:
@@ -126,19 +115,3 @@ def test_a_map_of_equal_scales(table: ContactTable, variance: float) -> None:
     for face in marks(above, "object", SLATE)[0]:
         a, b = face[1] - face[0], face[2] - face[0]
         assert a[0] * b[1] - a[1] * b[0] >= 0
-
-
-def test_pixels_and_ticks_lie_at_their_values() -> None:
-    axes = Plot("t", (200.0, 100.0), (20.0, 30.0, 10.0, 40.0), x=(2.0, 4.0), y=(0.0, -1.0))
-    np.testing.assert_allclose(
-        axes.pixels(np.array([[2.0, -1.0], [4.0, 0.0], [3.0, -0.5]])), [[0, 0], [150, 50], [75, 25]]
-    )
-
-
-@pytest.mark.parametrize("span", [1e-9, 0.3, 7.0, 5e6])
-@pytest.mark.parametrize("low", [-1.0, 0.0, 3.0])
-def test_ticks_are_round_and_few(low: float, span: float) -> None:
-    places, names = ticks_in(low * span, (low + 1) * span)
-    assert 2 <= len(places) <= 8
-    np.testing.assert_allclose([float(name.replace("−", "-")) for name in names], places, rtol=1e-5)
-    assert "−0" not in names

@@ -14,7 +14,7 @@ from vtkmodules.vtkIOGeometry import vtkGLTFReader
 from estimator.object.surface import Surface, reconstruct
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError
-from viz.files.object_file import _read_ply, _to_mesh, read_object, write_object
+from viz.files.object_file import _to_mesh, read_object, write_object
 
 from .touching import ANTENNA_RADIUS_M
 
@@ -84,24 +84,6 @@ def test_a_ply_is_read_whole_or_not_at_all(surface: Surface, tmp_path: Path, bin
         path.write_bytes(whole[:length])
         with pytest.raises(InputError, match="holds no mesh"):
             read_object(path)
-
-
-def test_a_big_endian_ply_has_polygons_of_any_size() -> None:
-    header = (
-        "ply\nformat binary_big_endian 1.0\nelement vertex 5\n"
-        + "".join(f"property float {axis}\n" for axis in "xyz")
-        + "element face 2\nproperty list ushort int vertex_indices\nend_header\n"
-    )
-    points = np.arange(15.0).reshape(5, 3)
-    faces = [np.array(polygon, ">i4") for polygon in ([0, 1, 2, 3], [2, 3, 4])]
-    rows = b"".join(np.array([len(one)], ">u2").tobytes() + one.tobytes() for one in faces)
-    data = header.encode() + points.astype(">f4").tobytes() + rows
-    found = _read_ply(data)
-    np.testing.assert_array_equal(found["points_m"], points)
-    np.testing.assert_array_equal(found["triangles"], [[0, 1, 2], [0, 2, 3], [2, 3, 4]])
-    for broken in (data[:-1], data[:-14], data.replace(b"ushort", b"wide")):
-        with pytest.raises((ValueError, KeyError)):
-            _read_ply(broken)
 
 
 @pytest.mark.parametrize("index", [99, -2])

@@ -13,7 +13,7 @@ from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 from viz.parts.assemble import all_parts
 from viz.parts.part import Part, ball
 from viz.scene.readable import thinned
-from viz.scene.scene import ObjectMesh, Scene, build_scene
+from viz.scene.scene import Scene, build_scene
 
 
 def named(parts: list[Part], name: str) -> Part:
@@ -84,16 +84,6 @@ def test_an_instant_shows_the_contacts_up_to_then_and_its_own_antenna(scene: Sce
         assert off.max() < 0.006  # nodes are up to 9 mm apart
     # nothing says where the antenna was then
     np.testing.assert_array_equal(antenna.span[90:], 0)
-
-
-def test_an_object_of_loose_points_and_lines_is_drawn(scene: Scene) -> None:
-    normals = np.tile([0.0, 0.0, 1.0], (4, 1))
-    normals[3] = 0.0
-    points = np.array([[0, 0, 0], [0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]], float)
-    bits = ObjectMesh(points, normals, np.empty((0, 3), int), np.array([[0, 1], [1, 2]]), np.full(4, np.nan))
-    mesh = named(all_parts(replace(scene, object=bits)), "object").mesh
-    assert np.isfinite(mesh.points).all()
-    assert mesh.bounds[1] > 0.02
 
 
 CENTRE, AXIS, WEDGE = np.array([0.1, 0.2, 0.3]), np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0])

@@ -21,7 +21,7 @@ from viz.render import screenshot as sheet
 from viz.render.gltf import write_gltf
 from viz.render.stage import Stage
 from viz.render.turntable import turntable
-from viz.render.window import Controls, fitting
+from viz.render.window import Controls
 from viz.scene.layout import LOOK, view_direction
 from viz.scene.scene import Scene, build_scene
 
@@ -85,25 +85,6 @@ def test_a_view_shows_the_touched_side(table: ContactTable) -> None:
     assert view_direction(scene, height=0.4, liking=0.0)[:2] @ outward[:2] > 0
     blind = build_scene(replace(table, force_world_N=np.full_like(table.force_world_N, np.nan)))
     assert np.isfinite(view_direction(blind, height=0.4, liking=0.0)).all()
-
-
-def test_a_stage_follows_instant_and_colour_without_opengl(scene: Scene, no_opengl: None) -> None:
-    stage = Stage(scene, all_parts(scene))
-    shown = {part.name: actor for part, actor in zip(stage.parts, stage.actors, strict=True)}
-    whole = shown["contacts"].mapper.dataset.n_cells
-    stage.show(29, everything=False)
-    assert shown["contacts"].mapper.dataset.n_cells == pytest.approx(whole * 30 / 90)
-    pose = np.array(shown["plane"].user_matrix)
-    np.testing.assert_allclose(pose, scene.rig.poses[29])
-    # without joints nobody knows where the rig is
-    stage.show(90)
-    assert not shown["plane"].visibility
-    assert not shown["antenna"].visibility
-    assert shown["contacts"].mapper.dataset.n_cells == whole
-    before = np.array(shown["contacts"].mapper.dataset.point_data["colour"])
-    stage.paint("time")
-    assert (before != shown["contacts"].mapper.dataset.point_data["colour"]).any()
-    stage.plotter.close()
 
 
 @pytest.mark.parametrize("suffix", [".glb", pytest.param(".gltf", marks=pytest.mark.slow)])
@@ -182,29 +163,6 @@ def test_a_click_takes_the_contact_that_is_drawn_there(scene: Scene, no_opengl: 
         assert controls.contact_at(x, y) == front
         assert close or controls.contact_at(x + 40, y + 400) is None, index
     stage.plotter.close()
-
-
-def test_the_window_shows_what_the_camera_saw(scene: Scene, no_opengl: None) -> None:
-    scene = replace(scene, pictures=(np.zeros((240, 320, 3), np.uint8),) * len(scene.instants))
-    controls = Controls(Stage(scene, all_parts(scene)), "force")
-    for contact in (0, 40):
-        controls.pick(contact)
-        picture, over = scene.pictures[controls.instant], controls.seen()
-        assert picture is not None
-        assert over is not None
-        changed = np.argwhere((picture != over).any(axis=-1))
-        assert 0 < len(changed) < 0.1 * picture.shape[0] * picture.shape[1]
-        assert scene.rig is not None
-        place = scene.rig.seen[controls.instant, -1] * picture.shape[1::-1]
-        assert np.linalg.norm(changed[:, ::-1] - place, axis=1).min() < 2
-    controls.plotter.close()
-
-
-@pytest.mark.parametrize("screen", [(1400, 900), (800, 600), (3840, 2160), (0, 0)])
-def test_the_window_fits_the_screen(screen: tuple[int, int]) -> None:
-    width, height = fitting(screen)
-    assert (width, height) == (1400, 1000) if screen == (0, 0) else width <= screen[0] and height < screen[1]
-    assert min(width, height) > 400
 
 
 @pytest.mark.slow

@@ -6,23 +6,17 @@ import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-import yaml
 
 from vbaa_calib.antenna.materials import MATERIALS
-from vbaa_calib.calibrate.antenna.session_rig import nominal_parameters
-from vbaa_calib.core.errors import Diagnosis, InputError
-from vbaa_calib.core.files import read_yaml, write_text
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray, read_picture
-from vbaa_calib.session import NominalAntenna
 from vbaa_calib.wizard import steps
 from vbaa_calib.wizard.against_answers import (
-    _material_by_sag,
     antenna_diagnoses,
     camera_place,
     draw_axes,
@@ -108,20 +102,6 @@ def test_every_slip_in_the_jig_is_named(slip: dict[str, Any], state: SessionStat
     expect_named(slip, state)
 
 
-@pytest.mark.slow
-def test_a_session_that_was_adopted_is_corrected_where_it_says_so(state: SessionState) -> None:
-    """The jig's pose is that of session.yaml, which is named with the entry that fits."""
-    store, path = state.store, state.store.root / "session.yaml"
-    data = read_yaml(path)
-    right = data["jig"]["T_antenna_board"]["translation_m"]
-    data["jig"]["T_antenna_board"]["translation_m"] = [right[0], -right[1], right[2]]
-    write_text(path, yaml.safe_dump(data))
-    store.forget_answers({key for key in store.journal.answers if key.startswith("jig_")} | {"board_thickness_mm"})
-    store.answer({"jig_given": True})
-    entries = re.findall(r"`jig.T_antenna_board.translation_m = ([^`]*)`", named(SessionState(store)))
-    assert any(np.allclose([float(one) for one in entry.split(",")], right, atol=1e-4) for entry in entries)
-
-
 def test_another_material_is_named_and_nothing_is_enough_before(state: SessionState) -> None:
     """And once it is right, the step goes on: the numbers that follow from the material are others, too."""
     right = state.session.antenna
@@ -135,37 +115,6 @@ def test_another_material_is_named_and_nothing_is_enough_before(state: SessionSt
     assert change(state, Ui(), "material", MADE_OF)
     assert state.session.antenna == right
     assert antenna_diagnoses(state) == []
-
-
-@pytest.mark.parametrize("typed_as", MATERIALS)
-def test_the_sag_names_what_the_antenna_may_be_of(typed_as: str) -> None:
-    """By EI over mass, for the mass is believed: the true material is named where the typed one cannot sag so."""
-    typed = MATERIALS[typed_as]
-    antenna = NominalAntenna(0.24, 8e-4, typed.youngs_modulus_Pa, typed.density_kg_m3, material=typed_as)
-    for name, true in MATERIALS.items():
-        ratio = true.youngs_modulus_Pa / true.density_kg_m3 * typed.density_kg_m3 / typed.youngs_modulus_Pa
-        parameters = np.concatenate([np.zeros(6), nominal_parameters(antenna)])
-        parameters[12] += np.log(ratio)
-        joint = SimpleNamespace(parameters=parameters, covariance=1e-4 * np.eye(17))
-        found = _material_by_sag(SimpleNamespace(session=SimpleNamespace(antenna=antenna), joint=lambda j=joint: j))
-        can_be = typed.has_modulus(typed.youngs_modulus_Pa * ratio)
-        assert not (found and can_be)
-        assert all(name in one.remedy for one in found)
-        assert found or typed.has_modulus(ratio * typed.youngs_modulus_Pa * np.exp(0.06 * np.sign(1 - ratio)))
-
-
-@pytest.mark.parametrize("name", ["lens", "plane", "noload", "loads", "sensor"])
-def test_nothing_is_enough_while_something_is_wrong(
-    name: str, state: SessionState, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Whatever step, whatever its own progress is: the remedy is the next thing, and the step may still be closed."""
-    wrong = Diagnosis("any", "it is wrong", "mend it", "wrong")
-    for diagnoses, open_ in (((), False), ((wrong,), True)):
-        progress = steps.Progress(next="done", enough=True, usable=True, diagnoses=diagnoses)
-        judged = steps._open_while_wrong(lambda _, now=progress: now, state)
-        assert (judged.enough, judged.usable, judged.next.startswith("mend it")) == (not open_, True, open_)
-    bound = steps.STEP_BY_NAME[name].progress
-    assert getattr(bound, "func", None) is steps._open_while_wrong
 
 
 def test_the_axes_are_drawn_where_the_answers_put_them(state: SessionState) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +10,9 @@ import numpy as np
 import pytest
 
 from vbaa_calib.session import load_session, read_noload
-from vbaa_calib.sources import Picture
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard.asking import keep_answer, take_back
 from vbaa_calib.wizard.questions import QUESTIONS, Question
 from vbaa_calib.wizard.session_state import SessionState
-from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Store
 from vbaa_calib.wizard.ui import Interrupted, Ui, View
 
@@ -102,59 +97,6 @@ def test_back_reaches_the_questions_of_a_step_whose_pictures_have_begun(source: 
     assert store.journal.of("lens").closed
 
 
-def test_back_over_several_answers_offers_each_of_them(source: Path, tmp_path: Path) -> None:
-    """Across steps, too: what was taken back is never asked as if for the first time."""
-    asked = ["camera_distance_mm", "antenna_length_mm", "source"]
-    board = ["board_along_y_mm", "board_along_x_mm"]
-    script: list[tuple[str | int, Any]] = [(0, BACK), *((key, BACK) for key in [*asked, *board[:-1]])]
-    script += [(key, ENTER) for key in [*reversed(board), *reversed(asked)]]
-    given = until(source, "camera_inclination_deg") | {"board_reading_std_mm": 0.05}
-    store, typist = walked(tmp_path / "session", given, [*script, (3, QUIT)])
-    kept = {key: store.journal.answers[key] for key in [*asked, *board]}
-    assert kept == {key: given[key] for key in kept} == {key: typist.offered[key] for key in kept}
-
-
-def test_what_was_read_on_one_print_is_not_offered_for_another(source: Path, tmp_path: Path) -> None:
-    given = {"board": "new", "paper": "A4"}
-    script = [
-        ("board_along_x_mm", 240.0),
-        ("board_along_y_mm", BACK),
-        ("board_along_x_mm", BACK),
-        ("board", "new A3"),
-        ("board_along_x_mm", QUIT),
-    ]
-    _, typist = walked(tmp_path / "session", given, script)
-    assert typist.offered["board_along_x_mm"] is None
-
-
-def test_a_line_typed_for_a_picture_that_is_left_serves_the_next(
-    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """And none is typed for a picture that cannot be taken whatever is read with it."""
-    folder = source / "noload"
-    (folder / "noload.csv").unlink()
-    for number, names in enumerate((("bad.png",), ("dark.png", "good.png")), 1):
-        for name in names:
-            shutil.copy2(folder / f"{number}.png", folder / name)
-            (folder / name).write_bytes((folder / name).read_bytes() + name.encode())
-        (folder / f"{number}.png").unlink()
-    unseen = flow.STEP_BY_NAME["noload"]
-    assert unseen.check is not None
-
-    def check(state: SessionState, picture: Picture, readings: Mapping[str, float] | None) -> PictureCheck:
-        if readings and picture.name == "dark.png":
-            return PictureCheck("no antenna is seen")
-        return unseen.check(state, picture, readings)
-
-    monkeypatch.setitem(flow.STEP_BY_NAME, "noload", replace(unseen, check=check))
-    script: list[tuple[str | int, Any]] = [(3, "!enough"), (1, "!enough")]
-    script += [("moment_sensor", ENTER), ("readings", "0 20 0.15"), ("readings", ENTER), (1, QUIT)]
-    store, _ = walked(tmp_path / "session", until(source, "antenna_diameter_mm"), script)
-    [taken] = store.journal.of("noload").taken
-    assert (taken.source, taken.readings["moment_Nm"]) == ("good.png", pytest.approx(1.5e-4))
-    assert [one.source for one in store.journal.of("noload").left] == ["bad.png", "dark.png"]
-
-
 def test_without_a_moment_sensor_no_moment_is_asked_for(source: Path, tmp_path: Path) -> None:
     """A line has the angles alone, session.yaml says null, and the table has no such column."""
     (source / "noload" / "noload.csv").unlink()
@@ -179,17 +121,3 @@ def test_a_sensor_of_several_axes_is_asked_for_all_its_channels(source: Path, tm
     assert session.wrench_sensor.std_N == pytest.approx(3e-3)
     first, _ = read_noload(session)
     assert first.readings == pytest.approx([1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3])
-
-
-def test_a_mended_answer_offers_the_antennas_pictures_again(tmp_path: Path) -> None:
-    """They may have been left for the wrong one; the same answer again changes nothing."""
-    given = {"material": "steel", "antenna_diameter_mm": 0.8}
-    with Store(tmp_path / "session") as store:
-        store.answer(given)
-        store.refuse("noload", Picture("a.png", np.zeros((1, 1), np.uint8), ".png", b"a"), "no antenna is seen")
-        assert take_back(store, "noload")
-        keep_answer(store, "antenna_diameter_mm", 0.8)
-        assert [one.source for one in store.journal.of("noload").left] == ["a.png"]
-        assert take_back(store, "noload")
-        keep_answer(store, "antenna_diameter_mm", 0.9)
-        assert not store.journal.of("noload").left

@@ -135,18 +135,3 @@ def test_a_session_is_gone_on_with_when_its_journal_is_moved_away(tiny: Tiny) ->
     assert code == 0, said
     assert len(pictures(tiny.session)) == 7
     assert not list(tiny.session.glob("aside/**/*.png"))
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--board-along-x-mm=16.51", "--board-along-y-mm=12"), ("x_mm is 16.51", "centimetres")),
-        (("--jig-board-x=y",), ("jig_board_x, jig_board_y", "right angles")),
-    ],
-)
-def test_answers_that_do_not_go_together_change_nothing(
-    tiny: Tiny, options: tuple[str, ...], words: tuple[str, ...]
-) -> None:
-    before = (tiny.session / "wizard.json").read_bytes()
-    expect_refused(tiny, call(tiny.session, *options), *words)
-    assert (tiny.session / "wizard.json").read_bytes() == before

@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +23,13 @@ from vbaa_calib.session import load_session, read_loads, read_noload
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.against_answers import camera_place, entries_that_show_it, jig_refusal
 from vbaa_calib.wizard.asking import change
-from vbaa_calib.wizard.questions import PICTURES, Question
+from vbaa_calib.wizard.questions import Question
 from vbaa_calib.wizard.session_state import SessionState, still_of
 from vbaa_calib.wizard.steps import Progress, Step
 from vbaa_calib.wizard.store import Store
-from vbaa_calib.wizard.ui import Interrupted, Ui, View
+from vbaa_calib.wizard.ui import Ui, View
 from viz.report import check as report
 
-from ..live.test_pictures import as_bag
 from .small_session import answers
 
 MOST_ANSWERS, MOST_WITHOUT_READINGS = 25, 15
@@ -170,12 +168,6 @@ def test_from_the_first_question_to_the_rig(session: Path, walked: tuple[Session
     assert rig["antenna"]["stiffness_Nm2"] == pytest.approx(truth["stiffness_Nm2"], rel=0.03)
 
 
-def test_the_same_advice_says_why(walked: tuple[SessionState, Person]) -> None:
-    advice = [one for one in walked[1].advice if one and not one.startswith("enough")]
-    boards = [one for one in advice if one.startswith(("board", "still the pose"))]
-    assert all(one != after for one, after in pairwise(boards))
-
-
 def test_redo_takes_new_pictures_alone(walked: tuple[SessionState, Person], tmp_path: Path) -> None:
     root = Path(shutil.copytree(walked[0].store.root, tmp_path / "rig"))
     with Store(root) as store:
@@ -183,23 +175,6 @@ def test_redo_takes_new_pictures_alone(walked: tuple[SessionState, Person], tmp_
         past = store.journal.of("plane").past
     assert past is not None
     assert {Path(one).name for one in past} == {path.name for path in walked[1].camera.iterdir()}
-
-
-def test_redo_by_flag_waits_for_nothing(walked: tuple[SessionState, Person], tmp_path: Path) -> None:
-    """A folder of one's own with nothing new is taken once more; one with a new picture gives that alone."""
-    root = Path(shutil.copytree(walked[0].store.root, tmp_path / "rig"))
-    with Store(root) as store:
-        own = Path(shutil.copytree(store.root / "noload", tmp_path / "own"))
-        store.answer({"noload_source": str(own)})
-        for new in (False, True):
-            record = store.journal.of("noload")
-            if new:
-                picture = next(own.glob(f"*{Path(record.taken[0].file).suffix}"))
-                (own / f"new{picture.suffix}").write_bytes(picture.read_bytes() + b" ")
-            flow.redo(store, walked[1], "noload", by_flag=True)
-            past = store.journal.of("noload").past
-            assert past is None if not new else past is not None and not any("new" in Path(one).stem for one in past)
-            store._record("noload", taken=record.taken, left=record.left)
 
 
 def test_a_wrong_thickness_is_named_by_the_first_free_picture(state: SessionState) -> None:
@@ -246,64 +221,3 @@ def test_a_jig_that_puts_the_antenna_out_of_the_picture_is_refused(state: Sessio
     assert not jig_refusal(state, view, fast=False)
     state.store.answer({"jig_translation_mm": [280.0, 610.0, -90.0]})
     assert "jig_translation_mm" in jig_refusal(state, view, fast=False)
-
-
-class Filmed(Person):
-    """Filmed all steps in one go, the board also held where the lens needed no more of it, and types what it read."""
-
-    def commands(self) -> list[str]:
-        assert self.count <= MOST_ANSWERS, f"stuck: {self.said[-5:]}"
-        return []
-
-    def _readings(self, words: str) -> str:
-        step = self.step.name if self.step else ""
-        if not self.stills[step]:
-            raise Interrupted("enough")
-        still, *self.stills[step] = self.stills[step]
-        return self._line(step, still)
-
-
-def filmed(session: Path, path: Path) -> None:
-    """A video of all pictures of a session in the order of the steps, each held, what is between them moving."""
-    size = cv2.imread(str(next((session / "plane").glob("*.png")))).shape[1::-1]
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, size)
-    for folder, frames in (("intrinsics", 10), ("plane", 32), ("noload", 10), ("loads", 10)):
-        for number, file in enumerate(sorted((session / folder).glob("*.png"))):
-            picture = cv2.imread(str(file))
-            for shift in (60, 30, 15):
-                writer.write(np.roll(picture, shift, axis=(0, 1)))
-            for _ in range(frames if folder != "plane" or number == 0 else 0):
-                writer.write(picture)
-        if folder == "intrinsics":
-            # still held when the lens has enough
-            for _ in range(10):
-                writer.write(np.flip(cv2.imread(str(file)), (0, 1)))
-    writer.release()
-
-
-def frames_of(video: Path) -> list[np.ndarray]:
-    capture = cv2.VideoCapture(str(video))
-    return [picture for _, picture in iter(capture.read, (False, None))]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["all.avi", "all.mcap"])
-def test_one_video_or_bag_of_all_steps_leads_to_the_rig(kind: str, session: Path, tmp_path: Path) -> None:
-    filmed(session, tmp_path / "all.avi")
-    if kind != "all.avi":
-        as_bag(tmp_path / kind, frames_of(tmp_path / "all.avi"))
-    person = Filmed(session, tmp_path)
-    person.given["source"] = str(tmp_path / kind)
-    with Store(tmp_path / "rig") as store:
-        document = flow.walk(SessionState(store), person, report.page)
-        taken = [int(one.source.split()[1]) for step in PICTURES for one in store.journal.of(step).taken]
-    assert document["verdict"] != "does not hold", document["words"]
-    assert person.count <= MOST_ANSWERS
-    assert len([key for key in person.asked if key != "readings"]) <= MOST_WITHOUT_READINGS
-    assert taken == sorted(taken), "no step goes back to a frame of the steps before"
-    assert any("not in its jig yet" in line for line in person.said)
-    truth = json.loads((session / "truth.json").read_text())
-    rig = json.loads((tmp_path / "rig" / "rig.json").read_text())
-    assert rig["antenna"]["stiffness_Nm2"] == pytest.approx(truth["stiffness_Nm2"], rel=0.03)
-    off_m = np.subtract(rig["T_antenna_camera"]["translation_m"], truth["T_antenna_camera"]["translation_m"])
-    assert np.linalg.norm(off_m) < 5e-3

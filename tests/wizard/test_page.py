@@ -9,7 +9,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -124,19 +123,6 @@ def test_an_answer_is_for_the_question_that_was_seen(led: Dialogue) -> None:
     assert led.clicked(PageCommand(kind="answer", value={"mass_g": 5.0}, seen=first)) == []
     assert led.clicked(PageCommand(kind="answer", value={"pan_deg": 5.0}, seen=again)) == []
     assert led.clicked(PageCommand(kind="answer", value={"mass_g": 6.0}, seen=again)) == [("answer", 6.0)]
-
-
-def test_what_is_drawn_in_a_picture_stays_beside_the_question(led: Dialogue) -> None:
-    """In the pixels of the camera's picture, whatever the size of the drawing."""
-    drawn = np.zeros((180, 320, 3), np.uint8)
-    drawn[:, 160:] = (0, 0, 255)
-    led.ui.live(LivePicture(np.full((90, 160), 100, np.uint8), PictureCheck(), 0.0, "axes", live=False, drawn=drawn))
-    led.asked(Question("jig_translation_mm", "plane", "Where?", kind="numbers", unit="mm"))
-    assert led.shown.state["live"]["image_size"] == [160, 90]
-    assert led.shown.jpeg is not None
-    picture = cv2.imdecode(np.frombuffer(led.shown.jpeg, np.uint8), cv2.IMREAD_COLOR)
-    assert np.abs(picture[:, 240].astype(int) - (0, 0, 255)).max() < 20
-    assert picture[:, 60].max() < 20
 
 
 class Clicking(View):

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from vbaa_calib.wizard.questions import STEPS
 from vbaa_calib.wizard.server import PageCommand, PageServer
 
 from .browser import BROWSER, Browser
@@ -74,40 +73,6 @@ def test_it_shows_the_state_as_text_and_follows_it(browser: Browser, server: Pag
     assert page.complaints() == []
 
 
-def test_every_step_has_its_drawing(browser: Browser, server: PageServer) -> None:
-    for name in STEPS[:-1]:
-        page = opened(browser, server, step={**STATE["step"], "name": name})
-        page.until("document.querySelector('#drawing img').naturalWidth > 100")
-        assert page.value("document.querySelector('#drawing').getAttribute('href')") == f"/step_{name}.svg"
-    page = opened(browser, server, step={**STATE["step"], "name": "verdict"})
-    assert page.value("document.querySelector('#drawing').hidden")
-    assert page.complaints() == []
-
-
-def test_picture_corners_outline_coverage_and_hints(browser: Browser, server: PageServer) -> None:
-    page = opened(browser, server, live=LIVE)
-    page.until("document.getElementById('picture').naturalWidth === 320")
-    page.until("document.querySelectorAll('#marks .cell').length === 12")
-    assert page.value("document.querySelectorAll('#marks .empty').length") == 8
-    assert page.value("document.getElementById('marks').getAttribute('viewBox')") == "-0.5 -0.5 320 240"
-    box = page.value("(r => [r.x, r.y, r.width, r.height])(document.getElementById('frame').getBoundingClientRect())")
-    corner = "document.querySelector('#marks .corner.line').getBBox()"
-    left, right = page.value(f"(b => [b.x, b.x + b.width])({corner})")
-    assert (left, right) == (40.0, 120.0)
-    assert box[2] / box[3] == pytest.approx(320 / 240, rel=1e-3)
-    page.until("document.getElementById('suggestion').textContent === 'further right, nearer'")
-    assert page.value("document.getElementById('hold').getAttribute('aria-valuenow')") == "25"
-    page.until("document.getElementById('hints').textContent.includes('the picture is blurred → hold still')")
-    assert "4 of 12 fields" in page.text("#covered")
-    page.click("#cells")
-    page.until("document.querySelectorAll('#marks .cell').length === 0")
-    server.show(state(live={**LIVE, "corners_px": [], "suggested_px": None, "hold": 1.0}), jpeg(20))
-    page.until("document.getElementById('held').textContent === '✓ still'")
-    assert page.value("document.querySelectorAll('#marks .corner, #marks .wanted, #marks .top').length") == 0
-    page.click("#cells")
-    assert page.complaints() == []
-
-
 @pytest.mark.parametrize(("typed", "value"), [("0,125", 0.125), ("120 g", "120 g")])
 def test_a_number_is_typed_and_entered(browser: Browser, server: PageServer, typed: str, value: object) -> None:
     page = opened(browser, server, question=QUESTION)
@@ -123,29 +88,6 @@ def test_a_number_is_typed_and_entered(browser: Browser, server: PageServer, typ
     server.show(state(question={**QUESTION, "problem": "too heavy"}))
     page.until("document.getElementById('problem').textContent === 'too heavy'")
     assert page.value("document.getElementById('field').value") == typed
-    assert page.complaints() == []
-
-
-def test_choices_yes_and_no_and_texts(browser: Browser, server: PageServer) -> None:
-    paper = {**QUESTION, "key": "paper", "kind": "choice", "choices": ["A4", "A3", "<b>"], "default": "A3"}
-    page = opened(browser, server, question=paper)
-    page.press("Enter", 13)
-    assert given(server).value == {"paper": "A3"}
-    page.click("#asked label:nth-of-type(3) input")
-    page.click("#answer")
-    assert given(server).value == {"paper": "<b>"}
-    server.show(state(question={**QUESTION, "key": "sure", "kind": "yesno"}))
-    page.until("document.querySelectorAll('#asked input').length === 2")
-    page.click("#answer")
-    page.until("document.getElementById('problem').textContent === 'Choose one.'")
-    page.click("#asked label:nth-of-type(2)")
-    page.click("#answer")
-    assert given(server).value == {"sure": False}
-    server.show(state(question={**QUESTION, "key": "name", "kind": "text", "default": "rig"}))
-    page.until("document.getElementById('field')?.value === 'rig'")
-    page.type("rig <b>")
-    page.press("Enter", 13)
-    assert given(server).value == {"name": "rig <b>"}
     assert page.complaints() == []
 
 

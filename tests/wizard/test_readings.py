@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from itertools import combinations
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard.capture import Capture
 from vbaa_calib.wizard.questions import (
     UNITS,
     ReadingsTable,
@@ -62,21 +59,6 @@ def test_a_mass_is_its_weight() -> None:
             [by_force[k] for k in by_mass if "force" in k]
         )
         assert by_mass["distance_m"] == pytest.approx(0.2)
-
-
-def test_a_mass_that_none_of_the_weights_make_is_questioned() -> None:
-    """Whatever the unit it was meant in; one of them or several together are not."""
-    weights = [1.0, 2.0, 5.0, 10.0]
-    capture = object.__new__(Capture)
-    capture.store = SimpleNamespace(journal=SimpleNamespace(answers={"weights_g": weights}))
-    hung = [sum(some) for count in range(1, 5) for some in combinations(weights, count)]
-    for mass_g in hung:
-        assert capture._of_weights({"mass_g": mass_g}) == []
-        assert capture._of_weights({"mass_kg": 1e-3 * mass_g}) == []
-        for factor in (1e-3, 9.80665e-3, 1 / 453.59, 453.59, 1e3):
-            (doubt,) = capture._of_weights({"mass_g": factor * mass_g})
-            assert not doubt.grave
-    assert capture._of_weights({"force_z_N": -0.05}) == []
 
 
 def test_rows_by_name_and_in_order(tmp_path: Path) -> None:

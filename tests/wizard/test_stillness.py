@@ -162,20 +162,3 @@ def test_where_nothing_is_seen_nothing_is_taken(grey: int) -> None:
     results = held(StillnessDetector(), filmed(lambda _: np.full(SIZE[::-1], float(grey)), clock(10, 1.5), noise=2.0))
     assert taken(results) == []
     assert "more light" in results[-1][1].words
-
-
-def taken_while_focusing(sharp: Callable[[float], bool]) -> list[tuple[float, Stillness]]:
-    """By the corners nothing moves; only the picture's sharpness changes."""
-    gate, corners = StillnessDetector(), np.arange(20.0).reshape(10, 2)
-    pictures = {True: BOARD.astype(np.uint8), False: cv2.GaussianBlur(BOARD, (0, 0), 2).astype(np.uint8)}
-    return [
-        (time_s, gate.feed(pictures[sharp(time_s)], time_s, corners, np.arange(10))) for time_s in np.arange(50) / 20
-    ]
-
-
-def test_a_frame_that_is_less_sharp_than_the_hold_s_best_is_not_taken() -> None:
-    results = taken_while_focusing(lambda time_s: not 0.62 < time_s < 0.98)
-    assert taken(results) == [1.0]
-    assert {result.words for time_s, result in results if 0.72 < time_s < 0.98} == {
-        "hold still: waiting for a sharp frame"
-    }

@@ -9,7 +9,7 @@ import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
-from vbaa_calib.calibrate.pose.fusion import CONTRADICTION
+from vbaa_calib.calibrate.pose.settings import PoseSettings
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.session import STANDARD_GRAVITY_M_S2, Load, Session
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def row_doubts(joint: BundleAdjustment, explained: Sequence[Diagnosis] = ()) -> list[Diagnosis]:
-    """Rows and stretches of lines that bundle adjustment left out, but for those whose pictures a diagnosis names."""
+    """Rows and stretches of lines that bundle adjustment left out, but for those in pictures that a diagnosis names."""
     found, named = [], "\n".join(one.words for one in explained)
     for one, kept, disturbed in zip(joint.noted, joint.kept, joint.disturbed, strict=True):
         name = one.still.image.name if one.still.image else "?"
@@ -42,15 +42,15 @@ def row_doubts(joint: BundleAdjustment, explained: Sequence[Diagnosis] = ()) -> 
 def prior_doubts(
     joint: BundleAdjustment, explained: Sequence[Diagnosis] = (), significant_std: float = 4.0
 ) -> list[Diagnosis]:
-    """Where the pictures contradict plane C or the clamp, by so many standard deviations; nothing where a diagnosis may
-    explain it."""
+    """Diagnoses where the pictures contradict plane C or the clamp, by so many standard deviations; none where a
+    diagnosis may explain it."""
     if any(one.severity != "note" for one in explained):
         return []
     problem, found = joint.problem, []
     first = len(joint.solution.residuals) - problem.certain
     for index, estimate in enumerate(problem.prior.poses):
         own = joint.solution.residuals[first + 6 * index :][:6]
-        if chi_square_p(float(own @ own), 6) < CONTRADICTION:
+        if chi_square_p(float(own @ own), 6) < PoseSettings.contradiction:
             words = f"the antenna's pictures contradict the {estimate.way} by {np.sqrt(own @ own / 6):.0f} std"
             remedy = "is the camera where it was, and is session.yaml right about it?"
             found.append(Diagnosis("pictures_contradict_pose", words, remedy))
@@ -64,7 +64,7 @@ def prior_doubts(
 
 
 def _weightless(session: Session, sag_m: float = 1e-4) -> list[Diagnosis]:
-    """A session without gravity whose antenna would sag by more than this."""
+    """A session without gravity and an antenna that would sag by more than this."""
     nominal = session.antenna
     own_m = nominal.mass_per_length_kg_m * STANDARD_GRAVITY_M_S2 * nominal.length_m**4 / (8.0 * nominal.stiffness_Nm2)
     if session.gravity_world_m_s2.any() or own_m <= sag_m:
@@ -102,7 +102,7 @@ def _plane_doubts(plane: PlaneC) -> list[Diagnosis]:
 
 
 def doubts(calibration: Calibration) -> list[Diagnosis]:
-    """All that is wrong or deserves a look, but for doubts that a diagnosis explains."""
+    """All diagnoses of a calibration, but for those that another one explains."""
     joint, explained = calibration.joint, calibration.still_diagnoses
     found = [*calibration.lens.verdict.diagnoses, *_plane_doubts(calibration.plane), *explained]
     found += prior_doubts(joint, explained) + row_doubts(joint, explained)

@@ -1,4 +1,4 @@
-"""Lens calibration from given corners: they are checked, then solved like detected ones."""
+"""Lens calibration from corners found elsewhere: checked, then solved like detected ones."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView, require_corners
 
 from .lens.intrinsics import LensSolution
+from .lens.settings import LensSettings
 from .lens_from_views import solve_lens
-
-_MOST_RISE, _FURTHEST_PX, _MOST_PX = 0.02, 1e6, 100_000
 
 
 def calibrate_lens(
@@ -43,7 +42,7 @@ def calibrate_lens(
         raise InputError(f"board_points have the shape {points.shape}", remedy=remedy)
     points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
     extent = float(np.ptp(points[:, :2], axis=0).max())
-    if not 0.0 < extent < np.inf or float(np.ptp(points[:, 2])) > _MOST_RISE * extent:
+    if not 0.0 < extent < np.inf or float(np.ptp(points[:, 2])) > LensSettings.most_rise * extent:
         remedy = "give the points of a flat board in its own frame, z = 0, in metres"
         raise InputError("board_points lie in no plane z = 0", remedy=remedy)
     if isinstance(views, str) or not isinstance(views, Sequence):
@@ -62,14 +61,18 @@ def _view(index: int, one: Any, size: tuple[int, int], points: np.ndarray) -> Bo
     # a view without corners is dropped later, and said to be
     pixels = pixels.reshape(-1, 2) if not pixels.size else pixels
     require_corners(ids, pixels, len(points), where)
-    if (np.abs(pixels) > _FURTHEST_PX).any():
+    if (np.abs(pixels) > LensSettings.furthest_px).any():
         raise InputError("a pixel lies far outside any picture", where=where, remedy="give pixels of the picture")
     return BoardView(f"view {index:06d}", ids.astype(int), pixels, size)
 
 
 def _size(image_size: Any) -> tuple[int, int]:
     values = _numbers(image_size, "image_size")
-    if values.shape != (2,) or (values != np.round(values)).any() or not ((values > 0) & (values <= _MOST_PX)).all():
+    if (
+        values.shape != (2,)
+        or (values != np.round(values)).any()
+        or not ((values > 0) & (values <= LensSettings.most_px)).all()
+    ):
         raise InputError(f"image_size is {image_size!r}", remedy="give (width, height), whole numbers of pixels")
     return int(values[0]), int(values[1])
 

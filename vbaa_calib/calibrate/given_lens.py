@@ -1,4 +1,4 @@
-"""A lens calibrated before: reads its file, assumes a covariance where none is given, tests it on new views."""
+"""A lens calibrated before: reads its file, assumes a covariance where it states none, tests it on new views."""
 
 from __future__ import annotations
 
@@ -27,23 +27,12 @@ from .check.rig import at
 from .lens.board_shape import BoardShape
 from .lens.intrinsics import LensSolution
 from .lens.models import LENS_MODELS, DistortionModel, is_monotonic
+from .lens.settings import LensSettings
 from .lens.uncertainty import compensate, is_covered, pixel_grid, projection_jacobian
 from .lens.verdict import LensVerdict
 from .lens_from_views import solve_lens
 
-_FOCAL_STD, _ASPECT_STD, _CENTRE_PER_WIDTH, _CORNER_PER_WIDTH = 0.003, 0.001, 0.0025, 0.0008
-"""What is assumed of a lens whose file states no covariance: deviations of focal length and fx/fy, relative; of the
-centre, and of what distortion does to the picture's corner, over the width (3.2 and 1.0 px of 1280). OpenCV's solutions
-of two thirds of the views, at random, of four real sets scatter by 0.07 to 0.5 %, 0.02 to 0.13 %, 0.1 to 0.8 %, and
-0.03 to 0.7 % where the border was covered poorly: this is a lens that somebody took ordinary care of."""
-_UNCORRECTED_PER_WIDTH = 0.02  # the same where all coefficients are zero: ordinary lenses have up to this
-_RADIAL, _DECENTRING = np.sqrt([0.32, 0.18])  # part of the corner's deviation by each of k1, k2, and of p1, p2
-_VAGUE = 0.05  # relative deviation of the focal length beyond which a lens is no start
-_GRID = (17, 13)
-_FLOOR_PX, _LEAST_PX = 0.1, 0.02  # a difference that does not matter; one that no two lenses are known to
-_CONTRADICTED = "given_lens_contradicted"
-_CORRELATED = 2.0
-"""By how much the pictures' own lens is less certain than independent corners would make it (`check.boards`)."""
+_CONTRADICTED = "given_lens_contradicted"  # name of the diagnosis
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +53,11 @@ class GivenLens:
 
     @property
     def whose(self) -> str:
-        """Whose the picture's size is, for an error."""
+        """Beginning of an error about the picture's size."""
         return f"the lens in {self.path.name} is for"
 
     def to_dict(self) -> dict[str, Any]:
-        """For rig.json."""
+        """The entry of rig.json."""
         uncertainty = f"assumed: {self.assumed}" if self.assumed else "stated in the file"
         return {"file": self.path.name, "format": self.what, "sha256": sha256(self.path), "uncertainty": uncertainty}
 
@@ -77,7 +66,7 @@ class GivenLens:
 def read_lens(path: Path, wanted: Wanted | None = None) -> GivenLens:
     """The lens in a file.
 
-    Raises InputError for a file that is none of those known, is broken, or whose lens folds inside the picture.
+    Raises InputError for a file that is none of those known, is broken, or has a lens that folds inside the picture.
     """
     path = Path(path)
     if path.is_dir():
@@ -96,7 +85,7 @@ def read_lens(path: Path, wanted: Wanted | None = None) -> GivenLens:
         kept = None if camera.covariance is None else camera.covariance[:16, :16]
         camera = replace(camera, distortion=camera.distortion[:12], covariance=kept, parameter_names=())
     std = 0.0 if camera.covariance is None else float(np.sqrt(camera.covariance[0, 0])) / camera.parameters[0]
-    if std > _VAGUE:
+    if std > LensSettings.vague_start:
         what = f"its focal length is known to {100 * std:.2g} % only"
         raise InputError(what, where=path, remedy="calibrate the lens again")
     remedy = "calibrate the lens with vbaa intrinsics where this is not meant"
@@ -115,7 +104,7 @@ def _model_of(camera: Camera) -> DistortionModel:
 
 
 def _own_doubts(path: Path) -> tuple[Diagnosis, ...]:
-    """What a camera.json or rig.json says of its own lens."""
+    """Diagnoses of a camera.json or rig.json on its own lens."""
     data = read_json(path)
     lens = data if at(data, "grade") is not None else at(data, "quality", "lens")
     grade, said = at(lens, "grade"), at(lens, "verdict")
@@ -132,23 +121,29 @@ def _with_assumed_covariance(camera: Camera, *, measured: bool = False) -> tuple
     coefficients each by itself; a camera without any may have some, unless the pictures were rectified with `measured`
     ones."""
     measured |= bool(camera.distortion.any())
-    corner_px = camera.image_size[0] * (_CORNER_PER_WIDTH if measured else _UNCORRECTED_PER_WIDTH)
+    corner_px = camera.image_size[0] * (
+        LensSettings.corner_per_width if measured else LensSettings.uncorrected_per_width
+    )
     if len(camera.distortion) < 4:
         camera = replace(camera, distortion=np.zeros(4), parameter_names=())
     width, focal = camera.image_size[0], camera.parameters[:2]
     std = np.zeros(len(camera.parameters))
-    std[2:4] = _CENTRE_PER_WIDTH * width
-    moved = np.linalg.norm(projection_jacobian(camera, pixel_grid(camera.image_size, _GRID)), axis=-2)
+    std[2:4] = LensSettings.centre_per_width * width
+    moved = np.linalg.norm(
+        projection_jacobian(camera, pixel_grid(camera.image_size, LensSettings.uncertainty_grid)), axis=-2
+    )
     most = np.nanmax(moved.reshape(-1, len(std)), axis=0)
-    shares = [_RADIAL, _RADIAL] if camera.model == "fisheye" else [_RADIAL, _RADIAL, _DECENTRING, _DECENTRING]
+    # the corner's variance by each of k1, k2, p1, p2
+    shares = np.sqrt([0.32, 0.32] if camera.model == "fisheye" else [0.32, 0.32, 0.18, 0.18])
     for index, share in enumerate(shares, start=4):
         std[index] = share * corner_px / most[index]
     covariance = np.diag(std**2)
-    covariance[:2, :2] = _FOCAL_STD**2 * np.outer(focal, focal)
-    covariance[:2, :2] += (_ASPECT_STD / 2) ** 2 * np.outer(focal * (1, -1), focal * (1, -1))
+    covariance[:2, :2] = LensSettings.focal_std**2 * np.outer(focal, focal)
+    covariance[:2, :2] += (LensSettings.aspect_std / 2) ** 2 * np.outer(focal * (1, -1), focal * (1, -1))
     words = (
-        f"one standard deviation of {100 * _FOCAL_STD:g} % of the focal length, {_CENTRE_PER_WIDTH * width:.1f} px of "
-        f"the centre, {corner_px:.1f} px of distortion in the picture's corners"
+        f"one standard deviation of {100 * LensSettings.focal_std:g} % of the focal length, "
+        f"{LensSettings.centre_per_width * width:.1f} px of the centre, {corner_px:.1f} px of distortion in the "
+        "picture's corners"
     )
     return replace(camera, covariance=covariance), words
 
@@ -156,7 +151,7 @@ def _with_assumed_covariance(camera: Camera, *, measured: bool = False) -> tuple
 def given_solution(
     given: GivenLens, views: Sequence[BoardView], spec: Board, placed: Sequence[tuple[str, BoardView]] = ()
 ) -> LensSolution:
-    """The given lens as the lens step of a calibration. The board's views, if any, and those that show plane C,
+    """The known lens as the lens step of a calibration. The board's views, if any, and those that show plane C,
     `placed` with their folders, test the lens; the former show the board's shape, too."""
     found, reasons = list(given.doubts), [f"The lens is the one in {given.path.name} ({given.what})."]
     if given.assumed:
@@ -207,7 +202,7 @@ def focus_changed(
 
 
 def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardView]) -> tuple[Diagnosis | None, str]:
-    """Whether the lens that the pictures have by themselves is the given one, and a sentence on that: χ² of the
+    """Whether the pictures' own lens agrees with the known one, and a sentence on that: χ² of the
     difference over the part of the picture that the views cover, without what a turn of the camera explains."""
     camera, other = given.camera, own.camera
     corners = np.concatenate([view.corners_px for view in views])
@@ -220,17 +215,17 @@ def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardVie
         return None, "The pictures of the board cover too little to test it."
     parts = [
         projection_jacobian(one, pixels) @ independent_axes(factor * one.covariance)
-        for one, factor in ((camera, 1.0), (other, _CORRELATED**2))
+        for one, factor in ((camera, 1.0), (other, LensSettings.correlated**2))
         if one.covariance is not None
     ]
     difference, *parts = (compensate(camera, pixels, part) for part in ((moved - pixels)[..., None], *parts))
     axes, spread, _ = np.linalg.svd(np.concatenate(parts, axis=-1).reshape(2 * len(pixels), -1), full_matrices=False)
     known = spread > 1e-9 * spread[0]
     along = axes[:, known].T @ difference.ravel()
-    deviation = np.hypot(spread[known], _LEAST_PX * np.sqrt(len(pixels)))
+    deviation = np.hypot(spread[known], LensSettings.known_least_px * np.sqrt(len(pixels)))
     size_px = float(np.sqrt((difference**2).sum(axis=(1, 2)).mean()))
     distance = float(np.linalg.norm(along / deviation))
-    evidence = Discrepancy(distance, int(known.sum()), size_px, _FLOOR_PX, "px")
+    evidence = Discrepancy(distance, int(known.sum()), size_px, LensSettings.known_floor_px, "px")
     expected_px = float(np.linalg.norm(deviation) / np.sqrt(len(pixels)))
     words = (
         f"{len(own.views)} pictures of the board have a lens that differs by {size_px:.2f} px rms where "

@@ -15,7 +15,7 @@ from vbaa_calib.diagnose.boards import ViewSet, view_set_diagnoses
 from .lens.bundle import Bundle, refine
 from .lens.information import observations_of
 from .lens.initialization import reposed, robust_poses
-from .lens.intrinsics import MIN_CORNERS, LensSolution, solve_intrinsics
+from .lens.intrinsics import LensSolution, solve_intrinsics
 from .lens.models import LENS_MODELS
 from .lens.outliers import DroppedView, usable_views
 from .lens.settings import LensSettings
@@ -25,7 +25,7 @@ def solve_lens(
     views: Sequence[BoardView],
     spec: Board | BoardPoints,
     model: str = "auto",
-    min_corners: int = MIN_CORNERS,
+    min_corners: int = LensSettings.min_corners,
     square_pixels: bool = False,
 ) -> LensSolution:
     """`solve_intrinsics` without the views that contradict the others, if they are few, and `view_set_diagnoses` in its
@@ -74,7 +74,7 @@ def solve_lens(
 
 
 def _unused(usable: Sequence[BoardView], solution: LensSolution) -> list[str]:
-    """Names of the usable views that a solution does not rest on."""
+    """Names of the usable views that took no part in a solution."""
     used = {view.name for view in solution.views}
     return [view.name for view in usable if view.name not in used]
 
@@ -82,7 +82,7 @@ def _unused(usable: Sequence[BoardView], solution: LensSolution) -> list[str]:
 def _outlier_view(
     views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints, rules: LensSettings
 ) -> DroppedView | None:
-    """The view that contradicts the others most, if one does, and how; None where names do not tell views apart."""
+    """The view that contradicts the others most, and how; None without one, or where views share names."""
     if len({view.name for view in views}) < len(views):
         return None
     # a pose takes up the errors of three corners

@@ -6,9 +6,9 @@ Each stage is a function of what came before, and can be called by itself: `solv
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -36,12 +36,13 @@ from .plane_c import PlaneC, because, find_plane, jig_causes, picture_folders, r
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A rig and how it was found.
+    """A calibrated rig and the evidence for it.
 
     Attributes
     ----------
     stills : no-load frames and loads, in the order of bundle adjustment.
     given : the lens that the calibration started from, where it was not solved from intrinsics/.
+    others : of further cameras, by name, each by itself; `rig` holds all of them.
     still_diagnoses : what the stills show to be wrong; what the lens' pictures do is in the lens' verdict.
     """
 
@@ -54,10 +55,11 @@ class Calibration:
     stills: Sequence[Still]
     still_diagnoses: Sequence[Diagnosis]
     given: GivenLens | None = None
+    others: Mapping[str, Calibration] = field(default_factory=dict)
 
 
 def stills_prior(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
-    """What lens and plane C say before the stills are solved."""
+    """Results of lens and plane C, before bundle adjustment."""
     readings, drift = session.load_readings, session.possible_drift
     before = prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, readings, drift)
     return read_by(session.wrench_sensor, before)
@@ -96,7 +98,8 @@ def first_solved(
     solve: Callable[[LensSolution], _Solved],
     causes: Callable[[], Sequence[Diagnosis]],
 ) -> _Solved:
-    """What `solve` makes of a lens, or of the first of the others with which it converges if nothing else is the cause.
+    """Result of `solve` for a lens, or for the first of the others with which it converges if nothing else is the
+    cause.
 
     causes : as `failure_causes` finds them; asked once, after the first failure.
 
@@ -119,8 +122,8 @@ def first_solved(
 
 
 def _lens_folder(session: Session, given: GivenLens | None) -> list[str]:
-    """The folder of the lens' pictures; none where a lens is given and there are no pictures to test it."""
-    folder = session.root / "intrinsics"
+    """The folder of the lens' pictures; none where a lens is known and there are no pictures to test it."""
+    folder = session.folder("intrinsics")
     if given is not None and not (
         folder.is_dir() and any(path.suffix.lower() in SUFFIXES for path in folder.iterdir())
     ):
@@ -128,12 +131,30 @@ def _lens_folder(session: Session, given: GivenLens | None) -> list[str]:
     if not folder.exists():
         remedy = "take pictures of the board, or start from a lens that is known: --camera FILE"
         raise InputError("no such folder", where=folder, remedy=remedy)
-    return [folder.name]
+    return ["intrinsics"]
+
+
+def _every_camera(session: Session, lens_model: str, given: GivenLens | None) -> Calibration:
+    """Each camera by itself, on the same loads, and then as one rig (`Rig.with_camera`). Raises as `calibrate` does."""
+    if given is not None:
+        names = ", ".join(session.cameras)
+        raise InputError("--camera is one lens", remedy=f"take pictures of the board with each: {names}")
+    each: dict[str, Calibration] = {}
+    for name in session.cameras:
+        alone = replace(session.of_camera(name), cameras={name: session.cameras[name]})
+        each[name] = calibrate(alone, lens_model)
+    (first, made), *rest = each.items()
+    rig = replace(made.rig, camera_name=first)
+    findings = list(made.rig.verdict.findings)
+    for name, one in rest:
+        rig = rig.with_camera(name, one.rig)
+        findings += [replace(finding, words=f"{name}: {finding.words}") for finding in one.rig.verdict.findings]
+    return replace(made, session=session, rig=replace(rig, verdict=Verdict.of(findings)), others=dict(rest))
 
 
 @gate
 def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | None = None) -> Calibration:
-    """A session to a rig. Everything that can be wrong with the inputs is checked before the long work.
+    """Calibrates a rig from a session. Everything that can be wrong with the inputs is checked before the long work.
 
     given : the lens to start from; pictures in intrinsics/ test it then, and are not needed.
 
@@ -142,9 +163,11 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     InputError : whatever is wrong with the session, and estimates of plane C that contradict each other.
     SolveError : a solver that did not arrive, with the likely cause; an InputError where a typed row is that.
     """
+    if len(session.cameras) > 1:
+        return _every_camera(session, lens_model, given)
     stills = [*read_noload(session), *read_loads(session)]
     folders = [*_lens_folder(session, given), *picture_folders(session)]
-    photos = [path for name in folders for path in list_images(session.root / name)]
+    photos = [path for name in folders for path in list_images(session.folder(name))]
     pictures = [*photos, *(still.image for still in stills if still.image is not None)]
     size, whose = (
         (picture_size(photos[0]), f"{photos[0].name} is") if given is None else (given.camera.image_size, given.whose)
@@ -153,7 +176,7 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     check_pictures(pictures, size, whose, *([] if given is None else [part]))
     # plane C first: one picture shows whether the board is the one described
     views = read_views(session)
-    lens_views = detect_folder(session.root / "intrinsics", session.board) if folders[0] == "intrinsics" else []
+    lens_views = detect_folder(session.folder("intrinsics"), session.board) if folders[0] == "intrinsics" else []
     placed = [("plane", view) for view in views.jig or ()] + [("sweep", view) for view in views.sweep or ()]
     if given is None:
         lens = solve_lens(lens_views, session.board, lens_model)

@@ -11,12 +11,12 @@ import numpy as np
 
 from targets.board import BoardWithIds
 from vbaa_calib.calibrate.antenna.inputs import Observation
-from vbaa_calib.calibrate.antenna.session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
+from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
-from vbaa_calib.calibrate.over_board.fit import OverSetup, nominal_free_antenna
-from vbaa_calib.calibrate.over_board.over_board import solve_over_board
+from vbaa_calib.calibrate.over_board.over_board import OverSetup, nominal_free_antenna, solve_over_board
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate, differences, fused, inflated, require_agreement
+from vbaa_calib.calibrate.pose.settings import PoseSettings
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep, why_no_sweep
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
@@ -27,16 +27,6 @@ from vbaa_calib.diagnose.jig import JigEvidence, jig_diagnoses
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.geometry.independent_axes import conditioned
 from vbaa_calib.session import OverBoard, Session, Still, has_over, has_sweep, read_noload, read_sweep
-
-_CORNER_BIAS_PX = 0.02
-"""How far all corners may lie to one side of the antenna's centrelines: the board is measured on edges, the antenna on
-a line, and light and blur move them differently. On rendered pictures it is 0.015 px. It does not average out."""
-
-
-_SWEEP_NUMBERS = (
-    *("rms_px", "pictures", "angle_std_rad", "axes_free"),
-    *("axis_skew_rad", "axis_skew_std_rad", "axis_offset_m", "axis_offset_std_m"),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +53,13 @@ class PlaneC:
 
     @property
     def boards(self) -> dict[str, BoardPose]:
-        """The boards whose single pose an estimate rests on: each may have a second one that fits nearly as well."""
+        """The boards of which a single pose supports an estimate: each may have a second one that fits nearly as
+        well."""
         boards = {"jig": self.jig, "over board": self.over}
         return {way: board for way, board in boards.items() if board is not None}
 
     def to_dict(self) -> dict[str, Any]:
-        """For rig.json."""
+        """The entry of rig.json."""
         ways = [
             {
                 "way": one.way,
@@ -81,7 +72,9 @@ class PlaneC:
             way: {"rms_px": board.rms_px, "second_solution_ratio": board.second_ratio}
             for way, board in self.boards.items()
         }
-        sweep = self.sweep and {name: getattr(self.sweep, name) for name in _SWEEP_NUMBERS} | {
+        numbers = ("rms_px", "pictures", "angle_std_rad", "axes_free")
+        axes = ("axis_skew_rad", "axis_skew_std_rad", "axis_offset_m", "axis_offset_std_m")
+        sweep = self.sweep and {name: getattr(self.sweep, name) for name in (*numbers, *axes)} | {
             "left_out": [vars(view) for view in self.sweep.left_out],
             "T_world_board": self.sweep.T_world_board.to_dict(),
         }
@@ -91,7 +84,7 @@ class PlaneC:
 
 @dataclass(frozen=True, eq=False)
 class PlaneViews:
-    """What shows plane C; None where the session has no pictures for a method."""
+    """Views that show plane C; None where the session has no pictures for a method."""
 
     jig: Sequence[BoardView] | None
     sweep: Sequence[BoardView] | None
@@ -99,7 +92,7 @@ class PlaneViews:
 
 
 def picture_folders(session: Session) -> list[str]:
-    """The folders of the session whose pictures show plane C. Raises InputError when there are none."""
+    """The folders of the session with pictures of plane C. Raises InputError when there are none."""
     has = {"plane": session.T_antenna_board is not None, "sweep": has_sweep(session), "over": has_over(session)}
     folders = [name for name, there in has.items() if there]
     if not folders:
@@ -116,7 +109,7 @@ def read_views(session: Session) -> PlaneViews:
     """Find the boards. Raises InputError where a picture shows none, or not the one described."""
     folders, spec = picture_folders(session), session.board
     return PlaneViews(
-        detect_folder(session.root / "plane", spec) if "plane" in folders else None,
+        detect_folder(session.folder("plane"), spec) if "plane" in folders else None,
         detect_files([picture.image for picture in read_sweep(session)], spec) if "sweep" in folders else None,
         {str(path): read_gray(path) for path in list_images(session.root / "over")} if "over" in folders else None,
     )
@@ -178,7 +171,7 @@ def _require_agreement(
 def _jig_evidence(
     session: Session, camera: Camera, jig: BoardPose | None, others: Sequence[PoseEstimate] = ()
 ) -> JigEvidence | None:
-    """What shows whether the jig is where session.yaml has it; None without a jig."""
+    """Evidence on whether the jig is where session.yaml has it; None without a jig."""
     if jig is None or session.T_antenna_board is None:
         return None
     free: Sequence[Still] = ()
@@ -190,7 +183,7 @@ def _jig_evidence(
 def jig_causes(
     session: Session, camera: Camera, plane: PlaneC, lines: Sequence[Observation] | None = None
 ) -> list[Diagnosis]:
-    """What is wrong with the jig, or changed since its picture, by where the antenna lies; empty without a jig.
+    """Diagnoses of a jig that is wrong or has moved since its picture, by the antenna's place; none without a jig.
 
     lines : of the antenna, with and without loads; None: the free antenna is searched for where each cause puts it.
     """
@@ -199,26 +192,28 @@ def jig_causes(
 
 
 def because(error: VbaaError, found: Sequence[Diagnosis], session: Session) -> VbaaError:
-    """The error, or in its stead one of the input with the likely cause."""
+    """The error, or in its place one of the input with the likely cause."""
     if not found:
         return error
     return InputError(found[0].words, where=session.root / "session.yaml", remedy=found[0].remedy)
 
 
 def _clamp_doubt(found: PoseEstimate, over: OverBoard, board: BoardWithIds) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (K, 6), deviations (K,) of the antenna's own frame from jig's and joints': clamp and height."""
+    """Directions (K, 6) and standard deviations (K,) of the antenna's own frame relative to jig and joints."""
     camera_m = found.T_antenna_camera.translation_m
     turns = np.hstack([np.eye(3), np.cross(np.eye(3), camera_m)])
     across = np.hstack([np.zeros((2, 4)), np.eye(2)])
     half_m = 0.5 * min(board.size_m)
     tilt = over.height_std_m / half_m
-    return np.vstack([turns, across]), np.array([tilt, tilt, CLAMP_ANGLE_STD_RAD, *[CLAMP_OFFSET_STD_M] * 2])
+    return np.vstack([turns, across]), np.array(
+        [tilt, tilt, AntennaSettings.clamp_angle_std_rad, *[AntennaSettings.clamp_offset_std_m] * 2]
+    )
 
 
 def _corner_bias(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Directions (2, 6) and deviations (2,): a shift of all corners in the picture is a turn of the camera."""
     turns = np.hstack([estimate.T_antenna_camera.rotation[:, :2].T, np.zeros((2, 3))])
-    return turns, _CORNER_BIAS_PX / np.diag(camera.matrix)[[1, 0]]
+    return turns, PoseSettings.corner_bias_px / np.diag(camera.matrix)[[1, 0]]
 
 
 def _print_doubt(estimate: PoseEstimate, session: Session, scale_std: float) -> tuple[np.ndarray, np.ndarray]:
@@ -235,7 +230,7 @@ def _print_doubt(estimate: PoseEstimate, session: Session, scale_std: float) -> 
 
 
 def _kinematics(session: Session, sweep: SweepSolution | None, estimates: Sequence[PoseEstimate]) -> Kinematics:
-    """The session's, with axes and tilt's zero as sweep and all estimates have them, and their uncertainty."""
+    """The session's kinematics with axes and tilt zero by the sweep and all estimates, and their uncertainty."""
     if sweep is None:
         return session.kinematics
     swept = next(estimate for estimate in estimates if estimate.way == sweep.estimate.way)

@@ -21,12 +21,13 @@ from vbaa_calib.session import Load
 from .pipeline import Calibration
 from .plane_c import picture_folders
 
-_PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")  # whose versions rig.json names
-
 
 def report(calibration: Calibration) -> None:
-    """The result in a few lines of prose."""
+    """Prints the result in a few lines of prose."""
     rig, lens, words = calibration.rig, calibration.lens, calibration.rig.words
+    for name, other in calibration.others.items():
+        lens_of, where = other.lens, calibration.rig.others[name].words["plane C"]
+        say(f"{name:10s} lens {lens_of.model}: rms {lens_of.rms_px:.3f} px; {where}")
     ways = " + ".join(estimate.way for estimate in calibration.plane.estimates)
     rms = "" if calibration.given else f": rms {lens.rms_px:.3f} px"
     say(f"lens       {lens.model}{rms}. {lens.verdict.words}")
@@ -78,17 +79,23 @@ def _evidence(calibration: Calibration) -> dict[str, Any]:
             "nominal_density_kg_m3": nominal.density_kg_m3,
         },
         "checks": calibration.checks.to_dict(),
+        **(
+            {"cameras": {name: _evidence(one) for name, one in calibration.others.items()}}
+            if calibration.others
+            else {}
+        ),
     }
 
 
 def rig_document(calibration: Calibration, command: Sequence[str]) -> dict[str, Any]:
-    """rig.json: the rig, the evidence for it, and what it was made of by which command line."""
+    """The document rig.json: the rig, the evidence for it, and what it was made of by which command line."""
     session = calibration.session
     files = [session.root / "session.yaml"]
     if isinstance(board := read_yaml(files[0]).get("board"), str):
         files.append(session.root / board)
     for name in ("intrinsics", *picture_folders(session), "noload", "loads"):
-        files += sorted(path for path in (session.root / name).glob("*") if path.is_file())
+        inside = (session.root / name).glob("**/*" if session.cameras else "*")
+        files += sorted(path for path in inside if path.is_file())
     paths = {str(path.relative_to(session.root)): path for path in files}
     if calibration.given is not None:
         paths[os.path.relpath(calibration.given.path, session.root)] = calibration.given.path
@@ -96,13 +103,13 @@ def rig_document(calibration: Calibration, command: Sequence[str]) -> dict[str, 
         "quality": _evidence(calibration),
         "inputs_sha256": {name: sha256(path) for name, path in paths.items()},
         "versions": {"python": platform.python_version(), "vbaa-calib": version("vbaa-calib")}
-        | {name: version(name) for name in _PACKAGES},
+        | {name: version(name) for name in ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")},
         "command": list(command),
     }
 
 
 def camera_document(solution: LensSolution, spec: Board) -> dict[str, Any]:
-    """camera.json: what `Camera.load` reads, and the evidence for it (docs/formats.md)."""
+    """The document camera.json: what `Camera.load` reads, and the evidence for it (docs/formats.md)."""
     covariance = solution.camera.covariance
     assert covariance is not None
     # null where there is no ray

@@ -14,8 +14,7 @@ from vbaa_calib.core.files import refuse_overwrite, sha256, write_json
 from . import stiffness_photo
 
 if TYPE_CHECKING:
-    from vbaa_calib.calibrate.antenna.deflection_table import DeflectionTable
-    from vbaa_calib.calibrate.antenna.stiffness import BeamFit, StiffnessSolution
+    from vbaa_calib.calibrate.antenna.stiffness import BeamFit, DeflectionTable, StiffnessSolution
 
 _SCHEMA = "vbaa.stiffness/1"
 _PLAUSIBLE_MODULUS_PA = (1e8, 1.3e12)
@@ -61,8 +60,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Read, solve, report; write stiffness.json if asked. Returns its numbers."""
-    from vbaa_calib.calibrate.antenna.deflection_table import read_deflections
-    from vbaa_calib.calibrate.antenna.stiffness import solve_stiffness
+    from vbaa_calib.calibrate.antenna.stiffness import read_deflections, solve_stiffness
     from vbaa_calib.core.images import SUFFIXES
 
     if args.table.suffix.lower() in SUFFIXES:

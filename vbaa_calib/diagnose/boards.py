@@ -22,7 +22,7 @@ from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.least_squares import without_own
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
-from vbaa_calib.detect.quality.screen import LEAST_CORNERS
+from vbaa_calib.detect.quality.settings import QualitySettings
 
 from .decision import DecisionSettings, Explanation, diagnose
 
@@ -95,7 +95,7 @@ def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: Board | Board
 def _apart_px(view: BoardView, other: BoardView, spec: Board | BoardPoints) -> float | None:
     """Rms distance of the corners that both show, px, where the pose counts as the same; else None."""
     ids, mine, theirs = np.intersect1d(view.ids, other.ids, return_indices=True)
-    if len(ids) < LEAST_CORNERS or 2 * len(ids) < max(len(view.ids), len(other.ids)):
+    if len(ids) < QualitySettings.least_corners or 2 * len(ids) < max(len(view.ids), len(other.ids)):
         return None
     plane = corner_points(spec)[ids, :2]
     if view.image_size != other.image_size or not fixes_homography(plane):
@@ -227,7 +227,7 @@ def _bend(data: LensReadings, camera: Camera) -> tuple[float, float, float, floa
     freedom, sums = 0, np.zeros((2, 2))
     for view in data[2]:
         plane = data[3][view.ids, :2]
-        if len(plane) < LEAST_CORNERS or not fixes_homography(plane):
+        if len(plane) < QualitySettings.least_corners or not fixes_homography(plane):
             continue
         ideal, valid = camera.unproject_normalized(view.corners_px)
         straight = np.where(valid[:, None], ideal * np.diag(camera.matrix)[:2] + camera.matrix[:2, 2], np.nan)

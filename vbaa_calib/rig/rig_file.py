@@ -12,12 +12,20 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, Verdict
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber, checked
 from vbaa_calib.session import DRIFTS, LAB, FileDrift, MomentSensor, MovingClamp
-from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, FileProfile, Gravity
+from vbaa_calib.session.settings import (
+    AnyLength,
+    CameraName,
+    Deviation,
+    Diameter,
+    FileKinematics,
+    FilePose,
+    FileProfile,
+    Gravity,
+)
 
 from .parts import SCHEMA, Antenna, AntennaImage
 from .wrench_sensor import WrenchSensor
 
-CameraName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
 _Side = Annotated[WholeNumber, Field(ge=1, le=100_000)]
 _Focal = Annotated[Number, Field(ge=1, le=1e7)]
 _Centre = Annotated[Number, Field(ge=-1e6, le=1e6)]

@@ -15,7 +15,7 @@ import pickle
 import re
 import struct
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Self
@@ -46,18 +46,29 @@ LOT = 64
 
 
 def read_centrelines(session: Session) -> Centrelines:
-    """recording/centrelines.csv, checked from the first line to the last. Raises InputError naming file and line."""
-    return centrelines_of(session.root / "recording" / "centrelines.csv")
+    """recording/centrelines.csv, checked from the first line to the last; of several cameras the session's own, and in
+    its `others` those of the rest. Raises InputError naming file and line."""
+    path = session.root / "recording" / "centrelines.csv"
+    return centrelines_of(path, cameras=session.in_turn)
 
 
-def centrelines_of(path: Path, which: str | None = None) -> Centrelines:
+def centrelines_of(path: Path, which: str | None = None, cameras: Sequence[str] = ()) -> Centrelines:
     """As `read_centrelines`, of any file; also one of DeepLabCut (CSV, HDF5), WhiskerToolbox (CSV, or a folder of
     them), Janelia's whisk (.whiskers, or .measurements next to it) or NWB.
 
     which : of several lines in a frame: an individual, a whisker's label, a line's place from 0 on; the name in the
-        column antenna of a table of ours.
+        column antenna of a table of ours. cameras : of a table of ours with the lines of several; of the first one, and
+        in its `others` of the rest.
     """
-    if (named := _by_antenna(path)) is not None:
+    if cameras:
+        require_file(path)
+    named = _by_name(path, "camera", cameras)
+    if cameras:
+        return _of_cameras(named, cameras, path)
+    if named is not None and len(named) > 1:
+        what = f"has the lines of several cameras: {', '.join(named)}"
+        raise InputError(what, where=path, remedy="give a rig with these cameras, or the rows of one of them")
+    if (named := _by_name(path)) is not None:
         return named[_chosen(list(named), which, path)]
     foreign = _foreign(path)
     if foreign is not None:
@@ -77,10 +88,23 @@ def centrelines_of(path: Path, which: str | None = None) -> Centrelines:
     return Centrelines(path, copy, *found)
 
 
+def _of_cameras(named: dict[str, Centrelines] | None, cameras: Sequence[str], path: Path) -> Centrelines:
+    """The first camera's lines, with the others'. Raises InputError for a table that does not name them."""
+    names = ", ".join(cameras)
+    if named is None:
+        remedy = f"name the camera of each point: {names}"
+        raise InputError("has no column camera", where=path, remedy=remedy)
+    if unknown := sorted(named.keys() - set(cameras)):
+        raise InputError(f"there is no camera {unknown[0]}", where=path, remedy=f"name one of {names}")
+    first = named.pop(cameras[0])
+    first.others = named
+    return first
+
+
 def antennas_of(path: Path, which: str | None = None) -> dict[str, Centrelines]:
     """The lines of all antennas in a file, by the names that `which` chooses one of, or of that one. Raises InputError
     as `centrelines_of` does."""
-    named = _by_antenna(path)
+    named = _by_name(path)
     if named is None and (foreign := _foreign(path)) is not None:
         named = {name: _as_ours(path, *found) for name, found in foreign.items() if which in (None, name)}
     if named is None or which is not None:
@@ -88,18 +112,24 @@ def antennas_of(path: Path, which: str | None = None) -> dict[str, Centrelines]:
     return named
 
 
-def _by_antenna(path: Path) -> dict[str, Centrelines] | None:
-    """Of a table of ours with the column antenna, the lines of each; None for any other file."""
-    if path.suffix.lower() != ".csv" or not path.is_file() or "antenna" not in header_of(path):
+def _by_name(path: Path, column: str = "antenna", names: Iterable[str] = ()) -> dict[str, Centrelines] | None:
+    """Of a table of ours with the column antenna, or camera, the lines of each, at least of these names; None for any
+    other file."""
+    if path.suffix.lower() != ".csv" or not path.is_file() or column not in header_of(path):
         return None
     copies: dict[str, BinaryIO] = {}
-    for row, columns, values in _plain_rows(path, ("antenna",)):
-        if not row["antenna"]:
-            raise wrong(row, path, "antenna is empty", "name the antenna that the point is of")
-        if row["antenna"] not in copies:
-            copies[row["antenna"]] = tempfile.TemporaryFile()  # noqa: SIM115 - it is read for as long as the mapping lives
-            copies[row["antenna"]].write(",".join(columns).encode() + b"\n")
-        copies[row["antenna"]].write(values)
+    for row, columns, values in _plain_rows(path, (column,)):
+        name = row[column]
+        if not name:
+            raise wrong(row, path, f"{column} is empty", f"name the {column} that the point is of")
+        if name not in copies:
+            copies[name] = tempfile.TemporaryFile()  # noqa: SIM115 - it is read for as long as the mapping lives
+            copies[name].write(",".join(columns).encode() + b"\n")
+        copies[name].write(values)
+    for name in names:
+        if name not in copies:
+            copies[name] = tempfile.TemporaryFile()  # noqa: SIM115 - as above
+            copies[name].write(b"frame,u_px,v_px\n")
     found = {}
     for name, copy in copies.items():
         copy.seek(0)
@@ -131,6 +161,7 @@ class Centrelines(Mapping[int, np.ndarray]):
 
     Takes 24 bytes for each run of consecutive rows of one frame. Looking up a frame raises InputError if the file has
     changed since it was checked. frames (F,) : their numbers, in order. note : on how another tracker's were read.
+    others : those of further cameras, by name.
     """
 
     def __init__(
@@ -147,6 +178,7 @@ class Centrelines(Mapping[int, np.ndarray]):
         self._runs = runs[np.argsort(runs[:, 0], kind="stable")]
         self.frames = np.unique(self._runs[:, 0])
         self._first, self._last, self._points = 0, -1, list[np.ndarray]()
+        self.others: dict[str, Centrelines] = {}
 
     def checked(self, frames: Sequence[Frame], table: str) -> Self:
         """These, unless one is of no frame of a table: raises InputError."""
@@ -154,6 +186,8 @@ class Centrelines(Mapping[int, np.ndarray]):
         if len(unknown):
             remedy = "give every frame its row there"
             raise InputError(f"frame {unknown[0]} is not in {table}", where=self._path, remedy=remedy)
+        for other in self.others.values():
+            other.checked(frames, table)
         return self
 
     def __len__(self) -> int:

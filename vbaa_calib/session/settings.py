@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -376,6 +376,9 @@ class KnownObject:
     radius_m: Annotated[Number, Field(ge=0, le=1, description="of the pin, or of the edge's rounding; 0: sharp")] = 0.0
 
 
+CameraName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
+
+
 class SessionFile(FileModel):
     """session.yaml: what is known of a rig before it is calibrated."""
 
@@ -405,6 +408,13 @@ class SessionFile(FileModel):
         FileDrift | None, Field(description="what may change between calibration and recording; null: as rig.json says")
     ] = None
     camera: Shutter | None = None
+    cameras: Annotated[
+        dict[CameraName, Shutter | None],
+        Field(
+            description="several by name, in place of camera; each one's pictures in intrinsics/NAME, plane/NAME, "
+            "columns image_NAME"
+        ),
+    ] = Field(default_factory=dict)
     known_object: Annotated[
         KnownObject | None, Field(description="what the recording touches, if its place is known; for `vbaa refine`")
     ] = None
@@ -425,6 +435,7 @@ class Session:
     drift : what may change between calibration and recording; None where session.yaml does not say.
     shutter : of the recording's camera, as far as session.yaml says it.
     known_object : what the recording touches, where its place is known.
+    cameras : shutters by name, of several; `camera` is the one that took this session's pictures (`of_camera`).
     """
 
     root: Path
@@ -446,6 +457,26 @@ class Session:
     known_object: KnownObject | None = None
     sensor_stated: bool = True
     wrench_sensor: NominalWrenchSensor | None = None
+    cameras: Mapping[str, Shutter] = field(default_factory=dict)
+    camera: str = ""
+
+    def of_camera(self, name: str) -> Session:
+        """The session as one of its cameras saw it."""
+        return replace(self, camera=name, shutter=self.cameras[name])
+
+    @property
+    def in_turn(self) -> tuple[str, ...]:
+        """The names of its cameras, this session's first; none where there is one camera."""
+        return (self.camera, *(name for name in self.cameras if name != self.camera)) if self.cameras else ()
+
+    def folder(self, name: str) -> Path:
+        """Of the pictures of its camera: intrinsics, plane."""
+        return self.root / name / self.camera
+
+    @property
+    def image_column(self) -> str:
+        """That names its camera's pictures in tables."""
+        return f"image_{self.camera}" if self.camera else "image"
 
     @property
     def with_sensor(self) -> bool:
@@ -504,7 +535,7 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
     # The jig holds the board's back; the printed face lies one thickness nearer to the viewer, along −z.
     face = Pose(np.eye(3), np.array([0.0, 0.0, -read.board.thickness_m]))
     loads = read.load_readings or _SessionLoads()
-    return Session(
+    session = Session(
         root=root,
         board=read.board,
         antenna=read.antenna,
@@ -525,6 +556,12 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
         sensor_stated="moment_sensor" in data or several is not None,
         wrench_sensor=several,
     )
+    if not read.cameras:
+        return session
+    if read.camera is not None:
+        raise InputError("camera and cameras are both there", where=path, remedy="leave camera out")
+    cameras = {name: shutter or Shutter() for name, shutter in read.cameras.items()}
+    return replace(session, cameras=cameras).of_camera(next(iter(cameras)))
 
 
 def read_pose(data: Any, where: object, key: str) -> Pose:

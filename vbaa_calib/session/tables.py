@@ -72,6 +72,7 @@ class Frame(Still):
     moment_errors_Nm, joint_errors_rad : deviations of the readings (beside the sensor's noise) and of pan and tilt, by
         interpolation and by the clocks' offset.
     joints_read : whether pan and tilt were read; else they are what a rig without them is taken to have.
+    others : pictures of the same instant by further cameras, by name.
     """
 
     frame: int
@@ -79,6 +80,7 @@ class Frame(Still):
     moment_errors_Nm: tuple[float, ...] = field(default=(0.0,) * len(READINGS), kw_only=True)
     joint_errors_rad: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
     joints_read: tuple[bool, bool] = field(default=(True, True), kw_only=True)
+    others: Mapping[str, Path] = field(default_factory=dict, kw_only=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,11 @@ def numbers_of(frames: Sequence[Frame]) -> np.ndarray:
 
 def pictures_of(frames: Sequence[Frame]) -> list[Path]:
     """The pictures of those frames that have one."""
-    return [] if isinstance(frames, FrameColumns) else [each.image for each in frames if each.image is not None]
+    if isinstance(frames, FrameColumns):
+        return []
+    return [each.image for each in frames if each.image is not None] or [
+        one for each in frames for one in each.others.values()
+    ]
 
 
 def without_moments(frames: Sequence[Frame]) -> Sequence[Frame]:
@@ -210,11 +216,14 @@ def _pictures(
         remedy = "give moment_sensor: {std_Nm: …} in session.yaml, or moment_sensor: null to leave the readings aside"
         raise InputError(what, where=path, remedy=remedy)
     unread = {"moment_Nm": np.nan} if of_antenna else {}
-    columns, optional = ("image", *_ANGLES, *values), ("time_s",) if of_antenna else ()
+    image = session.image_column
+    columns, optional = (image, *_ANGLES, *values), ("time_s",) if of_antenna else ()
     for row in read_csv(path, columns, optional, _IN_DEGREES):
-        view = _view(row, path)
+        if session.cameras and not row[image]:  # taken by others of its cameras
+            continue
+        view = _view(row, path, image)
         if view["image"] in lines:
-            what = f"the picture {row['image']} stands in line {lines[view['image']]}, too"
+            what = f"the picture {row[image]} stands in line {lines[view['image']]}, too"
             raise wrong(row, path, what, "every row needs its own picture")
         lines[view["image"]] = row["line"]
         entries = view | unread | {value: number(row, value, path) for value in values}
@@ -228,12 +237,14 @@ def read_recording(session: Session) -> Sequence[Frame]:
     """
     path = session.root / "recording" / "recording.csv"
     _require(path, "it names the frames of the recording")
-    return recording_of(path, with_images=not (path.parent / "centrelines.csv").exists())
+    with_images = not (path.parent / "centrelines.csv").exists()
+    return recording_of(path, with_images=with_images, cameras=session.in_turn or ("",))
 
 
-def recording_of(path: Path, *, with_images: bool) -> Sequence[Frame]:
+def recording_of(path: Path, *, with_images: bool, cameras: Sequence[str] = ("",)) -> Sequence[Frame]:
     """As `read_recording`, of any file. Raises InputError with file, line and remedy."""
-    columns = ("frame", "time_s", *(("image",) if with_images else ()), *_ANGLES)
+    pictures = {name: f"image_{name}" if name else "image" for name in cameras if with_images}
+    columns = ("frame", "time_s", *pictures.values(), *_ANGLES)
     plain = None if with_images else plain_columns(path, columns, tuple(SILENT))
     if plain is not None and "moment_Nm" in plain and _is_sound(plain):
         unread = dict.fromkeys(SILENT, np.full(len(plain["frame"]), np.nan))
@@ -245,7 +256,7 @@ def recording_of(path: Path, *, with_images: bool) -> Sequence[Frame]:
     seen: set[int] = set()
     for row in chain([first], rows):
         moments: dict[str, Any] = {name: number(row, name, path) if row.get(name) else np.nan for name in SILENT}
-        frame = Frame(**_view(row, path, with_images), **moments, frame=whole_number(row, "frame", path))
+        frame = Frame(**_views(row, path, pictures), **moments, frame=whole_number(row, "frame", path))
         if frame.frame in seen:
             raise wrong(row, path, f"frame {frame.frame} stands twice", "every frame needs its own number")
         if frames and frame.time_s < frames[-1].time_s:
@@ -264,13 +275,24 @@ def _is_sound(columns: Mapping[str, np.ndarray]) -> bool:
     return bool(whole.all() and angles.all() and forward.all() and once.all())
 
 
-def _view(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[str, Any]:
+def _views(row: Mapping[str, str], path: Path, pictures: Mapping[str, str]) -> dict[str, Any]:
+    """The same with the pictures of several cameras in columns by name, of which some have none. Raises InputError."""
+    taken = [name for name, column in pictures.items() if row[column]]
+    first = next(iter(pictures), None)
+    if len(pictures) < 2 or not taken:
+        return _view(row, path, None if first is None else pictures[first])
+    views = {name: _view(row, path, pictures[name]) for name in taken}
+    others = {name: view["image"] for name, view in views.items() if name != first}
+    return views[taken[0]] | {"image": views[first]["image"] if first in views else None, "others": others}
+
+
+def _view(row: Mapping[str, str], path: Path, column: str | None = "image") -> dict[str, Any]:
     """A row's picture (relative to the table), joint angles and time. Raises InputError for what cannot be."""
-    seen: dict[str, Any] = {"image": path.parent / row["image"] if with_image else None}
-    if with_image and not row["image"]:
-        raise wrong(row, path, "image is empty", "name the picture")
-    if with_image and not os.path.isfile(seen["image"]):  # Path.is_file raises for a name that is too long
-        raise wrong(row, path, f"the picture {row['image']} is not there", f"put it at {seen['image']}")
+    seen: dict[str, Any] = {"image": path.parent / row[column] if column else None}
+    if column and not row[column]:
+        raise wrong(row, path, f"{column} is empty", "name the picture")
+    if column and not os.path.isfile(seen["image"]):  # Path.is_file raises for a name that is too long
+        raise wrong(row, path, f"the picture {row[column]} is not there", f"put it at {seen['image']}")
     for name in _ANGLES:
         given = name if name in row else _IN_DEGREES[name]
         angle = number(row, given, path)

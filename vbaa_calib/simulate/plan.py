@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -109,11 +109,13 @@ def stream(scene: Scene, purpose: str, index: int = 0) -> np.random.Generator:
 
 @dataclass(frozen=True, eq=False)
 class BoardShot:
-    """One picture of the board. `path` is relative to the session; the pose is that of the printed face."""
+    """One picture of the board. `path` is relative to the session; the pose is that of the printed face; `camera` is
+    its name, of several."""
 
     path: str
     joints: Joints
     T_camera_board: Pose
+    camera: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +126,7 @@ class AntennaShot:
     ----------
     path : its file, relative to the session.
     arclength_m, points_m : (N,) and (N, 3) the antenna's centreline, antenna frame.
-    indentation_m : how far the object yields; None without the object.
+    indentation_m : how far the object yields; None without the object. camera : its name, of several.
     """
 
     path: str
@@ -132,6 +134,7 @@ class AntennaShot:
     arclength_m: np.ndarray
     points_m: np.ndarray
     indentation_m: float | None = None
+    camera: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +168,40 @@ def plan(scene: Scene, readout: float = 0.0) -> Plan:
     }
     held = {"noload": noload_truth, "loads": load_truth, "frames": frame_truth}
     truth = _rig_truth(scene, rod) | {"T_camera_board": [pose.to_dict() for pose in poses]} | held
-    return Plan([*boards, *noload, *loads, *frames], tables, truth)
+    planned = Plan([*boards, *noload, *loads, *frames], tables, truth)
+    return _for_cameras(scene, planned) if scene.cameras else planned
+
+
+def _for_cameras(scene: Scene, planned: Plan) -> Plan:
+    """The same of several cameras: each takes pictures of its own of the board, and of the antenna all take theirs."""
+    shots: list[BoardShot | AntennaShot] = []
+    of_antenna = [shot for shot in planned.shots if isinstance(shot, AntennaShot)]
+    for index, name in enumerate(scene.cameras):
+        one = scene.of_camera(name)
+        poses = board_poses(one.lens, one.board, one.intrinsics, stream(scene, "boards", index))
+        in_jig = one.T_antenna_camera.inverse() @ one.T_antenna_face
+        named = [(f"intrinsics/{name}/board_{i:03d}.png", pose) for i, pose in enumerate(poses)]
+        named += [(f"plane/{name}/jig_{i:03d}.png", in_jig) for i in range(scene.jig_pictures)]
+        shots += [BoardShot(path, Joints(0.0, 0.0), pose, name) for path, pose in named]
+        for shot in of_antenna:
+            folder, file = shot.path.split("/")
+            shots.append(replace(shot, path=f"{folder}/{name}/{file}", camera=name))
+    tables = {
+        path: [
+            {
+                (f"{key}_{name}" if key == "image" else key): f"{name}/{value}" if key == "image" else value
+                for key, value in row.items()
+                for name in (scene.cameras if key == "image" else ("",))
+            }
+            for row in rows
+        ]
+        for path, rows in planned.tables.items()
+    }
+    cameras = {
+        name: {"camera": _plain(lens), "T_antenna_camera": pose.to_dict()}
+        for name, (lens, pose) in scene.cameras.items()
+    }
+    return Plan(shots, tables, dict(planned.truth) | {"cameras": cameras})
 
 
 def _measured(

@@ -15,11 +15,10 @@ from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.calibrate.antenna.session_rig import (
-    CLAMP_ANGLE_STD_RAD,
-    CLAMP_OFFSET_STD_M,
     bow_std_per_m,
     nominal_parameters,
 )
+from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.calibrate.pose.board_pose import solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import fused
 from vbaa_calib.camera import Camera
@@ -203,12 +202,20 @@ def _misfit_of(state: SessionState, seen: Observation, T_antenna_camera: Pose, p
     if np.ptp(nearest) < len(at_m) / 2:
         return np.inf
     lateral_m = (apart[np.arange(len(nearest)), nearest] * normals(pixels)[nearest]).sum(axis=1) / px_per_m[nearest]
-    std = (0.5 * bow_std_per_m(antenna.length_m), CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M)
+    std = (
+        0.5 * bow_std_per_m(antenna.length_m),
+        AntennaSettings.clamp_angle_std_rad,
+        AntennaSettings.clamp_offset_std_m,
+    )
     off = np.polyfit(at_m[nearest], lateral_m, 2) / std
     if np.isfinite(seen.tip_std_px):
         end = pixels[-1] - pixels[-2]
         short_m = (seen.tip_px - pixels[-1]) @ end / np.linalg.norm(end) / px_per_m[-1]
-        off = np.append(off, short_m / np.hypot(CLAMP_OFFSET_STD_M, antenna.tip_std_m or CLAMP_OFFSET_STD_M))
+        off = np.append(
+            off,
+            short_m
+            / np.hypot(AntennaSettings.clamp_offset_std_m, antenna.tip_std_m or AntennaSettings.clamp_offset_std_m),
+        )
     off = np.append(off, (1.0 - np.ptp(nearest) / (len(at_m) - 1)) / _LIMITS.hidden_std)
     return float(np.sqrt(off @ off / len(off)))
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.images import read_gray
-from vbaa_calib.detect.quality.screen import LEAST_CORNERS
+from vbaa_calib.detect.quality.settings import QualitySettings
 from vbaa_calib.diagnose.typed_loads import typed_load_diagnoses
 from vbaa_calib.session import Load
 from vbaa_calib.sources import Picture, Source, SourceLost
@@ -181,7 +181,11 @@ class Capture:
         """Whether the board came into its jig only now: it has moved since, and what was taken is set aside."""
         if not self.as_it_stands or (self.progress is not None and self.progress.enough):
             return False
-        how = jig_moved(self.state, check.corners_px, check.ids) if len(check.ids) >= LEAST_CORNERS else ""
+        how = (
+            jig_moved(self.state, check.corners_px, check.ids)
+            if len(check.ids) >= QualitySettings.least_corners
+            else ""
+        )
         for taken in self.state.taken(self.step.name) if how else ():
             self.ui.say(f"set aside {taken.file}: the board has moved {how} since, so it was not in its jig yet")
             self.store.drop(self.step.name, taken)

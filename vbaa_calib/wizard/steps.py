@@ -17,7 +17,8 @@ from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.calibrate.given_lens import GivenLens
 from vbaa_calib.calibrate.guide.next_load import load_progress
-from vbaa_calib.calibrate.guide.next_view import GOAL_M, ViewProgress, lens_progress, plane_progress
+from vbaa_calib.calibrate.guide.next_view import ViewProgress, lens_progress, plane_progress
+from vbaa_calib.calibrate.guide.settings import GuideSettings
 from vbaa_calib.calibrate.guide.suggestion import Suggestion, pose_match
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import rig_document
@@ -26,7 +27,7 @@ from vbaa_calib.core.files import write_json, write_text
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
-from vbaa_calib.detect.quality.screen import LEAST_CORNERS
+from vbaa_calib.detect.quality.settings import QualitySettings
 from vbaa_calib.diagnose.boards import resolution_changed, same_pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
@@ -137,11 +138,11 @@ def _check_board(state: SessionState, picture: Picture, live: bool) -> tuple[Boa
     if changed is not None:
         return view, PictureCheck(str(changed), view.corners_px, (changed,), ids=view.ids)
     hints = list(picture_hints(image, view, state.board))
-    if not live and len(view.ids) < LEAST_CORNERS:
+    if not live and len(view.ids) < QualitySettings.least_corners:
         other = wrong_board(image, view, state.board)
         hints = hints if other is None else [other, *hints]
     refusal = next((str(hint) for hint in hints if hint.grave), "")
-    if not refusal and len(view.ids) < LEAST_CORNERS:
+    if not refusal and len(view.ids) < QualitySettings.least_corners:
         refusal = f"{len(view.ids)} corners of the board are seen; show more of it"
     return view, PictureCheck(refusal, view.corners_px, tuple(hints), f"{len(view.ids)} corners", ids=view.ids)
 
@@ -155,7 +156,10 @@ def _check_plane(state: SessionState, picture: Picture, readings: Readings | Non
 
 def _board_in_the_way(state: SessionState, image: np.ndarray) -> str:
     """Why a picture (H, W) uint8 is not of the antenna: the jig's board is in it; or ""."""
-    if state.store.folder("plane") != "plane" or len(detect_corners(image, state.board, "").ids) < LEAST_CORNERS:
+    if (
+        state.store.folder("plane") != "plane"
+        or len(detect_corners(image, state.board, "").ids) < QualitySettings.least_corners
+    ):
         return ""
     return "the board is still in the picture; take it and its jig away"
 
@@ -223,7 +227,7 @@ def guidance(state: SessionState) -> ViewProgress:
             solution = state.lens()
         except VbaaError:
             solution = None
-        return lens_progress(state.views("lens"), state.board, state.work_plane(), GOAL_M, size, solution)
+        return lens_progress(state.views("lens"), state.board, state.work_plane(), GuideSettings.goal_m, size, solution)
 
     return state.cached("guidance", (state.inputs("lens", "plane"), size), made)
 
@@ -249,7 +253,7 @@ def _lens_progress(state: SessionState) -> Progress:
         missing = f"{_counted(_FEWEST_VIEWS - len(views), 'more picture')}, then there is a first lens"
     # a lens of few pictures agrees with them by its freedom
     means = now.solution is not None and np.isfinite(now.std_m) and len(views) >= _TRUSTED_VIEWS
-    reached, goal = bool(now.std_m <= GOAL_M), f"{1e3 * GOAL_M:.2f} mm"
+    reached, goal = bool(now.std_m <= GuideSettings.goal_m), f"{1e3 * GuideSettings.goal_m:.2f} mm"
     std = Number("error that the lens adds where the antenna moves", f"{1e3 * now.std_m:.3f} mm", goal, reached)
     return Progress(
         seen=tuple(seen),

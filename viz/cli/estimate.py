@@ -309,7 +309,7 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     if args.centrelines is not None:
         if args.background is not None:
             raise InputError("--background", where="vbaa estimate", remedy="there are no pictures to take it off")
-        frames, lines = streams.tracked(args)
+        frames, lines = streams.tracked(args, tuple(rig.cameras) if rig.others else ())
         if args.no_moment:
             frames = without_moments(frames)
         else:

@@ -186,12 +186,13 @@ def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> 
     return source.without_moments() if args.no_moment else source
 
 
-def tracked(args: argparse.Namespace) -> tuple[Sequence[Frame], Centrelines]:
-    """Frames and their centrelines (N, 3) from one's own tracker. Raises InputError with file, line and remedy."""
+def tracked(args: argparse.Namespace, cameras: Sequence[str]) -> tuple[Sequence[Frame], Centrelines]:
+    """Frames and their centrelines (N, 3) from one's own tracker, of several cameras by their names. Raises InputError
+    with file, line and remedy."""
     from vbaa_calib.session import centrelines_of
 
-    lines = centrelines_of(args.centrelines, args.line)
-    return _frames_of(args, {"": lines}), lines
+    lines = centrelines_of(args.centrelines, args.line, cameras)
+    return _frames_of(args, {"": lines, **lines.others}), lines
 
 
 def tracked_antennas(args: argparse.Namespace) -> tuple[Sequence[Frame], Mapping[str, Centrelines]]:

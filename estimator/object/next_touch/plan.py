@@ -10,7 +10,7 @@ from scipy.linalg import solve_triangular
 from scipy.spatial import KDTree
 
 from estimator.contact.common_errors import CommonErrors, noise_free_frames, shared_errors
-from estimator.contact.status import FEWEST_POINTS, LOW_SIGNAL, LOW_SIGNAL_RELATIVE
+from estimator.contact.settings import ContactSettings
 from estimator.object.estimate import estimate_object
 from estimator.object.friction import Friction
 from estimator.object.next_touch.reach import TouchSettings
@@ -174,8 +174,9 @@ def _offered(contacts: ContactTable, arrays: RigArrays, made: np.ndarray, reach:
         rotation @ columns[:, each] @ part @ np.swapaxes(rotation @ columns[:, each], 1, 2)
         for each in (slice(0, 3), slice(3, 6))
     )
-    limit = np.minimum(LOW_SIGNAL * length, LOW_SIGNAL_RELATIVE * reach.unknowns[:, 0] * length)
-    located = np.isfinite(point).all(axis=(1, 2)) & (frames.usable.sum(axis=1) >= FEWEST_POINTS)
+    relative = ContactSettings.low_signal_relative * reach.unknowns[:, 0] * length
+    limit = np.minimum(ContactSettings.low_signal * length, relative)
+    located = np.isfinite(point).all(axis=(1, 2)) & (frames.usable.sum(axis=1) >= ContactSettings.fewest_points)
     rows = np.flatnonzero(located & (distance_std < limit))
     table = contacts.picked(np.full(len(rows), made[0]))
     kept = reach.picked(rows)

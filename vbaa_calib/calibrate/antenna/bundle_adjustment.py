@@ -26,17 +26,14 @@ from vbaa_calib.rig.reprojection import see
 
 from .inputs import Observation, Prior
 from .problem import GAIN, OFFSET, RIG, Evaluation, LensLost, Problem
+from .settings import AntennaSettings
 
-_ROUGHLY, _STANDSTILL = 0.1, 1e-11
-"""A step that promises a smaller decrease of the cost is the last: on the way half a standard deviation, at the end a
-few millionths."""
 _RULES = Rules(iterations=40, takes_last=True, may_rise=1e-3)
 """The slopes are finite differences, zero a little beside the minimum: a smaller rise is none."""
-_ENOUGH = 1e-5  # a step that promises no more than this after all iterations has converged, too
 
 
 def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, standstill: float) -> Linearised:
-    """Parameters of least robust cost. evaluated : what `Problem.evaluate` gives at the start."""
+    """Minimises the robust cost from a start. evaluated : what `Problem.evaluate` gives at the start."""
     upper = problem.upper
     if (start <= upper).all():
         first = Linearised(start, *problem.residuals(start, evaluated), problem.certain)
@@ -52,21 +49,17 @@ def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, stand
         return trial if trial.is_finite else None
 
     descent = minimise(evaluate, first, replace(_RULES, standstill=standstill), upper)
-    return replace(descent.at, converged=descent.promise < (_ENOUGH if descent.exhausted else standstill))
-
-
-_FALSE_STILL = 3.0
-"""A still whose points lie so many times further off than the median still's, and further than they are stated to, is
-left out."""
-_FALSE_READING_STD = 5.0  # beyond which a still's own readings must not move for it to fit
+    return replace(
+        descent.at, converged=descent.promise < (AntennaSettings.enough if descent.exhausted else standstill)
+    )
 
 
 def _fitting(
     problem: Problem, solution: Linearised, distances: Sequence[np.ndarray], kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which stills fit (F,), and how far each one's points lie off, in scaled deviations (F,), by a solution of the
-    kept ones. A still is judged with its own readings free, those that no other kept still has: nothing else determines
-    their errors; the rest moves within its uncertainty.
+    """Which static frames fit (F,), and the rms of each one's points, in scaled standard deviations (F,), by a
+    solution of the kept ones. A frame is judged with its own readings free, those that no other kept frame has: nothing
+    else determines their errors; the rest moves within its uncertainty.
     """
     groups, readings = problem.groups, problem.lens.stop
     rms, needed, root = np.empty(len(distances)), np.zeros(len(distances)), solution.covariance_root()
@@ -82,21 +75,16 @@ def _fitting(
         step = -np.linalg.solve(np.eye(len(errors)) + columns.T @ columns, columns.T @ left + errors)
         rms[index] = np.sqrt(((left + columns @ step) ** 2).mean())
         needed[index] = np.linalg.norm((errors + step)[: len(own)])
-    return (rms < max(_FALSE_STILL * np.median(rms), 1.0)) & (needed < _FALSE_READING_STD), rms
-
-
-_CONTRADICTS = 1e-6
-"""Probability below which a still contradicts the others."""
-_FEWEST_OF_A_KIND, _MOST_STRANGE = 2, 0.2
-"""Of stills with and without a load, so many stay, for of two that contradict each other neither is known to be right;
-and only so large a part may contradict the others before it is the model that does not hold."""
+    return (rms < max(AntennaSettings.outlying_frame * np.median(rms), 1.0)) & (
+        needed < AntennaSettings.outlying_reading
+    ), rms
 
 
 def _disagreements(
     problem: Problem, solution: Linearised, distances: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """χ² and degrees of freedom (F,) of how each still disagrees with the rest, by line and moment; none of those left
-    out. distances : see `Problem.evaluate`.
+    """χ² and degrees of freedom (F,) of the disagreement of each static frame with the rest, by line and moment; none
+    of those left out. distances : see `Problem.evaluate`.
     """
     kept = np.flatnonzero(problem.kept)
     jacobian, residuals = (solution.jacobian.T * solution.weights).T, solution.residuals * solution.weights
@@ -113,52 +101,44 @@ def _disagreements(
     return square, freedom
 
 
-@dataclass(frozen=True)
-class _DisturbanceSettings:
-    """What counts as a stretch of a line that something else disturbs: a thread over it, a knot, a reflection."""
-
-    degree: int = 3  # of the polynomial that residuals of the antenna follow, whatever is wrong with the rig
-    clear_std: float = 5.0  # of the mean of a run of neighbours off that, where a stretch is found
-    around_std: float = 2.0  # and up to where it reaches
-    most: float = 0.4  # of a line; where more is off, nothing local is
-
-
 def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Per line (N,) bool, which points do not belong to a disturbed stretch, by their residuals (N,)."""
-    rules, means = _DisturbanceSettings(), list[np.ndarray]()
+    """Masks (N,) of each line's points outside disturbed stretches, by their residuals (N,)."""
+    means = list[np.ndarray]()
     for off in residuals:
-        basis, weights = legendre.legvander(np.linspace(-1.0, 1.0, len(off)), rules.degree), np.ones(len(off))
+        basis, weights = (
+            legendre.legvander(np.linspace(-1.0, 1.0, len(off)), AntennaSettings.disturbed_degree),
+            np.ones(len(off)),
+        )
         left = off
         for _ in range(20):
             left = off - basis @ np.linalg.lstsq(basis * weights[:, None], off * weights, rcond=None)[0]
             weights = np.sqrt(huber_weights(left))
-        means.append(uniform_filter1d(left, _RUN) * np.sqrt(_RUN))
+        means.append(uniform_filter1d(left, AntennaSettings.run) * np.sqrt(AntennaSettings.run))
     usual = max(float(np.median([mad_std(one) for one in means])), 1.0)
     good = []
     for one in means:
         sizes = np.abs(one) / usual
-        found = binary_propagation(sizes > rules.clear_std, mask=sizes > rules.around_std)
-        found = maximum_filter1d(found.astype(np.uint8), _RUN) > 0
-        local = len(found) >= 4 * _RUN and found.mean() <= rules.most and mad_std(sizes[~found]) <= rules.around_std
+        found = binary_propagation(
+            sizes > AntennaSettings.disturbed_clear, mask=sizes > AntennaSettings.disturbed_around
+        )
+        found = maximum_filter1d(found.astype(np.uint8), AntennaSettings.run) > 0
+        local = (
+            len(found) >= 4 * AntennaSettings.run
+            and found.mean() <= AntennaSettings.disturbed_most
+            and mad_std(sizes[~found]) <= AntennaSettings.disturbed_around
+        )
         good.append(~found if local else np.ones(len(found), bool))
     return good
 
 
 def _without_disturbed(problem: Problem, parameters: np.ndarray, evaluated: Evaluation) -> Problem:
-    """The same without the stretches of lines that something disturbs."""
+    """The same problem without the stretches of lines that something disturbs."""
     observations = list(problem.observations)
     undisturbed = _undisturbed([block[:, 0] / problem.noise_scale for block in evaluated.points])
     for index, (one, good) in enumerate(zip(problem.observations, undisturbed, strict=True)):
         if len(good) == len(one.points_px) and not good.all():
             observations[index] = replace(one, points_px=one.points_px[good], sigma_px=one.sigma_px[good])
     return replace(problem, observations=observations, seen_at_lens=()).relinearised(parameters)
-
-
-_RUN = 10  # points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape
-_PASSES = 12
-_HOLDS = (1.0, 0.3, 0.1, 0.01)  # parts of the lens' prior deviations, in turn, where more make it fold
-_SEES_LESS = 1e-3  # part of the picture that a moved lens may see less of
-_NEAR, _SETTLED = 0.1, 1e-5  # changes of the points' scatter from which on passes are exact, and end
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,13 +202,14 @@ class BundleAdjustment:
 def adjust_bundle(
     observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float
 ) -> BundleAdjustment:
-    """Solve camera pose, antenna, moment sensor and lens from stills. Raises SolveError when it does not converge.
+    """Solve camera pose, antenna, moment sensor and lens from static frames. Raises SolveError when it does not
+    converge.
 
-    In passes: each weighs the points by their scatter in the one before, and leaves out stills that lie much further
+    In passes: each weighs the points by their scatter in the one before, and leaves out frames that lie much further
     off than the others. Where the lens folds within its covariance, its prior is narrowed. Where points share their
-    errors, the stills with a load, or without, tell no more than one of them: the light stands still.
+    errors, the frames with a load, or without, say no more than one of them: the light does not move.
     """
-    sees, shares = prior.camera.valid_region().image_fraction, list(_HOLDS)
+    sees, shares = prior.camera.valid_region().image_fraction, list(AntennaSettings.lens_shares)
     failure = SolveError("the lens that the pictures require folds inside the picture: calibrate it from more views")
     while shares:
         try:
@@ -239,60 +220,63 @@ def adjust_bundle(
             # with a lens that all but stays, before it counts as the stills' fault
             shares, failure = shares[-1:], error
             continue
-        if found.camera.valid_region().image_fraction >= sees - _SEES_LESS:
+        if found.camera.valid_region().image_fraction >= sees - AntennaSettings.sees_less:
             return found
     raise failure
 
 
 def _too_few(fits: np.ndarray, loaded: np.ndarray) -> bool:
-    """Whether so many stills (F,) do not fit that it is rather the model that does not."""
+    """Whether so many static frames (F,) do not fit that the model is wrong rather than they."""
     kinds = [fits[loaded == kind] for kind in (False, True)]
     return any(
-        (~own).sum() > max(1, int(_MOST_STRANGE * len(own))) or own.sum() < min(_FEWEST_OF_A_KIND, len(own))
+        (~own).sum() > max(1, int(AntennaSettings.most_contradict * len(own)))
+        or own.sum() < min(AntennaSettings.fewest_of_a_kind, len(own))
         for own in kinds
     )
 
 
 def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearised, Evaluation, np.ndarray] | None:
-    """Solved in passes, each with the points' scatter about the one before and without the stills that do not fit it:
+    """Solved in passes, each with the points' scatter about the one before and without the frames that do not fit it:
     the problem, its solution, what that predicts, and how far each picture's points lie off, in deviations (F,).
 
-    judged : leave out stills that contradict the others, too; None where these are too many.
+    judged : leave out frames that contradict the others, too; None where these are too many.
     """
     parameters = problem.begin
     least = 1.0 if np.mean([one.shared for one in problem.observations]) > 0.5 else 0.0
     loaded = np.array([one.loaded for one in problem.observations])
     strange = np.zeros(len(loaded), bool)
     evaluated, disturbed = problem.evaluate(parameters), True
-    for turn in range(_PASSES + 1):
+    for turn in range(AntennaSettings.passes + 1):
         kept = problem.kept
         left = [problem.without_line(i, evaluated.points[i][:, 0]) for i in np.flatnonzero(kept).tolist()]
         scale = max(noise_scale(left), least)
         change = abs(scale / problem.noise_scale - 1.0)
         problem = replace(problem, noise_scale=scale)
-        exact = change < _NEAR or turn == _PASSES
-        solution = _descended(problem, parameters, evaluated, _STANDSTILL if exact else _ROUGHLY)
+        exact = change < AntennaSettings.exact_from or turn == AntennaSettings.passes
+        solution = _descended(
+            problem, parameters, evaluated, AntennaSettings.standstill if exact else AntennaSettings.roughly
+        )
         parameters = solution.parameters
         problem = problem.relinearised(parameters)
         evaluated = problem.evaluate(parameters)
-        if disturbed and change < _NEAR:
+        if disturbed and change < AntennaSettings.exact_from:
             # once, where the rig is all but known
             disturbed, problem = False, _without_disturbed(problem, parameters, evaluated)
             evaluated = problem.evaluate(parameters)
             continue
         fits, rms = _fitting(problem, solution, evaluated.points, kept)
         # stills on the border must not come and go for ever; the last pass leaves none out
-        fits = kept if turn == _PASSES else fits & kept if turn > _PASSES // 2 else fits
-        if judged and change < _NEAR and (fits == kept).all():
+        fits = kept if turn == AntennaSettings.passes else fits & kept if turn > AntennaSettings.passes // 2 else fits
+        if judged and change < AntennaSettings.exact_from and (fits == kept).all():
             p = disagreement_p(*_disagreements(problem, solution, evaluated.points))
             worst = int(np.argmin(p))
-            if p[worst] < _CONTRADICTS:
+            if p[worst] < AntennaSettings.contradicts:
                 strange[worst] = True
         fits &= ~strange
         if strange.any() and _too_few(fits, loaded):
             return None
         problem = replace(problem, kept=fits)
-        if change < _SETTLED and (fits == kept).all():
+        if change < AntennaSettings.last_change and (fits == kept).all():
             break
     return problem, solution, evaluated, rms
 
@@ -315,15 +299,15 @@ def _solved(
             parameters = solution.parameters
     kept = [one for one, fits in zip(observations, problem.kept, strict=True) if fits]
     alike = sum(one.shared for one in kept) / len({one.loaded for one in kept})
-    settled = solution
+    final = solution
     if alike > 1.0:
-        settled = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike))).linearised(parameters)
+        final = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike))).linearised(parameters)
     square, freedom = _disagreements(problem, solution, evaluated.points)
     scatter = float(np.sqrt(max(square.sum() / max(freedom.sum(), 1.0) / CHANCE_SCATTER, 1.0)))
     # of what was measured; priors stay
-    trust = np.where(np.arange(len(settled.residuals)) < len(settled.residuals) - settled.certain, 1.0 / scatter, 1.0)
-    settled = replace(settled, residuals=trust * settled.residuals, jacobian=trust[:, None] * settled.jacobian)
-    root, lens = settled.covariance_root(), problem.lens
+    trust = np.where(np.arange(len(final.residuals)) < len(final.residuals) - final.certain, 1.0 / scatter, 1.0)
+    final = replace(final, residuals=trust * final.residuals, jacobian=trust[:, None] * final.jacobian)
+    root, lens = final.covariance_root(), problem.lens
     # the lens may be off by all its standard deviation, whatever share the solve had: the solution follows its prior
     rest = root @ root[lens].T * np.sqrt(prior.lens_shares**-2 - 1.0)
     root = np.hstack([root, rest])
@@ -360,12 +344,9 @@ def _solved(
     )
 
 
-_ODD_TIP_STD, _TIPS_CONTRADICT_STD = 4.0, 4.0  # of an end from the others; of all from the length
-
-
 def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float, float]:
-    """The same with the antenna's ends that agree, unless they contradict everything else; and by how many deviations
-    and metres all of them together lie off the length.
+    """The problem with the antenna's visible ends, as far as they agree and do not contradict the rest; and by how many
+    deviations and metres all of them together lie off the length.
     """
     std_m = problem.prior.tip_std_m
     seen = np.array([bool(np.isfinite([*one.tip_px, one.tip_std_px]).all()) for one in problem.observations])
@@ -382,22 +363,22 @@ def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float, 
     known = slopes @ solution.covariance() @ slopes.T
     off = found.tips[:, 0]
     # what all of them share is judged together
-    agree = np.abs(off - np.median(off)) <= _ODD_TIP_STD * np.sqrt(1.0 + np.diag(known))
+    agree = np.abs(off - np.median(off)) <= AntennaSettings.outlying_tip * np.sqrt(1.0 + np.diag(known))
     if agree.mean() <= 0.5:
         return problem, np.inf, np.nan
     mean = agree / agree.sum()
     common = std_m * found.by_length
     gap_std = float(mean @ off / np.sqrt(mean @ (np.eye(len(off)) + np.outer(common, common) + known) @ mean))
     gap_m = float(abs(mean @ off / (mean @ found.by_length)) * np.sign(gap_std))
-    if not abs(gap_std) <= _TIPS_CONTRADICT_STD:
+    if not abs(gap_std) <= AntennaSettings.tips_contradict:
         return problem, gap_std, gap_m
     return replace(problem, tips=which[agree]).relinearised(solution.parameters), gap_std, gap_m
 
 
 def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Linearised, Evaluation] | None:
-    """Solved again with the antenna's ends, from the solution without; None where it does not converge."""
+    """Solves again with the antenna's ends, from the solution without; None where it does not converge."""
     try:
-        solution = _descended(problem, parameters, problem.evaluate(parameters), _STANDSTILL)
+        solution = _descended(problem, parameters, problem.evaluate(parameters), AntennaSettings.standstill)
         problem = problem.relinearised(solution.parameters)
     except LensLost:
         return None
@@ -425,6 +406,9 @@ def noise_scale(residuals: Sequence[np.ndarray]) -> float:
 
     Measured on means of runs of neighbours, which also sees errors that neighbours share.
     """
-    runs = [r[: len(r) // _RUN * _RUN].reshape(-1, _RUN).mean(axis=1) for r in residuals]
-    spread = MAD_SCALE * np.sqrt(_RUN) * float(np.median(np.abs(np.concatenate(runs))))
+    runs = [
+        r[: len(r) // AntennaSettings.run * AntennaSettings.run].reshape(-1, AntennaSettings.run).mean(axis=1)
+        for r in residuals
+    ]
+    spread = MAD_SCALE * np.sqrt(AntennaSettings.run) * float(np.median(np.abs(np.concatenate(runs))))
     return float(max(spread, mad_std(np.concatenate(residuals)), 0.2))

@@ -18,9 +18,10 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import WrenchSensor
 from vbaa_calib.session import Drift, Load, LoadReadings, Still
 
-DISTANCE_STEP_M, LOG_FORCE_STEP = 1e-4, 1e-3  # finite differences of a load's place, towards the clamp, and log force
+DISTANCE_STEP_M = 1e-4  # towards the clamp, finite difference of a load's place
+LOG_FORCE_STEP = 1e-3  # finite difference of the logarithm of its force
 
-EXACT = LoadReadings()
+EXACT = LoadReadings()  # loads whose places and forces are exact
 
 
 def reading_keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:
@@ -30,14 +31,14 @@ def reading_keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:
 
 
 def _read(load: Load, further_m: float, heavier: float) -> Load:
-    """The load further out, and heavier by a factor."""
+    """The load with its place moved outwards, m, and its force multiplied by a factor."""
     y_N, z_N = heavier * load.force_y_N, heavier * load.force_z_N
     return replace(load, distance_m=load.distance_m + further_m, force_y_N=y_N, force_z_N=z_N)
 
 
 @dataclass(frozen=True, eq=False)
 class ReadingGroups:
-    """The unknown errors of the readings of F stills, K in all, each in its standard deviations."""
+    """The unknown errors of the readings of F static frames, K in all, each in its standard deviations."""
 
     std: np.ndarray  # (K,) m of a place, relative of a weight
     distance: np.ndarray  # (F,) which of the K a still's place is; −1 for none
@@ -45,12 +46,12 @@ class ReadingGroups:
 
     @property
     def count(self) -> int:
-        """K."""
+        """Number K of the unknown errors."""
         return len(self.std)
 
     @staticmethod
     def of(stills: Sequence[Still], known: LoadReadings) -> ReadingGroups:
-        """Which readings of these stills are uncertain."""
+        """The uncertain readings of these static frames."""
         stds: Mapping[str, float] = {"distance": known.distance_std_m, "mass": known.force_std_relative}
         numbers: dict[tuple[str, str], int] = {}
         found = {"distance": np.full(len(stills), -1), "mass": np.full(len(stills), -1)}
@@ -61,7 +62,7 @@ class ReadingGroups:
         return ReadingGroups(np.array([stds[kind] for kind, _ in numbers]), found["distance"], found["mass"])
 
     def corrected(self, stills: Sequence[Still], errors: np.ndarray) -> list[Still]:
-        """The stills with their loads moved and made heavier by errors (K,)."""
+        """The static frames with their loads moved and made heavier by errors (K,)."""
         # the last one, of index −1, is nobody's
         steps = np.append(errors * self.std, 0.0)
         further, heavier = steps[self.distance].tolist(), np.exp(steps[self.force]).tolist()
@@ -71,7 +72,7 @@ class ReadingGroups:
         ]
 
     def ends(self, stills: Sequence[Still], at: np.ndarray, farthest_m: float) -> np.ndarray:
-        """(K,) the largest errors for which no load of these stills, corrected by errors `at`, hangs further out."""
+        """(K,) largest errors of the readings for which no load, corrected by errors `at`, hangs beyond the end."""
         ends = np.full(self.count, np.inf)
         for still, place in zip(stills, self.distance, strict=True):
             if isinstance(still, Load) and place >= 0:
@@ -80,7 +81,7 @@ class ReadingGroups:
         return ends
 
     def columns(self, index: int, by_distance: np.ndarray, by_log_force: np.ndarray) -> np.ndarray:
-        """(..., K) slopes by the errors, from those (...) of a still by its distance (per m) and log force."""
+        """(..., K) slopes by the errors, from those (...) of a frame by its distance (per m) and log force."""
         slopes = np.zeros((*np.shape(by_distance), self.count))
         for group, slope in ((self.distance[index], by_distance), (self.force[index], by_log_force)):
             if group >= 0:
@@ -90,7 +91,7 @@ class ReadingGroups:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """One still of the antenna: what was seen, what was read, and the load on it, if any."""
+    """One static frame of the antenna: what was seen, what was read, and the load on it, if any."""
 
     still: Still
     points_px: np.ndarray  # (N, 2) on the centreline
@@ -116,11 +117,12 @@ class Observation:
 
     @property
     def loaded(self) -> bool:
-        """Whether it bears a load."""
+        """Whether the antenna is loaded."""
         return bool(self.load_N.any())
 
     def with_readings_altered(self) -> tuple[Observation, Observation]:
-        """With its load a step nearer to the clamp, and with a little more force; itself where it has none."""
+        """The frame with its load a step nearer to the clamp, and with its force a step larger; itself without a
+        load."""
         if not isinstance(self.still, Load):
             return self, self
         nearer, heavier = -DISTANCE_STEP_M, float(np.exp(LOG_FORCE_STEP))
@@ -129,7 +131,7 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known before the stills."""
+    """Priors of bundle adjustment, before the static frames."""
 
     poses: Sequence[PoseEstimate]  # the camera's pose by one or several methods
     start: Pose  # camera pose from which the solution's steps are counted

@@ -14,19 +14,7 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import SHOWN, Paint
 from vbaa_calib.detect.whisker.profile import measure_on
 
-
-@dataclass(frozen=True)
-class _PaintSettings:
-    """Which paint shows the antenna best. Chosen on rendered and path-traced pictures."""
-
-    well_seen: float = 0.9  # share of the antenna that one polarity must show
-    clearly_more: float = 0.1  # by which a polarity that changes along the antenna must show more
-    ends: float = 4.0  # widths from either end within which clamp and background are in a broad antenna's profiles
-    two_edges_px: float = 2.5  # width from which on the blur of an ordinary lens leaves an antenna two edges
-    off_middle: float = 0.018  # part of its width, off the middle between its edges, from which these are measured
-
-
-_RULES = _PaintSettings()
+from .settings import AntennaSettings
 
 
 def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
@@ -39,12 +27,14 @@ def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Pai
     finders : one for each picture.
     """
     in_colour = coloured(images[0])
-    polarities = (True, False) if not in_colour or finders[0].corridor.width_px < _RULES.two_edges_px else ()
+    polarities = (True, False) if not in_colour or finders[0].corridor.width_px < AntennaSettings.two_edges_px else ()
     tried = [_Tried.of(Paint(bright), finders, images) for bright in polarities]
     best = max(tried, key=_Tried.clearness, default=None)
-    if best is None or best.seen < _RULES.well_seen:
+    if best is None or best.seen < AntennaSettings.well_seen:
         changing = _Tried.of(Paint(None), finders, images)
-        best = changing if best is None or in_colour or changing.seen > best.seen + _RULES.clearly_more else best
+        best = (
+            changing if best is None or in_colour or changing.seen > best.seen + AntennaSettings.clearly_more else best
+        )
     return best.pulled(finders, images).paint if best.seen else None
 
 
@@ -72,10 +62,10 @@ class _Tried:
         return float(np.mean(heights))
 
     def pulled(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
-        """Measured by both edges where its lines lie aside of their middle."""
+        """The same, measured by both edges where its lines lie off their middle."""
         if self.paint.bright is None:
             return self
-        where, aside = finders[0].corridor, []
+        where, offsets = finders[0].corridor, []
         width, taper = where.width_px, where.taper
         for image, line in zip(images, self.lines, strict=True):
             plane = self.paint.plane(image)
@@ -84,9 +74,9 @@ class _Tried:
                 # the thin part of an antenna that tapers has noise alone
                 half = len(line.points_px) // 2
                 thick = line.points_px[: half if taper < 0.0 else None][half if taper > 0.0 else 0 :]
-                aside.append(np.sqrt(np.mean(beside(between.guide_px, thick)[1] ** 2)))
+                offsets.append(np.sqrt(np.mean(beside(between.guide_px, thick)[1] ** 2)))
         thickest = width * (1.0 + 0.25 * abs(taper))
-        both = bool(aside) and float(np.median(aside)) > _RULES.off_middle * thickest
+        both = bool(offsets) and float(np.median(offsets)) > AntennaSettings.off_middle * thickest
         return replace(self, paint=replace(self.paint, both_edges=both))
 
 
@@ -95,5 +85,5 @@ def _seen_between(line: Centreline, width_px: float) -> float:
     if len(line.guide_px) < 2:
         return line.seen
     along = arc_lengths(line.guide_px)
-    between = (along > _RULES.ends * width_px) & (along < along[-1] - _RULES.ends * width_px)
+    between = (along > AntennaSettings.ends * width_px) & (along < along[-1] - AntennaSettings.ends * width_px)
     return float((line.visibility[between] == Visibility.SEEN).mean()) if between.any() else line.seen

@@ -31,11 +31,9 @@ from vbaa_calib.session import READINGS, Drift, Load
 
 from .inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, Prior, ReadingGroups
 
-_SWEEPS = 4  # of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing
-
 
 def _unevenly_bent(curves: Curves, parameters: np.ndarray, profile: np.ndarray) -> Curves:
-    """Curves of antennas (B, 9) whose compliance is 1 + `profile` (2,) times the first Legendre polynomials, to first
+    """Curves of antennas (B, 9) of compliance 1 + `profile` (2,) times the first Legendre polynomials, to first
     order: what bends them stays."""
     step = np.diff(curves.arclength_m)[..., None]
     middle = (curves.arclength_m[:, 1:] + curves.arclength_m[:, :-1]) / curves.arclength_m[:, -1:] - 1.0
@@ -49,11 +47,12 @@ def _unevenly_bent(curves: Curves, parameters: np.ndarray, profile: np.ndarray) 
     return replace(curves, points_m=points, tangents=curves.tangents + turned)
 
 
-POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
-GAIN, OFFSET = ANTENNA.stop, ANTENNA.stop + 1
+POSE = slice(0, 6)  # places among `RIG_PARAMETERS`: steps of the camera's pose,
+ANTENNA = slice(6, 6 + len(PARAMETERS))  # the antenna's parameters,
+GAIN = ANTENNA.stop  # the moment sensor's gain
+OFFSET = GAIN + 1  # and offset
 _BENT = 1 + len(PARAMETERS)  # curves in each still: the antenna, and one a step further along each of its parameters
-RIG = len(RIG_PARAMETERS)
-_INSIDE = 1.0 - 1e-5  # part of the length beyond which a load counts as on the tip
+RIG = len(RIG_PARAMETERS)  # how many these are
 
 
 class LensLost(SolveError):
@@ -100,7 +99,7 @@ class Problem:
 
     @staticmethod
     def of(observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float) -> Problem:
-        """With all observations in, their points' deviations as claimed, and the lens as it is."""
+        """The problem with all observations, their points' standard deviations as stated, and the lens as it is."""
         count = len(observations)
         groups = ReadingGroups.of([one.still for one in observations], prior.readings)
         kept, at = np.ones(count, bool), np.zeros(groups.count)
@@ -108,7 +107,7 @@ class Problem:
         return blank.relinearised(blank.begin)
 
     def over(self, observations: Sequence[Observation]) -> Problem:
-        """The same rig over other stills, their loads and lines exact, none seen yet."""
+        """The same rig over other static frames, their loads and lines exact, none seen yet."""
         kept, groups = np.ones(len(observations), bool), ReadingGroups.of([], EXACT)
         return replace(
             self.without_tips(),
@@ -122,7 +121,7 @@ class Problem:
         )
 
     def without_tips(self) -> Problem:
-        """The same without the antenna's ends."""
+        """The same problem without the antenna's ends."""
         return replace(self, tips=np.zeros(0, int), tips_at_lens=None)
 
     @property
@@ -130,7 +129,7 @@ class Problem:
         """(17 + P + K + L,) upper ends of the parameters: no load hangs beyond the tip."""
         ends = np.full(self.size, np.inf)
         ends[self.readings] = self.groups.ends(
-            [one.still for one in self.observations], self.readings_at, _INSIDE * self.length_m
+            [one.still for one in self.observations], self.readings_at, (1.0 - 1e-5) * self.length_m
         )
         return ends
 
@@ -171,7 +170,7 @@ class Problem:
 
     @property
     def size(self) -> int:
-        """How many parameters there are."""
+        """Number of parameters."""
         return self.sensor.stop
 
     def wrench_sensor(self, parameters: np.ndarray) -> WrenchSensor | None:
@@ -180,7 +179,7 @@ class Problem:
         return None if known is None else known.moved(self.prior.sensor_std * parameters[self.sensor])
 
     def relinearised(self, parameters: np.ndarray) -> Problem:
-        """With points seen through the lens, and loads, of these parameters.
+        """The same problem, relinearised at these parameters: points through their lens, loads as they have them.
 
         Raises LensLost where that lens folds before points that the prior's lens sees.
         """
@@ -211,7 +210,7 @@ class Problem:
 
     @property
     def certain(self) -> int:
-        """How many residuals, the last ones, are the priors': these are never weighed down."""
+        """Number of the priors' residuals, the last ones, which no robust loss weights."""
         return len(self.tips) + 6 * len(self.prior.poses) + len(self.prior.mean) + self.size - RIG
 
     def pose(self, parameters: np.ndarray) -> Pose:
@@ -242,7 +241,7 @@ class Problem:
             np.repeat(contact, each),
             load * factor,
             dead=True,
-            sweeps=_SWEEPS,
+            sweeps=4,  # more change nothing
             taper=self.prior.taper.thinned(self.prior.log_tip_std * self.thinner),
             diameter_m=self.prior.diameter_m,
         )
@@ -251,7 +250,7 @@ class Problem:
         return _unevenly_bent(replace(curves, moment_Nm=curves.moment_Nm / factor[1]), parameters, uneven[1:])
 
     def evaluate(self, parameters: np.ndarray) -> Evaluation:
-        """What the parameters predict."""
+        """Predictions at these parameters, and their slopes."""
         here = self._loaded(parameters)
         antennas = np.repeat(parameters[None, ANTENNA], _BENT, axis=0)
         antennas[1:] += np.diag(RIG_STEPS[6:])
@@ -326,7 +325,7 @@ class Problem:
         return {int(index): moved.picked(np.array([row])) for row, index in enumerate(self.tips)}
 
     def _loaded(self, parameters: np.ndarray) -> Problem:
-        """With the loads as the parameters have them."""
+        """Observations with the loads of these parameters."""
         errors = parameters[self.readings] - self.readings_at
         if self.thinner != (thinner := float(parameters[self.taper].sum())):
             return replace(self, thinner=thinner)._loaded(parameters)
@@ -479,7 +478,8 @@ class Problem:
         return Linearised(parameters, *self.residuals(parameters), self.certain)
 
     def _tip_rows(self, evaluated: Evaluation) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (T,) and their Jacobian; how far all ends together are off the length is marginalised."""
+        """Residuals (T,) of the antenna's ends and their Jacobian; their common distance from the length is
+        marginalised."""
         if not len(self.tips):
             return np.zeros(0), np.zeros((0, self.size))
         whiten = self._common_whitening(evaluated.by_length)

@@ -1,4 +1,4 @@
-"""What the residuals say of the assumptions: equal compliance, weight, the sensor's noise and drift, to first order."""
+"""Tests of the assumptions by the residuals: equal compliance, weight, the sensor's noise and drift, to first order."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from vbaa_calib.core.robust import finite_or_none, mad_std
 
 from .bundle_adjustment import BundleAdjustment
 
-_MASS = 6 + PARAMETERS.index("log_mass_per_length_kg_m")
+_MASS = 6 + PARAMETERS.index("log_mass_per_length_kg_m")  # place among `RIG_PARAMETERS`
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A number and its standard deviation; None where the data do not hold it."""
+class _Estimate:
+    """A number and its standard deviation; None where the data do not determine it."""
 
     value: float
     std: float
@@ -26,25 +26,25 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Checks:
-    """Assumption by assumption.
+    """Results of the checks, assumption by assumption.
 
     Attributes
     ----------
     anisotropy : log of the stiffness against bending to y over that to z; assumption 4 says 0. None without loads.
     mass_per_length_kg_m : from the sag alone, without prior knowledge; None if the sag does not determine it.
-    drift_Nm : of the moment sensor, per s, or per row where the stills have no times: drift_per.
-    noise_Nm : of the moment sensor as the stills show it, and its 95 % interval; NaN without a sensor.
+    drift_Nm : of the moment sensor, per s, or per row where the frames have no times: drift_per.
+    noise_Nm : of the moment sensor as the frames show it, and its 95 % interval; NaN without a sensor.
     """
 
-    anisotropy: Estimate | None
-    mass_per_length_kg_m: Estimate | None
-    drift_Nm: Estimate | None
+    anisotropy: _Estimate | None
+    mass_per_length_kg_m: _Estimate | None
+    drift_Nm: _Estimate | None
     drift_per: Literal["s", "row"]
     noise_Nm: float
     noise_interval_95_Nm: tuple[float, float]
 
     def to_dict(self) -> dict[str, Any]:
-        """For rig.json."""
+        """The entry of rig.json."""
         drift = {f"drift_Nm_per_{per}": self.drift_Nm if per == self.drift_per else None for per in ("s", "row")}
         estimates = {"anisotropy": self.anisotropy, "mass_per_length_kg_m": self.mass_per_length_kg_m, **drift}
         numbers = {name: one and vars(one) for name, one in estimates.items()}
@@ -60,13 +60,13 @@ def check(joint: BundleAdjustment) -> Checks:
     return Checks(_anisotropy(joint), _mass(joint), _drift(joint, when), "s" if timed else "row", *_moment_noise(joint))
 
 
-def _one_more(joint: BundleAdjustment, points: np.ndarray, moments: np.ndarray) -> Estimate | None:
-    """What a further parameter would be that moves the points' rows, and the moments (F,), in this way."""
+def _one_more(joint: BundleAdjustment, points: np.ndarray, moments: np.ndarray) -> _Estimate | None:
+    """Score-test estimate of a further parameter that moves the points' rows and the moments (F,) so."""
     own = np.concatenate([points, moments[joint.kept]])
     column = np.append(own, np.zeros(len(joint.solution.residuals) - len(own)))
     # nothing is known of it beforehand
     found = joint.solution.score_test(column[:, None], 1e6)
-    return None if found is None else Estimate(float(found.values[0]), float(found.std[0]))
+    return None if found is None else _Estimate(float(found.values[0]), float(found.std[0]))
 
 
 def _point_rows(joint: BundleAdjustment) -> int:
@@ -74,7 +74,7 @@ def _point_rows(joint: BundleAdjustment) -> int:
     return len(joint.solution.residuals) - read * int(joint.kept.sum()) - joint.problem.certain
 
 
-def _anisotropy(joint: BundleAdjustment) -> Estimate | None:
+def _anisotropy(joint: BundleAdjustment) -> _Estimate | None:
     problem, at, step = joint.problem, joint.solution.parameters, 1e-2
     if not any(observation.loaded for observation in problem.observations):
         return None
@@ -83,7 +83,7 @@ def _anisotropy(joint: BundleAdjustment) -> Estimate | None:
     return _one_more(joint, slopes[: _point_rows(joint)], np.zeros(len(problem.observations)))
 
 
-def _mass(joint: BundleAdjustment) -> Estimate | None:
+def _mass(joint: BundleAdjustment) -> _Estimate | None:
     prior = joint.problem.prior
     mean, variance = float(prior.mean[_MASS - 6]), float(prior.std[_MASS - 6]) ** 2
     value, posterior = float(joint.parameters[_MASS]), float(joint.covariance[_MASS, _MASS])
@@ -92,10 +92,10 @@ def _mass(joint: BundleAdjustment) -> Estimate | None:
     if information * variance < 1e-3:
         return None
     alone = (value / posterior - mean / variance) / information
-    return Estimate(float(np.exp(alone)), float(np.exp(alone) * information**-0.5))
+    return _Estimate(float(np.exp(alone)), float(np.exp(alone) * information**-0.5))
 
 
-def _drift(joint: BundleAdjustment, when: np.ndarray) -> Estimate | None:
+def _drift(joint: BundleAdjustment, when: np.ndarray) -> _Estimate | None:
     if np.ptp(when) == 0.0 or np.isinf(joint.problem.moment_std_Nm):
         return None
     centred = (when - when[joint.kept].mean()) / joint.problem.moment_std_Nm

@@ -1,4 +1,4 @@
-"""From a session's stills to a rig: observations, priors, bundle adjustment."""
+"""From a session's static frames to a rig: observations, priors, bundle adjustment."""
 
 from __future__ import annotations
 
@@ -42,26 +42,12 @@ from .inputs import EXACT, Observation, Prior
 from .learnt_paint import learn
 from .problem import ANTENNA, GAIN, OFFSET
 from .residual_checks import check
-
-_LEAST_SEEN_FREE = 0.6  # nothing hides the free antenna: less than this fraction seen means that something is wrong
-_ASIDE = 0.067
-"""How far aside an antenna lies, as a fraction of the distance from the clamp, by one standard deviation of the priors
-below."""
-_CLAMP_STRAYS = (3.0, 10.0)
-"""Deviations of the priors by which it may lie beside where its clamp should be; where it is looked for all around, as
-the jig may not be where it is said to be, or the camera have moved."""
-_COURSE_ASIDE, _COURSE_ORDER, _ODD, _LEAVES = 0.02, 2, 0.04, 0.008
-"""The same deviation where other pictures of the rig determine the free antenna's course, a polynomial of this order
-beside what is expected; a line that lies so far off the others' course is looked for again, and where it still lies so
-far off it, it has gone over to another thing."""
-_SHARED = 4.0  # effective over own deviation above which points of one polarity share most of their errors
-_LEARNT_FROM = 3  # pictures from which the antenna's contrast is learnt
-_PLACES = np.linspace(0.0, 1.0, 21)
+from .settings import AntennaSettings
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedAntenna:
-    """Where the antenna is expected in a picture."""
+    """Expectation of the antenna in a picture: pose, shape, paint and search range."""
 
     antenna: NominalAntenna
     camera: Camera
@@ -77,7 +63,7 @@ class ExpectedAntenna:
 
     def observe(self, still: Still, image: np.ndarray, gravity_m_s2: np.ndarray) -> Observation:
         """The antenna's seen points in one picture, as `read_picture` gives it; gravity (3,) in the antenna frame. One
-        of a load that the paint does not show is looked at with what it shows itself.
+        of a load that the paint does not show is searched with the paint that it shows itself.
 
         Raises InputError as `observe` does.
         """
@@ -85,7 +71,7 @@ class ExpectedAntenna:
         for deviations in self.reaches:
             looking = self._finder(still, gravity_m_s2, deviations)
             line = decided(paint.find(looking, image), looking.corridor.axis_px)
-            accepted = line.found and (isinstance(still, Load) or line.seen >= _LEAST_SEEN_FREE)
+            accepted = line.found and (isinstance(still, Load) or line.seen >= AntennaSettings.least_seen_free)
             if accepted:
                 break
         else:
@@ -94,9 +80,9 @@ class ExpectedAntenna:
                 with suppress(InputError):
                     return replace(self, paint=None).observe(still, image, gravity_m_s2)
             lost, change = why_lost(stretches(paint.plane(image), line, looking.corridor, paint.bright))
-            why = "; ".join(said for said in (line.reason, lost) if said)
+            why = "; ".join(one for one in (line.reason, lost) if one)
             if not change:
-                little = line.seen < _LEAST_SEEN_FREE
+                little = line.seen < AntennaSettings.least_seen_free
                 change = "light the antenna" if little else "check the jig; take away what looks like the antenna"
             raise InputError(
                 f"no antenna found in it ({100 * line.seen:.0f} % of its length seen: {why})",
@@ -104,7 +90,9 @@ class ExpectedAntenna:
                 remedy=f"{change}; shoot it again, or take its row out of the CSV",
             )
         tip_std_px = line.end_std_px if line.end == "tip" else np.nan
-        shared = paint.polarity is None or bool(np.median(line.effective_px / line.sigma_px) > _SHARED)
+        shared = paint.polarity is None or bool(
+            np.median(line.effective_px / line.sigma_px) > AntennaSettings.shared_errors
+        )
         return Observation(
             still,
             line.points_px,
@@ -120,20 +108,20 @@ class ExpectedAntenna:
 
     def course_of(self, seen: Observation) -> np.ndarray:
         """(3,) as `course`, of one free antenna as it was seen."""
-        return np.polyfit(*self._aside(seen), _COURSE_ORDER)
+        return np.polyfit(*self._aside(seen), AntennaSettings.course_order)
 
     def on_course(self, seen: Observation) -> Observation:
         """A free antenna without the stretches that leave the course of this rig's other pictures."""
         assert self.course is not None
         along, aside = self._aside(seen)
-        near = np.abs(aside - np.polyval(self.course, along)) < _LEAVES
-        if near.all() or near.mean() < _LEAST_SEEN_FREE:
+        near = np.abs(aside - np.polyval(self.course, along)) < AntennaSettings.leaves_course
+        if near.all() or near.mean() < AntennaSettings.least_seen_free:
             return seen
         ends = seen if near[-1] else replace(seen, tip_std_px=np.nan)
         return replace(ends, points_px=seen.points_px[near], sigma_px=seen.sigma_px[near])
 
     def _aside(self, seen: Observation) -> tuple[np.ndarray, np.ndarray]:
-        """Where points (N,) of a free antenna lie along and beside the expected one, in lengths of its picture."""
+        """Where points (N,) of a free antenna lie along and across the expected one, in lengths of its picture."""
         free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2, self.antenna.taper)
         where = corridor(
             self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m, taper=self.antenna.taper
@@ -145,7 +133,8 @@ class ExpectedAntenna:
     def learned(
         self, stills: Sequence[Still], images: Sequence[np.ndarray], gravity_m_s2: Sequence[np.ndarray]
     ) -> Paint:
-        """What sets the antenna off from its background in these pictures; the default where none is found."""
+        """The paint that distinguishes the antenna from its background in these pictures; the default where none is
+        found."""
         for deviations in self.reaches:
             looking = [self._finder(still, pull, deviations) for still, pull in zip(stills, gravity_m_s2, strict=True)]
             paint = learn(looking, images)
@@ -154,11 +143,11 @@ class ExpectedAntenna:
         return Paint()
 
     def _finder(self, still: Still, gravity_m_s2: np.ndarray, deviations: float | None) -> AntennaFinder:
-        """What looks for the antenna where it should be, to so many deviations; None: all around."""
+        """Finder of the antenna within so many standard deviations of its expected place; None: all around."""
         length, reach = self.antenna.length_m, REACH_PER_LENGTH
         shape = free_curve(self.parameters, length, gravity_m_s2, self.antenna.taper)
         if deviations is not None:
-            aside = _ASIDE if self.course is None else _COURSE_ASIDE
+            aside = AntennaSettings.lateral_prior if self.course is None else AntennaSettings.lateral_course
             if isinstance(still, Load):
                 free, force = shape.points_m[0, -1], np.array([[still.force_y_N, still.force_z_N]])
                 shape = bend(
@@ -179,10 +168,13 @@ class ExpectedAntenna:
         if len(path.axis_px) > 1:
             along = arc_lengths(path.axis_px)
             assert path.free is not None
-            strays = _CLAMP_STRAYS[deviations is None] * path.free.clamp_px_per_m
+            strays = AntennaSettings.clamp_strays[deviations is None] * path.free.clamp_px_per_m
             # seen aslant the antenna is shorter, and turned by more; end on it is no line
             along_px_per_m = max(along[-1], 1.0) / length
-            clamp_px, clamp_rad = strays * CLAMP_OFFSET_STD_M, strays * CLAMP_ANGLE_STD_RAD / along_px_per_m
+            clamp_px, clamp_rad = (
+                strays * AntennaSettings.clamp_offset_std_m,
+                strays * AntennaSettings.clamp_angle_std_rad / along_px_per_m,
+            )
             path = replace(path, clamp_px=max(path.clamp_px, clamp_px), clamp_rad=max(path.clamp_rad, clamp_rad))
             if self.course is not None:
                 moved = np.polyval(self.course, along / along[-1]) * along[-1]
@@ -200,7 +192,7 @@ class ExpectedAntenna:
 def observe(
     session: Session, kinematics: Kinematics, stills: Sequence[Still], expected: ExpectedAntenna, what: str
 ) -> tuple[list[Observation], ExpectedAntenna]:
-    """The antenna's seen points in every still, and what is known better after them: its paint, learnt from some of
+    """The antenna's points in every static frame, and what is known better after them: its paint, learnt from some of
     them, and the course that the free antenna has in all. A picture that shows none, or another course than most, is
     searched again along theirs.
 
@@ -230,10 +222,10 @@ def observe(
         return replace(expected, paint=expected.learned(chosen, [read(still) for still in chosen], pulls))
 
     if expected.paint is None:
-        some = np.unique(np.linspace(0, len(stills) - 1, _LEARNT_FROM).astype(int)).tolist()
+        some = np.unique(np.linspace(0, len(stills) - 1, AntennaSettings.learnt_from).astype(int)).tolist()
         learnt = learned(some)
         seen = looked(learnt)
-        lost = [index for index, one in enumerate(seen) if one is None][:_LEARNT_FROM]
+        lost = [index for index, one in enumerate(seen) if one is None][: AntennaSettings.learnt_from]
         if lost:
             # what some pictures do not show may need another paint
             again = learned([*some, *(index for index in lost if index not in some)])
@@ -245,11 +237,14 @@ def observe(
     usual = np.median(list(courses.values()), axis=0) if courses else expected.course
     learnt = replace(expected, course=usual)
     for index, (still, pull) in enumerate(zip(stills, gravity, strict=True)):
-        odd = index in courses and np.abs(np.polyval(courses[index] - usual, _PLACES)).max() > _ODD
-        if seen[index] is None or odd:
+        off_course = (
+            index in courses
+            and np.abs(np.polyval(courses[index] - usual, np.linspace(0.0, 1.0, 21))).max() > AntennaSettings.off_course
+        )
+        if seen[index] is None or off_course:
             seen[index] = learnt.observe(still, read(still), pull)
         one = seen[index]
-        if index in courses and len(courses) >= _LEARNT_FROM and one is not None:
+        if index in courses and len(courses) >= AntennaSettings.learnt_from and one is not None:
             seen[index] = learnt.on_course(one)
     return [one for one in seen if one is not None], learnt
 
@@ -260,18 +255,6 @@ def observe_stills(session: Session, kinematics: Kinematics, before: Prior) -> l
     expected = ExpectedAntenna(session.antenna, before.camera, before.start, nominal_parameters(session.antenna))
     free, expected = observe(session, kinematics, noload, expected, "free antenna")
     return [*free, *observe(session, kinematics, loads, expected, "known loads")[0]]
-
-
-CLAMP_OFFSET_STD_M = 1.5e-3
-CLAMP_ANGLE_STD_RAD = 0.035
-CLAMP_GIVE_STD_M = 5e-4
-_LOG_STIFFNESS_STD = 0.5
-LOG_MASS_STD = 0.03
-_GAIN_STD = 0.5
-_OFFSET_STD_NM = 0.02
-"""Priors of bundle adjustment: what a careful builder can be trusted with. Stiffness and sensor are left all but free;
-the mass is not, for sag is what weight over stiffness gives, and a kitchen scale knows the mass to a few per cent."""
-_DEFINED = 1e-3  # part of the clamp's priors in plane C that is left where the antenna itself defines its frame
 
 
 def bow_std_per_m(length_m: float) -> float:
@@ -293,12 +276,25 @@ def prior(
     readings: LoadReadings = EXACT,
     drift: Drift | None = None,
 ) -> Prior:
-    """What is known before the stills; own_frame : plane C was found by the antenna alone, so that its clamp lies on
-    and along the x axis by definition."""
-    in_plane = _DEFINED if own_frame else 1.0
-    clamp = [CLAMP_OFFSET_STD_M * in_plane, CLAMP_OFFSET_STD_M, CLAMP_ANGLE_STD_RAD, CLAMP_ANGLE_STD_RAD * in_plane]
+    """Priors of bundle adjustment, before the static frames; own_frame : plane C was found by the antenna alone, so
+    that its clamp lies on and along the x axis by definition."""
+    in_plane = AntennaSettings.own_frame if own_frame else 1.0
+    clamp = [
+        AntennaSettings.clamp_offset_std_m * in_plane,
+        AntennaSettings.clamp_offset_std_m,
+        AntennaSettings.clamp_angle_std_rad,
+        AntennaSettings.clamp_angle_std_rad * in_plane,
+    ]
     bow = bow_std_per_m(antenna.length_m)
-    rest = [bow, bow, _LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M, _GAIN_STD, _OFFSET_STD_NM]
+    rest = [
+        bow,
+        bow,
+        AntennaSettings.log_stiffness_std,
+        AntennaSettings.log_mass_std,
+        AntennaSettings.clamp_give_std_m,
+        AntennaSettings.gain_std,
+        AntennaSettings.offset_std_Nm,
+    ]
     return Prior(
         poses=tuple(poses),
         start=fused(poses),
@@ -315,7 +311,7 @@ def prior(
 
 
 def read_by(sensor: NominalWrenchSensor | None, before: Prior) -> Prior:
-    """What is known beforehand, of a sensor of several axes; None: of one about y."""
+    """The prior for a sensor of several axes; None: for one about y."""
     if sensor is None:
         return before
     mean, names = before.mean.copy(), [name for name in sensor.signs if name != "my"]
@@ -323,16 +319,18 @@ def read_by(sensor: NominalWrenchSensor | None, before: Prior) -> Prior:
     mean[GAIN - 6] = -sensor.signs.get("my", -1.0)
     gain, std = (np.array([of(name) for name in names], float) for of in (sensor.signs.get, sensor.std))
     # a force acts at a lever of a hundredth of a metre
-    offset_std = np.array([(100.0 if name.startswith("f") else 1.0) * _OFFSET_STD_NM for name in names], float)
+    offset_std = np.array(
+        [(100.0 if name.startswith("f") else 1.0) * AntennaSettings.offset_std_Nm for name in names], float
+    )
     turn = np.full(3, max(sensor.rotation_std_rad, 1e-6))
     known = WrenchSensor(tuple(names), gain, np.zeros(len(names)), std, sensor.T_antenna_sensor)
-    own = np.concatenate([turn, np.full(len(names), _GAIN_STD), offset_std])
+    own = np.concatenate([turn, np.full(len(names), AntennaSettings.gain_std), offset_std])
     return replace(before, mean=mean, sensor=known, sensor_std=own)
 
 
 def solve_antenna(session: Session, observations: Sequence[Observation], before: Prior) -> BundleAdjustment:
-    """Bundle adjustment of a session's stills. A moment sensor that scatters clearly more than the session says is
-    weighted by its own scatter."""
+    """Bundle adjustment of a session's static frames. A moment sensor that scatters clearly more than the session says
+    is weighted by its own scatter."""
     joint = adjust_bundle(observations, before, session.antenna.length_m, session.moment_std_Nm)
     sensor = check(joint)
     if sensor.noise_interval_95_Nm[0] > session.moment_std_Nm:
@@ -343,7 +341,7 @@ def solve_antenna(session: Session, observations: Sequence[Observation], before:
 def make_rig(
     session: Session, kinematics: Kinematics, joint: BundleAdjustment, observations: Sequence[Observation]
 ) -> Rig:
-    """The rig out of a bundle adjustment."""
+    """The rig from the result of a bundle adjustment."""
     sensor, covariance = MomentSensor(*joint.sensor_gain_offset, joint.problem.moment_std_Nm), joint.covariance
     several = joint.sensor
     if not session.with_sensor:

@@ -1,9 +1,9 @@
 """EI from measured deflections of a clamped rod under one known load, with an interval that allows for shared errors.
 
 The deflection that the load adds is y(x) = h(x; EI) + offset: h the beam's or the elastica's, the offset the gauge's,
-which was set to zero twice. What a table cannot separate is not left to the fit: a clamp that turns is held at zero,
+which was set to zero twice. What a table cannot separate is not left to the fit: a clamp that turns is fixed at zero,
 and a prior for it goes into the standard deviation; errors that neighbouring readings share widen the interval; force
-and distance are taken as exact. EI with a clamp free to turn, and with the offset held, is reported beside it.
+and distance are taken as exact. EI with a clamp free to turn, and with the offset fixed, is reported besides.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from decimal import MAX_EMAX, Context, Decimal
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -21,17 +23,98 @@ from scipy.special import stdtr, stdtrit
 
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.elastica import planar_elastica_dead
+from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.robust import mad_std
 
-from .deflection_table import DeflectionTable, check_load
+from .settings import AntennaSettings
 
-_LENGTHS = 8
-_LEVEL = 0.95
-_PLAIN_SHARES = (0.0, 0.2)
-_PLAIN_ONLY = 0.6
-"""Prior probability of no correlation. By sampling: less of it overstates the std of plain scatter by half and more,
-more of it understates that of correlated errors."""
+_COLUMNS = ("x_m", "unloaded_y_m", "loaded_y_m")  # of the table
+
+
+@dataclass(frozen=True, eq=False)
+class DeflectionTable:
+    """N readings of a gauge along a clamped rod, without and with the load."""
+
+    x_m: np.ndarray  # (N,) strictly increasing, from the clamp along the undeflected rod
+    unloaded_y_m: np.ndarray  # (N,) positive in the force's direction
+    loaded_y_m: np.ndarray  # (N,)
+    resolution_m: float = 0.0  # the last decimal written down; 0: unknown
+
+    @property
+    def deflection_m(self) -> np.ndarray:
+        """(N,) what the load added: constant errors of the gauge along x, the rod's sag and bow cancel."""
+        return self.loaded_y_m - self.unloaded_y_m
+
+
+def read_deflections(path: Path, force_N: float, distance_m: float) -> DeflectionTable:
+    """The table of a CSV. Raises InputError naming file, line and remedy for anything that cannot be one."""
+    _check_load(force_N, distance_m)
+    rows = read_csv(path, _COLUMNS)
+    if not AntennaSettings.fewest_rows <= len(rows) <= AntennaSettings.most_rows:
+        remedy = f"at least {AntennaSettings.fewest_rows}, spread between clamp and load, are needed"
+        if len(rows) > AntennaSettings.most_rows:
+            remedy = f"average them to {AntennaSettings.most_rows} at most"
+        raise InputError(f"has {len(rows)} readings", where=path, remedy=remedy)
+    x, unloaded, loaded = (np.array([number(row, name, path) for row in rows]) for name in _COLUMNS)
+    places = [f"{path} line {row['line']}" for row in rows]
+    _check_positions(x, distance_m, places)
+    _check_deflections(loaded - unloaded, x, force_N, distance_m, places, path)
+    # the power of ten of the last digit that is written down: -3 for 0.120 and for 5e-3
+    silent = Context(traps=[])  # of an exponent beyond decimals nothing is known
+    digits = [Decimal(row[name], silent).as_tuple().exponent for row in rows for name in _COLUMNS[1:]]
+    finest = min(exponent if isinstance(exponent, int) else -MAX_EMAX for exponent in digits)
+    return DeflectionTable(x, unloaded, loaded, 10.0**finest)
+
+
+def _check_load(force_N: float, distance_m: float) -> None:
+    """Raises InputError when force or distance cannot be those of a bench test."""
+    if not np.isfinite(force_N) or force_N == 0.0:
+        raise InputError(f"the force is {force_N:g}", remedy="give the load in newtons (mass in kg times 9.81)")
+    if not 0.0 < distance_m <= AntennaSettings.longest_rod_m:
+        raise InputError(f"the distance is {distance_m:g}", remedy="give metres from the clamp to the load")
+
+
+def _check_positions(x_m: np.ndarray, distance_m: float, places: list[str]) -> None:
+    for before, x, place in zip([-np.inf, *x_m], x_m, places, strict=False):
+        rules = (
+            (x < 0.0, f"x_m is {x:g}", "measure x from the clamp towards the load, in metres"),
+            (
+                x > distance_m,
+                f"x_m is {x:g}, beyond the load at {distance_m:g} m",
+                "give x and the distance in metres from the clamp, and take out readings beyond the load",
+            ),
+            (x == before, f"x_m is {x:g} a second time", "put the mean of repeated readings in one row"),
+            (x < before, f"x_m falls from {before:g} to {x:g}", "sort the rows by x, and check this one"),
+        )
+        for wrong, what, remedy in rules:
+            if wrong:
+                raise InputError(what, where=place, remedy=remedy)
+
+
+def _check_deflections(
+    deflection_m: np.ndarray, x_m: np.ndarray, force_N: float, distance_m: float, places: list[str], path: Path
+) -> None:
+    worst = int(np.argmax(np.abs(deflection_m)))
+    if abs(deflection_m[worst]) > distance_m:
+        raise InputError(
+            f"the rod is deflected by {deflection_m[worst]:g} m, more than its length {distance_m:g} m",
+            where=places[worst],
+            remedy="give the readings in metres (1 mm is 0.001)",
+        )
+    if not deflection_m.any():
+        raise InputError(
+            "loaded_y_m equals unloaded_y_m in every row", where=path, remedy="give the readings without and with load"
+        )
+    # by the half nearer to the load, where the bending exceeds the gauge's offset
+    far = deflection_m[x_m >= np.median(x_m)]
+    rise = np.polyfit(x_m, deflection_m, 1)[0]
+    if np.median(far) * force_N < 0.0 and rise * force_N < 0.0:
+        raise InputError(
+            f"the deflections (loaded less unloaded, {np.median(far):g} m near the load) run against the force",
+            where=path,
+            remedy="swap the two columns, or give the force the other sign",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +148,7 @@ class _ErrorModels:
         if not scale.any():
             return 0.0
         freedom = self.freedom * (scale**2 / np.maximum(own, 1e-30 * scale.max() ** 2)) ** 2
-        tail = 0.5 + 0.5 * _LEVEL
+        tail = 0.5 + 0.5 * 0.95
 
         def excess(half: float) -> float:
             return float(self.weights @ stdtr(freedom, half / scale)) - tail
@@ -81,14 +164,18 @@ def _error_models(x_m: np.ndarray, design: np.ndarray, residuals_m: np.ndarray, 
     """
     count, parameters = design.shape
     inverse = np.linalg.pinv(design)
-    lengths = np.geomspace(0.5 * np.median(np.diff(x_m)), np.ptp(x_m), _LENGTHS).repeat(len(_PLAIN_SHARES))
-    priors = np.full(1 + len(lengths), (1.0 - _PLAIN_ONLY) / len(lengths))
-    priors[0] = _PLAIN_ONLY
+    lengths = np.geomspace(0.5 * np.median(np.diff(x_m)), np.ptp(x_m), AntennaSettings.correlation_lengths).repeat(
+        len(AntennaSettings.plain_shares)
+    )
+    priors = np.full(1 + len(lengths), (1.0 - AntennaSettings.plain_only) / len(lengths))
+    priors[0] = AntennaSettings.plain_only
     apart = np.abs(x_m[:, None] - x_m)
     # 1e-9: places that all but coincide must not make it singular
     correlations = [np.eye(count)] + [
         (1.0 - share) * np.exp(-apart / length) + (share + 1e-9) * np.eye(count)
-        for length, share in zip(lengths, _PLAIN_SHARES * _LENGTHS, strict=True)
+        for length, share in zip(
+            lengths, AntennaSettings.plain_shares * AntennaSettings.correlation_lengths, strict=True
+        )
     ]
     weighed = [_weigh(correlation, design, residuals_m, inverse, least_std_m) for correlation in correlations]
     log_weights = np.log(priors) + [log_weight for log_weight, _ in weighed]
@@ -97,7 +184,7 @@ def _error_models(x_m: np.ndarray, design: np.ndarray, residuals_m: np.ndarray, 
     return _ErrorModels(weights / weights.sum(), np.append(0.0, lengths), covariances, count - parameters)
 
 
-def neighbour_correlation(residuals: np.ndarray) -> float:
+def _neighbour_correlation(residuals: np.ndarray) -> float:
     """Correlation of each residual (N,) with the next; 0 where there are none."""
     square = float(residuals @ residuals)
     return float(residuals[1:] @ residuals[:-1]) / square if square > 0.0 else 0.0
@@ -118,15 +205,10 @@ def _weigh(
     return float(log_weight), variance * inverse @ correlation @ inverse.T
 
 
-_LEAST_READINGS = 8  # fewer readings have no neighbours to be compared with
-_THRESHOLD = 5.0
-_ANCHORS = 40
-
-
 def _robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[float, float]:
     """(slope, intercept) of y (N,) over the regressor (N,) with the least median of squares, of all lines through two
-    readings (or one and the origin), at most 780; intercept 0 if held."""
-    anchors = np.unique(np.linspace(0, len(y) - 1, _ANCHORS).astype(int))
+    readings (or one and the origin), at most 780; intercept 0 if fixed."""
+    anchors = np.unique(np.linspace(0, len(y) - 1, AntennaSettings.anchors).astype(int))
     apart = 0.2 * np.ptp(regressor)
     if offset:
         pairs = np.array([p for p in combinations(anchors, 2) if abs(regressor[p[0]] - regressor[p[1]]) > apart])
@@ -144,7 +226,7 @@ def _robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[fl
 def outlying(residuals: np.ndarray, least_std: float) -> np.ndarray:
     """(N,) bool: outliers among residuals from a robust fit, in the order of x; none of fewer than 8. `least_std`
     bounds their scatter from below: rounded readings may agree too well."""
-    if len(residuals) < _LEAST_READINGS:
+    if len(residuals) < AntennaSettings.fewest_readings:
         return np.zeros(len(residuals), bool)
     index = np.arange(len(residuals))
     first = np.clip(index - 2, 0, len(residuals) - 5)
@@ -156,18 +238,15 @@ def outlying(residuals: np.ndarray, least_std: float) -> np.ndarray:
 
 def _far(values: np.ndarray, least_std: float) -> np.ndarray:
     scale = max(mad_std(values), least_std)
-    return np.abs(values) > _THRESHOLD * scale
+    return np.abs(values) > AntennaSettings.outlying * scale
 
 
 Forward = Callable[[float], np.ndarray]  # EI in N·m² → deflections (N,) in m at the readings
 
-_STEPS, _SHARE = 60, 1e-4
-_NODES = np.linspace(0.0, 1.0, 201)
-
 
 @dataclass(frozen=True, eq=False)
-class Parameters:
-    """Where the least squares ended, and the design matrix there."""
+class _CompliancePoint:
+    """Minimum of the least squares, and the design matrix there."""
 
     stiffness_Nm2: float
     offset_m: float
@@ -175,8 +254,8 @@ class Parameters:
     design: np.ndarray  # (N, P) derivatives by ln(1/EI), offset and clamp rotation, the last two only if free
 
 
-def beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
-    """Small deflections at x (N,)."""
+def _beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
+    """Deflections (N,) m at places x (N,) by the small-angle formula, as a function of EI."""
     return lambda stiffness: linear.deflection(x_m, distance_m, force_N, stiffness)
 
 
@@ -185,7 +264,7 @@ def elastica(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
     is bent so far that it no longer reaches to a reading."""
 
     def deflections(stiffness: float) -> np.ndarray:
-        shape = planar_elastica_dead(_NODES * distance_m, distance_m, force_N, stiffness)
+        shape = planar_elastica_dead(np.linspace(0.0, 1.0, 201) * distance_m, distance_m, force_N, stiffness)
         x, w, theta = shape.x_m[0], shape.w_m[0], shape.theta_rad[0]
         if not np.all(np.diff(x) > 0.0):
             return np.full(len(x_m), np.nan)
@@ -204,15 +283,15 @@ def _gauss_newton(
     *,
     offset: bool,
     turning: bool = False,
-) -> Parameters:
+) -> _CompliancePoint:
     """Gauss–Newton in the compliance, exact in one step for the beam. All arrays (N,). Raises SolveError when it does
     not converge, as for a clamp that takes over all of the deflection."""
-    stiffness = start_Nm2
+    stiffness, share = start_Nm2, 1e-4  # of the compliance, in central differences
     extra = [column for free, column in ((offset, np.ones_like(x_m)), (turning, x_m)) if free]
-    for _ in range(_STEPS):
+    for _ in range(60):
         shape = forward(stiffness)
-        softer, stiffer = forward(stiffness / (1.0 + _SHARE)), forward(stiffness / (1.0 - _SHARE))
-        design = np.stack([(softer - stiffer) / (2.0 * _SHARE), *extra], axis=1)
+        softer, stiffer = forward(stiffness / (1.0 + share)), forward(stiffness / (1.0 - share))
+        design = np.stack([(softer - stiffer) / (2.0 * share), *extra], axis=1)
         if not np.isfinite(design).all() or not np.isfinite(shape).all():
             break
         solution = np.linalg.lstsq(design, deflection_m - shape, rcond=None)[0]
@@ -220,14 +299,14 @@ def _gauss_newton(
         stiffness /= 1.0 + step
         if abs(step) < 1e-10:
             shift = float(solution[1]) if offset else 0.0
-            return Parameters(stiffness, shift, float(solution[-1]) if turning else 0.0, design)
+            return _CompliancePoint(stiffness, shift, float(solution[-1]) if turning else 0.0, design)
     raise SolveError(
         "the fit of EI does not converge: the readings are not those of one rod in a clamp; check force, distance "
         "and the table's columns"
     )
 
 
-def slope_at_load(model: str, force_N: float, distance_m: float, stiffness_Nm2: float) -> float:
+def _slope_at(model: str, force_N: float, distance_m: float, stiffness_Nm2: float) -> float:
     """dy/dx of the rod at the load, without sign; "linear" or "elastica"."""
     if model == "linear":
         return float(linear.slope(distance_m, distance_m, abs(force_N), stiffness_Nm2))
@@ -237,7 +316,7 @@ def slope_at_load(model: str, force_N: float, distance_m: float, stiffness_Nm2: 
 
 @dataclass(frozen=True)
 class BeamFit:
-    """EI under one set of assumptions; offset and clamp rotation are 0 where they were held."""
+    """EI under one set of assumptions; offset and clamp rotation are 0 where they were fixed."""
 
     stiffness_Nm2: float
     std_Nm2: float
@@ -269,32 +348,24 @@ class StiffnessSolution:
     free_clamp: BeamFit | None  # with a clamp free to turn; None where it does not converge
 
 
-_CLAMP_SHARE_STD = 0.02
-"""How far a clamp may turn, as a share of the rod's slope at the load. A rod held in a solid block of its own material
-turns there as if it were longer by about half its thickness t, which is the share t/distance: 1/50 for a rod 1 : 50."""
-_STEEP_RAD = 0.15  # slope at the load from which the small-angle formula is not used, however large the scatter
-_BIAS_SHARE = 0.1  # largest error of the small-angle formula that is let pass, as a share of EI's standard deviation
-_LEAST_BIAS = 1e-5  # a share of EI that no bench test resolves, however well its readings agree
-
-
 def solve_stiffness(
     table: DeflectionTable,
     force_N: float,
     distance_m: float,
     *,
     offset: bool = True,
-    clamp_share_std: float = _CLAMP_SHARE_STD,
+    clamp_share_std: float = AntennaSettings.clamp_share_std,
 ) -> StiffnessSolution:
     """EI of the rod of a table, loaded by `force_N` at `distance_m` along it from the clamp.
 
-    `offset` False holds the gauge's offset at zero: right only where the gauge was read at the clamp and showed 0.
+    `offset` False fixes the gauge's offset at zero: right only where the gauge was read at the clamp and showed 0.
 
     Raises
     ------
     InputError : force or distance impossible, or no bending that stands out from the scatter.
     SolveError : the fit does not converge.
     """
-    check_load(force_N, distance_m)
+    _check_load(force_N, distance_m)
     bench = _Bench(table, force_N, distance_m)
     compliance, _ = _robust_line(bench.forward("linear")(1.0), table.deflection_m, offset)
     if compliance <= 0.0:
@@ -304,7 +375,10 @@ def solve_stiffness(
     fit, errors, half = chosen.judged(clamp)
     slope, bias = chosen.linear_error()
     relative = fit.std_Nm2 / fit.stiffness_Nm2
-    steep, biased = slope > _STEEP_RAD, abs(bias) > max(_BIAS_SHARE * relative, _LEAST_BIAS)
+    steep, biased = (
+        slope > AntennaSettings.steep_rad,
+        abs(bias) > max(AntennaSettings.bias_share * relative, AntennaSettings.least_bias),
+    )
     reason = "large deflection" if steep else "the small-angle formula would bias EI" if biased else "small deflection"
     reason += f": slope {slope:.3g} at the load, small-angle formula off by {100 * bias:+.2g} % of EI against a "
     reason += f"standard deviation of {100 * relative:.2g} %"
@@ -333,7 +407,7 @@ def solve_stiffness(
         linear_bias=bias,
         residuals_m=residuals,
         outliers=tuple(np.flatnonzero(~chosen.kept).tolist()),
-        correlation=neighbour_correlation(kept),
+        correlation=_neighbour_correlation(kept),
         correlation_length_m=errors.length_m,
         effective_readings=len(kept) * min(plain / float(errors.covariance[0, 0]), 1.0),
         clamp_share_std=clamp_share_std,
@@ -353,16 +427,16 @@ class _Bench:
     distance_m: float
 
     def forward(self, model: str, kept: np.ndarray | slice = slice(None)) -> Forward:
-        return (beam if model == "linear" else elastica)(self.table.x_m[kept], self.force_N, self.distance_m)
+        return (_beam if model == "linear" else elastica)(self.table.x_m[kept], self.force_N, self.distance_m)
 
     @property
     def least_std_m(self) -> float:
-        """What rounding two readings to the last decimal gives their difference, or what float64 can hold."""
+        """Standard deviation of a difference by rounding two readings to the last decimal, or by float64."""
         table = self.table
         return max(table.resolution_m / np.sqrt(6.0), 1e-12 * float(np.abs(table.deflection_m).max()))
 
     def screened(self, model: str, start_Nm2: float, offset: bool) -> _RodFit:
-        """Fitted to the readings that are not outliers."""
+        """Fits a model to the readings that are not outliers."""
         shape = self.forward(model)(start_Nm2)
         factor, intercept = _robust_line(shape, self.table.deflection_m, offset)
         kept = ~outlying(self.table.deflection_m - factor * shape - intercept, self.least_std_m)
@@ -380,12 +454,12 @@ class _RodFit:
 
     bench: _Bench
     model: str
-    parameters: Parameters
+    parameters: _CompliancePoint
     kept: np.ndarray
     offset: bool
 
     def refitted(self, offset: bool, turning: bool = False) -> _RodFit:
-        """The same model and readings under other assumptions."""
+        """Fits the same model to the same readings under other assumptions."""
         return self.bench.fitted(self.model, self.kept, self.parameters.stiffness_Nm2, offset, turning)
 
     def judged(self, clamp: float) -> tuple[BeamFit, _ErrorModels, float]:
@@ -407,7 +481,7 @@ class _RodFit:
         return fit, errors, errors.half_width(np.eye(len(covariance))[0], clamp)
 
     def _slope_at_load(self) -> float:
-        return slope_at_load(self.model, self.bench.force_N, self.bench.distance_m, self.parameters.stiffness_Nm2)
+        return _slope_at(self.model, self.bench.force_N, self.bench.distance_m, self.parameters.stiffness_Nm2)
 
     def clamp_effect(self, share_std: float) -> float:
         """Relative std of EI from the clamp's prior: how a turned clamp leaks into the estimated compliance."""

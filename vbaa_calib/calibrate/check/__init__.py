@@ -1,1 +1,1 @@
-"""Is a rig still right? New pictures against its predictions."""
+"""Whether a rig is valid: new pictures against its predictions."""

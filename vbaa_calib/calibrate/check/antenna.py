@@ -21,25 +21,22 @@ from vbaa_calib.rig.reprojection import feet, image_curves
 from vbaa_calib.session import Drift, Load, LoadReadings, Still
 
 from .finding import HOLDS, Checked, Discrepancy, Finding, judged, not_given, plus_minus
+from .settings import CheckSettings
 
-_POINTS, _MOMENT, _BOTH = slice(-1), slice(-1, None), slice(None)  # rows of a `CheckedStill`
-_WINDOW, _FAR = 25, 5.0  # points this many deviations off the median of their neighbours are left out
-_CLAMP, _BOW, _STIFFNESS = ANTENNA.start + np.arange(4), ANTENNA.start + np.arange(4, 6), ANTENNA.start + 6
-_FREE_SHAPE = np.concatenate([_CLAMP, _BOW])
-_FREE_FLOOR_MM = 0.1
+_POINTS = slice(-1)  # rows of a `CheckedStill` by its points,
+_MOMENT = slice(-1, None)  # and by its moment
+_FREE_SHAPE = ANTENNA.start + np.arange(6)  # places among `RIG_PARAMETERS`: the clamp's four, the bow's two
+_STIFFNESS = ANTENNA.start + 6  # and that of EI
 _SCALE = np.array([0.01] * 3 + [1e-3] * 3 + [1e-3] * 2 + [0.01] * 2 + [0.1] * 2 + [0.05, 0.2, 1e-3, 0.05])
 """Noticeable changes of pose, antenna and gain; the offset's is ten times the sensor's noise."""
-_WRONG_ROW_STD = 5.0
-_UNSEEN_MM = 2.0  # standard deviation of the tip in a direction that the pictures do not show
-_NO_FREE, _NO_LOADS = "no picture of the free antenna (noload/)", "no known loads (loads/)"
-_UNREAD = "no reading was given with the picture of the free antenna (--moment)"
+_NO_FREE = "no picture of the free antenna (noload/)"  # why a question is left open
+_NO_LOADS = "no known loads (loads/)"  # the same
 _NUMBERS = {
     "stiffness": ("EI {} % against the rig", 100.0, 100.0, "% of EI"),
     "sensor_offset": ("offset {} mN·m against the rig", 1e3, 1e3, "mN·m"),
     "sensor_gain": ("gain {} against the rig", 1.0, 100.0, "% of the reading"),
 }
 """What is said of a change, the factor of the number in it, and factor and unit of its size."""
-_FLOOR_PERCENT, _SIGNIFICANT_STD = 0.5, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,19 +60,19 @@ class CheckedStill:
         return bool(np.isfinite(self.still.moment_Nm))
 
     def common(self) -> dict[str, Any]:
-        """What check.json has of every picture: its name, and its points' residuals, rms in deviations."""
+        """The entry of check.json for any picture: its name, and its points' residuals, rms in deviations."""
         name = self.still.image.name if self.still.image else "?"
         return {"image": name, "rms_std": float(np.sqrt((self.residuals[_POINTS] ** 2).mean()))}
 
 
 def _without_load(one: Observation) -> Observation:
-    """Its node `CONTACT` stays where the load hangs."""
+    """The observation without its load; its node `CONTACT` stays where the load hangs."""
     bare = replace(one.still, force_y_N=0.0, force_z_N=0.0) if isinstance(one.still, Load) else one.still
     return replace(one, still=bare)
 
 
 def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = EXACT) -> list[CheckedStill]:
-    """Every still against the rig's prediction; readings : how well loads' places and weights are known."""
+    """Every static frame against the rig's prediction; readings : how well loads' places and weights are known."""
     sensor, noise, view = rig.moment_sensor, rig.image.noise_scale, rig.T_antenna_camera.inverse()
     mean = np.concatenate([rig.antenna.parameters, [sensor.gain, sensor.offset_Nm]])
     # steps along its axes are steps of the lens' parameters, of one that counts as exact, too
@@ -97,8 +94,10 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     for index, (observation, (misfits, slopes), by_load) in enumerate(rows):
         own, points = curves.picked(np.array([index])), problem.seen_at_lens[index]
         # points that lie where their neighbours do
-        off = misfits[_POINTS] - median_filter(misfits[_POINTS], min(_WINDOW, len(misfits) - 1), mode="nearest")
-        near = np.append(np.abs(off) <= _FAR * max(mad_std(off), 0.2), True)
+        off = misfits[_POINTS] - median_filter(
+            misfits[_POINTS], min(CheckSettings.neighbours, len(misfits) - 1), mode="nearest"
+        )
+        near = np.append(np.abs(off) <= CheckSettings.outlying_point * max(mad_std(off), 0.2), True)
         # points: distances from the prediction, which moves the other way; moment: the prediction less the reading
         sign = np.append(-np.ones(near.sum() - 1), 1.0)[:, None]
         residuals = -sign[:, 0] * misfits[near]
@@ -126,8 +125,8 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
 
 
 def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) -> Checked:
-    """Free shape, then stiffness, offset, gain; what has changed is free in the estimates after it. camera_known : the
-    camera's pose was checked by a board."""
+    """Checks free shape, stiffness, offset and gain in this order; what has changed is free in the estimates after it.
+    camera_known : the camera's pose was checked by a board."""
     free = [one for one in stills if not isinstance(one.still, Load)]
     loaded = [one for one in stills if isinstance(one.still, Load)]
     covariance = rig.joint_covariance
@@ -140,7 +139,9 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
         return change_test(data, covariance, np.asarray(wanted), scale, changed)
 
     data = _information(free, _POINTS, count)
-    shape = _shape_finding(rig, free, [change(data, which) for which in (_FREE_SHAPE, _CLAMP, _BOW)], camera_known)
+    shape = _shape_finding(
+        rig, free, [change(data, which) for which in (_FREE_SHAPE, _FREE_SHAPE[:4], _FREE_SHAPE[4:])], camera_known
+    )
     changed += _FREE_SHAPE.tolist() if shape.is_bad else []
     by_load = [change(data + _information([one], _POINTS, count), [_STIFFNESS]) for one in loaded]
     # the points of the loads come in again with their readings, of which they share the errors
@@ -160,10 +161,11 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
     }
     if not sensor.exists:
         return Checked((shape, stiffness), document)
-    found = change(bent + zero, [OFFSET]) if read else _UNREAD if free else _NO_FREE
+    unread = "no reading was given with the picture of the free antenna (--moment)" if free else _NO_FREE
+    found = change(bent + zero, [OFFSET]) if read else unread
     offset = _number_finding("sensor_offset", found, _NO_FREE, _offset_remedy(rig, read), 1e3 * sensor.std_Nm)
     changed += [OFFSET] if not read or offset.is_bad else []
-    found = change(data + zero + _information(loaded, _BOTH, count), [GAIN]) if loaded else _NO_LOADS
+    found = change(data + zero + _information(loaded, slice(None), count), [GAIN]) if loaded else _NO_LOADS
     hidden = "the given loads do not show the gain: add one that leaves plane C (force_z_N)"
     remedy = "check the loads' signs and the sensor's wiring, then calibrate again"
     gain = _number_finding("sensor_gain", found, hidden, remedy)
@@ -171,8 +173,8 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
 
 
 def _information(stills: Sequence[CheckedStill], rows: slice, count: int) -> np.ndarray:
-    """Products of some rows of stills by the rig's parameters, so many: places and weights that loads share are off
-    alike, and the points of a line have errors in common."""
+    """Products of some rows of static frames by the rig's parameters, so many: places and weights that loads share are
+    off alike, and the points of a line have errors in common."""
     keys = [reading_keys(one.still) if isinstance(one.still, Load) else () for one in stills]
     names = list(dict.fromkeys(key for own in keys for key in own))
     jacobian, residuals, nuisance = [np.zeros((0, count))], [np.zeros(0)], [np.zeros((0, len(names) + 3 * len(stills)))]
@@ -187,18 +189,20 @@ def _information(stills: Sequence[CheckedStill], rows: slice, count: int) -> np.
 
 
 def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[ScoreTest], camera_known: bool) -> Finding:
-    """changes : of clamp and bow together, and of each with the other fixed."""
+    """The finding on the free shape. changes : of clamp and bow together, and of each with the other fixed."""
     shape, clamp, bow = changes
     if shape.freedom == 0:
         return not_given("free_antenna", _NO_FREE)
-    step = np.concatenate([shape.clear(_SIGNIFICANT_STD), [0.0, 0.0, 0.0]])
+    step = np.concatenate([shape.clear(CheckSettings.significant), [0.0, 0.0, 0.0]])
     before_m, after_m = _free_points_m(rig, np.stack([np.zeros_like(step), step]))
     moved_mm = 1e3 * float(np.linalg.norm(after_m - before_m, axis=1).max())
-    evidence = Discrepancy(shape.distance_std, shape.freedom, moved_mm, _FREE_FLOOR_MM, "mm along the antenna")
+    evidence = Discrepancy(
+        shape.distance_std, shape.freedom, moved_mm, CheckSettings.free_floor_mm, "mm along the antenna"
+    )
     words = f"off by at most {moved_mm:.2f} mm" if moved_mm > 0 else "no difference beyond its uncertainty"
     largest_mm = max(float(np.abs(one.residual_mm).max()) for one in free)
     words += f"; single points lie within {largest_mm:.2f} mm"
-    if _tip_std_mm(rig, shape.covariance) > _UNSEEN_MM:
+    if _tip_std_mm(rig, shape.covariance) > CheckSettings.unseen_mm:
         words += "; the tip's position along the line of sight is not visible"
     if evidence.level == HOLDS:
         return judged("free_antenna", words, "", evidence)
@@ -215,7 +219,7 @@ def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[Sco
 
 
 def _tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
-    """Of the free tip in its worst direction, by the (6, 6) covariance of clamp and bow."""
+    """Standard deviation of the free tip in its worst direction, mm, by the (6, 6) covariance of clamp and bow."""
     steps = RIG_STEPS[ANTENNA]
     tips = _free_points_m(rig, np.vstack([np.zeros(9), np.diag(steps)[:6]]))[:, -1]
     slopes = ((tips[1:] - tips[0]) / steps[:6, None]).T
@@ -223,7 +227,7 @@ def _tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
 
 
 def _free_points_m(rig: Rig, steps: np.ndarray) -> np.ndarray:
-    """(S, nodes, 3) of the weightless free antenna, its parameters off by steps (S, 9)."""
+    """Points (S, nodes, 3) of the weightless free antenna, its parameters off by steps (S, 9)."""
     zero, parameters = np.zeros((len(steps), 3)), rig.antenna.parameters + steps
     return bend(
         parameters, rig.antenna.length_m, zero, np.full(len(steps), 0.1), zero[:, 1:], taper=rig.antenna.taper
@@ -231,9 +235,9 @@ def _free_points_m(rig: Rig, steps: np.ndarray) -> np.ndarray:
 
 
 def _number_finding(
-    name: str, change: ScoreTest | str, hidden: str, remedy: str, floor: float = _FLOOR_PERCENT
+    name: str, change: ScoreTest | str, hidden: str, remedy: str, floor: float = CheckSettings.number_floor_percent
 ) -> Finding:
-    """change : of one number; or why there is none. hidden : why the data may not show it."""
+    """The finding on one number. change : of it; or why there is none. hidden : why the data may not show it."""
     if isinstance(change, str) or change.freedom == 0:
         return not_given(name, change if isinstance(change, str) else hidden)
     template, printed, factor, unit = _NUMBERS[name]
@@ -244,7 +248,7 @@ def _number_finding(
 
 
 def _offset_remedy(rig: Rig, stills: Sequence[CheckedStill]) -> str:
-    """stills : of the free antenna, with their readings."""
+    """Remedy of a changed offset. stills : of the free antenna, with their readings."""
     read = np.array([one.still.moment_Nm for one in stills])
     expected = read - [one.moment_residual_Nm for one in stills]
     noise = 10.0 * rig.moment_sensor.std_Nm + 0.1 * np.abs(expected)
@@ -259,7 +263,10 @@ def _offset_remedy(rig: Rig, stills: Sequence[CheckedStill]) -> str:
 def _load_row(one: CheckedStill, step: float, std: float) -> dict[str, Any]:
     """A load in check.json: prediction against observation. step, std : change of log EI by it alone."""
     load, residual = cast(Load, one.still), one.moment_residual_Nm
-    wrong = abs(step) > max(_WRONG_ROW_STD * std, 0.02) or abs(residual) > _WRONG_ROW_STD * one.moment_std_Nm
+    wrong = (
+        abs(step) > max(CheckSettings.wrong_row * std, 0.02)
+        or abs(residual) > CheckSettings.wrong_row * one.moment_std_Nm
+    )
     return one.common() | {
         "distance_mm": 1e3 * load.distance_m,
         "force_y_mN": 1e3 * load.force_y_N,

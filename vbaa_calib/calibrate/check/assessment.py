@@ -37,9 +37,8 @@ from .boards import check_lens, check_pose
 from .finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Checked, Finding, worst
 from .rig import at, number_at, rig_findings, rig_maps, rig_numbers
 
-_SCHEMA = "vbaa.check/1"
-_PARTS = ("intrinsics", "plane", "noload", "loads")
-_NO_JIG = "session.yaml does not say where the jig is"
+_PARTS = ("intrinsics", "plane", "noload", "loads")  # folders of a session that a rig is checked against
+_NO_JIG = "session.yaml does not say where the jig is"  # why the camera's pose is left open
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +60,6 @@ class NewPictures:
             raise InputError(f"moment_Nm is {self.moment_Nm:g}", remedy="give the sensor's reading in N·m, or leave it")
 
 
-_VERDICTS = {
-    HOLDS: "This rig holds.",
-    LOOK: "Look at this rig before you rely on it.",
-    FAILS: "This rig does not hold.",
-    NOT_GIVEN: "There is nothing to judge this rig by.",
-}
-
-
 @dataclass(frozen=True, eq=False)
 class Assessment:
     """The result of `assess`."""
@@ -83,7 +74,7 @@ class Assessment:
 
     @property
     def answers(self) -> list[Finding]:
-        """All of them, those on new pictures first."""
+        """All findings, those on new pictures first."""
         return [*(self.session.findings if self.session else ()), *self.findings]
 
     @property
@@ -94,8 +85,14 @@ class Assessment:
     @property
     def headline(self) -> str:
         """The verdict in a sentence."""
-        fits = self.own_pictures and self.verdict == HOLDS
-        return "This rig fits its calibration's pictures." if fits else _VERDICTS[self.verdict]
+        if self.own_pictures and self.verdict == HOLDS:
+            return "This rig fits its calibration's pictures."
+        return {
+            HOLDS: "This rig holds.",
+            LOOK: "Look at this rig before you rely on it.",
+            FAILS: "This rig does not hold.",
+            NOT_GIVEN: "There is nothing to judge this rig by.",
+        }[self.verdict]
 
     @property
     def words(self) -> str:
@@ -113,10 +110,10 @@ class Assessment:
         return " ".join(sentences)
 
     def to_dict(self) -> dict[str, Any]:
-        """check.json: the report is made from this alone."""
+        """The document check.json, from which alone the report is made."""
         session = self.session or Checked((), {})
         return {
-            "schema": _SCHEMA,
+            "schema": "vbaa.check/1",
             "rig": str(self.path),
             "verdict": self.verdict,
             "headline": self.headline,
@@ -132,7 +129,7 @@ class Assessment:
 
 
 def assess(path: Path, session_root: Path | None = None, new: NewPictures | None = None) -> Assessment:
-    """Judge a rig.json by itself, and against a session or new pictures where they are given. With new pictures the
+    """Judge a rig.json by itself, and against a session or new pictures. With new pictures the
     session, or without one rig.json's record, describes jig and board; its own pictures are not read.
 
     Raises InputError for a broken rig or session, pictures of another size than the lens', a session without any of
@@ -188,7 +185,7 @@ def _from_session(session: Session) -> _Inputs:
         raise InputError(what, where=session.root, remedy="one picture in plane/ and one in noload/ will do")
     noload = read_noload(session) if "noload" in parts else []
     loads = read_loads(session) if "loads" in parts else []
-    boards = {part: list_images(session.root / part) for part in _PARTS[:2] if part in parts}
+    boards = {part: list_images(session.folder(part)) for part in _PARTS[:2] if part in parts}
     return _Inputs(session, parts, boards, [*noload, *loads])
 
 
@@ -224,7 +221,8 @@ def _recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Sess
 
 
 def _refuse_calibration_pictures(used: Collection[str], new: NewPictures, path: Path) -> None:
-    """A picture that the rig was calibrated from fits whatever has happened since. used : SHA-256 of those."""
+    """Refuses pictures that the rig was calibrated from, which fit whatever has happened since. used : SHA-256 of
+    those."""
     for picture in (new.board, new.free):
         if picture is not None and picture.is_file() and sha256(picture) in used:
             what = f"is one of the pictures that {path} was calibrated from"
@@ -232,7 +230,7 @@ def _refuse_calibration_pictures(used: Collection[str], new: NewPictures, path: 
 
 
 def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Checked:
-    """The lens, then the camera's pose, then the antenna and the sensor, each after those before."""
+    """Checks the lens, then the camera's pose, then antenna and sensor, each with the results before it."""
     session, parts = inputs.session, inputs.parts
     check_pictures(progress(inputs.pictures, "reading the pictures"), rig.camera.image_size, "the rig's lens is")
     # the board's shape as the calibration found it

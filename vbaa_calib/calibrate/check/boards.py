@@ -8,9 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vbaa_calib.calibrate.antenna.problem import POSE
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.models import pose_slopes, projected
 from vbaa_calib.calibrate.lens.outliers import DroppedView, inlier_masks, usable_views
+from vbaa_calib.calibrate.lens.settings import LensSettings
 from vbaa_calib.calibrate.lens.uncertainty import compensate, pixel_grid, projection_jacobian
 from vbaa_calib.calibrate.pose.board_pose import jig_estimate, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
@@ -25,15 +27,9 @@ from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import Session
 
 from .finding import HOLDS, LOOK, Checked, Discrepancy, Finding, judged, not_given, plus_minus
+from .settings import CheckSettings
 
-_MIN_CORNERS = 6
 FOCUS = 4  # parameters that a refocus or a knock changes first: fx, fy, cx, cy
-_NOTICEABLE_FOCAL, _NOTICEABLE_CENTRE_PX = 0.01, 10.0
-_MORE_RMS_PERCENT = 50.0  # excess scatter of corners that light and blur may explain
-_FLOOR_PX, _SIGNIFICANT_STD = 0.1, 3.0
-_CORRELATED = 4.0
-"""Corners that share one error, as far as smooth changes go: rendered pictures of an unchanged lens give changes of
-1.7 times the deviations that independent corners would have."""
 
 
 class _CheckedView(NamedTuple):
@@ -48,7 +44,7 @@ class _CheckedView(NamedTuple):
     good: np.ndarray  # (N,) corners that are no outliers
 
     def to_dict(self) -> dict[str, Any]:
-        """For check.json, pixels to thousandths."""
+        """The entry of check.json, pixels to thousandths."""
         return {
             "name": self.name,
             "folder": self.folder,
@@ -106,10 +102,10 @@ def check_lens(
     spare = freedom - axes.shape[1]
     left, spare = (left, spare) if spare >= FOCUS else (residuals, max(freedom, 1))
     variance_px2 = max(float(left @ left / spare), 1e-12)
-    noise_px = np.sqrt(_CORRELATED * variance_px2)
+    noise_px = np.sqrt(CheckSettings.shared_corners * variance_px2)
     data = products(jacobian / noise_px, residuals / noise_px)
-    focal = _NOTICEABLE_FOCAL * camera.matrix[[0, 1], [0, 1]]
-    scale = np.concatenate([focal, [_NOTICEABLE_CENTRE_PX] * 2, np.full(len(camera.distortion), 0.01)])
+    focal = CheckSettings.noticeable_focal * camera.matrix[[0, 1], [0, 1]]
+    scale = np.concatenate([focal, [CheckSettings.noticeable_centre_px] * 2, np.full(len(camera.distortion), 0.01)])
     change = change_test(data, covariance, np.arange(FOCUS), scale)
     fit = _fit_finding(rms_px, expected_px, freedom, len(views))
     if fit.is_bad and (misread := lens_reading_diagnoses((camera, None, [view for _, view in boards], points_m))):
@@ -127,26 +123,27 @@ def check_lens(
 
 
 def _fit_finding(rms_px: float, expected_px: float | None, freedom: int, views: int) -> Finding:
-    """rms_px : of the good corners, per degree of freedom. expected_px : by the calibration's and the covariance."""
+    """The finding on the fit of the lens. rms_px : of the good corners, per degree of freedom. expected_px : by the
+    calibration's and the covariance."""
     words = f"rms {rms_px:.3f} px in {_pictures(views)}"
     if expected_px is None:
         return not_given("lens_fit", f"{words}; the calibration's is not recorded in rig.json")
     ratio = rms_px / max(expected_px, 1e-9)
     distance_std = max(ratio**2 - 1.0, 0.0) / float(np.sqrt(2.0 / freedom))
-    evidence = Discrepancy(distance_std, 1, 100 * max(ratio - 1.0, 0.0), _MORE_RMS_PERCENT, "% more rms")
+    evidence = Discrepancy(distance_std, 1, 100 * max(ratio - 1.0, 0.0), CheckSettings.more_rms_percent, "% more rms")
     words += f", {expected_px:.3f} px expected from the calibration"
     remedy = "shoot sharper and better lit pictures of a flat board; if it stays so, calibrate the lens again"
     return judged("lens_fit", words, remedy, evidence)
 
 
 def _focus_finding(camera: Camera, change: ScoreTest, views: int) -> Finding:
-    """change : of fx, fy, cx, cy."""
+    """The finding on the focus. change : of fx, fy, cx, cy."""
     if change.freedom == 0:
         why = f"{_pictures(views)} cannot decide: a board that fills the picture, tilted by 30 to 45 degrees, would"
         return not_given("lens_focus", why)
     # the motion over the picture by what is significant, a turn of the camera compensated
     pixels = pixel_grid(camera.image_size)
-    by_focus = projection_jacobian(camera, pixels)[..., :FOCUS] @ change.clear(_SIGNIFICANT_STD)
+    by_focus = projection_jacobian(camera, pixels)[..., :FOCUS] @ change.clear(CheckSettings.significant)
     moved = compensate(camera, pixels, by_focus[..., None])[..., 0]
     change_px = float(np.sqrt(np.nanmean((moved**2).sum(axis=-1))))
     focal, mean = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]), np.array([0.5, 0.5])
@@ -161,7 +158,10 @@ def _focus_finding(camera: Camera, change: ScoreTest, views: int) -> Finding:
         words = f"{_pictures(views)} determine{'s' * (views == 1)} {change.freedom} of these {FOCUS} numbers: {words}"
     remedy = "lock focus, zoom and autofocus, then calibrate again: `vbaa calibrate`"
     return judged(
-        "lens_focus", words, remedy, Discrepancy(change.distance_std, change.freedom, change_px, _FLOOR_PX, "px")
+        "lens_focus",
+        words,
+        remedy,
+        Discrepancy(change.distance_std, change.freedom, change_px, CheckSettings.lens_floor_px, "px"),
     )
 
 
@@ -172,7 +172,7 @@ def _pictures(count: int) -> str:
 def _posed(
     camera: Camera, boards: Sequence[tuple[str, BoardView]], board: BoardShape
 ) -> tuple[list[_CheckedView], list[DroppedView]]:
-    usable, dropped = usable_views([view for _, view in boards], board.nominal_m, _MIN_CORNERS)
+    usable, dropped = usable_views([view for _, view in boards], board.nominal_m, LensSettings.min_corners)
     points = board.points_m
     found: list[_CheckedView] = []
     for folder, view in ((folder, view) for folder, view in boards if any(view is one for one in usable)):
@@ -188,14 +188,12 @@ def _posed(
         found.append(_CheckedView(view.name, folder, pose, ids, corners_px, corners_px - predicted[seen], seen))
     masks = inlier_masks([np.linalg.norm(view.residuals_px, axis=1) for view in found]) if found else []
     found = [view._replace(good=good) for view, good in zip(found, masks, strict=True)]
-    odd = [view.name for view in found if view.good.sum() < _MIN_CORNERS]
-    dropped += [DroppedView(name, "most of its corners lie far off any pose of the board") for name in odd]
-    return [view for view in found if view.good.sum() >= _MIN_CORNERS], dropped
+    contradicting = [view.name for view in found if view.good.sum() < LensSettings.min_corners]
+    dropped += [DroppedView(name, "most of its corners lie far off any pose of the board") for name in contradicting]
+    return [view for view in found if view.good.sum() >= LensSettings.min_corners], dropped
 
 
-_FLOOR_MM = 0.1  # a board taken out of its jig and put back lies within this, and a point on plane C moves with it
-_ALONG_SIGHT = 0.97
-_POSE, _LENS = slice(0, len(POSE_PARAMETERS)), slice(len(RIG_PARAMETERS), None)
+_LENS = slice(len(RIG_PARAMETERS), None)  # places of the lens after `RIG_PARAMETERS`
 
 
 def check_pose(
@@ -213,9 +211,9 @@ def check_pose(
     board = solve_board_pose(views, shape, rig.camera)
     jig = jig_estimate(board, T_antenna_board)
     joint, by_lens = rig.joint_covariance, jig.lens_sensitivity
-    shared = by_lens @ joint[_LENS, _POSE]
+    shared = by_lens @ joint[_LENS, POSE]
     covariance = jig.covariance + by_lens @ joint[_LENS, _LENS] @ by_lens.T
-    covariance = covariance + joint[_POSE, _POSE] - shared - shared.T
+    covariance = covariance + joint[POSE, POSE] - shared - shared.T
     step, std = jig.T_antenna_camera.tangent_from(rig.T_antenna_camera), np.sqrt(np.diag(covariance))
     on_plane_mm = 1e3 * _on_plane_m(rig, jig.T_antenna_camera)
     words = (
@@ -226,12 +224,12 @@ def check_pose(
     remedy = "tighten the camera's mount, check that the board sits in its jig, then calibrate again: `vbaa calibrate`"
     sight = jig.T_antenna_camera.rotation @ (board.T_camera_board @ shape.points_m.mean(axis=0))
     lengths = float(np.linalg.norm(step[3:]) * np.linalg.norm(sight))
-    if abs(float(step[3:] @ sight)) > _ALONG_SIGHT * max(lengths, 1e-15):
+    if abs(float(step[3:] @ sight)) > CheckSettings.along_sight * max(lengths, 1e-15):
         remedy = "it moved along its line of sight, which a refocus looks like, too: check the focus, then " + remedy
     if not lens_holds:
         remedy = "mend the lens first: the rest may come from it. Then " + remedy
     distance_std = float(np.sqrt(chi_square(step, covariance)))
-    evidence = Discrepancy(distance_std, len(POSE_PARAMETERS), on_plane_mm, _FLOOR_MM, "mm on plane C")
+    evidence = Discrepancy(distance_std, len(POSE_PARAMETERS), on_plane_mm, CheckSettings.jig_floor_mm, "mm on plane C")
     finding = judged("camera_pose", words, remedy, evidence)
     if finding.level == HOLDS and board.is_ambiguous:
         why = "the board in the jig has a second pose that fits nearly as well: take it from a steeper angle"
@@ -252,9 +250,9 @@ def check_pose(
 def _with_jig_pose(rig: Rig, jig: PoseEstimate) -> Rig:
     joint = rig.joint_covariance.copy()
     shared = jig.lens_sensitivity @ joint[_LENS, _LENS]
-    joint[_POSE], joint[:, _POSE] = 0.0, 0.0
-    joint[_POSE, _POSE] = jig.covariance + shared @ jig.lens_sensitivity.T
-    joint[_POSE, _LENS], joint[_LENS, _POSE] = shared, shared.T
+    joint[POSE], joint[:, POSE] = 0.0, 0.0
+    joint[POSE, POSE] = jig.covariance + shared @ jig.lens_sensitivity.T
+    joint[POSE, _LENS], joint[_LENS, POSE] = shared, shared.T
     return replace(rig, T_antenna_camera=jig.T_antenna_camera, covariance=joint)
 
 
@@ -262,7 +260,7 @@ def _on_plane_m(rig: Rig, T_antenna_camera: Pose) -> float:
     """Largest distance of the antenna's axis from itself on plane C, seen from this pose and read with the rig's."""
     axis = rig.antenna.length_m * np.linspace(0.0, 1.0, 9)[:, None] * np.array([1.0, 0.0, 0.0])
     pixels, seen = rig.camera.project(T_antenna_camera.inverse() @ axis)
-    points, crossed = rig.camera_on_plane().project(pixels)
+    points, crossed = rig.on_plane_C(pixels)
     off = np.linalg.norm(points - axis[:, :2], axis=1)[seen & crossed]
     # an axis that the moved camera does not see at all has moved by more than its length
     return float(off.max()) if len(off) else rig.antenna.length_m

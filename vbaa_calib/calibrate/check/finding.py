@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
-HOLDS, LOOK, FAILS, NOT_GIVEN = "holds", "look at", "does not hold", "not given"
-_LEVELS = (HOLDS, LOOK, FAILS)
-_LOOK_CHANCE, _FAIL_CHANCE = 2.7e-3 / 7, 5.7e-7
-"""How often an unchanged rig exceeds each limit in one question: 3 standard deviations over the seven that are asked of
-new pictures, together, and 5 of one normal number."""
-_FAIL_FLOORS = 2.0  # a difference fails a rig from this many times the practical floor on
+from .settings import CheckSettings
 
+HOLDS = "holds"  # levels of an answer, the best first
+LOOK = "look at"  # a warning
+FAILS = "does not hold"  # the rig must not be used
+NOT_GIVEN = "not given"  # the data leave the question open
+
+# by the key in check.json
 _QUESTIONS = {
     "plane_c": "How well is a point on plane C known?",
     "lens_region": "Does every pixel have one ray?",
@@ -46,7 +47,10 @@ class Discrepancy:
     @property
     def limits_std(self) -> tuple[float, float]:
         """Distances from which the level is `LOOK` and `FAILS`."""
-        look, fail = (float(np.sqrt(chdtri(self.freedom, chance))) for chance in (_LOOK_CHANCE, _FAIL_CHANCE))
+        look, fail = (
+            float(np.sqrt(chdtri(self.freedom, chance)))
+            for chance in (CheckSettings.look_chance, CheckSettings.fail_chance)
+        )
         return look, fail
 
     @property
@@ -55,10 +59,10 @@ class Discrepancy:
         look, fail = self.limits_std
         if self.distance_std <= look or self.size <= self.floor:
             return HOLDS
-        return FAILS if self.distance_std > fail and self.size > _FAIL_FLOORS * self.floor else LOOK
+        return FAILS if self.distance_std > fail and self.size > CheckSettings.fail_floors * self.floor else LOOK
 
     def to_dict(self) -> dict[str, Any]:
-        """For check.json."""
+        """The entry of check.json."""
         look, fail = self.limits_std
         return {**asdict(self), "look_from_std": look, "fails_from_std": fail}
 
@@ -80,11 +84,11 @@ class Finding:
 
     @property
     def question(self) -> str:
-        """In words."""
+        """The question in words."""
         return _QUESTIONS[self.name]
 
     def to_dict(self) -> dict[str, Any]:
-        """For check.json."""
+        """The entry of check.json."""
         evidence = None if self.evidence is None else self.evidence.to_dict()
         return {**vars(self), "question": self.question, "evidence": evidence}
 
@@ -109,8 +113,9 @@ def not_given(name: str, why: str) -> Finding:
 
 def worst(findings: Sequence[Finding]) -> str:
     """The worst level of the answered questions; `NOT_GIVEN` where none is answered."""
-    answered = [finding.level for finding in findings if finding.level in _LEVELS]
-    return max(answered, key=_LEVELS.index, default=NOT_GIVEN)
+    levels = (HOLDS, LOOK, FAILS)
+    answered = [finding.level for finding in findings if finding.level in levels]
+    return max(answered, key=levels.index, default=NOT_GIVEN)
 
 
 def plus_minus(value: float, std: float) -> str:

@@ -9,26 +9,19 @@ import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
 from vbaa_calib.calibrate.lens.uncertainty import pixel_grid, projection_uncertainty
-from vbaa_calib.calibrate.pose.board_pose import AMBIGUOUS
+from vbaa_calib.calibrate.pose.settings import PoseSettings
 from vbaa_calib.geometry.independent_axes import largest_std
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Finding
-
-_GRID = (49, 37)
-_REACH_LENGTHS = 1.5  # plane C is mapped up to this distance from the clamp, in antenna lengths
-_ALONG = (0.0, 0.25, 0.5, 0.75, 1.0)
-_PLANE_LOOK_MM, _PLANE_FAIL_MM = 0.2, 1.0
-_STIFFNESS_LOOK, _STIFFNESS_FAIL = 0.01, 0.05
-_NOMINAL_LOOK = 0.15
-_GAIN_LOOK, _GAIN_FAIL = 0.02, 0.1
+from .settings import CheckSettings
 
 
 def rig_maps(rig: Rig) -> dict[str, Any]:
-    """For check.json: deviations of the projection, a turn of the camera taken out, and on plane C."""
+    """Maps for check.json: standard deviations of the projection, a turn of the camera taken out, and on plane C."""
     camera, projection = rig.camera, None
     if camera.covariance is not None:
-        pixels, _, std_px = projection_uncertainty(camera, compensated=True, grid=_GRID)
+        pixels, _, std_px = projection_uncertainty(camera, compensated=True, grid=CheckSettings.map_grid)
         projection = _map_document(pixels, std_px, "px")
     pixels, std_mm = _plane_map(rig)
     along = zip(*_along(rig), strict=True)
@@ -45,9 +38,9 @@ def rig_maps(rig: Rig) -> dict[str, Any]:
 
 def _plane_map(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (R, C, 2), worst deviation (R, C), mm, of the point on plane C that each shows; NaN out of reach."""
-    pixels = pixel_grid(rig.camera.image_size, _GRID)
-    points, seen = rig.camera_on_plane().project(pixels)
-    near = seen & (np.linalg.norm(np.nan_to_num(points), axis=-1) <= _REACH_LENGTHS * rig.antenna.length_m)
+    pixels = pixel_grid(rig.camera.image_size, CheckSettings.map_grid)
+    points, seen = rig.on_plane_C(pixels)
+    near = seen & (np.linalg.norm(np.nan_to_num(points), axis=-1) <= CheckSettings.reach_lengths * rig.antenna.length_m)
     return pixels, np.where(near, 1e3 * _plane_std_m(rig, pixels), np.nan)
 
 
@@ -65,7 +58,7 @@ def _map_document(pixels: np.ndarray, std: np.ndarray, unit: str) -> dict[str, A
 
 def _along(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Arc lengths (S,) m, pixels (S, 2) of the antenna's axis there, NaN outside the picture, and deviation (S,) m."""
-    s = rig.antenna.length_m * np.array(_ALONG)
+    s = rig.antenna.length_m * np.array(CheckSettings.along)
     pixels, seen = rig.camera.project(rig.T_antenna_camera.inverse() @ (s[:, None] * np.array([1.0, 0.0, 0.0])))
     inside = seen & rig.camera.in_picture(pixels)
     std = np.full(len(s), np.nan)
@@ -74,7 +67,7 @@ def _along(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _plane_std_m(rig: Rig, pixels: np.ndarray) -> np.ndarray:
-    jacobian = np.asarray(rig.camera_on_plane().calibration_jacobian(pixels))
+    jacobian = rig.plane_C_jacobian(pixels)
     return largest_std(jacobian @ rig.plane_covariance() @ np.swapaxes(jacobian, -1, -2))
 
 
@@ -90,14 +83,14 @@ def number_at(data: Any, *keys: str) -> float | None:
 
 
 def at(data: Any, *keys: str) -> Any:
-    """What is at a path of keys; None where something else is on the way."""
+    """Value at a path of keys; None where something else is on the way."""
     for key in keys:
         data = data.get(key) if isinstance(data, Mapping) else None
     return data
 
 
 def rig_numbers(rig: Rig, nominal_Nm2: float | None) -> dict[str, Any]:
-    """Camera, lens, antenna (EI beside the nominal one, where that is known) and sensor, with deviations."""
+    """Camera, lens, antenna (EI and the nominal one, where that is known) and sensor, with deviations."""
     camera, antenna, sensor = rig.camera, rig.antenna, rig.moment_sensor
     lens_std = None if camera.covariance is None else np.sqrt(np.diag(camera.covariance).clip(0.0)).tolist()
     pose_std = [rig.std(name) for name in POSE_PARAMETERS]
@@ -154,7 +147,7 @@ def rig_findings(rig: Rig, quality: Mapping[str, Any], nominal_Nm2: float | None
     if ratio is not None:
         remedy = "take the board in the jig from a steeper angle, calibrate again"
         words = f"its second pose fits {ratio:.1f} times worse"
-        second = _graded(name, -ratio, (-AMBIGUOUS, np.inf), words, remedy)
+        second = _graded(name, -ratio, (-PoseSettings.ambiguous, np.inf), words, remedy)
     elif number_at(quality, "plane_rms_px") is None:
         second = Finding(name, NOT_GIVEN, "not recorded")
     else:
@@ -187,10 +180,10 @@ def _plane_c(rig: Rig) -> Finding:
     std = np.sqrt(np.diag(rig.covariance)[:6])
     turned_m = float(std[:3].max()) * float(np.linalg.norm(rig.T_antenna_camera.translation_m))
     remedy = "add pictures of the board near the antenna, tilted by 30 to 45 degrees"
-    if 1e3 * max(turned_m, float(std[3:].max())) > _PLANE_LOOK_MM / 2:
+    if 1e3 * max(turned_m, float(std[3:].max())) > CheckSettings.plane_look_mm / 2:
         remedy = "know the jig's place and angles, and the print's size, better, or take a sweep of the joints besides"
     words = f"to {largest_mm:.3f} mm (1 std, worst direction) or better along the antenna"
-    found = _graded("plane_c", largest_mm, (_PLANE_LOOK_MM, _PLANE_FAIL_MM), words, remedy)
+    found = _graded("plane_c", largest_mm, (CheckSettings.plane_look_mm, CheckSettings.plane_fail_mm), words, remedy)
     if seen.all():
         return found
     words += f"; {int((~seen).sum())} of {len(seen)} places along it are outside the picture"
@@ -201,21 +194,24 @@ def _lens_region(rig: Rig) -> Finding:
     share = rig.camera.valid_region().image_fraction
     if share == 1.0:
         return Finding("lens_region", HOLDS, "the lens maps the whole picture one to one")
-    rays = np.asarray(rig.camera.unproject(pixel_grid(rig.camera.image_size, _GRID))[1])
+    rays = np.asarray(rig.camera.unproject(pixel_grid(rig.camera.image_size, CheckSettings.map_grid))[1])
     words = f"in {100 * share:.1f} % of the picture; {int((~rays).sum())} of {rays.size} places in the rest have no ray"
     return Finding("lens_region", LOOK, words, "add views of the board near the picture's border, calibrate again")
 
 
 def _stiffness(rig: Rig, nominal_Nm2: float | None) -> Finding:
     name, relative = "stiffness_known", rig.std("log_stiffness_Nm2")
-    limits, remedy = (_STIFFNESS_LOOK, _STIFFNESS_FAIL), "add known loads, heavier or further out"
+    limits, remedy = (
+        (CheckSettings.stiffness_look, CheckSettings.stiffness_fail),
+        "add known loads, heavier or further out",
+    )
     words = f"EI = {rig.antenna.stiffness_Nm2:.5g} N·m² ± {100 * relative:.2g} %"
     if nominal_Nm2 is None or nominal_Nm2 <= 0:
         return _graded(name, relative, limits, words + "; the nominal E·πd⁴/64 is not recorded", remedy)
     off = rig.antenna.stiffness_Nm2 / nominal_Nm2 - 1
     words += f", {100 * off:+.1f} % from E·πd⁴/64 = {nominal_Nm2:.4g} N·m²"
     found = _graded(name, relative, limits, words, remedy)
-    if abs(off) > max(_NOMINAL_LOOK, 3 * relative):
+    if abs(off) > max(CheckSettings.nominal_look, 3 * relative):
         remedy = "check the antenna's diameter, the loads and their unit"
         return Finding(name, found.level if found.is_bad else LOOK, words, remedy)
     return found
@@ -231,4 +227,6 @@ def _sensor(rig: Rig) -> Finding:
     if sensor.gain <= 0 and rig.wrench_sensor is None:
         return Finding("sensor_known", FAILS, words, "its sign is turned round: check the wiring, calibrate again")
     remedy = "add known loads that leave plane C (force_z_N)"
-    return _graded("sensor_known", std / abs(sensor.gain), (_GAIN_LOOK, _GAIN_FAIL), words, remedy)
+    return _graded(
+        "sensor_known", std / abs(sensor.gain), (CheckSettings.gain_look, CheckSettings.gain_fail), words, remedy
+    )

@@ -16,20 +16,9 @@ from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import STANDARD_GRAVITY_M_S2, Load, LoadReadings, Session, Still, gravity_antenna
 
-_STEEPEST_RAD = np.deg2rad(35.0)  # slope at the load up to which the model of the antenna is exact enough
-_NEAREST, _FARTHEST_M = 0.35, 5e-3  # part of the length, and m from the tip, between which loads hang
-_RULER_M, _PLACES = 5e-3, 9  # distances that are easily found on a ruler, and how many of them are tried
-_SIDEWAYS = 0.02  # part of a hanging weight that may pull along the antenna: only the force across it is known
-_STRAIGHT = np.cos(np.deg2rad(10.0))  # loads that pull further off gravity than this hang over a pulley
-_LEAST_VISIBLE = 0.97  # part of the visible free antenna that must also be visible of the loaded one
-_LOG_STIFFNESS = ANTENNA.start + 6
-_AXES = {(0, 1): "+y", (0, -1): "−y", (1, 1): "+z", (1, -1): "−z"}
-_ALONG = 0.5  # part of a force along an axis from which the load counts as one along it
-_LEAST_LOADS = 3  # a wrong row shows against two others
-_GAIN_STD = 0.02  # standard deviation of the moment sensor's gain that is good enough; loads in plane C do not show it
-_OUT_OF_PLANE = 0.5  # part of a pull along z from which on it shows that gain
-_LEAST_GAIN = 0.05  # a load is suggested if it lowers EI's standard deviation by more than this part
-_AHEAD = 6  # number of further loads in the forecast
+from .settings import GuideSettings
+
+_LOG_STIFFNESS = ANTENNA.start + 6  # place among `RIG_PARAMETERS`
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,23 +44,25 @@ class _LoadCandidate:
 
 
 def _pulls(session: Session, kinematics: Kinematics, observations: Sequence[Observation]) -> list[_Pull]:
-    """Straight down at the joints so far, where that is across the antenna; over a pulley to all four sides where the
-    session did so before, or is weightless."""
+    """Possible pulls: straight down at the joints so far, where that is across the antenna; over a pulley to all four
+    sides where the session did so before, or is weightless."""
     joints = {(0.0, 0.0), *((one.still.pan_rad, one.still.tilt_rad) for one in observations)}
     home = [Still(None, pan, tilt, 0.0) for pan, tilt in sorted(joints, key=lambda at: (abs(at[0]) + abs(at[1]), at))]
     gravity = gravity_antenna(kinematics, session.gravity_world_m_s2, home)
     found: list[_Pull] = []
     for still, pull in zip(home, gravity, strict=True):
         size, across = float(np.linalg.norm(pull)), float(np.hypot(pull[1], pull[2]))
-        if size > 0 and abs(pull[0]) <= _SIDEWAYS * size:
+        if size > 0 and abs(pull[0]) <= GuideSettings.sideways * size:
             down = pull[1:] / across
-            if all(down @ known.direction < _STRAIGHT for known in found):
+            if all(down @ known.direction < GuideSettings.straight for known in found):
                 found.append(_Pull(still.pan_rad, still.tilt_rad, down, pull, False))
     pulled = [(one.load_N, one.gravity_m_s2) for one in observations]
-    aside = any(load @ pull[1:] < _STRAIGHT * np.linalg.norm(load) * np.linalg.norm(pull) for load, pull in pulled)
-    if aside or not any(one.gravity_m_s2.any() for one in observations):
+    sideways = any(
+        load @ pull[1:] < GuideSettings.straight * np.linalg.norm(load) * np.linalg.norm(pull) for load, pull in pulled
+    )
+    if sideways or not any(one.gravity_m_s2.any() for one in observations):
         for direction in np.array([[0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0]]):
-            if all(direction @ known.direction < _STRAIGHT for known in found):
+            if all(direction @ known.direction < GuideSettings.straight for known in found):
                 found.append(_Pull(home[0].pan_rad, home[0].tilt_rad, direction, gravity[0], True))
     return found
 
@@ -81,9 +72,15 @@ def _load_candidates(
 ) -> list[_LoadCandidate]:
     """Every weight at every place and pull that the elastica and the picture support."""
     length = session.antenna.length_m
-    grid = np.arange(_RULER_M, length - _FARTHEST_M + 1e-9, _RULER_M)
-    grid = grid[grid >= _NEAREST * length] if (grid >= _NEAREST * length).any() else np.array([length - _FARTHEST_M])
-    places = np.unique(grid[np.linspace(0, len(grid) - 1, min(_PLACES, len(grid))).round().astype(int)])
+    grid = np.arange(GuideSettings.ruler_m, length - GuideSettings.load_to_tip_m + 1e-9, GuideSettings.ruler_m)
+    grid = (
+        grid[grid >= GuideSettings.nearest_load * length]
+        if (grid >= GuideSettings.nearest_load * length).any()
+        else np.array([length - GuideSettings.load_to_tip_m])
+    )
+    places = np.unique(
+        grid[np.linspace(0, len(grid) - 1, min(GuideSettings.load_places, len(grid))).round().astype(int)]
+    )
     stiffness = float(np.exp(joint.parameters[ANTENNA][6]))
 
     def turning(at_m: float) -> float:
@@ -97,7 +94,7 @@ def _load_candidates(
             wanted += [
                 (mass, pull, Load(None, pull.pan_rad, pull.tilt_rad, 0.0, float(at), float(force[0]), float(force[1])))
                 for at in places
-                if mass * weight * at**2 * turning(at) / (2.0 * stiffness) <= _STEEPEST_RAD
+                if mass * weight * at**2 * turning(at) / (2.0 * stiffness) <= GuideSettings.steepest_rad
             ]
     if not wanted:
         return []
@@ -112,7 +109,8 @@ def _load_candidates(
 
 
 def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> dict[int, Observation]:
-    """The stills that stay in the picture, by their index, with the points that would be seen of them."""
+    """The static frames in which the antenna stays in the picture, by their index, with the points that would be seen
+    of them."""
     problem, parameters = joint.problem, joint.solution.parameters
     free = Observation(Still(None, 0.0, 0.0, 0.0), np.zeros((0, 2)), np.zeros(0), wanted[0].gravity_m_s2)
     curves = replace(problem, observations=[free, *wanted]).curves(parameters[None, ANTENNA])
@@ -125,7 +123,7 @@ def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> dict[i
     points = float(np.median([len(one.points_px) for one in usual])) / max(float(visible[0]), 1e-3)
     sigma = float(np.median(np.concatenate([one.sigma_px for one in usual])))
     placed = {}
-    for index in np.flatnonzero((visible[1:] >= _LEAST_VISIBLE * visible[0]) & (visible[0] > 0)).tolist():
+    for index in np.flatnonzero((visible[1:] >= GuideSettings.least_visible * visible[0]) & (visible[0] > 0)).tolist():
         # a node stands for all the points of its piece of the antenna
         which = seen[index + 1]
         each = sigma / np.sqrt(np.maximum(points * share[index + 1, which], 1e-3))
@@ -159,7 +157,7 @@ class _StiffnessForecast:
 
     @staticmethod
     def of(joint: BundleAdjustment, candidates: Sequence[_LoadCandidate], readings: LoadReadings) -> _StiffnessForecast:
-        """From a joint solution and the loads that could be hung next."""
+        """The forecast from a bundle adjustment and the loads that could be hung next."""
         solution = joint.problem.linearised(joint.solution.parameters)
         known = {"distance": readings.distance_std_m, "mass": readings.force_std_relative}
         # as noted: corrected numbers cannot be shared with another load
@@ -188,15 +186,15 @@ class _StiffnessForecast:
         return _StiffnessForecast(names, scale, information, added)
 
     def now(self) -> _StiffnessStd:
-        """With the present loads."""
+        """Standard deviations of EI with the present loads."""
         return self._std(self.information[None])[0]
 
     def after_each(self) -> list[_StiffnessStd]:
-        """With each of the candidates besides."""
+        """Standard deviations of EI with each candidate besides."""
         return self._std(self.information + self.added)
 
     def after(self, index: int) -> _StiffnessForecast:
-        """With this candidate hung."""
+        """The forecast with this candidate hung."""
         return replace(self, information=self.information + self.added[index])
 
     def _std(self, information: np.ndarray) -> list[_StiffnessStd]:
@@ -233,9 +231,9 @@ def load_progress(
     kinematics: Kinematics,
     goal_relative: float = 0.01,
 ) -> _LoadProgress:
-    """The uncertainty of EI by the stills so far, with or without loads, and the load of the weights at hand that
-    lowers it most. A weight that is used twice counts with the same error. kinematics : with the joints' zeros by a
-    sweep; goal_relative : of EI, places and weights included.
+    """The uncertainty of EI by the static frames so far, with or without loads, and the load of the weights at hand
+    that lowers it most. A weight that is used twice counts with the same error. kinematics : with the joints' zeros by
+    a sweep; goal_relative : of EI, places and weights included.
     """
     candidates = _load_candidates(joint, session, kinematics, masses_kg)
     forecast = _StiffnessForecast.of(joint, candidates, joint.problem.prior.readings)
@@ -245,16 +243,18 @@ def load_progress(
     gain_std = float(np.sqrt(joint.covariance[GAIN, GAIN]) / max(abs(joint.parameters[GAIN]), 1e-9))
     gain_std = gain_std if session.with_sensor else 0.0
     # a load that shows the gain comes first where the gain is not known, if any can
-    showing_gain = [index for index, one in enumerate(candidates) if abs(one.pull.direction[1]) > _OUT_OF_PLANE]
-    gain_open = gain_std > _GAIN_STD and bool(showing_gain)
+    showing_gain = [
+        index for index, one in enumerate(candidates) if abs(one.pull.direction[1]) > GuideSettings.out_of_plane
+    ]
+    gain_open = gain_std > GuideSettings.gain_std and bool(showing_gain)
     best = min(showing_gain if gain_open else range(len(candidates)), key=lambda index: after[index], default=None)
     # after the best few further loads; NaN without any
     reachable, ahead = np.inf if candidates else np.nan, forecast
-    for _ in range(_AHEAD if candidates else 0):
+    for _ in range(GuideSettings.ahead if candidates else 0):
         ahead = ahead.after(int(np.argmin([std.total for std in ahead.after_each()])))
         reachable = min(reachable, ahead.now().total)
-    reached, helps = now.total <= goal_relative, reachable < (1 - _LEAST_GAIN) * now.total
-    enough = len(hung) >= _LEAST_LOADS and not gain_open and (reached or not helps)
+    reached, helps = now.total <= goal_relative, reachable < (1 - GuideSettings.least_load_gain) * now.total
+    enough = len(hung) >= GuideSettings.fewest_loads and not gain_open and (reached or not helps)
     suggestion = None
     if best is not None and (not enough or helps):
         suggestion = _suggestion(candidates[best], forecast.after(best).now(), gain_open)
@@ -279,7 +279,7 @@ def load_progress(
 def _suggestion(one: _LoadCandidate, after: _StiffnessStd, gain_open: bool) -> tuple[Load, _StiffnessStd, str]:
     load, direction = one.load, one.pull.direction
     axis = int(np.argmax(np.abs(direction)))
-    pulling = f"over a pulley, pulling to {_AXES[axis, int(np.sign(direction[axis]))]}"
+    pulling = f"over a pulley, pulling to {'+' if direction[axis] > 0.0 else '−'}{'yz'[axis]}"
     words = (
         f"hang {1e3 * one.mass_kg:.4g} g at {1e3 * load.distance_m:.0f} mm from the clamp, "
         f"{pulling if one.pull.over_pulley else 'straight down'} (pan {np.rad2deg(load.pan_rad):.0f}°, tilt "
@@ -290,21 +290,21 @@ def _suggestion(one: _LoadCandidate, after: _StiffnessStd, gain_open: bool) -> t
 
 
 def _missing(hung: Sequence[Load], gain_std: float, possible: Sequence[_Pull]) -> tuple[str, ...]:
-    """What the loads so far do not show."""
+    """Sentences on what the loads so far do not determine."""
     found = []
-    if len(hung) < _LEAST_LOADS:
-        more = _LEAST_LOADS - len(hung)
+    if len(hung) < GuideSettings.fewest_loads:
+        more = GuideSettings.fewest_loads - len(hung)
         found.append(f"{more} more load{'s' * (more > 1)}: a wrong one is found only by comparison with two others")
     forces = np.array([[load.force_y_N, load.force_z_N] for load in hung]).reshape(-1, 2)
     size = np.linalg.norm(forces, axis=1)
     for axis, name in enumerate("yz"):
-        if not hung or (np.abs(forces[:, axis]) > _ALONG * size).any():
+        if not hung or (np.abs(forces[:, axis]) > GuideSettings.along * size).any():
             continue
         how = f"that needs a thread over a pulley along {name}, or an antenna rolled by a quarter turn"
-        if any(abs(pull.direction[axis]) > _ALONG for pull in possible):
+        if any(abs(pull.direction[axis]) > GuideSettings.along for pull in possible):
             how = "hang one that way"
         found.append(f"no load along {name}: whether the antenna bends alike in y and z is not tested; {how}")
-    if hung and gain_std > _GAIN_STD:
+    if hung and gain_std > GuideSettings.gain_std:
         found.append(f"the moment sensor's gain is known to ± {_percent(gain_std)} only: it needs a load along z")
     return tuple(found)
 

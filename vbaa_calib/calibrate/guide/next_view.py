@@ -16,12 +16,9 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.detect.board.corners import BoardView
 
+from .settings import GuideSettings
 from .suggestion import Suggestion, best_next
 from .view_uncertainty import LensInformation, WorkPlane, bias_square, has_rays, mean_square, plane_sensitivity
-
-GOAL_M = 1e-4  # deviation of points on plane C that is good enough
-_LEAST_VIEWS, _LEAST_OF_JIG = 8, 3  # fewer pictures show no outlier, and no halves to compare
-_LEAST_GAIN = 0.025  # a picture that lowers the deviation by less than this part is not needed
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +36,11 @@ def lens_progress(
     views: Sequence[BoardView],
     spec: BoardWithIds,
     plane: WorkPlane,
-    goal_m: float = GOAL_M,
+    goal_m: float = GuideSettings.goal_m,
     image_size: tuple[int, int] = (1280, 720),
     solution: LensSolution | None = None,
 ) -> ViewProgress:
-    """Judge the pictures of the board so far and choose the next.
+    """Judge the pictures of the board so far and suggest the next one.
 
     image_size : (width, height) px of pictures to come, while there is no view.
     solution : of just these views, where it is already known.
@@ -75,11 +72,12 @@ def lens_progress(
 def _lens_judged(
     known: LensInformation, noise_m: float, bias_m: float, goal_m: float, suggestion: Suggestion | None
 ) -> tuple[bool, str]:
-    """Whether it is enough, and why. noise_m : deviation by noise. bias_m : by what a richer lens would move."""
+    """Whether the pictures are enough, and why, in words. noise_m : deviation by noise. bias_m : by what a richer lens
+    would move."""
     std_m, goal = max(noise_m, bias_m), f"the goal of {1e3 * goal_m:.3f} mm"
     now = f"The lens adds {1e3 * std_m:.3f} mm (one standard deviation) where the antenna moves"
-    if known.pictures < _LEAST_VIEWS:
-        missing = _LEAST_VIEWS - known.pictures
+    if known.pictures < GuideSettings.fewest_views:
+        missing = GuideSettings.fewest_views - known.pictures
         more = "One more picture is" if missing == 1 else f"{missing} more pictures are"
         return False, f"{more} needed before outliers can be found."
     if known.doubt:
@@ -92,7 +90,7 @@ def _lens_judged(
             "helps to find which lens is right."
         )
     gain = 0.0 if suggestion is None else 1.0 - suggestion.std_m / noise_m
-    if gain < _LEAST_GAIN:
+    if gain < GuideSettings.least_view_gain:
         return True, (
             f"{now}, not {goal}, but the best next picture would take off {100 * gain:.0f} % only. Enough, more will "
             "not help: a larger or nearer board, sharper pictures or a camera with more pixels would."
@@ -101,7 +99,7 @@ def _lens_judged(
 
 
 def plane_progress(views: Sequence[BoardView], shape: BoardShape, camera: Camera, plane: WorkPlane) -> ViewProgress:
-    """Judge the pictures of the board in the jig, which stands still in all of them; shape : of the board by the lens
+    """Judge the pictures of the board in the jig, at rest in all of them; shape : of the board by the lens
     solve, camera : with its covariance, plane : in this camera."""
     try:
         board = solve_board_pose(views, shape, camera)
@@ -116,16 +114,18 @@ def plane_progress(views: Sequence[BoardView], shape: BoardShape, camera: Camera
     std_m = float(np.hypot(lens_m, board_m))
     gain = 1.0 - float(np.hypot(lens_m, board_m * np.sqrt(1.0 - _next_share(views, board)))) / std_m
     now = f"Points on plane C are known to {1e3 * std_m:.3f} mm (one standard deviation, lens and jig together)"
-    enough, words = False, f"{now}; the goal is {1e3 * GOAL_M:.3f} mm. Take another of the jig without moving it."
+    goal = f"{1e3 * GuideSettings.goal_m:.3f} mm"
+    enough, words = False, f"{now}; the goal is {goal}. Take another of the jig without moving it."
     if not np.isfinite(std_m):
         words = "Plane C is hardly in the picture: turn the camera to where the antenna moves."
     elif board.is_ambiguous:
         words = f"{now}, but two poses of the board explain the picture: tilt camera and board to each other."
-    elif len(views) < _LEAST_OF_JIG:
-        words = f"{now}; {_LEAST_OF_JIG - len(views)} more of the jig without moving it, to average out noise."
-    elif std_m <= GOAL_M:
-        enough, words = True, f"{now}: the goal of {1e3 * GOAL_M:.3f} mm is reached. Enough, more will not help."
-    elif gain < _LEAST_GAIN:
+    elif len(views) < GuideSettings.fewest_of_jig:
+        missing = GuideSettings.fewest_of_jig - len(views)
+        words = f"{now}; {missing} more of the jig without moving it, to average out noise."
+    elif std_m <= GuideSettings.goal_m:
+        enough, words = True, f"{now}: the goal of {goal} is reached. Enough, more will not help."
+    elif gain < GuideSettings.least_view_gain:
         lens = f"{now}; most of it is the lens'. Enough, more of the jig will not help: take more for the lens."
         jig = f"{now}. Enough, more will not help: a larger, flatter board in the jig would."
         enough, words = True, lens if lens_m > 0.7 * std_m else jig

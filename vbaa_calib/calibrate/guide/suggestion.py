@@ -20,21 +20,8 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
 
+from .settings import GuideSettings
 from .view_uncertainty import LensDesign, LensInformation, WorkPlane, mean_square, nominal_intrinsics, view_blocks
-
-NEAREST, FURTHEST = 0.6, 1.7  # of plane C's distance: beyond, a camera that is sharp on plane C is out of focus
-_FILLS = (0.9, 0.6, 0.4)  # shares of the picture's shorter relative side that the board takes up, near to far
-_GRID = (0.1, 0.3, 0.5, 0.7, 0.9)
-_TILT_RAD, _TILTS = np.radians(38.0), 8
-_LEAST_SHARE, _WHOLE_SHARE, _WHOLE_PICTURES = 0.35, 0.95, 3
-"""Part of the board's corners that a picture must show, the first few of them nearly all."""
-_LEAST_CORNERS, _LEAST_MODULE_PX, _EDGE_PX = 8, 3.0, 3.0
-_ROUNDS = 2
-_SIDES = ("right", "lower right", "lower", "lower left", "left", "upper left", "upper", "upper right")
-_FACING_RAD, _UPRIGHT_RAD = np.radians(8.0), np.radians(60.0)
-_MATCH_CORNERS = 6
-_PLACE_OFF, _DISTANCE_OFF, _TILT_OFF_RAD, _ROLL_OFF_RAD = 0.12, 0.2, np.radians(15.0), np.radians(40.0)
-_SAY = 0.6
 
 
 class _BoardPlace(NamedTuple):
@@ -65,15 +52,15 @@ def best_next(
     sensitivity (`plane_sensitivity`) the lens as a whole counts."""
     aim = np.eye(known.information.shape[0])[None] if sensitivity is None else sensitivity
     # the first pictures find the board and start the lens: all of it has to be seen
-    share = _WHOLE_SHARE if known.pictures < _WHOLE_PICTURES else _LEAST_SHARE
-    limits = NEAREST * plane.distance_m, FURTHEST * plane.distance_m
+    share = GuideSettings.whole_share if known.pictures < GuideSettings.whole_pictures else GuideSettings.least_share
+    limits = GuideSettings.nearest * plane.distance_m, GuideSettings.furthest * plane.distance_m
     placed = _coarse_poses(known.design, spec, *limits)
     candidate, square = None, np.nan
-    for _ in range(1 + _ROUNDS):
+    for _ in range(1 + GuideSettings.rounds):
         found = _view_candidates(known.design, spec, placed, share)
         if found:
             poses = np.array([pose.vector for _, pose, _ in found])
-            blocks, _ = view_blocks(known.design, poses, [observation(ids, spec) for *_, ids in found])
+            blocks, _ = view_blocks(known.design, poses, [_observation(ids, spec) for *_, ids in found])
             squares = mean_square(aim, known.information + blocks)
             candidate, square = found[int(np.argmin(squares))], float(squares.min())
         if candidate is None:
@@ -96,9 +83,11 @@ def best_next(
 def _coarse_poses(design: LensDesign, spec: BoardWithIds, near_m: float, far_m: float) -> list[_BoardPlace]:
     """A grid of distances within limits, of places, and of tilts in every direction."""
     filled_m = np.max(spec.size_m * design.intrinsics[:2] / np.array(design.image_size))
-    distances = sorted({float(np.clip(filled_m / fill, near_m, far_m)) for fill in _FILLS})
-    tilts = [(0.0, 0.0)] + [(_TILT_RAD, 2 * np.pi * index / _TILTS) for index in range(_TILTS)]
-    places = [(x, y) for x in _GRID for y in _GRID]
+    distances = sorted({float(np.clip(filled_m / fill, near_m, far_m)) for fill in GuideSettings.fills})
+    tilts = [(0.0, 0.0)] + [
+        (GuideSettings.tilt_rad, 2 * np.pi * index / GuideSettings.tilts) for index in range(GuideSettings.tilts)
+    ]
+    places = [(x, y) for x in GuideSettings.places for y in GuideSettings.places]
     return [_BoardPlace(at, far, *tilt, 0.0) for far in distances for at in places for tilt in tilts]
 
 
@@ -114,28 +103,31 @@ def _finer_poses(best: _BoardPlace, near_m: float, far_m: float) -> list[_BoardP
 
 
 def _view_candidates(
-    design: LensDesign, spec: BoardWithIds, placed: Sequence[_BoardPlace], share: float = _LEAST_SHARE
+    design: LensDesign, spec: BoardWithIds, placed: Sequence[_BoardPlace], share: float = GuideSettings.least_share
 ) -> list[tuple[_BoardPlace, Pose, np.ndarray]]:
-    """Those that show at least a share of the board's corners, none too small or too steep to be read, T_camera_board
-    of each, and the ids (N,) of the corners that are visible with all their markers."""
+    """Poses that show at least a share of the board's corners large and flat enough to be read, T_camera_board of each,
+    and the ids (N,) of the corners that are visible with all their markers."""
     places = np.array([one.place for one in placed]) * (np.array(design.image_size) - 1)
     rays, seen = design.camera.unproject(places)
     kept = [one for one, ok in zip(placed, seen.tolist(), strict=True) if ok]
     poses = _poses(kept, rays[seen], spec)
     visible = visible_corners(design.camera, poses, spec)
-    least = max(_LEAST_CORNERS, round(share * spec.corner_count))
+    least = max(GuideSettings.least_corners, round(share * spec.corner_count))
     return [one for one in zip(kept, poses, visible, strict=True) if len(one[2]) >= least]
 
 
 def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardWithIds) -> list[np.ndarray]:
-    """Ids (N,) of the corners whose four squares, or tag, are in each picture; none where markers cannot be read."""
+    """Ids (N,) of the corners with their four squares, or tag, in each picture; none where markers cannot be read."""
     if not poses:
         return []
     lattice, around, marker = _lattice(spec)
     pixels, valid = camera.project(np.concatenate([pose @ lattice for pose in poses]))
     pixels, valid = pixels.reshape(len(poses), -1, 2), valid.reshape(len(poses), -1)
     with np.errstate(invalid="ignore"):
-        inside = np.all((pixels > _EDGE_PX) & (pixels < np.array(camera.image_size) - 1 - _EDGE_PX), axis=-1)
+        inside = np.all(
+            (pixels > GuideSettings.edge_px) & (pixels < np.array(camera.image_size) - 1 - GuideSettings.edge_px),
+            axis=-1,
+        )
     found = []
     for mask, own in zip((inside & valid)[:, around].all(axis=-1), pixels, strict=True):
         ids = np.flatnonzero(mask)
@@ -145,7 +137,7 @@ def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardWithIds) -
         area = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
         sides = np.linalg.norm(four - np.roll(four, 1, axis=1), axis=-1)
         smallest_px = float((area / sides.max(axis=1)).min()) if len(ids) else 0.0
-        found.append(ids if smallest_px * marker > _LEAST_MODULE_PX * spec.modules else ids[:0])
+        found.append(ids if smallest_px * marker > GuideSettings.least_module_px * spec.modules else ids[:0])
     return found
 
 
@@ -188,8 +180,8 @@ def _lattice(spec: BoardWithIds) -> tuple[np.ndarray, np.ndarray, float]:
     return lattice, np.stack(around, axis=1), spec.marker_m / spec.square_m / 2.0
 
 
-def observation(ids: np.ndarray, spec: BoardWithIds) -> BoardCorners:
-    """Corners (N,), for derivatives alone: their pixels are 0."""
+def _observation(ids: np.ndarray, spec: BoardWithIds) -> BoardCorners:
+    """Corners of these ids (N,) for derivatives alone: their pixels are 0."""
     return BoardCorners(
         corner_points(spec)[ids],
         np.zeros((len(ids), 2)),
@@ -197,8 +189,8 @@ def observation(ids: np.ndarray, spec: BoardWithIds) -> BoardCorners:
     )
 
 
-def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardPlace:
-    """A pose as seen by the camera."""
+def _seen_as(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardPlace:
+    """Place, distance and tilt of a board's pose as the camera sees it."""
     middle = T_camera_board @ _middle(spec)
     distance = float(np.linalg.norm(middle))
     ray = middle / distance
@@ -215,12 +207,12 @@ def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardP
 
 
 def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardWithIds, corners: int, metric: bool) -> str:
-    """A pose for the terminal; corners : how many are to be seen, metric : whether the distance is known."""
-    seen = seen_as(camera, T_camera_board, spec)
+    """A pose in words, for the terminal; corners : how many are to be seen, metric : whether the distance is known."""
+    seen = _seen_as(camera, T_camera_board, spec)
     across = "left" if seen.place[0] < 0.4 else "right" if seen.place[0] > 0.6 else "middle"
     down = "upper " if seen.place[1] < 0.4 else "lower " if seen.place[1] > 0.6 else ""
     parts = [f"board in the {down}{across} of the picture"]
-    if corners < _WHOLE_SHARE * spec.corner_count:
+    if corners < GuideSettings.whole_share * spec.corner_count:
         parts[0] += f", partly outside it ({corners} of its {spec.corner_count} corners seen)"
     if metric:
         parts.append(f"{seen.distance_m:.2f} m away")
@@ -228,50 +220,55 @@ def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardWithIds, corner
         filled = np.diag(camera.matrix)[:2] / np.array(camera.image_size)
         share = np.max(spec.size_m * filled) / seen.distance_m
         parts.append(f"so near that it fills {100 * min(share, 1.0):.0f} % of the picture's width or height")
-    upright = ["its long side upright"] if abs(seen.roll_rad) > _UPRIGHT_RAD else []
+    upright = ["its long side upright"] if abs(seen.roll_rad) > GuideSettings.upright_rad else []
     return ", ".join([*parts, _tilt_words(seen), *upright])
 
 
 def _tilt_words(placed: _BoardPlace) -> str:
     """Which edge is turned away from the camera, and by how much."""
-    if placed.tilt_rad < _FACING_RAD:
+    if placed.tilt_rad < GuideSettings.facing_rad:
         return "facing the camera"
-    side, tilt_deg = _SIDES[round(placed.away_rad / (np.pi / 4)) % 8], 5 * round(np.degrees(placed.tilt_rad) / 5)
+    sides = ("right", "lower right", "lower", "lower left", "left", "upper left", "upper", "upper right")
+    side, tilt_deg = sides[round(placed.away_rad / (np.pi / 4)) % 8], 5 * round(np.degrees(placed.tilt_rad) / 5)
     return f"its {side} {'corner' if ' ' in side else 'edge'} turned {tilt_deg}° away from the camera"
 
 
 def pose_match(
     suggestion: Suggestion, view: BoardView, spec: BoardWithIds, camera: Camera | None, image_size: tuple[int, int]
 ) -> tuple[float, str]:
-    """0 to 1, and what to change in words ("further left, nearer"). Above about 0.6 is as good as the pose itself.
+    """Match of a view with a suggested pose, 0 to 1, and what to change in words ("further left, nearer"). Above about
+    0.6 is as good as the pose itself.
 
     camera : the lens so far; without it a nominal one is known. image_size : (width, height) px of the view.
     """
     if len(view.ids) == 0:
         return 0.0, "the board is not seen"
     points = corner_points(spec)[view.ids]
-    if len(view.ids) < _MATCH_CORNERS or not fixes_homography(points[:, :2]):
+    if len(view.ids) < GuideSettings.match_corners or not fixes_homography(points[:, :2]):
         return 0.0, "too little of the board is seen"
     camera = camera or camera_of(LENS_MODELS["none"], nominal_intrinsics(image_size), image_size)
     flat, valid = camera.unproject_normalized(view.corners_px)
-    ok = valid.sum() >= _MATCH_CORNERS and fixes_homography(points[valid, :2])
+    ok = valid.sum() >= GuideSettings.match_corners and fixes_homography(points[valid, :2])
     if ok:
         ok, rotvec, shift = cv2.solvePnP(points[valid], flat[valid], np.eye(3), None)
     if not ok or shift[2, 0] <= 0.0:
         return 0.0, "the board is seen at too flat an angle"
-    wanted = seen_as(camera, suggestion.T_camera_board, spec)
-    seen = seen_as(camera, Pose.from_rotvec(rotvec.ravel(), shift.ravel()), spec)
+    wanted = _seen_as(camera, suggestion.T_camera_board, spec)
+    seen = _seen_as(camera, Pose.from_rotvec(rotvec.ravel(), shift.ravel()), spec)
     across, down = np.subtract(wanted.place, seen.place)
     farther = np.log(wanted.distance_m / seen.distance_m)
     tilt = wanted.tilt_rad * np.exp(1j * wanted.away_rad) - seen.tilt_rad * np.exp(1j * seen.away_rad)
     turn = (wanted.roll_rad - seen.roll_rad + np.pi / 2) % np.pi - np.pi / 2
     parts = [
-        (abs(across) / _PLACE_OFF, "further right" if across > 0 else "further left"),
-        (abs(down) / _PLACE_OFF, "lower" if down > 0 else "higher"),
-        (abs(farther) / _DISTANCE_OFF, "farther away" if farther > 0 else "nearer"),
-        (float(abs(tilt)) / _TILT_OFF_RAD, _tilt_words(wanted)),
-        (1.2 * max(abs(turn) / _ROLL_OFF_RAD - 0.5, 0.0), "turned by a quarter" if abs(turn) > 1.0 else "less askew"),
+        (abs(across) / GuideSettings.place_off, "further right" if across > 0 else "further left"),
+        (abs(down) / GuideSettings.place_off, "lower" if down > 0 else "higher"),
+        (abs(farther) / GuideSettings.distance_off, "farther away" if farther > 0 else "nearer"),
+        (float(abs(tilt)) / GuideSettings.tilt_off_rad, _tilt_words(wanted)),
+        (
+            1.2 * max(abs(turn) / GuideSettings.roll_off_rad - 0.5, 0.0),
+            "turned by a quarter" if abs(turn) > 1.0 else "less askew",
+        ),
     ]
     share = float(1.0 / (1.0 + 0.4 * sum(size**2 for size, _ in parts)))
-    changes = [words for size, words in sorted(parts, reverse=True) if size > _SAY][:3]
+    changes = [words for size, words in sorted(parts, reverse=True) if size > GuideSettings.mentioned][:3]
     return share, ", ".join(changes) or "hold it there"

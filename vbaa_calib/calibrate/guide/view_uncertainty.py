@@ -12,24 +12,19 @@ from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, ShapePrior,
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, rows
 from vbaa_calib.calibrate.lens.information import kept_observations
 from vbaa_calib.calibrate.lens.initialization import robust_poses, widened
-from vbaa_calib.calibrate.lens.intrinsics import MIN_CORNERS, LensSolution
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, DistortionModel, camera_of
 from vbaa_calib.calibrate.lens.outliers import usable_views
+from vbaa_calib.calibrate.lens.settings import LensSettings
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.least_squares import without_own
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
-_GRID = (13, 7)
-_HALF_WIDTH_PER_LENGTH = 0.25
-_FOCAL_PRIOR, _ASPECT_PRIOR, _CENTRE_PRIOR = 0.3, 0.01, 0.05
-_DISTORTION_PRIOR = {"radial": 0.1, "tangential": 0.01}
-_TANGENTIAL = ("p1", "p2", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
-_LEAST_JIG_CORNERS, _LEAST_RAYS = 6, 0.5
+from .settings import GuideSettings
+
+# the next richer lens model, by name
 _RICHER = {"none": "opencv5", "radial": "opencv5", "opencv4": "opencv5", "opencv5": "rational", "fisheye": "rational"}
-_NOMINAL_FOCAL_PER_WIDTH = 1.1  # a field of view of 49°, as most webcams and machine lenses have
-_NOMINAL_SIGMA_PX, _LEAST_SIGMA_PX = 0.2, 0.02
-_NOMINAL_MODEL = "radial"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +37,18 @@ class WorkPlane:
 
     @staticmethod
     def about(distance_m: float, inclination_rad: float, length_m: float) -> WorkPlane:
-        """Before the jig was seen: its middle on the camera's axis, turned about the picture's vertical."""
+        """The plane before the jig was seen: its middle on the camera's axis, turned about the picture's vertical."""
         turn = Pose.from_rotvec(np.array([0.0, inclination_rad, 0.0]), np.array([0.0, 0.0, distance_m]))
         to_clamp = Pose(np.eye(3), np.array([-length_m / 2, 0.0, 0.0]))
-        return WorkPlane(turn @ to_clamp, length_m, _HALF_WIDTH_PER_LENGTH * length_m)
+        return WorkPlane(turn @ to_clamp, length_m, GuideSettings.half_width_per_length * length_m)
 
     @property
     def points(self) -> np.ndarray:
         """(n, 2) x and y of points all over the work area, m."""
-        x, y = np.linspace(0.0, self.length_m, _GRID[0]), np.linspace(-1.0, 1.0, _GRID[1]) * self.half_width_m
+        x, y = (
+            np.linspace(0.0, self.length_m, GuideSettings.work_grid[0]),
+            np.linspace(-1.0, 1.0, GuideSettings.work_grid[1]) * self.half_width_m,
+        )
         return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
     @property
@@ -83,7 +81,7 @@ class LensDesign:
     shape: np.ndarray  # (5,) of the board
 
     def bundle(self, poses: np.ndarray) -> Bundle:
-        """With the board at poses (V, 6)."""
+        """The bundle of this lens with the board at poses (V, 6)."""
         return replace(Bundle.start(self.model, self.intrinsics, poses), shape=self.shape)
 
     @property
@@ -92,14 +90,14 @@ class LensDesign:
         return camera_of(self.model, self.intrinsics, self.image_size)
 
     def in_picture(self, points: np.ndarray) -> np.ndarray:
-        """(N,) which points (N, 3) m, camera frame, it sees."""
+        """(N,) which points (N, 3) m, camera frame, the lens maps into the picture."""
         pixels, valid = self.camera.project(points)
         return valid & self.camera.in_picture(pixels)
 
 
 def nominal_intrinsics(image_size: tuple[int, int]) -> np.ndarray:
     """(4,) fx, fy, cx, cy of a camera of which nothing is known."""
-    focal = _NOMINAL_FOCAL_PER_WIDTH * max(image_size)
+    focal = GuideSettings.nominal_focal_per_width * max(image_size)
     return np.array([focal, focal, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2])
 
 
@@ -126,7 +124,7 @@ def _design_about(
 
 def has_rays(design: LensDesign) -> bool:
     """Whether most of the picture has rays: a lens from too few pictures may have hardly any."""
-    return bool(design.camera.unproject(_grid(design.image_size))[1].mean() > _LEAST_RAYS)
+    return bool(design.camera.unproject(_grid(design.image_size))[1].mean() > GuideSettings.least_rays)
 
 
 def _grid(image_size: tuple[int, int]) -> np.ndarray:
@@ -141,8 +139,8 @@ def _prior(
     size, unit = len(intrinsics), np.eye(len(intrinsics) + SHAPE)
     fx, fy = intrinsics[:2]
     both, apart = fx * unit[0] + fy * unit[1], fx * unit[0] - fy * unit[1]
-    middle = [_CENTRE_PRIOR * max(image_size) * unit[index] for index in (2, 3)]
-    columns = [_FOCAL_PRIOR * both, _ASPECT_PRIOR * apart, *middle]
+    middle = [GuideSettings.centre_prior * max(image_size) * unit[index] for index in (2, 3)]
+    columns = [GuideSettings.focal_prior * both, GuideSettings.aspect_prior * apart, *middle]
     # by how many px a unit of each parameter moves the pixel that it moves most
     rays, valid = camera_of(model, intrinsics, image_size).unproject(_grid(image_size))
     rays, moved = rays[valid & (rays[:, 2] > 0.05)], np.zeros(size)
@@ -151,8 +149,9 @@ def _prior(
         by_shared = rows(Bundle.start(model, intrinsics, np.zeros((1, 6))), [seen])[1]
         moved = np.linalg.norm(by_shared, axis=1).max(axis=0)[:-SHAPE]
     for index in model.free:
-        kind = "tangential" if model.parameter_names[4 + index] in _TANGENTIAL else "radial"
-        half_diagonal = _DISTORTION_PRIOR[kind] * np.hypot(*image_size) / 2
+        radial = model.parameter_names[4 + index].startswith("k")
+        prior = GuideSettings.radial_prior if radial else GuideSettings.tangential_prior
+        half_diagonal = prior * np.hypot(*image_size) / 2
         columns.append(half_diagonal / max(moved[4 + index], 1e-9) * unit[4 + index])
     columns += list(ShapePrior.of(BoardPoints(nominal_m)).std[:, None] * unit[size:])
     return np.stack(columns, axis=1)
@@ -161,7 +160,8 @@ def _prior(
 def view_blocks(
     design: LensDesign, poses: np.ndarray, observations: Sequence[BoardCorners]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of views at poses (V, 6), eliminated: information (V, p, p) in `LensDesign` coordinates, gradient (V, p)."""
+    """Information of views at poses (V, 6), these eliminated: (V, p, p) in `LensDesign` coordinates, gradient (V,
+    p)."""
     residuals, by_shared, by_pose, bounds = rows(design.bundle(np.asarray(poses, float)), observations)
     whole = np.concatenate([by_shared @ design.scale, residuals[..., None]], axis=-1) / design.sigma_px
     count = design.scale.shape[1]
@@ -179,7 +179,7 @@ def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardWithIds) 
     moved = deformations(board)
     T_camera_board = plane.board_pose(spec)
     seen = design.in_picture(T_camera_board @ board)
-    if inside.mean() < 0.5 or seen.sum() < _LEAST_JIG_CORNERS:
+    if inside.mean() < 0.5 or seen.sum() < GuideSettings.least_jig_corners:
         return None
 
     def slopes(view: BoardCorners) -> tuple[np.ndarray, np.ndarray]:
@@ -224,14 +224,16 @@ class LensInformation:
 
     @staticmethod
     def of(solution: LensSolution, views: Sequence[BoardView], spec: BoardWithIds) -> LensInformation:
-        """Of the views that a lens was solved from, without their outliers."""
+        """Information of the views that a lens was solved from, without their outliers."""
         camera, by_name = solution.camera, {view.name: view for view in views}
         own = [by_name[used.name] for used in solution.views]
         observations = kept_observations(own, [used.outlier_ids for used in solution.views], corner_points(spec))
         poses = np.array([used.T_camera_board.vector for used in solution.views])
         corners = sum(len(view.pixels) for view in observations)
         freedom = 2 * corners - 6 * len(poses) - len(camera.parameter_names)
-        sigma_px = max(_LEAST_SIGMA_PX, solution.rms_inliers_px * float(np.sqrt(corners / max(freedom, 1))))
+        sigma_px = max(
+            GuideSettings.least_sigma_px, solution.rms_inliers_px * float(np.sqrt(corners / max(freedom, 1)))
+        )
         board = solution.board_shape
         design = _design_about(solution.model, camera.parameters, camera.image_size, sigma_px, board)
         blocks, gradients = view_blocks(design, poses, observations)
@@ -243,12 +245,12 @@ class LensInformation:
 
     @staticmethod
     def nominal(views: Sequence[BoardView], spec: BoardWithIds, image_size: tuple[int, int]) -> LensInformation:
-        """Of views that are too few for a lens, under a nominal one."""
+        """Information of views that are too few for a lens, under a nominal one."""
         intrinsics = nominal_intrinsics(image_size)
         design = _design_about(
-            _NOMINAL_MODEL, intrinsics, image_size, _NOMINAL_SIGMA_PX, BoardShape.flat(corner_points(spec))
+            "radial", intrinsics, image_size, GuideSettings.nominal_sigma_px, BoardShape.flat(corner_points(spec))
         )
-        usable = usable_views(views, corner_points(spec), MIN_CORNERS)[0] if views else []
+        usable = usable_views(views, corner_points(spec), LensSettings.min_corners)[0] if views else []
         points, count = corner_points(spec), design.scale.shape[1]
         observations = [BoardCorners(points[view.ids], view.corners_px) for view in usable]
         information, gradient = np.zeros((count, count)), np.zeros(count)

@@ -9,15 +9,11 @@ import numpy as np
 
 from targets.board import Board, BoardPoints, BoardWithIds, corner_points
 
+from .settings import LensSettings
+
 SHAPE = 5  # numbers that describe a board's shape (`BoardShape`)
 SHAPE_NAMES = ("bow_x_m", "bow_y_m", "twist_m", "stretch", "shear")
 STRETCH = SHAPE_NAMES.index("stretch")
-_BOW_PER_EXTENT, _STRETCH, _SHEAR = 1e-3, 5e-4, 3e-4
-"""Standard deviations of what printers and mounts do: a board of 250 mm bows by a quarter of a millimetre, the axes of
-a print differ by 0.05 %. Some are ten times worse, so the prior has long tails."""
-TAIL = 3.0  # degrees of freedom of the prior's Student t distribution
-_SINGULAR = 1e-10
-_CLEAR_STD, _NOTICEABLE_PER_EXTENT, _NOTICEABLE_SHARE = 4.0, 3e-4, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,17 +42,18 @@ class BoardShape:
 
     @staticmethod
     def unseen(board: Board) -> BoardShape:
-        """A board of which nothing is known but what prints and mounts are like."""
+        """Prior shape of a board that no picture has shown: flat, with the deviations of usual prints and mounts."""
         prior = ShapePrior.of(board)
         return BoardShape(corner_points(board), prior.mean, np.diag(prior.std**2))
 
     @staticmethod
     def solved(nominal_m: np.ndarray, parameters: np.ndarray, covariance: np.ndarray) -> BoardShape:
-        """From its parameters (5,), and the covariance (4 + k + 5, 4 + k + 5) of the lens' and these."""
+        """The shape as solved with a lens, from its parameters (5,) and the covariance (4 + k + 5, 4 + k + 5) of the
+        lens' and these."""
         lens, std = covariance[:-SHAPE, :-SHAPE], np.sqrt(np.diag(covariance)[:-SHAPE])
         # coefficients that are held have no variance, and square pixels one focal length
         scale = np.where(std > 0.0, std, 1.0)
-        inverse = np.linalg.pinv(lens / np.outer(scale, scale), _SINGULAR)
+        inverse = np.linalg.pinv(lens / np.outer(scale, scale), 1e-10)
         by_lens = covariance[-SHAPE:, :-SHAPE] / scale @ inverse / scale
         return BoardShape(nominal_m, parameters, covariance[-SHAPE:, -SHAPE:], by_lens)
 
@@ -73,8 +70,10 @@ class BoardShape:
     @property
     def _clear(self) -> np.ndarray:
         """(5,) which parameters are clear of noise and large enough to matter."""
-        least = np.array([_NOTICEABLE_PER_EXTENT * _extent_m(self.nominal_m)] * 3 + [_NOTICEABLE_SHARE] * 2)
-        return np.abs(self.parameters) > np.maximum(_CLEAR_STD * self.std, least)
+        least = np.array(
+            [LensSettings.shape_per_extent * _extent_m(self.nominal_m)] * 3 + [LensSettings.shape_share] * 2
+        )
+        return np.abs(self.parameters) > np.maximum(LensSettings.shape_clear * self.std, least)
 
     @property
     def scale_doubt(self) -> float:
@@ -83,7 +82,7 @@ class BoardShape:
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What is clear of noise and large enough to matter, in words; nothing of a board that counts as flat."""
+        """Significant deviations from a flat print, in words; empty for a board that counts as flat."""
         words = [
             *(f"{name} by {{:+.2f}} ± {{:.2f}} mm" for name in ("bowed along x", "bowed along y", "twisted")),
             "longer along x than along y by {:+.2f} ± {:.2f} %",
@@ -125,16 +124,16 @@ def _extent_m(nominal_m: np.ndarray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ShapePrior:
-    """What is known of a board's shape before pictures show it: Student's t about means (5,), with scales (5,)."""
+    """Prior of a board's shape: Student's t about means (5,), with scales (5,)."""
 
     mean: np.ndarray
     std: np.ndarray
 
     @staticmethod
     def of(board: Board | BoardPoints) -> ShapePrior:
-        """Of a print and a mount as they usually are; with what was measured on the board, if any."""
-        bow_m = _BOW_PER_EXTENT * _extent_m(corner_points(board))
-        mean, std = np.zeros(SHAPE), np.array([bow_m, bow_m, bow_m, _STRETCH, _SHEAR])
+        """Prior of usual prints and mounts; with the stretch that was measured on the board, if any."""
+        bow_m = LensSettings.bow_per_extent * _extent_m(corner_points(board))
+        mean, std = np.zeros(SHAPE), np.array([bow_m, bow_m, bow_m, LensSettings.stretch_std, LensSettings.shear_std])
         if isinstance(board, BoardWithIds) and board.stretch_std is not None:
             mean[STRETCH], std[STRETCH] = board.stretch, board.stretch_std
         return ShapePrior(mean, std)
@@ -142,5 +141,5 @@ class ShapePrior:
     def rows(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (5,) as reweighted least squares has them, and their negative derivatives (5,) by the shape."""
         off = (shape - self.mean) / self.std
-        weights = np.sqrt((TAIL + 1.0) / (TAIL + off**2))
+        weights = np.sqrt((LensSettings.shape_tail + 1.0) / (LensSettings.shape_tail + off**2))
         return -weights * off, weights / self.std

@@ -14,13 +14,12 @@ from vbaa_calib.core.least_squares import Rules
 from vbaa_calib.core.robust import radial_std
 from vbaa_calib.native import core
 
-from .board_shape import SHAPE, TAIL, ShapePrior
+from .board_shape import SHAPE, ShapePrior
 from .models import DistortionModel, Unfolding
+from .settings import LensSettings
 
 CONVERGED = Rules(300, 1e-8, may_rise_share=1e-13, damping=1e-3, growth=8.0, after_failure=0.0)
 """Enough for decisions; `polished` for what is reported."""
-_STANDSTILL, _POLISH = 1e-6, replace(CONVERGED, iterations=10, damping=1e-8)
-_USUAL_NOISE_PX, _LEAST_NOISE_PX = 0.2, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +32,7 @@ class BoardCorners(Rows):
     weight: float = 1.0  # of its residuals; less than 1 for a noisy view
 
 
-class Corners(NamedTuple):
+class _Corners(NamedTuple):
     """Corners of V views: board points (N, 3) m, by how much they move with the board's shape (N, 3, 5), pixels (N, 2).
 
     weights : (N,) of their residuals. bounds : (V + 1,), view v has corners bounds[v] to bounds[v + 1].
@@ -55,8 +54,8 @@ class _LensState(NamedTuple):
     poses: np.ndarray
 
 
-class Priors(NamedTuple):
-    """What holds the board's shape and the lens, besides the corners.
+class _Priors(NamedTuple):
+    """Priors of the board's shape and the penalty on the lens, besides the corners.
 
     mean, std : (5,) of the shape's prior, Student's t, weighed by noise_px; zero where there is none.
     least_slope : of the distorted radius by the ideal one, wherever the picture reaches; zero where there is none.
@@ -70,14 +69,14 @@ class Priors(NamedTuple):
     stiffness_px: float
     width: int
     height: int
-    tail: float = TAIL
+    tail: float = LensSettings.shape_tail
 
 
-def _corners_of(observations: Sequence[BoardCorners]) -> Corners:
+def _corners_of(observations: Sequence[BoardCorners]) -> _Corners:
     """All views' corners, concatenated."""
     counts = [len(view.pixels) for view in observations]
     rigid = [np.zeros((len(v.pixels), 3, SHAPE)) if v.deformation is None else v.deformation for v in observations]
-    return Corners(
+    return _Corners(
         np.concatenate([view.points_m for view in observations], dtype=float),
         np.concatenate(rigid),
         np.concatenate([view.pixels for view in observations], dtype=float),
@@ -105,24 +104,24 @@ class Bundle:
     residuals_px: tuple[np.ndarray, ...] = ()  # per view (N, 2), observed minus projected; none at a start
     shape: np.ndarray = field(default_factory=lambda: np.zeros(SHAPE))  # (5,) of the board (`BoardShape`)
     prior: ShapePrior | None = None  # of the shape, where that is solved for
-    noise_px: float = _USUAL_NOISE_PX  # of a corner per axis; the prior's weight
+    noise_px: float = LensSettings.usual_noise_px  # of a corner per axis; the prior's weight
     unfolding: Unfolding | None = None  # the penalty against folding, where it was needed
 
     @staticmethod
     def start(model: DistortionModel, intrinsics: np.ndarray, poses: np.ndarray) -> Bundle:
-        """Before anything is solved, the board flat."""
+        """Initial bundle: lens and poses as they are, the board flat."""
         return Bundle(model, intrinsics, poses, free_directions(model))
 
     @property
     def poses_only(self) -> Bundle:
-        """The same with nothing but the poses to be solved for."""
+        """The same bundle with the poses as its only unknowns."""
         return replace(self, directions=self.directions[:, :0])
 
     def freed(self, square_pixels: bool, prior: ShapePrior | None = None) -> Bundle:
-        """The same with intrinsics to be solved for, and the board's shape where it has a prior."""
+        """The same bundle with free intrinsics, and a free board shape where it has a prior."""
         free = free_directions(self.model, square_pixels, prior is not None)
         shape = np.zeros(SHAPE) if prior is None else self.shape
-        noise_px = max(self.sigma_px, _LEAST_NOISE_PX) if self.residuals_px else self.noise_px
+        noise_px = max(self.sigma_px, LensSettings.least_noise_px) if self.residuals_px else self.noise_px
         intrinsics = self.intrinsics.copy()
         if square_pixels:
             intrinsics[:2] = intrinsics[:2].mean()
@@ -130,21 +129,21 @@ class Bundle:
 
     @property
     def state(self) -> _LensState:
-        """What a descent moves."""
+        """Lens, shape and poses, as the compiled core takes them."""
         parts = (np.array(part, float) for part in (self.intrinsics, self.shape, self.poses))
         return _LensState(self.model.is_fisheye, *parts)
 
     @property
-    def priors(self) -> Priors:
-        """Priors and penalties."""
+    def priors(self) -> _Priors:
+        """Priors and penalties, as the compiled core takes them."""
         unfolding = self.unfolding or Unfolding(0.0, 0.0, (0, 0))
         stiffness = float(np.sqrt(unfolding.weight_px2))
         if self.prior is None:
-            return Priors(
+            return _Priors(
                 np.zeros(SHAPE), np.zeros(SHAPE), 0.0, unfolding.least_slope, stiffness, *unfolding.image_size
             )
         mean, std = (np.array(each, float) for each in (self.prior.mean, self.prior.std))
-        return Priors(mean, std, float(self.noise_px), unfolding.least_slope, stiffness, *unfolding.image_size)
+        return _Priors(mean, std, float(self.noise_px), unfolding.least_slope, stiffness, *unfolding.image_size)
 
     def unfolding_rows(self) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (m,) px of the radii where the slope is too small, their negative derivatives (m, 4 + k)."""
@@ -166,7 +165,7 @@ class Bundle:
 
     @property
     def view_rms_px(self) -> np.ndarray:
-        """(V,) the same, view by view."""
+        """(V,) root mean square distance between observed and projected corners of each view."""
         return np.array([np.sqrt(np.mean(np.sum(r**2, axis=1))) for r in self.residuals_px])
 
     @property
@@ -176,7 +175,8 @@ class Bundle:
 
 
 def free_directions(model: DistortionModel, square_pixels: bool = False, shape: bool = False) -> np.ndarray:
-    """(4 + k + 5, p) what is solved for: intrinsics, fx and fy as one with square pixels, then the board's shape."""
+    """Directions (4 + k + 5, p) of the unknowns: intrinsics, fx and fy as one with square pixels, then the board's
+    shape."""
     size = 4 + model.distortion_count
     unit = np.eye(size + SHAPE)
     rest = [2, 3, *(4 + index for index in model.free), *(range(size, size + SHAPE) if shape else ())]
@@ -187,7 +187,8 @@ def free_directions(model: DistortionModel, square_pixels: bool = False, shape: 
 def refine(
     start: Bundle, observations: Sequence[BoardCorners], rules: Rules = CONVERGED, robust: bool = False
 ) -> Bundle:
-    """Levenberg–Marquardt on the reprojection error; robust : by Cauchy's loss, so gross errors do not pull."""
+    """Minimises the reprojection error by Levenberg–Marquardt; robust : by Cauchy's loss, so gross errors do not
+    pull."""
     corners, directions = _corners_of(observations), start.directions
     # each number of lens and shape is part of one unknown, or kept
     column = np.where(directions.any(axis=1), directions.argmax(axis=1) if directions.size else 0, -1)
@@ -207,9 +208,12 @@ def of_views(values: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def polished(bundle: Bundle, observations: Sequence[BoardCorners]) -> Bundle:
-    """Converged to a millionth of the deviations, so that results do not depend on where a descent stopped."""
+    """Refines a solution to a millionth of its standard deviations, so that results do not depend on where a descent
+    stopped."""
     sizes = sum(view.pixels.size for view in observations) - bundle.directions.shape[1] - 6 * len(observations)
-    return refine(bundle, observations, replace(_POLISH, tolerance=_STANDSTILL**2 / max(sizes, 1)))
+    return refine(
+        bundle, observations, replace(CONVERGED, iterations=10, damping=1e-8, tolerance=1e-6**2 / max(sizes, 1))
+    )
 
 
 def residuals_px(bundle: Bundle, observations: Sequence[BoardCorners]) -> tuple[np.ndarray, ...]:

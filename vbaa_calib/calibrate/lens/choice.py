@@ -15,8 +15,6 @@ from .models import LENS_MODELS, pole_distance
 from .settings import LensSettings
 from .uncertainty import expected_errors_px
 
-_CENTRED, _DECENTRED = ("none", "radial", "fisheye"), "opencv4"
-
 
 @dataclass(frozen=True, eq=False)
 class Assessed:
@@ -29,7 +27,7 @@ class Assessed:
 
     @property
     def pole_distance(self) -> float:
-        """As `models.pole_distance` has it."""
+        """Distance of the nearest pole from the picture, as `models.pole_distance`."""
         camera = self.camera
         return pole_distance(LENS_MODELS[self.candidate.model], camera.parameters, camera.image_size)
 
@@ -37,14 +35,14 @@ class Assessed:
 def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, tuple[Candidate, ...]]:
     """Name of the lens model to take, and the comparison; corners_px : (N, 2) of all views.
 
-    Models whose held-out error is larger by 0.5 % and significantly so (over views), or by 10 %, are wrong. Of the
-    others the one of least expected error over the picture is taken, bias and noise together (`expected_errors_px`),
-    but a simpler one, if its expected error is larger by no more than the standard error of the difference, from
-    leaving out each view in turn (jackknife), and by no more than 35 %, or if views that it was not fitted to fit it as
-    well. A lens without decentring must be 15 % better than opencv4, which has it.
+    Models with a held-out error that is larger by 0.5 % and significantly so (over views), or by 10 %, are wrong. Of
+    the others the one of least expected error over the picture is taken, bias and noise together
+    (`expected_errors_px`), but a simpler one, if its expected error is larger by no more than the standard error of the
+    difference, from leaving out each view in turn (jackknife), and by no more than 35 %, or if views that it was not
+    fitted to fit it as well. A lens without decentring must be 15 % better than opencv4, which has it.
 
     Models beyond the bounds of rig.json are not taken; models that fold inside the picture only if every other is 10 %
-    worse on held-out views, those whose halves disagree or that have a pole near the picture only if every other is
+    worse on held-out views, those with halves that disagree or with a pole near the picture only if every other is
     0.5 % worse.
     """
     rules, every = LensSettings(), {one.candidate.model: one for one in solutions}
@@ -97,10 +95,10 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     simpler = [name for name in names if free[name] < free[least] and is_no_worse(name, least)]
     chosen = min([*simpler, least], key=lambda name: (free[name], expected_px[name]))
     # every lens is a little decentred: a model without it must be clearly better
-    if chosen in _CENTRED and _DECENTRED in names:
-        ratio = expected_px[_DECENTRED] / expected_px[chosen]
-        as_good = ratio <= 1.0 or _DECENTRED in (*simpler, least)
-        chosen = _DECENTRED if as_good and ratio < rules.centred_may_cost else chosen
+    if chosen in ("none", "radial", "fisheye") and "opencv4" in names:
+        ratio = expected_px["opencv4"] / expected_px[chosen]
+        as_good = ratio <= 1.0 or "opencv4" in (*simpler, least)
+        chosen = "opencv4" if as_good and ratio < rules.centred_may_cost else chosen
     for name in names:
         if name != chosen and expected_px[name] <= expected_px[chosen]:
             richer = "is richer, and better by no more than the difference's own error"

@@ -9,22 +9,20 @@ import numpy as np
 from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
 
-_SEED, _SAMPLES, _LEAST_SIZE = 0, 64, 1e-300
-_LEAST_CORNERS = 4
-"""They fix a homography."""
-_AWAY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+from .settings import LensSettings
 
 
 @lru_cache(maxsize=256)
 def _picks(count: int) -> np.ndarray:
-    """(S, 4) samples of four out of so many."""
+    """Indices (S, 4) of random samples of four out of `count` corners."""
     return np.ascontiguousarray(
-        np.random.default_rng(_SEED).random((_SAMPLES, count)).argsort(axis=1)[:, :_LEAST_CORNERS]
+        np.random.default_rng(0).random((LensSettings.homography_samples, count)).argsort(axis=1)[:, :4]
     )
 
 
 def homography(points: np.ndarray, image: np.ndarray, division: float = 0.0) -> tuple[np.ndarray, float] | None:
-    """(3, 3) of points (N, 2) to their image (N, 2), and the noise per axis as the median corner has it; or None.
+    """Homography (3, 3) of points (N, 2) to their image (N, 2), and the noise per axis as the median corner has it; or
+    None.
 
     Least median of squares (Rousseeuw 1984), then least squares of the points that it fits. OpenCV's finds none on
     small boards: most of its samples have three points on a line, and it gives up.
@@ -32,7 +30,7 @@ def homography(points: np.ndarray, image: np.ndarray, division: float = 0.0) -> 
     division : λ of the undistortion x / (1 + λr²) of the image, about its origin; the noise is the distorted image's.
     """
     known = np.isfinite(image).all(axis=1)
-    if known.sum() < _LEAST_CORNERS:
+    if known.sum() < 4:
         return None
     if not known.all():
         points, image = points[known], image[known]
@@ -44,12 +42,12 @@ def homography(points: np.ndarray, image: np.ndarray, division: float = 0.0) -> 
 def board_poses(homographies: list[np.ndarray | None]) -> np.ndarray:
     """(V, 6) rotation vectors and translations of a board's plane, from its homographies (3, 3) to ideal image
     coordinates; ahead of the camera where there is none."""
-    poses = np.tile(_AWAY, (len(homographies), 1))
+    poses = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (len(homographies), 1))
     known = [view for view, found in enumerate(homographies) if found is not None]
     if known:
         every = np.array([homographies[view] for view in known])
         lengths = np.linalg.norm(every[:, :, :2], axis=1).sum(axis=1)
-        every *= np.copysign(2.0 / np.maximum(lengths, _LEAST_SIZE), every[:, 2, 2])[:, None, None]
+        every *= np.copysign(2.0 / np.maximum(lengths, 1e-300), every[:, 2, 2])[:, None, None]
         axes = np.stack([every[:, :, 0], every[:, :, 1], np.cross(every[:, :, 0], every[:, :, 1])], axis=2)
         vectors, _, others = np.linalg.svd(axes)
         vectors[:, :, 2] *= np.linalg.det(vectors @ others)[:, None]

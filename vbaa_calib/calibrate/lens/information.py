@@ -14,18 +14,10 @@ from vbaa_calib.detect.board.corners import BoardView
 from .board_shape import SHAPE, deformations
 from .bundle import CONVERGED, BoardCorners, Bundle, refine, rows
 from .models import DistortionModel, camera_of, is_monotonic
+from .settings import LensSettings
 from .uncertainty import compensate, pixel_grid, projection_jacobian
 
-_OPEN, _ROUNDING = 1e-10, 1e-7
-_FOLDS = 5
-_LITTLE_MORE = 1.1
 _NEAR = replace(CONVERGED, iterations=20, tolerance=1e-5)  # from a start that is all but the answer
-AGREE = 1e-4  # good halves differ so much that the p-value is below this about once in ten thousand
-_HALF_OPEN = 1e6
-"""A half leaves the lens open where one of its directions is seen so many times worse than another, of those that all
-views see alike."""
-_LEAST_VIEWS = 6
-_GRID = (9, 7)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +53,7 @@ class Information:
 
     @property
     def _variance(self) -> float:
-        """Of the residuals, px²."""
+        """Variance of the residuals, px²."""
         freedom = self.counts.sum() - self.half.shape[1] - 6 * len(self.counts)
         return float(self.squares.sum()) / max(float(freedom), 1.0)
 
@@ -77,7 +69,7 @@ class Information:
 
 
 def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Information | None:
-    """At a solution over these corners; None where the views leave a free parameter open."""
+    """Information of the corners at a solution over them; None where the views leave a free parameter undetermined."""
     counts = np.array([view.pixels.size for view in observations])
     if counts.sum() <= bundle.directions.shape[1] + 6 * len(observations):
         return None
@@ -91,10 +83,10 @@ def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Informa
     norms = np.linalg.norm(jacobian, axis=0)
     whole = np.linalg.norm((by_shared @ bundle.directions).reshape(-1, bundle.directions.shape[1]), axis=0)
     # what the poses explain but for rounding is open
-    if not np.all(np.isfinite(norms)) or not np.all(norms > _ROUNDING * whole):
+    if not np.all(np.isfinite(norms)) or not np.all(norms > LensSettings.left_by_poses * whole):
         return None
     _, values, basis = np.linalg.svd(np.linalg.qr(jacobian / norms, mode="r"), full_matrices=False)
-    if values[-1] < _OPEN * values[0]:
+    if values[-1] < LensSettings.determined * values[0]:
         return None
     free = (basis.T / values) / norms[:, None]
     half = bundle.directions @ free
@@ -126,12 +118,16 @@ def _held_out_squares(bundle: Bundle, observations: Sequence[BoardCorners], know
         rest = known.blocks[~held].sum(axis=0) + known.prior
         step = np.linalg.lstsq(rest, -known.gradients[held].sum(axis=0), rcond=1e-12)[0]
         squares[held] += step @ known.blocks[held] @ step - 2.0 * known.gradients[held] @ step
-    return squares if squares.sum() <= _LITTLE_MORE * known.squares.sum() else _solved_squares(bundle, observations)
+    return (
+        squares
+        if squares.sum() <= LensSettings.solved_anew * known.squares.sum()
+        else _solved_squares(bundle, observations)
+    )
 
 
 def _folds(views: int) -> list[np.ndarray]:
     """(V,) masks of the views held out in turn."""
-    folds = min(_FOLDS, views)
+    folds = min(LensSettings.folds, views)
     return [np.arange(views) % folds == fold for fold in range(folds)]
 
 
@@ -149,7 +145,7 @@ def _solved_squares(bundle: Bundle, observations: Sequence[BoardCorners]) -> np.
 
 
 def excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
-    """By how many standard errors, over views, squared errors (V,) exceed those of a reference."""
+    """Excess of squared errors (V,) over those of a reference, in standard errors over views."""
     excess = squares - reference
     standard_error = np.sqrt(len(excess)) * np.std(excess, ddof=1)
     return float(excess.sum() / standard_error) if standard_error > 0.0 else 0.0
@@ -164,7 +160,7 @@ def _compare_split_half(
     The views are dealt out in turn; each half's lens is one Gauss–Newton step from that of all. What a turn of the
     camera explains is left out, and so is the penalty against folding.
     """
-    if len(known.squares) < _LEAST_VIEWS:
+    if len(known.squares) < LensSettings.halved_views:
         return None, None
     difference, covariance = np.zeros(known.half.shape[1]), np.zeros_like(known.prior)
     for first, sign in ((0, 1.0), (1, -1.0)):
@@ -174,13 +170,13 @@ def _compare_split_half(
         _, factor = np.linalg.qr(np.vstack(own_rows))
         own, pull = factor[:size, :size], factor[:size, size]
         freedom = known.counts[first::2].sum() - size - 6 * len(known.counts[first::2])
-        if freedom <= 0 or np.linalg.cond(own) > _HALF_OPEN:
+        if freedom <= 0 or np.linalg.cond(own) > LensSettings.half_open:
             return None, None
         inverse = np.linalg.inv(own)
         variance = factor[size, size] ** 2 / freedom
         difference += sign * (inverse @ pull)
         covariance += variance * known.view_scatter**2 * (inverse @ inverse.T)
-    camera, pixels = camera_of(model, intrinsics, image_size), pixel_grid(image_size, _GRID)
+    camera, pixels = camera_of(model, intrinsics, image_size), pixel_grid(image_size, LensSettings.grid)
     jacobian = compensate(camera, pixels, projection_jacobian(camera, pixels)) @ known.half[:-SHAPE]
     jacobian = jacobian[np.isfinite(jacobian).all(axis=(-1, -2))]
     if not len(jacobian):
@@ -196,7 +192,7 @@ def _compare_split_half(
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """How one lens model does."""
+    """Results of one lens model in the comparison."""
 
     model: str
     free_parameters: int  # of the lens, focal lengths and principal point included
@@ -211,7 +207,7 @@ class Candidate:
     @property
     def split_half_agrees(self) -> bool:
         """Whether the halves differ no more than predicted, or cannot be compared."""
-        return self.halves_p_value is None or self.halves_p_value >= AGREE
+        return self.halves_p_value is None or self.halves_p_value >= LensSettings.halves_agree
 
 
 def assess(
@@ -227,7 +223,7 @@ def assess(
 
 
 def observations_of(views: Sequence[BoardView], nominal_m: np.ndarray) -> list[BoardCorners]:
-    """The corners of views beside the board points (C, 3) they show."""
+    """The corners of views with the board points (C, 3) that they show."""
     moved = deformations(nominal_m)
     return [BoardCorners(nominal_m[view.ids], view.corners_px, moved[view.ids]) for view in views]
 

@@ -13,17 +13,11 @@ from vbaa_calib.core.least_squares import Rules
 from .bundle import CONVERGED, BoardCorners, Bundle, of_views, refine, residuals_px
 from .homography import board_poses, homography
 from .models import LENS_MODELS, DistortionModel, Unfolding, camera_of, division_like, is_monotonic, rational_like
+from .settings import LensSettings
 
-_FOCAL_PER_WIDTH = (0.7, 1.4, 3.0, 8.0, 0.35)
-_DIVISIONS = (0.0, -0.1, -0.2, -0.35, -0.5, -0.65, -0.8, 0.15)  # λ of x / (1 + λr²), r = 1 at the picture's corner
-_MOST_VIEWS, _MOST_CORNERS = 10, 40  # views, and corners of each, by which starts are compared
-_SAME, _LITTLE_PX = 1.05, 0.02
-_WRONG_POSE, _LEAST_RAY_Z = 3.0, 0.1
 _TRIAL = replace(CONVERGED, iterations=15, tolerance=1e-3)
 _FEW_STEPS = replace(_TRIAL, iterations=6)
 _UNFOLDING = replace(CONVERGED, iterations=15, tolerance=1e-5)
-_LEAST_SLOPES, _STIFF = (0.1, 0.2, 0.35), 1e4
-_UNFOLDING_MAY_COST, _UNFOLDING_DEVIATIONS = 0.01, 20.0
 
 
 class Guess(NamedTuple):
@@ -34,7 +28,7 @@ class Guess(NamedTuple):
 
     @staticmethod
     def of(observations: Sequence[BoardCorners], image_size: tuple[int, int]) -> Guess:
-        """The λ of least median error, each view by its own homography."""
+        """The guess with the λ of least median error, each view by its own homography."""
         division, homographies = _undistorted_homographies(_thinned(observations), image_size)
         return Guess(_focal_length(homographies), division)
 
@@ -75,15 +69,15 @@ def _begun(model: DistortionModel, simpler: Bundle, image_size: tuple[int, int])
 def _from_homographies(
     model: DistortionModel, observations: Sequence[BoardCorners], image_size: tuple[int, int], guess: Guess
 ) -> Bundle:
-    """Of the first lens of a ladder that has a distortion, or of one without."""
+    """Initial bundle of the first lens of a ladder that has a distortion, or of one without."""
     some = _thinned(observations)
-    others = [ratio * max(image_size) for ratio in _FOCAL_PER_WIDTH]
+    others = [ratio * max(image_size) for ratio in LensSettings.focal_per_width]
     tried: list[Bundle] = []
     for focal in [*([guess.focal_px] if np.isfinite(guess.focal_px) else []), *others]:
         start = _start(model, Guess(focal, guess.division if focal == guess.focal_px else 0.0), some, image_size)
         tried.append(_posed(start, some, _FEW_STEPS))
         scores = sorted(each.sigma_px for each in tried if _is_physical(each))
-        if len(scores) > 1 and scores[1] < _SAME * scores[0] + _LITTLE_PX:
+        if len(scores) > 1 and scores[1] < LensSettings.same_start * scores[0] + LensSettings.same_start_px:
             break
     # a mirrored solution (board behind the camera, negative focal length) can fit as well
     physical = [bundle for bundle in tried if _is_physical(bundle)] or tried
@@ -93,15 +87,18 @@ def _from_homographies(
 
 
 def _thinned(observations: Sequence[BoardCorners]) -> list[BoardCorners]:
-    """Some of the views, and some of their corners, evenly."""
-    views = observations[:: -(-len(observations) // _MOST_VIEWS)]
-    return [view.picked(np.arange(0, len(view.pixels), -(-len(view.pixels) // _MOST_CORNERS))) for view in views]
+    """Evenly chosen views, and evenly chosen corners of each."""
+    views = observations[:: -(-len(observations) // LensSettings.start_views)]
+    return [
+        view.picked(np.arange(0, len(view.pixels), -(-len(view.pixels) // LensSettings.start_corners)))
+        for view in views
+    ]
 
 
 def _start(
     model: DistortionModel, guess: Guess, observations: Sequence[BoardCorners], image_size: tuple[int, int]
 ) -> Bundle:
-    """From a focal length and a division model's distortion about the picture's centre."""
+    """Initial bundle from a focal length and a division model's distortion about the picture's centre."""
     (width, height), (focal, division) = image_size, guess
     reach = 0.5 * np.hypot(width, height) / focal
     division /= reach**2
@@ -117,17 +114,22 @@ def _undistorted_homographies(
     """`Guess.division`, and homographies (3, 3) from board points to undistorted pixels about the picture's centre."""
     centre, radius = (np.array(image_size) - 1) / 2, 0.5 * float(np.hypot(*image_size))
     found: list[tuple[float, float, list[np.ndarray]]] = []
-    for division in _DIVISIONS:
+    for division in LensSettings.divisions:
         every = [homography(v.points_m[:, :2], v.pixels - centre, division / radius**2) for v in observations]
         fits = [fit for fit in every if fit is not None]
-        score = float(np.mean(np.log(np.array([noise for _, noise in fits]) + _LITTLE_PX))) if fits else np.inf
+        score = (
+            float(np.mean(np.log(np.array([noise for _, noise in fits]) + LensSettings.same_start_px)))
+            if fits
+            else np.inf
+        )
         found.append((score, division, [matrix for matrix, _ in fits]))
     _, division, homographies = min(found, key=lambda each: each[0])
     return division, homographies
 
 
 def _focal_length(homographies: Sequence[np.ndarray]) -> float:
-    """From homographies to pixels about the principal point: the weighted median of what each says; or NaN."""
+    """Focal length, px, from homographies to pixels about the principal point: the weighted median of their values; or
+    NaN."""
     # the columns of K⁻¹H are orthogonal and as long as each other (Zhang 2000): a / f² = b
     rows = []
     for each in homographies:
@@ -154,21 +156,21 @@ def robust_poses(model: DistortionModel, intrinsics: np.ndarray, observations: S
     bounds = np.cumsum([0, *(len(view.pixels) for view in observations)])
     size = np.ceil(pixels.max(axis=0)).astype(int) + 1
     rays, valid = camera_of(model, intrinsics, (int(size[0]), int(size[1]))).unproject(pixels)
-    seen = valid & (rays[:, 2] > _LEAST_RAY_Z)
+    seen = valid & (rays[:, 2] > LensSettings.least_ray_z)
     image = np.where(seen[:, None], rays[:, :2] / np.where(seen, rays[:, 2], 1.0)[:, None], np.nan)
     fits = [homography(v.points_m[:, :2], own) for v, own in zip(observations, of_views(image, bounds), strict=True)]
     return board_poses([None if fit is None else fit[0] for fit in fits])
 
 
 def _posed(start: Bundle, observations: Sequence[BoardCorners], rules: Rules) -> Bundle:
-    """Refined robustly; views whose median corner is far off are posed anew, for refining does not bring them back."""
+    """Refines robustly; views with a median corner far off are posed anew, for refining does not bring them back."""
     return reposed(refine(start, observations, rules, robust=True), observations, rules)
 
 
 def reposed(bundle: Bundle, observations: Sequence[BoardCorners], rules: Rules = _FEW_STEPS) -> Bundle:
-    """A robust solution in which views whose median corner is far off have been posed anew."""
+    """A robust solution in which views with a median corner far off have been posed anew."""
     median = np.array([np.median(np.linalg.norm(each, axis=1)) for each in bundle.residuals_px])
-    bad = np.flatnonzero(median > _WRONG_POSE * np.median(median)).tolist()
+    bad = np.flatnonzero(median > LensSettings.wrong_pose * np.median(median)).tolist()
     if not bad:
         return bundle
     some = [observations[index] for index in bad]
@@ -198,7 +200,8 @@ def unfolded(
     image_size: tuple[int, int],
     known: Mapping[str, Bundle] | None = None,
 ) -> Bundle:
-    """A solution that does not fold inside the picture, where the corners leave room for one; the given one otherwise.
+    """A solution that does not fold inside the picture, where the corners leave room for one; otherwise the same
+    solution.
 
     A penalty keeps up the slope of the radial curve as far as the picture's corner. It may cost 1 % of the squared
     residuals, or what 20 parameters would explain by chance: a lens that needs more is wrong.
@@ -207,7 +210,7 @@ def unfolded(
     if not np.isfinite(bundle.rms_px) or is_monotonic(model, bundle.intrinsics, image_size):
         return bundle
     count = sum(len(view.pixels) for view in observations)
-    share = max(_UNFOLDING_MAY_COST, _UNFOLDING_DEVIATIONS / (2 * count))
+    share = max(LensSettings.unfolding_may_cost, LensSettings.unfolding_chance / (2 * count))
     at_most = np.sqrt(1.0 + share) * bundle.rms_px
     starts, simplest = [bundle], _ladder(model)[-1]
     if simplest.camera_model != model.camera_model:
@@ -215,8 +218,8 @@ def unfolded(
         smooth = (known or {}).get(simplest.name) or rough_lens(simplest, observations, image_size)
         wide = widened(smooth.model, smooth.intrinsics, model, image_size)
         starts.insert(0, replace(bundle, intrinsics=wide, poses=smooth.poses))
-    for slope in _LEAST_SLOPES:
-        unfolding = Unfolding(slope, _STIFF * bundle.sigma_px**2, image_size)
+    for slope in LensSettings.unfolding_slopes:
+        unfolding = Unfolding(slope, LensSettings.unfolding_weight * bundle.sigma_px**2, image_size)
         for start in starts:
             trial = refine(replace(start, unfolding=unfolding), observations, _UNFOLDING)
             if trial.rms_px <= at_most and is_monotonic(model, trial.intrinsics, image_size):

@@ -21,15 +21,9 @@ from .information import Candidate, Information, assess, information, observatio
 from .initialization import Guess, reposed, rough_lens, unfolded
 from .models import LENS_MODELS, DistortionModel, camera_of, is_monotonic
 from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
+from .settings import LensSettings
 from .verdict import LensVerdict, judge
 
-MIN_CORNERS = 6
-_MIN_VIEWS = 3
-_OUTLYING = 3.5
-_CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")  # compared by `auto`, from simple to rich
-_SCREENING = ("opencv5", "fisheye", "rational")
-"""Lenses rich enough that their residuals are noise and outliers, used until a lens is chosen."""
-_ROUNDS = 3
 _ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to separate good corners from bad
 
 
@@ -56,8 +50,8 @@ class LensSolution:
         variance.
     rms_px : over all corners of the views used, outliers too, as other tools report it. rms_inliers_px : without the
         outliers, which is what was minimised.
-    outliers : for each view given, in their order, the ids (N,) of corners left out; all of a dropped view's.
-    comparison : the lens models that `auto` compared, or the one that was given.
+    outliers : for each view, in the order of the input, the ids (N,) of corners left out; all of a dropped view's.
+    comparison : the lens models that `auto` compared, or the one that was chosen.
     board_shape : how the board differs from a flat print with square squares; always solved for, with a prior.
     monotonic : whether the lens maps the whole picture without folding. views, dropped : in the order of their names.
     verdict : by the solve alone; `lens_from_views.solve_lens` adds what the set of views shows.
@@ -95,12 +89,12 @@ def solve_intrinsics(
     views: Sequence[BoardView],
     board: Board | BoardPoints,
     model: str = "auto",
-    min_corners: int = MIN_CORNERS,
+    min_corners: int = LensSettings.min_corners,
     square_pixels: bool = False,
 ) -> LensSolution:
     """Solve for the lens, the poses of all views, the outliers and the board's shape.
 
-    Views with fewer than `min_corners` corners, or whose corners fix no homography, are dropped, and those of which
+    Views with fewer than `min_corners` corners, or with corners that fix no homography, are dropped, and those of which
     most corners are wrong. Other outlier corners are left out; noisy views weigh less.
 
     model : "auto" or a name in `LENS_MODELS`. square_pixels : hold fx = fy.
@@ -111,7 +105,7 @@ def solve_intrinsics(
         raise InputError(f"there is no lens model {model!r}", remedy=f"take auto, {', '.join(LENS_MODELS)}")
 
     def rank(view: BoardView) -> tuple[object, ...]:
-        """By name; views without one by their corners."""
+        """Sort key of views: by name; without one by their corners."""
         return view.name, view.ids.tolist(), view.corners_px.ravel().tolist()
 
     # held-out views, halves and the corners that starts are compared by are dealt out in turn: the lens must not
@@ -164,11 +158,11 @@ def _contradicting(usable: Sequence[BoardView], kept: np.ndarray) -> list[Droppe
 
 
 def _require_enough(observations: Sequence[BoardCorners], dropped: Sequence[DroppedView], model: str) -> None:
-    if len(observations) < _MIN_VIEWS:
+    if len(observations) < LensSettings.min_views:
         reasons = sorted({view.reason for view in dropped})
         raise InputError(
             f"{len(observations)} of {len(observations) + len(dropped)} pictures can be used, "
-            f"at least {_MIN_VIEWS} are needed" + (f" ({'; '.join(reasons[:3])})" if reasons else ""),
+            f"at least {LensSettings.min_views} are needed" + (f" ({'; '.join(reasons[:3])})" if reasons else ""),
             remedy="take more pictures of the board, tilted in different directions",
         )
     # auto compares up to the rational model, on four fifths of the views
@@ -183,7 +177,8 @@ def _require_enough(observations: Sequence[BoardCorners], dropped: Sequence[Drop
 
 @dataclass(frozen=True)
 class _LensOptions:
-    """image_size : (width, height) px. prior : of the board's shape. model : "auto" or a name in `LENS_MODELS`."""
+    """Options of a lens solve. image_size : (width, height) px. prior : of the board's shape. model : "auto" or a name
+    in `LENS_MODELS`."""
 
     image_size: tuple[int, int]
     prior: ShapePrior
@@ -195,13 +190,13 @@ class _LensOptions:
 def _screened(
     observations: Sequence[BoardCorners], options: _LensOptions
 ) -> tuple[Inliers, Bundle, Mapping[str, Bundle]]:
-    """The good corners under the given lens, or for "auto" the one of `_SCREENING` of least median error; its solution
+    """The good corners under the chosen lens, or for "auto" the one of `screening` of least median error; its solution
     over them, and solutions of other lenses to start from."""
     known: dict[str, Bundle] = {}
     robust, guess = {}, Guess.of(observations, options.image_size)
-    for name in ("opencv4", *_SCREENING) if options.model == "auto" else (options.model,):
+    for name in ("opencv4", *LensSettings.screening) if options.model == "auto" else (options.model,):
         known[name] = rough_lens(LENS_MODELS[name], observations, options.image_size, known, guess)
-        if name in _SCREENING or name == options.model:
+        if name in LensSettings.screening or name == options.model:
             free = known[name].freed(options.square_pixels, options.prior)
             robust[name] = reposed(refine(free, observations, _ROUGHLY, robust=True), observations)
     best = min(robust, key=lambda name: robust[name].sigma_px)
@@ -228,7 +223,7 @@ def _decided(
     """
     comparison: tuple[Candidate, ...] = ()
     decided: tuple[str, int] | None = None
-    for _ in range(_ROUNDS):
+    for _ in range(LensSettings.rounds):
         good = inliers.of(observations)
         now = (bundle.model.name, sum(len(view.pixels) for view in good))
         if decided == now:
@@ -244,7 +239,7 @@ def _decided(
         warm = _posed(warm, within.views)
     good = inliers.of(observations)
     bundle = unfolded(bundle, good, options.image_size)
-    for _ in range(_ROUNDS):
+    for _ in range(LensSettings.rounds):
         # the prior is weighed by the noise that is left
         bundle = polished(bundle.freed(options.square_pixels, options.prior), good)
     name, sound = bundle.model.name, is_monotonic(bundle.model, bundle.intrinsics, options.image_size)
@@ -276,7 +271,7 @@ def _choose_lens(
     """
     fits: dict[str, Bundle] = {}
     assessed = []
-    for name in _CANDIDATES:
+    for name in LensSettings.candidates:
         bundle = _fit_lens(LENS_MODELS[name], observations, options, {**fits, **warm})
         fits[name] = bundle = unfolded(bundle, observations, options.image_size, fits)
         known = information(bundle, observations)
@@ -287,14 +282,14 @@ def _choose_lens(
             camera = replace(camera, covariance=known.covariance[:-SHAPE, :-SHAPE])
             assessed.append(Assessed(candidate, camera, squares, known.left_out[:, :-SHAPE]))
     if not assessed:
-        return fits[_CANDIDATES[0]], ()
+        return fits[LensSettings.candidates[0]], ()
     chosen, comparison = choose(assessed, np.concatenate([view.pixels for view in observations]))
     return fits[chosen], comparison
 
 
 def _used(bundle: Bundle, inliers: Inliers, usable: Sequence[BoardView]) -> tuple[_UsedView, ...]:
     rms = bundle.view_rms_px
-    limit = np.median(rms) + _OUTLYING * mad_std(rms - np.median(rms))
+    limit = np.median(rms) + LensSettings.outlying * mad_std(rms - np.median(rms))
     return tuple(
         _UsedView(
             name=usable[index].name,

@@ -12,6 +12,8 @@ from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.camera.models import MODELS
 from vbaa_calib.native import core
 
+from .settings import LensSettings
+
 
 @dataclass(frozen=True)
 class DistortionModel:
@@ -29,7 +31,7 @@ class DistortionModel:
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """fx, fy, cx, cy, then the distortion in OpenCV's order."""
+        """Names of the parameters: fx, fy, cx, cy, then the distortion in OpenCV's order."""
         return ("fx", "fy", "cx", "cy", *MODELS[self.camera_model].coefficient_names[: self.distortion_count])
 
 
@@ -61,9 +63,6 @@ def camera_of(model: DistortionModel, intrinsics: np.ndarray, image_size: tuple[
     return Camera(model.camera_model, image_size, _camera_matrix(intrinsics), intrinsics[4:])
 
 
-_UNSEEN_PX = 1e4
-
-
 def projected(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pixels (N, 2) of points (N, 3) m in the camera frame, and their derivatives by the points (N, 2, 3), per m, and
     by the lens (N, 2, 4 + k).
@@ -72,7 +71,7 @@ def projected(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """
     points = np.ascontiguousarray(points, float)
     pixels, seen, by_point, by_lens = lens_of(camera.intrinsics).project(points, True)
-    return np.where(seen[:, None], pixels, _UNSEEN_PX), by_point, by_lens
+    return np.where(seen[:, None], pixels, 1e4), by_point, by_lens
 
 
 def pose_slopes(by_point: np.ndarray, lever: np.ndarray) -> np.ndarray:
@@ -81,12 +80,8 @@ def pose_slopes(by_point: np.ndarray, lever: np.ndarray) -> np.ndarray:
     return np.concatenate([np.cross(lever[:, None], by_point), by_point], axis=-1)
 
 
-_NUMERATOR = {"opencv": (0, 1, 4), "fisheye": (0, 1, 2, 3)}
+_NUMERATOR = {"opencv": (0, 1, 4), "fisheye": (0, 1, 2, 3)}  # coefficients of the radial curve, in their order
 _DENOMINATOR = {"opencv": (5, 6, 7), "fisheye": ()}
-_SAMPLES, _POLE = 160, 1e-3
-_WIDEST_RAD = 1.5
-_NEARLY, _BEFORE_POLE, _FAR = 0.02, 0.95, 1e-6
-_DIVISION_TERMS = 2
 
 
 @dataclass(frozen=True)
@@ -116,20 +111,20 @@ def _poles(model: DistortionModel, intrinsics: np.ndarray) -> np.ndarray:
     bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]
     # in one over the squared radius, so that small coefficients do no harm
     inverses = np.roots([1.0, *intrinsics[4:][bottom]])
-    return np.asarray(1.0 / inverses[np.abs(inverses) > _FAR])
+    return np.asarray(1.0 / inverses[np.abs(inverses) > 1e-6])
 
 
 def is_monotonic(model: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
-    """Whether every pixel of the picture has one ray (`Camera.valid_region`), and none lies beside a pole. A lens that
+    """Whether every pixel of the picture has one ray (`Camera.valid_region`), and none lies next to a pole. A lens that
     folds can fit its corners well, but beyond them maps two directions to one pixel."""
     # A pole with a zero beside it is narrower than any sampling of the curve, and which comes first often depends on
     # the last digits of the corners: one counts that lies before the curve has, all but, left the picture.
     if not np.isfinite(intrinsics).all():
         return False
     squares = _poles(model, intrinsics)
-    near = squares[(squares.real > 0.0) & (np.abs(squares.imag) < _NEARLY * np.abs(squares))].real
+    near = squares[(squares.real > 0.0) & (np.abs(squares.imag) < LensSettings.nearly_real * np.abs(squares))].real
     if len(near):
-        before = np.linspace(0.0, _BEFORE_POLE * np.sqrt(near.min()), _SAMPLES)
+        before = np.linspace(0.0, LensSettings.before_pole * np.sqrt(near.min()), LensSettings.radii)
         if _radial_curve(model, intrinsics[4:], before)[0].max() < corner_radius(intrinsics, image_size):
             return False
     return camera_of(model, intrinsics, image_size).valid_region().image_fraction == 1.0
@@ -157,7 +152,7 @@ def rational_like(fisheye: DistortionModel, intrinsics: np.ndarray, image_size: 
     corners.
     """
     reach = corner_radius(intrinsics, image_size)
-    angles = np.linspace(0.0, _WIDEST_RAD, _SAMPLES)
+    angles = np.linspace(0.0, LensSettings.widest_rad, LensSettings.radii)
     curve, slope, _ = _radial_curve(fisheye, intrinsics[4:], angles)
     seen = angles < angles[np.argmax(curve >= reach)]
     if not seen.any() or np.any(slope[seen] <= 0.0):
@@ -178,15 +173,15 @@ def rational_like(fisheye: DistortionModel, intrinsics: np.ndarray, image_size: 
 def division_like(model: DistortionModel, division: float, reach: float) -> np.ndarray:
     """(k,) distortion like that of an ideal radius r / (1 + λr²), r being the distorted one, up to `reach`."""
     distortion = np.zeros(model.distortion_count)
-    free = [index for index in _NUMERATOR[model.camera_model][:_DIVISION_TERMS] if index in model.free]
+    free = [index for index in _NUMERATOR[model.camera_model][:2] if index in model.free]
     if (division == 0.0 and model.camera_model != "fisheye") or not free:
         return distortion
-    distorted = np.linspace(0.0, reach, _SAMPLES)[1:]
-    ideal = distorted / np.maximum(1.0 + division * distorted**2, _POLE)
+    distorted = np.linspace(0.0, reach, LensSettings.radii)[1:]
+    ideal = distorted / np.maximum(1.0 + division * distorted**2, 1e-3)
     if model.camera_model == "fisheye":
         ideal = np.arctan(ideal)
     # a polynomial of a radius far beyond 1 is no start
-    near = ideal < _WIDEST_RAD
+    near = ideal < LensSettings.widest_rad
     powers = ideal[near, None] ** (2 * np.arange(1, len(free) + 1))
     weight = 1.0 / (1.0 + ideal[near] ** 2)
     target = (distorted / ideal - 1.0)[near] * weight

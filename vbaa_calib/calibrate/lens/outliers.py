@@ -13,12 +13,7 @@ from vbaa_calib.detect.quality.screen import screen_views, too_few
 from vbaa_calib.native import core
 
 from .bundle import BoardCorners, Bundle, of_views, refine, residuals_px, rows
-
-_LEAST_CORNERS = 4
-"""Four corners fix the pose of a plane."""
-_CHANCE, _LEAST_PX, _ROUNDS, _BLURRED = 1e-6, 0.25, 8, 5.0
-_BELOW = 5.0
-_NOISIER, _USUAL_CORNERS = 1.2, 10
+from .settings import LensSettings
 
 
 @dataclass(frozen=True)
@@ -33,7 +28,7 @@ def usable_views(
     views: Sequence[BoardView], nominal_m: np.ndarray, min_corners: int
 ) -> tuple[list[BoardView], list[DroppedView]]:
     """Views that fix the pose of a board of corners (C, 3), and the others with the reason."""
-    least = max(min_corners, _LEAST_CORNERS)
+    least = max(min_corners, 4)
     usable, dropped = [], []
     for view in views:
         reason = too_few(view, least)
@@ -68,13 +63,13 @@ def _outlier_limit(distances: np.ndarray) -> float:
     exponent 2 and is cut at 5.3 standard deviations; noise with long tails, as real pictures have it, is cut later. The
     limit grows from below until it stays: from above, gross errors would pass for a long tail.
     """
-    limit = _BELOW * float(np.median(distances))
-    for _ in range(_ROUNDS):
+    limit = LensSettings.first_limit * float(np.median(distances))
+    for _ in range(LensSettings.outlier_rounds):
         half, most = np.quantile(distances[distances <= limit], [0.5, 0.9])
         if half <= 0.0:
             return limit
         exponent = min(np.log(np.log(10.0) / np.log(2.0)) / np.log(most / half), 2.0) if most > half else 2.0
-        before, limit = limit, float(half * (-np.log(_CHANCE) / np.log(2.0)) ** (1.0 / exponent))
+        before, limit = limit, float(half * (-np.log(LensSettings.outlier_chance) / np.log(2.0)) ** (1.0 / exponent))
         if np.isclose(limit, before, rtol=1e-3):
             break
     return limit
@@ -93,11 +88,11 @@ def _standardised(
 def inlier_masks(distances: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Per view (N,), which corners are good, by the lengths (N,) of their residuals, or of standardised ones.
 
-    A view with more noise than the median view is given more room.
+    A view with more noise than the median view has a larger limit.
     """
     every = np.concatenate(distances)
-    limit, middle = max(_outlier_limit(every), _LEAST_PX), max(float(np.median(every)), 1e-12)
-    return [own <= limit * np.clip(np.median(own) / middle, 1.0, _BLURRED) for own in distances]
+    limit, middle = max(_outlier_limit(every), LensSettings.outlier_px), max(float(np.median(every)), 1e-12)
+    return [own <= limit * np.clip(np.median(own) / middle, 1.0, LensSettings.blurred) for own in distances]
 
 
 def fit_without_outliers(
@@ -111,7 +106,7 @@ def fit_without_outliers(
     start : a robust fit to all corners, or the solution over the corners of masks, per view (N,).
     """
     bundle, views, weights = start, np.arange(len(observations)), np.array([view.weight for view in observations])
-    for _ in range(_ROUNDS):
+    for _ in range(LensSettings.outlier_rounds):
         whole = [observations[index] for index in views.tolist()]
         judged_by = _nearest(residuals_px(bundle, whole)) if masks is None else masks
         lengths = _standardised(bundle, whole, judged_by)
@@ -128,24 +123,28 @@ def fit_without_outliers(
 
 
 def _weights(lengths: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.ndarray:
-    """(V,) of views by their noise, from the lengths (N,) px of their standardised residuals and masks of good ones.
+    """Weights (V,) of views by their noise, from the lengths (N,) px of their standardised residuals and masks of good
+    ones.
 
     1, but for views that are clearly noisier than the median view. A view of few corners is taken for a usual one.
     """
     squares = np.array([np.mean(length[mask] ** 2) for length, mask in zip(lengths, masks, strict=True)])
     counts = np.array([mask.sum() for mask in masks])
     usual = float(np.median(squares)) if len(squares) else 1.0
-    noise = np.sqrt((counts * squares + _USUAL_CORNERS * usual) / ((counts + _USUAL_CORNERS) * max(usual, 1e-24)))
-    return np.minimum(1.0, _NOISIER / noise)
+    noise = np.sqrt(
+        (counts * squares + LensSettings.usual_corners * usual)
+        / ((counts + LensSettings.usual_corners) * max(usual, 1e-24))
+    )
+    return np.minimum(1.0, LensSettings.noisier / noise)
 
 
 def _nearest(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Per view (N,), the corners that a robust fit rests on."""
     lengths = [np.linalg.norm(residual, axis=1) for residual in residuals]
-    return [own <= _BELOW * np.median(own) for own in lengths]
+    return [own <= LensSettings.first_limit * np.median(own) for own in lengths]
 
 
 def _fixes_pose(good: np.ndarray, view: BoardCorners, min_corners: int) -> bool:
     """Whether the good corners (N,) of a view are most of them and fix its pose; all its corners are taken to."""
-    most = good.mean() > 0.5 and good.sum() >= max(min_corners, _LEAST_CORNERS)
+    most = good.mean() > 0.5 and good.sum() >= max(min_corners, 4)
     return bool(most and (good.all() or fixes_homography(view.points_m[good, :2])))

@@ -1,4 +1,4 @@
-"""What decides between lens models, which views contradict the others, and how far a lens counts as linear."""
+"""What a lens is solved from, what decides between lens models, and what is reported about a lens."""
 
 from __future__ import annotations
 
@@ -7,13 +7,112 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LensSettings:
-    """Thresholds of a lens calibration.
+    """Thresholds of a lens calibration. Costs are ratios of held-out errors up to which a lens that is better otherwise
+    is taken; deviations are standard deviations."""
 
-    The first decide between lens models: costs are ratios of held-out errors up to which a lens that is better
-    otherwise is taken. The next say when a view contradicts the others, and how many may; the last how far a step of
-    the lens counts as linear.
-    """
+    # what a lens is solved from
+    min_corners: int = 6  # of a view, least
+    min_views: int = 3  # least
+    candidates: tuple[str, ...] = (
+        "none",
+        "radial",
+        "opencv4",
+        "opencv5",
+        "fisheye",
+        "rational",
+    )  # of auto, simple first
+    screening: tuple[str, ...] = ("opencv5", "fisheye", "rational")  # rich: their residuals are noise and outliers
+    rounds: int = 3  # of choosing lens model and outliers by turns, most
 
+    # starting values
+    focal_per_width: tuple[float, ...] = (0.7, 1.4, 3.0, 8.0, 0.35)  # focal lengths over the longer side, tried in turn
+    divisions: tuple[float, ...] = (
+        0.0,
+        -0.1,
+        -0.2,
+        -0.35,
+        -0.5,
+        -0.65,
+        -0.8,
+        0.15,
+    )  # λ of x/(1 + λr²), corner at r = 1
+    start_views: int = 10  # by which starts are compared
+    start_corners: int = 40  # of each of them
+    same_start: float = 1.05  # ratio of two starts' noise up to which they are one,
+    same_start_px: float = 0.02  # and so much besides
+    wrong_pose: float = 3.0  # median error of a view over that of all, from which it is posed anew
+    least_ray_z: float = 0.1  # z of a ray's unit vector from which its corner helps to pose a view
+    homography_samples: int = 64  # of four corners, that a homography is sought among
+    usual_noise_px: float = 0.2  # of a corner, before it is measured
+    least_noise_px: float = 1e-3  # of a corner, by which the board's prior is weighed
+
+    # folding
+    unfolding_slopes: tuple[float, ...] = (0.1, 0.2, 0.35)  # least slopes of the radial curve, tried in turn
+    unfolding_weight: float = 1e4  # of the penalty on a smaller slope, over the corners' variance
+    unfolding_may_cost: float = 0.01  # of the squared residuals,
+    unfolding_chance: float = 20.0  # or what so many parameters explain by chance
+    radii: int = 160  # at which a radial curve is sampled
+    widest_rad: float = 1.5  # angle off the axis up to which one lens is fitted to another
+    nearly_real: float = 0.02  # imaginary over absolute value of a squared pole that counts as real
+    before_pole: float = 0.95  # part of a pole's radius in which the curve must leave the picture
+
+    # the board's shape: what printers and mounts do; some are ten times worse, so the prior has long tails
+    bow_per_extent: float = 1e-3  # prior deviation of bow and twist over the board's extent: 0.25 mm of 250 mm
+    stretch_std: float = 5e-4  # prior deviation of the ratio of a print's axes
+    shear_std: float = 3e-4  # rad, prior deviation of its angle
+    shape_tail: float = 3.0  # degrees of freedom of the prior, a Student's t distribution
+    shape_clear: float = 4.0  # deviations from which a shape is reported,
+    shape_per_extent: float = 3e-4  # bow or twist over the board's extent, besides,
+    shape_share: float = 1e-3  # or stretch, or shear in rad
+
+    # outlying corners and noisy views
+    outlier_chance: float = 1e-6  # of a good corner to lie beyond the limit
+    outlier_px: float = 0.25  # distance from which a corner may be an outlier
+    outlier_rounds: int = 8  # of finding the limit, and of leaving out corners, most
+    first_limit: float = 5.0  # in median distances, from which the limit grows
+    blurred: float = 5.0  # times the limit that a noisy view is allowed, most
+    noisier: float = 1.2  # noise over the median view's from which a view counts less
+    usual_corners: int = 10  # by which a view of few corners is taken for one of usual noise
+    outlying: float = 3.5  # scaled median deviations above the median rms, from which a view is reported as outlying
+
+    # held-out views, and halves of the views
+    folds: int = 5  # into which views are dealt
+    solved_anew: float = 1.1  # ratio of held-out to fitted squares above which each fold is solved anew
+    determined: float = 1e-10  # smallest singular value over the largest, from which all parameters are determined
+    left_by_poses: float = 1e-7  # part of a parameter's column that poses leave, from which it is no rounding
+    halved_views: int = 6  # fewest whose halves are compared
+    half_open: float = 1e6  # condition from which a half leaves the lens open, of directions that all views see alike
+    halves_agree: float = 1e-4  # p-value below which they contradict each other: so of one good set in 10,000
+
+    # expected error over the picture
+    uncertainty_grid: tuple[int, int] = (17, 13)  # columns and rows of pixels at which a lens is judged
+    unseen_px: float = 1e3  # error of a pixel without a ray
+    least_error_px: float = 1e-4  # error of a pixel, least
+    chance_bias: float = 2.0  # times the variance of a difference, that its square has by chance
+
+    # a known lens; its assumed deviations are those of OpenCV's solutions of two thirds of the views of four real sets
+    focal_std: float = 0.003  # relative deviation of the focal length, where the file states none: they were 0.07–0.5 %
+    aspect_std: float = 0.001  # relative deviation of fx/fy: they were 0.02–0.13 %
+    centre_per_width: float = 0.0025  # deviation of the centre over the width: they were 0.1–0.8 %
+    corner_per_width: float = 0.0008  # of what distortion does to the picture's corner: they were 0.03–0.7 %
+    uncorrected_per_width: float = 0.02  # the same where all coefficients are zero: ordinary lenses have up to this
+    vague_start: float = 0.05  # relative deviation of the focal length from which a lens is no start
+    known_floor_px: float = 0.1  # difference from the pictures' own lens up to which nothing follows
+    known_least_px: float = 0.02  # uncertainty of any two lenses' difference
+    correlated: float = 2.0  # ratio of the pictures' own lens' deviations to those of independent corners
+
+    # corners that others have found
+    most_rise: float = 0.02  # of a board's points along z, over its extent
+    furthest_px: float = 1e6  # of a corner
+    most_px: int = 100_000  # of a picture's width or height
+
+    # what is reported of a lens
+    vague_focal: float = 0.02  # relative deviation of the focal length from which it is
+    covered: float = 0.5  # share of an 8 x 6 grid over the picture with corners, below which it is
+    scattered: float = 2.0  # contradictions of views over the scatter of corners, from which they are
+    most_rms_px: float = 3.0  # of a lens that may be used: beyond, corners are of other boards or cameras
+
+    # between lens models
     monotonic_may_cost: float = 1.1  # of lenses that do not fold: one that does maps two directions to one pixel
     agreement_may_cost: float = 1.005  # of lenses whose halves agree: the others are worse than they state
     far_pole_may_cost: float = 1.005  # of lenses without a pole near the picture
@@ -24,6 +123,8 @@ class LensSettings:
     better_by: float = 1.0  # standard errors by which the expected error of a richer model must be smaller
     most_larger: float = 1.35  # ratio of expected errors up to which a simpler model is taken, however uncertain it is
     centred_may_cost: float = 1.15  # ratio of expected errors: every lens is a little decentred
+
+    # views that contradict the others
     view_noise: float = 5.0  # times that of the median view; corners of blurred views have no more room either
     least_px: float = 0.25  # noise, rms of a corner, that is never too much
     fewest_views: int = 6  # of fewer, those that are right are not known
@@ -32,6 +133,8 @@ class LensSettings:
     unchanged: float = 0.75  # of the rms of all views, without any other
     most_left_out: float = 0.15  # of the views, but one at least; if more contradict, they are no outliers
     changed_by: float = 3e-3  # of the focal length, relative, of views at the beginning or the end that agree
+
+    # how far a step of the lens counts as linear
     shares: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3)  # of a standard deviation, tried in turn
     bend: float = 0.3  # part of a linear displacement of the picture by which the true one may differ from it, at most
     negligible_px: float = 0.02  # rms over the picture below which a difference does not count

@@ -20,12 +20,9 @@ from vbaa_calib.geometry.independent_axes import independent_axes, largest_std
 
 from .settings import LensSettings
 
-_GRID = (17, 13)
-_UNSEEN_PX, _LEAST_PX, _CHANCE = 1e3, 1e-4, 2.0
-
 
 def projection_uncertainty(
-    camera: Camera, compensated: bool = True, grid: tuple[int, int] = _GRID
+    camera: Camera, compensated: bool = True, grid: tuple[int, int] = LensSettings.uncertainty_grid
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pixels (R, C, 2) over the whole picture, on `grid` = (columns, rows), covariances (R, C, 2, 2) px² of the
     projection of each one's fixed ray, and standard deviations (R, C) px in the worst direction; NaN without a ray.
@@ -42,7 +39,7 @@ def projection_uncertainty(
     return pixels, covariance, largest_std(covariance)
 
 
-def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int] = _GRID) -> np.ndarray:
+def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int] = LensSettings.uncertainty_grid) -> np.ndarray:
     """(rows, columns, 2) pixels from border to border of a (width, height) picture, for `grid` = (columns, rows)."""
     columns, rows = (np.linspace(-0.5, size - 0.5, count) for size, count in zip(image_size, grid, strict=True))
     return np.stack(np.meshgrid(columns, rows), axis=-1)
@@ -81,14 +78,16 @@ def expected_errors_px(
         apart = np.concatenate([apart, apart + moved[name] - moved[reference]], axis=-1)
         carried = jacobian @ cameras[name].covariance @ np.swapaxes(jacobian, -1, -2)
         variances[name] = np.where(wrong, np.inf, np.trace(carried, axis1=-2, axis2=-1))[:, None]
-        squares[name] = np.where(wrong[:, None], _UNSEEN_PX**2, np.sum(apart**2, axis=1))
+        squares[name] = np.where(wrong[:, None], LensSettings.unseen_px**2, np.sum(apart**2, axis=1))
     expected = {}
     for name, variance in variances.items():
         with np.errstate(invalid="ignore"):
             noise = np.clip(np.nan_to_num(variances[reference] - variance), 0.0, None)
-        square = np.nan_to_num(np.minimum(variance, _UNSEEN_PX**2), nan=_UNSEEN_PX**2)
-        square = square + np.clip(np.nan_to_num(squares[name], nan=_UNSEEN_PX**2) - _CHANCE * noise, 0.0, None)
-        expected[name] = np.exp(0.5 * np.mean(np.log(np.maximum(square, _LEAST_PX**2)), axis=0))
+        square = np.nan_to_num(np.minimum(variance, LensSettings.unseen_px**2), nan=LensSettings.unseen_px**2)
+        square = square + np.clip(
+            np.nan_to_num(squares[name], nan=LensSettings.unseen_px**2) - LensSettings.chance_bias * noise, 0.0, None
+        )
+        expected[name] = np.exp(0.5 * np.mean(np.log(np.maximum(square, LensSettings.least_error_px**2)), axis=0))
     return expected
 
 
@@ -146,7 +145,7 @@ def _slopes(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 @lru_cache(maxsize=4)
 def _slopes_at(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Cached: `projection_jacobian` and `compensate` ask for the same pixels."""
+    """`_slopes`, cached: `projection_jacobian` and `compensate` ask for the same pixels."""
     at = np.frombuffer(pixels).reshape(shape)
     rays, by_pixel, by_parameter, valid = ray_derivatives(camera.intrinsics, at)
     valid, turned = valid[..., None, None], np.cross(np.eye(3), rays[..., None, :])

@@ -12,16 +12,12 @@ from vbaa_calib.core.errors import Diagnosis
 
 from .board_shape import BoardShape
 from .information import Candidate
+from .settings import LensSettings
 
 if TYPE_CHECKING:
     from .intrinsics import LensSolution
 
 _Grade = Literal["trusted", "look at", "do not use"]
-_VAGUE_FOCAL = 0.02
-_COVERED = 0.5
-_ENOUGH_VIEWS = 6
-_SCATTERED = 2.0
-_MOST_RMS_PX = 3.0  # of a lens that may be used: what misses by more is of other corners, boards or cameras
 
 
 @dataclass(frozen=True)
@@ -60,15 +56,15 @@ class LensVerdict:
 
     @property
     def exit_code(self) -> int:
-        """Of a verb whose result rests on the lens: 1 where it must not be used, else 0."""
+        """Exit code of a verb that uses the lens: 1 where it must not be used, else 0."""
         return int(self.grade == "do not use")
 
     def with_diagnoses(self, found: Iterable[Diagnosis]) -> LensVerdict:
-        """The verdict that knows of these, too."""
+        """The same verdict with these diagnoses besides."""
         return replace(self, diagnoses=_grave_first((*self.diagnoses, *found)))
 
     def to_dict(self) -> dict[str, Any]:
-        """For camera.json and rig.json."""
+        """The entries of camera.json and rig.json."""
         return {
             "verdict": self.words,
             "grade": self.grade,
@@ -92,17 +88,17 @@ def _grave_first(found: Iterable[Diagnosis]) -> tuple[Diagnosis, ...]:
 
 
 def _diagnoses(solution: LensSolution, views_px: Sequence[np.ndarray], view_scatter: float) -> Iterator[Diagnosis]:
-    """What speaks against trusting the lens."""
+    """Diagnoses against the lens, in no order."""
     chosen, count = solution.chosen, len(views_px)
-    if solution.rms_inliers_px > _MOST_RMS_PX:
+    if solution.rms_inliers_px > LensSettings.most_rms_px:
         words = f"the corners miss the lens by {solution.rms_inliers_px:.1f} px rms, outliers left out"
         remedy = "see that board and counts are as described, and all pictures of one camera at one focus"
         yield Diagnosis("lens_misses", words, remedy, "wrong")
-    if count < _ENOUGH_VIEWS:
+    if count < LensSettings.halved_views:
         words = f"the lens rests on {count} views: they fit almost any lens, and halves of them cannot be compared"
-        missing = f"add {_ENOUGH_VIEWS - count} or more views"
+        missing = f"add {LensSettings.halved_views - count} or more views"
         yield Diagnosis("few_views", words, f"{missing}, the board tilted by 30 to 45 degrees, each time another way")
-    if view_scatter >= _SCATTERED:
+    if view_scatter >= LensSettings.scattered:
         words = (
             f"the views contradict each other {view_scatter:.1f} times as much as their corners scatter; the "
             "stated uncertainty counts that"
@@ -121,19 +117,19 @@ def _diagnoses(solution: LensSolution, views_px: Sequence[np.ndarray], view_scat
         yield Diagnosis("split_half_differs", words, remedy)
     assert solution.camera.covariance is not None
     focal_std = float((np.sqrt(np.diag(solution.camera.covariance)[:2]) / solution.camera.parameters[:2]).max())
-    if focal_std > _VAGUE_FOCAL:
+    if focal_std > LensSettings.vague_focal:
         words = f"the focal length is known to {100 * focal_std:.1f} % only"
         yield Diagnosis("focal_vague", words, "add views of the board tilted by 30 to 45 degrees")
     # of an 8 x 6 grid over the picture, the cells in which a corner was seen
     places = (np.concatenate(views_px) + 0.5) / np.array(solution.camera.image_size) * (8, 6)
     share = len(np.unique(np.clip(places, 0, (7, 5)).astype(int), axis=0)) / 48
-    if share < _COVERED:
+    if share < LensSettings.covered:
         words = f"the corners cover {100 * share:.0f} % of the picture"
         yield Diagnosis("little_covered", words, "add views with the board near its border")
 
 
 def _why(solution: LensSolution) -> list[str]:
-    """Why this lens model."""
+    """Sentences on why this lens model was taken."""
     chosen = solution.chosen
     if chosen is None:
         return []

@@ -53,18 +53,18 @@ def _opponent(picture: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class _Level:
     """A reduced picture (channels, H, W), `scale` of its pixels to one of the photograph's."""
 
     planes: np.ndarray
     scale: float
 
-    def reduced(self, scale: float, shape: tuple[int, int]) -> Level:
-        """The picture of a shape (H, W) at a scale of at most this one's."""
+    def reduced(self, scale: float, shape: tuple[int, int]) -> _Level:
+        """The picture reduced to a shape (H, W) and a scale, which is at most this one's."""
         size = (max(8, round(scale * shape[1])), max(8, round(scale * shape[0])))
         if size == self.planes.shape[:0:-1]:
             return self
-        return Level(np.stack([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in self.planes]), scale)
+        return _Level(np.stack([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in self.planes]), scale)
 
     def noise(self, settings: RodSettings) -> np.ndarray:
         """(channels,) standard deviation of a pixel, from second differences."""
@@ -81,13 +81,13 @@ class Level:
 
 
 def _shading_of(channels: int, settings: RodSettings) -> np.ndarray:
-    """(channels,) by which the colour of one surface differs between neighbouring places."""
+    """(channels,) usual difference in colour of neighbouring places on one surface."""
     return np.array([settings.shading[min(channel, 1)] for channel in range(channels)])
 
 
-def ribbon_evidence(level: Level, width: float, settings: RodSettings) -> np.ndarray:
-    """Log odds (steps, directions, columns) of ribbons so wide down a picture."""
-    shading = np.hypot(_shading_of(len(level.planes), settings), level.texture(settings.flank_widths * width, settings))
+def _ribbon_evidence(level: _Level, width: float, texture: np.ndarray, settings: RodSettings) -> np.ndarray:
+    """Log odds (steps, directions, columns) of ribbons so wide down a picture of this texture (channels,)."""
+    shading = np.hypot(_shading_of(len(level.planes), settings), texture)
     shares = (settings.flat, settings.edge, settings.chance)
     return core.search.ribbon_evidence(
         level.planes, width, level.noise(settings), shading, settings.spread, shares, settings.gap
@@ -99,14 +99,14 @@ def _most_scale(planes: np.ndarray, settings: RodSettings) -> float:
     return float(min(1.0, np.sqrt(1e6 * settings.most_megapixels / np.prod(planes.shape[1:]))))
 
 
-def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[Level, float]]:
+def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[_Level, float]]:
     """The picture reduced for ribbons of each width, in pixels of the picture; the widest first."""
     height, width = planes.shape[1:]
     most = _most_scale(planes, settings)
     widths = [settings.narrowest_px / most]
     while widths[-1] < settings.widest * min(height, width):
         widths.append(widths[-1] * settings.width_step)
-    level, levels = Level(planes, 1.0), []
+    level, levels = _Level(planes, 1.0), []
     for width_px in widths:
         level = level.reduced(min(most, settings.level_width_px / width_px), (height, width))
         levels.append((level, width_px))
@@ -114,7 +114,7 @@ def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[Level, f
 
 
 def _paths_at(
-    level: Level,
+    level: _Level,
     width_px: float,
     ends: tuple[np.ndarray | None, np.ndarray | None],
     settings: RodSettings,
@@ -128,8 +128,10 @@ def _paths_at(
     width, diagonal = width_px * level.scale, float(np.hypot(height, columns))
     if min(height, columns) < 2 * core.search.ROW_STEP:
         return []
-    down = ribbon_evidence(level, width, settings)
-    across = ribbon_evidence(Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale), width, settings)
+    texture = level.texture(settings.flank_widths * width, settings)
+    down = _ribbon_evidence(level, width, texture, settings)
+    transposed = _Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale)
+    across = _ribbon_evidence(transposed, width, texture, settings)
     if colours is not None:
         spread = settings.other_colour * _shading_of(len(level.planes), settings)
         smooth = [cv2.blur(each, (3, 3)) for each in level.planes]
@@ -178,7 +180,7 @@ def _from_clamp(path: _RodPath, clamp: np.ndarray | None, tip: np.ndarray | None
     return replace(path, path_px=path.path_px[::-1]) if turned else path
 
 
-def shared(path: _RodPath, other: _RodPath, settings: RodSettings) -> float:
+def _shared(path: _RodPath, other: _RodPath, settings: RodSettings) -> float:
     """Part of a path's length that runs along another, nearer than a part of the width."""
     along = arc_lengths(other.path_px)
     at = np.linspace(0.0, along[-1], max(2, int(2.0 * along[-1] / path.width_px)))
@@ -199,14 +201,14 @@ class _PhotoPatch:
 
     @staticmethod
     def about(planes: np.ndarray, path: _RodPath, settings: RodSettings) -> _PhotoPatch:
-        """About a path."""
+        """The patch about a path."""
         size, room = np.array(planes.shape[:0:-1]), settings.patch_widths * path.width_px + 10.0
         times = max(1, int(path.width_px / settings.measured_width_px))
         low = np.clip(np.floor(path.path_px.min(axis=0) - room).astype(int), 0, size - 2 * times)
         high = np.clip(np.ceil(path.path_px.max(axis=0) + room).astype(int), low + 2 * times, size)
         high -= (high - low) % times
         part = planes[:, low[1] : high[1], low[0] : high[0]]
-        level = Level(part, 1.0).reduced(1.0 / times, part.shape[1:])
+        level = _Level(part, 1.0).reduced(1.0 / times, part.shape[1:])
         noise = level.noise(settings)
         return _PhotoPatch(level.planes, level.scale, low, noise, np.hypot(noise, _shading_of(len(planes), settings)))
 
@@ -289,12 +291,16 @@ class _MeasuredRod:
 
     @property
     def hangs(self) -> bool:
-        """Whether it comes from the picture's border and ends before plain background."""
+        """Whether the rod enters at the picture's border and ends before plain background."""
         return self.inside[0] != self.inside[1] and self.holder[0 if self.inside[0] else 1] < 0.0
 
     def is_good(self, settings: RodSettings) -> bool:
         """Whether nothing better is to be expected."""
-        return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.parts["edges"] > 0.9
+        return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.has_edges(settings)
+
+    def has_edges(self, settings: RodSettings) -> bool:
+        """Whether all but a few of its places have both edges."""
+        return self.parts["edges"] > settings.good_edges
 
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
         """Whether a line (N, 2) runs in this rod over such a share of its points."""
@@ -310,7 +316,8 @@ class _MeasuredRod:
         )
 
     def alone(self, settings: RodSettings) -> _MeasuredRod:
-        """The same where nothing is known of the ends: a rod's tip is before the background, within the picture."""
+        """Log odds of a rod where nothing is known of its ends: a rod's tip is before the background, within the
+        picture."""
         tip = min(
             odds if inside else settings.no_tip_cost for odds, inside in zip(self.holder, self.inside, strict=True)
         )
@@ -319,7 +326,7 @@ class _MeasuredRod:
         return replace(self, evidence=(self.evidence - max(0.0, tip)) * (settings.straight_share if straight else 1.0))
 
 
-def fitted(
+def _fitted(
     picture_planes: np.ndarray,
     path: _RodPath,
     first: np.ndarray | None,
@@ -335,13 +342,71 @@ def fitted(
         if end is not None:
             apart = np.hypot(*(coarse[::way] - end).T) > 1.5 * width
             coarse = np.concatenate([end[None], coarse[::way][int(np.argmax(apart)) :]])[::way]
+    course: _Course | None = None
+    most = 0.0
+    # a highlight or a shadow changes light, hairs have the colour: what tells the edges is what makes them parallel
+    for channels, light in ((slice(None), settings.light), (slice(None), 0.0), (slice(1), 0.0))[-len(planes) :]:
+        told = planes[channels], patch.spread[channels], replace(settings, light=light)
+        found = _course(planes, noise, coarse, width, first, last, *told)
+        if found is None:
+            continue
+        parallel = float(found[-1].mean()) * min(1.0, arc_lengths(found[1])[-1] / arc_lengths(coarse)[-1])
+        if parallel > most:
+            course, most = found, parallel
+        if parallel > settings.good_edges:
+            break
+    if course is None:
+        return None
+    points, curve, misses, width, inside, seen = course
+    length = float(arc_lengths(curve)[-1])
+    diagonal = float(np.hypot(*picture_planes.shape[1:])) * patch.scale
+    cell = max(width, settings.correlation_share * diagonal)
+    there, parts = _along(planes, curve, width, cell, seen, settings)
+    parts |= {"edges": float(seen.mean()), "wander": mad_std(misses) / width, "length_share": length / diagonal}
+    evidence = parts["ribbon"]
+    if first is None or last is None:  # it may be none, or a shadow
+        evidence = evidence * (1.0 - settings.shadow_cost * parts["shadow"]) + _shape(parts, settings)
+    gap, goes_on = (
+        _gap(curve, there, settings.longest_gap * max(cell / length, 0.02)),
+        _goes_on(planes, noise, curve, width, inside, settings),
+    )
+    return _MeasuredRod(
+        patch.back(points),
+        patch.back(curve),
+        width / patch.scale,
+        mad_std(misses) / patch.scale,
+        inside,
+        _holders(planes, noise, curve, width, settings),
+        None if goes_on is None else patch.back(goes_on),
+        None if gap is None else patch.back(gap),
+        evidence,
+        parts,
+    )
+
+
+_Course = tuple[np.ndarray, np.ndarray, np.ndarray, float, tuple[bool, bool], np.ndarray]
+
+
+def _course(
+    planes: np.ndarray,
+    noise: np.ndarray,
+    coarse: np.ndarray,
+    width: float,
+    first: np.ndarray | None,
+    last: np.ndarray | None,
+    told: np.ndarray,
+    spread: np.ndarray,
+    settings: RodSettings,
+) -> _Course | None:
+    """Points, their curve and distances from it, the width, whether the ends are inside, and which stations have two
+    edges, by those planes whose edges are `told`, of one surface's `spread`; None where there are none."""
     curve = _smooth(coarse, np.ones(len(coarse)), max(width, settings.least_smoothing_px))
     for _ in range(settings.centred_rounds):
-        middles = _centred(planes, patch.spread, curve, width, settings)
+        middles = _centred(told, spread, curve, width, settings)
         curve = _smooth(middles, np.ones(len(middles)), max(width, settings.least_smoothing_px))
     points, misses = np.zeros((0, 2)), np.zeros(0)
     for round_ in range(settings.fit_rounds):
-        points, width, _ = _edges(planes, patch.spread, curve, width, settings, round_ > settings.fit_rounds - 3)
+        points, width, _ = _edges(told, spread, curve, width, settings, round_ > settings.fit_rounds - 3)
         if len(points) < settings.least_points:
             return None
         scale = max(
@@ -370,45 +435,27 @@ def fitted(
     far = max(2.0 * width, 0.03 * length)
     if any(end is not None and np.hypot(*(at - end)) > far for end, at in ((first, curve[0]), (last, curve[-1]))):
         return None
-    diagonal = float(np.hypot(*picture_planes.shape[1:])) * patch.scale
-    cell = max(width, settings.correlation_share * diagonal)
-    _, width, seen = _edges(planes, patch.spread, curve, width, settings, True)
+    _, width, seen = _edges(told, spread, curve, width, settings, True)
     if seen.mean() < settings.least_edges:
         return None
-    log, parts = _along(planes, curve, width, cell, seen, settings)
-    parts |= {"edges": float(seen.mean()), "wander": mad_std(misses) / width, "length_share": length / diagonal}
-    evidence = parts["ribbon"]
-    if first is None or last is None:  # it may be none, or a shadow
-        evidence = evidence * (1.0 - settings.shadow_cost * parts["shadow"]) + _shape(parts, settings)
-    gap, goes_on = (
-        _gap(curve, log, settings.longest_gap * max(cell / length, 0.02)),
-        _goes_on(planes, noise, curve, width, inside, settings),
-    )
-    return _MeasuredRod(
-        patch.back(points),
-        patch.back(curve),
-        width / patch.scale,
-        mad_std(misses) / patch.scale,
-        inside,
-        _holders(planes, noise, curve, width, settings),
-        None if goes_on is None else patch.back(goes_on),
-        None if gap is None else patch.back(gap),
-        evidence,
-        parts,
-    )
+    return points, curve, misses, width, inside, seen
 
 
 def _along(
     planes: np.ndarray, curve: np.ndarray, width: float, cell: float, seen: np.ndarray, settings: RodSettings
 ) -> tuple[np.ndarray, dict[str, float]]:
-    """Log odds (S,) of a ribbon along a curve, by the search's evidence in the straightened picture, and what they and
-    the line's shape and colours add up to."""
+    """Where (S,) along a curve there is a ribbon, by the search's evidence in the straightened picture or by both its
+    edges; and what that evidence, its mean the log odds, and the line's shape and colours add up to."""
     fine = width / settings.level_width_px
     sigma = 0.4 * np.sqrt(max(fine**2 - 1.0, 0.0))
     soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
     strip = _Strip.along(soft, curve, fine, 4.0 * width, fine)
-    level = Level(np.ascontiguousarray(strip.values), 1.0 / fine)
-    each = ribbon_evidence(level, settings.level_width_px, settings)
+    level = _Level(np.ascontiguousarray(strip.values), 1.0 / fine)
+    # of what is on either side: the rod's own edges are no texture
+    outer = strip.across_px < -width, strip.across_px > width
+    apart = settings.flank_widths * settings.level_width_px
+    textures = [_Level(level.planes[:, :, side], level.scale).texture(apart, settings) for side in outer]
+    each = _ribbon_evidence(level, settings.level_width_px, np.mean(textures, axis=0), settings)
     log = each[:, each.shape[1] // 2, len(strip.across_px) // 2].astype(float)
     inside = np.asarray(strip.inside[:, np.abs(strip.across_px) < width].all(axis=1))
     step = core.search.ROW_STEP
@@ -417,9 +464,10 @@ def _along(
     # what has not both its edges, in its colour, is no rod
     near = uniform_filter1d(seen.astype(float), max(1, round(2.0 * width / (length / len(seen)))), mode="nearest")
     near = np.interp(np.linspace(0.0, 1.0, len(log)), np.linspace(0.0, 1.0, len(seen)), near)
-    run = max(1, round(cell / fine))
+    run = min(max(1, round(cell / fine)), len(strip.stations_px))
+    every = slice((run - 1) // 2, None, run)
     middle, *sides = (
-        uniform_filter1d(strip.colours(low * width, high * width), run, axis=1, mode="nearest")[:, run // 2 :: run]
+        uniform_filter1d(strip.colours(low * width, high * width), run, axis=1, mode="nearest")[:, every]
         for low, high in ((-0.35, 0.35), (-1.2, -0.65), (0.65, 1.2))
     )
     other = np.interp(
@@ -428,12 +476,13 @@ def _along(
         _other(middle, sides, settings.least_chroma),
     )
     log = np.where((near < 0.3) | (other > 0.5), settings.gap, log)
+    there = (log > 0.5) | ((near > settings.good_edges) & (other < 0.5))
     shading = _shading_of(len(planes), settings)
     shadow = np.maximum(*(_shadowed(middle, side, shading, settings.darkest_shadow) for side in sides))
     tangent = np.diff(curve, axis=0)
     angle = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     angle = uniform_filter1d(angle, max(1, round(2.0 * width / (length / len(curve)))), mode="nearest")
-    return log, {
+    return there, {
         "ribbon": float(log.mean()) * length / cell,
         "mean": float(log.mean()),
         "gaps": float(np.mean(log < 0.5)),
@@ -494,16 +543,16 @@ def _shape(parts: dict[str, float], settings: RodSettings) -> float:
     return -settings.winding_cost * winding - settings.turned_cost * turned - settings.straight_cost * straight
 
 
-def _gap(curve: np.ndarray, log: np.ndarray, longest_gap: float) -> np.ndarray | None:
-    """The middle of the longest piece without evidence, if it is too long."""
-    empty = np.append(np.append(0, log < 0.5), 0)
+def _gap(curve: np.ndarray, there: np.ndarray, longest_gap: float) -> np.ndarray | None:
+    """The middle of the longest piece where nothing is there, if it is too long."""
+    empty = np.append(np.append(0, ~there), 0)
     starts, ends = np.flatnonzero(np.diff(empty) > 0), np.flatnonzero(np.diff(empty) < 0)
     if len(starts) == 0:
         return None
     longest = int(np.argmax(ends - starts))
-    if ends[longest] - starts[longest] < longest_gap * len(log):
+    if ends[longest] - starts[longest] < longest_gap * len(there):
         return None
-    return curve[int(0.5 * (starts[longest] + ends[longest]) / len(log) * (len(curve) - 1))]
+    return curve[int(0.5 * (starts[longest] + ends[longest]) / len(there) * (len(curve) - 1))]
 
 
 def _holders(
@@ -577,8 +626,8 @@ def _centred(
 def _edges(
     planes: np.ndarray, spread: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings, last: bool
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Middles (N, 2) between edges, or half a width from one of them; the width, and (S,) whether stations have two
-    edges so far apart. At the last, edges are looked for next to those of the curve.
+    """Middles (N, 2) of the rod by its edges, half a width from a single edge; its width; and (S,) whether a station
+    has two edges that far apart. In the last round, edges are searched for next to those of the curve.
 
     spread : (channels,) deviation of places of one surface.
     """
@@ -638,7 +687,7 @@ def _edges(
 
 
 def _median_width(widths: np.ndarray, before: float) -> float:
-    """Of those that were measured, not NaN; the one before where none was."""
+    """Median of the measured widths, which are not NaN; the one before where none was measured."""
     return float(np.nanmedian(widths)) if np.isfinite(widths).any() else before
 
 
@@ -740,7 +789,7 @@ def _to_the_ends(
 
 
 def _other(middle: np.ndarray, sides: list[np.ndarray], least_chroma: float) -> np.ndarray:
-    """(S,) 1 where colours (channels, S) differ from their surroundings by another hue than they usually do, else 0."""
+    """(S,) 1 where colours (channels, S) differ from their surroundings by an unusual hue, else 0."""
     chroma = (middle - 0.5 * (sides[0] + sides[1]))[1:]
     known = np.isfinite(chroma).all(axis=0)
     usual = np.median(chroma[:, known], axis=1) if len(chroma) and known.any() else np.zeros(2)
@@ -763,7 +812,7 @@ def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray, darkest
     return np.where(np.isfinite(there), there, 0.0)
 
 
-_END_REMEDY = "give --clamp U,V and --tip U,V"
+_END_REMEDY = "give --clamp U,V and --tip U,V"  # where the ends are not known
 
 
 @dataclass(frozen=True, eq=False)
@@ -814,6 +863,8 @@ class RodSearch:
             remedy = "check --clamp and --tip" if known == 2 else _END_REMEDY
             raise InputError(f"no rod can be made out{where}: nothing stands out like one", remedy=remedy)
         least_mean = self.settings.least_mean if known == 2 else self.settings.least_mean_alone
+        if known == 2 and best.gap_px is None and best.has_edges(self.settings):
+            least_mean = self.settings.least_mean_edged
         if best.parts["mean"] < least_mean:
             what = "no rod can be made out: the likeliest line is one only in parts"
             raise InputError(what, remedy="check --clamp and --tip" if known == 2 else _END_REMEDY)
@@ -838,7 +889,7 @@ class RodSearch:
         return self._directed(best)
 
     def _directed(self, found: _MeasuredRod) -> RodLine:
-        """From clamp to tip."""
+        """The line in the order from clamp to tip."""
         inside, ends = found.inside, found.curve_px[[0, -1]]
         if self.clamp is not None or self.tip is not None:
             turned = False  # it was fitted from the clamp to the tip
@@ -907,7 +958,7 @@ def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: R
 
 def _measured(
     planes: np.ndarray,
-    levels: list[tuple[Level, float]],
+    levels: list[tuple[_Level, float]],
     clamp: np.ndarray,
     tip: np.ndarray,
     colours: np.ndarray | None,
@@ -927,14 +978,14 @@ def _measured(
             bound = min(bound, settings.slack[0] * path.cost + settings.slack[1])
             if any(line.contains(path.path_px) and width_px < 1.5 * line.width_px for line in found):
                 continue
-            line = fitted(planes, path, clamp, tip, settings)
+            line = _fitted(planes, path, clamp, tip, settings)
             if line is not None:
                 found.append(line)
     return found
 
 
 def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredRod]:
-    """The likeliest first: of lines whose mean evidence is about the same the one with the most."""
+    """Lines in order of likelihood: by mean evidence, and by total evidence where that is about the same."""
     best = max((line.parts["mean"] for line in found), default=0.0)
     return sorted(found, key=lambda line: (line.parts["mean"] < best - settings.alike, -line.evidence))
 
@@ -942,12 +993,12 @@ def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredR
 def _lines(
     planes: np.ndarray, groups: list[list[_RodPath]], ends: list[np.ndarray | None], settings: RodSettings
 ) -> list[_MeasuredRod]:
-    """The likeliest line of each group of paths."""
+    """The most likely measured line of each group of paths."""
     found = []
     for group in groups:
         likely: _MeasuredRod | None = None
         for path in group:
-            fit = fitted(planes, path, ends[0], ends[1], settings)
+            fit = _fitted(planes, path, ends[0], ends[1], settings)
             if fit is not None and (likely is None or fit.evidence > likely.evidence):
                 likely = fit
             if likely is not None and 0.6 < likely.width_px / path.width_px < 1.7:
@@ -961,7 +1012,7 @@ def _grouped(paths: list[_RodPath], settings: RodSettings) -> list[list[_RodPath
     """The best paths, each apart from those before it over half of its length, and with each one of another width."""
     groups: list[list[_RodPath]] = []
     for path in paths:
-        group = next((each for each in groups if shared(path, each[0], settings) > 0.5), None)
+        group = next((each for each in groups if _shared(path, each[0], settings) > 0.5), None)
         if group is None:
             if len(groups) < settings.candidates:
                 groups.append([path])

@@ -1,14 +1,16 @@
-"""What a rod in a photograph is supposed to be like, and where a finder of rods draws its lines."""
+"""What a rod in a photograph is taken to be like, how it is found, and how its bending is fitted."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class RodSettings:
-    """Tunable numbers of the search for a rod. Grey levels are of 255, evidence is in natural log odds; "tried" are
-    numbers chosen on 16 photographs of cables and yarns and 31 without a rod."""
+    """Tunable numbers of the search for a rod and of the fit of its bending. Grey levels are of 255, evidence is in
+    natural log odds; "tried" are numbers chosen on 16 photographs of cables and yarns and 31 without a rod."""
 
     most_megapixels: float = 0.7
     """Millions of pixels that a photograph is reduced to at most before the search: 2 s of work."""
@@ -82,6 +84,8 @@ class RodSettings:
     """Length over width, below which it is no rod."""
     least_edges: float = 0.4
     """Share of places with both edges, below which a line is not measured."""
+    good_edges: float = 0.9
+    """Share of places with both edges above which nothing better is to be expected."""
     longest_gap: float = 3.0
     """Longest piece without evidence, in correlation lengths: what crosses a rod is shorter."""
     least_turn: float = 0.12
@@ -110,6 +114,9 @@ class RodSettings:
     """Evidence that it must have between known ends."""
     least_mean: float = 2.5
     """Mean evidence along it between known ends, of 3 at most: right lines had 2.6, wrong ones 1.3."""
+    least_mean_edged: float = 1.5
+    """The same for a line without a gap that has `good_edges`: right lines had 1.5 to 2.5, wrong ones fewer edges or a
+    gap."""
     least_mean_alone: float = 2.3
     """Mean evidence along it where not both ends are known."""
     rival_share: float = 0.5
@@ -150,3 +157,22 @@ class RodSettings:
     """Distance from an end, in widths, at which what goes on is looked for."""
     darkest_shadow: float = 0.3
     """Least light, over that next to it, in a shadow: tried."""
+
+    pieces: int = 120
+    """Pieces of the rod for its bending; curvature is constant on each."""
+    most_points: int = 140
+    """Measured points that its bending is fitted to, at most."""
+    curls: tuple[float, ...] = (0.0, *np.geomspace(0.01, 30.0, 8))
+    """Standard deviations of the rod's own curl that are tried, in radians per length of the rod."""
+    curl_lengths: tuple[float, ...] = (0.03, 0.1, 0.3)
+    """Lengths over which curl is correlated that are tried, in lengths of the rod."""
+    error_lengths: tuple[float, ...] = (0.0, 0.01, 0.03)
+    """Lengths over which points err together that are tried, in lengths of the rod."""
+    law_steps: int = 4
+    """Steps of the moment, on each of which a free law of bending is a cubic."""
+    least_information: float = 1e-13
+    """Information added on each coefficient, as a part of the sum of all."""
+    samples: int = 20_000
+    """Draws by which the quantiles of EI are taken."""
+    camera_lengths: float = 2.0
+    """Supposed distance of the camera in lengths of the rod, for the perspective of a tilt."""

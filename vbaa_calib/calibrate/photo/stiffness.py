@@ -16,20 +16,12 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, beside, normals
 
 from .centreline import RodLine
-
-_PIECES = 120  # of the rod; curvature is constant on each
-_LEAST_INFORMATION = 1e-13  # added on each coefficient, as a part of the sum of all
-_MOST_POINTS = 140
-_CURLS = (0.0, *np.geomspace(0.01, 30.0, 8))  # standard deviations of curl, in radians per length of the rod
-_CURL_LENGTHS = (0.03, 0.1, 0.3)  # over which curl is correlated, in lengths of the rod
-_ERROR_LENGTHS = (0.0, 0.01, 0.03)  # over which points err together, in lengths of the rod
-_SAMPLES = 20_000
-_LAW_STEPS = 4  # of the moment, on each of which a law that is free is a cubic
+from .settings import RodSettings
 
 
 @dataclass(frozen=True)
 class _Loading:
-    """What bends the rod: weight per length and a dead load along `down`."""
+    """Loads of the rod: weight per length and a dead load along `down`."""
 
     down: tuple[float, float]  # unit vector in the picture
     weight_N_m: float = 1.0  # 1 for results per weight
@@ -57,11 +49,11 @@ class _PhotoView:
     @cached_property
     def middles_m(self) -> np.ndarray:
         """(K,) arc lengths in the middles of the pieces."""
-        return (np.arange(_PIECES) + 0.5) / _PIECES * arc_lengths(self.curve_m)[-1]
+        return (np.arange(RodSettings.pieces) + 0.5) / RodSettings.pieces * arc_lengths(self.curve_m)[-1]
 
     @cached_property
     def moment(self) -> np.ndarray:
-        """(K,) bending moment there."""
+        """(K,) bending moment in the middles of the pieces."""
         return np.interp(self.middles_m, arc_lengths(self.curve_m), self.loading.moments(self.curve_m))
 
     def at(self, s_m: np.ndarray) -> np.ndarray:
@@ -75,14 +67,14 @@ class _PhotoView:
         along = arc_lengths(self.curve_m)
         normal = normals(self.curve_m)
         tangent = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
-        ends = np.linspace(0.0, along[-1], _PIECES + 1)
+        ends = np.linspace(0.0, along[-1], RodSettings.pieces + 1)
         angle = np.interp(ends, along, np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0])))
-        points = self.points_m[:: -(-len(self.points_m) // _MOST_POINTS)]
+        points = self.points_m[:: -(-len(self.points_m) // RodSettings.most_points)]
         nearest = np.hypot(*(points[:, None] - self.curve_m).transpose(2, 0, 1)).argmin(axis=1)
         inner = (nearest > 0) & (nearest < len(along) - 1)
         points, nearest = points[inner], nearest[inner]
         tangent, normal, place, s = tangent[nearest], normal[nearest], self.curve_m[nearest], along[nearest]
-        step = along[-1] / _PIECES
+        step = along[-1] / RodSettings.pieces
         effect = np.einsum("ni,nki->nk", tangent, place[:, None] - self.at(self.middles_m)) * step
         effect = np.where(self.middles_m < s[:, None], effect, 0.0)
         turn = np.einsum("ni,ni->n", tangent, place - self.curve_m[0])
@@ -92,15 +84,15 @@ class _PhotoView:
 
 def _linear_law(views: Sequence[_PhotoView], straight: bool = False) -> list[np.ndarray]:
     """(K, 2) per view: curvature by the moment over EI and by the rod's own bow; (K, 1) for a rod without bow."""
-    return [np.stack([view.moment, np.ones(_PIECES)], axis=1)[:, : 2 - straight] for view in views]
+    return [np.stack([view.moment, np.ones(RodSettings.pieces)], axis=1)[:, : 2 - straight] for view in views]
 
 
 def _free_law(views: Sequence[_PhotoView]) -> tuple[list[np.ndarray], np.ndarray]:
     """(K, P) per view: curvature as any smooth function of the moment; and rows that are 0 for a straight one."""
     moments = np.concatenate([view.moment for view in views])
-    steps = np.linspace(moments.min(), moments.max(), _LAW_STEPS + 1)
+    steps = np.linspace(moments.min(), moments.max(), RodSettings.law_steps + 1)
     knots = np.concatenate([steps[[0, 0, 0]], steps, steps[[-1, -1, -1]]])
-    middles = np.array([knots[i + 1 : i + 4].mean() for i in range(_LAW_STEPS + 3)])
+    middles = np.array([knots[i + 1 : i + 4].mean() for i in range(RodSettings.law_steps + 3)])
     slopes = np.diff(np.eye(len(middles)), axis=0) / np.diff(middles)[:, None]
     laws = [BSpline.design_matrix(np.clip(view.moment, steps[0], steps[-1]), knots, 3).toarray() for view in views]
     return laws, np.diff(slopes, axis=0) * (steps[-1] - steps[0])
@@ -132,16 +124,16 @@ class _Bending:
         return float(self.weights @ fdtrc(len(rows), self.freedom, square))
 
     def quantiles(self, shares: Sequence[float], relative_std: float) -> np.ndarray:
-        """Of the first coefficient, with an independent error of this relative standard deviation."""
+        """Quantiles of the first coefficient, with an independent error of this relative standard deviation."""
         rng = np.random.default_rng(0)
-        model = rng.choice(len(self.weights), _SAMPLES, p=self.weights)
-        noise = np.sqrt(self.covariances[model, 0, 0]) * rng.standard_t(self.freedom, _SAMPLES)
-        drawn = (self.values[model, 0] + noise) * np.exp(relative_std * rng.standard_normal(_SAMPLES))
+        model = rng.choice(len(self.weights), RodSettings.samples, p=self.weights)
+        noise = np.sqrt(self.covariances[model, 0, 0]) * rng.standard_t(self.freedom, RodSettings.samples)
+        drawn = (self.values[model, 0] + noise) * np.exp(relative_std * rng.standard_normal(RodSettings.samples))
         return np.quantile(drawn, shares)
 
 
 def _fit_bending(views: Sequence[_PhotoView], laws: Sequence[np.ndarray]) -> _Bending:
-    """Coefficients of a law of curvature, given by its columns (K, P) for each view; all views have the same curl."""
+    """Coefficients of a law of curvature by its columns (K, P) for each view; all views have the same curl."""
     parts = [view.rows for view in views]
     data, effect, shares = (np.concatenate([part[i] for part in parts]) for i in (0, 1, 3))
     owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
@@ -150,7 +142,7 @@ def _fit_bending(views: Sequence[_PhotoView], laws: Sequence[np.ndarray]) -> _Be
     sizes = np.linalg.norm(design, axis=0)
     design, count, freedom = design / sizes, bent.shape[1], len(data) - design.shape[1]
     length = arc_lengths(views[0].curve_m)[-1]
-    pieces = (np.arange(_PIECES) + 0.5) / _PIECES
+    pieces = (np.arange(RodSettings.pieces) + 0.5) / RodSettings.pieces
     # errors of different photographs are independent, however near the places
     apart = np.abs(np.subtract.outer(shares, shares)) + 1e9 * (owner[:, None] != owner)
     noise = 5e-4 * length
@@ -165,7 +157,7 @@ def _fit_bending(views: Sequence[_PhotoView], laws: Sequence[np.ndarray]) -> _Be
         weighted = cho_solve(factor, design)
         normal = design.T @ weighted
         # coefficients that the picture cannot tell apart become very uncertain, not impossible
-        normal += _LEAST_INFORMATION * np.trace(normal) * np.eye(len(normal))
+        normal += RodSettings.least_information * np.trace(normal) * np.eye(len(normal))
         found = np.linalg.solve(normal, weighted.T @ data)
         left = data - design @ found
         variance = float(left @ cho_solve(factor, left)) / freedom
@@ -173,7 +165,7 @@ def _fit_bending(views: Sequence[_PhotoView], laws: Sequence[np.ndarray]) -> _Be
         covariance = variance * np.linalg.inv(normal) / np.outer(sizes, sizes)
         return likelihood - 0.5 * freedom * np.log(variance), found / sizes, covariance, variance
 
-    models = list(product(_CURLS, _CURL_LENGTHS, _ERROR_LENGTHS))
+    models = list(product(RodSettings.curls, RodSettings.curl_lengths, RodSettings.error_lengths))
     fits = [weighed(*model) for model in models]
     logs, values, covariances, variances = (np.array(each) for each in zip(*fits, strict=True))
     weights = np.exp(logs - logs.max())
@@ -190,12 +182,9 @@ def _fit_bending(views: Sequence[_PhotoView], laws: Sequence[np.ndarray]) -> _Be
     )
 
 
-_CAMERA_LENGTHS = 2.0  # the camera's supposed distance in lengths of the rod, for the perspective of a tilt
-
-
 @dataclass(frozen=True)
 class PhotoSetting:
-    """What is known of the photographs beside the rod's line."""
+    """What is known of the photographs besides the rod's line."""
 
     length_m: float | None = None  # of the rod, from clamp to tip; None where marks give the scale
     marks_px: np.ndarray | None = None  # two marks (2, 2) in the plane of the rod
@@ -251,7 +240,7 @@ def solve_photo(lines: Sequence[RodLine], setting: PhotoSetting) -> PhotoStiffne
     inverse = float(linear.weights @ linear.values[:, 0])
 
     def again(changed: PhotoSetting, turn: tuple[float, float] = (0.0, 0.0)) -> float:
-        """By what share 1/EI would change."""
+        """Relative change of 1/EI."""
         other = _views(lines, changed, turn)
         fit = _fit_bending(other, _linear_law(other, changed.straight))
         return float(fit.weights @ fit.values[:, 0]) / inverse - 1.0
@@ -307,7 +296,7 @@ def _views(lines: Sequence[RodLine], setting: PhotoSetting, turn: tuple[float, f
     down = (float(np.sin(setting.down_rad)), float(np.cos(setting.down_rad)))
     weight = setting.weight_N_m if setting.weight_N_m is not None else float(setting.per_weight)
     for index, line in enumerate(lines):
-        middle, far = line.centre_px, _CAMERA_LENGTHS * line.length_px
+        middle, far = line.centre_px, RodSettings.camera_lengths * line.length_px
         points, curve = (_turned(each - middle, turn, far) for each in (line.points_px, line.curve_px))
         length = float(np.hypot(*np.diff(curve, axis=0).T).sum())
         if setting.marks_px is not None:
@@ -328,7 +317,8 @@ def _views(lines: Sequence[RodLine], setting: PhotoSetting, turn: tuple[float, f
 
 
 def _turned(points: np.ndarray, turn: tuple[float, float], far: float) -> np.ndarray:
-    """(N, 2) places in a plane turned about the vertical and the level axis that a camera so far off sees at points."""
+    """(N, 2) places in a plane, turned about its vertical and its level axis, that a camera at a distance sees at
+    points."""
     for axis, angle in enumerate(turn):
         if angle:
             place = points[:, axis] * far / (far * np.cos(angle) - points[:, axis] * np.sin(angle))

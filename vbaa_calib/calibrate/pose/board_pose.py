@@ -1,4 +1,4 @@
-"""Plane C by a board in a jig, whose pose on the antenna's base is known."""
+"""Plane C by a board in a jig of known pose on the antenna's base."""
 
 from __future__ import annotations
 
@@ -21,17 +21,11 @@ from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
 
 from .fusion import PoseEstimate
-
-_SAME_START_RAD, _SAME_RAD = 0.02, 1e-3
-_MOVED_PX = 2.0
-_GROSS_CORNER, _GROSS_LEAST_PX = 20.0, 0.5
-_RULES = Rules(iterations=60, tolerance=1e-12, takes_last=True, may_rise_share=1e-13)
-AMBIGUOUS = 1.2  # least ratio of the errors of a plane's second pose and its first
-_OUT_OF_SIGHT_PX = 1e3
+from .settings import PoseSettings
 
 
 def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> None:
-    """Raises InputError when a picture (width, height) is not of the size that the lens was calibrated for."""
+    """Checks that a picture (width, height) has the size that the lens was calibrated for; raises InputError."""
     if tuple(image_size) != tuple(camera.image_size):
         is_, was = (f"{width}x{height} px" for width, height in (image_size, camera.image_size))
         remedy = "take all pictures at one resolution; of a known lens --binning and --roi tell the difference"
@@ -50,7 +44,7 @@ def start_poses(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
         for rotvec, translation in zip(rotvecs, translations, strict=True):
             if np.all(np.isfinite(rotvec)) and np.all(np.isfinite(translation)) and translation[2] > 0.0:
                 start = Pose.from_rotvec(rotvec.ravel(), translation)
-                if all(turn_between(start, other) > _SAME_START_RAD for other in starts):
+                if all(turn_between(start, other) > PoseSettings.same_start_rad for other in starts):
                     starts.append(start)
     if not starts:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
@@ -63,7 +57,7 @@ def turn_between(one: Pose, other: Pose) -> float:
 
 
 def mirrored(T_camera_board: Pose, points: np.ndarray) -> Pose:
-    """The board's pose turned about its centre so that its normal leans to the other side of the line of sight."""
+    """The board's pose turned about its centre so that its normal is tilted to the other side of the line of sight."""
     centre_board = points.mean(axis=0)
     centre = T_camera_board @ centre_board
     sight, normal = centre / np.linalg.norm(centre), T_camera_board.rotation[:, 2]
@@ -76,7 +70,8 @@ def mirrored(T_camera_board: Pose, points: np.ndarray) -> Pose:
 
 @dataclass(frozen=True, eq=False)
 class BoardPose:
-    """Where the board is, seen from the camera. The board frame lies on the printed face; its thickness is the jig's.
+    """Pose of the board in the camera frame, with its uncertainty. The board frame lies on the printed face; its
+    thickness is the jig's.
 
     With the lens' covariance C and sensitivity S the whole covariance is `covariance + S C Sᵀ`, and `S C` its
     covariance with the lens.
@@ -92,12 +87,12 @@ class BoardPose:
 
     @property
     def is_ambiguous(self) -> bool:
-        """Whether the second solution fits nearly as well, so that the first cannot be trusted."""
-        return self.second_ratio is not None and self.second_ratio < AMBIGUOUS
+        """Whether the plane's second pose fits nearly as well as the first, so that either may be right."""
+        return self.second_ratio is not None and self.second_ratio < PoseSettings.ambiguous
 
 
 def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Camera) -> BoardPose:
-    """Pose of the board's mean plane from pictures in which it stands still relative to the camera.
+    """Pose of the board's mean plane from pictures in which it is at rest relative to the camera.
 
     Each corner is averaged over the pictures first: what they share (print, lens, detector bias) does not average out,
     and only then is it part of the residual variance.
@@ -122,7 +117,7 @@ def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Came
     found.append(whole.refined(mirrored(found[0], points), SOFT_L1))
     first, *others = sorted(found, key=lambda pose: float(soft_l1_losses(whole.residual(pose)).sum()))
     distance = np.linalg.norm(whole.residual(first).reshape(-1, 2), axis=1)
-    inliers = distance <= max(_GROSS_CORNER * radial_std(distance), _GROSS_LEAST_PX)
+    inliers = distance <= max(PoseSettings.gross_corner * radial_std(distance), PoseSettings.gross_corner_px)
     if not fixes_homography(points[inliers, :2]):
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
     good = _SeenBoard(camera, points[inliers], pixels[inliers])
@@ -157,14 +152,14 @@ def _mean_corners(views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:
     middle = np.nanmedian(stack, axis=0)
     for row, view in zip(stack, views, strict=True):
         shift_px = np.linalg.norm(row - middle, axis=-1)
-        if np.isfinite(shift_px).any() and np.nanmedian(shift_px) > _MOVED_PX:
+        if np.isfinite(shift_px).any() and np.nanmedian(shift_px) > PoseSettings.moved_px:
             raise InputError(
                 f"the board is {np.nanmedian(shift_px):.1f} px away from where the other pictures of the jig show it",
                 where=view.name,
                 remedy="keep the board fixed to the antenna's base, or remove that picture",
             )
     # one wrong corner must not spoil the mean
-    near = np.linalg.norm(stack - middle, axis=-1) <= _MOVED_PX
+    near = np.linalg.norm(stack - middle, axis=-1) <= PoseSettings.moved_px
     total, count = np.where(near[..., None], stack, 0.0).sum(axis=0), near.sum(axis=0)
     return ids[count > 0], total[count > 0] / count[count > 0, None]
 
@@ -183,25 +178,26 @@ class _Point(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _SeenBoard:
-    """Points (N, 3) of the board and where a camera sees them, pixels (N, 2)."""
+    """Points (N, 3) of the board and their observed pixels (N, 2) in a camera."""
 
     camera: Camera
     points: np.ndarray
     pixels: np.ndarray
 
     def residual(self, T_camera_board: Pose) -> np.ndarray:
-        """(2N,) px."""
+        """Reprojection residuals (2N,) px, projected less observed; 1,000 px where the lens does not see the point."""
         projected, valid = self.camera.project(T_camera_board @ self.points)
-        return np.where(valid[:, None], projected - self.pixels, _OUT_OF_SIGHT_PX).ravel()
+        return np.where(valid[:, None], projected - self.pixels, 1e3).ravel()
 
     def derivatives(self, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray]:
-        """Of the interleaved pixels by the pose's tangent (2N, 6) and by the lens' parameters (2N, 4 + k)."""
+        """Derivatives of the interleaved pixels by the pose's tangent (2N, 6) and by the lens' parameters (2N, 4 +
+        k)."""
         _, by_point, by_lens = projected(self.camera, T_camera_board @ self.points)
         by_pose = pose_slopes(by_point, self.points @ T_camera_board.rotation.T)
         return by_pose.reshape(-1, 6), by_lens.reshape(2 * len(self.points), -1)
 
     def refined(self, T_camera_board: Pose, loss: Loss) -> Pose:
-        """The pose of least cost near by."""
+        """Minimises the robust cost from a start: the pose in its local minimum."""
 
         def linearised(pose: Pose) -> _Point:
             rows = Linearised(np.zeros(6), self.residual(pose), self.derivatives(pose)[0], 0, loss=loss)
@@ -213,13 +209,17 @@ class _SeenBoard:
         def moved(at: _Point, move: np.ndarray) -> _Point:
             return linearised(at.pose.retract(move))
 
-        return levenberg_marquardt(linearised(T_camera_board), step, moved, _RULES).at.pose
+        rules = Rules(iterations=60, tolerance=1e-12, takes_last=True, may_rise_share=1e-13)
+        return levenberg_marquardt(linearised(T_camera_board), step, moved, rules).at.pose
 
     def second_rms_px(self, first: Pose, others: Sequence[Pose]) -> float | None:
-        """Of another pose that explains the corners."""
+        """Rms error, px, of the next other pose that explains the corners; None without one."""
         for start in others:
             pose = self.refined(start, SQUARES)
-            if turn_between(pose, first) > _SAME_RAD and self.camera.project(pose @ self.points)[1].all():
+            if (
+                turn_between(pose, first) > PoseSettings.same_pose_rad
+                and self.camera.project(pose @ self.points)[1].all()
+            ):
                 return _rms(self.residual(pose))
         return None
 

@@ -13,6 +13,8 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import chi_square, chi_square_p
 from vbaa_calib.geometry import Pose
 
+from .settings import PoseSettings
+
 
 @dataclass(frozen=True, eq=False)
 class PoseEstimate:
@@ -30,9 +32,6 @@ class PoseEstimate:
     T_antenna_camera: Pose
     covariance: np.ndarray
     lens_sensitivity: np.ndarray
-
-
-CONTRADICTION = 1e-4  # chance below which two estimates contradict each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +58,7 @@ class Difference:
     @property
     def agrees(self) -> bool:
         """Whether the difference is within its uncertainty."""
-        return self.p_value > CONTRADICTION
+        return self.p_value > PoseSettings.contradiction
 
     def __str__(self) -> str:
         turn, shift = 1e3 * np.linalg.norm(self.step[:3]), 1e3 * np.linalg.norm(self.step[3:])
@@ -67,7 +66,7 @@ class Difference:
         return f"{self.ways[0]} and {self.ways[1]} differ by {shift:.2f} mm and {turn:.2f} mrad, {size:.1f} std"
 
     def to_dict(self) -> dict[str, Any]:
-        """For rig.json."""
+        """The entry of rig.json."""
         return {
             "ways": list(self.ways),
             "shift_m": self.step[3:].tolist(),
@@ -78,7 +77,7 @@ class Difference:
 
 
 def differences(ways: Sequence[PoseEstimate], lens_covariance: np.ndarray) -> list[Difference]:
-    """Of every pair. What both share through the lens, of covariance (P, P), cancels."""
+    """Differences of every pair of estimates; errors that both share through the lens, of covariance (P, P), cancel."""
     found = []
     for one, other in combinations(ways, 2):
         covariance = one.covariance + other.covariance

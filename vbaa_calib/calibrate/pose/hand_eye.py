@@ -26,10 +26,7 @@ from vbaa_calib.geometry.independent_axes import largest_std
 
 from .board_pose import mirrored, require_size, start_poses, turn_between
 from .hand_eye_fit import HandEyeProblem, HandEyeSolution, Misfits, Start, ViewCorners, consensus, other_orders
-
-LEAST_CORNERS = 6
-_GROSS_CORNER, _GROSS_LEAST_PX = 6.4, 0.25  # one good corner in 1e9 lies further off
-_SECOND_POSE, _SAME_RAD = 3.0, 1e-2
+from .settings import HandEyeSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,16 +44,17 @@ class _SeenView:
 
 
 def _seen_view(view: BoardView, points: np.ndarray, camera: Camera) -> _SeenView:
-    """Raises InputError for another picture size, or corners that are none of the board's."""
+    """Good corners and possible board poses of one view. Raises InputError for another picture size, or corners that
+    are none of the board's."""
     require_size(view.image_size, camera, view.name)
     ids, pixels = np.asarray(view.ids), np.asarray(view.corners_px, float)
     require_corners(ids, pixels, len(points), view.name)
-    if len(ids) < LEAST_CORNERS:
-        return _SeenView(view.name, f"{len(ids)} corners, at least {LEAST_CORNERS} are needed")
+    if len(ids) < HandEyeSettings.fewest_corners:
+        return _SeenView(view.name, f"{len(ids)} corners, at least {HandEyeSettings.fewest_corners} are needed")
     rays, valid = camera.unproject(pixels)
     seen = valid & (rays[:, 2] > 0.05)
     flat = np.where([True, True, False], points[ids], 0.0)
-    if seen.sum() < LEAST_CORNERS or not fixes_homography(flat[seen, :2]):
+    if seen.sum() < HandEyeSettings.fewest_corners or not fixes_homography(flat[seen, :2]):
         return _SeenView(view.name, "its corners lie (nearly) on a line, or the lens does not see them")
     try:
         starts = start_poses(flat[seen], rays[seen, :2] / rays[seen, 2:])
@@ -67,22 +65,22 @@ def _seen_view(view: BoardView, points: np.ndarray, camera: Camera) -> _SeenView
         starts.append(mirrored(starts[0], every.points_m))
     found = [every.posed(camera, start) for start in starts]
     pose, distances = min(found, key=lambda one: float(np.minimum(one[1], 10.0 * np.median(one[1])).sum()))
-    inlying = distances <= max(_GROSS_CORNER * radial_std(distances), _GROSS_LEAST_PX)
-    if inlying.sum() < LEAST_CORNERS or not fixes_homography(every.points_m[inlying, :2]):
+    inlying = distances <= max(HandEyeSettings.outlier * radial_std(distances), HandEyeSettings.outlier_px)
+    if inlying.sum() < HandEyeSettings.fewest_corners or not fixes_homography(every.points_m[inlying, :2]):
         return _SeenView(view.name, "no pose of the board explains its corners")
     corners = ViewCorners(every.points_m[inlying], every.pixels[inlying], every.weights[inlying])
     best, distances = corners.posed(camera, pose)
     poses, square = [best], float((distances**2).sum())
     other, _ = max(found, key=lambda one: turn_between(one[0], best))
     second, off = corners.posed(camera, other)
-    ahead = second.translation_m[2] > 0.0 and turn_between(second, best) > _SAME_RAD
-    if ahead and float((off**2).sum()) < _SECOND_POSE**2 * square:
+    ahead = second.translation_m[2] > 0.0 and turn_between(second, best) > HandEyeSettings.same_pose_rad
+    if ahead and float((off**2).sum()) < HandEyeSettings.second_pose**2 * square:
         poses.append(second)
     return _SeenView(view.name, "", corners, tuple(poses), square, len(ids) - int(inlying.sum()))
 
 
 def _weights(view: BoardView, seen: np.ndarray) -> np.ndarray:
-    """(N,) of the corners' residuals: what is less certain than the median corner counts less."""
+    """Weights (N,) of the corners' residuals: less for corners that are less certain than the median one."""
     if view.covariance_px2 is None:
         return np.ones(int(seen.sum()))
     variance = np.trace(view.covariance_px2[seen], axis1=1, axis2=2)
@@ -91,21 +89,12 @@ def _weights(view: BoardView, seen: np.ndarray) -> np.ndarray:
     return np.sqrt(2.0 * middle / (variance + middle))
 
 
-_MOUNTS = ("hand", "fixed")
-_LEAST_VIEWS = 3
-_LEAST_TURN_RAD = 0.02
-_FAR_BETTER, _BETTER_OF_FEW, _FEW = 4.0, 12.0, 5
-_EXPLAINED, _WELL_EXPLAINED, _FEW_SUBSETS = 0.05, 0.002, 10
-"""Misfits over the board's distance: beyond the first the poses are not of these views, below the second they are."""
-_OUTLIER_CHANCE, _ROUNDS, _FEW_TO_JUDGE, _MANY, _ROUNDING_PX = 1e-5, 8, 8, 0.2, 1e-6
-_LOOSE_RAD, _LOOSE_SHARE, _TURNED_WELL_DEG, _SIGNIFICANT = 0.02, 0.05, 10.0, 3.3
-_POINT_SHARE, _LEAST_SIZE_M = 0.1, 1e-3
 _TURN_MORE = "add views with the hand turned by 20° and more about a second axis, at right angles to the first"
 
 
 @dataclass(frozen=True, eq=False)
 class HandEyeView:
-    """One view.
+    """A view and its disagreement with the robot.
 
     distance_m, turn_rad : disagreement of the board's centre and turn, by its corners alone, with the robot's pose; NaN
     where not used. reason : why the view counts as an outlier or was not used; empty for a good one.
@@ -121,11 +110,11 @@ class HandEyeView:
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """The result.
+    """Result of a hand-eye calibration.
 
     Attributes
     ----------
-    mount : "hand": the arm carries the camera; "fixed": it carries the board, and the camera stands beside it.
+    mount : "hand": the arm carries the camera; "fixed": it carries the board, and the camera stands next to it.
     camera_pose : T_tool_camera, or T_base_camera where the camera is fixed. board_pose : T_base_board, or T_tool_board.
     covariance : (12, 12) of their tangents (`Pose.retract`), camera first; with the lens' covariance and the
         uncertainty of the robot's variance, so that χ² regions of 95 % hold 95 % also with few views.
@@ -136,7 +125,7 @@ class HandEye:
     board_scale : by what part the board is larger than stated where the robot's lengths are right, and its standard
         deviation.
     noise_px : of a corner's coordinate: as the corners of a view scatter, or more where the boards' poses do; None
-        where the board's poses were given, whose errors count as the robot's.
+        where the input was the board's poses: their errors count as the robot's.
     """
 
     mount: str
@@ -163,25 +152,31 @@ class HandEye:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader must know, in words."""
+        """Warnings, in words: few views, a board of another size, many contradicting views."""
         used = len(self.views) - len(self.outliers)
         larger, by = self.board_scale
         contradicted = sum(bool(view.reason) and view.distance_m == view.distance_m for view in self.views)
         rules = (
-            (used < _FEW_TO_JUDGE, f"{used} views hardly show which of them are wrong: ten to twenty are good"),
             (
-                abs(larger) > _SIGNIFICANT * by,
+                used < HandEyeSettings.few_to_judge,
+                f"{used} views hardly show which of them are wrong: ten to twenty are good",
+            ),
+            (
+                abs(larger) > HandEyeSettings.scale_significant * by,
                 f"measured by the robot the board is {100 * larger:.2f} ± {100 * by:.2f} % larger than "
                 "described, and the camera's distance is off by as much: measure the print",
             ),
-            (contradicted > _MANY * (used + contradicted), f"{contradicted} views contradict the others: look at them"),
+            (
+                contradicted > HandEyeSettings.many * (used + contradicted),
+                f"{contradicted} views contradict the others: look at them",
+            ),
         )
         return tuple(words for holds, words in rules if holds)
 
     def antenna_on_arm(self, T_antenna_camera: Pose, covariance: np.ndarray) -> tuple[Pose, np.ndarray]:
         """T_tool_antenna, a session's `T_actuator_antenna` on this arm, and its covariance (6, 6).
 
-        T_antenna_camera : of the rig, with its covariance (6, 6), whose errors count as independent of these.
+        T_antenna_camera : of the rig, with its covariance (6, 6); its errors count as independent of these.
         Raises InputError where the camera is not on the arm.
         """
         if self.mount != "hand":
@@ -195,7 +190,7 @@ class HandEye:
         return found, spread
 
     def to_dict(self) -> dict[str, Any]:
-        """For handeye.json."""
+        """The document handeye.json."""
         carrier, other = ("tool", "base") if self.mount == "hand" else ("base", "tool")
         std = np.sqrt(np.diag(self.covariance))
         poses = {f"T_{carrier}_camera": (self.camera_pose, std[:6]), f"T_{other}_board": (self.board_pose, std[6:])}
@@ -238,20 +233,20 @@ def solve_hand_eye(
     mount: str = "hand",
     readings: Mapping[str, Sequence[Pose]] | None = None,
 ) -> HandEye:
-    """Solve for the camera's pose on the arm, or beside it, and the board's.
+    """Solve for the camera's pose on the arm, or next to it, and the board's.
 
     views : the board in each picture; grossly wrong corners are left out. Or name and pose T_camera_board of each, by
     whatever means they were measured (A·X = X·B, A·X = Z·B): then neither points nor camera are needed.
     robot_poses : T_base_tool of each, in the same order.
     board_points : (K, 3) m, by corner id, as the lens solve has found them.
     mount : "hand" or "fixed", as in `HandEye`.
-    readings : other ways to read the poses, by what is then said of them ("are in degrees"), to name a mistake.
+    readings : other ways to read the poses, by the mistake that they stand for ("are in degrees"), to name a mistake.
 
     Raises InputError for views and poses that are not of equal number, fewer than three views that can be used, an arm
     that turned about one axis only or not at all, poses that fit far better read in another way, or do not fit.
     """
-    if mount not in _MOUNTS:
-        raise InputError(f"the mount is {mount!r}", remedy=f"take one of {', '.join(_MOUNTS)}")
+    if mount not in ("hand", "fixed"):
+        raise InputError(f"the mount is {mount!r}", remedy="take one of hand, fixed")
     if len(views) != len(robot_poses):
         raise InputError(
             f"there are {len(views)} views and {len(robot_poses)} robot poses", remedy="give one pose for each view"
@@ -263,10 +258,10 @@ def solve_hand_eye(
     else:
         points, seen = _seen_corners([view for view in views if not isinstance(view, tuple)], board_points, camera)
     used = np.array([index for index, one in enumerate(seen) if not one.reason], int)
-    if len(used) < _LEAST_VIEWS:
+    if len(used) < HandEyeSettings.fewest_views:
         reasons = sorted({one.reason for one in seen if one.reason})
         raise InputError(
-            f"{len(used)} of {len(views)} views can be used, at least {_LEAST_VIEWS} are needed"
+            f"{len(used)} of {len(views)} views can be used, at least {HandEyeSettings.fewest_views} are needed"
             + (f" ({'; '.join(reasons[:3])})" if reasons else ""),
             remedy="add views with the hand turned about two axes; ten to twenty are good",
         )
@@ -278,7 +273,7 @@ def solve_hand_eye(
     corners = tuple(one.corners for one in good if one.corners is not None)
     freedom = sum(one.pixels.size - 6 for one in corners)
     noise_px = float(np.sqrt(sum(one.square for one in good) / freedom))
-    problem = HandEyeProblem(corners, tuple(poses), camera, max(noise_px, _ROUNDING_PX), mount == "hand")
+    problem = HandEyeProblem(corners, tuple(poses), camera, max(noise_px, HandEyeSettings.rounding_px), mount == "hand")
     chosen = [one.poses[min(k, len(one.poses) - 1)] for one, k in zip(good, start.chosen.tolist(), strict=True)]
     solved, kept, off = _consistent(problem, start, chosen, points.mean(axis=0))
     in_it = [pose for pose, good_one in zip(poses, kept, strict=True) if good_one]
@@ -287,7 +282,7 @@ def solve_hand_eye(
 
 
 def _distance_m(pose: Pose, measured: bool) -> float:
-    """Of the board from the camera: along its axis, or where the pose was measured, which may be of anything."""
+    """Distance of the board from the camera: along its axis, or of a measured pose the whole distance."""
     return float(np.linalg.norm(pose.translation_m) if measured else pose.translation_m[2])
 
 
@@ -305,7 +300,10 @@ def _seen_poses(views: Sequence[tuple[str, Pose]], count: int) -> tuple[np.ndarr
     if len(views) < count:
         raise InputError("views are partly poses and partly corners", remedy="give one kind")
     poses = [(name, _checked_pose(pose, f"view {name}")) for name, pose in views]
-    size_m = max(_POINT_SHARE * float(np.median([_distance_m(pose, True) for _, pose in poses])), _LEAST_SIZE_M)
+    size_m = max(
+        HandEyeSettings.point_share * float(np.median([_distance_m(pose, True) for _, pose in poses])),
+        HandEyeSettings.least_size_m,
+    )
     points = size_m * np.vstack([np.eye(3), -np.eye(3)])
     ones = np.ones(len(points))
     return points, [_SeenView(name, "", ViewCorners(points, pose @ points, ones), (pose,)) for name, pose in poses]
@@ -313,7 +311,12 @@ def _seen_poses(views: Sequence[tuple[str, Pose]], count: int) -> tuple[np.ndarr
 
 def _checked_points(board_points: np.ndarray) -> np.ndarray:
     points = np.asarray(board_points, float)
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < LEAST_CORNERS or not np.isfinite(points).all():
+    if (
+        points.ndim != 2
+        or points.shape[1] != 3
+        or len(points) < HandEyeSettings.fewest_corners
+        or not np.isfinite(points).all()
+    ):
         raise InputError(
             f"the board's points have the shape {points.shape}, or are not finite",
             remedy="give them as (K, 3) metres, by corner id",
@@ -340,12 +343,12 @@ def _turns(poses: Sequence[Pose]) -> tuple[np.ndarray, np.ndarray]:
 
 def _refuse_one_axis(poses: Sequence[Pose]) -> None:
     (most, second, _), axes = _turns(poses)
-    if most < _LEAST_TURN_RAD:
+    if most < HandEyeSettings.least_turn_rad:
         raise InputError(
             f"the hand only shifted, turning by {np.degrees(most):.2g}° rms, which leaves the camera's place open",
             remedy=_TURN_MORE.replace("a second axis, at right angles to the first", "two axes"),
         )
-    if second < _LEAST_TURN_RAD:
+    if second < HandEyeSettings.least_turn_rad:
         axis = ", ".join(f"{part:+.2f}" for part in axes[0])
         raise InputError(
             f"all turns of the hand are about one axis, ({axis}) in the tool's frame: the camera's place along it "
@@ -368,14 +371,14 @@ def _start(
     how : other readings of the rows, and whether the board's poses were measured.
     """
     readings, measured = how
-    looked = [one.poses for one in seen]
+    detected = [one.poses for one in seen]
 
     def known(tools: Sequence[Pose]) -> list[Pose]:
         return [pose.inverse() for pose in tools] if in_hand else list(tools)
 
-    best = consensus(known([rows[i] for i in used]), looked, points)
+    best = consensus(known([rows[i] for i in used]), detected, points)
     reach = float(np.median([_distance_m(one.poses[0], measured) for one in seen]))
-    if best.spread_m <= _WELL_EXPLAINED * reach:
+    if best.spread_m <= HandEyeSettings.well_explained * reach:
         return best
     # X and Z exchanged, these are the same
     inverted = ", or the views' are of the camera in the board" if measured else ""
@@ -385,25 +388,29 @@ def _start(
         "are in kilometres": [Pose(pose.rotation, 1e3 * pose.translation_m) for pose in rows],
         **readings,
     }
-    others = {words: [(table[i], own) for i, own in zip(used, looked, strict=True)] for words, table in tables.items()}
-    for words, order in other_orders(known(rows), [one[0] for one in looked], used).items():
-        pairs = [(rows[i], own) for i, own in zip(order, looked, strict=True) if i >= 0]
-        if not np.array_equal(order, used) and len(pairs) > _LEAST_VIEWS:
+    others = {
+        words: [(table[i], own) for i, own in zip(used, detected, strict=True)] for words, table in tables.items()
+    }
+    for words, order in other_orders(known(rows), [one[0] for one in detected], used).items():
+        pairs = [(rows[i], own) for i, own in zip(order, detected, strict=True) if i >= 0]
+        if not np.array_equal(order, used) and len(pairs) > HandEyeSettings.fewest_views:
             others[words] = pairs
     spreads = {
-        words: consensus(known([tool for tool, _ in pairs]), [own for _, own in pairs], points, _FEW_SUBSETS).spread_m
+        words: consensus(
+            known([tool for tool, _ in pairs]), [own for _, own in pairs], points, HandEyeSettings.few_subsets
+        ).spread_m
         for words, pairs in others.items()
     }
     # another order may be the same as a shift, but for the views at the ends
     words = next(one for one, spread in spreads.items() if spread <= 2.0 * min(spreads.values()))
-    better = _BETTER_OF_FEW if len(used) < _FEW else _FAR_BETTER
-    if better * spreads[words] < best.spread_m and spreads[words] <= _EXPLAINED * reach:
+    better = HandEyeSettings.better_of_few if len(used) < HandEyeSettings.few else HandEyeSettings.far_better
+    if better * spreads[words] < best.spread_m and spreads[words] <= HandEyeSettings.explained * reach:
         raise InputError(
             f"the robot's poses fit to {1e3 * best.spread_m:.3g} mm as they stand, and to "
             f"{1e3 * spreads[words]:.2g} mm if they {words}",
             remedy="give poses of the tool in the base, in metres, one for each view in its order, and the right mount",
         )
-    if best.spread_m > _EXPLAINED * reach:
+    if best.spread_m > HandEyeSettings.explained * reach:
         raise InputError(
             f"the robot's poses do not explain the views: the better part of them misses the board by "
             f"{1e3 * best.spread_m:.0f} mm",
@@ -415,10 +422,10 @@ def _start(
 def _consistent(
     problem: HandEyeProblem, start: Start, seen: Sequence[Pose], centre_m: np.ndarray
 ) -> tuple[HandEyeSolution, np.ndarray, Misfits]:
-    """The solution over the views that agree, which those are (V,), and how far off each is."""
+    """Solves over the views that agree: the solution, the mask (V,) of these views, and the misfit of every view."""
     kept, X, Z = start.good, start.X, start.Z
     std = np.array([max(start.spread_m, 1e-6), max(start.spread_m, 1e-6), 1.0])
-    for _ in range(_ROUNDS):
+    for _ in range(HandEyeSettings.outlier_rounds):
         part = problem.picked(kept)
         _refuse_one_axis(part.readings)
         solved = part.solved(part.start(X, Z), std)
@@ -426,9 +433,9 @@ def _consistent(
         off = problem.misfits(solved, seen, kept, centre_m)
         # outliers still in it make the robot look worse than it is; among few views that cannot be seen
         scale = float(np.median(off.squares) / chdtri(6, 0.5))
-        scale = max(scale, 1.0) if len(seen) < _FEW_TO_JUDGE else scale
-        before, kept = kept, off.squares <= scale * 6.0 * fdtri(6, solved.freedom, 1.0 - _OUTLIER_CHANCE)
-        if np.array_equal(kept, before) or kept.sum() < max(_LEAST_VIEWS, 0.5 * len(kept)):
+        scale = max(scale, 1.0) if len(seen) < HandEyeSettings.few_to_judge else scale
+        before, kept = kept, off.squares <= scale * 6.0 * fdtri(6, solved.freedom, 1.0 - HandEyeSettings.outlier_chance)
+        if np.array_equal(kept, before) or kept.sum() < max(HandEyeSettings.fewest_views, 0.5 * len(kept)):
             break
     return solved, before, off
 
@@ -436,13 +443,13 @@ def _consistent(
 def _refuse_loose(found: HandEyeSolution, tools: Sequence[Pose], reach_m: float) -> None:
     of_camera = found.covariance[:6, :6]
     turn, place = (float(largest_std(part)) for part in (of_camera[:3, :3], of_camera[3:, 3:]))
-    if turn > _LOOSE_RAD or place > _LOOSE_SHARE * reach_m:
+    if turn > HandEyeSettings.loose_rad or place > HandEyeSettings.loose_share * reach_m:
         second = np.degrees(_turns(tools)[0][1])
         raise InputError(
             f"the views leave the camera's pose open to {turn:.2g} rad and {1e3 * place:.2g} mm; the hand turned by "
             f"{second:.2g}° rms about the second axis",
             remedy=_TURN_MORE
-            if second < _TURNED_WELL_DEG
+            if second < HandEyeSettings.turned_well_deg
             else "add views, the board large in them and the robot at rest",
         )
 

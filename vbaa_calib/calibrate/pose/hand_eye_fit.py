@@ -32,23 +32,23 @@ from vbaa_calib.core.robust import radial_std, soft_l1_weights
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 
-_ROUNDS, _SHARP_RAD, _SHARP_M = 20, 0.01, 1e-3
-_GOOD_SHARE, _LEAST_GOOD = 0.6, 4  # part of the views that a start must explain; others may be wrong
-_SUBSETS, _SUBSET, _CONCENTRATIONS, _SEED = 40, 4, 3, 0
+from .settings import HandEyeSettings
 
 
-def robot_world(known: Sequence[Pose], seen: Sequence[Pose], rounds: int = _ROUNDS) -> tuple[Pose, Pose]:
+def robot_world(
+    known: Sequence[Pose], seen: Sequence[Pose], rounds: int = HandEyeSettings.absolute_rounds
+) -> tuple[Pose, Pose]:
     """X and Z of X·seen = known·Z by IRLS of distances, so that a few wrong views do not count; one of `rounds` gives
     least squares. The rotations are by Kronecker products (Shah 2013), then the translations linear."""
-    turned, looked = (np.array([pose.rotation for pose in poses]) for poses in (known, seen))
+    turned, rotations = (np.array([pose.rotation for pose in poses]) for poses in (known, seen))
 
     def turns(weights: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-        product = np.einsum("p,pji,pkl->iljk", weights, turned, looked).reshape(9, 9)
+        product = np.einsum("p,pji,pkl->iljk", weights, turned, rotations).reshape(9, 9)
         left, _, right = np.linalg.svd(product)
         X, Z = _nearest_rotation(right[0].reshape(3, 3)), _nearest_rotation(left[:, 0].reshape(3, 3))
-        return (X, Z), np.linalg.norm(X @ looked - turned @ Z, axis=(1, 2))
+        return (X, Z), np.linalg.norm(X @ rotations - turned @ Z, axis=(1, 2))
 
-    X, Z = _least_absolute(turns, len(seen), _SHARP_RAD, rounds)
+    X, Z = _least_absolute(turns, len(seen), HandEyeSettings.sharp_rad, rounds)
     right = np.array([pose.translation_m for pose in known]) - np.array([pose.translation_m for pose in seen]) @ X.T
     design = np.concatenate([np.broadcast_to(np.eye(3), turned.shape), -turned], axis=-1)
 
@@ -57,14 +57,14 @@ def robot_world(known: Sequence[Pose], seen: Sequence[Pose], rounds: int = _ROUN
         both = np.linalg.lstsq((design * root[..., None]).reshape(-1, 6), (right * root).ravel(), rcond=None)[0]
         return both, np.linalg.norm(design @ both - right, axis=1)
 
-    both = _least_absolute(places, len(seen), _SHARP_M, rounds)
+    both = _least_absolute(places, len(seen), HandEyeSettings.sharp_m, rounds)
     return Pose(X, both[:3]), Pose(Z, both[3:])
 
 
 def _least_absolute(
     solve: Callable[[np.ndarray], tuple[Any, np.ndarray]], count: int, sharp: float, rounds: int
 ) -> Any:
-    """The solution of least sum of misfits (P,), not of their squares, by IRLS."""
+    """Minimises the sum of misfits (P,), not of their squares, by IRLS."""
     weights = np.ones(count)
     for _ in range(rounds):
         solution, misfit = solve(weights)
@@ -79,7 +79,7 @@ def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A consensus of most views."""
+    """Start of the solve on which most views agree."""
 
     X: Pose  # as in `robot_world`
     Z: Pose
@@ -90,24 +90,25 @@ class Start:
 
 
 def consensus(
-    known: Sequence[Pose], seen: Sequence[Sequence[Pose]], points_m: np.ndarray, subsets: int = _SUBSETS
+    known: Sequence[Pose], seen: Sequence[Sequence[Pose]], points_m: np.ndarray, subsets: int = HandEyeSettings.subsets
 ) -> Start:
-    """The start whose better 60 % of at least three views fit best, from all views and many small subsets of them; seen
+    """The start that fits best by its better 60 % of the views, from all views and many small subsets
+    of them; seen
     : of each view one or two poses of the board, points_m (K, 3)."""
     count, first = len(known), [poses[0] for poses in seen]
-    good = max(min(count, _LEAST_GOOD), int(np.ceil(_GOOD_SHARE * count)))
+    good = max(min(count, HandEyeSettings.fewest_good), int(np.ceil(HandEyeSettings.good_share * count)))
     centred = points_m - points_m.mean(axis=0)
     shape = centred.T @ centred / len(centred)
     most = max(map(len, seen))
     every = [[poses[min(k, len(poses) - 1)] for poses in seen] for k in range(most)]
-    looked = np.array([[pose.rotation for pose in poses] for poses in every])
+    rotations = np.array([[pose.rotation for pose in poses] for poses in every])
     middles = np.array([[pose @ points_m.mean(axis=0) for pose in poses] for poses in every])
     turned, placed = np.array([k.rotation for k in known]), np.array([k.translation_m for k in known])
 
     def judged(X: Pose, Z: Pose) -> Start:
         turn = X.rotation.T @ turned @ Z.rotation
         middle = ((turned @ (Z @ points_m.mean(axis=0))) + placed - X.translation_m) @ X.rotation
-        off = turn - looked
+        off = turn - rotations
         squares = np.einsum("kvij,jl,kvil->kv", off, shape, off) + ((middle - middles) ** 2).sum(axis=-1)
         distances = np.sqrt(squares.min(axis=0))
         best = np.sort(distances)[:good]
@@ -118,12 +119,12 @@ def consensus(
         poses = [seen[i][min(int(chosen[i]), len(seen[i]) - 1)] for i in which]
         return judged(*robot_world([known[i] for i in which], poses, rounds))
 
-    none, rng = np.zeros(count, int), np.random.default_rng(_SEED)
+    none, rng = np.zeros(count, int), np.random.default_rng(0)
     starts = [judged(*robot_world(known, first)), judged(*robot_world(known, first, 1))]
-    if count > _SUBSET:
-        starts += [of(rng.choice(count, _SUBSET, replace=False), none, 1) for _ in range(subsets)]
+    if count > HandEyeSettings.subset:
+        starts += [of(rng.choice(count, HandEyeSettings.subset, replace=False), none, 1) for _ in range(subsets)]
     starts = sorted(starts, key=lambda start: start.spread_m)[:3]
-    for _ in range(_CONCENTRATIONS):
+    for _ in range(HandEyeSettings.concentrations):
         starts += [of(np.argsort(start.distances_m)[:good], start.chosen, 3) for start in starts[:3]]
         starts = sorted(starts, key=lambda start: start.spread_m)[:3]
     return starts[0]
@@ -132,7 +133,7 @@ def consensus(
 def other_orders(known: Sequence[Pose], seen: Sequence[Pose], used: np.ndarray) -> dict[str, np.ndarray]:
     """How rows of poses may have been mixed up: of each view in use (V,) the row that would be its own, or −1.
 
-    known : of all rows. seen : of the views in use, whose own rows are `used` (V,). Shifted by one, reversed, and the
+    known : of all rows. seen : of the views in use, with their own rows `used` (V,). Shifted by one, reversed, and the
     order in which the angles between the views' turns agree best, which do not depend on X and Z.
     """
     count = len(known)
@@ -151,13 +152,7 @@ def other_orders(known: Sequence[Pose], seen: Sequence[Pose], used: np.ndarray) 
 
 
 _SHARED = 12  # columns of X's tangent and of Z's
-_RULES = Rules(60, tolerance=1e-12, takes_last=True, may_rise_share=1e-9)
 _STD_LOGS = np.log([(1e-7, 1.0), (1e-7, 1.0), (1.0, 1e9)])  # between them the deviations are sought
-_STARTS = (1e-5, 1e-4, 1e-3, 1e-2)
-_ROUNDS, _SAME = 8, 1e-3
-_REWEIGHTINGS, _SOFT_PER_SIGMA, _STANDSTILL_PX = 10, 1.5, 1e-3
-_DIFFERENCE, _LEAST_FREEDOM, _SHARED_DOUBT = 0.05, 3.0, 1.5
-"""Between 1, where each direction has a variance of its own, and 2, where all have the same part of each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,14 +181,14 @@ class ViewCorners:
     def posed(self, camera: Camera, start: Pose) -> tuple[Pose, np.ndarray]:
         """The pose by IRLS (soft L1) from a start, and the residuals' lengths (N,) px there."""
         pose = start
-        for _ in range(_REWEIGHTINGS):
+        for _ in range(HandEyeSettings.reweightings):
             residuals, by_pose, _ = self.linearised(camera, pose)
             distances = np.linalg.norm(residuals.reshape(-1, 2), axis=1)
-            weights = soft_l1_weights(distances, _SOFT_PER_SIGMA * max(radial_std(distances), 1e-9)).repeat(2)
+            weights = soft_l1_weights(distances, HandEyeSettings.soft * max(radial_std(distances), 1e-9)).repeat(2)
             weighted = by_pose * weights[:, None]
             step = solve_scaled(weighted.T @ by_pose, weighted.T @ residuals)
             pose = pose.retract(step)
-            if np.abs(by_pose @ step).max() < _STANDSTILL_PX:
+            if np.abs(by_pose @ step).max() < HandEyeSettings.standstill_px:
                 break
         return pose, np.linalg.norm(self.linearised(camera, pose)[0].reshape(-1, 2), axis=1)
 
@@ -242,7 +237,7 @@ class _Normal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HandEyeSolution:
-    """A minimum. log_std : (3,) deviations of the logarithms of `std`."""
+    """Minimum of a hand-eye problem. log_std : (3,) deviations of the logarithms of `std`."""
 
     rows: _HandEyeRows
     std: np.ndarray
@@ -253,7 +248,8 @@ class HandEyeSolution:
         return self.rows.state
 
     def covariance_for(self, std: np.ndarray) -> np.ndarray:
-        """(12, 12) of X's and Z's tangents, with the lens'."""
+        """Covariance (12, 12) of the tangents of X and Z at standard deviations `std`, the lens' uncertainty
+        included."""
         A = self.rows.normal(std).A
         own = solve_scaled(A[:_SHARED, :_SHARED], np.eye(_SHARED))
         by_lens = own @ A[:_SHARED, _SHARED:]
@@ -264,20 +260,20 @@ class HandEyeSolution:
         """Degrees of freedom of the covariance: the robot's variance is estimated from these few views."""
         own, variance = self.covariance_for(self.std), 0.0
         for which, log_std in zip(np.eye(3), self.log_std, strict=True):
-            more = self.covariance_for(self.std * np.exp(_DIFFERENCE * which)) - own
-            share = float(np.trace(solve_scaled(own, more))) / (2.0 * _DIFFERENCE * _SHARED)
-            variance += max(share, 0.0) ** _SHARED_DOUBT * (2.0 * min(log_std, 1.0)) ** 2
-        return max(2.0 / max(variance, 1e-9), _LEAST_FREEDOM)
+            more = self.covariance_for(self.std * np.exp(HandEyeSettings.std_step * which)) - own
+            share = float(np.trace(solve_scaled(own, more))) / (2.0 * HandEyeSettings.std_step * _SHARED)
+            variance += max(share, 0.0) ** HandEyeSettings.freedom_power * (2.0 * min(log_std, 1.0)) ** 2
+        return max(2.0 / max(variance, 1e-9), HandEyeSettings.fewest_freedom)
 
     @property
     def covariance(self) -> np.ndarray:
-        """(12, 12) inflated by the ratio of the 95 % quantiles of Fisher's F and χ²."""
+        """Covariance (12, 12) of the tangents, inflated by the ratio of the 95 % quantiles of Fisher's F and χ²."""
         return self.covariance_for(self.std) * 6.0 * fdtri(6, self.freedom, 0.95) / chdtri(6, 0.05)
 
 
 @dataclass(frozen=True, eq=False)
 class Misfits:
-    """Where the board is by a view's own corners, less where the robot's readings put it."""
+    """Disagreement of each view: the board's pose by its own corners, less that by the robot's readings."""
 
     turn_rad: np.ndarray  # (V,) of the board
     distance_m: np.ndarray  # (V,) of its centre
@@ -298,7 +294,7 @@ class HandEyeProblem:
     in_hand: bool
 
     def picked(self, which: np.ndarray) -> HandEyeProblem:
-        """With the views of a mask (V,) alone."""
+        """The same problem with the views of a mask (V,) alone."""
         chosen = np.flatnonzero(which)
         return replace(
             self, views=tuple(self.views[i] for i in chosen), readings=tuple(self.readings[i] for i in chosen)
@@ -340,7 +336,7 @@ class HandEyeProblem:
         return found
 
     def linearised(self, state: _HandEyeState, std: np.ndarray) -> _HandEyeRows:
-        """The rows at a state, and the cost there."""
+        """Linearises the problem at a state: rows of each view, and the cost."""
         axes, squares, each = self._lens_axes, 0.0, []
         for index, (view, pose) in enumerate(zip(self.views, self.predicted(state), strict=True)):
             residuals, tangents, by_lens = (part / self.noise_px for part in view.linearised(self.camera, pose))
@@ -355,7 +351,7 @@ class HandEyeProblem:
         return _HandEyeRows(state, own, by_shared, by_error, by_pose, errors, 0.5 * squares)
 
     def _descended(self, state: _HandEyeState, std: np.ndarray) -> _HandEyeRows:
-        """At the least cost."""
+        """Minimises the cost at standard deviations `std`."""
         variance = std[:2].repeat(3) ** 2
 
         def step(at: _HandEyeRows, damping: float) -> tuple[np.ndarray, float]:
@@ -372,22 +368,31 @@ class HandEyeProblem:
             steps = move.reshape(-1, 6)
             return self.linearised(tuple(pose.retract(own) for pose, own in zip(at.state, steps, strict=True)), std)
 
-        return levenberg_marquardt(self.linearised(state, std), step, moved, _RULES).at
+        rules = Rules(60, tolerance=1e-12, takes_last=True, may_rise_share=1e-9)
+        return levenberg_marquardt(self.linearised(state, std), step, moved, rules).at
 
     def solved(self, state: _HandEyeState, std: np.ndarray) -> HandEyeSolution:
-        """The minimum, with the deviations re-estimated from the residuals (REML)."""
-        starts = [std, *(np.array([turn, shift, 1.0]) for turn in _STARTS for shift in _STARTS)]
-        for _ in range(_ROUNDS):
+        """Solves for state and standard deviations by turns, the latter from the residuals (REML)."""
+        starts = [
+            std,
+            *(
+                np.array([turn, shift, 1.0])
+                for turn in HandEyeSettings.std_starts
+                for shift in HandEyeSettings.std_starts
+            ),
+        ]
+        for _ in range(HandEyeSettings.variance_rounds):
             rows, before = self._descended(state, std), std
             std, log_std = _deviations(rows, starts)
             starts = [std]
             state = rows.state
-            if np.abs(np.log(std / before)).max() < _SAME:
+            if np.abs(np.log(std / before)).max() < HandEyeSettings.variance_change:
                 break
         return HandEyeSolution(self._descended(state, std), std, log_std)
 
     def board_scale(self, solved: HandEyeSolution) -> tuple[float, float]:
-        """By what part the board is larger than stated, if the robot measures right, and its deviation."""
+        """Relative excess of the board's size over the stated one, by the robot's lengths, and its standard
+        deviation."""
         # a larger board that is seen alike is as much further away
         further = np.array([np.append(np.zeros(3), pose.translation_m) for pose in self.predicted(solved.state)])
         column = -np.einsum("vij,vj->vi", solved.rows.by_pose, further)[..., None]
@@ -398,10 +403,13 @@ class HandEyeProblem:
         return float((inverse @ normal.b)[-1]), float(np.sqrt(inverse[-1, -1]))
 
     def misfits(self, solved: HandEyeSolution, seen: Sequence[Pose], kept: np.ndarray, centre_m: np.ndarray) -> Misfits:
-        """Of all views, whose corners alone show the board at the poses `seen`, by a solution over those kept (V,)."""
+        """Misfits of all views, the board at poses `seen` by their corners alone, by a solution over those kept
+        (V,)."""
         state = self.start(*solved.state[:2])
         rows, std = self.linearised(state, solved.std), solved.std
-        tangents = np.array([own.tangent_from(said) for own, said in zip(seen, self.predicted(state), strict=True)])
+        tangents = np.array(
+            [own.tangent_from(predicted) for own, predicted in zip(seen, self.predicted(state), strict=True)]
+        )
         V, fit = rows.normal(std).V, solved.rows.normal(std)
         # judged for the lens that fits the robot best: shared errors must not hide a single one
         inverse = solve_scaled(fit.A, np.eye(len(fit.A)))
@@ -432,9 +440,9 @@ class HandEyeProblem:
             "lens": common @ np.swapaxes(common, 1, 2),
             "robot": left(robot),
         }
-        shown = [part @ np.linalg.inv(rows.by_pose) for part in (turn, centre)]
+        slopes = [part @ np.linalg.inv(rows.by_pose) for part in (turn, centre)]
         parts = {
-            name: np.stack([np.einsum("vij,vjk,vik->v", part, one, part) for part in shown], axis=1)
+            name: np.stack([np.einsum("vij,vjk,vik->v", part, one, part) for part in slopes], axis=1)
             for name, one in sources.items()
         }
         shift = np.einsum("vij,vj->vi", centre, tangents)
@@ -461,7 +469,7 @@ def _deviations(rows: _HandEyeRows, starts: Sequence[np.ndarray]) -> tuple[np.nd
     best = min(np.log(starts), key=badness)
     options = {"xatol": 1e-3, "fatol": 1e-6, "maxiter": 150}
     found = minimize(badness, best, method="Nelder-Mead", options=options).x
-    steps = _DIFFERENCE * np.eye(3)
+    steps = HandEyeSettings.std_step * np.eye(3)
     second = [
         [
             (badness(found + a + b) - badness(found + a - b) - badness(found - a + b) + badness(found - a - b))
@@ -469,5 +477,5 @@ def _deviations(rows: _HandEyeRows, starts: Sequence[np.ndarray]) -> tuple[np.nd
         ]
         for a in steps
     ]
-    spread = np.linalg.pinv(np.array(second) / (4.0 * _DIFFERENCE**2), hermitian=True)
+    spread = np.linalg.pinv(np.array(second) / (4.0 * HandEyeSettings.std_step**2), hermitian=True)
     return np.exp(np.clip(found, *_STD_LOGS.T)), np.sqrt(np.clip(np.diag(spread), 0.0, None))

@@ -14,25 +14,24 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
-_PLACES = {("x_m", "y_m", "z_m"): 1.0, ("x_mm", "y_mm", "z_mm"): 1e-3}
+from .settings import HandEyeSettings
+
+_PLACES = {("x_m", "y_m", "z_m"): 1.0, ("x_mm", "y_mm", "z_mm"): 1e-3}  # columns, and metres of their unit
 _ANGLES = {(f"a_{unit}", f"b_{unit}", f"c_{unit}"): unit for unit in ("rad", "deg")}
 _VECTORS = {(f"rx_{unit}", f"ry_{unit}", f"rz_{unit}"): unit for unit in ("rad", "deg")}
 _QUATERNION = ("qx", "qy", "qz", "qw")
-_ORDERS = ["".join(each) for each in permutations("XYZ")] + [a + b + a for a, b in permutations("XYZ", 2)]
-_EULER = (*_ORDERS, *(order.lower() for order in _ORDERS))
-"""As SciPy names them: XYZ about axes that turn along, xyz about fixed ones."""
-_EULER_WORDS = (
-    "XYZ, ZYX (a KUKA's A B C), ZYZ (a Doosan's), …; in small letters about fixed axes (xyz: a FANUC's W P R)"
-)
-_UNIT = 0.02
-_LARGEST = 1e4
-"""In whatever unit."""
+_EULER = [
+    case("".join(order))
+    for case in (str.upper, str.lower)
+    for order in (*permutations("xyz"), *((a, b, a) for a, b in permutations("xyz", 2)))
+]
+"""Orders as SciPy names them: XYZ about axes that turn along, xyz about fixed ones."""
 
 
 def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Pose], dict[str, dict[str, Pose]]]:
     """T_base_tool by view from a CSV: view; x_m,y_m,z_m or x_mm,…; and qx,qy,qz,qw, a rotation vector rx_rad,… or
     rx_deg,…, or Euler angles a_rad,b_rad,c_rad or a_deg,… in the order `euler`, as SciPy names it. With other readings
-    of the rows, by what is then said of the poses. Raises InputError naming file and line.
+    of the rows, by the mistake that they stand for. Raises InputError naming file and line.
     """
     header = header_of(path)
     place = next((names for names in _PLACES if names[0] in header), ("x_m", "y_m", "z_m"))
@@ -40,7 +39,10 @@ def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Po
     if turn in _ANGLES and euler not in _EULER:
         order = "none is given" if euler is None else f"it is {euler!r}"
         raise InputError(
-            f"holds Euler angles and needs their order, {order}", where=path, remedy=f"--euler {_EULER_WORDS}"
+            f"holds Euler angles and needs their order, {order}",
+            where=path,
+            remedy="--euler XYZ, ZYX (a KUKA's A B C), ZYZ (a Doosan's), …; in small letters about fixed axes (xyz: a "
+            "FANUC's W P R)",
         )
     if turn not in _ANGLES and euler is not None:
         raise InputError(
@@ -54,11 +56,11 @@ def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Po
             raise InputError(what, where=where, remedy="give each view one row")
         values = {column: number(row, column, path) for column in (*place, *turn)}
         for column, value in values.items():
-            if abs(value) > _LARGEST:
+            if abs(value) > HandEyeSettings.largest:
                 raise InputError(f"{column} is {value:g}", where=where, remedy="mend the row: no arm is posed so")
         places[name] = _PLACES[place] * np.array([values[column] for column in place])
         turns[name] = np.array([values[column] for column in turn])
-        if turn == _QUATERNION and abs((length := math.hypot(*turns[name])) - 1.0) > _UNIT:
+        if turn == _QUATERNION and abs((length := math.hypot(*turns[name])) - 1.0) > HandEyeSettings.unit_quaternion:
             raise InputError(f"the quaternion's length is {length:.3g}, not 1", where=where, remedy="mend the row")
     rotations = np.array(list(turns.values()))
 
@@ -70,7 +72,7 @@ def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Po
 
 
 def _rotations(values: np.ndarray, columns: tuple[str, ...], euler: str | None) -> Rotation:
-    """V rotations from the numbers (V, 3 or 4) in these columns."""
+    """Rotations from the numbers (V, 3 or 4) in these columns."""
     degrees = columns[0].endswith("_deg")
     if columns == _QUATERNION:
         return Rotation.from_quat(values)
@@ -80,7 +82,7 @@ def _rotations(values: np.ndarray, columns: tuple[str, ...], euler: str | None) 
 
 
 def _other_readings(values: np.ndarray, columns: tuple[str, ...], euler: str | None) -> dict[str, Rotation]:
-    """What else the numbers may mean, by what is then said of the poses."""
+    """What else the numbers may mean, by the mistake that they stand for."""
     if columns == _QUATERNION:
         return {"have quaternions with w first": _rotations(np.roll(values, -1, axis=1), columns, None)}
     unit, other = ("degrees", "rad") if columns[0].endswith("_rad") else ("rad", "degrees")

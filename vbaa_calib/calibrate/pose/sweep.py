@@ -46,23 +46,13 @@ from vbaa_calib.session import SweepPicture
 from .board_pose import mirrored, require_size
 from .fusion import PoseEstimate
 from .hand_eye_fit import robot_world
+from .settings import PoseSettings
 
-CAMERA, _BOARD, AXES = slice(0, 6), slice(6, 12), slice(12, 14)
-"""Columns of a step: tangents of X and of B, then axis skew and axis offset."""
+_CAMERA = slice(0, 6)  # columns of a step: tangent of X,
+_BOARD = slice(6, 12)  # tangent of B,
+_AXES = slice(12, 14)  # axis skew, rad, and axis offset, m
 
-_STATE = 14
-_AXES_FIXED = np.arange(_STATE) < AXES.start
-_SOFT_PER_SIGMA = 1.5
-_REWEIGHTINGS, _CONVERGED_WEIGHTS = 15, 1e-2
 _RULES = Rules(100, tolerance=1e-14, standstill=1e-18, damping=1e-4)
-_FEW_STEPS = replace(_RULES, iterations=3)
-_ROUNDING_PX = 1e-7
-_RATIO_POWERS = (-2.0, 12.0)
-_RATIO_ROUNDS, _SAME_RATIO = 6, 1e-4
-_CORNER_ROUNDS = 6
-_CHANCE_SIGMAS = 6.4  # one good corner in 1e9 lies further off
-_LEAST_PX = 0.25
-_Y = np.eye(3)[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,13 +78,13 @@ class _SweepCorners:
 
     @property
     def pictures(self) -> int:
-        """How many pictures there are."""
+        """Number of pictures."""
         return len(self.angles_rad)
 
 
 @dataclass(frozen=True, eq=False)
 class _SweepState:
-    """What is solved for."""
+    """Unknowns of a sweep: the camera's pose, the board's, skew and offset of the joints' axes."""
 
     T_actuator_camera: Pose
     T_foot_board: Pose
@@ -102,9 +92,9 @@ class _SweepState:
     axis_offset_m: float
 
     def moved(self, step: np.ndarray) -> _SweepState:
-        """By a step (14,) as CAMERA, _BOARD and AXES split it."""
+        """The state after a step (14,), split as _CAMERA, _BOARD and _AXES split it."""
         return _SweepState(
-            self.T_actuator_camera.retract(step[CAMERA]),
+            self.T_actuator_camera.retract(step[_CAMERA]),
             self.T_foot_board.retract(step[_BOARD]),
             self.axis_skew_rad + float(step[12]),
             self.axis_offset_m + float(step[13]),
@@ -112,7 +102,7 @@ class _SweepState:
 
 
 class _SweepRows(NamedTuple):
-    """Residuals and their negative derivatives."""
+    """Reprojection residuals of all corners and their negative derivatives."""
 
     residuals_px: np.ndarray  # (N, 2) observed less predicted; far off where the lens does not see the point
     by_state: np.ndarray  # (N, 2, 14)
@@ -132,7 +122,7 @@ def _tilted_x(corners: _SweepCorners) -> np.ndarray:
     return np.stack([np.cos(tilt), np.zeros_like(tilt), -np.sin(tilt)], axis=1)
 
 
-def linearise(camera: Camera, state: _SweepState, corners: _SweepCorners) -> _SweepRows:
+def _linearise(camera: Camera, state: _SweepState, corners: _SweepCorners) -> _SweepRows:
     """Residuals and derivatives of all corners at a state."""
     X, B = state.T_actuator_camera, state.T_foot_board
     world = _turns_actuator_foot(corners, state.axis_skew_rad)[corners.picture]
@@ -150,14 +140,14 @@ def linearise(camera: Camera, state: _SweepState, corners: _SweepCorners) -> _Sw
         np.cross(at, across)[:, None],
         -across[:, None],
         np.cross(from_foot, world[..., 2])[:, None],
-        np.cross(_Y, at)[:, None],
+        np.cross(np.eye(3)[1], at)[:, None],
     ]
     by_state = by_point @ X.rotation.T @ np.swapaxes(np.concatenate(moves, axis=1), -1, -2)
-    return _SweepRows(corners.pixels - pixels, by_state[..., :_STATE], by_state[..., _STATE:], by_lens)
+    return _SweepRows(corners.pixels - pixels, by_state[..., : _AXES.stop], by_state[..., _AXES.stop :], by_lens)
 
 
 def _initial_state(camera: Camera, corners: _SweepCorners, kinematics: Kinematics) -> _SweepState:
-    """From the board's pose in each picture alone, robust against a few wrong ones."""
+    """Initial state from the board's pose in each picture, robust against a few wrong ones."""
     poses, which = _board_poses(camera, corners)
     if len(which) < 3:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
@@ -168,7 +158,7 @@ def _initial_state(camera: Camera, corners: _SweepCorners, kinematics: Kinematic
 
 
 def _turned_over(state: _SweepState, corners: _SweepCorners) -> _SweepState:
-    """The state with the board leaning to the other side of the line of sight, which looks much alike."""
+    """The state with the board tilted to the other side of the line of sight, which looks much alike."""
     turn = _turns_actuator_foot(corners, state.axis_skew_rad)[0]
     camera_foot = state.T_actuator_camera.inverse() @ Pose(turn, -state.axis_offset_m * _tilted_x(corners)[0])
     other = mirrored(camera_foot @ state.T_foot_board, corners.points_m)
@@ -192,7 +182,7 @@ def _board_poses(camera: Camera, corners: _SweepCorners) -> tuple[list[Pose], np
 
 @dataclass(frozen=True, eq=False)
 class _SweepFit:
-    """A minimum and its uncertainty."""
+    """Minimum of a sweep's problem and its uncertainty."""
 
     state: _SweepState
     angle_ratio: float  # (rad/px)² variance of the joint angles over that of a corner's coordinate
@@ -228,8 +218,10 @@ class _SweepProblem:
 
     @staticmethod
     def of(camera: Camera, corners: _SweepCorners, axes: bool = True) -> _SweepProblem:
-        """With the axes' skew and offset free, or fixed where they are."""
-        return _SweepProblem(camera, corners, np.ones(_STATE, bool) if axes else _AXES_FIXED)
+        """The problem with the axes' skew and offset free, or fixed at the state's."""
+        return _SweepProblem(
+            camera, corners, np.ones(_AXES.stop, bool) if axes else np.arange(_AXES.stop) < _AXES.start
+        )
 
     def _blocks(self, at: _SweepRows, weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """(P, m, m) products of columns (N, 2, ...), then the residual, then the picture's own angles."""
@@ -239,7 +231,7 @@ class _SweepProblem:
 
     def _descended(self, state: _SweepState, weights: np.ndarray, angle_ratio: float, rules: Rules) -> _SweepEquations:
         def linearised(state: _SweepState) -> _SweepEquations:
-            at = linearise(self.camera, state, self.corners)
+            at = _linearise(self.camera, state, self.corners)
             blocks = self._blocks(at, weights, at.by_state[..., self.free])
             whole = _without_angles(blocks, angle_ratio)
             return _SweepEquations(state, at, blocks, whole[:-1, :-1], whole[:-1, -1], float(whole[-1, -1]))
@@ -249,7 +241,7 @@ class _SweepProblem:
             return move, float(system.b @ move)
 
         def moved(system: _SweepEquations, move: np.ndarray) -> _SweepEquations:
-            whole = np.zeros(_STATE)
+            whole = np.zeros(_AXES.stop)
             whole[self.free] = move
             return linearised(system.state.moved(whole))
 
@@ -261,25 +253,25 @@ class _SweepProblem:
         A redescending loss would fit some pictures all but exactly and give up others, where the angles scatter.
         """
         weights = used.astype(float)
-        residuals = linearise(self.camera, state, self.corners).residuals_px
-        for _ in range(_REWEIGHTINGS):
+        residuals = _linearise(self.camera, state, self.corners).residuals_px
+        for _ in range(PoseSettings.reweightings):
             distance = np.linalg.norm(residuals, axis=1)
-            scale = _SOFT_PER_SIGMA * max(radial_std(distance[used]), 1e-9)
+            scale = PoseSettings.soft * max(radial_std(distance[used]), 1e-9)
             before, weights = weights, used * soft_l1_weights(distance, scale)
-            system = self._descended(state, weights, 0.0, _FEW_STEPS)
+            system = self._descended(state, weights, 0.0, replace(_RULES, iterations=3))
             state, residuals = system.state, system.at.residuals_px
-            if np.abs(weights - before).max() < _CONVERGED_WEIGHTS:
+            if np.abs(weights - before).max() < PoseSettings.weights_change:
                 break
         return state, residuals
 
     def fit(self, state: _SweepState, used: np.ndarray) -> _SweepFit:
         """The minimum over the corners used (N,) bool, with the scatter of the joint angles (REML)."""
         weights, ratio = used.astype(float), 0.0
-        for _ in range(_RATIO_ROUNDS):
+        for _ in range(PoseSettings.ratio_rounds):
             system = self._descended(state, weights, ratio, _RULES)
             state, before = system.state, ratio
             ratio = _angle_variance_ratio(system.blocks, 2 * int(used.sum()))
-            if abs(ratio - before) <= _SAME_RATIO * before:
+            if abs(ratio - before) <= PoseSettings.ratio_change * before:
                 break
         system = self._descended(state, weights, ratio, _RULES)
         at, free = system.at, self.free
@@ -287,8 +279,8 @@ class _SweepProblem:
         blocks = self._blocks(at, weights, np.concatenate([at.by_state[..., free], at.by_lens], axis=-1))
         whole = _without_angles(blocks, ratio)
         A, coupling, cost = whole[:count, :count], whole[:count, count:-1], float(whole[-1, -1])
-        variance = max(cost / max(2 * weights.sum() - count, 1.0), _ROUNDING_PX**2)
-        covariance, by_lens = np.zeros((_STATE, _STATE)), np.zeros((_STATE, lens))
+        variance = max(cost / max(2 * weights.sum() - count, 1.0), PoseSettings.rounding_px**2)
+        covariance, by_lens = np.zeros((_AXES.stop, _AXES.stop)), np.zeros((_AXES.stop, lens))
         covariance[np.ix_(free, free)] = variance * solve_scaled(A, np.eye(count))
         by_lens[free] = -solve_scaled(A, coupling)
         residuals = at.residuals_px
@@ -300,10 +292,10 @@ class _SweepProblem:
     def inlying(self, state: _SweepState, candidates: np.ndarray) -> tuple[_SweepFit, np.ndarray]:
         """The fit to the candidates (N,) without outliers, judged by the spread of the others; and which are in it."""
         used = candidates
-        for _ in range(_CORNER_ROUNDS):
+        for _ in range(PoseSettings.outlier_rounds):
             found = self.fit(state, used)
             distance = np.linalg.norm(found.residuals_px, axis=1)
-            limit = max(_CHANCE_SIGMAS * radial_std(distance[used]), _LEAST_PX)
+            limit = max(PoseSettings.outlier * radial_std(distance[used]), PoseSettings.outlier_px)
             state, before, used = found.state, used, candidates & (distance <= limit)
             if np.array_equal(used, before):
                 break
@@ -337,34 +329,18 @@ def _angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
         return shrink + log_determinant + freedom * np.log(left)
 
     # there may be several minima, and a flat stretch where the angles count as exact
-    powers = np.arange(*_RATIO_POWERS)
+    powers = np.arange(*PoseSettings.ratio_powers)
     best = powers[np.argmin([badness(power) for power in powers])]
     found = minimize_scalar(badness, bounds=(best - 1.0, best + 1.0), method="bounded", options={"xatol": 1e-5})
     return float(10**found.x / per_angle) if found.fun < badness(-np.inf) else 0.0
 
 
-_LEAST_PICTURES = 5
-"""A cross. Three fix the pose, but fewer than five do not determine the scatter of the readings: with four, and
-0.3 mrad, 14 of 120 sweeps were off by over six of their standard deviations."""
-
-_LEAST_TURN_RAD = 0.01
-_GROSS_PICTURE, _GROSS_LEAST_PX, _GROSS_ANGLE, _ROUNDS = 5.0, 0.5, 5.0, 6
-_FEW_PICTURES, _AGREE = 8, 0.1
-_NO_ENCODER_RAD = 5e-3  # joints at rest scatter less: such a misfit is one wrong row's
-_OWN_STEPS, _OWN_STEP_RAD, _OWN_FIT_PX = 20, 0.2, 5.0
 _CROSS = "take a cross at least: the middle, pan to either side, tilt to either side, by 0.1 rad and more"
-_MEND = "look the rows through; the board must not move, the joints be at rest, the angles in radians"
-_AXIS_SKEW_STD_RAD = 5e-3
-_AXIS_OFFSET_STD_M = 5e-4
-"""Prior of skew and offset about the given ones, as a careful workshop keeps them. Fixed there, errors of 0.3 mrad and
-0.02 mm, which a good sweep hardly sees, put the camera seven of its standard deviations off."""
-_CONTRADICTED = 0.05
-_LOOSE_RAD, _LOOSE_SHARE, _LOOSE_ANGLES_RAD = 0.02, 0.05, 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class SweepSolution:
-    """The result of a sweep."""
+    """Result of a sweep: the camera's pose, the joints' axes, and the pictures left out."""
 
     estimate: PoseEstimate  # the camera's pose in the antenna frame; its covariance holds the tilt zero's
     kinematics: Kinematics  # as given, with the axes as solved
@@ -393,8 +369,8 @@ def solve_sweep(
     """The camera's pose in the antenna frame from a sweep.
 
     views : the board in each picture. pictures : the joints' readings, in the same order.
-    kinematics : how the antenna is mounted; its skew and offset are priors, with _AXIS_SKEW_STD_RAD and
-        _AXIS_OFFSET_STD_M, unless the pictures contradict them (5 % level).
+    kinematics : how the antenna is mounted; its skew and offset are priors, as wide as `PoseSettings` says, unless the
+        pictures contradict them (5 % level).
 
     Raises InputError for too few usable pictures, a joint that did not move or both too little, angles that do not
     belong to the pictures, or another picture size; SolveError when hardly any corners are those of the board.
@@ -415,11 +391,11 @@ def solve_sweep(
     ]
     estimate, with_pose = _estimate(chosen, kinematics.T_actuator_antenna, tilt_zero_std_rad)
     state, measured = chosen.state, free.state
-    skew_std, offset_std = np.sqrt(np.diag(free.covariance[AXES, AXES]))
+    skew_std, offset_std = np.sqrt(np.diag(free.covariance[_AXES, _AXES]))
     return SweepSolution(
         estimate=estimate,
         kinematics=replace(kinematics, axis_skew_rad=state.axis_skew_rad, axis_offset_m=state.axis_offset_m),
-        axes_covariance=block_diag(chosen.covariance[AXES, AXES], tilt_zero_std_rad**2),
+        axes_covariance=block_diag(chosen.covariance[_AXES, _AXES], tilt_zero_std_rad**2),
         axes_with_pose=with_pose,
         axes_free=chosen is free,
         axis_skew_rad=measured.axis_skew_rad,
@@ -437,16 +413,16 @@ def solve_sweep(
 def why_no_sweep(views: Sequence[BoardView], nominal_m: np.ndarray) -> InputError | None:
     """What refuses a sweep of which too few pictures show the board, of corners (C, 3)."""
     count = len(usable_views(views, nominal_m, 0)[0])
-    if count >= _LEAST_PICTURES:
+    if count >= PoseSettings.fewest_pictures:
         return None
-    what = f"{count} pictures of the sweep show the board's markers, at least {_LEAST_PICTURES} are needed"
+    what = f"{count} pictures of the sweep show the board's markers, at least {PoseSettings.fewest_pictures} are needed"
     return InputError(what, remedy=f"{_CROSS}; the board so near that a marker's modules are 2 px wide")
 
 
 def _usable_pictures(
     views: Sequence[BoardView], pictures: Sequence[SweepPicture], nominal_m: np.ndarray, camera: Camera
 ) -> tuple[list[BoardView], list[SweepPicture], list[DroppedView]]:
-    """Views that fix the board's pose, their readings, and the others with the reason."""
+    """Splits the views into those that fix the board's pose, with their readings, and the others with the reason."""
     for view in views:
         require_size(view.image_size, camera, view.name)
     if error := why_no_sweep(views, nominal_m):
@@ -458,9 +434,9 @@ def _usable_pictures(
 
 def _refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
     spans = np.ptp([[reading.pan_rad, reading.tilt_rad] for reading in readings], axis=0)
-    if (spans < _LEAST_TURN_RAD).all():
+    if (spans < PoseSettings.least_turn_rad).all():
         raise InputError("neither joint moved in the pictures of the sweep", remedy=_CROSS)
-    if (spans < _LEAST_TURN_RAD).any():
+    if (spans < PoseSettings.least_turn_rad).any():
         moved, still = ("tilt", "pan") if spans[0] < spans[1] else ("pan", "tilt")
         raise InputError(
             f"only the {moved} moved in the sweep: the camera's turn about the {moved} axis and its place along it "
@@ -479,29 +455,36 @@ def _consistent_pictures(problem: _SweepProblem, state: _SweepState) -> tuple[_S
     both = (first, fixed.robust(_turned_over(first[0], corners), every))
     state = min(both, key=lambda one: float(np.linalg.norm(one[1], axis=1).sum()))[0]
     kept = np.ones(corners.pictures, bool)
-    for _ in range(_ROUNDS):
+    for _ in range(PoseSettings.picture_rounds):
         state, residuals = problem.robust(state, kept[corners.picture])
         error = _picture_errors_px(residuals, corners)
-        before, kept = kept, error <= max(_GROSS_PICTURE * float(np.median(error[kept])), _GROSS_LEAST_PX)
+        before, kept = (
+            kept,
+            error <= max(PoseSettings.gross_picture * float(np.median(error[kept])), PoseSettings.gross_picture_px),
+        )
         if np.array_equal(kept, before):
             break
     here = state
-    for _ in range(_ROUNDS):
+    for _ in range(PoseSettings.picture_rounds):
         if kept.all():
             break
         found, _ = problem.inlying(here, kept[corners.picture])
         own = [_own_angles(problem, found.state, index) for index in np.flatnonzero(~kept).tolist()]
         back = kept.copy()
-        back[~kept] = np.abs(own - corners.angles_rad[~kept]).max(axis=1) <= _GROSS_ANGLE * found.angle_std_rad
+        back[~kept] = (
+            np.abs(own - corners.angles_rad[~kept]).max(axis=1) <= PoseSettings.gross_angle * found.angle_std_rad
+        )
         if np.array_equal(back, kept):
             break
         here, kept = found.state, back
-    if _LEAST_PICTURES <= kept.sum() <= _FEW_PICTURES:
-        state, kept = _without_the_odd_one(problem, state, kept)
-    if kept.sum() < max(_LEAST_PICTURES, 0.6 * corners.pictures):
+    if PoseSettings.fewest_pictures <= kept.sum() <= PoseSettings.few_pictures:
+        state, kept = _without_wrong_row(problem, state, kept)
+    if kept.sum() < max(PoseSettings.fewest_pictures, PoseSettings.explained * corners.pictures):
         what = f"the angles of sweep.csv explain {kept.sum()} of {corners.pictures} pictures, too few"
-        raise InputError(what, remedy=_MEND)
-    return state, kept, _picture_errors_px(linearise(problem.camera, state, corners).residuals_px, corners)
+        raise InputError(
+            what, remedy="look the rows through; the board must not move, the joints be at rest, the angles in radians"
+        )
+    return state, kept, _picture_errors_px(_linearise(problem.camera, state, corners).residuals_px, corners)
 
 
 def _picture_errors_px(residuals: np.ndarray, corners: _SweepCorners) -> np.ndarray:
@@ -509,18 +492,16 @@ def _picture_errors_px(residuals: np.ndarray, corners: _SweepCorners) -> np.ndar
     return np.array([np.median(distance[corners.picture == index]) for index in range(corners.pictures)])
 
 
-def _without_the_odd_one(
-    problem: _SweepProblem, state: _SweepState, kept: np.ndarray
-) -> tuple[_SweepState, np.ndarray]:
-    """Without the one wrong row that, among few pictures, bends the fit so that all seem a little off."""
+def _without_wrong_row(problem: _SweepProblem, state: _SweepState, kept: np.ndarray) -> tuple[_SweepState, np.ndarray]:
+    """Leaves out the one wrong row that, among few pictures, bends the fit so that all seem a little off."""
     picture = problem.corners.picture
     whole, _ = problem.inlying(state, kept[picture])
-    if whole.angle_std_rad < _NO_ENCODER_RAD:
+    if whole.angle_std_rad < PoseSettings.wrong_row_rad:
         return whole.state, kept
     places = np.arange(problem.corners.pictures)
     others = [kept & (places != index) for index in np.flatnonzero(kept)]
     fits = [problem.inlying(state, some[picture])[0] for some in others]
-    agree = [i for i, found in enumerate(fits) if found.angle_std_rad < _AGREE * whole.angle_std_rad]
+    agree = [i for i, found in enumerate(fits) if found.angle_std_rad < PoseSettings.agreement * whole.angle_std_rad]
     if len(agree) > 1:
         raise InputError(
             f"one row of sweep.csv is off by {whole.angle_std_rad:.2g} rad or more, and nothing shows which",
@@ -534,12 +515,12 @@ def _own_angles(problem: _SweepProblem, state: _SweepState, picture: int) -> np.
     corners, angles = problem.corners, problem.corners.angles_rad[picture]
     mine = corners.picture == picture
     alone = _SweepCorners(corners.points_m[mine], corners.pixels[mine], np.zeros(int(mine.sum()), int), angles[None])
-    for _ in range(_OWN_STEPS):
-        moved = linearise(problem.camera, state, replace(alone, angles_rad=angles[None]))
+    for _ in range(PoseSettings.own_steps):
+        moved = _linearise(problem.camera, state, replace(alone, angles_rad=angles[None]))
         step = np.linalg.lstsq(moved.by_angles.reshape(-1, 2), moved.residuals_px.ravel(), rcond=None)[0]
-        angles = angles + np.clip(step, -_OWN_STEP_RAD, _OWN_STEP_RAD)
+        angles = angles + np.clip(step, -PoseSettings.own_step_rad, PoseSettings.own_step_rad)
     error = float(np.median(np.linalg.norm(moved.residuals_px, axis=1)))
-    return angles if error < _OWN_FIT_PX else np.full(2, np.nan)
+    return angles if error < PoseSettings.own_fit_px else np.full(2, np.nan)
 
 
 def _left_out_reason(problem: _SweepProblem, state: _SweepState, index: int, error_px: float, zero_rad: float) -> str:
@@ -547,39 +528,44 @@ def _left_out_reason(problem: _SweepProblem, state: _SweepState, index: int, err
     angles = _own_angles(problem, state, index)
     if np.isnan(angles).any():
         return f"{what}; did the board or the camera move?"
-    (pan, tilt), (said_pan, said_tilt) = angles - [0, zero_rad], problem.corners.angles_rad[index] - [0, zero_rad]
-    return f"{what}: it looks like pan {pan:.3f}, tilt {tilt:.3f}, its row says {said_pan:.3f}, {said_tilt:.3f}"
+    (pan, tilt), (read_pan, read_tilt) = angles - [0, zero_rad], problem.corners.angles_rad[index] - [0, zero_rad]
+    return f"{what}: it looks like pan {pan:.3f}, tilt {tilt:.3f}, its row says {read_pan:.3f}, {read_tilt:.3f}"
 
 
 def _with_axes_prior(problem: _SweepProblem, free: _SweepFit, used: np.ndarray, kinematics: Kinematics) -> _SweepFit:
-    """The fit with a prior on the axes where they were given, unless the data contradict it."""
+    """The fit with a prior on the axes about the stated ones, unless the data contradict it."""
     given = np.array([kinematics.axis_skew_rad, kinematics.axis_offset_m])
     off = given - [free.state.axis_skew_rad, free.state.axis_offset_m]
-    spread = free.covariance[AXES, AXES] + np.diag(np.square([_AXIS_SKEW_STD_RAD, _AXIS_OFFSET_STD_M]))
-    if chi_square_p(chi_square(off, spread), 2) < _CONTRADICTED:
+    spread = free.covariance[_AXES, _AXES] + np.diag(
+        np.square([PoseSettings.axis_skew_std_rad, PoseSettings.axis_offset_std_m])
+    )
+    if chi_square_p(chi_square(off, spread), 2) < PoseSettings.axes_contradicted:
         return free
-    gain = free.covariance[:, AXES] @ np.linalg.inv(spread)
-    skew, offset = given - off + (gain @ off)[AXES]
-    held = _SweepProblem.of(problem.camera, problem.corners, axes=False).fit(
+    gain = free.covariance[:, _AXES] @ np.linalg.inv(spread)
+    skew, offset = given - off + (gain @ off)[_AXES]
+    fixed = _SweepProblem.of(problem.camera, problem.corners, axes=False).fit(
         replace(free.state, axis_skew_rad=skew, axis_offset_m=offset), used
     )
     # Joseph's form: no difference of covariances
-    left, known = np.eye(len(gain)), np.diag(np.square([_AXIS_SKEW_STD_RAD, _AXIS_OFFSET_STD_M]))
-    left[:, AXES] -= gain
+    left, known = (
+        np.eye(len(gain)),
+        np.diag(np.square([PoseSettings.axis_skew_std_rad, PoseSettings.axis_offset_std_m])),
+    )
+    left[:, _AXES] -= gain
     covariance = left @ free.covariance @ left.T + gain @ known @ gain.T
-    return replace(held, covariance=covariance, by_lens=free.by_lens - gain @ free.by_lens[AXES])
+    return replace(fixed, covariance=covariance, by_lens=free.by_lens - gain @ free.by_lens[_AXES])
 
 
 def _refuse_loose(found: _SweepFit) -> None:
-    if found.angle_std_rad > _LOOSE_ANGLES_RAD:
+    if found.angle_std_rad > PoseSettings.loose_angles_rad:
         raise InputError(
             f"the angles of sweep.csv scatter by {found.angle_std_rad:.2g} rad about what the pictures show",
             remedy="take every picture with the joints at rest, the board fixed and the angles in radians",
         )
-    of_camera = found.covariance[CAMERA, CAMERA]
+    of_camera = found.covariance[_CAMERA, _CAMERA]
     turn, place = (float(largest_std(part)) for part in (of_camera[:3, :3], of_camera[3:, 3:]))
     reach = float(np.linalg.norm(found.state.T_actuator_camera.translation_m - found.state.T_foot_board.translation_m))
-    if turn > _LOOSE_RAD or place > _LOOSE_SHARE * reach:
+    if turn > PoseSettings.loose_rad or place > PoseSettings.loose_share * reach:
         raise InputError(
             f"the sweep leaves the camera's pose open to {turn:.2g} rad and {1e3 * place:.2g} mm",
             remedy="turn pan and tilt further, each by itself, with the board large in the pictures",
@@ -596,9 +582,9 @@ def _estimate(found: _SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: flo
     estimate = PoseEstimate(
         "sweep",
         T_actuator_antenna.inverse() @ T_actuator_camera,
-        to_antenna @ found.covariance[CAMERA, CAMERA] @ to_antenna.T
+        to_antenna @ found.covariance[_CAMERA, _CAMERA] @ to_antenna.T
         + tilt_zero_std_rad**2 * np.outer(by_zero, by_zero),
-        to_antenna @ found.by_lens[CAMERA],
+        to_antenna @ found.by_lens[_CAMERA],
     )
-    of_axes = found.covariance[AXES, CAMERA] @ to_antenna.T
+    of_axes = found.covariance[_AXES, _CAMERA] @ to_antenna.T
     return estimate, np.vstack([of_axes, tilt_zero_std_rad**2 * by_zero])

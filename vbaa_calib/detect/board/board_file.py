@@ -12,7 +12,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import checked
 
-_REMEDY = "mend that key (docs/formats.md)"
+_REMEDY = "mend that key (docs/formats.md)"  # of a key of a board's file
 
 
 def load_board(path: Path) -> BoardWithIds:

@@ -1,7 +1,7 @@
 """Centres of circles: centroids of their areas in a picture, corrected to the pictures of the true centres.
 
 The two differ, since perspective and lens are no affine maps. The map from board to picture is fitted to the grid, a
-homography followed by a cubic, and the difference integrated over each circle, whose radius is measured by its area.
+homography followed by a cubic, and the difference integrated over each circle, of a radius by its area.
 """
 
 from __future__ import annotations
@@ -15,17 +15,7 @@ import numpy as np
 from targets.board import CircleGrid, corner_points
 
 from .covariance import QUANTISATION
-
-_ROUNDS = 3
-_INSIDE, _RING = 0.4, 0.7
-"""Outer limits of the summed area and of the background ring, from the circle's edge (0) to its neighbour's (1)."""
-_CORE, _LEAST_PIXELS = 0.6, 12
-_EDGE_BLURS = 4.0
-_HALF_PITCH = 0.5
-_CUBIC_NEEDS = 30
-"""Number of marks from which the cubic's ten coefficients per axis are well known."""
-_STEP = 1e-3
-_RADII, _ANGLES = 4, 12
+from .settings import DetectionSettings
 
 _Map = Callable[[np.ndarray], np.ndarray]
 
@@ -40,7 +30,7 @@ def circle_centres(image: np.ndarray, found_px: np.ndarray, spec: CircleGrid) ->
     centres, bias = found_px.copy(), np.zeros_like(found_px)
     ids, radius_m, blur_px = np.arange(len(points)), _first_radius_m(image, found_px, points, spec.pitch_m), np.inf
     areas: list[_Area] = []
-    for _ in range(_ROUNDS):
+    for _ in range(DetectionSettings.circle_rounds):
         project = _board_to_picture(points[ids], centres[ids])
         slopes, circle = _slopes(project, points, spec.pitch_m), (radius_m, spec.pitch_m)
         seen = {
@@ -78,7 +68,7 @@ def _board_to_picture(points: np.ndarray, pixels: np.ndarray) -> _Map:
 
     straight = flat(points)
     cubic = np.zeros((10, 2))
-    if len(points) >= _CUBIC_NEEDS:
+    if len(points) >= DetectionSettings.cubic_needs:
         cubic = np.linalg.lstsq(monomials(straight), pixels - straight, rcond=None)[0]
 
     def project(places: np.ndarray) -> np.ndarray:
@@ -90,18 +80,20 @@ def _board_to_picture(points: np.ndarray, pixels: np.ndarray) -> _Map:
 
 def _slopes(project: _Map, places: np.ndarray, pitch_m: float) -> np.ndarray:
     """(..., 2, 2) px per metre along the board's x and y (columns) at places (..., 2)."""
-    step = _STEP * pitch_m * np.eye(2)
-    return np.stack([project(places + one) - project(places - one) for one in step], axis=-1) / (2.0 * _STEP * pitch_m)
+    step = 1e-3 * pitch_m
+    moved = [project(places + one) - project(places - one) for one in step * np.eye(2)]
+    return np.stack(moved, axis=-1) / (2.0 * 1e-3 * pitch_m)
 
 
 def _bias(project: _Map, centres: np.ndarray, radius_m: float) -> np.ndarray:
     """(N, 2) px from the picture of each circle's centre (N, 2) m to the centroid of its area."""
-    nodes, weights = np.polynomial.legendre.leggauss(_RADII)
+    rings, around = 4, 12
+    nodes, weights = np.polynomial.legendre.leggauss(rings)
     # quadrature over rings of equal area
-    radii, angles = np.sqrt((nodes + 1.0) / 2.0), 2.0 * np.pi * np.arange(_ANGLES) / _ANGLES
+    radii, angles = np.sqrt((nodes + 1.0) / 2.0), 2.0 * np.pi * np.arange(around) / around
     offsets = radius_m * radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     places = centres[:, None] + offsets.reshape(1, -1, 2)
-    covered = np.repeat(weights, _ANGLES) * np.abs(np.linalg.det(_slopes(project, places, radius_m)))
+    covered = np.repeat(weights, around) * np.abs(np.linalg.det(_slopes(project, places, radius_m)))
     middle = (covered[..., None] * project(places)).sum(axis=1) / covered.sum(axis=1)[:, None]
     return np.asarray(middle - project(centres))
 
@@ -109,16 +101,16 @@ def _bias(project: _Map, centres: np.ndarray, radius_m: float) -> np.ndarray:
 def _first_radius_m(image: np.ndarray, centres: np.ndarray, points: np.ndarray, pitch_m: float) -> float:
     """The circles' radius from the share of pixels nearer to their grey level, within half the pitch."""
     slopes = _slopes(_board_to_picture(points, centres), points, pitch_m)
-    shares = []
+    shares, half_m = [], 0.5 * pitch_m
     for centre, slope in zip(centres, slopes, strict=True):
-        _, places, pixels = _around(image, centre, slope, _HALF_PITCH * pitch_m)
+        _, places, pixels = _around(image, centre, slope, half_m)
         distance_m = np.linalg.norm(places, axis=1)
-        inside = pixels[distance_m < _HALF_PITCH * pitch_m]
-        if len(inside) >= _LEAST_PIXELS:
+        inside = pixels[distance_m < half_m]
+        if len(inside) >= DetectionSettings.core_pixels:
             core = pixels[np.argmin(distance_m)]
             low, high = np.percentile(inside, (5.0, 95.0))
             shares.append(np.mean(np.abs(inside - core) < (high - low) / 2.0))
-    return _HALF_PITCH * pitch_m * float(np.sqrt(np.median(shares))) if shares else 0.25 * pitch_m
+    return half_m * float(np.sqrt(np.median(shares))) if shares else 0.25 * pitch_m
 
 
 def _around(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, reach_m: float) -> tuple[np.ndarray, ...]:
@@ -162,19 +154,19 @@ def _area(
     """
     radius_m, pitch_m = circle
     gap_m = pitch_m - 2.0 * radius_m
-    inner_m, outer_m = radius_m + _INSIDE * gap_m, radius_m + _RING * gap_m
+    inner_m, outer_m = radius_m + DetectionSettings.area_reach * gap_m, radius_m + DetectionSettings.ring_reach * gap_m
     offsets, places, grey = _around(image, centre, slope, outer_m)
     distance_m = np.linalg.norm(places, axis=1)
     half = outer_m * np.linalg.norm(slope, axis=1)
     if ((centre - half < -0.5) | (centre + half > np.array(image.shape[::-1]) - 0.5)).any():
         return None
-    inside, core = distance_m < inner_m, distance_m < _CORE * radius_m
+    inside, core = distance_m < inner_m, distance_m < DetectionSettings.core * radius_m
     ring = ~inside & (distance_m < outer_m)
-    if min(core.sum(), ring.sum()) < _LEAST_PIXELS:
+    if min(core.sum(), ring.sum()) < DetectionSettings.core_pixels:
         return None
     per_px = np.linalg.norm(places @ np.linalg.pinv(slope), axis=1) / np.maximum(distance_m, 1e-12)
     beyond_px = (distance_m - radius_m) / np.maximum(per_px, 1e-12)
-    reach_px = _EDGE_BLURS * blur_px + 1.0
+    reach_px = DetectionSettings.edge_blurs * blur_px + 1.0
     covered, edge = beyond_px < -reach_px, inside & (np.abs(beyond_px) <= reach_px)
     design = np.column_stack([np.ones(len(offsets)), offsets])
     by_ring = np.linalg.pinv(design[ring])

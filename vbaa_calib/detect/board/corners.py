@@ -21,11 +21,10 @@ from .circles import circle_centres
 from .covariance import corner_covariances
 from .diagnosis import refuse_wrong_spec
 from .grids import find_grid
-from .markers import OUTLINE, RULES, TURNS, Markers, find_markers
+from .markers import OUTLINE, TURNS, Markers, find_markers
 from .parts import place_part
+from .settings import DetectionSettings
 from .view_quality import ViewQuality, measure_quality
-
-_STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +59,7 @@ class BoardView:
         return len(self.marker_ids)
 
     def picked(self, which: np.ndarray) -> BoardView:
-        """With only the corners of a mask or of indices."""
+        """The view with only the corners of a mask or of indices."""
         covariance = None if self.covariance_px2 is None else self.covariance_px2[which]
         return replace(self, ids=self.ids[which], corners_px=self.corners_px[which], covariance_px2=covariance)
 
@@ -79,7 +78,7 @@ def detect_corners(image: np.ndarray, spec: Board, name: str = "") -> BoardView:
 
 
 def _detect_charuco(image: np.ndarray, spec: BoardSpec, name: str) -> BoardView:
-    """OpenCV's settings for ChArUco boards are kept: on the real photo sets each marker refinement changes the
+    """Detects a ChArUco board with OpenCV's default settings: on the real photo sets each marker refinement changes the
     reprojection error by a few per cent, up or down. Corners next to a single marker are left out, since they are
     grossly wrong on partly covered boards. Of several copies of the board, that of which most is seen is taken.
     """
@@ -101,7 +100,7 @@ def _detect_charuco(image: np.ndarray, spec: BoardSpec, name: str) -> BoardView:
         (image.shape[1], image.shape[0]),
         markers.ids,
         markers.outlines,
-        corner_covariances(image, sharpened, windows, smooth, RULES.smoothing_px),
+        corner_covariances(image, sharpened, windows, smooth, DetectionSettings.smoothing_px),
         measure_quality(image, ids, sharpened, spec),
     )
 
@@ -131,9 +130,11 @@ def _detect_april_grid(image: np.ndarray, spec: AprilGrid, name: str) -> BoardVi
     side_px = np.linalg.svd(tags.px_per_marker[kept], compute_uv=False)[:, 1].repeat(4)
     gap_px, windows = min(spec.border / spec.modules, spec.spacing) * side_px, 0 * ids
     # large tags stray farther from the homography of their neighbours: by the lens's distortion
-    furthest_px = max(RULES.furthest_px, RULES.of_a_gap * float(np.median(gap_px))) if len(ids) else 0.0
+    furthest_px = (
+        max(DetectionSettings.furthest_px, DetectionSettings.of_a_gap * float(np.median(gap_px))) if len(ids) else 0.0
+    )
     smooth = _smoothed(image) if len(ids) else image
-    for _ in range(RULES.rounds):
+    for _ in range(DetectionSettings.rounds):
         start = _by_neighbours(places, corners.reshape(-1, 4, 2), cells[kept])
         within = ((start > 0) & (start < np.array(image.shape[::-1]) - 1)).all(axis=1)
         corners, windows = start.copy(), np.zeros(len(ids), int)
@@ -143,7 +144,7 @@ def _detect_april_grid(image: np.ndarray, spec: AprilGrid, name: str) -> BoardVi
     found = np.flatnonzero(windows)
     found = found[np.argsort(ids[found])]
     ids, corners, windows = ids[found], corners[found], windows[found]
-    covariances = corner_covariances(image, corners, windows, smooth, RULES.smoothing_px)
+    covariances = corner_covariances(image, corners, windows, smooth, DetectionSettings.smoothing_px)
     quality = measure_quality(image, ids, corners, spec)
     size = (image.shape[1], image.shape[0])
     return BoardView(name, ids, corners, size, markers.ids, markers.outlines, covariances, quality)
@@ -182,7 +183,7 @@ def _detect_chessboard(image: np.ndarray, spec: Chessboard, name: str) -> BoardV
 
 
 def _chessboard_view(image: np.ndarray, spec: Chessboard, name: str, ids: np.ndarray, found: np.ndarray) -> BoardView:
-    """From corners ids (N,) in rows and columns and their pixels (N, 2), which are refined."""
+    """View from corner ids (N,) in rows and columns and their pixels (N, 2), which are refined."""
     grid = found.reshape(len(np.unique(ids // spec.corner_columns)), -1, 2)
     across, down = (np.linalg.norm(np.diff(grid, axis=axis), axis=-1) for axis in (1, 0))
     # a square's shorter side or the half of its shorter diagonal: to the next edge that is not the corner's own
@@ -194,9 +195,12 @@ def _chessboard_view(image: np.ndarray, spec: Chessboard, name: str, ids: np.nda
         gap_px[before], gap_px[after] = np.minimum(gap_px[before], lengths), np.minimum(gap_px[after], lengths)
     smooth = _smoothed(image)
     corners, windows = _sharpened(
-        smooth, found, RULES.of_a_square * gap_px.ravel(), np.full(len(ids), RULES.smallest_window_px)
+        smooth,
+        found,
+        DetectionSettings.of_a_square * gap_px.ravel(),
+        np.full(len(ids), DetectionSettings.smallest_window_px),
     )
-    covariances = corner_covariances(image, corners, windows, smooth, RULES.smoothing_px)
+    covariances = corner_covariances(image, corners, windows, smooth, DetectionSettings.smoothing_px)
     quality = measure_quality(image, ids, corners, spec)
     size = (image.shape[1], image.shape[0])
     return BoardView(name, ids, corners, size, covariance_px2=covariances, quality=quality)
@@ -213,7 +217,7 @@ _KINDS: dict[type[Board], Callable[[np.ndarray, Any, str], BoardView]] = {
 
 def _smoothed(image: np.ndarray) -> np.ndarray:
     """The picture in which corners are refined."""
-    return cv2.GaussianBlur(image.astype(np.float32), (0, 0), RULES.smoothing_px) if image.size else image
+    return cv2.GaussianBlur(image.astype(np.float32), (0, 0), DetectionSettings.smoothing_px) if image.size else image
 
 
 def _between_markers(
@@ -228,7 +232,7 @@ def _between_markers(
     """
     outlines = markers.outlines
     if not len(corners) or not len(outlines):
-        return corners, np.full(len(corners), RULES.smallest_window_px)
+        return corners, np.full(len(corners), DetectionSettings.smallest_window_px)
     ratio = spec.marker_m / spec.square_m
     smallest = np.linalg.svd(markers.px_per_square(ratio), compute_uv=False)[:, 1]
     nearest = np.argsort(np.linalg.norm(outlines.mean(axis=1)[None] - corners[:, None], axis=-1), axis=1)[:, :2]
@@ -243,19 +247,21 @@ def _sharpened(
     corners: np.ndarray,
     gap_px: np.ndarray,
     unrefined: np.ndarray,
-    furthest_px: float = RULES.furthest_px,
+    furthest_px: float = DetectionSettings.furthest_px,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Corners (N, 2) refined in windows smaller than `gap_px` (N,), and the half windows (N,).
 
     unrefined : (N,) half windows of corners that are kept, since the gap is too small or the step longer than
     `furthest_px`.
     """
-    windows = np.minimum(RULES.window_per_gap * gap_px, RULES.largest_window_px).astype(int)
+    windows = np.minimum(DetectionSettings.window_per_gap * gap_px, DetectionSettings.largest_window_px).astype(int)
     refined, used = corners.copy(), unrefined.copy()
-    for window in np.unique(windows[windows >= RULES.smallest_window_px]).tolist():
+    for window in np.unique(windows[windows >= DetectionSettings.smallest_window_px]).tolist():
         chosen = np.flatnonzero(windows == window)
         start = corners[chosen].astype(np.float32).reshape(-1, 1, 2)
-        better = cv2.cornerSubPix(smooth, start, (window, window), (-1, -1), _STOP).reshape(-1, 2)
+        better = cv2.cornerSubPix(
+            smooth, start, (window, window), (-1, -1), (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-3)
+        ).reshape(-1, 2)
         near = np.linalg.norm(better - corners[chosen], axis=1) < furthest_px
         refined[chosen[near]] = better[near]
         used[chosen[near]] = window
@@ -285,7 +291,7 @@ def detect_files(paths: Sequence[Path], spec: Board) -> list[BoardView]:
             return BoardView(Path(path).name, np.zeros(0, int), np.zeros((0, 2)), usual, left_out=left_out)
         return detect_corners(read_gray(path), spec, Path(path).name)
 
-    with ThreadPoolExecutor(RULES.workers) as pool:
+    with ThreadPoolExecutor(DetectionSettings.workers) as pool:
         views = list(progress(pool.map(view, paths, sizes), "detecting the board", len(paths)))
     if isinstance(spec, Chessboard):
         views = _with_parts(views, paths, spec)
@@ -300,7 +306,7 @@ def _with_parts(views: list[BoardView], paths: Sequence[Path], spec: Chessboard)
         if len(one.ids) or one.left_out or not whole:
             continue
         image = read_gray(paths[index])
-        for other in sorted(whole, key=lambda each: abs(each - index))[: RULES.references]:
+        for other in sorted(whole, key=lambda each: abs(each - index))[: DetectionSettings.references]:
             part = place_part(image, spec, read_gray(paths[other]), views[other].corners_px)
             if part is not None:
                 found[index] = _chessboard_view(image, spec, one.name, *part)
@@ -309,19 +315,19 @@ def _with_parts(views: list[BoardView], paths: Sequence[Path], spec: Chessboard)
 
 
 def _one_size(paths: Sequence[Path], sizes: Sequence[tuple[int, int]]) -> tuple[int, int]:
-    """The size of all pictures but a few. Raises InputError where too many are of another."""
+    """The common size of the pictures, but for a few. Raises InputError where too many are of another."""
     usual, count = Counter(sizes).most_common(1)[0]
-    odd = [(path, size) for path, size in zip(paths, sizes, strict=True) if size != usual]
-    if not odd:
+    other = [(path, size) for path, size in zip(paths, sizes, strict=True) if size != usual]
+    if not other:
         return usual
-    few = len(sizes) >= RULES.fewest and len(odd) <= max(RULES.odd_sizes * len(sizes), 1)
+    few = len(sizes) >= DetectionSettings.fewest and len(other) <= max(DetectionSettings.odd_sizes * len(sizes), 1)
     if not few:
         remedy = "calibrate from pictures of one camera at one resolution"
         first = Path(paths[sizes.index(usual)]).name
-        what = f"is {_in_px(odd[0][1])}, {first} is {_in_px(usual)}, as {count} of {len(sizes)} are"
-        raise InputError(what, where=odd[0][0], remedy=remedy)
-    names = ", ".join(Path(path).name for path, _ in odd)
-    say(f"left out: {names}, {'is' if len(odd) == 1 else 'are'} {_in_px(odd[0][1])}, the others {_in_px(usual)}")
+        what = f"is {_in_px(other[0][1])}, {first} is {_in_px(usual)}, as {count} of {len(sizes)} are"
+        raise InputError(what, where=other[0][0], remedy=remedy)
+    names = ", ".join(Path(path).name for path, _ in other)
+    say(f"left out: {names}, {'is' if len(other) == 1 else 'are'} {_in_px(other[0][1])}, the others {_in_px(usual)}")
     return usual
 
 

@@ -12,17 +12,10 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtri
 
+from .settings import DetectionSettings
+
 QUANTISATION = 1.0 / 12.0
 """Variance of rounding to whole grey levels: the least noise of any picture."""
-_KEPT = 0.8
-"""Share of the flat pixels that is used; dirt and print grain are in the rest."""
-_LIMIT = float(ndtri(0.5 + _KEPT / 2.0))
-_TRIMMING_LOSES = _KEPT / (_KEPT - 2.0 * _LIMIT * float(np.exp(-0.5 * _LIMIT**2) / np.sqrt(2.0 * np.pi)))
-_FLAT = 0.2
-"""Pixels within this share of the contrast from black or white are flat."""
-_LEAST_PIXELS = 60
-_LARGEST_SAMPLE = 40
-_DIFFERENCE_VARIANCE = 36.0
 
 
 def measure_noise(image: np.ndarray, corners_px: np.ndarray, windows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -31,7 +24,7 @@ def measure_noise(image: np.ndarray, corners_px: np.ndarray, windows: np.ndarray
     Measured in windows of half size (N,) around chessboard corners (N, 2) px of a picture (H, W) uint8, N ≥ 1, from
     second differences along both axes, which remove blurred edges and uneven light.
     """
-    chosen = np.linspace(0, len(corners_px) - 1, min(len(corners_px), _LARGEST_SAMPLE)).astype(int)
+    chosen = np.linspace(0, len(corners_px) - 1, min(len(corners_px), DetectionSettings.largest_sample)).astype(int)
     levels, share, rough = [], [], []
     for window in np.unique(windows[chosen]).tolist():
         centres = np.rint(corners_px[chosen[windows[chosen] == window]]).astype(int)
@@ -41,11 +34,14 @@ def measure_noise(image: np.ndarray, corners_px: np.ndarray, windows: np.ndarray
         levels.append([black, white])
         share.append(((grey - black[:, None]) / np.maximum(white - black, 1.0)[:, None]).ravel())
         rough.append(_folded(blocks, -2.0).ravel())
-    squares, shares = np.concatenate(rough) ** 2 / _DIFFERENCE_VARIANCE, np.concatenate(share)
+    # second differences along both axes have 36 times the variance of a pixel
+    squares, shares = np.concatenate(rough) ** 2 / 36.0, np.concatenate(share)
     everywhere, variances = _trimmed(squares), []
     for side in (0.0, 1.0):
-        flat = squares[np.abs(shares - side) < _FLAT]
-        variances.append(max(_trimmed(flat) if len(flat) >= _LEAST_PIXELS else everywhere, QUANTISATION))
+        flat = squares[np.abs(shares - side) < DetectionSettings.flat]
+        variances.append(
+            max(_trimmed(flat) if len(flat) >= DetectionSettings.flat_pixels else everywhere, QUANTISATION)
+        )
     return np.median(np.concatenate(levels, axis=1), axis=1), np.array(variances)
 
 
@@ -65,14 +61,10 @@ def _folded(blocks: np.ndarray, middle: float) -> np.ndarray:
 
 def _trimmed(squares: np.ndarray) -> float:
     """Variance of normal numbers from the smallest of their squares (N,), corrected for the trimming."""
-    kept = max(int(_KEPT * len(squares)), 1)
-    return float(np.partition(squares, kept - 1)[:kept].mean()) * _TRIMMING_LOSES
-
-
-_LEAST_FIXED = 1e-4
-"""Least determinant of M over its trace squared for a window to show a corner at all."""
-_LEAST_SHARE = 0.25
-"""Least share of M that J is assumed to keep."""
+    share = DetectionSettings.flat_kept
+    kept, limit = max(int(share * len(squares)), 1), float(ndtri(0.5 + share / 2.0))
+    trimming_loses = share / (share - 2.0 * limit * float(np.exp(-0.5 * limit**2) / np.sqrt(2.0 * np.pi)))
+    return float(np.partition(squares, kept - 1)[:kept].mean()) * trimming_loses
 
 
 def corner_covariances(
@@ -174,9 +166,9 @@ def _slopes(pixels: np.ndarray, part: np.ndarray) -> np.ndarray:
 def _sandwich(by_shift: np.ndarray, curvature: np.ndarray, scatter: np.ndarray, window: int) -> np.ndarray:
     """J⁻¹ S J⁻ᵀ (N, 2, 2), J bounded below by a share of M in every direction, beyond which it is not linear."""
     size = np.trace(curvature, axis1=1, axis2=2)
-    fixed = np.linalg.det(curvature) > _LEAST_FIXED * np.maximum(size, 1e-3) ** 2
+    fixed = np.linalg.det(curvature) > DetectionSettings.least_fixed * np.maximum(size, 1e-3) ** 2
     whole = np.where(fixed[:, None, None], curvature, np.eye(2))
     left, share, right = np.linalg.svd(np.linalg.solve(whole, by_shift))
-    inverse = np.linalg.inv(whole @ (left * np.maximum(share, _LEAST_SHARE)[:, None, :]) @ right)
+    inverse = np.linalg.inv(whole @ (left * np.maximum(share, DetectionSettings.least_kept)[:, None, :]) @ right)
     found = inverse @ scatter @ inverse.transpose(0, 2, 1)
     return np.where(fixed[:, None, None], found, float(window) ** 2 * np.eye(2))

@@ -18,7 +18,8 @@ from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.images import read_gray
 
 from .grids import find_grid, find_whole_chessboard
-from .markers import RULES, TURNS, MarkerGrid, Markers, find_markers, marker_cells, marker_grids
+from .markers import TURNS, MarkerGrid, Markers, find_markers, marker_cells, marker_grids
+from .settings import DetectionSettings
 
 if TYPE_CHECKING:
     from .corners import BoardView
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 MIRRORED = "the markers are found only in the mirror image (the pictures are mirrored: mirror them back)"
 _NEGATIVE = "the markers are found only with black and white exchanged (the board is a negative: print it anew)"
 _BOTH = f"{MIRRORED}; {_NEGATIVE}"
-_MISTAKES = ("", MIRRORED, _NEGATIVE, _BOTH)
 Read = Callable[[int], np.ndarray]
 """A picture (H, W) uint8 by its index."""
 Detect = Callable[[np.ndarray, Board], tuple[np.ndarray, np.ndarray]]
@@ -34,7 +34,7 @@ Detect = Callable[[np.ndarray, Board], tuple[np.ndarray, np.ndarray]]
 
 
 def _families() -> dict[str, tuple[int, ...]]:
-    """The dictionaries that hold all others, and the widths of black border with which their markers are printed."""
+    """Marker dictionaries that contain all others, with the widths of the black borders that they are printed with."""
     held = [name for name in DICTIONARIES if name.rpartition("_")[2] not in map(str, DICTIONARY_SIZES[:-1])]
     return {name: (1, 2) if "APRILTAG_36" in name else (1,) for name in held}
 
@@ -79,7 +79,9 @@ def refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView] | None, 
     visible = sum(len(view.ids) > 0 for view in views)
     markers = [Markers(view.marker_ids, view.marker_corners_px) for view in views]
     if isinstance(spec, BoardSpec | AprilGrid):
-        found = sum(len(view.ids) >= RULES.few_corners for view in views) >= RULES.found * len(views)
+        found = sum(len(view.ids) >= DetectionSettings.few_corners for view in views) >= DetectionSettings.found * len(
+            views
+        )
         mismatch = explain_mismatch(read, markers, spec, found, detect)
         _refuse(None if mismatch is None else (mismatch.words, mismatch.remedy), paths)
     if not isinstance(spec, BoardSpec | AprilGrid) or not visible:
@@ -133,26 +135,26 @@ def explain_mismatch(
     if fits and isinstance(spec, AprilGrid) and _found(pictures, own, spec, detect) == spec:
         return None
     for grid in grids:
-        if grid.votes.sum() >= RULES.votes and (seen := _proposed(own, grid, spec, pictures, detect)):
+        if grid.votes.sum() >= DetectionSettings.votes and (seen := _proposed(own, grid, spec, pictures, detect)):
             return seen
     return None if found else _searched(pictures, spec, detect)
 
 
 def _rich(markers: Sequence[Markers]) -> list[int]:
-    """Indices of the pictures that are tried: spread over all, or those in which most markers were read."""
+    """Indices of the pictures that are tried: evenly chosen, or those with most markers."""
     counts = np.array([len(picture.ids) for picture in markers])
     if counts.any():
-        return np.argsort(-counts, kind="stable")[: RULES.tried].tolist()
-    return np.unique(np.linspace(0, len(markers) - 1, RULES.tried).astype(int)).tolist()
+        return np.argsort(-counts, kind="stable")[: DetectionSettings.tried].tolist()
+    return np.unique(np.linspace(0, len(markers) - 1, DetectionSettings.tried).astype(int)).tolist()
 
 
 def _markers_in_words(markers: Sequence[Markers], spec: BoardSpec | AprilGrid, read: Read) -> str:
-    """The markers that are read in pictures without a board, and why they make none; empty without any."""
+    """Sentence on the markers in pictures without a board, and why they make none; empty without any."""
     dictionary = spec.dictionary
     if not any(len(picture.ids) for picture in markers):
         pictures = [read(index) for index in _rich(markers)]
         best = max(_sightings(pictures, ("",)), key=lambda one: one.votes, default=None)
-        if best is None or best.votes < RULES.clear:
+        if best is None or best.votes < DetectionSettings.clear:
             return ""
         dictionary, markers = best.dictionary, best.markers
     ids = np.unique(np.concatenate([picture.ids for picture in markers]))
@@ -162,7 +164,7 @@ def _markers_in_words(markers: Sequence[Markers], spec: BoardSpec | AprilGrid, r
     on_board = np.isin(ids, own) if dictionary == spec.dictionary else np.zeros(len(ids), bool)
     if not on_board.any():
         why = needed
-    elif not any(grid.votes.sum() >= RULES.clear for grid in marker_grids(markers)):
+    elif not any(grid.votes.sum() >= DetectionSettings.clear for grid in marker_grids(markers)):
         why = f"no two of them stand as neighbours on a board, and {needed}"
     else:
         why = f"they do not stand as on that board: {needed}"
@@ -182,9 +184,9 @@ def _sightings(pictures: Sequence[np.ndarray], turns: Sequence[str]) -> Iterator
     for turned in turns:
         seen = [cv2.flip(picture, 1) for picture in pictures] if turned in (MIRRORED, _BOTH) else pictures
         seen = [255 - picture for picture in seen] if turned in (_NEGATIVE, _BOTH) else seen
-        likely, most = _likely(seen[: RULES.glances] if turned else seen, families), 0
+        likely, most = _likely(seen[: DetectionSettings.glances] if turned else seen, families), 0
         # the others only where the likely ones are not it, or markers may be too small for a glance
-        small = not turned and max((picture.size for picture in seen), default=0) > RULES.glance_px
+        small = not turned and max((picture.size for picture in seen), default=0) > DetectionSettings.glance_px
         for some in (likely, [one for one in families if one not in likely] if likely or small else []):
             every = []
             for dictionary, border in some:
@@ -194,14 +196,14 @@ def _sightings(pictures: Sequence[np.ndarray], turns: Sequence[str]) -> Iterator
             every = sorted((one for one in every if one.votes), key=lambda one: -one.votes * one.border)
             yield from every
             most = max([most, *(one.votes for one in every)])
-        if most >= RULES.votes:
+        if most >= DetectionSettings.votes:
             return
 
 
 def _likely(pictures: Sequence[np.ndarray], families: Sequence[tuple[str, int]]) -> list[tuple[str, int]]:
     """The families of which the first picture that shows any, reduced, shows neighbours."""
     for picture in pictures:
-        scale = min(1.0, float(np.sqrt(RULES.glance_px / max(picture.size, 1))))
+        scale = min(1.0, float(np.sqrt(DetectionSettings.glance_px / max(picture.size, 1))))
         shape = [max(round(scale * side), 1) for side in picture.shape[::-1]]
         small = picture if scale == 1.0 else cv2.resize(picture, shape, interpolation=cv2.INTER_AREA)
         found = [one for one in families if marker_grids([find_markers(small, *one)])]
@@ -211,9 +213,11 @@ def _likely(pictures: Sequence[np.ndarray], families: Sequence[tuple[str, int]])
 
 
 def _searched(pictures: Sequence[np.ndarray], spec: BoardSpec | AprilGrid, detect: Detect) -> Diagnosis | None:
-    for sighting in _sightings(pictures, _MISTAKES):
+    for sighting in _sightings(pictures, ("", MIRRORED, _NEGATIVE, _BOTH)):
         for grid in sighting.grids[:1]:
-            if sighting.votes >= RULES.votes and (seen := _proposed(sighting, grid, spec, pictures, detect)):
+            if sighting.votes >= DetectionSettings.votes and (
+                seen := _proposed(sighting, grid, spec, pictures, detect)
+            ):
                 return seen
     return None
 
@@ -221,13 +225,13 @@ def _searched(pictures: Sequence[np.ndarray], spec: BoardSpec | AprilGrid, detec
 def _proposed(
     sighting: _Sighting, grid: MarkerGrid, spec: BoardSpec | AprilGrid, pictures: Sequence[np.ndarray], detect: Detect
 ) -> Diagnosis | None:
-    """The first board that fits the grid, is not the spec and is found in the pictures, and how they differ."""
+    """The first board that fits the grid, differs from the spec and is found in the pictures; and the differences."""
     for fitting in _fitting(sighting, grid, spec):
         if fitting == spec and not sighting.turned:
             continue
         found = _found(pictures, sighting, fitting, detect)
         if isinstance(found, AprilGrid) and isinstance(spec, AprilGrid):
-            close = abs(found.spacing - spec.spacing) <= 2.0 * RULES.gap
+            close = abs(found.spacing - spec.spacing) <= 2.0 * DetectionSettings.gap
             found = dataclasses.replace(found, spacing=spec.spacing) if close else found
         if found is not None and (causes := _causes(sighting, grid, found, spec)):
             name = "mirrored_picture" if causes == (MIRRORED,) else "wrong_board"
@@ -245,13 +249,17 @@ def _found(pictures: Sequence[np.ndarray], sighting: _Sighting, fitting: Board, 
         count = len(find_markers(seen, sighting.dictionary, sighting.border).ids)
         if count > 1:
             ids, corners_px = detect(seen, fitting)
-            works.append(len(ids) >= max(RULES.corners * count, 1))
+            works.append(len(ids) >= max(DetectionSettings.corners * count, 1))
             if isinstance(fitting, AprilGrid):
                 gaps.append(_gaps(ids, corners_px, fitting.corner_columns))
     if not works or sum(works) < 0.5 * len(works):
         return None
     measured = np.concatenate(gaps)
-    if isinstance(fitting, AprilGrid) and len(measured) and abs(np.median(measured) - fitting.spacing) > RULES.gap:
+    if (
+        isinstance(fitting, AprilGrid)
+        and len(measured)
+        and abs(np.median(measured) - fitting.spacing) > DetectionSettings.gap
+    ):
         return dataclasses.replace(fitting, spacing=round(float(np.median(measured)), 2))
     return fitting
 
@@ -265,7 +273,7 @@ def _gaps(ids: np.ndarray, corners_px: np.ndarray, columns: int) -> np.ndarray:
 
 
 def _fitting(sighting: _Sighting, grid: MarkerGrid, spec: Board) -> Iterator[Board]:
-    """Boards with the markers of a grid, the likeliest first; lengths and what is not seen as in the spec."""
+    """Candidate boards with the markers of a grid, the likeliest first; lengths and what is not seen as in the spec."""
     if grid.diagonal:
         named = spec if isinstance(spec, BoardSpec) else BoardSpec(3, 3, spec.pitch_m, 0.75 * spec.pitch_m)
         yield from _charuco_boards(sighting, grid, named)
@@ -284,7 +292,7 @@ def _april_grids(sighting: _Sighting, grid: MarkerGrid, spec: Board) -> Iterator
         up = by_id[down == -1]
         columns = int(np.median(up)) if len(up) else int(np.ptp(placed[:, 0])) + 1
         agree = by_id == right - columns * down
-        if columns < 1 or grid.votes[~agree].sum() > RULES.wrong * grid.votes.sum():
+        if columns < 1 or grid.votes[~agree].sum() > DetectionSettings.wrong * grid.votes.sum():
             continue
         column, row = (placed - placed.min(axis=0)).T
         first = int(np.median(ids - column - columns * (row.max() - row)))
@@ -308,7 +316,7 @@ def _april_grids(sighting: _Sighting, grid: MarkerGrid, spec: Board) -> Iterator
 
 
 def _agreement(grid: MarkerGrid, spec: BoardSpec | AprilGrid) -> tuple[int, int]:
-    """Pairs of a grid for and against the board described."""
+    """Numbers of a grid's pairs for and against the described board."""
     if isinstance(spec, BoardSpec) != grid.diagonal:
         return 0, 0
     turns = TURNS[1:2] if isinstance(spec, BoardSpec) else TURNS
@@ -330,25 +338,25 @@ def _cells_of(spec: BoardSpec | AprilGrid) -> np.ndarray:
 
 
 def _contradicted(grid: MarkerGrid, spec: BoardSpec | AprilGrid) -> bool:
-    """Whether the markers lie clearly otherwise than the spec says."""
+    """Whether the markers clearly contradict the layout of the spec."""
     agreeing, wrong = _agreement(grid, spec)
     if not isinstance(spec, BoardSpec):
-        return wrong > RULES.contradicted * (agreeing + wrong)
+        return wrong > DetectionSettings.contradicted * (agreeing + wrong)
     least = next((layout[0] for layout in _sequences(grid, spec)), 0)
-    clear = wrong >= RULES.clear if not least else wrong >= RULES.votes
-    return clear and least < RULES.contradicted * wrong
+    clear = wrong >= DetectionSettings.clear if not least else wrong >= DetectionSettings.votes
+    return clear and least < DetectionSettings.contradicted * wrong
 
 
 def _sequences(grid: MarkerGrid, spec: BoardSpec) -> Iterator[tuple[int, int, bool, int]]:
     """Layouts with ids in sequence that the pairs agree on, the best first: votes against, squares_x, whether the first
     square holds a marker, and the first id but for whole pairs of rows."""
     found = []
-    for width in range(2, RULES.widest + 1):
+    for width in range(2, DetectionSettings.widest + 1):
         index = grid.pairs - np.arange(width)[:, None, None] + width
         for even in (False, True):
             cells = marker_cells(index, width, even)
             wrong = ((cells[:, :, 1] - cells[:, :, 0] != grid.steps).any(axis=-1) * grid.votes).sum(axis=1)
-            for first in np.flatnonzero(wrong <= RULES.wrong * grid.votes.sum()).tolist():
+            for first in np.flatnonzero(wrong <= DetectionSettings.wrong * grid.votes.sum()).tolist():
                 own = (width, even, first) == (spec.squares_x, spec.starts_with_marker, spec.first_id % width)
                 found.append(((int(wrong[first]), not own, first != 0, width != spec.squares_x), (width, even, first)))
     for (wrong, *_), layout in sorted(found):
@@ -380,7 +388,7 @@ def _charuco_boards(sighting: _Sighting, grid: MarkerGrid, spec: BoardSpec) -> I
         other = [getattr(board, key) != getattr(spec, key) for key in keys]
         return other[0] or other[1], board.first_id != 0, *other[2:]
 
-    yield from sorted(boards, key=unlike)[: RULES.tried]
+    yield from sorted(boards, key=unlike)[: DetectionSettings.tried]
     cells = {cell: number for number, cell in grid.cells.items()}
     columns, rows = np.max(list(cells), axis=0) + 1
     listed = [cells.get((column, row), -1) for row in range(rows) for column in range(columns) if (row + column) % 2]
@@ -430,7 +438,7 @@ def _share(spec: Board) -> float:
 
 
 def _cause(name: str, here: Any, there: Any, measured: str) -> str:
-    """One key of a board that is otherwise in the pictures than in the spec."""
+    """Sentence on one key of the board in which pictures and spec differ."""
     match name:
         case "squares_y" | "rows":
             return f"{name} is {here} or more (not {there})"
@@ -446,8 +454,8 @@ def _cause(name: str, here: Any, there: Any, measured: str) -> str:
 def _marker_m(sighting: _Sighting, grid: MarkerGrid, spec: BoardSpec) -> float | None:
     """The marker side in the pictures if it clearly differs from the spec's."""
     ratio, named = 1.0 / grid.unit, spec.marker_m / spec.square_m
-    tolerance = max(RULES.ratio, RULES.ratio_px * ratio / _side_px(sighting))
-    sure = grid.votes.sum() >= RULES.votes and 0.25 < ratio < 0.98
+    tolerance = max(DetectionSettings.ratio, DetectionSettings.ratio_px * ratio / _side_px(sighting))
+    sure = grid.votes.sum() >= DetectionSettings.votes and 0.25 < ratio < 0.98
     return float(f"{round(ratio, 2) * spec.square_m:.4g}") if sure and abs(ratio - named) > tolerance else None
 
 
@@ -469,13 +477,13 @@ def _rows_too_many(markers: Sequence[Markers], spec: BoardSpec, image_size: tupl
         _vacant_below(picture, {n: int(cell[0]) for n, cell in cells.items() if cell[1] == last}, spec, image_size)
         for picture in markers
     ]
-    sure = sum(vacant) >= RULES.votes and sum(one >= 2 for one in vacant) >= min(3, len(markers))
+    sure = sum(vacant) >= DetectionSettings.votes and sum(one >= 2 for one in vacant) >= min(3, len(markers))
     return spec.squares_y - 1 - last if sure else 0
 
 
 def _vacant_below(picture: Markers, columns: dict[int, int], spec: BoardSpec, image_size: tuple[int, int]) -> int:
-    """Number of places for markers of the next row that lie well inside the picture, beside those of a row, whose
-    columns are known by id."""
+    """Number of places for markers of the next row that lie well inside the picture, relative to those of a row of
+    known columns."""
     row = picture.picked(np.isin(picture.ids, list(columns)))
     column = np.array([columns[int(number)] for number in row.ids])
     centres, per_square = row.outlines.mean(axis=1), row.px_per_marker * (spec.square_m / spec.marker_m)
@@ -490,7 +498,7 @@ def _vacant_below(picture: Markers, columns: dict[int, int], spec: BoardSpec, im
 def _other_than_chessboard(read: Read, count: int, spec: Chessboard, detect: Detect) -> tuple[str, str] | None:
     """What a few of the pictures show, in words, and a remedy; a chessboard counts where two show it."""
     own, seen, pictures = sorted((spec.squares_x, spec.squares_y)), list[tuple[int, ...]](), list[np.ndarray]()
-    for index in np.unique(np.linspace(0, count - 1, RULES.tried).astype(int)).tolist():
+    for index in np.unique(np.linspace(0, count - 1, DetectionSettings.tried).astype(int)).tolist():
         inner = find_whole_chessboard(picture := read(index), thorough=False)
         counts = (0, 0) if inner is None else inner.shape[:2]
         columns, rows = sorted((1 + each for each in counts), reverse=spec.squares_x >= spec.squares_y)
@@ -535,16 +543,16 @@ def _other_kind(read: Read, found: Sequence[np.ndarray], spec: Board, detect: De
     visible = [index for index, corners in enumerate(found) if len(corners)]
     if visible and with_ids:
         return None
-    if visible and _markers_within(read(visible[0]), found[visible[0]]) >= RULES.markers_amid:
-        return _with_ids([read(index) for index in visible[: RULES.tried]], spec, detect)
+    if visible and _markers_within(read(visible[0]), found[visible[0]]) >= DetectionSettings.markers_amid:
+        return _with_ids([read(index) for index in visible[: DetectionSettings.tried]], spec, detect)
     if visible:  # a part of a larger board may have been found
-        rest = [index for index, corners in enumerate(found) if not len(corners)][: RULES.tried]
+        rest = [index for index, corners in enumerate(found) if not len(corners)][: DetectionSettings.tried]
         return (
             _as_chessboard([read(index) for index in rest], spec, True)
             if isinstance(spec, Chessboard) and rest
             else None
         )
-    chosen = np.unique(np.linspace(0, len(found) - 1, RULES.tried).astype(int))
+    chosen = np.unique(np.linspace(0, len(found) - 1, DetectionSettings.tried).astype(int))
     pictures = [read(int(index)) for index in chosen]
     marked = None if with_ids else _with_ids(pictures, spec, detect)
     return marked or _as_circles(pictures, spec) or _as_chessboard(pictures, spec)
@@ -599,7 +607,7 @@ def _as_chessboard(pictures: Sequence[np.ndarray], spec: Board, found: bool = Fa
             break
     own = sorted((spec.squares_x - 1, spec.squares_y - 1))[::-1] if isinstance(spec, Chessboard) else [0, 0]
     least = 2 if len(pictures) > 1 or any(np.greater_equal(own, max(sizes, default=own))) else 1
-    agreed = [size for size in sizes if np.prod(size) >= RULES.least_corners and sizes.count(size) >= least]
+    agreed = [size for size in sizes if np.prod(size) >= DetectionSettings.least_corners and sizes.count(size) >= least]
     columns, rows = (corners + 1 for corners in max(agreed, key=np.prod, default=own))
     if not agreed or [columns - 1, rows - 1] == own or (found and min(columns - 1 - own[0], rows - 1 - own[1]) < 0):
         return None

@@ -10,22 +10,10 @@ import numpy as np
 
 from targets.board import Chessboard, CircleGrid
 
-_MOST_PX = 1_500_000
-"""Larger pictures are reduced for the search; marks are refined at full size."""
-_LEAST_SIDE_PX = 16
-_SEARCHES = (
-    cv2.CALIB_CB_EXHAUSTIVE,
-    cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE,
-)
-_CLASSIC = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-_LEAST_BLOB_PX2, _WIDEST_BLOB = 20.0, 0.5
-_LEVELS = 20.0, 240.0
-_IRREGULAR = 0.35
-"""Largest distance of a mark from the place that its neighbours predict, in their spacing."""
-_MOST_SPOTS, _GOES_ON = 3, 0.2
-"""Spots among which a grid is looked for, per circle; share of places beside the grid that hold one where it goes on.
-"""
-_TURNS = tuple(np.array(turn) for turn in ([[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]))
+from .settings import DetectionSettings
+
+# flags of a thorough search, tried in turn
+_SEARCHES = (cv2.CALIB_CB_EXHAUSTIVE, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE)
 
 
 def _grid_readings(spec: Chessboard | CircleGrid) -> np.ndarray:
@@ -33,7 +21,8 @@ def _grid_readings(spec: Chessboard | CircleGrid) -> np.ndarray:
     centred = 2 * spec.lattice - spec.lattice.min(axis=0) - spec.lattice.max(axis=0)
     index = {tuple(place): number for number, place in enumerate(centred.tolist())}
     found = []
-    for turn, mirror in product(_TURNS, (np.diag([1, 1]), np.diag([1, -1]))):
+    turns = [np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), quarters) for quarters in range(4)]
+    for turn, mirror in product(turns, (np.diag([1, 1]), np.diag([1, -1]))):
         order = [index.get(tuple(place)) for place in (centred @ (mirror @ turn).T).tolist()]
         if None not in order:
             found.append(order)
@@ -43,11 +32,11 @@ def _grid_readings(spec: Chessboard | CircleGrid) -> np.ndarray:
 def find_grid(image: np.ndarray, spec: Chessboard | CircleGrid, thorough: bool = True) -> np.ndarray | None:
     """(corner_count, 2) px of all marks in a picture (H, W) uint8, unrefined; None if not all are found.
 
-    Of several possible numberings, that whose x axis is nearest to the picture's. thorough : looks for a chessboard
+    Of several possible numberings, the one with its x axis nearest to the picture's. thorough : looks for a chessboard
     longer, which takes seconds where there is none.
     """
     small, scale = _searchable(image)
-    if min(small.shape) < _LEAST_SIDE_PX:
+    if min(small.shape) < DetectionSettings.least_side_px:
         return None
     marks = _chessboard(small, spec, thorough) if isinstance(spec, Chessboard) else _circles(small, spec)
     if marks is None or not _regular(marks, spec):
@@ -63,7 +52,8 @@ def _chessboard(image: np.ndarray, spec: Chessboard, thorough: bool) -> np.ndarr
             return np.asarray(corners, float).reshape(-1, 2)
     if not thorough:
         return None
-    found, corners = cv2.findChessboardCorners(image, size, flags=_CLASSIC)
+    classic = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
+    found, corners = cv2.findChessboardCorners(image, size, flags=classic)
     return np.asarray(corners, float).reshape(-1, 2) if found else None
 
 
@@ -74,7 +64,7 @@ def find_whole_chessboard(image: np.ndarray, thorough: bool = True) -> np.ndarra
     thorough : looks twice, and longer.
     """
     small, scale = _searchable(image)
-    if min(small.shape) < _LEAST_SIDE_PX:
+    if min(small.shape) < DetectionSettings.least_side_px:
         return None
     grids = list[np.ndarray]()
     for flags in _SEARCHES if thorough else (0,):
@@ -87,24 +77,28 @@ def find_whole_chessboard(image: np.ndarray, thorough: bool = True) -> np.ndarra
 
 def _searchable(image: np.ndarray) -> tuple[np.ndarray, float]:
     """The picture, reduced if it is large, and the scale."""
-    scale = min(1.0, float(np.sqrt(_MOST_PX / max(image.size, 1))))
+    scale = min(1.0, float(np.sqrt(DetectionSettings.search_px / max(image.size, 1))))
     shrunk = image if scale == 1.0 else cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return shrunk, scale
 
 
 def _circles(image: np.ndarray, spec: CircleGrid) -> np.ndarray | None:
     options = cv2.SimpleBlobDetector.Params()
-    options.minArea = _LEAST_BLOB_PX2
-    options.maxArea = max(_WIDEST_BLOB * image.size / spec.corner_count, 2.0 * _LEAST_BLOB_PX2)
+    options.minArea = DetectionSettings.least_blob_px2
+    options.maxArea = max(
+        DetectionSettings.widest_blob * image.size / spec.corner_count, 2.0 * DetectionSettings.least_blob_px2
+    )
     options.minDistBetweenBlobs = 4.0
-    options.minThreshold, options.maxThreshold = _LEVELS
+    options.minThreshold, options.maxThreshold = DetectionSettings.blob_levels
     image = cv2.normalize(image, np.empty(0), 0, 255, cv2.NORM_MINMAX)
     search: Any = cv2.findCirclesGrid  # its stubs know nothing of a grid in given spots
     detector = cv2.SimpleBlobDetector.create(options)
     kind = cv2.CALIB_CB_ASYMMETRIC_GRID if spec.type == "asymmetric_circles" else cv2.CALIB_CB_SYMMETRIC_GRID
     for picture in (image, 255 - image):
         # its search takes minutes among hundreds of spots
-        spots = sorted(detector.detect(picture), key=lambda spot: -spot.size)[: _MOST_SPOTS * spec.corner_count]
+        spots = sorted(detector.detect(picture), key=lambda spot: -spot.size)[
+            : DetectionSettings.most_spots * spec.corner_count
+        ]
         points = np.array([spot.pt for spot in spots], np.float32).reshape(-1, 1, 2)
         for clustered in (0, cv2.CALIB_CB_CLUSTERING) if len(points) >= spec.corner_count else ():
             size, usual = (spec.columns, spec.rows), cv2.CirclesGridFinderParameters()
@@ -133,7 +127,9 @@ def _goes_on(marks: np.ndarray, spots: np.ndarray, spec: CircleGrid) -> bool:
     rows = _rows_of_three(spec)
     before, last = marks[rows[rows[:, 2] < 0, :2].T]
     miss = np.linalg.norm((2.0 * last - before)[:, None] - spots, axis=-1).min(axis=1)
-    return bool(np.mean(miss < _IRREGULAR * np.linalg.norm(last - before, axis=1)) > _GOES_ON)
+    return bool(
+        np.mean(miss < DetectionSettings.irregular * np.linalg.norm(last - before, axis=1)) > DetectionSettings.goes_on
+    )
 
 
 def _regular(marks: np.ndarray, spec: Chessboard | CircleGrid) -> bool:
@@ -141,7 +137,7 @@ def _regular(marks: np.ndarray, spec: Chessboard | CircleGrid) -> bool:
     rows = _rows_of_three(spec)
     before, middle, after = marks[rows[rows[:, 2] >= 0].T]
     miss = np.linalg.norm(middle - (before + after) / 2.0, axis=1)
-    return bool((miss < _IRREGULAR * np.linalg.norm(after - before, axis=1) / 2.0).all())
+    return bool((miss < DetectionSettings.irregular * np.linalg.norm(after - before, axis=1) / 2.0).all())
 
 
 def _upright(marks: np.ndarray, image: np.ndarray, spec: Chessboard | CircleGrid) -> np.ndarray:

@@ -12,58 +12,8 @@ import numpy as np
 
 from targets.board import BoardSpec
 
+from .settings import DetectionSettings
 
-@dataclass(frozen=True)
-class _DetectionSettings:
-    """Thresholds of this folder: which markers are neighbours, how corners are refined, when another spec fits."""
-
-    miss: float = 0.4  # steps of the grid, largest distance of a neighbour from its place
-    diagonal: float = 0.5  # shorter over longer side of a step from which on it is one of a ChArUco board
-    diagonals: float = 0.25  # share of nearest neighbours that are so, from which on the grid is one
-    agreed: float = 0.8  # share of the pictures that must see a pair alike
-
-    workers: int = 2  # threads
-    few_corners: int = 6  # of a view, least that counts as found
-    found: float = 0.3  # share of the pictures with so many from which on the board counts as found
-    window_per_gap: float = 0.9  # half window over the room around a corner
-    smallest_window_px: int = 4
-    largest_window_px: int = 10
-    smoothing_px: float = 1.0  # of a picture in which corners are refined, σ: sharp edges lock them to the pixels
-    furthest_px: float = 1.5  # step of a corner that is refined, longest
-    rounds: int = 3  # of an AprilGrid's corners, each from where their neighbours predict them
-    of_a_gap: float = 0.1  # step of an AprilGrid's corner, longest, over the room around it, where that is more
-    of_a_square: float = 0.6  # room around a chessboard's corner over the distance to the next
-    odd_sizes: float = 0.15  # share of the pictures that may be of another size, and are left out
-    fewest: int = 6  # pictures of which one may be
-
-    votes: int = 6  # pairs of neighbours over all pictures, least for any conclusion
-    clear: int = 2  # pairs that contradict the spec, least where none contradicts the other
-    contradicted: float = 0.2  # the other's contradictions over the spec's, most
-    wrong: float = 0.1  # share of the pairs that may contradict a layout
-    # In drawn pictures an error of 0.1 raises the corners' error from 0.03 to 0.05 px, one of 0.25 from 0.04 to 0.4 px.
-    ratio: float = 0.08  # error of the marker-to-square ratio that is reported
-    ratio_px: float = 2.0  # the same, in pixels of a marker's side
-    gap: float = 0.006  # error of an AprilGrid's gap, in sides of a tag, that is mended; of a spec twice as much
-    widest: int = 60  # columns that are tried
-    glance_px: float = 1.5e6  # of a picture in which it is looked which markers there are
-    glances: int = 2  # pictures that are mirrored or inverted for that, most
-    tried: int = 4  # pictures in which other boards are looked for
-    corners: float = 0.5  # corners over markers of a picture in which a proposed board counts as found
-    part_texels: int = 8  # to a square, of what is compared about a part of a chessboard
-    part_beyond: float = 3.5  # squares beyond the board's outer corners that may be compared
-    part_reach: float = 3.0  # squares around the part that are
-    part_squares: float = 6.0  # of those, seen in both pictures, least
-    part_alike: float = 0.85  # least correlation of them
-    part_lead: float = 2.5  # by how much more any other part must lack of 1
-    part_lead_least: float = 0.05  # and this besides
-    part_corners: int = 12  # of a part, least
-    part_into: float = 0.3  # of a square, how far from a corner black and white are told
-    references: int = 2  # pictures of a whole chessboard by which a part of it is placed, most
-    least_corners: int = 20  # of a chessboard that is named
-    markers_amid: int = 3  # markers within a plain chessboard, least that make it a ChArUco board
-
-
-RULES = _DetectionSettings()
 OUTLINE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 """(4, 2) a marker's corners about its centre, in sides, in OpenCV's order."""
 TURNS = tuple(np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), turns) for turns in (2, 0, 1, 3))
@@ -111,7 +61,7 @@ class Markers:
         return np.einsum("ibp,ijp->ijb", np.linalg.pinv(self.px_per_marker), centres[None] - centres[:, None])
 
     def picked(self, which: np.ndarray) -> Markers:
-        """Those of a mask or of indices."""
+        """The markers of a mask or of indices."""
         return replace(self, ids=self.ids[which], outlines=self.outlines[which])
 
     def nearest(self) -> np.ndarray:
@@ -130,7 +80,9 @@ class Markers:
         step = np.rint(scaled).astype(int)
         size = np.abs(step)
         near = (size.max(axis=-1) == 1) & ((size.sum(axis=-1) == 2) == diagonal)
-        near &= (np.abs(scaled - step).max(axis=-1) < RULES.miss) & (step == -step.swapaxes(0, 1)).all(axis=-1)
+        near &= (np.abs(scaled - step).max(axis=-1) < DetectionSettings.miss) & (step == -step.swapaxes(0, 1)).all(
+            axis=-1
+        )
         pairs = np.argwhere(np.triu(near))
         return pairs, step[pairs[:, 0], pairs[:, 1]]
 
@@ -152,14 +104,14 @@ class Markers:
     def one_copy(self, spec: BoardSpec) -> Markers:
         """The markers of the copy of a board of which most is seen; all of them where there is one."""
         own = self.picked(np.isin(self.ids, spec.marker_ids))
-        if len(own.ids) - len(np.unique(own.ids)) < RULES.clear:  # a single one is read by chance
+        if len(own.ids) - len(np.unique(own.ids)) < DetectionSettings.clear:  # a single one is read by chance
             return self
         groups = own.groups(own.neighbours(True, spec.square_m / spec.marker_m)[0])
         return own.picked(next((one for one in groups if len(np.unique(own.ids[one])) == len(one)), np.zeros(0, int)))
 
 
 def find_markers(picture: np.ndarray, dictionary: str, border: int = 1) -> Markers:
-    """Those of a dictionary in a picture (H, W) uint8. border : modules of black around a marker's bits; where it is
+    """Markers of a dictionary in a picture (H, W) uint8. border : modules of black around a marker's bits; where it is
     wide, black squares meet at its corners, as in an AprilGrid, and the corners are refined."""
     options = cv2.aruco.DetectorParameters()
     options.markerBorderBits = border
@@ -215,8 +167,8 @@ def marker_grids(pictures: Sequence[Markers]) -> list[MarkerGrid]:
     if not len(nearest):
         return []
     short, long = np.sort(nearest, axis=1).T
-    slanted = short > RULES.diagonal * long
-    diagonal = bool(slanted.mean() > RULES.diagonals)
+    slanted = short > DetectionSettings.diagonal * long
+    diagonal = bool(slanted.mean() > DetectionSettings.diagonals)
     unit = float(np.median(nearest[slanted].mean(axis=1) if diagonal else long))
     seen: defaultdict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
     lengths = []
@@ -230,7 +182,7 @@ def marker_grids(pictures: Sequence[Markers]) -> list[MarkerGrid]:
     known = {}
     for pair, every in seen.items():
         step, votes = Counter(every).most_common(1)[0]
-        if votes >= RULES.agreed * len(every) and pair[0] != pair[1]:
+        if votes >= DetectionSettings.agreed * len(every) and pair[0] != pair[1]:
             known[pair] = (step, votes)
     if not known:
         return []

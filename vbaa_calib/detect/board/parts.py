@@ -1,6 +1,6 @@
 """A chessboard that is seen in part: which part it is, by another picture that shows the whole board.
 
-What is around the part, the rest of the squares, the board's rim, markers and print beside it, is compared with the
+What is around the part, the rest of the squares, the board's rim, markers and print next to it, is compared with the
 same places on the other picture's board, for each part that it could be. A sheet of the rim's colour over a part of
 the board passes for the rim.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from targets.board import Chessboard
 
 from .grids import find_whole_chessboard
-from .markers import RULES
+from .settings import DetectionSettings
 
 
 def place_part(
@@ -28,14 +28,14 @@ def place_part(
     """
     found = find_whole_chessboard(image, thorough=False)
     part = None if found is None else _trimmed(image, found)
-    if part is None or not RULES.part_corners <= part[..., 0].size < spec.corner_count:
+    if part is None or not DetectionSettings.part_corners <= part[..., 0].size < spec.corner_count:
         return None
     grid = corners_px.reshape(spec.squares_y - 1, -1, 2)
     aim = _laid_flat(whole, grid, *_board(spec))
     readings = sorted(_readings(image, part, spec, aim), key=lambda one: -one[0])
     # a corner of the board on plain ground may be any of them, but pictures are turned less than that
     near = [one for one in readings if _turn_rad(one[2], grid) < np.pi / 4.0]
-    if not near or near[0][0] < RULES.part_alike or (len(near) > 1 and not _lacks(near[1][0], near[0][0])):
+    if not near or near[0][0] < DetectionSettings.part_alike or (len(near) > 1 and not _lacks(near[1][0], near[0][0])):
         return None
     if _lacks(near[0][0], readings[0][0]):
         return None
@@ -43,15 +43,17 @@ def place_part(
 
 
 def _lacks(alike: float, other: float) -> bool:
-    """Whether a correlation is clearly less than another."""
-    return 1.0 - alike > RULES.part_lead * (1.0 - other) + RULES.part_lead_least
+    """Whether one correlation is clearly less than another."""
+    return 1.0 - alike > DetectionSettings.part_lead * (1.0 - other) + DetectionSettings.part_lead_least
 
 
 def _trimmed(image: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
-    """Corners (rows, columns, 2) px without rows and columns at the rim in which one is none: about a corner two
+    """Corners (rows, columns, 2) px without the outer rows and columns that hold a false one: about a corner two
     squares are black and two white."""
     across, down = (np.gradient(grid, axis=axis) for axis in (1, 0))
-    places = [grid + RULES.part_into * (x * across + y * down) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    places = [
+        grid + DetectionSettings.part_into * (x * across + y * down) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
     inside = np.all([((one > 0) & (one < np.array(image.shape[::-1]) - 1)).all(axis=-1) for one in places], axis=0)
     maps = (one.astype(np.float32) for one in places)
     grey = [cv2.remap(image, one, np.empty(0), cv2.INTER_LINEAR).astype(float) for one in maps]
@@ -72,7 +74,7 @@ def _trimmed(image: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
 
 def _board(spec: Chessboard) -> tuple[float, float, int, int]:
     """The first column and row that are compared, in corners, and how many texels from there across and down."""
-    beyond, texels = RULES.part_beyond, RULES.part_texels
+    beyond, texels = DetectionSettings.part_beyond, DetectionSettings.part_texels
     across, down = (round((count - 2 + 2 * beyond) * texels) for count in (spec.squares_x, spec.squares_y))
     return -beyond, -beyond, across, down
 
@@ -85,7 +87,7 @@ def _laid_flat(
     rows, columns = grid.shape[:2]
     lattice = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2).astype(float)
     onto, _ = cv2.findHomography(lattice, grid.reshape(-1, 2), 0)
-    step = 1.0 / RULES.part_texels
+    step = 1.0 / DetectionSettings.part_texels
     onto = onto @ np.array([[step, 0.0, column + step / 2], [0.0, step, row + step / 2], [0.0, 0.0, 1.0]])
     slope = np.linalg.lstsq(lattice - lattice.mean(axis=0), (grid - grid.mean(axis=(0, 1))).reshape(-1, 2), rcond=None)[
         0
@@ -108,7 +110,7 @@ def _readings(
     right, down = part[0, -1] - part[0, 0], part[-1, 0] - part[0, 0]
     upright = part if right[0] * down[1] - right[1] * down[0] > 0 else part[:, ::-1]
     _, _, across_px, down_px = _board(spec)
-    texels, beyond = RULES.part_texels, RULES.part_beyond
+    texels, beyond = DetectionSettings.part_texels, DetectionSettings.part_beyond
     for turns in range(4):
         grid = np.ascontiguousarray(np.rot90(upright, turns))
         rows, columns = grid.shape[:2]
@@ -119,7 +121,7 @@ def _readings(
         flat, seen = _laid_flat(image, grid, -beyond - free_x, -beyond - free_y, *size)
         # the part itself is alike wherever black is on black; far from it, its homography is not the lens's
         x, y = (round((beyond + free) * texels) for free in (free_x, free_y))
-        reach, inside = round(RULES.part_reach * texels), np.zeros(seen.shape, bool)
+        reach, inside = round(DetectionSettings.part_reach * texels), np.zeros(seen.shape, bool)
         inside[y : y + (rows - 1) * texels, x : x + (columns - 1) * texels] = True
         near = np.zeros(seen.shape, bool)
         near[
@@ -137,7 +139,7 @@ def _readings(
 
 
 def _correlation(first: np.ndarray, second: np.ndarray, where: np.ndarray) -> float:
-    if where.sum() < RULES.part_squares * RULES.part_texels**2:
+    if where.sum() < DetectionSettings.part_squares * DetectionSettings.part_texels**2:
         return 0.0
     a, b = first[where] - first[where].mean(), second[where] - second[where].mean()
     size = float(np.sqrt((a @ a) * (b @ b)))

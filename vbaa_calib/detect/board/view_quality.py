@@ -9,15 +9,7 @@ import numpy as np
 
 from targets.board import AprilGrid, BoardSpec, Chessboard
 
-_MOST_EDGES = 40
-_MOVED = 1.4
-_ALONG = np.linspace(0.2, 0.8, 7)
-_STEP_PX = 0.5
-_INTO_BLACK, _MOST_STEPS = 0.35, 40
-_WHITEST, _BLACKEST = 253.5, 0.5
-_PIXEL_PX2 = 1.0 / 12.0
-# what bilinear sampling and the difference over one step add to the spread of an edge
-_ADDED_PX2 = 1.0 / 6.0 + _STEP_PX**2 / 12.0
+from .settings import DetectionSettings
 
 
 @dataclass(frozen=True)
@@ -53,13 +45,13 @@ class ViewQuality:
 
     @property
     def motion(self) -> float:
-        """The larger blur over the smaller, 1 for a still camera; NaN if one is unknown."""
+        """The larger blur over the smaller, 1 for a camera at rest; NaN if one is unknown."""
         return float(max(self.blur_px) / min(self.blur_px)) if np.isfinite(self.blur_px).all() else float("nan")
 
     @property
     def blur_in_words(self) -> str:
         """The blur's direction, as far as it is determined."""
-        if self.motion > _MOVED:
+        if self.motion > DetectionSettings.moved:
             return f"{self.motion:.1f} times more along {np.degrees(self.direction_rad):.0f}° than across: motion"
         return "much alike along both sides of the squares"
 
@@ -90,12 +82,12 @@ def measure_quality(
 
 
 def _edges(ids: np.ndarray, cells: np.ndarray, step: tuple[int, int], columns: int, count: int) -> np.ndarray:
-    """(E, 2) indices of corners one step (column, row) apart; at most `_MOST_EDGES`, evenly chosen."""
+    """(E, 2) indices of corners one step (column, row) apart; at most `most_edges`, evenly chosen."""
     index = np.full(count + columns + 1, -1)
     index[ids] = np.arange(len(ids))
     second = index[ids + step[0] + step[1] * columns]
     found = np.flatnonzero((second >= 0) & (cells[:, 0] + step[0] < columns))
-    chosen = found[np.linspace(0, len(found) - 1, min(len(found), _MOST_EDGES)).astype(int)]
+    chosen = found[np.linspace(0, len(found) - 1, min(len(found), DetectionSettings.most_edges)).astype(int)]
     return np.stack([chosen, second[chosen]], axis=1)
 
 
@@ -107,8 +99,8 @@ def _gap_px(corners_px: np.ndarray, edges: np.ndarray, room: float) -> float:
 
 
 def _across(image: np.ndarray, ends: np.ndarray, gap_px: float, square_px: float) -> ViewQuality:
-    """Quality across edges between corners (E, 2, 2) px of one direction, its blur twice: by profiles from the black
-    square to the white one's rim.
+    """Quality across edges between corners (E, 2, 2) px of one direction, both its blurs the same: by profiles from the
+    black square to the white one's rim.
 
     It is read from the black half, where only the edge is: there a Gaussian edge of height 2a has the squared slopes'
     integral a² / (√π σ).
@@ -116,29 +108,40 @@ def _across(image: np.ndarray, ends: np.ndarray, gap_px: float, square_px: float
     if not len(ends):
         nan = float("nan")
         return ViewQuality(False, (nan, nan), nan, gap_px, nan, 0.0, nan)
-    black_steps = int(np.clip(_INTO_BLACK * square_px / _STEP_PX, 4, _MOST_STEPS))
+    black_steps = int(
+        np.clip(
+            DetectionSettings.into_black * square_px / DetectionSettings.edge_step_px, 4, DetectionSettings.most_steps
+        )
+    )
     along = ends[:, 1] - ends[:, 0]
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
-    points = ends[:, :1] + _ALONG[:, None] * along[:, None]
+    points = ends[:, :1] + np.linspace(0.2, 0.8, 7)[:, None] * along[:, None]
     sides = _sampled(image, points, normal, np.array([-0.5, 0.5]) * gap_px)
     towards_white = np.where(sides[:, :, 1].sum(axis=1) > sides[:, :, 0].sum(axis=1), 1.0, -1.0)
-    offsets = np.append(_STEP_PX * np.arange(-black_steps, 1), 0.5 * gap_px)
+    offsets = np.append(DetectionSettings.edge_step_px * np.arange(-black_steps, 1), 0.5 * gap_px)
     samples = _sampled(image, points, towards_white[:, None] * normal, offsets)
     profiles = samples.mean(axis=1)
     black = profiles[:, :3].mean(axis=1)
     rise = profiles[:, -2] - black
-    energy = (np.diff(profiles[:, :-1], axis=1) ** 2).sum(axis=1) / _STEP_PX
+    energy = (np.diff(profiles[:, :-1], axis=1) ** 2).sum(axis=1) / DetectionSettings.edge_step_px
     spread = float(np.median(rise**2 / (np.sqrt(np.pi) * np.maximum(energy, 1e-9))))
     contrast = float(np.median(profiles[:, -1] - black))
     doubled = 2.0 * np.arctan2(normal[:, 1], normal[:, 0])
-    blur_px = float(np.sqrt(max(spread**2 - _ADDED_PX2, _PIXEL_PX2)))
+    # what bilinear sampling and the difference over one step add to the spread of an edge; a pixel's area
+    added_px2, pixel_px2 = 1.0 / 6.0 + DetectionSettings.edge_step_px**2 / 12.0, 1.0 / 12.0
+    blur_px = float(np.sqrt(max(spread**2 - added_px2, pixel_px2)))
     return ViewQuality(
         collinear=False,
         blur_px=(blur_px, blur_px),
         direction_rad=0.5 * float(np.arctan2(np.sin(doubled).mean(), np.cos(doubled).mean())),
         gap_px=gap_px,
         contrast=contrast,
-        saturated=float(max((samples[..., 0] < _BLACKEST).mean(), (samples[..., -1] > _WHITEST).mean())),
+        saturated=float(
+            max(
+                (samples[..., 0] < DetectionSettings.blackest).mean(),
+                (samples[..., -1] > DetectionSettings.whitest).mean(),
+            )
+        ),
         edge_level=float(np.median(rise)) / max(contrast, 1.0),
     )
 

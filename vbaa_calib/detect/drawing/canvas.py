@@ -16,27 +16,22 @@ from PIL import Image, ImageDraw, ImageFont
 
 from vbaa_calib.core.polyline import arc_lengths
 
+from .settings import DrawingSettings
+
 Colour = tuple[int, int, int]
 """Blue, green, red, 0–255."""
 
-WHITE: Colour = (255, 255, 255)
-_BLACK: Colour = (0, 0, 0)
-_WIDEST, _NARROWEST = 1920.0, 960.0
-"""Widths, in canvas pixels, that a picture is reduced or enlarged to."""
+WHITE: Colour = (255, 255, 255)  # of titles, clamp and tip
+_BLACK: Colour = (0, 0, 0)  # edge of marks and labels
 _PARTS_BITS = 4
 """Canvas coordinates are drawn to a sixteenth of a pixel."""
 _FARTHEST = 8000.0
 """Limit of coordinates, since OpenCV's have few bits."""
-_GROUND: Colour = (30, 26, 24)
-_SOFT: Colour = (190, 182, 176)
-_TEXT_SIZE = 0.5
-_LINE_HEIGHT = 22
-_MARGIN = 14
 
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
-    """A picture to draw on; points are given in camera pixels, whose centres are whole numbers.
+    """A picture to draw on; points are in camera pixels, their centres whole numbers.
 
     image : (H, W, 3) uint8, blue, green, red. scale : canvas pixels per camera pixel.
     origin_px : (2,) camera pixel at the middle of the canvas' upper left pixel, if `scale` is 1.
@@ -52,7 +47,11 @@ class Canvas:
     def over(grey: np.ndarray) -> Canvas:
         """A canvas showing a grey picture (H, W) uint8, enlarged by a whole factor if it is small."""
         width = grey.shape[1]
-        scale = _WIDEST / width if width > _WIDEST else float(max(1, round(_NARROWEST / width)))
+        scale = (
+            DrawingSettings.widest_px / width
+            if width > DrawingSettings.widest_px
+            else float(max(1, round(DrawingSettings.narrowest_px / width)))
+        )
         size = (max(1, round(scale * width)), max(1, round(scale * grey.shape[0])))
         large = cv2.resize(grey, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST)
         return Canvas(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), scale, unit=float(np.clip(size[0] / 1100.0, 1.0, 1.8)))
@@ -117,7 +116,7 @@ class Canvas:
             self.line(barbs, ink, thick + more)
 
     def words(self, text: str, at_px: np.ndarray, colour: Colour, aside: tuple[float, float] = (9.0, -9.0)) -> None:
-        """A label with a black edge, `aside` of a point and kept inside the canvas."""
+        """A label with a black edge, `offset` from a point and kept inside the canvas."""
         width, height = _text_size(text, 0.5 * self.unit)
         spot = self.at(np.asarray(at_px)) + np.array(aside) * self.unit - [width if aside[0] < 0 else 0, 0]
         rows, columns = self.image.shape[:2]
@@ -203,17 +202,21 @@ def strip(
     keys: Sequence[Key],
 ) -> np.ndarray:
     """An image (H, width, 3) with badge, left and right heading, wrapped paragraphs and keys."""
-    margin, step, size = round(_MARGIN * unit), round(_LINE_HEIGHT * unit), _TEXT_SIZE * unit
+    margin, step, size = (
+        round(DrawingSettings.margin_px * unit),
+        round(DrawingSettings.line_height_px * unit),
+        DrawingSettings.text_size * unit,
+    )
     inner = width - 2 * margin
     paragraphs = [_wrapped(line, inner, size) for line in lines if line]
     rows = _in_rows(keys, inner, unit)
     height = 2 * margin + round(1.5 * step) + step * (sum(map(len, paragraphs)) + len(rows)) + step // 2
-    image = np.full((height, width, 3), _GROUND, np.uint8)
+    image = np.full((height, width, 3), DrawingSettings.legend, np.uint8)
     below = _headed(image, badge, heading, margin, unit)
     for index, paragraph in enumerate(paragraphs):
         for line in paragraph:
             below += step
-            _put(image, line, (margin, below), _font_of(size), WHITE if index == 0 else _SOFT)
+            _put(image, line, (margin, below), _font_of(size), WHITE if index == 0 else DrawingSettings.soft)
     below += step // 2
     for row in rows:
         below += step
@@ -238,14 +241,20 @@ def _headed(image: np.ndarray, badge: tuple[str, Colour], heading: tuple[str, st
     left += _text_size(heading[0], size)[0] + 3 * pad
     room = image.shape[1] - margin - left
     for line in _wrapped(heading[1], room, size)[:1] if room > 0 else []:
-        _put(image, line, (image.shape[1] - margin - _text_size(line, size)[0], base), _font_of(size), _SOFT)
+        _put(
+            image,
+            line,
+            (image.shape[1] - margin - _text_size(line, size)[0], base),
+            _font_of(size),
+            DrawingSettings.soft,
+        )
     return base + pad // 2
 
 
 def _key_width(key: Key, unit: float) -> int:
     """Distance to the next key."""
     sample = round((44 if key.mark != "scale" else 100) * unit)
-    return sample + _text_size(key.words, 0.9 * _TEXT_SIZE * unit)[0] + round(18 * unit)
+    return sample + _text_size(key.words, 0.9 * DrawingSettings.text_size * unit)[0] + round(18 * unit)
 
 
 def _in_rows(keys: Sequence[Key], inner: int, unit: float) -> list[list[Key]]:
@@ -281,4 +290,10 @@ def _draw_key(image: np.ndarray, key: Key, at: tuple[int, int], unit: float) -> 
         canvas.arrow(ends[0], ends[1], key.colour)
     else:
         canvas.line(ends, key.colour, 2.0)
-    _put(image, key.words, (left + long + round(8 * unit), base), _font_of(0.9 * _TEXT_SIZE * unit), _SOFT)
+    _put(
+        image,
+        key.words,
+        (left + long + round(8 * unit), base),
+        _font_of(0.9 * DrawingSettings.text_size * unit),
+        DrawingSettings.soft,
+    )

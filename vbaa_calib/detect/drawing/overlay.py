@@ -13,12 +13,10 @@ from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.stretches import Cause, Stretch
 
 from .canvas import WHITE, Canvas, Colour, Key, strip
+from .settings import DrawingSettings
 
-_CORRIDOR: Colour = (150, 128, 112)
-_FREE: Colour = (255, 150, 90)
-HIDDEN: Colour = (40, 140, 255)
-OUTSIDE: Colour = (150, 150, 150)
-_OTHER_LINE: Colour = (70, 70, 255)
+HIDDEN: Colour = (40, 140, 255)  # of hidden stretches
+OUTSIDE: Colour = (150, 150, 150)  # of stretches outside the picture
 _CAUSES: dict[Cause, Colour] = {
     Cause.FAINT: (235, 120, 170),
     Cause.REVERSED: (110, 215, 110),
@@ -28,25 +26,7 @@ _CAUSES: dict[Cause, Colour] = {
     Cause.OUTSIDE: OUTSIDE,
 }
 """Colours of unseen stretches."""
-_SIGMA_RANGE_PX = (0.02, 0.5)
-"""Range of the colour scale of deviations."""
-_SURE, _UNSURE = np.array([255.0, 255.0, 0.0]), np.array([255.0, 0.0, 255.0])
-"""Its colours, cyan and magenta, which colour-blind people can tell apart, too."""
-_BRIGHTEST = 150.0
-"""Grey level of the picture's bright end, so that marks stand out."""
-_ASIDE = 0.5
-"""Factor of brightness outside the corridor."""
-_LEAST_SPAN = 48.0
-"""Least range of grey levels that is stretched to full contrast."""
-_GAMMA = 0.75
-"""Exponent of grey levels, which brightens the dark ones."""
-_VERDICTS: dict[str, tuple[Colour, str]] = {
-    "ok": ((136, 148, 13), "the antenna was found"),
-    "no_antenna": ((139, 116, 100), "there is no antenna, or it cannot be made out"),
-    "too_little": ((11, 158, 245), "too little of the antenna is seen"),
-    "ambiguous": ((38, 38, 220), "two lines could be the antenna"),
-}
-"""The badge's colour, and what it means."""
+# of the visible end
 _END_WORDS = {
     "tip": "tip",
     "unsure": "perhaps the tip",
@@ -60,9 +40,14 @@ def background(image: np.ndarray, where: Corridor | None) -> np.ndarray:
     """(H, W) uint8: a grey picture (H, W) of any type, darkened, more so outside the corridor."""
     grey = np.nan_to_num(np.asarray(image, np.float32), nan=0.0, posinf=0.0, neginf=0.0)
     low, high = np.percentile(grey[::3, ::3], (1.0, 99.8))
-    grey = _BRIGHTEST * np.clip((grey - low) / max(high - low, _LEAST_SPAN), 0.0, 1.0) ** _GAMMA
+    grey = (
+        DrawingSettings.brightest
+        * np.clip((grey - low) / max(high - low, DrawingSettings.least_span), 0.0, 1.0) ** DrawingSettings.gamma
+    )
     if where is not None and len(where.axis_px) >= 2:
-        grey = np.where(corridor_mask(where, (grey.shape[1], grey.shape[0])) > 0, grey, _ASIDE * grey)
+        grey = np.where(
+            corridor_mask(where, (grey.shape[1], grey.shape[0])) > 0, grey, DrawingSettings.outside_corridor * grey
+        )
     return grey.astype(np.uint8)
 
 
@@ -79,7 +64,13 @@ def centreline_picture(
     draw_centreline(canvas, line, parts)
     if where is not None:
         draw_clamp(canvas, where)
-    colour, meaning = _VERDICTS[line.verdict]
+    # the badge's colour, and what it means
+    colour, meaning = {
+        "ok": ((136, 148, 13), "the antenna was found"),
+        "no_antenna": ((139, 116, 100), "there is no antenna, or it cannot be made out"),
+        "too_little": ((11, 158, 245), "too little of the antenna is seen"),
+        "ambiguous": ((38, 38, 220), "two lines could be the antenna"),
+    }[line.verdict]
     lines, width = [line.reason, described(line), *words[1:]], canvas.image.shape[1]
     legend = strip(width, canvas.unit, (line.verdict, colour), (meaning, words[0]), lines, keys(line, where, parts))
     return np.vstack([canvas.image, legend])
@@ -102,23 +93,23 @@ def _corridor_sides(where: Corridor) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw_corridor(canvas: Canvas, where: Corridor) -> None:
-    """The corridor's outline, and the predicted free antenna."""
+    """Draws the corridor's outline and the predicted free antenna."""
     left, right = _corridor_sides(where)
-    canvas.line(np.concatenate([left, right[::-1], left[:1]]), _CORRIDOR)
-    canvas.dashes(where.axis_px, _FREE, 1.5)
+    canvas.line(np.concatenate([left, right[::-1], left[:1]]), DrawingSettings.corridor)
+    canvas.dashes(where.axis_px, DrawingSettings.free, 1.5)
 
 
 def draw_clamp(canvas: Canvas, where: Corridor) -> None:
-    """The clamp, where the free antenna starts."""
+    """Draws the clamp, where the free antenna starts."""
     canvas.ring(where.axis_px[0], 6.0, WHITE)
     canvas.words("clamp", where.axis_px[0], WHITE, (9.0, 20.0))
 
 
 def draw_centreline(canvas: Canvas, line: Centreline, parts: Sequence[Stretch] = (), *, named: bool = True) -> None:
-    """Points coloured by deviation, unseen stretches dashed (coloured by cause if `parts` give it), a second line, and
-    the visible end."""
+    """Draws points coloured by standard deviation, unseen stretches dashed (coloured by cause if `parts` give it), a
+    second line, and the visible end."""
     if len(line.other_line_px):
-        canvas.line(line.other_line_px, _OTHER_LINE, 2.0)
+        canvas.line(line.other_line_px, DrawingSettings.other_line, 2.0)
     for part in parts:
         if part.cause in _CAUSES:
             canvas.dashes(part.path_px, _CAUSES[part.cause], 2.0, 5.0)
@@ -136,15 +127,17 @@ def draw_centreline(canvas: Canvas, line: Centreline, parts: Sequence[Stretch] =
 
 def sigma_colours(sigma_px: np.ndarray) -> np.ndarray:
     """(N, 3) uint8 colours of deviations (N,) px: cyan is sure, magenta is not."""
-    low, high = np.log(_SIGMA_RANGE_PX)
+    low, high = np.log(DrawingSettings.sigma_range_px)
     share = (np.log(np.maximum(np.nan_to_num(sigma_px, nan=np.inf), 1e-6)) - low) / (high - low)
     share = np.clip(share, 0.0, 1.0)[:, None]
-    return np.rint((1.0 - share) * _SURE + share * _UNSURE).astype(np.uint8)
+    return np.rint(
+        (1.0 - share) * np.array(DrawingSettings.sure, float) + share * np.array(DrawingSettings.unsure, float)
+    ).astype(np.uint8)
 
 
 def keys(line: Centreline | None, where: Corridor | None, parts: Sequence[Stretch] = ()) -> list[Key]:
     """The legend of what is drawn."""
-    low, high = _SIGMA_RANGE_PX
+    low, high = DrawingSettings.sigma_range_px
     scale = sigma_colours(np.geomspace(low, high, 64))
     points = Key(f"centreline, std {low:g} to {high:g} px", mark="scale", scale=scale)
     shown = set() if line is None or parts else set(np.asarray(line.visibility).tolist())
@@ -154,9 +147,9 @@ def keys(line: Centreline | None, where: Corridor | None, parts: Sequence[Stretc
         *((cause in causes, Key(cause.words, colour, "dashes")) for cause, colour in _CAUSES.items()),
         (bool(shown & {Visibility.HIDDEN, Visibility.BEYOND}), Key("hidden, or not measured", HIDDEN, "dashes")),
         (Visibility.OUTSIDE in shown, Key("outside the picture", OUTSIDE, "dashes")),
-        (line is not None and len(line.other_line_px) > 0, Key("the other line", _OTHER_LINE)),
-        (where is not None, Key("free antenna, predicted", _FREE, "dashes")),
-        (where is not None, Key("where it may be", _CORRIDOR)),
+        (line is not None and len(line.other_line_px) > 0, Key("the other line", DrawingSettings.other_line)),
+        (where is not None, Key("free antenna, predicted", DrawingSettings.free, "dashes")),
+        (where is not None, Key("where it may be", DrawingSettings.corridor)),
     )
     return [key for is_drawn, key in there if is_drawn]
 

@@ -23,7 +23,7 @@ from vbaa_calib.geometry import Pose
 
 @dataclass(frozen=True)
 class _OverBoardSettings:
-    """How the antenna is told from the board behind it, and its line and ends are measured."""
+    """How the antenna is distinguished from the board behind it, and its line and ends are measured."""
 
     texels: int = 192  # of a square: a marker's bit begins within 1/400 of a square of its place
     subpixels: int = 3  # of a pixel, each way, over which the print is averaged
@@ -227,7 +227,7 @@ class Profiles:
 
 @dataclass(frozen=True)
 class LinePaint:
-    """The line: brightness in units of the print, how much of a pixel it covers at its middle, its Gaussian width."""
+    """Appearance of the line: brightness in units of the print, cover of a pixel at its middle, Gaussian width."""
 
     brightness: float
     cover: float
@@ -245,7 +245,7 @@ class _FittedLines:
     chi: np.ndarray
 
 
-def profiles(picture: _BoardPicture, guide_px: np.ndarray, core_px: float) -> Profiles:
+def _profiles(picture: _BoardPicture, guide_px: np.ndarray, core_px: float) -> Profiles:
     """Cut the columns (rows) out of a picture along a guide (K, 2), one column a pixel.
 
     Off the board, where the pattern is NaN, what is behind the line is a slope of light through its flanks, which begin
@@ -375,8 +375,8 @@ def _fit_paint(cut: Profiles, paint: LinePaint) -> LinePaint:
     return LinePaint(brightness, cover, float(best.x))
 
 
-def _darkest_beside(cut: Profiles, core_px: float) -> float:
-    """By how much the darkest band beside a line dims white print, in units of the print: median of a few stretches.
+def _darkest_band(cut: Profiles, core_px: float) -> float:
+    """Part by which the darkest band next to a line dims white print, in units of the print: median of a few stretches.
 
     core_px : how far the line itself reaches to either side.
     """
@@ -424,7 +424,7 @@ class PlaneAbove:
         return self.camera.project(self.T_camera_board @ raised)
 
     def metres_per_pixel(self) -> float:
-        """At the board frame's origin, seen squarely."""
+        """Metres per pixel at the board frame's origin, seen squarely."""
         focal_px = np.sqrt(np.prod(np.diag(self.camera.matrix)[:2]))
         return float(np.linalg.norm(self.T_camera_board.translation_m) / focal_px)
 
@@ -450,12 +450,12 @@ class _PlanePath:
         return s, offset @ self.normal - polyval(s, self.coefficients)
 
     def points(self, s: np.ndarray) -> np.ndarray:
-        """(N, 2) points at s (N,)."""
+        """(N, 2) points of the path at coordinates s (N,), m."""
         aside = polyval(s, self.coefficients)
         return self.origin + s[:, None] * self.direction + aside[:, None] * self.normal
 
     def fitted(self, points_m: np.ndarray, weights: np.ndarray, degree: int = 2) -> _PlanePath:
-        """The path through points (N, 2) with weights (N,) on their squares."""
+        """Fits the path to points (N, 2) with weights (N,) on their squared distances."""
         s, aside = (points_m - self.origin) @ self.direction, (points_m - self.origin) @ self.normal
         coefficients = Polynomial.fit(s, aside, degree, w=np.sqrt(weights)).convert().coef
         return _PlanePath(self.origin, self.direction, coefficients, float(s.min()), float(s.max()))
@@ -543,7 +543,7 @@ class BoardLine:
     ends : where it ends beyond the first and the last point; None where it leaves the picture.
     bright : whether it is brighter than the black of the print, rather than darker than the white.
     width_px : its apparent width.
-    shadow : how much darker, in units of the print, a band beside it makes white print.
+    shadow : part, in units of the print, by which a band next to it darkens white print.
     """
 
     points_px: np.ndarray
@@ -598,7 +598,7 @@ class _Tracker:
         return 0.5 * self.width_px + 2.0 * self.picture.blur_px + 0.5
 
     def measured(self) -> tuple[float, BoardLine] | None:
-        """The line with its cover; None where none is convincing."""
+        """Measures the line and its cover; None where none is convincing."""
         path = _search(self.picture, self.plane, self.width_px, self.bright)
         if path is None:
             return None
@@ -630,11 +630,11 @@ class _Tracker:
         order = order[(s[order] > first) & (s[order] < last)]
         if len(order) < _OverBoardSettings.fewest_points:
             return None
-        shadow = _darkest_beside(self._cut(path, 0.0, _OverBoardSettings.beside), self._core_px)
+        shadow = _darkest_band(self._cut(path, 0.0, _OverBoardSettings.beside), self._core_px)
         return paint.cover, BoardLine(points[order], sigma[order], ends, self.bright, self.width_px, shadow)
 
     def _places(self, path: _PlanePath, pixels: np.ndarray) -> np.ndarray:
-        """(N,) coordinates along the path of pixels (N, 2)."""
+        """Coordinates (N,) along the path of pixels (N, 2)."""
         return path.along(self.plane.to_plane(pixels)[0])[0]
 
     def _cut(self, path: _PlanePath, beyond: float, wider: float = 1.0) -> Profiles:
@@ -642,7 +642,7 @@ class _Tracker:
         steps = np.linspace(path.start - more, path.end + more, 600)
         pixels, valid = self.plane.to_pixels(path.points(steps))
         inside = valid & ((pixels > -1) & (pixels < self.picture.seen.shape[::-1])).all(axis=1)
-        return profiles(self.picture, pixels[inside], wider * self._core_px)
+        return _profiles(self.picture, pixels[inside], wider * self._core_px)
 
     def _along(
         self, path: _PlanePath, paint: LinePaint, beyond: float = 0.0, *, rough: bool = False, wary: bool = False

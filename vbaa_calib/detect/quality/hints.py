@@ -1,4 +1,4 @@
-"""What is wrong with a picture of the board, while it can still be taken again."""
+"""What is wrong with a picture of the board, while it can be taken again."""
 
 from __future__ import annotations
 
@@ -14,17 +14,10 @@ from vbaa_calib.detect.board.diagnosis import explain_mismatch
 from vbaa_calib.detect.board.markers import Markers, marker_cells
 from vbaa_calib.detect.board.view_quality import fixes_homography
 
-from .screen import CLIPPED, GROWN, LEAST_CORNERS, MOST_BLUR_PER_GAP, NOISY_PX, corner_std_px
+from .screen import corner_std_px
+from .settings import QualitySettings
 
-_TEXELS = 12
-"""Side of a square of the board laid flat."""
-_MOST_BENT = 0.3
-_FEWEST_MARKERS = 3
-# of a black square, and of a marker with some of its black border
-_MIDDLE, _MARKER = slice(_TEXELS // 4, _TEXELS - _TEXELS // 4), slice(_TEXELS // 6, _TEXELS - _TEXELS // 6)
-_CLIPPED = 250
-_WASHED_OUT, _BRIGHT, _COVERED = 0.5, 0.9, 0.25
-_OUTLINE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+_OUTLINE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])  # a unit square, around
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +32,7 @@ class _BoardMap:
 
     @property
     def squares(self) -> tuple[int, int]:
-        """How many along x and y."""
+        """Numbers of squares along x and y."""
         return _counts(self.spec)
 
     def pixels(self, squares: np.ndarray) -> np.ndarray:
@@ -63,8 +56,8 @@ def _counts(spec: BoardWithIds) -> tuple[int, int]:
 
 
 def _board_map(view: BoardView, spec: BoardWithIds) -> _BoardMap | None:
-    """From the corners, else, of a ChArUco board, from three or more markers; None if neither suffice, or distortion
-    exceeds a third of a square."""
+    """The map from the corners, else, of a ChArUco board, from three or more markers; None if neither suffice, or
+    distortion exceeds a third of a square."""
     columns, seen = spec.corner_columns, view.corners_px
     if isinstance(spec, AprilGrid):
         squares = (spec.lattice[view.ids] + 0.5 * spec.spacing) / (1.0 + spec.spacing)
@@ -79,7 +72,7 @@ def _board_map(view: BoardView, spec: BoardWithIds) -> _BoardMap | None:
         known = spec.marker_ids[order][places] == view.marker_ids
         corners = cells[order[places[known]], None] + 0.5 + spec.marker_m / spec.square_m * (_OUTLINE - 0.5)
         squares, seen = corners.reshape(-1, 2), view.marker_corners_px[known].reshape(-1, 2)
-        if len(squares) < _FEWEST_MARKERS * 4 or not fixes_homography(squares):
+        if len(squares) < QualitySettings.fewest_markers * 4 or not fixes_homography(squares):
             return None
     found, _ = cv2.findHomography(squares, seen, cv2.LMEDS if len(squares) > 12 else 0)
     if found is None or not np.isfinite(found).all():
@@ -90,11 +83,11 @@ def _board_map(view: BoardView, spec: BoardWithIds) -> _BoardMap | None:
         return None
     mapped = _BoardMap(spec, found)
     off_px = np.median(np.linalg.norm(mapped.pixels(squares) - seen, axis=1))
-    return mapped if off_px < _MOST_BENT * mapped.square_px else None
+    return mapped if off_px < QualitySettings.most_bent * mapped.square_px else None
 
 
 @dataclass(frozen=True, eq=False)
-class Levels:
+class _Levels:
     """Grey levels on the board.
 
     Attributes
@@ -109,13 +102,16 @@ class Levels:
     white: float
 
 
-def levels(image: np.ndarray, where: _BoardMap) -> Levels | None:
-    """Of a picture (H, W) uint8; None where no whole square of either colour is in it."""
+def _levels(image: np.ndarray, where: _BoardMap) -> _Levels | None:
+    """Grey levels on the board in a picture (H, W) uint8; None where no whole square of either colour is in it."""
     columns, rows = where.squares
-    from_texels = where.homography @ np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, _TEXELS]]) / _TEXELS
-    flags, size = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, (columns * _TEXELS, rows * _TEXELS)
+    texels = QualitySettings.texels
+    # of a black square, and of a marker with some of its black border
+    inner, bordered = slice(texels // 4, texels - texels // 4), slice(texels // 6, texels - texels // 6)
+    from_texels = where.homography @ np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, texels]]) / texels
+    flags, size = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, (columns * texels, rows * texels)
     laid = cv2.warpPerspective(image, from_texels, size, flags=flags, borderMode=cv2.BORDER_CONSTANT)
-    flat = laid.reshape(rows, _TEXELS, columns, _TEXELS).swapaxes(1, 2)
+    flat = laid.reshape(rows, texels, columns, texels).swapaxes(1, 2)
     nodes = np.stack(np.meshgrid(np.arange(columns + 1.0), np.arange(rows + 1.0)), axis=-1)
     pixels = where.pixels(nodes.reshape(-1, 2))
     last = np.array(image.shape[::-1]) - 1
@@ -125,55 +121,40 @@ def levels(image: np.ndarray, where: _BoardMap) -> Levels | None:
     is_black = ((np.indices(whole.shape).sum(axis=0) % 2 == 1) == where.spec.starts_with_marker) & (not is_grid)
     if not ((whole & is_black).any() or is_grid) or not (whole & ~is_black).any():
         return None
-    middle, marker = (flat[:, :, part, part].reshape(*whole.shape, -1) for part in (_MIDDLE, _MARKER))
+    middle, marker = (flat[:, :, part, part].reshape(*whole.shape, -1) for part in (inner, bordered))
     dark = np.where(is_black, np.median(middle, axis=-1), np.percentile(marker, 100.0 / 6.0, axis=-1))
-    rim = flat[:, :, (0, _TEXELS - 1) if is_grid else (1, _TEXELS - 2), _MIDDLE]
+    rim = flat[:, :, (0, texels - 1) if is_grid else (1, texels - 2), inner]
     black, white = np.median(dark[whole & (is_black | is_grid)]), np.percentile(rim[whole & ~is_black], 75.0)
-    return Levels(np.where(whole, dark, np.nan), float(black), float(white))
+    return _Levels(np.where(whole, dark, np.nan), float(black), float(white))
 
 
-def _blemishes(seen: Levels) -> list[tuple[bool, int, tuple[float, float]]]:
+def _blemishes(seen: _Levels) -> list[tuple[bool, int, tuple[float, float]]]:
     """Connected patches of squares without black: every square, or its marker, has black in its middle.
 
     Of each whether it is as bright as paper, a reflection (else something covers the board, or a shadow's edge), its
     number of squares, and its centre in squares along the board's x and y.
     """
     rise = (np.nan_to_num(seen.dark, nan=seen.black) - seen.black) / max(seen.white - seen.black, 1.0)
-    count, labels = cv2.connectedComponents((rise > _WASHED_OUT).astype(np.uint8), connectivity=8)
-    shining = (seen.dark >= _CLIPPED) | (rise >= _BRIGHT)
+    count, labels = cv2.connectedComponents((rise > QualitySettings.washed_out).astype(np.uint8), connectivity=8)
+    shining = (seen.dark >= QualitySettings.clipped_level) | (rise >= QualitySettings.paper)
     found = []
     for label in range(1, count):
         rows, columns = np.nonzero(labels == label)
         centre = float(columns.mean()) + 0.5, float(rows.mean()) + 0.5
-        found.append((bool(shining[rows, columns].mean() > _COVERED), len(rows), centre))
+        found.append((bool(shining[rows, columns].mean() > QualitySettings.covered), len(rows), centre))
     return found
-
-
-_NEAR_LIMIT = 0.7
-_MOVED, _MOVED_LEAST_PX = 1.6, 1.3
-_UNSHARP_PX, _MOVED_EDGES = 1.6, 3.0
-_DARK, _BRIGHT, _PALE = 80.0, 170.0, 60.0
-_SMALL_SQUARE_PX, _SMALL_SHARE = 16.0, 0.05
-_FEW_SHARE = 0.5
-_SMEAR_PER_STD = 3.0
-"""Length of a uniform movement over the blur's standard deviation as the edges show it, measured on drawn boards."""
-_AGAIN_PX, _SMOOTHED_PX = 2.0, 0.7
-_FEWEST_PIXELS, _LEAST_SLOPE = 200, 1.0
-_CREST, _SHARE = 0.6, 0.2
-_BINS = 4
-_FEWEST_CORNERS = 4
 
 
 def picture_hints(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> list[Diagnosis]:
     """Faults of a picture (H, W) uint8 and its view, grave ones (corners missing or wrong) first."""
     where = _board_map(view, spec)
-    seen = None if where is None else levels(image, where)
+    seen = None if where is None else _levels(image, where)
     found = _blur(image, view, spec) + _light(view, seen)
     if where is not None:
         if seen is not None and not any(one.name in ("motion_blur", "out_of_focus", "overexposed") for one in found):
             found += _blemish(where, seen)
         found += _size(view, where) + _edge(view, where)
-    if len(view.ids) < LEAST_CORNERS:
+    if len(view.ids) < QualitySettings.least_corners:
         found += _missing(image, view)
     return sorted(found, key=lambda one: not one.grave)
 
@@ -186,7 +167,7 @@ def wrong_board(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> Diagn
         seen = detect_corners(picture, other)
         return seen.ids, seen.corners_px
 
-    mismatch = explain_mismatch(lambda _: image, markers, spec, len(view.ids) >= LEAST_CORNERS, detect)
+    mismatch = explain_mismatch(lambda _: image, markers, spec, len(view.ids) >= QualitySettings.least_corners, detect)
     if mismatch is None or mismatch.name == "wrong_board":
         return mismatch and replace(mismatch, words=f"not the board named: {mismatch.words}")
     remedy = "switch off mirroring at the camera, or mirror the pictures back"
@@ -198,9 +179,9 @@ def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
     low, high = np.percentile(image[::4, ::4], (5.0, 95.0)) if image.size else (0.0, 0.0)
     if view.marker_count:
         seen = f"{view.marker_count} marker{'s are' if view.marker_count > 1 else ' is'} seen"
-        words = f"{seen} and {len(view.ids)} corners, at least {LEAST_CORNERS} are needed"
+        words = f"{seen} and {len(view.ids)} corners, at least {QualitySettings.least_corners} are needed"
         missing = Diagnosis("few_corners", words, "show more of the board, nearer, sharp and evenly lit", "wrong")
-    elif high < 0.5 * _DARK:
+    elif high < 0.5 * QualitySettings.dark:
         words = f"the picture is dark (its brightest parts: {high:.0f} of 255)"
         return [Diagnosis("too_dark", words, "add light, or expose longer", "wrong")]
     elif low > 250.0:
@@ -209,15 +190,15 @@ def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
     else:
         remedy = "show the whole board, near enough and sharp"
         missing = Diagnosis("no_board", "no marker of the board is seen", remedy, "wrong")
-    edges = edge_blur(image)
-    if edges is None or edges[0] < _UNSHARP_PX:
+    edges = _edge_blur(image)
+    if edges is None or edges[0] < QualitySettings.unsharp_px:
         return [missing]
     long_px, short_px, direction_rad = edges
-    if view.marker_count and long_px > _MOVED_EDGES * short_px:
+    if view.marker_count and long_px > QualitySettings.motion_edges * short_px:
         # without a marker the soft edges may belong to other things
         words = f"edges are blurred by {long_px:.1f} px {_direction(direction_rad)}, others are sharp"
         return [missing, Diagnosis("motion_blur", words, "if something moved: hold board and camera still")]
-    if short_px < _UNSHARP_PX:
+    if short_px < QualitySettings.unsharp_px:
         return [missing]
     words = f"nothing in the picture is sharp: its edges are blurred by {short_px:.1f} px or more"
     return [missing, Diagnosis("out_of_focus", words, "focus on the board, and hold it still", "wrong")]
@@ -227,15 +208,15 @@ def _blur(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> list[Diagno
     quality = view.quality
     if quality is None or not np.isfinite(quality.mean_blur_px):
         return []
-    limit = MOST_BLUR_PER_GAP * quality.gap_px
+    limit = QualitySettings.most_blur_per_gap * quality.gap_px
     ellipse = blur_ellipse(image, view, spec)
     severity: Severity = "wrong" if quality.mean_blur_px > limit else "doubt"
     long_px, short_px, direction_rad = ellipse or (0.0, 0.0, 0.0)
-    if long_px > max(_MOVED * short_px, _MOVED_LEAST_PX):
-        smear = _SMEAR_PER_STD * np.sqrt(max(long_px**2 - short_px**2, 0.0))
+    if long_px > max(QualitySettings.motion * short_px, QualitySettings.motion_px):
+        smear = QualitySettings.smear_per_std * np.sqrt(max(long_px**2 - short_px**2, 0.0))
         words = f"moved by about {smear:.0f} px {_direction(direction_rad)} while it was taken"
         return [Diagnosis("motion_blur", words, "hold board and camera still, or add light", severity)]
-    if quality.mean_blur_px > _NEAR_LIMIT * limit:
+    if quality.mean_blur_px > QualitySettings.near_limit * limit:
         words = f"blurred by {quality.mean_blur_px:.1f} px, {limit:.1f} px is the most that the corners bear"
         remedy = "focus on the board (then leave the focus alone), or show it larger"
         return [Diagnosis("out_of_focus", words, remedy, severity)]
@@ -243,25 +224,25 @@ def _blur(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> list[Diagno
 
 
 def _direction(angle_rad: float) -> str:
-    """In words; angles in the picture grow downwards."""
+    """A direction in words; angles in the picture grow downwards."""
     names = ("sideways", "along the diagonal \\", "up or down", "along the diagonal /")
     return names[round(angle_rad / (np.pi / 4.0)) % 4]
 
 
-def _light(view: BoardView, seen: Levels | None) -> list[Diagnosis]:
+def _light(view: BoardView, seen: _Levels | None) -> list[Diagnosis]:
     quality = view.quality
     if quality is None or not np.isfinite(quality.contrast):
         return []
-    if quality.saturated > CLIPPED and quality.edge_level > GROWN:
+    if quality.saturated > QualitySettings.clipped and quality.edge_level > QualitySettings.grown:
         words = f"overexposed: {100 * quality.saturated:.0f} % of the white is clipped and has grown over the edges"
         return [Diagnosis("overexposed", words, "less light, or expose for a shorter time", "wrong")]
-    noisy = corner_std_px(view) > NOISY_PX
+    noisy = corner_std_px(view) > QualitySettings.noisy_px
     uncertain = f", its corners are uncertain by {corner_std_px(view):.2f} px" if noisy else ""
     differ = f"black and white differ by {quality.contrast:.0f} grey levels{uncertain}"
-    if seen is not None and seen.white < _DARK and (noisy or quality.contrast < _PALE):
+    if seen is not None and seen.white < QualitySettings.dark and (noisy or quality.contrast < QualitySettings.pale):
         return [Diagnosis("too_dark", f"dark: {differ}", "add light, or expose longer")]
-    if quality.contrast < _PALE:
-        veiled = seen is not None and seen.black > _BRIGHT - _PALE
+    if quality.contrast < QualitySettings.pale:
+        veiled = seen is not None and seen.black > QualitySettings.bright - QualitySettings.pale
         remedy = "turn the board out of the light's reflection, clean the lens" if veiled else "light the board better"
         return [Diagnosis("pale", f"pale: {differ}", remedy)]
     if noisy:
@@ -269,10 +250,10 @@ def _light(view: BoardView, seen: Levels | None) -> list[Diagnosis]:
     return []
 
 
-def _blemish(where: _BoardMap, seen: Levels) -> list[Diagnosis]:
+def _blemish(where: _BoardMap, seen: _Levels) -> list[Diagnosis]:
     """The largest patch of the board that has lost its black."""
     patch = max(_blemishes(seen), key=lambda one: one[:2], default=None)
-    if patch is None or seen.white - seen.black < 0.5 * _PALE:
+    if patch is None or seen.white - seen.black < 0.5 * QualitySettings.pale:
         return []
     shining, squares, centre = patch
     place = _place(where, np.array(centre))
@@ -301,25 +282,25 @@ def _place(where: _BoardMap, centre: np.ndarray) -> str:
 def _size(view: BoardView, where: _BoardMap) -> list[Diagnosis]:
     width, height = view.image_size
     share = where.square_px**2 * np.prod(where.squares) / (width * height)
-    if share >= _SMALL_SHARE and where.square_px >= _SMALL_SQUARE_PX:
+    if share >= QualitySettings.small_share and where.square_px >= QualitySettings.small_square_px:
         return []
     words = f"the board is small: {100 * share:.0f} % of the picture, squares of {where.square_px:.0f} px"
     return [Diagnosis("board_small", words, "bring it nearer, until it fills a third of the picture or more")]
 
 
 def _edge(view: BoardView, where: _BoardMap) -> list[Diagnosis]:
-    """The board may cross the picture's border as long as half of it is seen."""
+    """Diagnosis of a board that crosses the picture's border with less than half of its corners seen."""
     low, high = where.outline_px.min(axis=0), where.outline_px.max(axis=0) - view.image_size
     beyond = np.array([-low[0], high[0], -low[1], high[1]])
     count, seen = where.spec.corner_count, len(view.ids)
-    if beyond.max() <= 0.0 or seen / count >= _FEW_SHARE:
+    if beyond.max() <= 0.0 or seen / count >= QualitySettings.few_share:
         return []
     side = ("left", "right", "top", "bottom")[int(beyond.argmax())]
     words = f"the board leaves the picture at the {side}: {seen} of {count} corners are seen"
     return [Diagnosis("board_outside", words, "bring it further in")]
 
 
-def edge_blur(image: np.ndarray) -> tuple[float, float, float] | None:
+def _edge_blur(image: np.ndarray) -> tuple[float, float, float] | None:
     """Blur of the strong edges of a picture (H, W) uint8, at half its size; None without any. Directions: k·π/4.
 
     Returns its largest and its smallest standard deviation, px, pixel's area included, and the direction of the
@@ -330,28 +311,29 @@ def edge_blur(image: np.ndarray) -> tuple[float, float, float] | None:
     if min(image.shape) < 32:
         return None
     half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA).astype(np.float32)
-    first = cv2.GaussianBlur(half, (0, 0), _SMOOTHED_PX)
-    again = cv2.GaussianBlur(first, (0, 0), _AGAIN_PX)
+    first = cv2.GaussianBlur(half, (0, 0), QualitySettings.smoothed_px)
+    again = cv2.GaussianBlur(first, (0, 0), QualitySettings.again_px)
     slope_u, slope_v, after_u, after_v = (
         cv2.Sobel(smooth, cv2.CV_32F, *axis, scale=0.125) for smooth in (first, again) for axis in ((1, 0), (0, 1))
     )
     slope, after = cv2.magnitude(slope_u, slope_v), cv2.magnitude(after_u, after_v)
-    chosen = slope > _LEAST_SLOPE
-    if chosen.sum() < _FEWEST_PIXELS:
+    chosen = slope > QualitySettings.least_slope
+    if chosen.sum() < QualitySettings.edge_pixels:
         return None
     slopes = slope[chosen]
-    spread = _AGAIN_PX / np.sqrt(np.maximum((slopes / np.maximum(after[chosen], 1e-3)) ** 2 - 1.0, 1e-2))
-    own = 2.0 * np.sqrt(np.maximum(spread**2 - _SMOOTHED_PX**2, 1.0 / 48.0))
-    bins = np.round(np.arctan2(slope_v[chosen], slope_u[chosen]) / (np.pi / _BINS)).astype(int) % _BINS
+    spread = QualitySettings.again_px / np.sqrt(np.maximum((slopes / np.maximum(after[chosen], 1e-3)) ** 2 - 1.0, 1e-2))
+    own = 2.0 * np.sqrt(np.maximum(spread**2 - QualitySettings.smoothed_px**2, 1.0 / 48.0))
+    count = 4  # of directions
+    bins = np.round(np.arctan2(slope_v[chosen], slope_u[chosen]) / (np.pi / count)).astype(int) % count
     known = {}
-    for one in range(_BINS):
+    for one in range(count):
         within = bins == one
         # blur lowers an edge's slope and leaves their sum
-        if slopes[within].sum() > _SHARE * slopes.sum():
-            crest = slopes[within] > _CREST * np.percentile(slopes[within], 99.0)
+        if slopes[within].sum() > QualitySettings.direction_share * slopes.sum():
+            crest = slopes[within] > QualitySettings.crest * np.percentile(slopes[within], 99.0)
             known[one] = float(np.median(own[within][crest]))
     most = max(known, key=lambda one: known[one])
-    return known[most], min(known.values()), most * np.pi / _BINS
+    return known[most], min(known.values()), most * np.pi / count
 
 
 def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> tuple[float, float, float] | None:
@@ -363,7 +345,7 @@ def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> tupl
     quality = view.quality
     if quality is None or not np.isfinite([*quality.blur_px, quality.contrast]).all() or quality.contrast <= 0.0:
         return None
-    if not view.marker_count or len(view.ids) < _FEWEST_CORNERS or quality.collinear:
+    if not view.marker_count or len(view.ids) < QualitySettings.ellipse_corners or quality.collinear:
         return None
     axes = _axes(view, corner_points(spec)[view.ids, :2])
     # blur_px[0] is seen at edges that run along the board's y: it goes along x, across them
@@ -375,7 +357,8 @@ def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> tupl
 
 
 def _axes(view: BoardView, corners_m: np.ndarray) -> np.ndarray:
-    """(2, 2) columns of unit length: the mean directions across the board's edges; corners_m : (N, 2) on the board."""
+    """Unit vectors (2, 2), as columns, of the mean directions across the board's edges; corners_m : (N, 2) on the
+    board."""
     about_m, about_px = corners_m - corners_m.mean(axis=0), view.corners_px - view.corners_px.mean(axis=0)
     typical = np.linalg.lstsq(about_m, about_px, rcond=None)[0].T
     across = np.linalg.inv(typical).T
@@ -387,11 +370,11 @@ def _correlation(image: np.ndarray, view: BoardView, spec: BoardWithIds, contras
     """Of the blur along the board's x with that along its y."""
     columns = spec.corner_columns
     # whether the square before the corner, left and above, is black
-    odd = ((view.ids % columns + view.ids // columns) % 2 == 0) == spec.starts_with_marker
+    after_black = ((view.ids % columns + view.ids // columns) % 2 == 0) == spec.starts_with_marker
     where = view.corners_px.astype(np.float32).reshape(1, -1, 2)
     grey = cv2.remap(image, where, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].astype(float)
-    if odd.all() or not odd.any():
+    if after_black.all() or not after_black.any():
         return 0.0
     # more than half of the contrast up: only noise or a covered corner makes it so
-    lift = (np.median(grey[odd]) - np.median(grey[~odd])) / (2.0 * contrast)
+    lift = (np.median(grey[after_black]) - np.median(grey[~after_black])) / (2.0 * contrast)
     return float(np.sin(np.clip(np.pi * lift, -1.2, 1.2)))

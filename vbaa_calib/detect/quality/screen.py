@@ -10,20 +10,11 @@ from vbaa_calib.core.robust import finite_median
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import ViewQuality
 
-LEAST_CORNERS = 6
-MOST_BLUR_PER_GAP = 0.5
-"""Largest blur over the gap between squares and markers. Up to 0.4 the corners' covariance holds; at 0.55 they are off
-by 0.7 px where it says 0.2, as the markers blur into the corners."""
-CLIPPED, GROWN = 0.5, 0.85
-"""Share of clipped white pixels, and grey level at the squares' edges, above which white has grown into black: corner
-errors are then more than 1.5 times those of a good exposure. Clipped whites alone are harmless."""
-_NOISIER, NOISY_PX = 4.0, 0.1
-"""A view is dropped if its corners' std exceeds both this multiple of the median view's and this many px."""
-_BLURRED, _PALE = 1.5, 0.5
+from .settings import QualitySettings
 
 
 def screen_views(
-    views: Sequence[BoardView], min_corners: int = LEAST_CORNERS
+    views: Sequence[BoardView], min_corners: int = QualitySettings.least_corners
 ) -> tuple[list[BoardView], list[tuple[BoardView, str]]]:
     """Views to keep, and the others, each with the reason in words. The thresholds were measured on drawn boards.
 
@@ -51,7 +42,7 @@ def corner_std_px(view: BoardView) -> float:
 
 
 def too_few(view: BoardView, min_corners: int) -> str:
-    """Why there are too few corners, or ""."""
+    """Reason why a view has too few corners; empty where it has enough."""
     if len(view.ids) == 0:
         return (
             view.left_out or "the board is not found"
@@ -66,18 +57,19 @@ def too_few(view: BoardView, min_corners: int) -> str:
 
 
 def _too_poor(quality: ViewQuality, std_px: float, typical: tuple[float, ...]) -> str:
-    """typical : the set's medians: blur px, contrast in grey levels, standard deviation of a corner px."""
+    """Reason why a view is too poor; empty for a good one. typical : the set's medians: blur px, contrast in grey
+    levels, standard deviation of a corner px."""
     blur, (usual_blur, usual_contrast, usual_std) = quality.mean_blur_px, typical
     blurred = f"blurred by {blur:.1f} px ({quality.blur_in_words})"
-    if blur > MOST_BLUR_PER_GAP * quality.gap_px:
+    if blur > QualitySettings.most_blur_per_gap * quality.gap_px:
         return f"{blurred}, and what lies {quality.gap_px:.1f} px off runs in"
-    if quality.saturated > CLIPPED and quality.edge_level > GROWN:
+    if quality.saturated > QualitySettings.clipped and quality.edge_level > QualitySettings.grown:
         return f"overexposed: {100 * quality.saturated:.0f} % of the white is clipped and has grown over the edges"
-    if not std_px > max(_NOISIER * usual_std, NOISY_PX):
+    if not std_px > max(QualitySettings.noisier * usual_std, QualitySettings.noisy_px):
         return ""
     cause = "noisy"
-    if blur > _BLURRED * usual_blur:
+    if blur > QualitySettings.blurred * usual_blur:
         cause = blurred
-    elif quality.contrast < _PALE * usual_contrast:
+    elif quality.contrast < QualitySettings.pale_share * usual_contrast:
         cause = f"pale, black and white differ by {quality.contrast:.0f} grey levels"
     return f"{cause}: its corners are uncertain by {std_px:.2f} px, the median view's by {usual_std:.2f} px"

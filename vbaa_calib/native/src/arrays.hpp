@@ -1,9 +1,11 @@
 // Arrays as the core sees them: contiguous, in C's order, of up to three axes.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <new>
+#include <utility>
 #include <vector>
 
 namespace vbaa {
@@ -67,7 +69,62 @@ struct View {
     }
 };
 
-// Memory whose start is one of the processor's widest vectors'.
+// A thread's blocks of memory that are free again, by size: arrays of one picture come and go by the dozen,
+// and what malloc does with blocks of this size takes longer than what is written into them.
+class Blocks {
+    static constexpr std::align_val_t ALIGNMENT{64};  // that of the processor's widest vectors
+    static constexpr std::size_t LEAST = 1024;        // bytes; smaller ones are malloc's
+    static constexpr std::size_t MOST = 8 << 20;      // bytes that a thread keeps
+    static constexpr int SIZES = 11;                  // from 1 kB to 1 MB, twice as large each
+    // One that is free leads to the next.
+    struct Block {
+        Block* next;
+    };
+    struct Free {
+        Block* first[SIZES];
+        std::size_t bytes;
+        bool closed;
+    };
+    struct Closing {
+        ~Closing() {
+            for (Block* block : mine.first)
+                while (block) ::operator delete(std::exchange(block, block->next), ALIGNMENT);
+            mine = {};
+            mine.closed = true;
+        }
+    };
+    // without a destructor: memory is released after the thread's other objects have gone, too
+    static inline thread_local Free mine = {};
+
+    // The size of a block for so many bytes, SIZES where none is kept.
+    static int size_of(std::size_t bytes) {
+        if (bytes <= LEAST / 2) return SIZES;
+        int size = 0;
+        while (size < SIZES && bytes > LEAST << size) ++size;
+        return size;
+    }
+
+public:
+    static void* taken(std::size_t bytes) {
+        const int size = size_of(bytes);
+        if (size == SIZES) return ::operator new(bytes, ALIGNMENT);
+        if (!mine.first[size]) return ::operator new(LEAST << size, ALIGNMENT);
+        mine.bytes -= LEAST << size;
+        return std::exchange(mine.first[size], mine.first[size]->next);
+    }
+    static void released(void* block, std::size_t bytes) {
+        static thread_local Closing closing;
+        const int size = size_of(bytes);
+        if (size == SIZES || mine.closed || mine.bytes >= MOST) {
+            ::operator delete(block, ALIGNMENT);
+        } else {
+            mine.first[size] = new (block) Block{mine.first[size]};
+            mine.bytes += LEAST << size;
+        }
+    }
+};
+
+// Memory whose start is one of the processor's widest vectors'. Numbers that are made without a value have none.
 template <class T>
 struct Aligned {
     using value_type = T;
@@ -75,11 +132,22 @@ struct Aligned {
     Aligned() = default;
     template <class U>
     Aligned(const Aligned<U>&) {}
-    T* allocate(std::size_t count) { return static_cast<T*>(::operator new(count * sizeof(T), std::align_val_t(64))); }
-    void deallocate(T* memory, std::size_t) { ::operator delete(memory, std::align_val_t(64)); }
+    T* allocate(std::size_t count) { return static_cast<T*>(Blocks::taken(count * sizeof(T))); }
+    void deallocate(T* memory, std::size_t count) { Blocks::released(memory, count * sizeof(T)); }
+    template <class U>
+    void construct(U* place) {
+        ::new (static_cast<void*>(place)) U;
+    }
+    template <class U, class... Words>
+    void construct(U* place, Words&&... words) {
+        ::new (static_cast<void*>(place)) U(std::forward<Words>(words)...);
+    }
     bool operator==(const Aligned&) const { return true; }
     bool operator!=(const Aligned&) const { return false; }
 };
+
+// For arrays that are written from end to end before anything reads them.
+struct Unset {};
 
 // Numbers of its own, zeros at first.
 template <class T, int N>
@@ -89,7 +157,11 @@ struct Array {
 
     Array() = default;
     template <class... Sizes>
-    explicit Array(Sizes... sizes) : shape{static_cast<int>(sizes)...} {
+    explicit Array(Sizes... sizes) : Array(Unset{}, sizes...) {
+        std::fill(values.begin(), values.end(), T{});
+    }
+    template <class... Sizes>
+    explicit Array(Unset, Sizes... sizes) : shape{static_cast<int>(sizes)...} {
         static_assert(sizeof...(Sizes) == N);
         std::size_t count = 1;
         for (int n : shape) count *= n;

@@ -277,4 +277,86 @@ Rods solve_rods(const Rod& rod, ConstMatrix loads, double unit_Nm, ConstMatrix l
     return rods;
 }
 
+namespace {
+
+struct Touch {
+    double at_m, lateral_N[2], friction_rad;
+};
+
+// What is left of the tip's moment and of the forces' directions, of eight supposed solutions.
+std::array<Lanes, 5> shoot_twice(const Rod& rod, const Point& gravity, const Touch (&touches)[2], double give_m,
+                                 const std::array<Lanes, 5>& trial, int steps, double* nodes) {
+    const double unit = 1.0 / (rod.bend * rod.length_m), unit_N = unit / rod.length_m;
+    const Point weight = rod.mass_per_length_kg_m * gravity, d3 = cross(rod.d1, rod.d2);
+    const Vectors moment = {unit * trial[0], unit * trial[1], unit * trial[2]};
+    const Vectors give = (give_m * rod.bend) * (moment - dot(moment, rod.d1) * rod.d1);
+    Sections at = {Vectors{} + rod.origin, turned_by(give, rod.d1), turned_by(give, rod.d2), moment};
+    Vectors forces[3] = {};
+    for (int touch = 1; touch >= 0; --touch) {
+        const auto& [along_y, along_z] = touches[touch].lateral_N;
+        const Vectors own = (unit_N * trial[3 + touch]) * rod.d1 + (along_y * rod.d2 + along_z * d3);
+        forces[touch] = forces[touch + 1] + own;
+    }
+    std::array<Lanes, 5> left;
+    for (int segment = 0; segment < 3; ++segment) {
+        const double start = segment ? touches[segment - 1].at_m : 0.0;
+        const double end = segment < 2 ? touches[segment].at_m : rod.length_m, step = (end - start) / steps;
+        for (int i = 0; i < steps; ++i) {
+            if (nodes) write_node(at, nodes + 12 * (segment * steps + i));
+            const Vectors internal = forces[segment] + (rod.length_m - start - i * step) * weight;
+            at = stepped(rod, at, spread(step),
+                         Along<Uniform>{{}, {internal, internal - step / 2 * weight, internal - step * weight}});
+        }
+        if (segment < 2) {
+            const Vectors own = forces[segment] - forces[segment + 1];
+            const auto& [along_y, along_z] = touches[segment].lateral_N;
+            // a force of nothing has no direction: it is to have nothing along x
+            const double scale = std::hypot(along_y, along_z) + 1e-3 * unit_N;
+            left[3 + segment] = (dot(own, at.d1) + std::sin(touches[segment].friction_rad) * norm(own)) / scale;
+        }
+    }
+    if (nodes) write_node(at, nodes + 36 * steps);
+    left[0] = at.moment.x / unit, left[1] = at.moment.y / unit, left[2] = at.moment.z / unit;
+    return left;
+}
+
+}  // namespace
+
+TouchedTwice solve_touched_twice(const Rod& rod, ConstMatrix loads, double give_m, ConstMatrix start, int steps) {
+    constexpr double FARTHEST = 50.0;  // of moments in EI/L and forces in EI/L²
+    const int count = loads.shape[0];
+    TouchedTwice found = {Array<double, 4>(count, 3 * steps + 1, 4, 3), Array<double, 2>(start),
+                          Array<double, 1>(count)};
+    Numbers<5> upper, lower;
+    upper.fill(FARTHEST), lower.fill(-FARTHEST);
+    for (int b = 0; b < count; ++b) {
+        const Point gravity = read<Point>(&loads(b, 0));
+        Touch touches[2];
+        for (int touch = 0; touch < 2; ++touch) {
+            const double* own = &loads(b, 3 + 4 * touch);
+            touches[touch] = {own[0], {own[1], own[2]}, own[3]};
+        }
+        Numbers<5> x;
+        const auto solved = [&](double share) {
+            Touch shared[2] = {touches[0], touches[1]};
+            for (Touch& one : shared) one.lateral_N[0] *= share, one.lateral_N[1] *= share;
+            return newton<5>(
+                [&](const std::array<Lanes, 5>& trial) {
+                    return shoot_twice(rod, share * gravity, shared, give_m, trial, steps, nullptr);
+                },
+                x, lower, upper, ROD_TOLERANCE);
+        };
+        for (int j = 0; j < 5; ++j) x[j] = start(b, j);
+        found.left[b] = solved(1.0);
+        if (!(found.left[b] <= 1e3 * ROD_TOLERANCE)) {
+            x = {};
+            for (double share : LOAD_LADDER) found.left[b] = solved(share);
+        }
+        std::array<Lanes, 5> whole;
+        for (int j = 0; j < 5; ++j) found.solution(b, j) = x[j], whole[j] = spread(x[j]);
+        shoot_twice(rod, gravity, touches, give_m, whole, steps, found.nodes.row(b).data);
+    }
+    return found;
+}
+
 }  // namespace vbaa::antenna

@@ -80,4 +80,17 @@ struct Rods {
 Rods solve_rods(const Rod& rod, ConstMatrix loads, double unit_Nm, ConstMatrix limit_Nm, ConstMatrix moment_Nm,
                 int steps);
 
+// Uniform rods touched twice, in equilibrium, each by itself.
+//
+// loads: (B, 11) gravity, and of the nearer and the farther contact arc length, force along the clamp's y and z, and
+// friction angle; what the force has along x follows from that angle at the bent rod. give_m: as `Rod.clamp_give_m` in
+// Python. start: (B, 5) clamp moment in EI/L and forces along x in EI/L² to begin with. Gives nodes (B, 3·steps + 1,
+// 4, 3) as in shoot, over three segments that meet at the contacts, the solutions (B, 5), and what is left (B,).
+struct TouchedTwice {
+    Array<double, 4> nodes;
+    Array<double, 2> solution;
+    Array<double, 1> left;
+};
+TouchedTwice solve_touched_twice(const Rod& rod, ConstMatrix loads, double give_m, ConstMatrix start, int steps);
+
 }  // namespace vbaa::antenna

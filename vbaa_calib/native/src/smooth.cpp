@@ -86,7 +86,7 @@ SmoothCurve fit_smooth(ConstVector share, ConstVector values, ConstVector weight
     std::vector<Place> places(count);
     double whole = 0.0;
     for (int n = 0; n < count; ++n) places[n] = Place(share[n]), whole += weights[n];
-    SmoothCurve curve{Array<double, 1>(count), {}};
+    SmoothCurve curve{Array<double, 1>(Unset{}, count), {}};
     Array<double, 1> trusted(weights), side(unknowns);
     Array<double, 2> band(unknowns, 4);
     for (const double scale : scales) {
@@ -124,7 +124,7 @@ SmoothCurve fit_smooth(ConstVector share, ConstVector values, ConstVector weight
 }
 
 Array<double, 1> smooth_at(const SmoothCurve& curve, ConstVector share) {
-    Array<double, 1> values(share.shape[0]);
+    Array<double, 1> values(Unset{}, share.shape[0]);
     for (int n = 0; n < values.size(); ++n) values[n] = Place(share[n]).of(curve.table);
     return values;
 }
@@ -166,7 +166,7 @@ void running_mean(ConstVector values, int size, Beyond beyond, Vector means) {
 }
 
 Array<double, 1> running_mean(ConstVector values, int size, Beyond beyond) {
-    Array<double, 1> means(values.shape[0]);
+    Array<double, 1> means(Unset{}, values.shape[0]);
     running_mean(values, size, beyond, means);
     return means;
 }

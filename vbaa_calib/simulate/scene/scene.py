@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -301,6 +301,7 @@ class Scene:
     T_antenna_board : pose of the jig's board, back face, in the antenna frame.
     gravity_world_m_s2 : (3,).
     sweep : whether there are pictures of a board fixed in the world. over : of the free antenna over a board, if any.
+    cameras : lens and T_antenna_camera by name, of several; lens and pose are those of the one called `camera`.
     """
 
     name: str
@@ -325,6 +326,13 @@ class Scene:
     sweep: bool = False
     over: OverSpec | None = None
     traced: TraceSpec = field(default_factory=TraceSpec)
+    cameras: Mapping[str, tuple[Lens, Pose]] = field(default_factory=dict)
+    camera: str = ""
+
+    def of_camera(self, name: str) -> Scene:
+        """As one of its cameras sees it."""
+        lens, T_antenna_camera = self.cameras[name]
+        return replace(self, lens=lens, T_antenna_camera=T_antenna_camera, camera=name)
 
     @property
     def T_antenna_face(self) -> Pose:

@@ -16,7 +16,7 @@ from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, WholeNumber, checked
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import NominalAntenna
-from vbaa_calib.session.settings import AnyLength, Diameter, FilePose, FileProfile, Gravity
+from vbaa_calib.session.settings import AnyLength, CameraName, Diameter, FilePose, FileProfile, Gravity
 
 from .lens import Lens, invertible
 from .objects import LINES, WEDGES, Bump, TouchObject
@@ -191,7 +191,10 @@ class _SceneFile(FileModel):
     version: Literal["vbaa.scene/1"] = Field(alias="schema")
     name: Annotated[str, BeforeValidator(str)]
     seed: Annotated[WholeNumber, Field(ge=0, le=2**63)]
-    camera: Annotated[tuple[Lens, Pose], ReadAs(_Camera, _lens_and_pose)]
+    camera: Annotated[tuple[Lens, Pose], ReadAs(_Camera, _lens_and_pose)] | None = None
+    cameras: dict[CameraName, Annotated[tuple[Lens, Pose], ReadAs(_Camera, _lens_and_pose)]] = Field(
+        default_factory=dict
+    )
     board: FileBoard
     jig: _Jig
     antenna: Annotated[tuple[NominalAntenna, TrueAntenna], ReadAs(_Antenna, _nominal_and_true)]
@@ -217,7 +220,14 @@ def load_scene(path: Path) -> Scene:
     path = Path(path)
     with about(path):
         read = checked(_SceneFile, _without_nulls(read_yaml(path)), path, "the bundled scene demo shows every key")
-    (lens, T_antenna_camera), (nominal, true) = read.camera, read.antenna
+    if (read.camera is None) == (not read.cameras):
+        raise InputError("camera and cameras: exactly one is needed", where=path, remedy="give one of the two")
+    if len(read.cameras) > 0 and (read.sweep or read.over is not None):
+        what = f"{'sweep' if read.sweep else 'over'} does not go with cameras"
+        raise InputError(what, where=path, remedy="leave it out, or give one camera")
+    first = next(iter(read.cameras), "")
+    one = read.cameras[first] if read.camera is None else read.camera
+    (lens, T_antenna_camera), (nominal, true) = one, read.antenna
     for number, load in enumerate(read.loads):
         if load.distance_m > nominal.length_m:
             what = f"loads.{number}.distance_m: {load.distance_m:g} is beyond the antenna's {nominal.length_m:g} m"
@@ -225,6 +235,7 @@ def load_scene(path: Path) -> Scene:
     same = {name: getattr(read, name) for name in _SceneFile.model_fields if name in Scene.__dataclass_fields__}
     made = {
         "lens": lens,
+        "camera": first,
         "T_antenna_camera": T_antenna_camera,
         "T_antenna_board": read.jig.T_antenna_board,
         "jig_pictures": read.jig.pictures,

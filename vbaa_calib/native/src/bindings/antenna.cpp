@@ -105,6 +105,17 @@ auto shoot_rods(nb::handle rod, const InMatrix& loads, const InMatrix& moment_Nm
     return to_numpy(unlocked([&] { return antenna::shoot_rods(numbers, view(loads), view(moment_Nm), steps); }));
 }
 
+auto solve_touched_twice(nb::handle rod, const InMatrix& loads, double give_m, const InMatrix& start, int steps) {
+    require(loads.shape(1) == 11 && start.shape(0) == loads.shape(0) && start.shape(1) == 5 && steps > 0 &&
+                steps <= MOST_STEPS,
+            "rods touched twice need loads (B, 11), starts (B, 5) and 1 to 10000 steps");
+    antenna::Rod numbers = rod_of(rod);
+    require(numbers.slices.empty(), "rods touched twice are uniform");
+    auto found =
+        unlocked([&] { return antenna::solve_touched_twice(numbers, view(loads), give_m, view(start), steps); });
+    return arrays(found.nodes, found.solution, found.left);
+}
+
 }  // namespace
 
 void bind_antenna(nb::module_& module) {
@@ -122,6 +133,7 @@ void bind_antenna(nb::module_& module) {
     room.def("closed_form", &closed_form, "psi, C and S at one v by Jacobi's functions.");
     room.def("jacobi", &jacobi, "sn, cn, dn of (u | m), and E(am(u | m) | m).");
     room.def("solve_rods", &solve_rods, "Nodes (B, N, 4, 3), clamp moments (B, 3) and what is left of the tips' (B,).");
+    room.def("solve_touched_twice", &solve_touched_twice, "Nodes (B, N, 4, 3), solutions (B, 5), what is left (B,).");
     room.def("shoot_rods", &shoot_rods, "Nodes (B, N, 4, 3) from supposed clamp moments.");
 }
 

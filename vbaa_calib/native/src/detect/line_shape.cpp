@@ -110,7 +110,7 @@ Table slopes_of(const Table& values) {
 }
 
 Table product(const Table& table, ConstVector coefficients) {
-    Table values(table.shape[0], 1);
+    Table values(Unset{}, table.shape[0], 1);
     for (int r = 0; r < table.shape[0]; ++r) values.values[r] = dot(table.row(r), coefficients);
     return values;
 }
@@ -255,8 +255,8 @@ Fits fit(const CrossSection& section, const Crossings& found, ConstVector centre
     const int padded = pixels.padded;
     Fits fits;
     for (Numbers* each : {&fits.shift, &fits.height, &fits.unit_height, &fits.rms, &fits.stepped, &fits.stepped_unit})
-        *each = Numbers(count);
-    for (Table* each : {&fits.gain, &fits.residuals, &fits.freed}) *each = Table(count, padded);
+        *each = Numbers(Unset{}, count);
+    for (Table* each : {&fits.gain, &fits.residuals, &fits.freed}) *each = Table(Unset{}, count, padded);
     // shape, change with its place, grey levels and a step: their background is removed
     Table rows(4, padded);
     Numbers across(padded);

@@ -43,7 +43,7 @@ Array<double, 2> sampled(Levels<T> picture, const Columns& across, double sign) 
     const int height = picture.shape[0], width = picture.shape[1], wide = across.reach + across.flank;
     const int beyond = std::min(width - 1, 1), below = std::min(height - 1, 1);
     const auto level = [&](int v, int u) { return static_cast<double>(picture(v, u, 0)); };
-    Array<double, 2> strip(across.along.size(), 2 * wide + 1);
+    Array<double, 2> strip(Unset{}, across.along.size(), 2 * wide + 1);
     for (int k = 0; k < strip.shape[0]; ++k)
         for (int r = 0; r <= 2 * wide; ++r) {
             const double u = across.points(k, 0) + (r - wide) * across.normals(k, 0);
@@ -75,7 +75,7 @@ Array<double, 2> mean_of_columns(ConstMatrix strip, int several) {
 
 // (K, R) ridge height against texture: levels off at a few times what the strip shows everywhere.
 Array<double, 2> clarity_of(const Array<double, 2>& ridge) {
-    Array<double, 1> height(ridge.size());
+    Array<double, 1> height(Unset{}, ridge.size());
     double highest = 0.0;
     for (int at = 0; at < ridge.size(); ++at) {
         height[at] = std::abs(ridge[at]);
@@ -129,7 +129,7 @@ Array<double, 2> near_curve(ConstMatrix clarity, const Columns& across, ConstVec
 // (K, R) by how much the middle of a line is brighter than both flanks, in a strip (K, R + 2F).
 Array<double, 2> bright_ridges(ConstMatrix strip, const Columns& across) {
     const int flank = across.flank;
-    Array<double, 2> ridge(strip.shape[0], 2 * across.reach + 1);
+    Array<double, 2> ridge(Unset{}, strip.shape[0], 2 * across.reach + 1);
     Array<double, 1> level(strip.shape[1]);
     for (int k = 0; k < ridge.shape[0]; ++k) {
         running_mean(strip.row(k), core(across.width_px), Beyond::end_value, level);

@@ -25,7 +25,7 @@ inline double bounded(double value, double low, double high) {
 template <class Function>
 auto each(int count, Function function) {
     using Value = decltype(function(0));
-    Array<std::conditional_t<std::is_same_v<Value, bool>, unsigned char, Value>, 1> values(count);
+    Array<std::conditional_t<std::is_same_v<Value, bool>, unsigned char, Value>, 1> values(Unset{}, count);
     for (int n = 0; n < count; ++n) values[n] = function(n);
     return values;
 }
@@ -61,7 +61,7 @@ inline Numbers selected(ConstVector values, const Flags& chosen) {
 
 // The rows (M, C) of the chosen.
 inline Table selected(ConstMatrix rows, const Flags& chosen) {
-    Table found(count(chosen), rows.shape[1]);
+    Table found(Unset{}, count(chosen), rows.shape[1]);
     int k = 0;
     for (int n : places(chosen)) copy(rows.row(n), found.row(k++));
     return found;

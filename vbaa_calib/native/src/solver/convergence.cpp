@@ -245,8 +245,17 @@ bool converge_there(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work
     begin(rig, frame, rung, nullptr, fit, work, true, 1.0);
     fit.at_tip = true;
     descend(rig, frame, rung, {TOLERANCE, false}, fit, work);
+    double scatter = scatter_of(rig, frame, fit);
+    // where one of several cameras' points scatter, the others hold the antenna
+    for (int round = 0; rig.cameras.size() > 1 && round < ROUNDS && scatter < WRONG_SHAPE; ++round) {
+        if (!(std::abs(scatter - fit.scatter) > SCATTER_CHANGE * fit.scatter)) break;
+        fit.scatter = scatter;
+        evaluate_at(rig, frame, rung, true, fit, work);
+        descend(rig, frame, rung, {TOLERANCE, true}, fit, work);
+        scatter = scatter_of(rig, frame, fit);
+    }
     fit.at_tip = false;
-    return fit.converged && scatter_of(rig, frame, fit) == 1.0;
+    return fit.converged && (scatter == 1.0 || (fit.scatter > 1.0 && scatter < WRONG_SHAPE));
 }
 
 void begin_search(Work& work) {

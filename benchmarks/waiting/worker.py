@@ -1,4 +1,4 @@
-"""What `vbaa bench speed` runs in two trees, this one and an older one's: calls that both have, and a clock.
+"""What `vbaa bench waiting` runs in two trees, this one and an older one's: calls that both have, and a clock.
 
     python -P worker.py
 
@@ -9,6 +9,7 @@ has other ones.
 from __future__ import annotations
 
 import inspect
+import itertools
 import json
 import os
 import sys
@@ -21,14 +22,17 @@ import cv2
 import numpy as np
 
 from estimator import ContactEstimator
+from estimator.live import LiveEstimator
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
+from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 
 try:
     from estimator.contact import recording
 except ImportError:  # where it was before
     from estimator import recording  # type: ignore[no-redef]
 
+RATE_HZ = 60.0
 LEAST_S = 0.1
 """Of one timing: quick work is repeated within it."""
 LONG_S = 5.0
@@ -36,13 +40,26 @@ LONG_S = 5.0
 Work = Callable[[], Sequence[Any]]
 
 
-def prepared(job: dict[str, Any]) -> tuple[Work, int]:
-    """What is to be timed, and how many frames or pictures it goes through."""
+def prepared(job: dict[str, Any], counted: list[np.ndarray]) -> tuple[Work, int]:
+    """What is to be timed, and how many frames or pictures it goes through.
+
+    `counted` takes how often each fit evaluates the model.
+    """
     rig, given = Rig.load(Path(job["rig"])), dict(np.load(job["frames"]))
     # a tree that knows no threads of its own stays with one
     threads = {"jobs": job["threads"]} if "jobs" in inspect.signature(ContactEstimator).parameters else {}
-    estimator = ContactEstimator(rig, job["model"], friction=job["friction"], **threads)
-    return {"batch": _batch, "single": _single, "alone": _alone, "recording": _recording}[job["way"]](estimator, given)
+    estimator = ContactEstimator(rig, **threads)
+    solved = estimator._solved
+
+    def counting(*words: Any, **more: Any) -> Any:
+        numbers = solved(*words, **more)
+        counted.append(numbers.evaluations)
+        return numbers
+
+    setattr(estimator, "_solved", counting)  # noqa: B010
+    return {"batch": _batch, "single": _single, "alone": _alone, "recording": _recording, "live": _live}[job["way"]](
+        estimator, given
+    )
 
 
 def _batch(estimator: ContactEstimator, given: dict[str, np.ndarray]) -> tuple[Work, int]:
@@ -78,6 +95,25 @@ def _recording(estimator: ContactEstimator, given: dict[str, np.ndarray]) -> tup
     return lambda: [each.contact for each in recording.estimate_pictures(estimator, frames)], len(frames)
 
 
+def _live(estimator: ContactEstimator, given: dict[str, np.ndarray]) -> tuple[Work, int]:
+    """Pictures and their readings as they come, `RATE_HZ` of them, to both contacts of each."""
+    names, images = ("moment_Nm", "pan_rad", "tilt_rad"), given["images"]
+    live = LiveEstimator(estimator, Synchronizer(Timing(), names, estimator.rig.camera.image_size))
+    live.warm()
+    counted = itertools.count()
+
+    def work() -> Sequence[Any]:
+        found: list[Any] = []
+        for index, image in enumerate(images):
+            time_s = next(counted) / RATE_HZ
+            for name in names:
+                found += live.push(Reading(time_s, name, float(given[name][index]), time_s))
+            found += live.push(Taken(time_s, image, time_s, time.perf_counter()))
+        return [contact.row for contact in found]
+
+    return work, len(images)
+
+
 def timed(work: Work, count: int, calls: int) -> dict[str, float]:
     """Processor time of all threads, and time on the wall, both in s for a frame."""
     wall, cpu = time.perf_counter(), time.process_time()
@@ -87,14 +123,8 @@ def timed(work: Work, count: int, calls: int) -> dict[str, float]:
     return {"cpu_s": (time.process_time() - cpu) * each, "wall_s": (time.perf_counter() - wall) * each}
 
 
-def answers(found: Sequence[Any]) -> dict[str, np.ndarray]:
-    """Of contacts: status, model, distance and force with their deviations."""
-    names = ("status", "model", "distance_m", "distance_std_m", "force_N", "force_std_N")
-    return {name: np.array([getattr(contact, name) for contact in found]) for name in names}
-
-
 def main() -> None:
-    """Prepare, warm up and leave the frames' contacts in a file; then time as often as is asked for."""
+    """Prepare, warm up and count; then time as often as is asked for."""
     replies = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # whatever is printed must not come between
     cv2.setNumThreads(1)
@@ -104,9 +134,12 @@ def main() -> None:
         job = json.loads(line)
         reply: dict[str, Any] = {}
         if "way" in job:
-            work, count = prepared(job)
+            counted: list[np.ndarray] = []
+            work, count = prepared(job, counted)
             begun = time.perf_counter()
-            np.savez(job["answers"], allow_pickle=False, **answers(work()))
+            found = work()
+            reply["located"] = float(np.mean(np.isfinite([contact.distance_m for contact in found])))
+            reply["evaluations"] = float(np.concatenate(counted).sum()) / count if counted else None
             # what was compiled on the way does not count
             spent = time.perf_counter() - begun
             calls = max(1, int(LEAST_S / max(timed(work, 1, 1)["wall_s"], 1e-6))) if spent < LONG_S else 1

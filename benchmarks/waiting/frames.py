@@ -1,8 +1,8 @@
-"""Frames as users have them, with their bound; frames that are hard, and some that fit nothing."""
+"""Frames as users have them, with their bound; and some that fit nothing."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -10,17 +10,12 @@ import numpy as np
 
 from benchmarks.chain.scenes import cell
 from benchmarks.estimator.bound import bound
-from benchmarks.estimator.hard import with_outliers
 from benchmarks.estimator.scenes import Scenes, joined, push_for_deflection, rod_shapes, rolled, scenes
 from benchmarks.estimator.setup import ACROSS, Setup, drawn_truth
 from vbaa_calib.rig import Rig
-from vbaa_calib.rig.parts import ANTENNA_PARAMETERS
-from vbaa_calib.session import DRIFTS
 
 REACH, DEFLECTION_M, ROLL_RAD = (0.3, 0.8), (0.004, 0.008), np.radians(60.0)
 """Contact distances over length, deflections there, and the largest roll of the deformation plane."""
-WIDE = (0.05, 1.0), (0.0, 0.012)
-"""Distances and deflections of hard frames: from the clamp to the tip, and hardly any."""
 JOINTS_RAD = 0.4
 """Pan and tilt lie within ± this."""
 RUBBED = 0.5
@@ -50,13 +45,6 @@ class Judged:
         return {name: getattr(self.scenes, name) for name in ("points_px", "moment_Nm", "pan_rad", "tilt_rad")}
 
 
-def as_measured(rig: Rig) -> Rig:
-    """A calibrated rig as both trees understand it: without drift and tip, which the older one does not know, and with
-    a clamp that does not give, as the simulated ones."""
-    parameters = np.where(np.array(ANTENNA_PARAMETERS) == "clamp_give_m", 0.0, rig.antenna.parameters)
-    return replace(rig, drift=DRIFTS["none"], tip=None, antenna=replace(rig.antenna, parameters=parameters))
-
-
 @lru_cache(maxsize=8)
 def population(
     rig: Rig,
@@ -64,15 +52,14 @@ def population(
     seed: int,
     friction_rad: float = 0.0,
     points: int = 200,
-    ranges: tuple[tuple[float, float], tuple[float, float]] = (REACH, DEFLECTION_M),
 ) -> Judged:
     """Noisy frames of the static rod, rolls evenly up to 60°, half of them with friction of that deviation.
 
     Of a rig that is not exactly known several true ones take part, each one draw of its covariance away.
     """
     rng, antenna, exact = np.random.default_rng((seed, points)), rig.antenna, not rig.covariance.any()
-    distance = rng.uniform(*ranges[0], frames) * antenna.length_m
-    size = push_for_deflection(rng.uniform(*ranges[1], frames), distance, antenna.stiffness_Nm2)
+    distance = rng.uniform(*REACH, frames) * antenna.length_m
+    size = push_for_deflection(rng.uniform(*DEFLECTION_M, frames), distance, antenna.stiffness_Nm2)
     size = np.nan_to_num(size) * rng.choice([-1.0, 1.0], frames)
     push = rolled(size, rng.uniform(-ROLL_RAD, ROLL_RAD, frames))
     friction = friction_rad * rng.normal(size=frames) * (rng.random(frames) < RUBBED)
@@ -89,12 +76,6 @@ def population(
         for own in np.array_split(every, 1 if exact else min(TRUE_RIGS, frames))
     ]
     return Judged(joined(parts), bound(seen(rig, every), friction_rad).std[:, 0])
-
-
-def hard(rig: Rig, frames: int, seed: int, friction_rad: float) -> Judged:
-    """Contacts from the clamp to the tip, light ones, none at all, and a tenth of the points far off."""
-    judged = population(rig, frames, seed, friction_rad, 500, WIDE)
-    return replace(judged, scenes=with_outliers(judged.scenes, 0.1, np.random.default_rng(seed)))
 
 
 def fitting_nothing(rig: Rig, given: dict[str, np.ndarray], seed: int) -> dict[str, dict[str, np.ndarray]]:

@@ -105,13 +105,16 @@ class Worker:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self._process.communicate()
 
-    def ask(self, **job: Any) -> dict[str, float]:
-        """A job prepared, or without one the last one timed. Raises SolveError where the worker broke down."""
+    def ask(self, **job: Any) -> dict[str, Any]:
+        """A job prepared and counted, or without one the last one timed.
+
+        Raises SolveError where the worker broke down.
+        """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         print(json.dumps(job), file=self._process.stdin, flush=True)
         answer = self._process.stdout.readline()
         if not answer:
             raise SolveError(f"{self.tree.name}: the job {job} broke down, as said above")
-        found: dict[str, float] = json.loads(answer)
+        found: dict[str, Any] = json.loads(answer)
         return found

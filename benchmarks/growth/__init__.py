@@ -1,1 +1,0 @@
-"""Cost as the work grows."""

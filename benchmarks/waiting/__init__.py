@@ -1,0 +1,1 @@
+"""What a user waits for, beside an older commit and other programs."""

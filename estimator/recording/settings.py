@@ -1,0 +1,50 @@
+"""How a recording is estimated as one, and when it is refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class RefineSettings:
+    """Thresholds of `vbaa refine`; deviations are standard deviations."""
+
+    # solving
+    enough: float = 0.02  # longest step in deviations with which it ends
+    nearly_all: float = 0.98  # share of the contacts that steps are judged by
+    longest: float = 0.2  # step of a distance, over itself
+    most_frames: int = 1000  # with contacts, and free, from which common errors are solved for
+    weighings: int = 4  # of the frames, most
+    last_change: float = 0.1  # of a weight with which they end
+    doubted: float = 1e-2  # p-value of a frame that counts less
+    foreign: float = 1e-6  # p-value of a frame, or its stroke, that does not belong to the rest
+    excluded: float = 1e-9  # p-value of a frame that is not even begun with,
+    most_excluded: float = 0.4  # unless more than this share of all are
+    trend_information: float = 1e-2  # prior of a change within the recording: ten times what a calibration leaves
+    chunk: int = 512  # frames that are linearised together
+    object_round_m: float = 1e-5  # how far pin and antenna are from round and straight
+
+    # strokes, and what is refused
+    gap_frames: int = 5  # without contact, that end a stroke,
+    gap_s: float = 0.5  # or so much time
+    another_rig: float = 1e-4  # p-value of common errors as large as the best fit's, of another calibration
+    allowed_excess: float = 1.3  # ratio of the rig's errors to its deviations up to which its prior stays
+    largest_excess: float = 5.0  # the same, up to which a known object may recalibrate it
+    foreign_share: float = 0.3  # of frames that do not belong to the rest, from which there is no rest
+    joints_apart_rad: float = 1e-5  # difference of the contacts' and the recording's joint angles
+    another_antenna: float = 1e-6  # p-value of two cameras' antennas
+    length_log: float = 1e-2  # difference of the logarithms of their lengths
+
+    # whether the sensor's zero walks
+    zero_frames: int = 6  # free, least
+    zero_walks: float = 4.5  # deviations of the slope
+
+    # Coulomb's law
+    least_friction_rad: float = 0.01  # uncertainty of a friction angle: friction differs from place to place
+    lateral_known_rad: float = 0.15  # uncertainty of a force's direction, up to which it bounds the angle along it
+    slip_along: float = 0.9  # share of a slip along the antenna from which friction is on the cone's rim,
+    slip_turn: float = 0.2  # if its direction is known to this, rad,
+    rim: float = 0.2  # within this part of it: a slip is an average over some frames
+    law_contradicted: float = 3.5  # deviations by which a frame contradicts the law,
+    law_share: float = 0.1  # and share of such frames by which the recording does
+    informative: float = 0.5  # part of the prior's variance that a frame must remove to be asked

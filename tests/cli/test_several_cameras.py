@@ -1,0 +1,202 @@
+"""Two cameras from the scene to contacts: tables, pictures by name, one rig, and what a user would do wrong."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from vbaa import ContactEstimator, InputError, Rig, load_session
+from vbaa_calib.cli.main import main
+from vbaa_calib.core.files import read_yaml
+from vbaa_calib.session import read_centrelines, read_noload, read_recording
+from vbaa_calib.simulate.scene.scene import bundled_scene
+
+from ..made_once import made_once
+
+CAMERAS = ("left", "right")
+
+
+def _scene() -> dict:
+    """The bundled one, with few and small pictures."""
+    scene = read_yaml(bundled_scene("two_cameras"))
+    for camera, width, focal in zip(scene["cameras"].values(), (640, 704), (645.0, 608.0), strict=True):
+        height = 3 * width // 4
+        camera["image_size"] = [width, height]
+        camera["matrix"] = [[focal, 0.0, width / 2 - 1.0], [0.0, focal, height / 2 + 2.0], [0.0, 0.0, 1.0]]
+    scene["intrinsics"]["pictures"] = 6
+    scene["jig"]["pictures"] = 1
+    scene["noload"] = scene["noload"][:3]
+    scene["loads"] = [scene["loads"][index] for index in (1, 3, 7, 8)]
+    scene["recording"]["sweeps"] = [scene["recording"]["sweeps"][0] | {"frames": 4, "free_frames": 1}]
+    return scene
+
+
+def _make(folder: Path) -> None:
+    (folder / "scene.yaml").write_text(yaml.safe_dump(_scene()))
+    assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
+    assert main(["calibrate", str(folder / "session"), "-o", str(folder / "rig.json")]) == 0
+
+
+@pytest.fixture(scope="module")
+def made() -> Path:
+    return made_once("two_cameras", _make)
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as table:
+        return list(csv.DictReader(table))
+
+
+def _truth(made: Path) -> dict:
+    return json.loads((made / "session" / "truth.json").read_text())
+
+
+def test_pictures_and_columns_are_by_name(made: Path) -> None:
+    session = load_session(made / "session")
+    assert (tuple(session.cameras), session.camera) == (CAMERAS, "left")
+    for name in CAMERAS:
+        own = session.of_camera(name)
+        assert len(list(own.folder("intrinsics").glob("*.png"))) == 6
+        assert {still.image.parent.name for still in read_noload(own)} == {name}
+        other = CAMERAS[1 - CAMERAS.index(name)]
+        for frame in read_recording(own):
+            assert (frame.image.parent.name, [*frame.others]) == (name, [other])
+            assert frame.others[other].name == frame.image.name
+
+
+def test_the_rig_has_both_within_its_deviations(made: Path) -> None:
+    rig, truth = Rig.load(made / "rig.json"), _truth(made)
+    assert tuple(rig.cameras) == CAMERAS
+    for name, one in rig.cameras.items():
+        off_m = one.T_antenna_camera.translation_m - truth["cameras"][name]["T_antenna_camera"]["translation_m"]
+        assert (np.abs(off_m) < 4.0 * np.sqrt(np.diag(one.covariance)[3:6])).all(), name
+    off = np.log(rig.antenna.stiffness_Nm2 / truth["stiffness_Nm2"])
+    assert abs(off) < 4.0 * rig.std("log_stiffness_Nm2")
+    assert rig.others["right"].antenna is rig.antenna
+    quality = json.loads((made / "rig.json").read_text())["quality"]
+    assert quality["cameras"].keys() == {"right"}
+
+
+def test_contacts_of_both_are_better_than_of_one(made: Path, tmp_path: Path) -> None:
+    """Every row has its numbers, which the truth is within; so by `estimate` on pictures, and by the library's call."""
+    out = tmp_path / "contacts.csv"
+    rig, session, truth = made / "rig.json", made / "session", _truth(made)["frames"]
+    assert main(["estimate", str(session), "--rig", str(rig), "-o", str(out), "--no-report"]) == 0
+    rows = _rows(out)
+    touched = [(row, frame) for row, frame in zip(rows, truth, strict=True) if frame["in_contact"]]
+    assert {row["status"] for row, _ in touched} == {"ok"}
+    for row, frame in touched:
+        assert abs(float(row["distance_m"]) - frame["distance_m"]) < 4.0 * float(row["distance_std_m"])
+    estimator = ContactEstimator(Rig.load(rig))
+    frame = read_recording(load_session(session))[2]
+    read = {"moment": frame.moment_Nm, "pan": frame.pan_rad, "tilt": frame.tilt_rad}
+    both = estimator.estimate(image={"left": frame.image, "right": frame.others["right"]}, **read)
+    assert both.distance_m == pytest.approx(float(rows[2]["distance_m"]), abs=3e-4)
+    for name, image in (("left", frame.image), ("right", frame.others["right"])):
+        one = estimator.estimate(image={name: image}, **read)
+        assert one.distance_std_m > both.distance_std_m
+        other = CAMERAS[1 - CAMERAS.index(name)]
+        assert f"{other}: there is no picture" in one.reason
+        alone = ContactEstimator(estimator.rig.cameras[name]).estimate(image=image, **read)
+        assert one.distance_m == pytest.approx(alone.distance_m, rel=1e-6)
+    several = list(estimator.live([{"image": {"left": frame.image, "right": frame.others["right"]}, **read}]))
+    assert several[0].distance_m == pytest.approx(both.distance_m, rel=1e-9)
+    with pytest.raises(InputError, match="several cameras"):
+        estimator.estimate(image=frame.image, **read)
+
+
+def _copied(made: Path, tmp_path: Path) -> Path:
+    session = tmp_path / "session"
+    shutil.copytree(made / "session", session)
+    return session
+
+
+def _edited(path: Path, change: Callable[[list[str]], list[str]]) -> None:
+    path.write_text("\n".join(change(path.read_text().splitlines())) + "\n")
+
+
+def test_a_camera_without_a_picture_drops_out_of_the_frame(made: Path, tmp_path: Path) -> None:
+    """An empty cell is no picture; two of them are an error."""
+    session, out = _copied(made, tmp_path), tmp_path / "contacts.csv"
+    table = session / "recording" / "recording.csv"
+    _edited(table, lambda lines: [*lines[:3], lines[3].replace("right/frame_0002.png", ""), *lines[4:]])
+    call = ["estimate", str(session), "--rig", str(made / "rig.json"), "-o", str(out), "--no-report", "--force"]
+    assert main(call) == 0
+    row = _rows(out)[2]
+    assert row["status"] == "ok"
+    assert "right: there is no picture" in row["reason"]
+    _edited(table, lambda lines: [*lines[:3], lines[3].replace("left/frame_0002.png", ""), *lines[4:]])
+    assert main(call) == 2
+
+
+def test_centrelines_of_both(tmp_path: Path, made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In one table, whose column camera says whose each point is."""
+    from vbaa_calib.simulate.scene.scene_file import load_scene
+    from vbaa_calib.simulate.write import write_session
+
+    session, out = tmp_path / "session", tmp_path / "contacts.csv"
+    write_session(load_scene(made / "scene.yaml"), session, recording_pictures=False)
+    lines = session / "recording" / "centrelines.csv"
+    assert {row["camera"] for row in _rows(lines)} == set(CAMERAS)
+    found = read_centrelines(load_session(session))
+    assert len(found) == len(found.others["right"]) == 6
+    call = ["estimate", str(session), "--rig", str(made / "rig.json"), "-o", str(out), "--no-report", "--force"]
+    assert main(call) == 0
+    for row, frame in zip(_rows(out), _truth(made)["frames"], strict=True):
+        assert row["status"] == ("ok" if frame["in_contact"] else "no_contact")
+        if frame["in_contact"]:
+            assert abs(float(row["distance_m"]) - frame["distance_m"]) < 4.5 * float(row["distance_std_m"])
+    rows, readings = _rows(out), str(lines.parent / "recording.csv")
+    apart = ["estimate", "--centrelines", str(lines), "--readings", readings, "-o", str(out), "--no-report", "--force"]
+    assert main([*apart, "--rig", str(made / "rig.json")]) == 0
+    assert [row["distance_m"] for row in _rows(out)] == [row["distance_m"] for row in rows]
+    Rig.load(made / "rig.json").cameras["left"].save(tmp_path / "left.json")
+    assert main([*apart, "--rig", str(tmp_path / "left.json")]) == 2
+    assert "lines of several cameras: left, right" in capsys.readouterr().err
+    text = lines.read_text()
+    for wrong, words in (
+        (text.replace(",right,", ",middle,"), "no camera middle"),
+        (text.replace(",right,", ",,"), "camera is empty"),
+        (text.replace("frame,camera,", "frame,which,"), "has no column camera"),
+    ):
+        lines.write_text(wrong)
+        assert main(call) == 2
+        assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("cameras", "words"),
+    [
+        ({}, "names no cameras"),
+        ({"left": {}, "middle": {}}, "no camera middle"),
+        ({"left of it": {}}, "cameras"),
+    ],
+)
+def test_a_session_of_other_cameras_is_refused(
+    made: Path, tmp_path: Path, cameras: dict, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = _copied(made, tmp_path)
+    data = read_yaml(session / "session.yaml") | {"cameras": cameras}
+    (session / "session.yaml").write_text(yaml.safe_dump({k: v for k, v in data.items() if v != {}}))
+    out = tmp_path / "contacts.csv"
+    assert main(["estimate", str(session), "--rig", str(made / "rig.json"), "-o", str(out), "--no-report"]) == 2
+    assert words in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_another_antenna_is_no_further_camera(made: Path) -> None:
+    rig = Rig.load(made / "rig.json")
+    left, right = rig.cameras.values()
+    again = left.with_camera("right", right)
+    np.testing.assert_allclose(again.covariance_with_tip, rig.covariance_with_tip, rtol=1e-3, atol=1e-14)
+    step = np.zeros(len(right.covariance))
+    step[12] = 0.2
+    with pytest.raises(InputError, match="finds another antenna than left, most of all log_stiffness"):
+        left.with_camera("right", right.moved(step))
