@@ -17,7 +17,7 @@ from vbaa_calib.calibrate.over_board.over_board import OverSetup, nominal_free_a
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate, differences, fused, inflated, require_agreement
 from vbaa_calib.calibrate.pose.settings import PoseSettings
-from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep, why_no_sweep
+from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.images import list_images, read_gray
@@ -124,7 +124,7 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
         jig = solve_board_pose(views.jig, board, camera)
         std = session.jig_translation_std_m, session.jig_rotation_std_rad
         estimates.append(jig_estimate(jig, session.T_antenna_board, *std))
-    unread = views.sweep and why_no_sweep(views.sweep, board.nominal_m)
+    unread = views.sweep and SweepSolution.why_none(views.sweep, board.nominal_m)
     if unread and (estimates or views.over):
         # another way shows where the camera is
         words = f"the sweep was not used: {unread.what}"

@@ -357,6 +357,15 @@ class SweepSolution:
     pictures: int  # how many were used
     left_out: tuple[DroppedView, ...]
 
+    @staticmethod
+    def why_none(views: Sequence[BoardView], nominal_m: np.ndarray) -> InputError | None:
+        """What refuses a sweep of which too few pictures show the board, of corners (C, 3)."""
+        count = len(usable_views(views, nominal_m, 0)[0])
+        if count >= PoseSettings.fewest_pictures:
+            return None
+        what = f"{count} pictures of the sweep show the board's markers, at least {PoseSettings.fewest_pictures} are needed"
+        return InputError(what, remedy=f"{_CROSS}; the board so near that a marker's modules are 2 px wide")
+
 
 def solve_sweep(
     views: Sequence[BoardView],
@@ -410,22 +419,13 @@ def solve_sweep(
     )
 
 
-def why_no_sweep(views: Sequence[BoardView], nominal_m: np.ndarray) -> InputError | None:
-    """What refuses a sweep of which too few pictures show the board, of corners (C, 3)."""
-    count = len(usable_views(views, nominal_m, 0)[0])
-    if count >= PoseSettings.fewest_pictures:
-        return None
-    what = f"{count} pictures of the sweep show the board's markers, at least {PoseSettings.fewest_pictures} are needed"
-    return InputError(what, remedy=f"{_CROSS}; the board so near that a marker's modules are 2 px wide")
-
-
 def _usable_pictures(
     views: Sequence[BoardView], pictures: Sequence[SweepPicture], nominal_m: np.ndarray, camera: Camera
 ) -> tuple[list[BoardView], list[SweepPicture], list[DroppedView]]:
     """Splits the views into those that fix the board's pose, with their readings, and the others with the reason."""
     for view in views:
         require_size(view.image_size, camera, view.name)
-    if error := why_no_sweep(views, nominal_m):
+    if error := SweepSolution.why_none(views, nominal_m):
         raise error
     usable, dropped = usable_views(views, nominal_m, 0)
     readings = {id(view): reading for view, reading in zip(views, pictures, strict=True)}
