@@ -363,7 +363,8 @@ class SweepSolution:
         count = len(usable_views(views, nominal_m, 0)[0])
         if count >= PoseSettings.fewest_pictures:
             return None
-        what = f"{count} pictures of the sweep show the board's markers, at least {PoseSettings.fewest_pictures} are needed"
+        least = PoseSettings.fewest_pictures
+        what = f"{count} pictures of the sweep show the board's markers, at least {least} are needed"
         return InputError(what, remedy=f"{_CROSS}; the board so near that a marker's modules are 2 px wide")
 
 
