@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from benchmarks.worlds.judge import outcome, true_rig
@@ -17,6 +18,7 @@ from benchmarks.worlds.pictures import Sensor, Tube, photograph
 from benchmarks.worlds.rigs import draw_optics, draw_world
 from benchmarks.worlds.session import Photographer, write_session
 from vbaa_calib.cli import main
+from vbaa_calib.detect.whisker.profile import measure, measure_in_colour
 
 PLAIN = Wire(0.2, 8e-4, 4e-3, 0.0, np.zeros(2), np.zeros(2), np.zeros(2), 0.0)
 FAR = np.zeros((1, 3))
@@ -62,6 +64,44 @@ def test_a_line_lies_where_it_is_projected_to() -> None:
             light = picture[rows, column] - picture[rows[[0, -1]], column].mean()
             off.append((rows * light).sum() / light.sum() - height)
         assert np.abs(off).max() < 0.02
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_rod_that_comes_nearer_is_measured_midway_between_its_edges(channels: int) -> None:
+    """Columns cross it at a slant, and one edge where it is broader."""
+    optics = Optics("radial", (480, 360), np.array([500.0, 500.0]), np.array([240.0, 180.0]), np.zeros(2))
+    x = np.linspace(-0.04, 0.03, 300)
+    rod = Tube.of(optics, np.stack([x, 0.6 * x, 0.15 - 0.9 * (x + 0.04)], axis=1), 1.5e-3, (0.9, 0.88))
+    light = photograph(optics, SHARP, np.full((360, 480), 0.2), [rod], np.random.default_rng(0))
+    width, (low, high) = np.median(np.diff(rod.edges_px, axis=0)), rod.edges_px
+    path = np.ascontiguousarray(rod.axis_px[::8])
+    line = (
+        measure(light, path, width)
+        if channels == 1
+        else measure_in_colour(np.dstack([light, light, light]), path, width)
+    )
+    assert line.found
+    nearest = cKDTree(rod.axis_px).query(line.points_px)[1]
+    along = np.gradient(rod.axis_px, axis=0)[nearest]
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1)[:, None]
+    off = ((line.points_px - rod.axis_px[nearest]) * normal).sum(axis=1) - 0.5 * (low + high)[nearest]
+    assert (high - low)[-1] > 1.5 * (high - low)[0]
+    assert np.abs(off).mean() < 0.01
+
+
+@pytest.mark.parametrize("slope_deg", [0.0, 20.0, 32.0, 40.0])
+def test_a_broad_rod_is_as_high_and_broad_at_any_slant(slope_deg: float) -> None:
+    """Where columns cross it at a slant they show less of what is next to it."""
+    optics = Optics("radial", (480, 360), np.array([500.0, 500.0]), np.array([240.0, 180.0]), np.zeros(2))
+    x = np.linspace(-0.045, 0.045, 300)
+    axis = np.stack([x * np.cos(np.radians(slope_deg)), x * np.sin(np.radians(slope_deg)), np.full(300, 0.15)], axis=1)
+    rod = Tube.of(optics, axis, 3.6e-3, (0.1, 0.1))
+    bench = np.full((360, 480), 0.6) * (1.0 + np.linspace(-0.1, 0.1, 360)[:, None])
+    light = photograph(optics, SHARP, bench, [rod], np.random.default_rng(0))
+    line = measure(light, np.ascontiguousarray(rod.axis_px[::8]), 24.0, False)
+    assert line.found
+    assert abs(line.breadth - 1.0) < 0.1
+    assert abs(line.amplitude / (255.0 * 0.5) - 1.0) < 0.1
 
 
 def test_corners_lie_where_they_are_projected_to() -> None:

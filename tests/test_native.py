@@ -105,7 +105,7 @@ def _calls() -> dict[str, tuple[object, ...]]:
     colour = np.repeat(image[..., None], 3, axis=2)
     found = core.search.crossings(image, path, 9, 1.0)
     free = _fields(clamp_m=(3,), axes=np.eye(3), segments_m=np.array([[0.05, 0.0, 0.0]] * 6))
-    rig_numbers = dict.fromkeys(("length_m", "force_unit_N", "unit_load", "stiffness_Nm2"), 1.0)
+    rig_numbers = dict.fromkeys(("length_m", "radius_m", "force_unit_N", "unit_load", "stiffness_Nm2"), 1.0)
     flags, known = (
         dict.fromkeys(("with_tip", "with_wrench", "with_lens"), True),
         {"axes": (40, 3), "by_pose_step": (8,)},

@@ -363,8 +363,10 @@ def _inside(optics: Optics, points: np.ndarray) -> bool:
 def _with(rng: np.random.Generator, world: World, sweep: bool, over: bool) -> World:
     """With a board fixed in the world where the joints can turn by a tenth and all of it is seen, or one under it."""
     if sweep:
+        # as small as can be read
+        part = max(0.5, _LEAST_PITCH_PX / float(np.min(np.array(world.optics.size) / world.board.squares)))
         for _ in range(60):
-            at = world.camera @ _before(rng, world.optics, world.board, 0.5, (10.0, 35.0), within=True)
+            at = world.camera @ _before(rng, world.optics, world.board, part, (10.0, 35.0), within=True)
             fixed = world.base(0.0, 0.0) @ at
             for most in (0.3, 0.2, 0.14, 0.1):
                 steps = most * np.array([[p, t] for p in (-1, 0, 1) for t in (-1, 0, 1)])

@@ -71,6 +71,7 @@ class RigArrays:
         fields = SimpleNamespace(
             **{name: getattr(self, name) for name in ("friction_rad", "axes", "by_wrench", "by_sensor")},
             length_m=self.length_m,
+            radius_m=0.5 * rig.antenna.diameter_m,
             force_unit_N=self.force_unit_N,
             unit_load=self.unit_load,
             tip_offset_m=0.0 if rig.tip is None else rig.tip.offset_m,

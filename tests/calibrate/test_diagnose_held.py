@@ -47,7 +47,9 @@ SENSORS: dict[str, tuple[Callable[[int, float], float], str, str]] = {
     "pounds times inches": (lambda index, read: 8.8507 * read, "sensor_unit", "lbf·in"),
     "kilonewton metres": (lambda index, read: 1e-3 * read, "sensor_unit", "kN·m"),
     "micronewton metres": (lambda index, read: 1e6 * read, "sensor_unit", "µN·m"),
-    "pounds times feet": (lambda index, read: 0.73756 * read, "sensor_unit", "lbf·ft"),
+    # or a gain of its own: both are named
+    "pounds times feet": (lambda index, read: 0.73756 * read, "sensor_gain", "lbf·ft"),
+    "less noise than stated": (lambda index, read: 1e-7 * np.sin(7.0 * index), "sensor_not_connected", "do not follow"),
     "sign and millinewtons": (lambda index, read: -1e3 * read, "sensor_sign", "mN·m"),
     "millinewton metres": (lambda index, read: 1e3 * read, "sensor_unit", "mN·m"),
 }

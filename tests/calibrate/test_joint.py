@@ -136,6 +136,17 @@ def test_an_end_that_lies_off_the_others_is_left_out() -> None:
     assert joint.problem.tips.tolist() == [index for index in range(len(observations)) if index != 5]
 
 
+def test_a_still_whose_points_lie_within_their_deviations_stays() -> None:
+    """Ten times further off than the others' points, but by half of what is stated for each."""
+    rng = np.random.default_rng(14)
+    observations = [replace(one, shared=True) for one in observed(TRUE, rng, claimed=20.0)]
+    off = 0.5 * observations[6].sigma_px[:, None] * rng.normal(size=observations[6].points_px.shape)
+    rough = replace(observations[6], points_px=observations[6].points_px + off)
+    joint = solved([*observations[:6], rough, *observations[7:]], rng)
+    assert joint.point_rms[6] > 5.0 * np.median(joint.point_rms)
+    assert joint.kept.all()
+
+
 @pytest.mark.parametrize("shared", ["line_px", "light_px"])
 def test_errors_that_lines_share_are_in_the_covariance(shared: str) -> None:
     """Lines off by a hundredth of a pixel all along, each of them or all alike: white noise alone claims too much."""

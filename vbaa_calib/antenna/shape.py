@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,7 @@ class Curves(Rows):
     points_m, tangents : (B, N, 3) antenna frame.
     force_N : (B, 3) the object's force on the antenna, antenna frame.
     moment_Nm : (B,) x·f_z − z·f_x of force and weight about the antenna frame's origin, the sign of the paper's τ_y.
+    radius_m : (B, N) of the round antenna; None: too thin to matter in a picture.
     """
 
     arclength_m: np.ndarray
@@ -46,6 +47,7 @@ class Curves(Rows):
     tangents: np.ndarray
     force_N: np.ndarray
     moment_Nm: np.ndarray
+    radius_m: np.ndarray | None = None
 
     @property
     def contact_m(self) -> np.ndarray:
@@ -64,6 +66,7 @@ def bend(
     sweeps: int = 2,
     friction_rad: np.ndarray | None = None,
     taper: Taper = UNIFORM,
+    diameter_m: float = 0.0,
 ) -> Curves:
     """Shapes of antennas under weight and one point force each.
 
@@ -82,6 +85,7 @@ def bend(
         towards the clamp. `force_N` stays the component along the normal: the whole force is |force_N|/cos of the
         angle. None is a contact without friction. Nothing to a dead force.
     taper : how the antennas' stiffness and weight, which are the clamp's, change along them.
+    diameter_m : at the clamp; it matters in a picture, and bends nothing.
 
     Notes
     -----
@@ -91,7 +95,10 @@ def bend(
     bent = core.antenna.bend(
         dead, sweeps, parameters, length_m, taper.pieces, gravity_m_s2, contact_m, force_N, friction_rad
     )
-    return curves_of(contact_m, length_m, bent)
+    curves = curves_of(contact_m, length_m, bent)
+    if diameter_m == 0.0:
+        return curves
+    return replace(curves, radius_m=0.5 * diameter_m * taper.diameter(curves.arclength_m / length_m))
 
 
 def curves_of(contact_m: np.ndarray, length_m: float, bent: tuple[np.ndarray, ...]) -> Curves:

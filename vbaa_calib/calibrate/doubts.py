@@ -77,13 +77,14 @@ def _weightless(session: Session, sag_m: float = 1e-4) -> list[Diagnosis]:
 
 
 def _plane_doubts(plane: PlaneC) -> list[Diagnosis]:
-    """Diagnoses on second poses of a board, and on what the sweep left out or solved for."""
+    """Second poses of a board, pictures that were not used, and what the sweep left out or solved for."""
     remedy = "take it from a steeper angle"
     found = [
         Diagnosis("pose_ambiguous", f"the board of {way!r} has a second pose that fits nearly as well", remedy)
         for way, board in plane.boards.items()
         if board.is_ambiguous
     ]
+    found += plane.unused
     sweep = plane.sweep
     if sweep is None:
         return found

@@ -35,6 +35,7 @@ class PlaneC:
 
     jig, sweep, over : what each found, None where the session has no pictures for it.
     kinematics : the session's, with what the sweep found of the joints.
+    unused : pictures of a method that show too little, where another method shows plane C.
     """
 
     estimates: tuple[PoseEstimate, ...]
@@ -43,6 +44,7 @@ class PlaneC:
     sweep: SweepSolution | None
     over: BoardPose | None
     kinematics: Kinematics
+    unused: tuple[Diagnosis, ...] = ()
 
     @property
     def by_antenna_alone(self) -> bool:
@@ -117,11 +119,17 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
     """Plane C by every method; board : by the lens' views. Raises InputError for contradictions."""
     jig = sweep = over = None
     estimates: list[PoseEstimate] = []
+    unused: list[Diagnosis] = []
     if views.jig is not None and session.T_antenna_board is not None:
         jig = solve_board_pose(views.jig, board, camera)
         std = session.jig_translation_std_m, session.jig_rotation_std_rad
         estimates.append(jig_estimate(jig, session.T_antenna_board, *std))
-    if views.sweep is not None:
+    unread = views.sweep and SweepSolution.why_none(views.sweep, board.nominal_m)
+    if unread and (estimates or views.over):
+        # another way shows where the camera is
+        words = f"the sweep was not used: {unread.what}"
+        unused.append(Diagnosis("sweep_unused", words, unread.remedy or ""))
+    elif views.sweep is not None:
         sweep = solve_sweep(
             views.sweep, read_sweep(session), board, camera, session.kinematics, session.tilt_zero_std_rad
         )
@@ -137,12 +145,14 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
         estimates.append(inflated(estimate, *doubt) if estimates else estimate)
     estimates = [inflated(estimate, *_corner_bias(estimate, camera)) for estimate in estimates]
     # both rulers say which side of a stretched print is right
-    unread = board.scale_doubt if session.board.stretch_std is None else 0.0
-    scale_std = float(np.hypot(session.print_scale_std, unread))
+    unruled = board.scale_doubt if session.board.stretch_std is None else 0.0
+    scale_std = float(np.hypot(session.print_scale_std, unruled))
     estimates = [inflated(estimate, *_print_doubt(estimate, session, scale_std)) for estimate in estimates]
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
     _require_agreement(apart, session, camera, jig, [one for one in estimates if one.way != "jig"])
-    return PlaneC(tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates))
+    return PlaneC(
+        tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates), tuple(unused)
+    )
 
 
 def _require_agreement(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, TypeVar, get_args
 
-from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.core.errors import Diagnosis, Severity
 
 _Data = TypeVar("_Data")
 """A session, a recording, or a set of board views."""
@@ -90,10 +90,11 @@ def _subject(one: Diagnosis) -> str:
 
 
 def joined(alike: Sequence[Explanation[_Data]]) -> Diagnosis:
-    """One diagnosis of several explanations between which the data do not decide, under the first one's name."""
+    """One diagnosis of several explanations between which the data do not decide, under the first one's name and with
+    the gravest one's severity."""
     first, *others = every = [one.diagnosis for one in alike]
     if not others:
         return first
     words = "; or ".join([first.words, *(one.words for one in others)])
     remedy = "; or ".join(dict.fromkeys(one.remedy for one in every))
-    return Diagnosis(first.name, words, remedy, first.severity)
+    return Diagnosis(first.name, words, remedy, min((one.severity for one in every), key=get_args(Severity).index))

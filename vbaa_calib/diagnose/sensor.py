@@ -65,8 +65,9 @@ class MomentReadings:
         noise: float | None = None,
         column: np.ndarray | None = None,
         offset_std_Nm: float | None = None,
+        usual_noise: float = 1.0,
     ) -> tuple[float, float]:
-        """Of a sensor of this gain, and its noise over the stated one: the likeliest where not fixed.
+        """Of a sensor of this gain, and its noise over the stated one: the likeliest, not below the usual, if not set.
 
         column : (F,) of a further, unknown error in its standard deviation.
         """
@@ -77,9 +78,9 @@ class MomentReadings:
         off = (self.read - gain * self.true) / self.std_Nm
         variances, axes = np.linalg.eigh(known @ known.T)
         square = (axes.T @ off) ** 2
-        scales = np.exp(np.linspace(0.0, 16.0, 161)) if noise is None else np.array([noise])
+        scales = usual_noise * np.exp(np.linspace(0.0, 16.0, 161)) if noise is None else np.array([noise])
         total = np.maximum(variances, 0.0) + (scales**2)[:, None]
-        every = -0.5 * (np.log(total) + square / total).sum(axis=1) - np.log(scales)
+        every = -0.5 * (np.log(total) + square / total).sum(axis=1) - np.log(scales / usual_noise)
         best = int(np.argmax(every))
         return float(every[best]), float(scales[best])
 
@@ -108,7 +109,8 @@ def _dead(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[E
     if np.ptp(readings.read) <= 1e-3 * readings.std_Nm:
         words = f"all {len(readings.read)} moment readings are {readings.read[0]:.4g} N·m, {spread}"
         remedy = "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in"
-    odds = readings.log_likelihood(0.0, 0.0)[0] + s.sensor_fault
+    least = min(factor for _, factor, _ in _UNITS)
+    odds = max(readings.log_likelihood(0.0, 0.0, usual_noise=noise)[0] for noise in (1.0, least)) + s.sensor_fault
     covers = ("sensor_unit", "sensor_sign", "sensor_axis", "sensor_gain")
     found = _explained(readings, Diagnosis("sensor_not_connected", words, remedy, "wrong"), odds)
     yield replace(found, covers=covers)
@@ -131,7 +133,9 @@ def _sign_and_unit(readings: MomentReadings, s: SessionSettings = SETTINGS) -> I
             what = "; ".join([leads] * (sign < 0) + [f"{remedy}: moment_Nm is in N·m"] * bool(remedy))
             severity: Severity = "wrong" if remedy and not usual else "doubt"
             width = s.unit_std if remedy else s.own_gain_std
-            odds = readings.log_likelihood(sign * factor, width * factor)[0] + s.sensor_fault - bool(remedy)
+            # in a larger unit its noise, too, is a smaller number
+            likely, _ = readings.log_likelihood(sign * factor, width * factor, usual_noise=min(factor, 1.0))
+            odds = likely + s.sensor_fault - bool(remedy)
             right = replace(readings, read=readings.read / (sign * factor))
             yield _explained(readings, Diagnosis(name, words, what, severity), odds, right)
 

@@ -78,7 +78,12 @@ def see_each(
 
 
 def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> ImageCurves:
-    """Project B curves, through one camera pose, or through several in turn."""
+    """Project B curves, through one camera pose, or through several in turn.
+
+    Of a round antenna the middle between its edges is seen. These are tangent to rays from the camera, so that it lies
+    off the axis by the square of radius over distance, where the plane through camera and tangent is off the optical
+    axis.
+    """
     if isinstance(T_camera_antenna, Pose):
         rotation, translation = T_camera_antenna.rotation[None], T_camera_antenna.translation_m[None]
     else:
@@ -89,7 +94,13 @@ def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> Ima
     tangents = curves.tangents @ np.swapaxes(rotation, -1, -2)
     depth = points[..., 2:]
     nodes = points[..., :2] / depth
-    return ImageCurves(curves.arclength_m, nodes, (tangents[..., :2] - nodes * tangents[..., 2:]) / depth)
+    slopes = (tangents[..., :2] - nodes * tangents[..., 2:]) / depth
+    if curves.radius_m is not None:
+        normal = np.cross(np.insert(slopes, 2, 0.0, axis=-1), np.insert(nodes, 2, 1.0, axis=-1))
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        off = (curves.radius_m[..., None] / depth) ** 2 * normal[..., 2:]
+        nodes = nodes + off * (nodes * normal[..., 2:] - normal[..., :2])
+    return ImageCurves(curves.arclength_m, nodes, slopes)
 
 
 def feet(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:

@@ -73,7 +73,9 @@ def _fitting(
         step = -np.linalg.solve(np.eye(len(errors)) + columns.T @ columns, columns.T @ left + errors)
         rms[index] = np.sqrt(((left + columns @ step) ** 2).mean())
         needed[index] = np.linalg.norm((errors + step)[: len(own)])
-    return (rms < AntennaSettings.outlying_frame * np.median(rms)) & (needed < AntennaSettings.outlying_reading), rms
+    return (rms < max(AntennaSettings.outlying_frame * np.median(rms), 1.0)) & (
+        needed < AntennaSettings.outlying_reading
+    ), rms
 
 
 def _disagreements(

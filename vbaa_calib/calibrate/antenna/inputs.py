@@ -141,6 +141,7 @@ class Prior:
     readings: LoadReadings = EXACT  # how well the loads' places and forces are known
     tip_std_m: float | None = None  # how well the visible end is known to lie at the antenna's length; None: not used
     drift: Drift = field(default_factory=Drift)  # of which lines' errors count here: line_px, light_px and lock_px
+    diameter_m: float = 0.0  # the antenna's, at its clamp
     taper: Taper = UNIFORM  # how the antenna changes along it, as stated
     log_tip_std: float = 0.0  # how well the logarithm of the tip's diameter over the clamp's is known; 0: exactly
     lens_share: float = 1.0  # part of its standard deviations by which the lens may be off in the solve

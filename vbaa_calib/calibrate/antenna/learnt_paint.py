@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vbaa_calib.core.polyline import beside
-from vbaa_calib.detect.whisker.centreline import Centreline
+from vbaa_calib.core.polyline import arc_lengths, beside
+from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.contrast import coloured
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import SHOWN, Paint
@@ -20,18 +20,21 @@ from .settings import AntennaSettings
 def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
     """The paint that shows the antenna best in pictures (H, W[, 3]); None where none finds it.
 
-    In colours by its edges, of whatever polarity. In grey brighter or darker than its surroundings, which is measured
-    best; a polarity that changes along the antenna where that sees clearly more.
+    In colours by its edges, of whatever polarity. In grey, and where it is too thin to have two edges, brighter or
+    darker than its surroundings, which is measured best; a polarity that changes along the antenna where that sees
+    clearly more.
 
     finders : one for each picture.
     """
-    if coloured(images[0]):
-        in_colour = _Tried.of(Paint(None), finders, images)
-        return in_colour.paint if in_colour.seen else None
-    best = max((_Tried.of(Paint(bright), finders, images) for bright in (True, False)), key=_Tried.clearness)
-    if best.seen < AntennaSettings.well_seen:
+    in_colour = coloured(images[0])
+    polarities = (True, False) if not in_colour or finders[0].corridor.width_px < AntennaSettings.two_edges_px else ()
+    tried = [_Tried.of(Paint(bright), finders, images) for bright in polarities]
+    best = max(tried, key=_Tried.clearness, default=None)
+    if best is None or best.seen < AntennaSettings.well_seen:
         changing = _Tried.of(Paint(None), finders, images)
-        best = changing if changing.seen > best.seen + AntennaSettings.clearly_more else best
+        best = (
+            changing if best is None or in_colour or changing.seen > best.seen + AntennaSettings.clearly_more else best
+        )
     return best.pulled(finders, images).paint if best.seen else None
 
 
@@ -48,8 +51,10 @@ class _Tried:
         lines = tuple(
             finder.find(paint.plane(image), paint.bright, image) for finder, image in zip(finders, images, strict=True)
         )
+        seen = [_seen_between(line, finder.corridor.width_px) for line, finder in zip(lines, finders, strict=True)]
         # a second line does not make the first one less seen
-        return _Tried(paint, lines, float(np.mean([line.seen * (line.verdict in SHOWN) for line in lines])))
+        clear = [line.verdict in SHOWN for line in lines]
+        return _Tried(paint, lines, float(np.mean(np.multiply(seen, clear))))
 
     def clearness(self) -> float:
         """Mean height over noise of the lines found, weighted by what was seen of them."""
@@ -73,3 +78,12 @@ class _Tried:
         thickest = width * (1.0 + 0.25 * abs(taper))
         both = bool(offsets) and float(np.median(offsets)) > AntennaSettings.off_middle * thickest
         return replace(self, paint=replace(self.paint, both_edges=both))
+
+
+def _seen_between(line: Centreline, width_px: float) -> float:
+    """Share of a line that is seen away from its ends."""
+    if len(line.guide_px) < 2:
+        return line.seen
+    along = arc_lengths(line.guide_px)
+    between = (along > AntennaSettings.ends * width_px) & (along < along[-1] - AntennaSettings.ends * width_px)
+    return float((line.visibility[between] == Visibility.SEEN).mean()) if between.any() else line.seen

@@ -243,6 +243,7 @@ class Problem:
             dead=True,
             sweeps=4,  # more change nothing
             taper=self.prior.taper.thinned(self.prior.log_tip_std * self.thinner),
+            diameter_m=self.prior.diameter_m,
         )
         if not uneven.any():
             return curves

@@ -304,6 +304,7 @@ def prior(
         readings=readings,
         tip_std_m=antenna.tip_std_m,
         drift=Drift() if drift is None else drift,
+        diameter_m=antenna.diameter_m,
         taper=antenna.taper,
         log_tip_std=antenna.log_tip_std,
     )

@@ -30,7 +30,8 @@ class AntennaSettings:
     sees_less: float = 1e-3  # part of the picture that a moved lens may see less of
 
     # which pictures contradict the others
-    outlying_frame: float = 3.0  # rms of a picture's points over that of the median picture, from which it is left out
+    # rms of a picture's points over that of the median picture, and over 1 deviation, from which it is left out
+    outlying_frame: float = 3.0
     outlying_reading: float = 5.0  # deviations that its own readings would have to move for it to fit
     contradicts: float = 1e-6  # p-value of a picture that contradicts the others
     fewest_of_a_kind: int = 2  # with or without a load: with two, an outlier cannot be identified
@@ -57,6 +58,8 @@ class AntennaSettings:
     learnt_from: int = 3  # pictures from which the antenna's contrast is learnt
     well_seen: float = 0.9  # share of the antenna that one polarity must show,
     clearly_more: float = 0.1  # or else a changing polarity is taken that shows so much more
+    ends: float = 4.0  # widths from either end in which clamp and background are in a broad antenna's profiles
+    two_edges_px: float = 2.5  # width from which on the blur of an ordinary lens leaves an antenna two edges
     off_middle: float = 0.018  # of the width that a line lies off the middle between its edges, to be measured by these
 
     # bench test: the table of deflections

@@ -95,11 +95,13 @@ def check_lens(
         alike_px = [in_jig_px or recorded_rms_px if view.folder == "plane" else recorded_rms_px for view in views]
         before_px = np.maximum(alike_px, recorded_rms_px)
         expected_px = float(np.sqrt(corners @ before_px**2 / corners.sum() + from_lens))
-    # the noise of a coordinate that no change of the lens explains
+    # the noise of a coordinate that no change of the lens explains; of few corners one explains nearly all
     axes, values, _ = np.linalg.svd(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12), full_matrices=False)
     axes = axes[:, values > 1e-6 * values.max()]
     left = residuals - axes @ (axes.T @ residuals)
-    variance_px2 = max(float(left @ left / max(freedom - axes.shape[1], 1)), 1e-12)
+    spare = freedom - axes.shape[1]
+    left, spare = (left, spare) if spare >= FOCUS else (residuals, max(freedom, 1))
+    variance_px2 = max(float(left @ left / spare), 1e-12)
     noise_px = np.sqrt(CheckSettings.shared_corners * variance_px2)
     data = products(jacobian / noise_px, residuals / noise_px)
     focal = CheckSettings.noticeable_focal * camera.matrix[[0, 1], [0, 1]]

@@ -86,7 +86,10 @@ class FreeAntenna:
         count = len(parameters)
         gravity = np.repeat(self.gravity_m_s2[None], count, axis=0)
         half = np.full(count, 0.5 * self.length_m)
-        return bend(parameters, self.length_m, gravity, half, np.zeros((count, 2)), sweeps=4, taper=self.taper)
+        none = np.zeros((count, 2))
+        return bend(
+            parameters, self.length_m, gravity, half, none, sweeps=4, taper=self.taper, diameter_m=self.diameter_m
+        )
 
 
 def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> FreeAntenna:

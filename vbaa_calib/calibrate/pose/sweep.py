@@ -357,6 +357,16 @@ class SweepSolution:
     pictures: int  # how many were used
     left_out: tuple[DroppedView, ...]
 
+    @staticmethod
+    def why_none(views: Sequence[BoardView], nominal_m: np.ndarray) -> InputError | None:
+        """What refuses a sweep of which too few pictures show the board, of corners (C, 3)."""
+        count = len(usable_views(views, nominal_m, 0)[0])
+        if count >= PoseSettings.fewest_pictures:
+            return None
+        least = PoseSettings.fewest_pictures
+        what = f"{count} pictures of the sweep show the board's markers, at least {least} are needed"
+        return InputError(what, remedy=f"{_CROSS}; the board so near that a marker's modules are 2 px wide")
+
 
 def solve_sweep(
     views: Sequence[BoardView],
@@ -416,10 +426,9 @@ def _usable_pictures(
     """Splits the views into those that fix the board's pose, with their readings, and the others with the reason."""
     for view in views:
         require_size(view.image_size, camera, view.name)
+    if error := SweepSolution.why_none(views, nominal_m):
+        raise error
     usable, dropped = usable_views(views, nominal_m, 0)
-    if len(usable) < PoseSettings.fewest_pictures:
-        what = f"{len(usable)} pictures of the sweep show the board, at least {PoseSettings.fewest_pictures} are needed"
-        raise InputError(what, remedy=_CROSS)
     readings = {id(view): reading for view, reading in zip(views, pictures, strict=True)}
     return usable, [readings[id(view)] for view in usable], dropped
 

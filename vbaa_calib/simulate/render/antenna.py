@@ -24,7 +24,7 @@ class Tube:
 
     Attributes
     ----------
-    pixels : (N, 2) picture of the centreline.
+    pixels : (N, 2) the middle between its edges, which are where rays touch it.
     tangents, normals : (N, 2) unit vectors in the picture, along and across.
     half_width_px : (N,) half the width of its silhouette.
     depth_m : (N,) depth of the centreline along the camera's z.
@@ -59,11 +59,13 @@ def tube(
     side = np.cross(along, points)
     thick = np.interp(s, arclength_m, np.broadcast_to(radius_m, len(arclength_m)))[:, None]
     side *= thick / np.linalg.norm(side, axis=1, keepdims=True)
-    pixels = project(lens, points)
+    towards = (points * along).sum(axis=1, keepdims=True) * along - points
+    part = thick**2 / (towards**2).sum(axis=1, keepdims=True)
+    touched = [project(lens, points + part * towards + sign * np.sqrt(1.0 - part) * side) for sign in (1.0, -1.0)]
+    pixels, across = (touched[0] + touched[1]) / 2, (touched[0] - touched[1]) / 2
     tangents = np.gradient(pixels, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     normals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=1)
-    across = (project(lens, points + side) - project(lens, points - side)) / 2
     return Tube(
         pixels=pixels,
         tangents=tangents,

@@ -64,10 +64,10 @@ solver::Camera camera_of(nb::handle object, int pose_at, int lens_at) {
 Rig rig_of(nb::handle object, const nb::tuple& cameras) {
     Rig rig = {};
     require(cameras.size() > 0, "a rig has a camera");
-    read_numbers(object, "length_m", rig.length_m, "friction_rad", rig.friction_rad, "force_unit_N", rig.force_unit_N,
-                 "unit_load", rig.unit_load, "tip_offset_m", rig.tip_offset_m, "stiffness_Nm2", rig.stiffness_Nm2,
-                 "with_tip", rig.with_tip, "with_wrench", rig.with_wrench, "with_lens", rig.with_lens, "readings",
-                 rig.readings);
+    read_numbers(object, "length_m", rig.length_m, "radius_m", rig.radius_m, "friction_rad", rig.friction_rad,
+                 "force_unit_N", rig.force_unit_N, "unit_load", rig.unit_load, "tip_offset_m", rig.tip_offset_m,
+                 "stiffness_Nm2", rig.stiffness_Nm2, "with_tip", rig.with_tip, "with_wrench", rig.with_wrench,
+                 "with_lens", rig.with_lens, "readings", rig.readings);
     read_copies(object, "antenna_parameters", rig.antenna_parameters, "antenna_steps", rig.antenna_steps,
                 "by_pose_step", rig.by_pose_step, "std", rig.std, "by_wrench", rig.by_wrench);
     require(rig.readings == solver::USUAL_READINGS || rig.readings == solver::READINGS, "readings must be 3 or 7");

@@ -22,7 +22,7 @@ Crossings empty(int count, int length) {
     found.points = Array<double, 2>(count, 2);
     found.axis = Array<int, 1>(count);
     found.inside = Array<unsigned char, 1>(count);
-    found.along = found.stretch = found.side = found.bow = Array<double, 1>(count);
+    found.along = found.stretch = found.side = found.bow = found.slant = Array<double, 1>(count);
     const auto both =
         std::make_shared<const Profiles>(Profiles{Array<double, 2>(count, length), Array<double, 2>(count, length)});
     found.across = (*both)[0];
@@ -113,6 +113,7 @@ Crossings crossings(const Picture& picture, ConstMatrix path_px, int half, doubl
         found.stretch[n] = 1.0 / std::max(std::abs(normal(k, axis)), 0.5);
         const double slant = normal(k, crossed);
         found.bow[n] = -0.5 * found.side[n] * bend[k] * slant * slant;
+        found.slant[n] = path(k + 1, axis) < path(k, axis) ? -std::abs(slant) : std::abs(slant);
         const double middle = std::rint(found.points(n, axis)), off = found.points(n, axis) - middle;
         for (int t = 0; t < length; ++t) across(n, t) = t - half - off;
         first(n, crossed) = pixel(line[k]);
@@ -131,6 +132,7 @@ Crossings every(const Crossings& found, int step) {
     some.stretch = every_row(found.stretch.view(), step);
     some.side = every_row(found.side.view(), step);
     some.bow = every_row(found.bow.view(), step);
+    some.slant = every_row(found.slant.view(), step);
     some.inside = every_row(found.inside.view(), step);
     const auto both =
         std::make_shared<const Profiles>(Profiles{every_row(found.across, step), every_row(found.profiles, step)});
@@ -154,13 +156,20 @@ void distances(const Crossings& found, int n, double centre, Vector across) {
     }
 }
 
+void in_width(Crossings& found, int n, double width, double growth) {
+    found.stretch[n] *= width;
+    found.bow[n] /= width;
+    // what doubles within a pixel is no line
+    if (std::abs(growth) < 1.0) found.bow[n] -= growth * found.slant[n] / found.stretch[n];
+}
+
 Crossings tapered(const Crossings& found, double part) {
     Crossings wider = found;
     const Array<double, 1> share = shares(found);
+    const double length = length_px(found);
     for (int n = 0; n < share.size(); ++n) {
         const double width = 1.0 + part * (share[n] - 0.5);
-        wider.stretch[n] *= width;
-        wider.bow[n] /= width;
+        in_width(wider, n, width, part / (length * width));
     }
     return wider;
 }

@@ -18,6 +18,7 @@ struct Crossings {
     Array<double, 1> stretch;  // (N,) length along the profile per length across the path, at most about √2
     Array<double, 1> side;     // (N,) +1 or −1: whether the profile runs along the path's normal or against it
     Array<double, 1> bow;      // (N,) growth of the distance across with the square of that along the profile
+    Array<double, 1> slant;    // (N,) cosine of the angle from the path's direction to the profile's
     Array<unsigned char, 1> inside;                               // (N,) whether the whole profile is in the picture
     ConstMatrix across;                                           // (N, T) distance along the profile from the path, px
     ConstMatrix profiles;                                         // (N, T) grey levels, zero where not inside
@@ -30,11 +31,20 @@ Crossings crossings(const Picture& picture, ConstMatrix path_px, int half, doubl
 // Every so many of the crossings.
 Crossings every(const Crossings& found, int step);
 
+// Distance along the path to the last crossing, at least 1 px.
+inline double length_px(const Crossings& found) {
+    return found.along.size() ? std::max(found.along[found.along.size() - 1], 1.0) : 1.0;
+}
+
 // (N,) how far along the path the crossings lie, as fractions of the last one's distance.
 Array<double, 1> shares(const Crossings& found);
 
 // Distances of profile n's pixels from a line through its `centre`, px, positive along the normal: into (T,).
 void distances(const Crossings& found, int n, double centre, Vector across);
+
+// Distances of profile n in widths of a line of this width there, which grows by this part of itself per px along it:
+// where a profile crosses it at a slant it meets one edge where the line is broader.
+void in_width(Crossings& found, int n, double width, double growth);
 
 // The same with distances in widths of a line that grows broader by this part of its width on its way.
 Crossings tapered(const Crossings& found, double part);

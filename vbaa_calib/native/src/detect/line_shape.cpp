@@ -223,6 +223,17 @@ CrossSection learn(const Binned& seen, const Shapes& known) {
     }
     constexpr std::array<double, 3> second = {1.0, -2.0, 1.0};
     const double whole = total(seen.number), bend = BEND_PENALTY * whole / count;
+    // level where no profile reaches, as of lines that are crossed at a slant
+    const double few = 0.01 * whole / several;
+    std::vector<std::array<int, 2>> level;
+    for (int i = several / 2; i < several; ++i)
+        if (matrix(i, i) < few) level.push_back({i, i - 1});
+    for (int i = several / 2; i >= 0; --i)
+        if (matrix(i, i) < few) level.push_back({i, i + 1});
+    for (const auto& [i, inner] : level) {
+        matrix(i, i) += whole, matrix(inner, inner) += whole;
+        matrix(std::max(i, inner), std::min(i, inner)) -= whole;
+    }
     for (int k = 0; k < several - 2; ++k)
         for (int i = 0; i < 3; ++i)
             for (int j = 0; j <= i; ++j) matrix(k + i, k + j) += bend * second[i] * second[j];

@@ -61,10 +61,10 @@ Crossings in_widths(const Crossings& found, const Measuring& how) {
     const double blur_px = FULL_WIDTH * std::hypot(ORDINARY_BLUR_PX, PIXEL_BLUR_PX);
     const double middle = std::hypot(how.width_px, blur_px);
     const Numbers width_px = widths(found, how);
+    const double growth_px = how.width_px * how.taper / length_px(found);
     for (int n = 0; n < width_px.size(); ++n) {
-        const double width = std::hypot(width_px[n], blur_px) / middle;
-        scaled.stretch[n] *= width;
-        scaled.bow[n] /= width;
+        const double width = std::hypot(width_px[n], blur_px);
+        in_width(scaled, n, width / middle, width_px[n] * growth_px / (width * width));
     }
     return scaled;
 }
@@ -395,8 +395,8 @@ double shared_factor(const Numbers& normalised, const Numbers& trusted) {
 std::optional<MeasuredLine> measured(const Picture& picture, ConstMatrix path_px, const Measuring& how) {
     const double sign = how.polarity < 0 ? -1.0 : 1.0;
     Crossings found = crossings(picture, path_px, how.half, sign);
-    if (how.taper != 0.0) found = in_widths(found, how);
     if (count(found.inside) < LEAST_PROFILES) return {};
+    if (how.taper != 0.0) found = in_widths(found, how);
     Lines lines = lines_of(found, how);
     FittedLine line = fitted_line(found, lines, how);
     if (!any(line.kept)) return {};

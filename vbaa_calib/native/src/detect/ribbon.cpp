@@ -191,7 +191,10 @@ Eight gathered_profiles(const Line& line, const Channel& channel, const int* whi
         const int n = eight.which[lane] = which[std::min(lane, several - 1)];
         eight.grey[lane] = found.profiles.row(n).data, eight.distance[lane] = found.across.row(n).data;
         eight.shift[lane] = line.course[n] * found.side[n] * found.stretch[n];
-        eight.side[lane] = found.side[n], eight.bow[lane] = found.bow[n];
+        // a profile that crosses the line at a slant meets one edge where it is broader
+        const double growth = line.moved[2] / (std::max(line.length_px(), 1.0) * line.scale(n));
+        const double wider = std::abs(growth) < 1.0 ? growth * found.slant[n] / found.stretch[n] : 0.0;
+        eight.side[lane] = found.side[n], eight.bow[lane] = found.bow[n] - wider;
         eight.per_stretch[lane] = 1.0 / found.stretch[n], eight.per_scale[lane] = 1.0 / line.scale(n);
         eight.there[lane] = lane < several && found.inside[n] ? 1.0 : 0.0;
         eight.share[lane] = line.share[n] - 0.5, eight.slope[lane] = channel.alone(n, 2);

@@ -14,6 +14,23 @@ namespace {
 constexpr double STEP = 1e-4;              // finite difference of each unknown
 constexpr double BEFORE_TIP = 1.0 - 1e-6;  // in antenna lengths: the last two nodes stay apart
 
+// By how much the middle between a round antenna's edges lies off its axis: they are tangent to rays from the camera.
+void off_axis(const Rig& rig, double contact_m, const double* depth, const double* slope_u, const double* slope_v,
+              double* u, double* v) {
+    const double inner = contact_m / CONTACT, outer = (rig.length_m - contact_m) / NODES_BEYOND;
+    for (int j = 0; j < NODES; ++j) {
+        const double arc_m = j < CONTACT ? j * inner : contact_m + (j - CONTACT) * outer;
+        const double radius = rig.radius_m / depth[j];
+        const double size = rig.taper ? antenna::weight_at(rig.taper, arc_m / rig.length_m) : 1.0;
+        // of the plane through the camera and the tangent
+        const double normal[3] = {slope_v[j], -slope_u[j], v[j] * slope_u[j] - u[j] * slope_v[j]};
+        const double square = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+        const double off = size * radius * radius * normal[2] / std::max(square, 1e-30);
+        const double by_u = u[j] * normal[2] - normal[0], by_v = v[j] * normal[2] - normal[1];
+        u[j] += off * by_u, v[j] += off * by_v;
+    }
+}
+
 // One camera's picture of the first lane from its first node on: nodes, normals, and the cubics between them.
 void curve(const Rig& rig, const Camera& camera, const Bent& bent, int clamp, Fit& fit) {
     const double inner = fit.contact_m / CONTACT, outer = (rig.length_m - fit.contact_m) / NODES_BEYOND;
@@ -41,6 +58,7 @@ void curve(const Rig& rig, const Camera& camera, const Bent& bent, int clamp, Fi
     std::copy_n(depth, NODES, &fit.depth[clamp]);
     std::copy_n(normal_u, NODES, &fit.normal_u[clamp]);
     std::copy_n(normal_v, NODES, &fit.normal_v[clamp]);
+    off_axis(rig, fit.contact_m, depth, slope_u, slope_v, u, v);
     double* cubics = &fit.cubics(clamp, 0);
     for (int j = 0; j < LAST; ++j) {
         const double width = j < CONTACT ? inner : outer;

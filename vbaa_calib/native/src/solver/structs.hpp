@@ -65,7 +65,7 @@ struct Camera {
 
 // What is known before a frame is seen, see `RigArrays` in Python.
 struct Rig {
-    double length_m, friction_rad, force_unit_N, unit_load, tip_offset_m, stiffness_Nm2;
+    double length_m, radius_m, friction_rad, force_unit_N, unit_load, tip_offset_m, stiffness_Nm2;
     // whether the rig knows the antenna's end, reads more than the moment about y, and the lens' uncertainty
     bool with_tip, with_wrench, with_lens;
     int readings;  // how many of READINGS are in use: USUAL_READINGS or all
