@@ -35,9 +35,9 @@ MOST = {
     "class names used twice": 1,
     "classes": 484,
     "public names": 1237,
-    "private words": 268,
+    "private words": 267,
     "type: ignore": 4,
-    "words on pages": 35535,
+    "words on pages": 35534,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 
