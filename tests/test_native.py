@@ -97,7 +97,7 @@ def _calls() -> dict[str, tuple[object, ...]]:
     presses = (_a(3, 9), 0.2, taper, _a(3, 3), 0.1 * _a(3), _a(3, 2), _a(3))
     lanes = (_a(9, 8), 0.2, taper, _a(3), 0.1 * _a(8), _a(2, 8), _a(8))
     kept = dict.fromkeys(("length_m", "bend", "twist", "mass_per_length_kg_m", "curvature_y", "curvature_z"), 0.2)
-    rod = _fields(clamp=np.eye(3), pieces=taper, **kept)
+    rod, uniform = (_fields(clamp=np.eye(3), pieces=each, **kept) for each in (taper, taper[:0]))
     object_ = _fields(kind=1, center_m=(3,), axis=(3,), wedge=(3,), radius_m=0.5, bumps=(2, 5))
     body = _fields(object=object_, sides=(2, 4), across=(3, 3), reach_m=1.0, steepest=1.0)
     image, path = RNG.integers(0, 255, (60, 80), np.uint8), np.linspace([5.0, 30.0], [70.0, 33.0], 9)
@@ -159,7 +159,7 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "antenna.jacobi": (1.0, 0.1),
         "antenna.solve_rods": (rod, _a(2, 7), 1.0, _a(2, 2), _a(2, 3), 4),
         "antenna.shoot_rods": (rod, _a(2, 7), _a(2, 3), 4),
-        "antenna.solve_touched_twice": (rod, _a(2, 11), 0.0, _a(2, 5), 4),
+        "antenna.solve_touched_twice": (uniform, _a(2, 11), 0.0, _a(2, 5), 4),
         "simulate.signed_distances": (object_, _a(3, 3)),
         "simulate.rough_distances": (object_, _a(3, 3)),
         "simulate.elevations": (_a(3, 3), 1.0, _a(2, 5)),
