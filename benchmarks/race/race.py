@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.estimator.baselines import at_shares, one_contact
+from benchmarks.estimator.cameras import cameras_text, run
 from benchmarks.estimator.scenes import Scenes, elastica_shapes, push_for_slope, rolled, scenes
 from benchmarks.estimator.setup import Setup
 from benchmarks.harness import Findings, Options, column, mean, rms, table, timed
@@ -154,4 +155,6 @@ def measure(options: Options) -> Findings:
     best = next(row for row in rows if row.method == "ours" and row.kind == "spatial")
     scipy = next(row for row in rows if row.method == "SciPy least squares" and row.kind == "spatial")
     headline = f"spatial, 0.05 px: {best.place_median_mm:.2f} mm median; {scipy.ms / best.ms:.0f} times SciPy's speed"
-    return Findings(table(rows, "contacts by every method", once=2), {"race.csv": rows}, {}, {}, headline)
+    several = run(options.draws, options.seed)
+    text = f"{table(rows, 'contacts by every method', once=2)}\n\n{cameras_text(several)}"
+    return Findings(text, {"race.csv": rows, "race_cameras.csv": several}, {}, {}, headline)

@@ -236,14 +236,14 @@ def _linearize(
     )
 
 
-_Propagation = tuple[dict[str, np.ndarray], np.ndarray]
-"""The errors of B results: variance (B, 6) by each kind of noise, friction and the force's prior; (B, 6, S) by each
-independent error."""
+_Propagation = tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]
+"""The errors of B results: (B, 6, K) by what pulls at the unknowns; variance (B, 6) by each kind of noise, friction and
+the force's prior; (B, 6, S) by each independent error."""
 
 
 def _variance(propagation: _Propagation) -> np.ndarray:
     """(B, 6) of the results, all causes together."""
-    by_noise, by_errors = propagation
+    _, by_noise, by_errors = propagation
     whole: np.ndarray = sum(by_noise.values(), np.zeros(()))
     return np.asarray(whole + (by_errors**2).sum(axis=-1))
 
@@ -271,13 +271,13 @@ def _propagate(linear: _Linearization, space: _ErrorSpace, cause: str = "", fact
     by_prior = gain[..., :UNKNOWNS] ** 2 * weights[..., :UNKNOWNS]
     by_noise |= {"friction": by_prior[..., -1], "force_prior": by_prior[..., 1:-1].sum(axis=-1)}
     by_errors = -gain[..., UNKNOWNS:] * weights[..., UNKNOWNS:] - linear.beyond @ left[UNKNOWNS:, UNKNOWNS:]
-    return by_noise, by_errors
+    return gain, by_noise, by_errors
 
 
 def _correlated_variance(space: _ErrorSpace, propagation: _Propagation) -> np.ndarray:
     """(B, 6) variance by errors that belong to no cause alone: of all, less what each makes beyond what the others
     determine; negative where they cancel. `_variance_by_cause` divides it."""
-    errors = propagation[1]
+    errors = propagation[2]
     whole = (errors**2).sum(axis=-1)
     others = np.einsum("bqi,gij,bqj->gbq", errors, space.determined_by_others, errors, optimize=True)
     return np.asarray(whole - (whole - others).sum(axis=0))
@@ -285,10 +285,10 @@ def _correlated_variance(space: _ErrorSpace, propagation: _Propagation) -> np.nd
 
 def _variance_by_cause(space: _ErrorSpace, propagation: _Propagation) -> dict[str, np.ndarray]:
     """(B, 6) variance by every cause; they add up to `_variance`."""
-    errors = propagation[1]
+    errors = propagation[2]
     shared = np.einsum("bqi,gij,bqj->gbq", errors, space.shares, errors, optimize=True)
     # rounding leaves what is nothing a little below it
-    return propagation[0] | dict(zip(space.causes, np.clip(shared, 0.0, None), strict=True))
+    return propagation[1] | dict(zip(space.causes, np.clip(shared, 0.0, None), strict=True))
 
 
 def per_result(rows: np.ndarray) -> dict[str, np.ndarray]:

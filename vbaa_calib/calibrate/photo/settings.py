@@ -106,7 +106,7 @@ class RodSettings:
     """Log odds against a line that leaves the picture at both ends."""
     least_holder_lead: float = 6.0
     """Log odds by which something must be beyond one end rather than the other for that to be the clamp."""
-    least_evidence_alone: float = 60.0
+    least_evidence_alone: float = 58.5
     """Evidence that a rod must have where not both ends are known: the most of 30 pictures without one is 57."""
     least_evidence_hanging: float = 35.0
     """The same where it is bent, comes from the picture's border and its other end is before plain background."""
