@@ -104,7 +104,7 @@ class Blocks {
         return size;
     }
 
-public:
+  public:
     static void* taken(std::size_t bytes) {
         const int size = size_of(bytes);
         if (size == SIZES) return ::operator new(bytes, ALIGNMENT);
