@@ -74,8 +74,8 @@ struct View {
 class Blocks {
     static constexpr std::align_val_t ALIGNMENT{64};  // that of the processor's widest vectors
     static constexpr std::size_t LEAST = 1024;        // bytes; smaller ones are malloc's
-    static constexpr std::size_t MOST = 8 << 20;      // bytes that a thread keeps
-    static constexpr int SIZES = 11;                  // from 1 kB to 1 MB, twice as large each
+    static constexpr std::size_t MOST = 8388608;      // bytes that a thread keeps
+    static constexpr std::size_t SIZES = 11;          // from 1 kB to 1 MB, twice as large each
     // One that is free leads to the next.
     struct Block {
         Block* next;
@@ -97,16 +97,16 @@ class Blocks {
     static inline thread_local Free mine = {};
 
     // The size of a block for so many bytes, SIZES where none is kept.
-    static int size_of(std::size_t bytes) {
+    static std::size_t size_of(std::size_t bytes) {
         if (bytes <= LEAST / 2) return SIZES;
-        int size = 0;
+        std::size_t size = 0;
         while (size < SIZES && bytes > LEAST << size) ++size;
         return size;
     }
 
   public:
     static void* taken(std::size_t bytes) {
-        const int size = size_of(bytes);
+        const std::size_t size = size_of(bytes);
         if (size == SIZES) return ::operator new(bytes, ALIGNMENT);
         if (!mine.first[size]) return ::operator new(LEAST << size, ALIGNMENT);
         mine.bytes -= LEAST << size;
@@ -114,7 +114,7 @@ class Blocks {
     }
     static void released(void* block, std::size_t bytes) {
         static thread_local Closing closing;
-        const int size = size_of(bytes);
+        const std::size_t size = size_of(bytes);
         if (size == SIZES || mine.closed || mine.bytes >= MOST) {
             ::operator delete(block, ALIGNMENT);
         } else {
