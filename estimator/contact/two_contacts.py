@@ -262,7 +262,7 @@ class _TwoContactFrame:
         return np.column_stack([weights[0], weights[0], weights[1], weights[1]]) * unknowns[:, [1, 2, 5, 6]]
 
     def descended(self, unknowns: np.ndarray, free: Sequence[int], iterations: int = 40) -> _TwoContactFit | None:
-        """The least cost near some unknowns, of a rig known exactly."""
+        """The least cost near some unknowns, the errors of the rig and of the found line marginalised."""
         forces = np.isin(np.arange(8), (1, 2, 5, 6))
         first = None
         for share in (1.0, 0.5, 0.2):  # small deflections' forces may be too large for any rod
