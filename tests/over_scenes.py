@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.calibrate.over_board.over_board import FreeAntenna, OverSetup, nominal_free_antenna, solve_over_board
+from vbaa_calib.calibrate.over_board.over_board import OverSetup, nominal_free_antenna, solve_over_board
+from vbaa_calib.calibrate.over_board.over_board import _FreeAntenna as FreeAntenna
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose

@@ -34,7 +34,7 @@ MOST = {
     "module constants": 948,
     "class names used twice": 1,
     "classes": 484,
-    "public names": 1237,
+    "public names": 1208,
     "private words": 267,
     "type: ignore": 4,
     "words on pages": 35534,

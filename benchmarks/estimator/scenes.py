@@ -12,7 +12,8 @@ from benchmarks.estimator.setup import SIGMA_PX, inside, rod_of
 from benchmarks.harness import concatenated, picked
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
-from vbaa_calib.antenna.elastica import normal_load, planar_elastica
+from vbaa_calib.antenna.elastica import _planar_elastica as planar_elastica
+from vbaa_calib.antenna.elastica import normal_load
 from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, sample_shape, shape_of
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError

@@ -10,7 +10,8 @@ from benchmarks.estimator.setup import drawn_truth, rod_of
 from benchmarks.harness import column, of_any, or_none, rms_known, spread
 from estimator import ContactEstimator
 from estimator.paper.baselines import Answer, Ring, press_from_recording, run_method
-from estimator.paper.baselines.methods import PressSettings, compliance_of
+from estimator.paper.baselines.methods import _compliance_of as compliance_of
+from estimator.paper.baselines.methods import _PressSettings as PressSettings
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.contact.touch import touch
 

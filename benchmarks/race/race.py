@@ -18,7 +18,7 @@ from benchmarks.estimator.scenes import Scenes, elastica_shapes, push_for_slope,
 from benchmarks.estimator.setup import Setup
 from benchmarks.harness import Findings, Options, column, mean, rms, table, timed
 from estimator.paper.two_point import force_z, two_point_contact
-from vbaa_calib.antenna.elastica import planar_elastica
+from vbaa_calib.antenna.elastica import _planar_elastica as planar_elastica
 from vbaa_calib.core.console import progress
 
 NOISES_PX = (0.05, 0.5)

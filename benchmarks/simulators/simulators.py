@@ -16,7 +16,8 @@ from benchmarks.estimator.setup import GRAVITY_WORLD_M_S2, LENGTH_M, Setup
 from benchmarks.harness import Findings, Options, column, table
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.core.console import progress
-from vbaa_calib.export.simulators import ExportSettings, export
+from vbaa_calib.export.simulators import _ExportSettings as ExportSettings
+from vbaa_calib.export.simulators import export
 from vbaa_calib.rig import Rig
 
 _PEERS = {"mujoco": ("mujoco", "antenna.xml"), "pyelastica": ("elastica", "antenna.py")}

@@ -25,7 +25,7 @@ from .recording import Ground, detections, first_looks
 
 
 @dataclass(frozen=True)
-class ClockSettings:
+class _ClockSettings:
     """How the offset of the readings' clock is searched, and when it is determined."""
 
     farthest_s: float = 1.0  # the offset is searched so far to either side
@@ -47,7 +47,7 @@ class ClockSettings:
 
 
 @dataclass(frozen=True)
-class ClockOffset:
+class _ClockOffset:
     """What is added to the readings' times to have them on the pictures' clock, its deviation, and from how many
     pictures."""
 
@@ -92,7 +92,7 @@ class _Readings:
         there = (begin >= self.times_s[0]) & (end <= self.times_s[-1])
         last = len(self.times_s) - 1
         gaps = np.concatenate(
-            [[0.0], np.cumsum(np.diff(self.times_s) > ClockSettings.largest_gap * self.step_s), [0.0]]
+            [[0.0], np.cumsum(np.diff(self.times_s) > _ClockSettings.largest_gap * self.step_s), [0.0]]
         )
         first, after = (np.clip(np.searchsorted(self.times_s, each), 1, last) for each in (begin, end))
         there &= gaps[after] == gaps[first - 1]
@@ -106,8 +106,8 @@ class _Readings:
 
 def recorded_clock_offset(
     estimator: ContactEstimator, opened: Callable[[], MessageSource], timing: Timing, ground: Ground | None
-) -> ClockOffset:
-    """`clock_offset` of a recorded source, which `opened` opens: about what the times of logging show, or about the
+) -> _ClockOffset:
+    """`_clock_offset` of a recorded source, which `opened` opens: about what the times of logging show, or about the
     same clock where these show nothing; and where that fails, about where both begin together (`apart_s`).
 
     Raises InputError as that does.
@@ -125,18 +125,18 @@ def recorded_clock_offset(
 
     try:
         measured = _measured(estimator, replace(source, messages=heard), replace(timing, offset_s=ahead_s), ground)
-        return _from_readings(estimator, measured, read, ahead_s, ClockSettings.farthest_s)
+        return _from_readings(estimator, measured, read, ahead_s, _ClockSettings.farthest_s)
     except InputError:
         moments_s = [each.time_s for each in read if each.channel == "moment_Nm"]
         if not (moments_s and pictures_s):
             raise
         together_s = min(pictures_s) - min(moments_s)
         begun = min(moments_s) < max(pictures_s) - ahead_s and min(pictures_s) - ahead_s < max(moments_s)
-        if begun and abs(ahead_s) > ClockSettings.farthest_s:  # they were logged so
+        if begun and abs(ahead_s) > _ClockSettings.farthest_s:  # they were logged so
             raise
         source = _joined(opened(), read, together_s)
         measured = _measured(estimator, source, replace(timing, offset_s=together_s), ground)
-        return _from_readings(estimator, measured, read, together_s, ClockSettings.apart_s)
+        return _from_readings(estimator, measured, read, together_s, _ClockSettings.apart_s)
 
 
 def _joined(source: MessageSource, read: Sequence[Reading], offset_s: float) -> MessageSource:
@@ -156,9 +156,9 @@ def _measured(
 ) -> list[Measured]:
     """What the first pictures of a source show."""
     # the joints' angles hardly change by what the clocks are apart
-    patient = replace(timing, wait_s=2.0 * ClockSettings.farthest_s)
+    patient = replace(timing, wait_s=2.0 * _ClockSettings.farthest_s)
     synchronizer = Synchronizer(patient, source.channels, estimator.rig.camera.image_size, live=False)
-    taken = islice(taken_frames(source.messages(), synchronizer), ClockSettings.most_pictures)
+    taken = islice(taken_frames(source.messages(), synchronizer), _ClockSettings.most_pictures)
     seen = list(detections(estimator, first_looks(estimator, taken, ground)))
     return [each.measured for each in seen if each.line.found]
 
@@ -169,21 +169,21 @@ def _from_readings(
     read: Sequence[Reading],
     about_s: float,
     farthest_s: float,
-) -> ClockOffset:
+) -> _ClockOffset:
     moments = [(each.time_s, each.value) for each in read if each.channel == "moment_Nm"]
     times_s, first = np.unique([time_s for time_s, _ in moments], return_index=True)
     values = np.array([moment_Nm for _, moment_Nm in moments])[first]
-    found = clock_offset(estimator, measured, times_s + about_s, values, farthest_s)
+    found = _clock_offset(estimator, measured, times_s + about_s, values, farthest_s)
     return replace(found, offset_s=about_s + found.offset_s)
 
 
-def clock_offset(
+def _clock_offset(
     estimator: ContactEstimator,
     several: Sequence[Measured],
     times_s: np.ndarray,
     readings_Nm: np.ndarray,
-    farthest_s: float = ClockSettings.farthest_s,
-) -> ClockOffset:
+    farthest_s: float = _ClockSettings.farthest_s,
+) -> _ClockOffset:
     """The offset of the readings' clock, within `farthest_s`, from pictures and readings with motion in both.
 
     Its deviation comes from how the readings scatter about what the bend explains, with what neighbours share.
@@ -201,13 +201,13 @@ def clock_offset(
     if not sensor.exists:
         raise _refused("the rig has no moment sensor")
     noise_Nm = sensor.std_Nm
-    if sensor.gain == 0.0 or len(times_s) < ClockSettings.window_frames:
+    if sensor.gain == 0.0 or len(times_s) < _ClockSettings.window_frames:
         raise _refused(f"there are {len(times_s)} readings of the moment")
     windows = _windows(estimator, several, np.full(len(several), np.nan))
     readings = _Readings(times_s, readings_Nm, float(np.median(np.diff(windows.times_s))))
-    if np.std(readings_Nm) < ClockSettings.least_signal_std * noise_Nm:
+    if np.std(readings_Nm) < _ClockSettings.least_signal_std * noise_Nm:
         raise _refused("the moment that is read hardly changes")
-    coarse = np.arange(-farthest_s, farthest_s + 0.5 * ClockSettings.steps_s[0], ClockSettings.steps_s[0])
+    coarse = np.arange(-farthest_s, farthest_s + 0.5 * _ClockSettings.steps_s[0], _ClockSettings.steps_s[0])
     lots = np.array_split(coarse, len(coarse) // 400 + 1)
     whole = np.concatenate([_cost(windows, readings, lot, noise_Nm)[0] for lot in lots])
     if not np.isfinite(whole).any():
@@ -217,24 +217,24 @@ def clock_offset(
         raise _refused(f"moment and pictures agree best at {coarse[best]:+.2f} s, where the search ends")
     least = [best]
     for i in np.argsort(whole)[: np.isfinite(whole).sum()].tolist():
-        near = np.abs(coarse[least] - coarse[i]).min() < 10.0 * ClockSettings.steps_s[0]
+        near = np.abs(coarse[least] - coarse[i]).min() < 10.0 * _ClockSettings.steps_s[0]
         valley = 0 < i < len(whole) - 1 and whole[i] <= min(whole[i - 1], whole[i + 1])
         if (
             valley
             and not near
-            and whole[i] < ClockSettings.alternative_ratio * whole[best]
-            and len(least) <= ClockSettings.alternatives
+            and whole[i] < _ClockSettings.alternative_ratio * whole[best]
+            and len(least) <= _ClockSettings.alternatives
         ):
             least.append(i)
     refined = [_refined(estimator, several, readings, float(coarse[i]), noise_Nm) for i in least]
     (cost, offset_s, windows), *rivals = sorted(refined, key=lambda one: one[0])
-    if cost > ClockSettings.most_unexplained * min(float(np.median(whole[np.isfinite(whole)])), 1.0):
+    if cost > _ClockSettings.most_unexplained * min(float(np.median(whole[np.isfinite(whole)])), 1.0):
         what = f"at no offset within {farthest_s:g} s does the moment follow the bend that the pictures show"
         raise _refused(f"{what}; is it the moment about the antenna's y?")
     found = _judged(windows, readings, offset_s, noise_Nm)
     for other in rivals:
-        if other[0] < ClockSettings.other_ratio * cost and abs(other[1] - offset_s) > max(
-            5.0 * found.std_s, 10.0 * ClockSettings.steps_s[0]
+        if other[0] < _ClockSettings.other_ratio * cost and abs(other[1] - offset_s) > max(
+            5.0 * found.std_s, 10.0 * _ClockSettings.steps_s[0]
         ):
             what = f"{other[1]:+.2f} s fits about as well as {offset_s:+.2f} s, as when a motion repeats itself"
             raise _refused(what)
@@ -250,7 +250,7 @@ def _refined(
 ) -> tuple[float, float, _Windows]:
     """The part of the moment's change that is left unexplained, the offset and the windows, from an offset near by."""
     windows, cost = None, np.inf
-    for step_s in ClockSettings.steps_s:
+    for step_s in _ClockSettings.steps_s:
         # where the line of sight lies at a bent antenna depends on the force along it, which the moment shows
         at, there = readings.at(np.array([each.time_s for each in several]) - offset_s)
         windows = _windows(estimator, several, np.where(there, at, np.nan))
@@ -281,7 +281,7 @@ def _windows(estimator: ContactEstimator, several: Sequence[Measured], moments_N
     silent = [replace(each, **SILENT | {"moment_Nm": float(moment)}) for each, moment in given]
     numbers = estimator.measure_batch(silent).numbers if silent else None
     usable = np.zeros(0, bool) if numbers is None else numbers.finite & np.isfinite(numbers.unknowns[:, :3]).all(axis=1)
-    if numbers is None or usable.sum() < 3 * ClockSettings.window_frames:
+    if numbers is None or usable.sum() < 3 * _ClockSettings.window_frames:
         raise _refused(f"only {int(usable.sum())} pictures show the antenna")
     seen = [each for each, use in zip(silent, usable, strict=True) if use]
     times, unknowns = np.array([each.time_s for each in seen]), numbers.unknowns[usable]
@@ -291,8 +291,8 @@ def _windows(estimator: ContactEstimator, several: Sequence[Measured], moments_N
     rotation, _ = estimator.rig.kinematics.world_antenna(*np.array([[each.pan_rad, each.tilt_rad] for each in seen]).T)
     weight = (np.swapaxes(rotation, 1, 2) @ estimator.rig.gravity_world_m_s2)[:, 2]
     window = _window_of(times, np.abs(bend))
-    kept = np.bincount(window)[window] >= ClockSettings.window_frames
-    if kept.sum() < 3 * ClockSettings.window_frames:
+    kept = np.bincount(window)[window] >= _ClockSettings.window_frames
+    if kept.sum() < 3 * _ClockSettings.window_frames:
         raise _refused(f"only {int(kept.sum())} pictures in a row show the antenna")
     times, bend, weight, window = times[kept], bend[kept], weight[kept], window[kept]
     begins = np.flatnonzero(np.diff(window, prepend=-1))
@@ -307,8 +307,8 @@ def _windows(estimator: ContactEstimator, several: Sequence[Measured], moments_N
 
 def _window_of(times_s: np.ndarray, bend: np.ndarray) -> np.ndarray:
     """(B,) in which window each picture is: another begins just before a touch does, and after `window_s`."""
-    touched = bend > ClockSettings.free_bend * np.quantile(bend, 0.98)
-    length_s = max(ClockSettings.window_s, ClockSettings.window_frames * float(np.median(np.diff(times_s))))
+    touched = bend > _ClockSettings.free_bend * np.quantile(bend, 0.98)
+    length_s = max(_ClockSettings.window_s, _ClockSettings.window_frames * float(np.median(np.diff(times_s))))
     begins = [0]
     for i in range(3, len(times_s)):
         if touched[i] and not touched[i - 3 : i].any():
@@ -325,19 +325,19 @@ def _cost(
     pictures have readings. With robust weights (K, B)."""
     values, there = readings.at(windows.times_s - offsets[:, None])
     base = weight = there.astype(float)
-    for _ in range(ClockSettings.reweightings):
+    for _ in range(_ClockSettings.reweightings):
         residual = np.abs(values - windows.explained(values, weight))
         scale = np.array([np.median(row[use]) if use.any() else 0.0 for row, use in zip(residual, there, strict=True)])
-        bound = ClockSettings.huber * np.maximum(scale / 0.6745, noise_Nm)[:, None]
+        bound = _ClockSettings.huber * np.maximum(scale / 0.6745, noise_Nm)[:, None]
         weight = base * np.minimum(1.0, bound / np.maximum(residual, 1e-300))
     mean = (base * values).sum(axis=1, keepdims=True) / np.maximum(base.sum(axis=1, keepdims=True), 1.0)
     all_of_it = (base * (values - mean) ** 2).sum(axis=1)
     cost = (weight * (values - windows.explained(values, weight)) ** 2).sum(axis=1)
-    enough = there.sum(axis=1) >= max(2 * ClockSettings.window_frames, 0.5 * there.shape[1])
+    enough = there.sum(axis=1) >= max(2 * _ClockSettings.window_frames, 0.5 * there.shape[1])
     return np.where(enough, cost / np.maximum(all_of_it, 1e-300), np.inf), weight
 
 
-def _judged(windows: _Windows, readings: _Readings, offset_s: float, noise_Nm: float) -> ClockOffset:
+def _judged(windows: _Windows, readings: _Readings, offset_s: float, noise_Nm: float) -> _ClockOffset:
     """The offset with its deviation. Raises InputError where too little moves."""
     _, weight = _cost(windows, readings, np.array([offset_s]), noise_Nm)
     by_s = max(readings.step_s, 0.5 * readings.width_s)
@@ -356,10 +356,10 @@ def _judged(windows: _Windows, readings: _Readings, offset_s: float, noise_Nm: f
     )
     free = windows.features.shape[1] * len(windows.begins)
     std_s = float(np.sqrt(variance * count / max(count - free, 1)) / information) if information > 0.0 else np.inf
-    if not std_s <= ClockSettings.most_std_s:
+    if not std_s <= _ClockSettings.most_std_s:
         known = f"it is known to {1e3 * std_s:.0f} ms only" if np.isfinite(std_s) else "nothing moves"
         raise _refused(f"{known}: the moment changes too little, or too slowly, while the antenna is seen to bend")
-    return ClockOffset(offset_s, std_s, count)
+    return _ClockOffset(offset_s, std_s, count)
 
 
 def _with_neighbours(score: np.ndarray) -> float:

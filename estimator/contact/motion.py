@@ -112,7 +112,7 @@ class Inertia:
         return np.asarray((abs(self.load_N_m) > _threshold() * self.load_std_N_m).any((-1, -2)))
 
 
-def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bool = False) -> Inertia:
+def _inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bool = False) -> Inertia:
     """The inertial load in the frames `judged` (R of them) of a recording.
 
     The acceleration is that of the least-squares parabola over the frames within a quarter of the first mode's period
@@ -170,7 +170,7 @@ class Motion:
 
     def _judge(self, held: Shapes, count: int) -> Inertia:
         end = self._judged + count
-        verdicts = inertia(held, self._beam, slice(self._judged, end), live=self._live)
+        verdicts = _inertia(held, self._beam, slice(self._judged, end), live=self._live)
         start = max(0, end - ContactSettings.motion_frames)
         self._held, self._judged = held.picked(slice(start, None)), end - start
         return verdicts

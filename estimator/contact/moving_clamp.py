@@ -39,7 +39,7 @@ def _bow() -> int:
 
 
 @dataclass(frozen=True)
-class ClampSettings:
+class _ClampSettings:
     """How the clamp is found in a frame, and when a tracker's first points are not believed."""
 
     stretch: float = 0.15  # of the antenna's length, from the first point on, to which place and angle are fitted
@@ -107,7 +107,7 @@ def clamp_tracks(
     rig: Rig,
     frames: Sequence[Frame],
     lines: Mapping[str, Mapping[int, np.ndarray]],
-    settings: ClampSettings = ClampSettings(),
+    settings: _ClampSettings = _ClampSettings(),
 ) -> dict[str, ClampTrack]:
     """The clamps of antennas by name, from their lines by frame (N, 3) of u_px, v_px, sigma_px or NaN, each from the
     clamp on. Raises InputError for an antenna that the rig does not have."""
@@ -123,13 +123,13 @@ def clamp_tracks(
     }
 
 
-def _places(rig: Rig, several: Iterator[Measured], settings: ClampSettings) -> np.ndarray:
+def _places(rig: Rig, several: Iterator[Measured], settings: _ClampSettings) -> np.ndarray:
     """(F, 8) of each frame: x, y, m, and angle, rad, of the clamp in plane C, the length of the line, m, standard
     deviations of place, across the antenna, and angle, metres a pixel, and the line's mean curvature, 1/m."""
     return np.array([_place(rig, each, settings) for each in several]).reshape(-1, 8)
 
 
-def _place(rig: Rig, measured: Measured, settings: ClampSettings) -> np.ndarray:
+def _place(rig: Rig, measured: Measured, settings: _ClampSettings) -> np.ndarray:
     nothing = np.full(8, np.nan)
     pixels = measured.points_px[np.isfinite(measured.points_px).all(axis=1)]
     if len(pixels) < settings.fewest:
@@ -173,7 +173,7 @@ def _curvature(points: np.ndarray, along: np.ndarray) -> float:
     return float(2.0 * bend / (1.0 + slope**2) ** 1.5)
 
 
-def _limit_m(found: np.ndarray, settings: ClampSettings) -> float:
+def _limit_m(found: np.ndarray, settings: _ClampSettings) -> float:
     """How far from its usual motion a clamp must be for a jump, m."""
     known = np.flatnonzero(np.isfinite(found[:, 0]))
     if not len(known):
@@ -183,7 +183,7 @@ def _limit_m(found: np.ndarray, settings: ClampSettings) -> float:
     return max(settings.jump_std * usual, settings.jump_px * float(np.median(found[known, 6])))
 
 
-def _off_motion(points: np.ndarray, frame: np.ndarray, settings: ClampSettings) -> np.ndarray:
+def _off_motion(points: np.ndarray, frame: np.ndarray, settings: _ClampSettings) -> np.ndarray:
     """(K − 1,) how far each step between successive points (K, 2), or (K, 3), is from the median of those about it."""
     if len(points) < 2:
         return np.empty(0)
@@ -194,7 +194,7 @@ def _off_motion(points: np.ndarray, frame: np.ndarray, settings: ClampSettings) 
     return np.linalg.norm((steps - usual) * gaps, axis=1)
 
 
-def _kept(states: np.ndarray, settings: ClampSettings) -> np.ndarray:
+def _kept(states: np.ndarray, settings: _ClampSettings) -> np.ndarray:
     """(F,) whether a frame's first point is the clamp. `states` (F, 4): place and line's length over the limit of a
     jump, and angle over that within which places are compared.
 
@@ -233,7 +233,7 @@ def _doubts(
     from scipy.spatial import cKDTree
 
     own, counted = states[name][:, :2], states[name][kept[name], :2]
-    doubts, angle = [""] * len(own), ClampSettings.turn_rad * states[name][:, 2]
+    doubts, angle = [""] * len(own), _ClampSettings.turn_rad * states[name][:, 2]
     others = {other: states[other][kept[other]] for other in states if other != name and kept[other].any()}
     for other, each in others.items():
         each[:, :2] *= limits[other] / limits[name]
@@ -260,7 +260,7 @@ def _track(
     seen: tuple[Sequence[Frame], Mapping[int, np.ndarray]],
     found: np.ndarray,
     doubts: list[str],
-    settings: ClampSettings,
+    settings: _ClampSettings,
 ) -> ClampTrack:
     """With the priors of the clamp, and the bow learnt from free frames."""
     usable = np.array([not each for each in doubts]) & np.isfinite(found[:, 0])
@@ -308,7 +308,7 @@ def _with_bow(
     seen: tuple[Sequence[Frame], Mapping[int, np.ndarray]],
     usable: np.ndarray,
     known: tuple[np.ndarray, np.ndarray],
-    settings: ClampSettings,
+    settings: _ClampSettings,
 ) -> ClampTrack:
     """With the bow in the picture that the free frames share, and how far it varies between them.
 
@@ -447,7 +447,7 @@ def _widened(contact: Contact, track: ClampTrack) -> Contact:
     # turned out of the picture's plane the antenna looks shorter, to second order: not in the linear covariance
     shortened = contact.distance_m * math.sqrt(0.75) * float(track.rig.std("clamp_about_y_rad")) ** 2
     std_m = math.hypot(contact.distance_std_m, track.along_std_m, shortened)
-    if std_m > ClampSettings.low_signal * track.rig.antenna.length_m:
+    if std_m > _ClampSettings.low_signal * track.rig.antenna.length_m:
         why = f"the contact distance is known only to {1e3 * std_m:.1f} mm"
         return Contact(status=LOW, reason=why, model=contact.model, in_contact=True)
     return replace(contact, distance_std_m=std_m)

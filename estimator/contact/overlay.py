@@ -105,7 +105,7 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
     width, height = rig.camera.image_size
     image = np.zeros((height, width), np.uint8) if frame.image is None else read_gray(frame.image)
     where = corridor_of(rig, frame)
-    found = marks(estimator, item)
+    found = _marks(estimator, item)
     if (
         item.line is not None
         and item.line.seen < ContactSettings.whole
@@ -150,7 +150,7 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
     return np.vstack([canvas.image, legend])
 
 
-def marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
+def _marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
     """A frame's fitted shape, contact and force as they lie in its picture."""
     rig, contact = estimator.rig, item.contact
     T_camera_antenna = rig.T_antenna_camera.inverse()
@@ -167,7 +167,7 @@ def marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
     head = contact.point_antenna_m + ContactSettings.force_share * rig.antenna.length_m * force_N / size_N
     ends, _ = rig.camera.project(T_camera_antenna @ np.stack([contact.point_antenna_m, head]))
     rotation = rig.kinematics.T_world_antenna(item.frame.pan_rad, item.frame.tilt_rad).rotation
-    return _Marks(shape, width, ends[0], ellipse(rig, contact, rotation), ends[1])
+    return _Marks(shape, width, ends[0], _ellipse(rig, contact, rotation), ends[1])
 
 
 def _bent(estimator: ContactEstimator, item: FrameContact) -> np.ndarray | None:
@@ -185,7 +185,7 @@ def _bent(estimator: ContactEstimator, item: FrameContact) -> np.ndarray | None:
     return curves(rung, parameters, length_m, *pushed, antenna.taper).points_m[0]
 
 
-def ellipse(rig: Rig, contact: Contact, rotation_world_antenna: np.ndarray) -> np.ndarray:
+def _ellipse(rig: Rig, contact: Contact, rotation_world_antenna: np.ndarray) -> np.ndarray:
     """(49, 2) px: the picture of a located contact's covariance, which holds it with 95 % probability."""
     T_camera_antenna = rig.T_antenna_camera.inverse()
     point = T_camera_antenna @ contact.point_antenna_m

@@ -228,7 +228,7 @@ def read_own(rig: Rig, path: Path) -> np.ndarray:
     return image
 
 
-def read_ahead(rig: Rig, frames: Iterable[Frame]) -> Iterator[tuple[Frame, np.ndarray | None]]:
+def _read_ahead(rig: Rig, frames: Iterable[Frame]) -> Iterator[tuple[Frame, np.ndarray | None]]:
     """Frames with their pictures, if there are any, of which a thread reads the next few meanwhile.
 
     Raises InputError, at its turn, for one that cannot be read or has another size.
@@ -295,12 +295,12 @@ def after(first: _FirstDetection, before: np.ndarray) -> tuple[_FirstDetection, 
 def estimate_pictures(
     estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
-    """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `read_ahead` does."""
+    """Every frame from its picture, in order, as many at a time as the estimator takes."""
     if estimator.rig.others:
         given, kept = tee(detected(estimator, frames, ground))
         contacts = estimator.run(each.measured for each in given)
         return (frame_contact(*each) for each in zip(frames, kept, contacts, strict=True))
-    return estimate_taken(estimator, read_ahead(estimator.rig, frames), ground)
+    return estimate_taken(estimator, _read_ahead(estimator.rig, frames), ground)
 
 
 def estimate_taken(
@@ -350,7 +350,7 @@ def measured_recording(
 
 
 def detected(estimator: ContactEstimator, frames: Iterable[Frame], ground: Ground | None = None) -> Iterator[Detection]:
-    """What is seen in the pictures of frames, in order. Raises as `read_ahead` does."""
+    """What is seen in the pictures of frames, in order. Raises as `_read_ahead` does."""
     if estimator.rig.others:
         parts, frames = [], list(frames)
         for name, one in estimator.cameras.items():
@@ -358,7 +358,7 @@ def detected(estimator: ContactEstimator, frames: Iterable[Frame], ground: Groun
             first = name == estimator.rig.camera_name
             parts.append(detected(one, frames if first else own, ground if first else None))
         return (Detection.together(estimator.rig, several) for several in zip(*parts, strict=True))
-    return detections(estimator, _in_order(first_looks(estimator, read_ahead(estimator.rig, frames), ground)))
+    return detections(estimator, _in_order(first_looks(estimator, _read_ahead(estimator.rig, frames), ground)))
 
 
 def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:

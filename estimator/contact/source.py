@@ -231,7 +231,7 @@ def estimate_source(
         found = estimate_pictures(estimator, source.frames, ground)
     else:
         found = estimate_centrelines(estimator, source.frames, source.lines)
-    return marked_by_shutter(found, source.shutter, estimator.rig.camera.image_size[1])
+    return _marked_by_shutter(found, source.shutter, estimator.rig.camera.image_size[1])
 
 
 def inputs_digest(path: Path) -> str:
@@ -278,7 +278,7 @@ class _Movement:
     off_std: float = 0.0
 
 
-def marked_by_shutter(found: Iterable[FrameContact], shutter: Shutter, rows: int) -> Iterator[FrameContact]:
+def _marked_by_shutter(found: Iterable[FrameContact], shutter: Shutter, rows: int) -> Iterator[FrameContact]:
     """A recording's frames in order, those in which the movement matters marked; pictures of so many rows.
 
     Each comes out once the next one is known, where the shutter is known.

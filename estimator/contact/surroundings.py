@@ -96,10 +96,10 @@ def _learnt(rig: Rig, stills: Sequence[Still]) -> tuple[Background | None, str]:
     width, height = rig.camera.image_size
     count = int(np.clip(ContactSettings.most_px // (width * height), LEAST_PICTURES, ContactSettings.most_pictures))
     sample = [stills[i] for i in np.unique(np.linspace(0, len(stills) - 1, count).round().astype(int))]
-    return background_of([_plane(rig, still.image) for still in sample if still.image], looking, rig.image.bright)
+    return _background_of([_plane(rig, still.image) for still in sample if still.image], looking, rig.image.bright)
 
 
-def background_of(
+def _background_of(
     images: Sequence[np.ndarray], looking: AntennaFinder, bright: bool | None
 ) -> tuple[Background | None, str]:
     """What stands still behind the antenna in pictures (H, W) of it, or why nothing is to be gained by it."""

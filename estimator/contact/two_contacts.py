@@ -28,7 +28,7 @@ clamp's y and z in `RigArrays.force_unit_N`, friction angle in its prior's stand
 
 
 @dataclass(frozen=True)
-class TwoContactsSettings:
+class _TwoContactsSettings:
     """How two contacts are searched, and when a frame shows them."""
 
     places: int = 8  # places of a contact, evenly over the antenna, that are tried in pairs before fits begin
@@ -122,7 +122,7 @@ class _Pair:
         """(2, 7) standard deviations of distance, point and force."""
         return np.sqrt(np.diag(self.covariance)).reshape(2, 7)
 
-    def doubt(self, settings: TwoContactsSettings) -> str:
+    def doubt(self, settings: _TwoContactsSettings) -> str:
         """Why the frame does not determine two contacts, in words; empty where it does."""
         near, far = 1e3 * self.distances_m
         pair = f"two contacts, at {near:.0f} and {far:.0f} mm"
@@ -153,7 +153,7 @@ class _TwoContactFrame:
     def __init__(self, arrays: RigArrays, frames: Frames, points_px: np.ndarray, sigma_px: np.ndarray) -> None:
         there = np.flatnonzero((frames.usable[0] > 0.0) & np.isfinite(points_px).all(axis=1))
         there = there[np.argsort(frames.camera[0, there], kind="stable")]
-        self.arrays, self.rig, self.settings = arrays, arrays.rig, TwoContactsSettings()
+        self.arrays, self.rig, self.settings = arrays, arrays.rig, _TwoContactsSettings()
         self.points_px, self.sigma_px = points_px[there], sigma_px[there]
         ends = np.searchsorted(frames.camera[0, there], np.arange(len(arrays.rig.cameras) + 1))
         self.of_camera = [slice(first, last) for first, last in pairwise(ends)]
@@ -163,7 +163,7 @@ class _TwoContactFrame:
         self.available = np.where(np.arange(len(arrays.std)) == core.solver.END, 0.0, frames.available[0])
         self.reading = frames.reading[0] / arrays.std
         self.by_rig = np.zeros((len(self.points_px) + len(self.reading) + 4, 0))
-        self.prior, self.bend = np.array([0.0, 0.0, 0.0, 1.0] * 2), TwoContactsSettings.bend
+        self.prior, self.bend = np.array([0.0, 0.0, 0.0, 1.0] * 2), _TwoContactsSettings.bend
 
     def shape(self, unknowns: np.ndarray, rig: Rig, start: np.ndarray | None = None) -> _TouchedTwice | None:
         """Rods of unknowns (K, 8), if there are any. `start` : (5,) a neighbour's solution."""
@@ -524,7 +524,7 @@ def _best_pair(
 def both_contacts(one: Contact, unknowns: np.ndarray, arrays: RigArrays, batch: Batch) -> list[Contact]:
     """Both contacts of a frame that no single one explains, the nearer one first, where the frame determines them;
     else the single one, with them in its reason. `unknowns` : (4,) of that."""
-    settings = TwoContactsSettings()
+    settings = _TwoContactsSettings()
     pair = _best_pair(arrays, batch.frames(arrays), batch.points_px[0], batch.sigma_px[0], unknowns)
     if pair is None or (doubt := pair.doubt(settings)):
         return [one if pair is None else replace(one, reason=f"{one.reason}; {doubt}")]

@@ -126,7 +126,7 @@ def test_small_loads_meet_the_linear_beam() -> None:
     s = np.linspace(0.02, LENGTH, 40)
     for load in (1e-2, 1e-4, 1e-7, 1e-12):
         force = load * EI / 0.15**2
-        exact = elastica.planar_elastica(s, [0.15], [force], EI)
+        exact = elastica._planar_elastica(s, [0.15], [force], EI)
         beam = linear.deflection(s, 0.15, force, EI)
         np.testing.assert_allclose(exact.w_m[0], beam, rtol=load**2 + 1e-12)
         np.testing.assert_allclose(exact.theta_rad[0], linear.slope(s, 0.15, force, EI), rtol=load**2 + 1e-12)
@@ -134,7 +134,7 @@ def test_small_loads_meet_the_linear_beam() -> None:
 
 def test_beyond_the_contact_it_continues_along_the_tangent() -> None:
     s = np.array([0.12, 0.17, 0.24])
-    shape = elastica.planar_elastica(s, [0.12], [0.5], EI)
+    shape = elastica._planar_elastica(s, [0.12], [0.5], EI)
     theta = shape.theta_rad[0]
     np.testing.assert_allclose(theta, theta[0], rtol=1e-15)
     np.testing.assert_allclose(np.diff(shape.x_m[0]), np.diff(s) * np.cos(theta[0]), rtol=1e-12)
@@ -152,7 +152,7 @@ def contact_force(force: float, theta: float, friction: float) -> np.ndarray:
 def test_clamp_moment_balances_the_contact_force(force: float, friction: float) -> None:
     """EI·θ′ at the clamp is the moment of the contact force there; unit speed and tangents hold along the antenna."""
     step = 1e-6
-    shape = elastica.planar_elastica([0.0, step, 2 * step, 0.15], [0.15], [force], EI, friction)
+    shape = elastica._planar_elastica([0.0, step, 2 * step, 0.15], [0.15], [force], EI, friction)
     curvature = (4 * shape.theta_rad[0, 1] - shape.theta_rad[0, 2]) / (2 * step)
     f_x, f_w = contact_force(force, shape.theta_rad[0, 3], friction)
     assert np.hypot(f_x, f_w) == pytest.approx(abs(force))
@@ -161,8 +161,8 @@ def test_clamp_moment_balances_the_contact_force(force: float, friction: float) 
 
 def test_what_is_out_of_range_is_nan() -> None:
     with np.errstate(all="raise"):
-        shape = elastica.planar_elastica([-0.01, 0.1], [0.1, -0.1, np.nan, 0.0], [0.1, 0.1, 0.1, 0.1], EI)
-        leaning = elastica.planar_elastica([0.1], [0.1], [0.1], EI, 2.0)
+        shape = elastica._planar_elastica([-0.01, 0.1], [0.1, -0.1, np.nan, 0.0], [0.1, 0.1, 0.1, 0.1], EI)
+        leaning = elastica._planar_elastica([0.1], [0.1], [0.1], EI, 2.0)
         heavy = elastica.planar_elastica_dead([0.1], [0.1, 0.1], [30.0, 0.1], EI, [0.0, 1.6])
     assert np.isnan(shape.w_m[0, 0])
     assert np.isfinite(shape.w_m[0, 1])

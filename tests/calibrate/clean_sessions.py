@@ -17,7 +17,8 @@ from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior, reading_keys
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, solve_antenna
 from vbaa_calib.calibrate.check.antenna import check_antenna, check_stills
-from vbaa_calib.calibrate.doubts import prior_doubts, row_doubts
+from vbaa_calib.calibrate.doubts import _row_doubts as row_doubts
+from vbaa_calib.calibrate.doubts import prior_doubts
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.diagnose.session import still_diagnoses

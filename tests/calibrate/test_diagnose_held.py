@@ -10,7 +10,7 @@ import pytest
 
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.diagnose.session import session_diagnoses
+from vbaa_calib.diagnose.session import _session_diagnoses as session_diagnoses
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import gravity_antenna
 

@@ -13,7 +13,8 @@ from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adj
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
 from vbaa_calib.calibrate.antenna.residual_checks import check
 from vbaa_calib.calibrate.antenna.session_rig import prior, solve_antenna
-from vbaa_calib.calibrate.doubts import prior_doubts, row_doubts
+from vbaa_calib.calibrate.doubts import _row_doubts as row_doubts
+from vbaa_calib.calibrate.doubts import prior_doubts
 from vbaa_calib.calibrate.lens.uncertainty import compensate, linear_axes, pixel_grid, projection_jacobian
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera

@@ -10,11 +10,7 @@ import pytest
 from benchmarks.guided.rigs import Rig, true_error_mm
 from targets.board import corner_points
 from vbaa_calib.calibrate.guide.next_view import lens_progress
-from vbaa_calib.calibrate.guide.suggestion import (
-    _coarse_poses,
-    _view_candidates,
-    best_next,
-)
+from vbaa_calib.calibrate.guide.suggestion import _coarse_poses, _view_candidates, best_next
 from vbaa_calib.calibrate.guide.view_uncertainty import (
     LensDesign,
     LensInformation,

@@ -14,13 +14,8 @@ from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, polished, ref
 from vbaa_calib.calibrate.lens.homography import homography
 from vbaa_calib.calibrate.lens.information import information, observations_of
 from vbaa_calib.calibrate.lens.initialization import rough_lens, unfolded, widened
-from vbaa_calib.calibrate.lens.models import (
-    LENS_MODELS,
-    camera_of,
-    corner_radius,
-    is_monotonic,
-    rational_like,
-)
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of, is_monotonic, rational_like
+from vbaa_calib.calibrate.lens.models import _corner_radius as corner_radius
 
 from .synthetic_views import projection
 

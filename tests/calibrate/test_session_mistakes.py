@@ -7,7 +7,7 @@ import re
 import pytest
 
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.diagnose.session import session_diagnoses
+from vbaa_calib.diagnose.session import _session_diagnoses as session_diagnoses
 from vbaa_calib.geometry import Kinematics
 
 from .reported_sessions import MISTAKES, session_with

@@ -10,12 +10,9 @@ import pytest
 
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.rod import Rod, solve_rod
-from vbaa_calib.calibrate.antenna.stiffness import (
-    DeflectionTable,
-    elastica,
-    outlying,
-    solve_stiffness,
-)
+from vbaa_calib.calibrate.antenna.stiffness import DeflectionTable, solve_stiffness
+from vbaa_calib.calibrate.antenna.stiffness import _elastica as elastica
+from vbaa_calib.calibrate.antenna.stiffness import _outlying as outlying
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 

@@ -9,7 +9,8 @@ from scipy.special import erf
 
 from targets.board import BoardSpec
 from vbaa_calib.detect.board.corners import detect_corners
-from vbaa_calib.detect.board.covariance import QUANTISATION, corner_covariances, measure_noise
+from vbaa_calib.detect.board.covariance import QUANTISATION, corner_covariances
+from vbaa_calib.detect.board.covariance import _measure_noise as measure_noise
 from vbaa_calib.simulate.render.board import print_sheet
 
 from .drawn_boards import Conditions, draw_board

@@ -10,17 +10,11 @@ import pytest
 from scipy.spatial import cKDTree
 
 from targets.board import BoardSpec, opencv_board
-from vbaa_calib.detect.over_board.line import (
-    BoardLine,
-    LineEnd,
-    LinePaint,
-    PlaneAbove,
-    Profiles,
-    _pattern_texture,
-    board_picture,
-    find_over_board,
-    fit,
-)
+from vbaa_calib.detect.over_board.line import BoardLine, LineEnd, PlaneAbove, _pattern_texture, find_over_board
+from vbaa_calib.detect.over_board.line import _board_picture as board_picture
+from vbaa_calib.detect.over_board.line import _fit as fit
+from vbaa_calib.detect.over_board.line import _LinePaint as LinePaint
+from vbaa_calib.detect.over_board.line import _Profiles as Profiles
 
 from ..over_scenes import View, shown
 

@@ -10,7 +10,8 @@ import pytest
 from targets.board import AprilGrid, BoardSpec, BoardWithIds
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.detect.board.corners import detect_corners
-from vbaa_calib.detect.quality.hints import blur_ellipse, picture_hints
+from vbaa_calib.detect.quality.hints import _blur_ellipse as blur_ellipse
+from vbaa_calib.detect.quality.hints import picture_hints
 
 from .drawn_boards import GOOD, SPEC, Conditions, DrawnBoard, drawn, picture, smeared
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.contact.motion import PIECES, Beam, Inertia, Motion, Shapes, inertia
+from estimator.contact.motion import PIECES, Beam, Inertia, Motion, Shapes
+from estimator.contact.motion import _inertia as inertia
 from vbaa_calib.antenna.linear import deflection
 
 from .vibrations import DENSITY, EI, LENGTH, frequency_rad_s, mode_shape, modes, shaken

@@ -9,11 +9,9 @@ import pytest
 from scipy.stats import chi2
 
 from estimator.contact.estimate import ContactEstimator
-from estimator.contact.overlay import (
-    ellipse,
-    frame_picture,
-    marks,
-)
+from estimator.contact.overlay import _ellipse as ellipse
+from estimator.contact.overlay import _marks as marks
+from estimator.contact.overlay import frame_picture
 from estimator.contact.recording import FrameContact, estimate_picture
 from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.detect.drawing.overlay import HIDDEN

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.contact.recording import FrameContact
-from estimator.contact.source import marked_by_shutter
+from estimator.contact.source import _marked_by_shutter as marked_by_shutter
 from estimator.table.contacts import Measured
 from tests.detect.drawn_lines import SIZE, aside, background, bent, exposed, tube
 from vbaa_calib.antenna.shape import Curves

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimator.contact.recording import subtracted
-from estimator.contact.surroundings import background_of
+from estimator.contact.surroundings import _background_of as background_of
 from tests.detect.drawn_lines import SIZE, aside, background, bent, exposed, tube
 from vbaa_calib.detect.whisker.background import Background
 from vbaa_calib.detect.whisker.centreline import Centreline

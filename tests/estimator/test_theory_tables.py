@@ -12,7 +12,7 @@ import pytest
 from benchmarks.estimator.scenes import elastica_shapes, rod_shapes
 from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup
 from estimator import ContactEstimator
-from estimator.contact.motion import inertia
+from estimator.contact.motion import _inertia as inertia
 from vbaa_calib.rig import Rig
 
 from .contact_scenes import answered, rubbed, scene_deviations

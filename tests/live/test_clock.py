@@ -11,7 +11,10 @@ import pytest
 
 from estimator import ContactEstimator
 from estimator.contact import clock
-from estimator.contact.clock import ClockOffset, ClockSettings, clock_offset, recorded_clock_offset
+from estimator.contact.clock import _clock_offset as clock_offset
+from estimator.contact.clock import _ClockOffset as ClockOffset
+from estimator.contact.clock import _ClockSettings as ClockSettings
+from estimator.contact.clock import recorded_clock_offset
 from estimator.table.contacts import Measured
 from tests.rod_scenes import RIG_STD
 from vbaa_calib.core.errors import InputError

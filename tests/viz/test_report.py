@@ -16,7 +16,7 @@ from markupsafe import Markup, escape
 
 from estimator.contact import overlay
 from estimator.contact.estimate import ContactEstimator
-from estimator.contact.overlay import marks
+from estimator.contact.overlay import _marks as marks
 from estimator.contact.recording import FrameContact, estimate_pictures
 from estimator.table.contacts import COLUMNS, STATUSES, ContactRow, ContactTable
 from estimator.table.files import write_contacts

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .pipeline import Calibration
 
 
-def row_doubts(joint: BundleAdjustment, explained: Sequence[Diagnosis] = ()) -> list[Diagnosis]:
+def _row_doubts(joint: BundleAdjustment, explained: Sequence[Diagnosis] = ()) -> list[Diagnosis]:
     """Rows and stretches of lines that bundle adjustment left out, but for those in pictures that a diagnosis names."""
     found, named = [], "\n".join(one.words for one in explained)
     for one, kept, disturbed in zip(joint.noted, joint.kept, joint.disturbed, strict=True):
@@ -105,7 +105,7 @@ def doubts(calibration: Calibration) -> list[Diagnosis]:
     """All diagnoses of a calibration, but for those that another one explains."""
     joint, explained = calibration.joint, calibration.still_diagnoses
     found = [*calibration.lens.verdict.diagnoses, *_plane_doubts(calibration.plane), *explained]
-    found += prior_doubts(joint, explained) + row_doubts(joint, explained)
+    found += prior_doubts(joint, explained) + _row_doubts(joint, explained)
     if not any(one.name.startswith("gravity_") for one in explained):
         found += _weightless(calibration.session)
     return found

@@ -763,12 +763,12 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjus
     """What is wrong with a session's numbers, rows, antenna, clamp and moment sensor, the likeliest first; joint : of
     all its pictures, from `solve_antenna`."""
     try:
-        return session_diagnoses(session, kinematics, joint.noted, joint.problem.prior)
+        return _session_diagnoses(session, kinematics, joint.noted, joint.problem.prior)
     except SolveError:
         return []
 
 
-def session_diagnoses(
+def _session_diagnoses(
     session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior
 ) -> list[Diagnosis]:
     """`still_diagnoses` of observations that need not have a common solution. Raises SolveError."""
@@ -801,7 +801,7 @@ def failure_causes(
 ) -> list[Diagnosis]:
     """Likely causes of a calibration that raised. Raises nothing."""
     try:
-        found = session_diagnoses(session, kinematics, observations, before)
+        found = _session_diagnoses(session, kinematics, observations, before)
     except SolveError:
         found = []
     loads = [one.still for one in observations if isinstance(one.still, Load)]

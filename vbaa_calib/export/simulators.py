@@ -27,7 +27,7 @@ from vbaa_calib.rig.parts import kinematics_to_dict
 
 
 @dataclass(frozen=True)
-class ExportSettings:
+class _ExportSettings:
     """What an exported antenna has that the calibration does not measure."""
 
     segments: int = 40  # parts of the antenna: tips are off by 1/(4N²) of their deflection
@@ -60,7 +60,7 @@ class _Chain:
 
 def _parts(rod: Rod, ends_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """EI, N·m², that gives the bend of each part between N + 1 ends, and its mass per length, kg/m."""
-    share = (np.arange(ExportSettings.samples) + 0.5) / ExportSettings.samples
+    share = (np.arange(_ExportSettings.samples) + 0.5) / _ExportSettings.samples
     place = (ends_m[:-1, None] + np.diff(ends_m)[:, None] * share) / rod.length_m
     stiffness = 1.0 / (1.0 / rod.taper.stiffness(place)).mean(axis=1)
     weight = (rod.taper.diameter(place) ** 2).mean(axis=1)
@@ -69,7 +69,7 @@ def _parts(rod: Rod, ends_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _chain_of(rig: Rig, segments: int) -> _Chain:
     """The chain of an antenna, the clamp's give in its first hinge. Raises InputError for segments that cannot be."""
-    most = ExportSettings.most_segments
+    most = _ExportSettings.most_segments
     if isinstance(segments, bool) or not isinstance(segments, int) or not 3 <= segments <= most:
         raise InputError(f"segments are {shown(segments)}", remedy=f"give a whole number, 3 to {most}")
     rod = rig.antenna.rod
@@ -89,7 +89,7 @@ def _chain_of(rig: Rig, segments: int) -> _Chain:
     first_mode = 3.516 * np.sqrt(rod.bending_stiffness_Nm2 / max(rod.mass_per_length_kg_m, 1e-9)) / rod.length_m**2
     bow = np.tile(part_m * np.asarray(rod.natural_curvature_per_m, float), (segments, 1))
     return _Chain(
-        lengths, mass * lengths, radii, bending, torsion, bow, 2.0 * ExportSettings.damping_ratio / first_mode
+        lengths, mass * lengths, radii, bending, torsion, bow, 2.0 * _ExportSettings.damping_ratio / first_mode
     )
 
 
@@ -151,7 +151,7 @@ def _add_chain(base: Xml.Element, chain: _Chain, rig: Rig) -> None:
                     stiffness=_text(stiffness),
                     damping=_text(stiffness * chain.damping_s),
                     armature=_text(
-                        stiffness * ExportSettings.step_s**2
+                        stiffness * _ExportSettings.step_s**2
                     ),  # so that the fastest mode keeps to the time step
                 )
         middle, inertia = _text([0.5 * length, 0.0, 0.0]), _inertia(mass, length, radius)
@@ -168,7 +168,7 @@ def _mujoco(rig: Rig, segments: int) -> str:
     root = Xml.Element("mujoco", model="antenna")
     root.append(Xml.Comment(" SI units. Servos, attachment and damping are not measured: change them as you like. "))
     _add(root, "compiler", angle="radian", autolimits="true")
-    gravity, step = _text(rig.gravity_world_m_s2), _text(ExportSettings.step_s)
+    gravity, step = _text(rig.gravity_world_m_s2), _text(_ExportSettings.step_s)
     _add(root, "option", gravity=gravity, timestep=step, integrator="implicitfast")
     custom, sensor = _add(root, "custom"), rig.moment_sensor
     if sensor.exists:
@@ -325,7 +325,7 @@ EXPORTS: dict[str, tuple[Callable[[Rig, int], str], str, str]] = {
 
 @gate
 def export(
-    rig: Rig, to: str, output: str | Path, *, segments: int = ExportSettings.segments, force: bool = False
+    rig: Rig, to: str, output: str | Path, *, segments: int = _ExportSettings.segments, force: bool = False
 ) -> None:
     """Write the antenna as solved for a simulator.
 

@@ -19,7 +19,7 @@ from .press import Answer, Press, Ring
 
 
 @dataclass(frozen=True)
-class PressSettings:
+class _PressSettings:
     """When the methods of earlier sensors answer."""
 
     stands_out_std: float = 5.0  # standard deviations that the moment's growth, or the ringing, must exceed
@@ -67,7 +67,9 @@ def _active_antenna_3d(press: Press) -> Answer:
     lateral, lateral_std, _ = _slope(press, turn @ direction, -moment @ [-direction[1], direction[0]])
     (along, std, _), angle = slope, float(np.arctan2(abs(lateral), slope[0]))
     angle_std = np.hypot(lateral_std, angle * std) / max(abs(along), 1e-300)
-    if angle > max(PressSettings.lateral_rad, 0.0 if np.isnan(angle_std) else PressSettings.stands_out_std * angle_std):
+    if angle > max(
+        _PressSettings.lateral_rad, 0.0 if np.isnan(angle_std) else _PressSettings.stands_out_std * angle_std
+    ):
         return Answer(reason=f"the antenna slips sideways: the moment leans {np.degrees(angle):.0f}° from the turn")
     return _distance(press, slope, moment[-1], direction)
 
@@ -87,7 +89,7 @@ def _slope(press: Press, turn: np.ndarray, moment: np.ndarray) -> _Slope:
 def _distance(press: Press, found: _Slope, moment_Nm: np.ndarray, direction: np.ndarray) -> Answer:
     """From dτ/dw = 3EI/l; the force is the last moment (2,) over l, along the components that were turned."""
     wire, (slope, std, by_last) = press.wire, found
-    if not slope > (0.0 if np.isnan(std) else PressSettings.stands_out_std * std):
+    if not slope > (0.0 if np.isnan(std) else _PressSettings.stands_out_std * std):
         return Answer(reason="the moment does not grow with the turn beyond its noise: nothing is pressed")
     distance = 3.0 * wire.stiffness_Nm2 / slope
     relative = np.hypot(std / slope, wire.stiffness_std_Nm2 / wire.stiffness_Nm2)
@@ -108,13 +110,13 @@ def _dynamic_active_antenna(press: Press) -> Answer:
     Assumes: a contact that neither moves nor is left while the antenna rings, and that lets it turn; one mode that
     outlives the others. An object that gives way lowers the frequency: it feels like a contact nearer to the clamp.
     """
-    wire, places = press.wire, np.linspace(0.0, 1.0, PressSettings.nodes)
+    wire, places = press.wire, np.linspace(0.0, 1.0, _PressSettings.nodes)
     assert press.ring is not None
     beam = Beam(wire.length_m, wire.stiffness_Nm2, wire.mass_per_length_kg_m)
     curve = CubicSpline(places, beam.first_mode_rad_s(places))
     free, tip = float(curve(0.0)), float(curve(1.0))
     found = _fit_ringing(
-        press.ring, (0.8 * free, 1.2 * float(curve(np.linspace(0.0, 1.0, 4 * PressSettings.nodes)).max()))
+        press.ring, (0.8 * free, 1.2 * float(curve(np.linspace(0.0, 1.0, 4 * _PressSettings.nodes)).max()))
     )
     if isinstance(found, str):
         return Answer(reason=found)
@@ -147,8 +149,8 @@ def _fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, fl
     time, signal = np.asarray(ring.time_s, float), np.asarray(ring.moment_Nm, float)
     finite = np.isfinite(time) & np.isfinite(signal)
     time, signal = time[finite] - (time[finite].min() if finite.any() else 0.0), signal[finite]
-    if len(time) < PressSettings.fewest_samples:
-        return f"{len(time)} samples: at least {PressSettings.fewest_samples} are needed"
+    if len(time) < _PressSettings.fewest_samples:
+        return f"{len(time)} samples: at least {_PressSettings.fewest_samples} are needed"
     omega = _strongest(time, signal, band_rad_s)
     if not omega > 0.0:
         return "the times do not rise, or are too few for the first mode's frequencies"
@@ -168,11 +170,13 @@ def _fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, fl
     covariance = np.linalg.inv(information) * (2.0 * solved.cost / (len(time) - len(solved.x)))
     amplitude = float(np.hypot(*solved.x[2:4]))
     toward = solved.x[2:4] / max(amplitude, 1e-300)
-    if amplitude < PressSettings.stands_out_std * float(np.sqrt(toward @ covariance[2:4, 2:4] @ toward)):
+    if amplitude < _PressSettings.stands_out_std * float(np.sqrt(toward @ covariance[2:4, 2:4] @ toward)):
         return "no ringing stands out of the signal's noise"
     damped = float(abs(omega * solved.x[0]))
-    if damped * span < PressSettings.fewest_periods * 2.0 * np.pi:
-        return f"fewer than {PressSettings.fewest_periods:.0f} periods: the frequency is indistinguishable from a drift"
+    if damped * span < _PressSettings.fewest_periods * 2.0 * np.pi:
+        return (
+            f"fewer than {_PressSettings.fewest_periods:.0f} periods: the frequency is indistinguishable from a drift"
+        )
     return float(np.hypot(damped, solved.x[1] / span)), float(omega * np.sqrt(covariance[0, 0]))
 
 
@@ -181,9 +185,9 @@ def _strongest(time_s: np.ndarray, signal: np.ndarray, band_rad_s: tuple[float, 
     if not (np.diff(time_s) > 0.0).all():
         return np.nan
     even = np.interp(np.linspace(0.0, time_s[-1], len(time_s)), time_s, signal)
-    power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(len(even)), PressSettings.finer * len(even))) ** 2
-    omega = 2.0 * np.pi * np.arange(len(power)) / PressSettings.finer / len(even) * (len(even) - 1) / time_s[-1]
-    inside = (np.arange(len(power)) >= PressSettings.finer) & (omega >= band_rad_s[0]) & (omega <= band_rad_s[1])
+    power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(len(even)), _PressSettings.finer * len(even))) ** 2
+    omega = 2.0 * np.pi * np.arange(len(power)) / _PressSettings.finer / len(even) * (len(even) - 1) / time_s[-1]
+    inside = (np.arange(len(power)) >= _PressSettings.finer) & (omega >= band_rad_s[0]) & (omega <= band_rad_s[1])
     return float(omega[np.argmax(np.where(inside, power, -1.0))]) if inside.any() else np.nan
 
 
@@ -224,12 +228,12 @@ def _vbaa_2d_pushing(press: Press) -> Answer:
     frames = [_yield_at(press, *frame) for frame in enumerate(np.asarray(press.turn_rad)[:, 0])]
     kept = [frame for frame in frames if frame is not None and np.isfinite(frame[0]).all()]
     prefix = f"{last.reason}; object's stiffness:" if last.reason else "object's stiffness:"
-    if len(kept) < PressSettings.fewest_frames:
+    if len(kept) < _PressSettings.fewest_frames:
         return replace(
-            last, reason=f"{prefix} {len(kept)} frames with a contact, {PressSettings.fewest_frames} are needed"
+            last, reason=f"{prefix} {len(kept)} frames with a contact, {_PressSettings.fewest_frames} are needed"
         )
-    compliance, std = compliance_of(*map(np.array, zip(*kept, strict=True)))
-    if np.isfinite(std) and not compliance > PressSettings.compliance_std * std:
+    compliance, std = _compliance_of(*map(np.array, zip(*kept, strict=True)))
+    if np.isfinite(std) and not compliance > _PressSettings.compliance_std * std:
         least = 1.0 / (max(compliance, 0.0) + 2.0 * std)
         words = f"{prefix} gives way by no more than the noise; probably stiffer than {least:.3g} N/m"
         return replace(last, reason=words)
@@ -245,7 +249,7 @@ def _two_points(press: Press, frame: int) -> np.ndarray | None:
     if len(points) < 2:
         return None
     first, second = np.argmin(
-        np.abs(points[:, 0] - np.array(PressSettings.shares)[:, None] * press.wire.length_m), axis=1
+        np.abs(points[:, 0] - np.array(_PressSettings.shares)[:, None] * press.wire.length_m), axis=1
     )
     return points[[first, second]] if first != second else None
 
@@ -264,8 +268,8 @@ def _upright(press: Press, moment_Nm: float) -> Answer:
         return np.stack([found.contact_m, found.force_y_N, force_z(finite[:, 4], found.contact_m)], axis=1)
 
     points = _two_points(press, -1)
-    if points is not None and abs(np.diff(points[:, 1])) > PressSettings.steep * abs(np.diff(points[:, 0])):
-        return Answer(reason=f"bent beyond small deflections: a slope of more than {PressSettings.steep:g}")
+    if points is not None and abs(np.diff(points[:, 1])) > _PressSettings.steep * abs(np.diff(points[:, 0])):
+        return Answer(reason=f"bent beyond small deflections: a slope of more than {_PressSettings.steep:g}")
     return _answer(press, solve, points, moment_Nm)
 
 
@@ -282,7 +286,7 @@ def _answer(press: Press, solve: _Formula, points: np.ndarray | None, moment_Nm:
     if np.isnan(values[0]):
         return Answer(reason="no contact explains the two points, or more than one: too little bent for their noise")
     deviations = np.full(3, np.nan) if np.isnan(std).any() else np.sqrt((moved**2).sum(axis=1))
-    if not (np.isnan(std).any() or deviations[0] < PressSettings.uncertain * wire.length_m):
+    if not (np.isnan(std).any() or deviations[0] < _PressSettings.uncertain * wire.length_m):
         reason = "bent too little: the two points' noise leaves the contact's place open"
         return Answer(candidates_m=values[:1], reason=reason)
     force, force_std = np.full(3, np.nan), np.full(3, np.nan)
@@ -291,14 +295,14 @@ def _answer(press: Press, solve: _Formula, points: np.ndarray | None, moment_Nm:
     return Answer(float(values[0]), float(deviations[0]), force, force_std)
 
 
-def compliance_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
+def _compliance_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
     """1/k in m/N and its deviation from −f and u (n, 2), with covariances (n, 2, 2): a line with both in error.
 
     Least is Σ (u − u₀ − slope·(−f))²/variance of that, which depends on the slope, since the errors of f and u go
     together. The deviation grows with the scatter where that is more than the noise, or where no noise is known.
     """
     force, finite = values.T
-    if len(values) < PressSettings.fewest_frames or not np.ptp(force) > 0.0:
+    if len(values) < _PressSettings.fewest_frames or not np.ptp(force) > 0.0:
         return np.nan, np.nan
     noisy = bool(np.isfinite(covariance).all() and (covariance[:, 1, 1] > 0.0).all())
     noise = covariance if noisy else np.broadcast_to(np.diag([0.0, 1.0]), (len(values), 2, 2))
@@ -334,7 +338,7 @@ def _yield_at(press: Press, frame: int, turn_rad: float) -> tuple[np.ndarray, np
     values, moved = _propagate(solve, np.array([*points[:, 1], turn_rad]), np.array([point_std, point_std, turn_std]))
     if np.isnan(press.noise.point_m):
         return values, np.full((2, 2), np.nan)
-    if not np.linalg.norm(moved[0]) < PressSettings.known * abs(values[0]):
+    if not np.linalg.norm(moved[0]) < _PressSettings.known * abs(values[0]):
         return None
     return values, moved @ moved.T
 

@@ -223,7 +223,7 @@ def _robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[fl
     return float(slopes[best]), float(intercepts[best])
 
 
-def outlying(residuals: np.ndarray, least_std: float) -> np.ndarray:
+def _outlying(residuals: np.ndarray, least_std: float) -> np.ndarray:
     """(N,) bool: outliers among residuals from a robust fit, in the order of x; none of fewer than 8. `least_std`
     bounds their scatter from below: rounded readings may agree too well."""
     if len(residuals) < AntennaSettings.fewest_readings:
@@ -259,7 +259,7 @@ def _beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
     return lambda stiffness: linear.deflection(x_m, distance_m, force_N, stiffness)
 
 
-def elastica(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
+def _elastica(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
     """Large deflections under a hanging weight, read at places x (N,) on the undeflected rod's axis; NaN where the rod
     is bent so far that it no longer reaches to a reading."""
 
@@ -427,7 +427,7 @@ class _Bench:
     distance_m: float
 
     def forward(self, model: str, kept: np.ndarray | slice = slice(None)) -> Forward:
-        return (_beam if model == "linear" else elastica)(self.table.x_m[kept], self.force_N, self.distance_m)
+        return (_beam if model == "linear" else _elastica)(self.table.x_m[kept], self.force_N, self.distance_m)
 
     @property
     def least_std_m(self) -> float:
@@ -439,7 +439,7 @@ class _Bench:
         """Fits a model to the readings that are not outliers."""
         shape = self.forward(model)(start_Nm2)
         factor, intercept = _robust_line(shape, self.table.deflection_m, offset)
-        kept = ~outlying(self.table.deflection_m - factor * shape - intercept, self.least_std_m)
+        kept = ~_outlying(self.table.deflection_m - factor * shape - intercept, self.least_std_m)
         return self.fitted(model, kept, start_Nm2, offset)
 
     def fitted(self, model: str, kept: np.ndarray, start_Nm2: float, offset: bool, turning: bool = False) -> _RodFit:

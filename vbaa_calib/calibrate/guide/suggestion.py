@@ -111,12 +111,12 @@ def _view_candidates(
     rays, seen = design.camera.unproject(places)
     kept = [one for one, ok in zip(placed, seen.tolist(), strict=True) if ok]
     poses = _poses(kept, rays[seen], spec)
-    visible = visible_corners(design.camera, poses, spec)
+    visible = _visible_corners(design.camera, poses, spec)
     least = max(GuideSettings.least_corners, round(share * spec.corner_count))
     return [one for one in zip(kept, poses, visible, strict=True) if len(one[2]) >= least]
 
 
-def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardWithIds) -> list[np.ndarray]:
+def _visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardWithIds) -> list[np.ndarray]:
     """Ids (N,) of the corners with their four squares, or tag, in each picture; none where markers cannot be read."""
     if not poses:
         return []

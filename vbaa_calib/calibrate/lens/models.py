@@ -101,7 +101,7 @@ def _radial_curve(
     return curve, slope, by_distortion
 
 
-def corner_radius(intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
+def _corner_radius(intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
     """Distorted radius of the picture's furthest corner from the axis, and 2 % more; intrinsics (4 + k,)."""
     return float(core.bundle.corner_radius(np.array(intrinsics, float), *image_size))
 
@@ -125,7 +125,7 @@ def is_monotonic(model: DistortionModel, intrinsics: np.ndarray, image_size: tup
     near = squares[(squares.real > 0.0) & (np.abs(squares.imag) < LensSettings.nearly_real * np.abs(squares))].real
     if len(near):
         before = np.linspace(0.0, LensSettings.before_pole * np.sqrt(near.min()), LensSettings.radii)
-        if _radial_curve(model, intrinsics[4:], before)[0].max() < corner_radius(intrinsics, image_size):
+        if _radial_curve(model, intrinsics[4:], before)[0].max() < _corner_radius(intrinsics, image_size):
             return False
     return camera_of(model, intrinsics, image_size).valid_region().image_fraction == 1.0
 
@@ -151,7 +151,7 @@ def rational_like(fisheye: DistortionModel, intrinsics: np.ndarray, image_size: 
     that sees more than 86° off its axis or folds. From other starts a rational lens often has a pole just beyond the
     corners.
     """
-    reach = corner_radius(intrinsics, image_size)
+    reach = _corner_radius(intrinsics, image_size)
     angles = np.linspace(0.0, LensSettings.widest_rad, LensSettings.radii)
     curve, slope, _ = _radial_curve(fisheye, intrinsics[4:], angles)
     seen = angles < angles[np.argmax(curve >= reach)]

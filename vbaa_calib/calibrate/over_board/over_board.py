@@ -69,7 +69,7 @@ _STEPS = np.array([1e-5, 1e-5, 1e-5, *[0.02] * (_UNKNOWNS - 3)])  # finite diffe
 
 
 @dataclass(frozen=True, eq=False)
-class FreeAntenna:
+class _FreeAntenna:
     """Prior of the free antenna, before the picture."""
 
     length_m: float  # from the clamp to the tip
@@ -92,7 +92,7 @@ class FreeAntenna:
         )
 
 
-def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> FreeAntenna:
+def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> _FreeAntenna:
     """A straight antenna of nominal stiffness and mass, clamped in the frame that is solved for; gravity (3,) in it."""
     bow = bow_std_per_m(antenna.length_m)
     shape = [
@@ -110,7 +110,7 @@ def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> F
         nominal_parameters(antenna),
         np.diag(np.square(std)),
     )
-    return FreeAntenna(*known, np.asarray(gravity_m_s2, float), antenna.taper)
+    return _FreeAntenna(*known, np.asarray(gravity_m_s2, float), antenna.taper)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ class OverSetup:
 
     spec: BoardWithIds  # the board, flat on plane C
     camera: Camera
-    antenna: FreeAntenna  # the free antenna above it
+    antenna: _FreeAntenna  # the free antenna above it
     height_m: float  # of the antenna's axis at the clamp above the print
     height_std_m: float
     clamp: LineEnd | None = None  # the clamp's visible edge, where it is known

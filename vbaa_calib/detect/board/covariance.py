@@ -18,7 +18,7 @@ QUANTISATION = 1.0 / 12.0
 """Variance of rounding to whole grey levels: the least noise of any picture."""
 
 
-def measure_noise(image: np.ndarray, corners_px: np.ndarray, windows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _measure_noise(image: np.ndarray, corners_px: np.ndarray, windows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean grey levels (2,) of black and white squares, and the variance (2,) of the noise there, rounding included.
 
     Measured in windows of half size (N,) around chessboard corners (N, 2) px of a picture (H, W) uint8, N ≥ 1, from
@@ -86,7 +86,7 @@ def corner_covariances(
         return found
     smooth = image if smooth is None else smooth
     reach = int(np.ceil(4.0 * smoothing_px))  # SciPy's kernel ends there, and OpenCV's
-    (black, white), (in_black, in_white) = (each.tolist() for each in measure_noise(image, corners_px, windows))
+    (black, white), (in_black, in_white) = (each.tolist() for each in _measure_noise(image, corners_px, windows))
     for window in np.unique(windows).tolist():
         chosen = np.flatnonzero(windows == window)
         base = np.floor(corners_px[chosen]).astype(int)

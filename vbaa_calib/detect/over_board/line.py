@@ -89,7 +89,7 @@ class _BoardPicture:
     blur_px: float
 
 
-def board_picture(image: np.ndarray, camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardPicture | None:
+def _board_picture(image: np.ndarray, camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardPicture | None:
     """Compare an (H, W) picture with the board that it shows at a known pose; None where no contrast is left of it."""
     grey = np.asarray(image, np.float32)
     sharp, inside = _warped(camera, T_camera_board, spec)
@@ -204,7 +204,7 @@ def _noise(seen: np.ndarray, pattern: np.ndarray, slope: np.ndarray, inside: np.
 
 
 @dataclass(frozen=True, eq=False)
-class Profiles:
+class _Profiles:
     """Raw pixels along N columns (or rows) that a guide crosses, T of each, in units of the board's print.
 
     crossing_px : (N, 2) where the guide crosses the middle of each column.
@@ -226,7 +226,7 @@ class Profiles:
 
 
 @dataclass(frozen=True)
-class LinePaint:
+class _LinePaint:
     """Appearance of the line: brightness in units of the print, cover of a pixel at its middle, Gaussian width."""
 
     brightness: float
@@ -245,7 +245,7 @@ class _FittedLines:
     chi: np.ndarray
 
 
-def _profiles(picture: _BoardPicture, guide_px: np.ndarray, core_px: float) -> Profiles:
+def _profiles(picture: _BoardPicture, guide_px: np.ndarray, core_px: float) -> _Profiles:
     """Cut the columns (rows) out of a picture along a guide (K, 2), one column a pixel.
 
     Off the board, where the pattern is NaN, what is behind the line is a slope of light through its flanks, which begin
@@ -271,7 +271,7 @@ def _profiles(picture: _BoardPicture, guide_px: np.ndarray, core_px: float) -> P
     behind, grain = _with_flanks(grey, known, inside & (np.abs(across) > core_px), across, noise)
     crossing = np.stack([columns, cross][:: 1 if axis == 1 else -1], axis=1)
     grain = np.where(inside & np.isfinite(behind), grain, np.inf)
-    return Profiles(crossing, axis, np.sqrt(1.0 + slope**2), across, grey, behind, edge, grain)
+    return _Profiles(crossing, axis, np.sqrt(1.0 + slope**2), across, grey, behind, edge, grain)
 
 
 def _with_flanks(
@@ -295,9 +295,9 @@ def _with_flanks(
     return np.where(off_board, np.where(enough, line, np.nan), known), np.where(off_board, doubt, noise)
 
 
-def fit(
-    cut: Profiles,
-    paint: LinePaint,
+def _fit(
+    cut: _Profiles,
+    paint: _LinePaint,
     start: float | np.ndarray = 0.0,
     steps: int = _OverBoardSettings.steps,
     wary: bool = False,
@@ -341,15 +341,15 @@ def fit(
     return _FittedLines(centre, std[:, 3] / np.abs(amplitude), found[:, 2], std[:, 2], chi)
 
 
-def _rough_centres(cut: Profiles, paint: LinePaint) -> np.ndarray:
+def _rough_centres(cut: _Profiles, paint: _LinePaint) -> np.ndarray:
     """(N,) where along each profile the line fits best, to half a pixel, within a few pixels of the guide."""
     candidates = np.arange(-_OverBoardSettings.capture_px, _OverBoardSettings.capture_px + 0.1, 0.5)
-    tried = [fit(cut, paint, place, steps=0) for place in candidates]
+    tried = [_fit(cut, paint, place, steps=0) for place in candidates]
     gain = [np.where(one.amplitude > 0, one.amplitude / np.maximum(one.amplitude_std, 1e-9), 0.0) for one in tried]
     return candidates[np.argmax(gain, axis=0)]
 
 
-def _fit_paint(cut: Profiles, paint: LinePaint) -> LinePaint:
+def _fit_paint(cut: _Profiles, paint: _LinePaint) -> _LinePaint:
     """The brightness and cover of the line on the guide from all profiles together; then its width."""
     usable = np.isfinite(cut.noise)
     behind = np.where(usable, np.nan_to_num(cut.behind), 0.0)
@@ -365,17 +365,17 @@ def _fit_paint(cut: Profiles, paint: LinePaint) -> LinePaint:
     cover = float(found[1])
     brightness = float(found[0]) / cover if cover > 1e-3 else paint.brightness
     if cover < 1e-3:
-        return LinePaint(brightness, cover, paint.scale_px)
+        return _LinePaint(brightness, cover, paint.scale_px)
 
     def misfit(scale: float) -> float:
-        return float(np.median(fit(cut, LinePaint(brightness, cover, scale), steps=2).chi))
+        return float(np.median(_fit(cut, _LinePaint(brightness, cover, scale), steps=2).chi))
 
     bounds = 0.5 * paint.scale_px, 2.0 * paint.scale_px
     best = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 0.02})
-    return LinePaint(brightness, cover, float(best.x))
+    return _LinePaint(brightness, cover, float(best.x))
 
 
-def _darkest_band(cut: Profiles, core_px: float) -> float:
+def _darkest_band(cut: _Profiles, core_px: float) -> float:
     """Part by which the darkest band next to a line dims white print, in units of the print: median of a few stretches.
 
     core_px : how far the line itself reaches to either side.
@@ -574,7 +574,7 @@ def find_over_board(
 
     With `bright` None the one with more cover of a bright and a dark line: an antenna covers, its shadow only dims.
     """
-    picture = board_picture(image, plane.camera, plane.T_camera_board, spec)
+    picture = _board_picture(image, plane.camera, plane.T_camera_board, spec)
     if picture is None:
         return None
     width = diameter_m / plane.metres_per_pixel()
@@ -603,7 +603,7 @@ class _Tracker:
         if path is None:
             return None
         scale = float(np.hypot(0.3 * self.width_px, self.picture.blur_px))
-        paint = LinePaint(1.0 if self.bright else 0.0, min(1.0, 0.4 * self.width_px / scale), scale)
+        paint = _LinePaint(1.0 if self.bright else 0.0, min(1.0, 0.4 * self.width_px / scale), scale)
         for _ in range(2):
             points, sigma = self._along(path, paint, rough=True)
             if len(points) < _OverBoardSettings.fewest_points // 2:
@@ -637,7 +637,7 @@ class _Tracker:
         """Coordinates (N,) along the path of pixels (N, 2)."""
         return path.along(self.plane.to_plane(pixels)[0])[0]
 
-    def _cut(self, path: _PlanePath, beyond: float, wider: float = 1.0) -> Profiles:
+    def _cut(self, path: _PlanePath, beyond: float, wider: float = 1.0) -> _Profiles:
         more = beyond * (path.end - path.start)
         steps = np.linspace(path.start - more, path.end + more, 600)
         pixels, valid = self.plane.to_pixels(path.points(steps))
@@ -645,11 +645,11 @@ class _Tracker:
         return _profiles(self.picture, pixels[inside], wider * self._core_px)
 
     def _along(
-        self, path: _PlanePath, paint: LinePaint, beyond: float = 0.0, *, rough: bool = False, wary: bool = False
+        self, path: _PlanePath, paint: _LinePaint, beyond: float = 0.0, *, rough: bool = False, wary: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
         """Points (N, 2) px that were measured along a path, and their standard deviations (N,) across it."""
         cut = self._cut(path, beyond)
-        fitted = fit(cut, paint, _rough_centres(cut, paint) if rough else 0.0, wary=wary)
+        fitted = _fit(cut, paint, _rough_centres(cut, paint) if rough else 0.0, wary=wary)
         wider = np.maximum(fitted.chi, 1.0)
         good = (fitted.amplitude > _OverBoardSettings.amplitudes[0]) & (
             fitted.amplitude < _OverBoardSettings.amplitudes[1]
@@ -672,11 +672,11 @@ class _Tracker:
             fresh = path.fitted(points, weight / np.maximum(1.0, off / (2.0 * np.median(off) + 1e-9)))
         return fresh
 
-    def _end(self, path: _PlanePath, paint: LinePaint, way: int) -> LineEnd | None:
+    def _end(self, path: _PlanePath, paint: _LinePaint, way: int) -> LineEnd | None:
         """Where the line ends beyond the path's start (−1) or end (+1)."""
         cut = self._cut(path, _OverBoardSettings.growth)
         # how much of the line is on the guide itself: about 1 where it is, 0 where not
-        there = fit(cut, paint, steps=0)
+        there = _fit(cut, paint, steps=0)
         amplitude, std = there.amplitude, there.amplitude_std * np.maximum(there.chi, 1.0)
         s = self._places(path, cut.crossing_px)
         order = np.argsort(way * s)

@@ -200,7 +200,7 @@ def _blur(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> list[Diagno
     if quality is None or not np.isfinite(quality.mean_blur_px):
         return []
     limit = QualitySettings.most_blur_per_gap * quality.gap_px
-    ellipse = blur_ellipse(image, view, spec)
+    ellipse = _blur_ellipse(image, view, spec)
     severity: Severity = "wrong" if quality.mean_blur_px > limit else "doubt"
     long_px, short_px, direction_rad = ellipse or (0.0, 0.0, 0.0)
     if long_px > max(QualitySettings.motion * short_px, QualitySettings.motion_px):
@@ -327,7 +327,7 @@ def _edge_blur(image: np.ndarray) -> tuple[float, float, float] | None:
     return known[most], min(known.values()), most * np.pi / count
 
 
-def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> tuple[float, float, float] | None:
+def _blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> tuple[float, float, float] | None:
     """Blur from a view with its quality and the picture (H, W) uint8; None unless both directions are seen.
 
     Edges determine the blur along the squares' sides, b₁ and b₂, not along diagonals. With correlation ρ the grey level

@@ -67,7 +67,7 @@ class AntennaFinder:
     @staticmethod
     def prepare(corridor: Corridor, image_size: tuple[int, int]) -> AntennaFinder:
         """Table the paths of a corridor."""
-        paths, spacing = templates(corridor)
+        paths, spacing = _templates(corridor)
         factor = int(np.clip(corridor.width_px / 2.5, 2, 12))
         pool = int(np.clip(np.ceil(0.5 * spacing / factor), 1, 4))
         reach = max(2, int(np.ceil((0.5 * corridor.width_px + 1.5) / factor)))
@@ -222,7 +222,7 @@ def sampled_axis(corridor: Corridor) -> tuple[np.ndarray, float]:
     return axis, max(0.9 * float(arc_lengths(axis)[-1]) / (len(axis) - 1), 3.0)
 
 
-def templates(corridor: Corridor) -> tuple[np.ndarray, float]:
+def _templates(corridor: Corridor) -> tuple[np.ndarray, float]:
     """Paths (P, S, 2) that fill a corridor, so dense that the antenna is within the spacing, px, of one."""
     axis, spacing = sampled_axis(corridor)
     length = arc_lengths(axis)[-1]
