@@ -33,9 +33,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         )
     parser.add_argument("--degrees", action="store_true", help="--pan and --tilt are in degrees")
     parser.add_argument("-o", "--output", type=Path, metavar="NEXT", help="next.json to write")
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Say where to touch next, and what it should tell."""
     from estimator.object.next_touch import JointLimits, next_touch
     from estimator.table.files import read_contacts

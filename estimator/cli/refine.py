@@ -46,9 +46,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="a further camera: its rig.json, of the same antenna, and its session with the same frames",
     )
     add_accept_rig(parser)
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Solve the recording as one, write refined.csv and, where asked for, the rig."""
     from estimator.recording import View, refine
     from estimator.table.files import check_format, read_contacts, write_contacts

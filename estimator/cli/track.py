@@ -36,9 +36,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="CONTACTS",
         help="write the contacts smoothed in time as well, .csv or .parquet (needs --rig)",
     )
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Follow the recording and write track.csv. Returns the events and how many frames are in each phase."""
     from estimator.contact.common_errors import shared_errors
     from estimator.object.track import follow, smooth

@@ -76,7 +76,7 @@ def raising(monkeypatch: pytest.MonkeyPatch) -> Callable[[BaseException], None]:
         def run(args: argparse.Namespace) -> dict[str, Any]:
             raise error
 
-        monkeypatch.setattr(schema_cli, "run", run)
+        monkeypatch.setattr(schema_cli, "_run", run)
 
     return make
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.cli.track import COLUMNS, configure, run
+from estimator.cli.track import COLUMNS, configure
+from estimator.cli.track import _run as run
 from estimator.contact.common_errors import CommonErrors
 from estimator.object.track import Event, Track, follow
 from estimator.table.contacts import ContactTable

@@ -59,7 +59,7 @@ def _simulate(scene: Path | str, out: Path, *options: str, force: bool = False) 
     simulate_cli.configure(parser)
     args = parser.parse_args([str(scene), "-o", str(out), *options])
     args.force = force
-    return simulate_cli.run(args)
+    return simulate_cli._run(args)
 
 
 def _digests(folder: Path) -> dict[str, str]:

@@ -27,7 +27,7 @@ def board(*argv: object, force: bool = False) -> dict[str, Any]:
     board_cli.configure(parser)
     args = parser.parse_args([str(part) for part in argv])
     args.force = force
-    return board_cli.run(args)
+    return board_cli._run(args)
 
 
 def test_one_command_gives_sheet_and_description(tmp_path: Path) -> None:

@@ -14,9 +14,10 @@ from vbaa_calib.core.errors import InputError
 
 def configure(parser: argparse.ArgumentParser) -> None:
     _suite().configure(parser)
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Measure one subject, or several one after the other."""
     result: dict[str, Any] = _suite().run(args)
     return result

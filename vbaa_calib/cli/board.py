@@ -64,9 +64,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="pixels per inch: those along its diagonal by its diagonal in inches",
     )
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the sheet and, where flags described the board, its board.yaml. Returns the numbers."""
     kind = args.output.suffix.lower()
     suffixes = (".pdf", ".svg", ".png")

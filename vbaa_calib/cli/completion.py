@@ -98,9 +98,10 @@ complete -o default -F _vbaa vbaa
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("shell", choices=("bash", "zsh", "fish"), help="the shell that the script is for")
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Print the script."""
     front = importlib.import_module("vbaa_calib.cli.main")  # which imports the verbs by name, too
 

@@ -29,9 +29,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--output", type=Path, required=True, help="the file to write")
     add_lens_file(parser)
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Convert one file. Returns what was written, and what the format has no place for.
 
     Raises InputError for a broken file, a lens that the format cannot hold, or a file in the way.

@@ -32,9 +32,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--skip", action="append", default=[], choices=list(CHECKS), metavar="CHECK", help=f"one of {', '.join(CHECKS)}"
     )
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Run and print the checks. `exit_code` in the result is 1 if any fails, else 0."""
     findings = []
     for finding in _examine({name: check for name, check in CHECKS.items() if name not in args.skip}):

@@ -27,9 +27,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--segments", type=int, default=40, metavar="N", help="parts of the antenna, 3 to 200 (default: 40)"
     )
     add_accept(parser)
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Write one file. Returns what was written, and what the format has no place for."""
     from vbaa_calib.export.simulators import EXPORTS, export
 

@@ -58,9 +58,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--output", type=Path, required=True, help="handeye.json to write")
     add_lens_file(parser)
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Solve by corners or by poses, write handeye.json; the exit code is 1 where the lens must not be used."""
     from vbaa_calib.calibrate.pose.robot_tables import read_robot_poses
     from vbaa_calib.cli.usable_rig import usable_rig

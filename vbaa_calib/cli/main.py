@@ -69,7 +69,7 @@ VERBS = {
     "schema": ("vbaa_calib.cli.schema", "print the JSON Schema of session.yaml, rig.json or whiskers.yaml"),
     "bench": ("vbaa_calib.cli.bench", "speed against error, with the alternatives in the same run"),
 }
-"""Name → (module with `configure` and `run`, one line of help), in the order of use; imported when needed."""
+"""Name → (module with `configure`, which sets `run`, and one line of help), in the order of use; imported when needed."""
 # the collection at exit takes a tenth of a second
 atexit.register(gc.freeze)
 
@@ -167,7 +167,7 @@ def run_verb(argv: Sequence[str]) -> int:
     parser.words = argv[1:]
     args = parser.parse_args(argv[1:])
     args.argv = ["vbaa", *argv]
-    result = _module(name).run(args)
+    result = args.run(args)
     if args.json:
         from vbaa_calib.core.files import json_text
 

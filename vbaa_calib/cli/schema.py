@@ -9,9 +9,10 @@ from typing import Any
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", choices=("session", "rig", "whiskers"), help="which file")
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Print the JSON Schema of what is checked, which is the result, on stdout."""
     from vbaa_calib.core.models import json_schema
     from vbaa_calib.rig.rig_file import RigFile

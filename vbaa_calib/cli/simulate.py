@@ -51,6 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--labels", action="store_true", help="labels/: masks, centrelines and contacts in the pictures"
     )
+    parser.set_defaults(run=_run)
 
 
 def _written(args: argparse.Namespace, scene: SceneSpec, folder: Path) -> Plan:
@@ -79,7 +80,7 @@ def _whiskers(args: argparse.Namespace, path: Path) -> dict[str, Any]:
     return {"session": str(args.output), "scene": path.stem, "frames": len(frames), "frames_in_contact": touching}
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the session, and its recording as a bag. Returns their names and counts.
 
     Raises InputError for a wrong scene, or a file or folder in the way.

@@ -52,9 +52,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--output", type=Path, help="stiffness.json to write")
     stiffness_photo.configure(parser)
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Read, solve, report; write stiffness.json if asked. Returns its numbers."""
     from vbaa_calib.calibrate.antenna.stiffness import read_deflections, solve_stiffness
     from vbaa_calib.core.images import SUFFIXES

@@ -41,9 +41,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--reconstruct", action="store_true", help="each recording's object, too: objects/NAME.vtp")
     add_estimator_options(parser)
     streams.configure(parser, readings=False)
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate every recording that is not done yet; the exit code is 1 where one is missing at the end, or wrong."""
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.source import is_stream

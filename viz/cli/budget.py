@@ -36,9 +36,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     one.add_argument("--force-y", type=float, metavar="N", help="force on the antenna along its y, in plane C")
     one.add_argument("--force-z", type=float, metavar="N", help="along its z, out of plane C")
     add_joints(parser)
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Make the budget, say it, and write what is asked for."""
     from estimator.budget.budget import error_budget
     from estimator.budget.report import SCHEMA, advice, as_data, contacts_as_data, table

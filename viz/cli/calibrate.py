@@ -44,9 +44,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "intrinsics/ is not needed then, and tests it if it is there",
     )
     add_lens_file(parser)
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Calibrate; the exit code is 1 where the verdict is wrong."""
     sessions = args.session
     if len(sessions) == 1 and sessions[0].suffix != ".csv":

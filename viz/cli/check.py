@@ -28,9 +28,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_watch(parser)
     parser.add_argument("--html", type=Path, metavar="REPORT", help="write a page that opens offline in any browser")
     parser.add_argument("-o", "--output", type=Path, metavar="CHECK", help="check.json to write")
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Judge the rig. Returns all numbers; the exit code is 1 where it does not hold.
 
     Raises InputError for a broken rig or session, or a file in the way.
@@ -84,4 +85,4 @@ def _watched(args: argparse.Namespace) -> dict[str, Any]:
     angles = [f"--{name}={value}" for name, value in joints_rad(args).items()]
     options = parser.parse_args([str(args.rig), args.session, "--watch", args.watch, "--no-final", *angles])
     options.json, options.force = args.json, args.force
-    return live.run(options)
+    return options.run(options)

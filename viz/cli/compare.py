@@ -36,9 +36,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="the share of frames that may be further apart or have another status (default: 0)",
     )
     parser.add_argument("--html", type=Path, metavar="PAGE", help="write a page that opens offline in any browser")
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Compare two results; the exit code is 1 where they differ by more than is allowed."""
     if not (args.tolerance > 0.0 and math.isfinite(args.tolerance)):
         raise InputError(f"--tolerance is {args.tolerance:g}", remedy="give a number of deviations, above 0")

@@ -27,9 +27,10 @@ SCENES = ("demo", "upright_knife", "steep_sphere")
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=Path("demo"), help="folder for everything (default: demo)")
     parser.add_argument("--scene", choices=SCENES, default="demo", help="which bundled scene")
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate, calibrate, estimate, reconstruct, view; then compare with the truth.
 
     Raises InputError when the folder holds something that is not a demo's, or a demo without `force`.

@@ -105,9 +105,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--report", type=Path, metavar="PAGE", help="the report's name (default: beside the output)")
     parser.add_argument("--no-report", action="store_true", help="leave the report out")
     streams.configure(parser)
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate every frame of a recording, write contacts.csv, then report.html. Refuses before any work.
 
     The exit code is 1 where the verdict on the recording is wrong.

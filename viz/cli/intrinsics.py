@@ -58,6 +58,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--fix-aspect", action="store_true", help="hold fx = fy (square pixels)")
     parser.add_argument("--html", type=Path, metavar="REPORT", help="write a page that opens offline in any browser")
+    parser.set_defaults(run=_run)
 
 
 _VERB = "vbaa intrinsics"
@@ -130,7 +131,7 @@ def _folder_of(args: argparse.Namespace) -> Iterator[Path]:
         yield Path(name)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Detect, solve, write camera.json and the page. The exit code is 1 where the lens must not be used."""
     if args.html is not None:
         refuse_output(args.html, PAGES, args.force, [args.board])

@@ -68,9 +68,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--idle", type=float, default=10.0, metavar="S", help="a folder or standard input silent for so long has ended"
     )
     streams.configure(parser)
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate a stream until it ends or is interrupted. Returns the summary; the exit code is 1 where the verdict on
     the recording is wrong. Raises InputError before any work."""
     from dataclasses import replace

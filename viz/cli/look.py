@@ -24,9 +24,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="the same view without the antenna: taken off; auto: learnt from the pictures beside this one",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="LOOK", help="debug picture to write, .png or .jpg")
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Look for the antenna. Returns the verdict and its numbers; the exit code is 0 whatever the verdict.
 
     Raises InputError for a broken picture or rig, a wrong size or angle, or a file in the way.

@@ -18,9 +18,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     why = "rig.json: its antenna's radius lies between contact and object, its errors are common to all contacts"
     parser.add_argument("--rig", type=Path, help=why)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OBJECT", help="a .vtp, .ply or .glb")
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the surface. Returns what it is made of. Raises InputError for wrong input or a file in the way."""
     from estimator.object.surface import reconstruct, touches_of
     from estimator.table.files import read_contacts

@@ -21,9 +21,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--truth", type=Path, help="truth.json of a synthetic session: drawn beside the estimates")
     parser.add_argument("-o", "--output", type=Path, metavar="PAGE", help="the page (default: beside the contacts)")
     parser.add_argument("--title", default="Contacts of the antenna", help="title of the page")
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the page. Returns where it is. Raises InputError for wrong input or a file in the way."""
     output = report_beside(args.contacts) if args.output is None else args.output
     refuse_output(output, PAGES, args.force)

@@ -45,10 +45,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="in Rerun instead: alone, in a viewer that is opened; a URL, in one that runs; or a file.rrd to write",
     )
     parser.add_argument("--title", default="Contacts of the active antenna", help="title of the page")
+    parser.set_defaults(run=_run)
 
 
 def _in_rerun(args: argparse.Namespace) -> dict[str, Any]:
-    """The contacts in Rerun's viewer, frame by frame. Raises InputError as `run` does."""
+    """The contacts in Rerun's viewer, frame by frame. Raises InputError as `_run` does."""
     from estimator.table.files import read_contacts
     from viz.files.rerun_log import RerunLog
 
@@ -63,7 +64,7 @@ def _in_rerun(args: argparse.Namespace) -> dict[str, Any]:
     return {"contacts": int(table.located.sum()), "frames": len(table), "rerun": args.rerun}
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Draw the scene. Returns what was drawn and written.
 
     Raises InputError for wrong input, a file in the way, or no display for a window; VbaaError where none works.

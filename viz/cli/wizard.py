@@ -57,9 +57,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
             words = words.replace(f" It says {{measure_{axis}_mm:.6g}} mm", "")
         text = (words + choices + unit).replace("%", "%%")
         group.add_argument(question.flag, dest=f"answer_{question.key}", metavar="...", help=text)
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Walk through the steps. Returns the verdict and where everything is.
 
     Raises InputError for whatever is wrong or missing, where nobody is there to be asked; VbaaError for a disk that is
@@ -76,7 +77,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         read_lens(Path(answers["camera"]), Wanted.of(answers))
     try:
         with Store(args.session) as store:
-            return _run(args, store, answers)
+            return _walk(args, store, answers)
     except KeyboardInterrupt:
         say(f"stopped; `vbaa wizard {args.session}` goes on here, with all that it reported as taken")
         raise
@@ -116,7 +117,7 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
-def _run(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> dict[str, Any]:
+def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> dict[str, Any]:
     from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.convert.values import Wanted
     from vbaa_calib.wizard.asking import adopt, check_together, set_unlisted_aside
