@@ -69,7 +69,7 @@ VERBS = {
     "schema": ("vbaa_calib.cli.schema", "print the JSON Schema of session.yaml, rig.json or whiskers.yaml"),
     "bench": ("vbaa_calib.cli.bench", "speed against error, with the alternatives in the same run"),
 }
-"""Name → (module with `configure`, which sets `run`, and one line of help), in the order of use; imported when needed."""
+"""Name → (module with `configure`, which sets `run`, and one line of help), in the order of use."""
 # the collection at exit takes a tenth of a second
 atexit.register(gc.freeze)
 

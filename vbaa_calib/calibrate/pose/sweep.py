@@ -45,7 +45,7 @@ from vbaa_calib.session import SweepPicture
 
 from .board_pose import mirrored, require_size
 from .fusion import PoseEstimate
-from .hand_eye_fit import robot_world
+from .hand_eye import robot_world
 from .settings import PoseSettings
 
 _CAMERA = slice(0, 6)  # columns of a step: tangent of X,
