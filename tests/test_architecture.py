@@ -34,10 +34,10 @@ MOST = {
     "module constants": 948,
     "class names used twice": 1,
     "classes": 484,
-    "public names": 1208,
-    "private words": 267,
+    "public names": 1169,
+    "private words": 266,
     "type: ignore": 4,
-    "words on pages": 35534,
+    "words on pages": 35523,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

@@ -13,7 +13,7 @@ import pytest
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine
-from vbaa_calib.calibrate.lens.information import information, observations_of
+from vbaa_calib.calibrate.lens.choice import information, observations_of
 from vbaa_calib.calibrate.lens.initialization import rough_lens
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS

@@ -13,7 +13,7 @@ from benchmarks.calibration.methods import solve_ours
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine
-from vbaa_calib.calibrate.lens.information import (
+from vbaa_calib.calibrate.lens.choice import (
     _compare_split_half,
     _held_out_squares,
     _solved_squares,

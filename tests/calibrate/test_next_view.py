@@ -23,7 +23,7 @@ from vbaa_calib.calibrate.guide.view_uncertainty import (
 )
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, deformations
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle
-from vbaa_calib.calibrate.lens.information import information
+from vbaa_calib.calibrate.lens.choice import information
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.geometry import Pose

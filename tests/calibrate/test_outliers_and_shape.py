@@ -11,8 +11,8 @@ from benchmarks.calibration.methods import kept_corners, screening, solve_oracle
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import ShapePrior
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, polished, refine
+from vbaa_calib.calibrate.lens.choice import information, observations_of
 from vbaa_calib.calibrate.lens.homography import homography
-from vbaa_calib.calibrate.lens.information import information, observations_of
 from vbaa_calib.calibrate.lens.initialization import rough_lens, unfolded, widened
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of, is_monotonic, rational_like
 from vbaa_calib.calibrate.lens.models import _corner_radius as corner_radius

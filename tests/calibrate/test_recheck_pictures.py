@@ -9,9 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.check.assessment import Assessment, assess
+from vbaa_calib.calibrate.check.assessment import Assessment, _plane_map, assess
 from vbaa_calib.calibrate.check.finding import Discrepancy, Finding
-from vbaa_calib.calibrate.check.rig import _plane_map
 from vbaa_calib.core.least_squares import change_test, products
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.write import _session_yaml

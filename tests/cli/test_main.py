@@ -119,7 +119,7 @@ def stopped(args):
         os.kill(os.getpid(), getattr(signal, sys.argv[1]))
         temporary.write_text("whole")
 
-schema_cli.run = stopped
+schema_cli._run = stopped
 sys.exit(main(["schema", "rig"]))
 """
 

@@ -22,8 +22,7 @@ from vbaa_calib.diagnose.boards import lens_reading_diagnoses
 from vbaa_calib.geometry.independent_axes import independent_axes
 
 from .check.boards import FOCUS, check_lens
-from .check.finding import FAILS, HOLDS, Discrepancy
-from .check.rig import at
+from .check.finding import FAILS, HOLDS, Discrepancy, at
 from .lens.board_shape import BoardShape
 from .lens.intrinsics import LensSolution
 from .lens.models import LENS_MODELS, DistortionModel, is_monotonic

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from targets.board import Board, BoardPoints, corner_points
+from vbaa_calib.calibrate.lens.choice import observations_of
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.diagnose.boards import ViewSet, view_set_diagnoses
 
 from .lens.bundle import Bundle, refine
-from .lens.information import observations_of
 from .lens.initialization import reposed, robust_poses
 from .lens.intrinsics import LensSolution, solve_intrinsics
 from .lens.models import LENS_MODELS

@@ -5,8 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from .clamp import MovingClamp
-from .drift import DRIFTS, Drift, drift_of
+from .drift import DRIFTS, Drift, MovingClamp, drift_of
 from .moment_sensor import READINGS, SILENT, MomentSensor
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from vbaa_calib.core.models import FileModel, Number, WholeNumber
 
-from .clamp import MovingClamp
+from .drift import MovingClamp
 from .settings import AnyLength, Diameter, Gravity
 
 _Relative = Annotated[Number, Field(ge=0, le=1)]

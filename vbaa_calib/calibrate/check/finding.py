@@ -122,3 +122,10 @@ def plus_minus(value: float, std: float) -> str:
     """A signed number and its standard deviation, with two digits of the latter."""
     digits = int(np.clip(1 - np.floor(np.log10(std)), 0, 9)) if std > 0 else 3
     return f"{value:+.{digits}f} ± {std:.{digits}f}"
+
+
+def at(data: Any, *keys: str) -> Any:
+    """Value at a path of keys; None where something else is on the way."""
+    for key in keys:
+        data = data.get(key) if isinstance(data, Mapping) else None
+    return data

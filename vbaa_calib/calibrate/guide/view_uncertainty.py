@@ -10,7 +10,7 @@ import numpy as np
 from targets.board import BoardPoints, BoardWithIds, corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, ShapePrior, deformations
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, rows
-from vbaa_calib.calibrate.lens.information import kept_observations
+from vbaa_calib.calibrate.lens.choice import kept_observations
 from vbaa_calib.calibrate.lens.initialization import robust_poses, widened
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, DistortionModel, camera_of

@@ -6,14 +6,236 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtrc
 
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.least_squares import CHANCE_SCATTER, padded, without_own
+from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.rig.rig_file import can_hold
 
-from .information import Candidate, excess_in_errors
-from .models import LENS_MODELS, pole_distance
+from .board_shape import SHAPE, deformations
+from .bundle import CONVERGED, BoardCorners, Bundle, refine, rows
+from .models import LENS_MODELS, DistortionModel, camera_of, is_monotonic, pole_distance
 from .settings import LensSettings
-from .uncertainty import expected_errors_px
+from .uncertainty import compensate, expected_errors_px, pixel_grid, projection_jacobian
+
+_NEAR = replace(CONVERGED, iterations=20, tolerance=1e-5)  # from a start that is all but the answer
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """The reduced least-squares problem at a solution, in coordinates z (p,) in which all views and the prior of the
+    board's shape together have unit information. To first order everything that the views say, alone or in groups,
+    follows from it without a new solve.
+    """
+
+    half: np.ndarray  # (4 + k + 5, p) change of intrinsics and shape for a unit of each z
+    blocks: np.ndarray  # (V, p, p) information of each view, its own pose eliminated
+    gradients: np.ndarray  # (V, p) of each view
+    squares: np.ndarray  # (V,) squared residuals of each view, px²
+    # (V, p + 1, p + 1) triangular factors R of the views' own problems: RᵀR of the first p columns is the information,
+    # then the residuals. Sums of information lose half the digits, stacked factors do not.
+    roots: np.ndarray
+    prior: np.ndarray  # (p, p) information of the penalty against folding, and of the board's shape
+    prior_root: np.ndarray  # (m, p + 1) the shape's part of it as rows, then their residuals
+    counts: np.ndarray  # (V,) corner coordinates of each view
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(4 + k + 5, 4 + k + 5) of intrinsics and shape, scaled by the residual variance and by `view_scatter`."""
+        return self._variance * self.view_scatter**2 * self.half @ self.half.T
+
+    @property
+    def left_out(self) -> np.ndarray:
+        """(V, 4 + k + 5) change of intrinsics and shape without each view, to first order."""
+        whole = self.blocks.sum(axis=0) + self.prior
+        pairs = zip(self.blocks, self.gradients, strict=True)
+        steps = [np.linalg.lstsq(whole - block, -gradient, rcond=1e-12)[0] for block, gradient in pairs]
+        return np.array(steps) @ self.half.T
+
+    @property
+    def _variance(self) -> float:
+        """Variance of the residuals, px²."""
+        freedom = self.counts.sum() - self.half.shape[1] - 6 * len(self.counts)
+        return float(self.squares.sum()) / max(float(freedom), 1.0)
+
+    @property
+    def view_scatter(self) -> float:
+        """Ratio, at least 1, of the views' contradictions to what the noise of their corners explains, by their
+        gradients (cluster-robust covariance): corners of one picture share errors by motion, blur, and a lens beyond
+        the model.
+        """
+        expected = np.trace(self.blocks, axis1=1, axis2=2) - np.einsum("vij,vji->v", self.blocks, self.blocks)
+        ratio = float((self.gradients**2).sum()) / max(self._variance * float(expected.sum()), 1e-300)
+        return float(np.sqrt(max(ratio / CHANCE_SCATTER, 1.0)))
+
+
+def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Information | None:
+    """Information of the corners at a solution over them; None where the views leave a free parameter undetermined."""
+    counts = np.array([view.pixels.size for view in observations])
+    if counts.sum() <= bundle.directions.shape[1] + 6 * len(observations):
+        return None
+    residuals, by_shared, by_pose, bounds = rows(bundle, observations)
+    weights = np.repeat([view.weight for view in observations], np.diff(bounds))[:, None]
+    residuals, by_shared, by_pose = residuals * weights, by_shared * weights[..., None], by_pose * weights[..., None]
+    left = without_own(by_shared @ bundle.directions, by_pose, bounds)
+    prior, by_shape = bundle.prior_rows()
+    size = left.shape[-1]
+    jacobian = np.vstack([left.reshape(-1, size), by_shape @ bundle.directions])
+    norms = np.linalg.norm(jacobian, axis=0)
+    whole = np.linalg.norm((by_shared @ bundle.directions).reshape(-1, bundle.directions.shape[1]), axis=0)
+    # what the poses explain but for rounding is open
+    if not np.all(np.isfinite(norms)) or not np.all(norms > LensSettings.left_by_poses * whole):
+        return None
+    _, values, basis = np.linalg.svd(np.linalg.qr(jacobian / norms, mode="r"), full_matrices=False)
+    if values[-1] < LensSettings.determined * values[0]:
+        return None
+    free = (basis.T / values) / norms[:, None]
+    half = bundle.directions @ free
+    by_view, own = left @ free, padded(residuals[..., None], bounds)
+    roots = np.asarray(np.linalg.qr(np.concatenate([by_view, own], axis=-1), mode="r"))
+    held = prior_rows = np.column_stack([by_shape @ half, prior])
+    if bundle.unfolding is not None:
+        steep = bundle.unfolding_rows()[1] @ half[:-SHAPE]
+        held = np.vstack([held, np.pad(steep, ((0, 0), (0, 1)))])
+    return Information(
+        half=half,
+        blocks=by_view.mT @ by_view,
+        gradients=(by_view.mT @ own)[..., 0],
+        squares=(own**2).sum(axis=(1, 2)),
+        roots=np.pad(roots, ((0, 0), (0, size + 1 - roots.shape[1]), (0, 0))),
+        prior=(held.T @ held)[:-1, :-1],
+        prior_root=prior_rows,
+        counts=counts,
+    )
+
+
+def _held_out_squares(bundle: Bundle, observations: Sequence[BoardCorners], known: Information) -> np.ndarray:
+    """(V,) squared distances of each view's corners, px², under a lens fitted without a fifth of the views, the
+    held-out views' poses solved for. One Gauss–Newton step from the solution over all, or where errors are much larger,
+    solved anew.
+    """
+    squares = known.squares.copy()
+    for held in _folds(len(squares)):
+        rest = known.blocks[~held].sum(axis=0) + known.prior
+        step = np.linalg.lstsq(rest, -known.gradients[held].sum(axis=0), rcond=1e-12)[0]
+        squares[held] += step @ known.blocks[held] @ step - 2.0 * known.gradients[held] @ step
+    return (
+        squares
+        if squares.sum() <= LensSettings.solved_anew * known.squares.sum()
+        else _solved_squares(bundle, observations)
+    )
+
+
+def _folds(views: int) -> list[np.ndarray]:
+    """(V,) masks of the views held out in turn."""
+    folds = min(LensSettings.folds, views)
+    return [np.arange(views) % folds == fold for fold in range(folds)]
+
+
+def _solved_squares(bundle: Bundle, observations: Sequence[BoardCorners]) -> np.ndarray:
+    """(V,) as `_held_out_squares`, each lens solved for."""
+    squares = np.zeros(len(observations))
+    for held in _folds(len(observations)):
+        seen = [view for view, out in zip(observations, held, strict=True) if not out]
+        unseen = [view for view, out in zip(observations, held, strict=True) if out]
+        lens = refine(replace(bundle, poses=bundle.poses[~held]), seen, _NEAR)
+        tested = refine(replace(lens.poses_only, poses=bundle.poses[held]), unseen, _NEAR)
+        pairs = zip(unseen, tested.residuals_px, strict=True)
+        squares[held] = [view.weight**2 * np.sum(residual**2) for view, residual in pairs]
+    return squares
+
+
+def _excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
+    """Excess of squared errors (V,) over those of a reference, in standard errors over views."""
+    excess = squares - reference
+    standard_error = np.sqrt(len(excess)) * np.std(excess, ddof=1)
+    return float(excess.sum() / standard_error) if standard_error > 0.0 else 0.0
+
+
+def _compare_split_half(
+    model: DistortionModel, intrinsics: np.ndarray, known: Information, image_size: tuple[int, int]
+) -> tuple[float | None, float | None]:
+    """Rms difference over the picture of the lenses of two halves of the views, in predicted deviations, and its
+    p-value; None with under 6 views, or when a half leaves the lens open.
+
+    The views are dealt out in turn; each half's lens is one Gauss–Newton step from that of all. What a turn of the
+    camera explains is left out, and so is the penalty against folding.
+    """
+    if len(known.squares) < LensSettings.halved_views:
+        return None, None
+    difference, covariance = np.zeros(known.half.shape[1]), np.zeros_like(known.prior)
+    for first, sign in ((0, 1.0), (1, -1.0)):
+        size = known.half.shape[1]
+        # each half has half of the prior: together they are the whole problem
+        own_rows = [known.roots[first::2].reshape(-1, size + 1), np.sqrt(0.5) * known.prior_root]
+        _, factor = np.linalg.qr(np.vstack(own_rows))
+        own, pull = factor[:size, :size], factor[:size, size]
+        freedom = known.counts[first::2].sum() - size - 6 * len(known.counts[first::2])
+        if freedom <= 0 or np.linalg.cond(own) > LensSettings.half_open:
+            return None, None
+        inverse = np.linalg.inv(own)
+        variance = factor[size, size] ** 2 / freedom
+        difference += sign * (inverse @ pull)
+        covariance += variance * known.view_scatter**2 * (inverse @ inverse.T)
+    camera, pixels = camera_of(model, intrinsics, image_size), pixel_grid(image_size, LensSettings.grid)
+    jacobian = compensate(camera, pixels, projection_jacobian(camera, pixels)) @ known.half[:-SHAPE]
+    jacobian = jacobian[np.isfinite(jacobian).all(axis=(-1, -2))]
+    if not len(jacobian):
+        return None, None
+    predicted = np.trace(jacobian @ covariance @ np.swapaxes(jacobian, -1, -2), axis1=-2, axis2=-1)
+    seen = jacobian / np.sqrt(predicted * len(jacobian))[:, None, None]
+    form = np.einsum("nki,nkj->ij", seen, seen)
+    square = float(difference @ form @ difference)
+    # a sum of squares of unequal share, by the chi-squared law with its mean, which is 1, and its variance
+    freedom = 1.0 / float(np.sum((form @ covariance) * (form @ covariance).T))
+    return float(np.sqrt(square)), float(chdtrc(freedom, square * freedom))
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Results of one lens model in the comparison."""
+
+    model: str
+    free_parameters: int  # of the lens, focal lengths and principal point included
+    rms_px: float  # over the corners it was fitted to
+    held_out_rms_px: float  # over views that only had their poses fitted
+    monotonic: bool  # whether it maps the whole picture without folding, once it has converged
+    halves: float | None = None  # as `_compare_split_half` gives them
+    halves_p_value: float | None = None
+    expected_error_px: float | None = None  # as `expected_errors_px` gives it; None for a single model
+    passed_over: str = ""  # why it was not chosen, where that is not its expected error
+
+    @property
+    def split_half_agrees(self) -> bool:
+        """Whether the halves differ no more than predicted, or cannot be compared."""
+        return self.halves_p_value is None or self.halves_p_value >= LensSettings.halves_agree
+
+
+def assess(
+    bundle: Bundle, observations: Sequence[BoardCorners], image_size: tuple[int, int], known: Information
+) -> tuple[Candidate, np.ndarray]:
+    """One lens model's row of the comparison, and its held-out squared errors (V,) px² by view."""
+    squares = _held_out_squares(bundle, observations, known)
+    free = int(np.any(bundle.directions[:-SHAPE] != 0.0, axis=0).sum())
+    monotonic = is_monotonic(bundle.model, bundle.intrinsics, image_size)
+    halves = _compare_split_half(bundle.model, bundle.intrinsics, known, image_size)
+    held_out_px = float(np.sqrt(squares.sum() / sum(view.weight**2 * len(view.pixels) for view in observations)))
+    return Candidate(bundle.model.name, free, bundle.rms_px, held_out_px, monotonic, *halves), squares
+
+
+def observations_of(views: Sequence[BoardView], nominal_m: np.ndarray) -> list[BoardCorners]:
+    """The corners of views with the board points (C, 3) that they show."""
+    moved = deformations(nominal_m)
+    return [BoardCorners(nominal_m[view.ids], view.corners_px, moved[view.ids]) for view in views]
+
+
+def kept_observations(
+    views: Sequence[BoardView], outlier_ids: Sequence[Sequence[int]], nominal_m: np.ndarray
+) -> list[BoardCorners]:
+    """`observations_of` without the outliers of each view."""
+    every = zip(observations_of(views, nominal_m), views, outlier_ids, strict=True)
+    return [observation.picked(~np.isin(view.ids, ids)) for observation, view, ids in every]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +295,7 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
 
     def is_good(name: str) -> bool:
         ratio = every[name].candidate.held_out_rms_px / every[best].candidate.held_out_rms_px
-        uncertain = excess_in_errors(every[name].squares_px2, every[best].squares_px2) <= rules.excess
+        uncertain = _excess_in_errors(every[name].squares_px2, every[best].squares_px2) <= rules.excess
         return ratio <= rules.negligible_cost or (ratio <= rules.most_cost and uncertain)
 
     good = [name for name in names if is_good(name)]

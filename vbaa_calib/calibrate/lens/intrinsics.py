@@ -16,8 +16,7 @@ from vbaa_calib.geometry import Pose
 
 from .board_shape import SHAPE, BoardShape, ShapePrior
 from .bundle import CONVERGED, BoardCorners, Bundle, polished, refine, residuals_px
-from .choice import Assessed, choose
-from .information import Candidate, Information, assess, information, observations_of
+from .choice import Assessed, Candidate, Information, assess, choose, information, observations_of
 from .initialization import Guess, reposed, rough_lens, unfolded
 from .models import LENS_MODELS, DistortionModel, camera_of, is_monotonic
 from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views

@@ -11,7 +11,7 @@ import numpy as np
 from vbaa_calib.core.errors import Diagnosis
 
 from .board_shape import BoardShape
-from .information import Candidate
+from .choice import Candidate
 from .settings import LensSettings
 
 if TYPE_CHECKING:
