@@ -86,7 +86,8 @@ def paper_named(text: str) -> _Paper:
 
 @dataclass(frozen=True)
 class Shape:
-    """A black area: outlines in mm, filled by the even-odd rule."""
+    """A black area: outlines in mm, filled where a ray crosses them an uneven number of times (SVG's and PDF's
+    `evenodd`)."""
 
     loops: tuple[Loop, ...]
 

@@ -35,7 +35,7 @@ _RULER = _RulerSettings()
 
 
 def _outlines(black: np.ndarray) -> tuple[Loop, ...]:
-    """The outlines of the black cells of a (rows, columns) mask, in cells, for the even-odd rule.
+    """The outlines of the black cells of a (rows, columns) mask, in cells, to be filled by the rule `evenodd`.
 
     Neighbouring cells share an outline: viewers that smooth edges show hairlines between touching rectangles.
     """
@@ -63,7 +63,7 @@ def _outlines(black: np.ndarray) -> tuple[Loop, ...]:
 
 
 def _board_shapes(spec: BoardWithIds) -> list[tuple[Loop, ...]]:
-    """Outlines of all black squares, then of each marker, for the even-odd rule, mm from the print's first corner.
+    """Outlines of all black squares, then of each marker, for the rule `evenodd`, mm from the print's first corner.
 
     The squares are one shape, since viewers snap single rectangles to whole pixels.
     """

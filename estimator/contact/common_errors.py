@@ -45,7 +45,7 @@ class CommonErrors:
 
     @staticmethod
     def none(table: ContactTable) -> CommonErrors:
-        """Of frames whose rig is not known: all of their covariance counts as their own."""
+        """Errors of frames without a known rig: all of their covariance counts as their own."""
         nothing = np.zeros((len(table), 3, 0))
         return CommonErrors(nothing, nothing, nothing, table.covariance_world_m2)
 
@@ -149,8 +149,8 @@ def _errors(frames: Frames, unknowns: np.ndarray, distance_std: np.ndarray) -> n
 
 
 def _as_certain(points: np.ndarray, beside: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Covariances (B, K, K) of the information in points and beside them, the points' so weighed that the first
-    unknown has these variances (B,), as far as any weight gives it them."""
+    """Covariances (B, K, K) of the information of points and of all else, with the weight of the points that gives the
+    first unknown these variances (B,), as far as any weight does."""
     # L Lᵀ = points + beside, L⁻¹ points L⁻ᵀ = V Λ Vᵀ: the first unknown has the variance Σ (V' L⁻¹ e₀)²/(1 + (w − 1) Λ)
     inverse = np.linalg.inv(np.linalg.cholesky(points + beside))
     values, vectors = np.linalg.eigh(inverse @ points @ np.swapaxes(inverse, 1, 2))

@@ -83,7 +83,7 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
 
 
 def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch, model: str) -> Contacts:
-    """The results of a batch: their statuses decide which numbers are given. `model` is what was asked for."""
+    """The results of a batch; their statuses decide which numbers are filled in. `model` is what was asked for."""
     pan_rad, tilt_rad = batch.pan_rad, batch.tilt_rad
     status = statuses(numbers)
     located = (status == OK) | (status == TIP)
@@ -242,7 +242,7 @@ class MotionCheck:
         return self._ready(self._motion.push(several.shapes))
 
     def finish(self) -> Iterator[Contact]:
-        """The contacts that still wait."""
+        """The contacts that wait for later frames."""
         loads = self._motion.finish()
         return iter(()) if loads is None else self._ready(loads)
 

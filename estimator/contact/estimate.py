@@ -55,7 +55,7 @@ class ContactEstimator:
     ----------
     rig : the calibrated rig.
     model : a rung of the ladder, `antenna.rungs.RUNGS`, or "auto": the highest rung's answers, and with each the lowest
-        rung whose predicted bias is small against the noise.
+        rung with a predicted bias that is small against the noise.
     friction : rad, standard deviation of the friction angle (the force's angle from the antenna's normal); 0 for
         contacts without friction.
     jobs : threads over the frames of a batch; by default the processor's cores. The results are the same for any.
@@ -146,7 +146,7 @@ class ContactEstimator:
         """Both contacts of a frame that shows two, the nearer one first; else the one of `estimate`.
 
         The parameters are those of `estimate`, without jacobian. Two contacts are searched where no single one explains
-        the frame, and given where the frame determines both; otherwise the single contact's reason names them. The
+        the frame, and reported where the frame determines both; otherwise the single contact's reason names them. The
         antenna's end and points' covariances other than `sigma_px` are not used.
 
         Raises InputError as `estimate`, and for an antenna that is not uniform.
@@ -308,7 +308,7 @@ class ContactEstimator:
         return replace(contacts, moment_residual_Nm=contacts.moment_residual_Nm / weights[:, 0])
 
     def _fitted(self, batch: Batch, frames: Frames, beam: Beam | None) -> FitNumbers:
-        """The fits of frames with enough points; what does not fit is looked at again."""
+        """The fits of frames with enough points; frames that do not fit are tried again with other explanations."""
         fitted = self._solved(frames, batch.start, beam)
         frames = without_outliers(batch, frames, fitted, self._rung, lambda some: self._solved(some, None, beam))
         frames = self._without_odd_tips(frames, fitted, beam)
@@ -321,7 +321,8 @@ class ContactEstimator:
         return solve(frames, self.model, start, None if beam is None else beam.pieces_m, self.jobs)
 
     def _without_odd_tips(self, frames: Frames, fitted: FitNumbers, beam: Beam | None) -> Frames:
-        """Fit frames whose antenna's end lies where it cannot be without it: something else ended there. As used."""
+        """Refit frames with an impossible antenna's end without it, as something else ended there. Returns the frames
+        as used."""
         with np.errstate(invalid="ignore"):
             odd = np.abs(fitted.tip_std) > ContactSettings.outlying_end
         if not odd.any():
@@ -353,8 +354,8 @@ class ContactStream:
 
     live : each frame is answered as it comes, from those before it; else `STREAM` at a time, as a recording's.
     little_by_little : a `push` does only a short step or few, such as to solve one frame. The contacts are the same.
-    beside : another stream of the same frames, which learns how the rig has changed for this one, too, and is given
-        each frame after it.
+    beside : another stream of the same frames, which learns for this one, too, how the rig has changed; it gets each
+    frame after it.
     """
 
     def __init__(
@@ -398,7 +399,7 @@ class ContactStream:
         return self._worked(1)
 
     def finish(self) -> Iterator[Contact]:
-        """The contacts of all frames that still wait; nothing comes after them."""
+        """The contacts of all frames that wait, at the end of the stream."""
         if self._coming:
             self._work.append(self._taken(self._coming))
         yield from self._worked(None)
@@ -441,7 +442,7 @@ class ContactStream:
         """The contacts of a batch: the solver begins at the last one before.
 
         What the stream of the same frames has found for one that has a start of its own is found again by the same
-        estimator, so it is not looked for.
+        estimator, so it is not searched.
         """
         then = now.at(max(each.time_s for each in several))
         earlier = [self._earlier.popleft() for _ in range(min(len(several), len(self._earlier)))]

@@ -58,7 +58,7 @@ class Batch(Rows):
     pan_rad, tilt_rad : (B,) joint angles.
     outside_points : (B,) number of points that are left out because they lie outside the picture.
     start : (B, 4) initial unknowns, NaN where there are none; None without any.
-    errors_Nm : (B, 6) deviations of the readings beside the sensors' noise; None without any.
+    errors_Nm : (B, 6) standard deviations of the readings in addition to the sensors' noise; None without any.
     joint_errors_rad : (B, 2) deviations of pan and tilt; None without any.
     covariance_shape : (B, N, 2, 2) covariance of each point over sigma_px²; None: the same in every direction.
     order : (B, N) where each point was listed; None: as it is here.

@@ -75,7 +75,7 @@ class Shapes(Rows):
     time_s : (B,)
     points_m : (B, G, 3) at `Beam.pieces_m`, world frame: the base's motion is in them.
     std_m : (B, 1) or (B, G) what a point scatters by from frame to frame, along any axis: by pixels, by the moment, by
-        the joint angles' resolution; not by the calibration, whose error all frames share.
+        the joint angles' resolution; not by the calibration: all frames share its error.
     contact : (B,) distance of the contact in antenna lengths; NaN or 0 where nothing is touched.
     """
 
@@ -95,7 +95,7 @@ class Shapes(Rows):
 class Inertia:
     """What inertia does to the antenna in R frames. NaN where undetermined.
 
-    load_N_m : (R, G, 3) −ρA·a at `Beam.pieces_m`, world frame, beside the weight.
+    load_N_m : (R, G, 3) −ρA·a at `Beam.pieces_m`, world frame, in addition to the weight.
     load_std_N_m : (R, G, 3) standard deviation.
     response : (R,) how much of an oscillation in the first mode frames at these times show, 0 to 1: the load is too
         small by it. 0.70 at 30 frames per second for the free steel antenna, 0.84 with many frames in a period.
@@ -154,7 +154,7 @@ class Motion:
         self._judged = 0
 
     def push(self, shapes: Shapes) -> Inertia:
-        """The verdicts (K,) that these frames make possible: in order, the first on the first that still waited."""
+        """The verdicts (K,) that these frames make possible: in order, beginning with the first frame that waited."""
         held = shapes if self._held is None else Shapes.joined([self._held, shapes])
         waiting = complete = len(held) - self._judged
         if complete and not self._live:  # the first frames that have all later ones of their neighbourhoods
@@ -165,7 +165,7 @@ class Motion:
         return self._judge(held, max(complete, waiting - ContactSettings.motion_frames))
 
     def finish(self) -> Inertia | None:
-        """The verdicts on the frames that still wait; None if none was ever pushed, or none waits."""
+        """The verdicts on the frames that wait; None if none was ever pushed, or none waits."""
         return None if self._held is None or self._live else self._judge(self._held, len(self._held) - self._judged)
 
     def _judge(self, held: Shapes, count: int) -> Inertia:

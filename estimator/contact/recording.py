@@ -60,9 +60,9 @@ class FrameContact:
 
 @dataclass(frozen=True, eq=False)
 class _FirstDetection:
-    """A frame, its picture (H, W) on the plane of paint, what a first look saw in it, whether the antenna is brighter
-    there than what lies behind it; and, where the antenna can be seen at all, the picture (H, W[, 3]) as it was taken,
-    what looked for it, and whether what lies behind it was taken off."""
+    """A frame, its picture (H, W) on the plane of paint, what was first detected in it, whether the antenna is brighter
+    than its background; and, where the antenna can be in view, the original picture (H, W[, 3]), its finder, and
+    whether the background was subtracted."""
 
     frame: Frame
     image: np.ndarray
@@ -177,7 +177,7 @@ def _same_paths_m_s2(rig: Rig) -> float:
 def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]) -> list[Detection]:
     """The antenna of each picture measured along the shape that the first look led to, which is where the fit begins.
 
-    What was seen in part, or twice, is no antenna to be fitted, and is not looked for again.
+    A line that was seen in part, or twice, is no antenna to be fitted, and is not measured again.
     """
     rig = estimator.rig
     firsts = [measured(rig, each.frame, each.line if each.line.found else NOTHING) for each in glances]
@@ -367,7 +367,7 @@ def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground |
 
 
 def measured_lines(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.ndarray]) -> Iterator[Measured]:
-    """What every frame offers whose pixels are extracted already, by frame (N, 3): u_px, v_px, sigma_px or NaN.
+    """The measurements of every frame from extracted pixels, by frame (N, 3): u_px, v_px, sigma_px or NaN.
 
     Standard deviations that are absent are the points' own scatter, or the rig's pictures' where too little is seen;
     those that are far smaller than it are widened to it.

@@ -61,7 +61,7 @@ class StreamOptions:
 
 @dataclass(frozen=True, eq=False)
 class _Stream:
-    """A bag, or a video with the readings of the .csv beside it that has its name.
+    """A bag, or a video with the readings of the .csv of its name in the same folder.
 
     notes : what the last pass had to tell.
     """
@@ -150,7 +150,7 @@ class _Source:
 
 
 def _recording_files(path: Path) -> list[Path]:
-    """The files that a recording is made of, beside its pictures. Raises InputError for what holds none."""
+    """The files of a recording other than its pictures. Raises InputError for what is no recording."""
     if is_stream(path):
         table = path.with_suffix(".csv")
         inside = sorted(each for each in path.iterdir() if each.is_file()) if path.is_dir() else [path]
@@ -189,7 +189,7 @@ def some_stills(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> list
 def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> _Source:
     """Open a session folder, or its recording/centrelines.csv; a bag; a video with readings in the .csv of its name.
 
-    no_moment : leave the moment readings aside. Raises InputError for what is wrong in it.
+    no_moment : ignore the moment readings. Raises InputError for what is wrong in it.
     """
     if is_stream(path):
         stream = _Stream(path, rig, options or StreamOptions(), no_moment)

@@ -1,6 +1,6 @@
-"""What stands still behind the antenna, learnt from a recording's own pictures and those of the free antenna.
+"""The static background behind the antenna, learnt from a recording's own pictures and those of the free antenna.
 
-Camera and antenna move together: what lies behind stands still in the picture only where the joints do, or where it
+Camera and antenna move together: the background is static in the picture only where the joints are, or where it
 moves with them. The pictures themselves decide.
 """
 
@@ -32,7 +32,7 @@ AUTO = Path("auto")
 
 
 def surroundings(rig: Rig, given: Path | None, stills: Callable[[], Sequence[Still]]) -> tuple[Ground | None, str]:
-    """What lies behind the antenna, as `--background` asks for it, and what came of that in words.
+    """The background, as `--background` asks for it, and in words what came of that.
 
     given : a picture of the same view without the antenna, or `AUTO`: learnt from the stills.
     Raises InputError when a picture cannot be read or has another size than the rig's.
@@ -102,7 +102,7 @@ def _learnt(rig: Rig, stills: Sequence[Still]) -> tuple[Background | None, str]:
 def _background_of(
     images: Sequence[np.ndarray], looking: AntennaFinder, bright: bool | None
 ) -> tuple[Background | None, str]:
-    """What stands still behind the antenna in pictures (H, W) of it, or why nothing is to be gained by it."""
+    """The static background in pictures (H, W) of the antenna, or why nothing is to be gained by it."""
     width = looking.corridor.width_px
     lines = [looking.find(image, bright) for image in images]
     ground = _without(lines, images, width)

@@ -138,7 +138,7 @@ class LiveEstimator:
             yield from self._estimate(each)
 
     def finish(self) -> Iterator[LiveContact]:
-        """All that still waits; nothing comes after it."""
+        """The contacts of all frames that wait, at the end of the stream."""
         for each in self.synchronizer.finish():
             yield from self._estimate(each)
         self.verdict.finish()

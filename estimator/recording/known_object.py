@@ -1,4 +1,4 @@
-"""Equations of contacts with an object whose place is known: they determine the rig's errors."""
+"""Equations of contacts with an object at a known place: they determine the rig's errors."""
 
 from __future__ import annotations
 

@@ -161,8 +161,8 @@ class RecordingProblem:
         return np.concatenate(information), np.concatenate(side)
 
     def _split(self, index: int) -> np.ndarray:
-        """(4 + R + K, 4 + L + S) a frame's unknowns and steps in one camera's pictures, whose lines have K errors, from
-        its own ones and the shared ones. A line's errors are partly common to all frames: by a lamp that moved."""
+        """(4 + R + K, 4 + L + S) a frame's unknowns and steps in one camera's pictures, with K errors of their lines,
+        from its own ones and the shared ones. A line's errors are partly common to all frames: by a lamp that moved."""
         view, rig, lines = self.views[index], self.axes.shape[1], self.lines
         before, count = sum(map(self.lines_of, self.views[:index])), self.lines_of(view)
         split = np.zeros((UNKNOWNS + rig + count, UNKNOWNS + lines + self.size))

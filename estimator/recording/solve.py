@@ -47,7 +47,7 @@ class Solution:
 
 def solved(problem: RecordingProblem, start: State, strokes: np.ndarray, widening: float = 1.0) -> Solution:
     """The most probable recording. What frames share is solved for with `most_frames` of them at most, evenly over the
-    recording, then held while the others are fitted: a frame's bias is of second order in its noise, but the same in
+    recording, then fixed while the others are fitted: a frame's bias is of second order in its noise, but the same in
     many. strokes : (B,) number of each frame's; widening : on the deviations of the calibration.
     """
     rig = problem.axes.shape[1]
@@ -129,7 +129,8 @@ def _trend(
 
 
 def _offness(covariance: np.ndarray, prior: np.ndarray, rig: int, excess: float) -> float:
-    """How many times farther off than its deviations say the rig is: of a direction told in part, χ² grows in part."""
+    """How many times farther off than its deviations say the rig is: of a direction that is determined in part, χ²
+    grows in part."""
     told = rig - float(np.diag(covariance)[:rig] @ prior[:rig])
     return float(np.sqrt(max(1.0 + excess / max(told, 1e-9), 0.0)))
 
@@ -168,8 +169,8 @@ def _pull(problem: RecordingProblem, state: State, equations: Equations) -> np.n
 
 
 def _others(problem: RecordingProblem, state: State, found: np.ndarray, chosen: np.ndarray) -> tuple[State, Equations]:
-    """All frames fitted with the shared steps as they are; those chosen begin where they were found. Of frames whose
-    steps became longer twice half a step is taken, then a quarter, and so on."""
+    """All frames fitted with the shared steps as they are; those chosen begin where they were found. A frame with
+    steps that became longer twice takes half a step, then a quarter, and so on."""
     unknowns, trust = state.unknowns.copy(), np.full((len(state.unknowns), len(problem.views), 2), np.nan)
     unknowns[chosen] = found
     rises, before = np.zeros(len(unknowns)), np.full(len(unknowns), np.inf)

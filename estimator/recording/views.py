@@ -46,7 +46,7 @@ class Pictures:
 
     rig : its camera's; antenna, sensor and joints are the first one's. axes : (17 + P, R) about it, of the R
         independent steps of all rigs together. touching, free : B contacts and F frames of the free antenna, at times
-        free_s (F,). straight, straight_s : Z frames without a located contact whose picture shows the free antenna,
+        free_s (F,). straight, straight_s : Z frames without a located contact, with the free antenna in the picture,
         whatever is read.
     """
 

@@ -1,7 +1,7 @@
-"""Whether the moment sensor's zero walks while the recording lasts, by frames whose picture shows the free antenna.
+"""Whether the moment sensor's zero walks while the recording lasts, by frames with the free antenna in the picture.
 
-What is read in them beside the free antenna's weight is the zero, unless something pushes along the line of sight: that
-comes and goes with the strokes, and the zero does not.
+What they read in addition to the free antenna's weight is the zero, unless something pushes along the line of sight:
+that comes and goes with the strokes, and the zero does not.
 """
 
 from __future__ import annotations

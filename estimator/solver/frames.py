@@ -22,7 +22,7 @@ class Frames(Rows):
     ----------
     points : (B, N, 2) in ideal normalized coordinates (the plane one unit before the camera).
     covariance : (B, N, 3) of each point: xx, xy, yy.
-    usable : (B, N) 1 for a point, 0 for padding and missing points, whose values are finite.
+    usable : (B, N) 1 for a point, 0 for padding and missing points, which have finite values.
     reading : (B, K) as `RigArrays.std`, in N·m or N; that of the end is not used.
     tip : (B, 2) the antenna's end, as the points. tip_covariance : (B, 3) likewise.
     available : (B, K) 1 where there is such a reading, and an end, else 0; less where the deviation of the reading is

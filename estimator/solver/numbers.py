@@ -11,7 +11,7 @@ from vbaa_calib.native import core
 
 
 def _each(*shape: int, dtype: type = float) -> np.ndarray:
-    """An array whose entry for each frame has this shape and kind."""
+    """An array with one entry of this shape and kind a frame."""
     values: np.ndarray = field(metadata={"shape": shape, "dtype": dtype})
     return values
 
@@ -45,9 +45,9 @@ class FitNumbers:
     finite : (B,) bool, the fit stayed in the model's domain.
     edge_on_rad : angle between the deformation plane and the ray from the camera's centre to the contact.
     explained_drifted : (B,) bool, one contact explains the frame if the rig has changed, by which the picture moves by
-        drift_px (B,) and the readings by drift_readings (B,), in deviations; looked at only where nothing fits.
-    explained_alone : (B,) bool, one contact explains the picture alone; looked at only where the readings do not fit.
-    left_px : (B,) how far most points stay from the nearest antenna; NaN unless that is why the frame was given up.
+        drift_px (B,) and the readings by drift_readings (B,), in deviations; computed only where nothing fits.
+    explained_alone : (B,) bool, one contact explains the picture alone; computed only where the readings do not fit.
+    left_px : (B,) how far most points stay from the nearest antenna; NaN unless that is why the fit ended.
     bias : (B, len(RUNGS)), NaN where it was not compared.
     farthest : (B,) largest residual of a point, in standard deviations. outliers : (B,) points that lie far off their
         neighbours and were left out.

@@ -40,10 +40,10 @@ class Calibration:
 
     Attributes
     ----------
-    stills : no-load frames and loads, in the order of bundle adjustment.
-    given : the lens that the calibration started from, where it was not solved from intrinsics/.
-    others : of further cameras, by name, each by itself; `rig` holds all of them.
-    still_diagnoses : what the stills show to be wrong; what the lens' pictures do is in the lens' verdict.
+    stills : static frames, without a load and with one, in the order of bundle adjustment.
+    given : the initial lens, where it was not solved from intrinsics/.
+    others : calibrations of further cameras, by name; `rig` has all cameras.
+    still_diagnoses : mistakes that the static frames reveal; those of the lens' pictures are in its verdict.
     """
 
     session: Session
@@ -156,7 +156,7 @@ def _every_camera(session: Session, lens_model: str, given: GivenLens | None) ->
 def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | None = None) -> Calibration:
     """Calibrates a rig from a session. Everything that can be wrong with the inputs is checked before the long work.
 
-    given : the lens to start from; pictures in intrinsics/ test it then, and are not needed.
+    given : the initial lens; pictures in intrinsics/ are optional then, and test it.
 
     Raises
     ------

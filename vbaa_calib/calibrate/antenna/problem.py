@@ -204,7 +204,7 @@ class Problem:
         return tips
 
     def camera(self, parameters: np.ndarray) -> Camera:
-        """The lens of these parameters; its covariance is still the prior's."""
+        """The lens of these parameters, with the prior's covariance."""
         camera, step = self.prior.camera, self.prior.lens_axes @ parameters[self.lens]
         return camera.moved(step) if len(step) else camera
 

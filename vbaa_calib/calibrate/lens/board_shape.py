@@ -42,7 +42,7 @@ class BoardShape:
 
     @staticmethod
     def unseen(board: Board) -> BoardShape:
-        """Prior shape of a board that no picture has shown: flat, with the deviations of usual prints and mounts."""
+        """Prior shape of a board without pictures: flat, with the standard deviations of usual prints and mounts."""
         prior = ShapePrior.of(board)
         return BoardShape(corner_points(board), prior.mean, np.diag(prior.std**2))
 

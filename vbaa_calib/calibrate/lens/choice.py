@@ -110,9 +110,9 @@ def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Informa
     )
 
 
-def _held_out_squares(bundle: Bundle, observations: Sequence[BoardCorners], known: Information) -> np.ndarray:
+def _left_out_squares(bundle: Bundle, observations: Sequence[BoardCorners], known: Information) -> np.ndarray:
     """(V,) squared distances of each view's corners, px², under a lens fitted without a fifth of the views, the
-    held-out views' poses solved for. One Gauss–Newton step from the solution over all, or where errors are much larger,
+    left-out views' poses solved for. One Gauss–Newton step from the solution over all, or where errors are much larger,
     solved anew.
     """
     squares = known.squares.copy()
@@ -128,13 +128,13 @@ def _held_out_squares(bundle: Bundle, observations: Sequence[BoardCorners], know
 
 
 def _folds(views: int) -> list[np.ndarray]:
-    """(V,) masks of the views held out in turn."""
+    """(V,) masks of the views left out in turn."""
     folds = min(LensSettings.folds, views)
     return [np.arange(views) % folds == fold for fold in range(folds)]
 
 
 def _solved_squares(bundle: Bundle, observations: Sequence[BoardCorners]) -> np.ndarray:
-    """(V,) as `_held_out_squares`, each lens solved for."""
+    """(V,) as `_left_out_squares`, each lens solved for."""
     squares = np.zeros(len(observations))
     for held in _folds(len(observations)):
         seen = [view for view, out in zip(observations, held, strict=True) if not out]
@@ -215,8 +215,8 @@ class Candidate:
 def assess(
     bundle: Bundle, observations: Sequence[BoardCorners], image_size: tuple[int, int], known: Information
 ) -> tuple[Candidate, np.ndarray]:
-    """One lens model's row of the comparison, and its held-out squared errors (V,) px² by view."""
-    squares = _held_out_squares(bundle, observations, known)
+    """One lens model's row of the comparison, and its left-out squared errors (V,) px² by view."""
+    squares = _left_out_squares(bundle, observations, known)
     free = int(np.any(bundle.directions[:-SHAPE] != 0.0, axis=0).sum())
     monotonic = is_monotonic(bundle.model, bundle.intrinsics, image_size)
     halves = _compare_split_half(bundle.model, bundle.intrinsics, known, image_size)
@@ -244,7 +244,7 @@ class Assessed:
 
     candidate: Candidate
     camera: Camera  # with its covariance
-    squares_px2: np.ndarray  # (V,) held-out squared errors by view
+    squares_px2: np.ndarray  # (V,) left-out squared errors by view
     left_out: np.ndarray  # (V, 4 + k) change of the camera's parameters without each view
 
     @property
@@ -257,14 +257,14 @@ class Assessed:
 def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, tuple[Candidate, ...]]:
     """Name of the lens model to take, and the comparison; corners_px : (N, 2) of all views.
 
-    Models with a held-out error that is larger by 0.5 % and significantly so (over views), or by 10 %, are wrong. Of
+    Models with a left-out error that is larger by 0.5 % and significantly so (over views), or by 10 %, are wrong. Of
     the others the one of least expected error over the picture is taken, bias and noise together
     (`expected_errors_px`), but a simpler one, if its expected error is larger by no more than the standard error of the
     difference, from leaving out each view in turn (jackknife), and by no more than 35 %, or if views that it was not
     fitted to fit it as well. A lens without decentring must be 15 % better than opencv4, which has it.
 
     Models beyond the bounds of rig.json are not taken; models that fold inside the picture only if every other is 10 %
-    worse on held-out views, those with halves that disagree or with a pole near the picture only if every other is
+    worse on left-out views, those with halves that disagree or with a pole near the picture only if every other is
     0.5 % worse.
     """
     rules, every = LensSettings(), {one.candidate.model: one for one in solutions}
@@ -299,7 +299,7 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
         return ratio <= rules.negligible_cost or (ratio <= rules.most_cost and uncertain)
 
     good = [name for name in names if is_good(name)]
-    names = preferred(names, good, np.inf, "misses held-out views by clearly more")
+    names = preferred(names, good, np.inf, "misses left-out views by clearly more")
     cameras = {name: one.camera for name, one in every.items()}
     off_px = expected_errors_px(cameras, best, corners_px, {name: one.left_out for name, one in every.items()})
     expected_px, free = (

@@ -78,8 +78,8 @@ def _outlier_limit(distances: np.ndarray) -> float:
 def _standardised(
     bundle: Bundle, observations: Sequence[BoardCorners], masks: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """Per view (N,) px, length of each corner's residual over its standard deviation, which is 1 for a corner whose
-    view's pose is known: less for those that the pose rests on, by `masks` (N,), more for the others."""
+    """Per view (N,) px, length of each corner's residual over its standard deviation: 1 where the view's pose is known,
+    less for corners that the pose is solved from, by `masks` (N,), more for the others."""
     residuals, _, by_pose, bounds = rows(bundle, observations)
     lengths = core.bundle.standardised(residuals, np.ascontiguousarray(by_pose), np.concatenate(masks), bounds)
     return list(of_views(lengths, bounds))

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LensSettings:
-    """Thresholds of a lens calibration. Costs are ratios of held-out errors up to which a lens that is better otherwise
-    is taken; deviations are standard deviations."""
+    """Thresholds of a lens calibration. Costs are ratios of cross-validated errors up to which a lens that is better
+    otherwise is taken; deviations are standard deviations."""
 
     # what a lens is solved from
     min_corners: int = 6  # of a view, least

@@ -242,8 +242,8 @@ def solve_over_board(
     guess : a rough T_antenna_camera: only decides which end is clamped, and to which side z points. Without it z points
         to the camera's side, and the clamped end is the one at the mark, or else the one that leaves the picture.
 
-    Raises InputError for no board, no antenna, one that touches the board or hides in its own shadow, one whose ends do
-    not show which is clamped or do not fix its place, or pictures that do not agree; SolveError where it cannot be
+    Raises InputError for no board, no antenna, one that touches the board or hides in its own shadow, one with ends
+    that leave open which is clamped or where it is, or pictures that do not agree; SolveError where it cannot be
     fitted.
     """
     if not images:

@@ -65,9 +65,9 @@ def corridor(
 
 
 def finder(where: Corridor, camera: Camera, alike: AntennaFinder | None = None) -> AntennaFinder | None:
-    """What looks for the antenna in a corridor of this camera's pictures; None where too little of it can be shown.
+    """The antenna's finder in a corridor of this camera's pictures; None where too little of it is in view.
 
-    alike : one for a corridor much like it, whose paths it takes.
+    alike : the finder of a similar corridor, to take its paths.
     """
     if not _shows(where):
         return None

@@ -108,7 +108,7 @@ class Background:
 def learn(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> Background | None:
     """The static background of pictures (H, W): their median without what is `covered` (masks).
 
-    Pixels that are always covered are filled in from beside the antenna. None if too few pictures show the same scene.
+    Pixels that are always covered are interpolated across the antenna. None if too few pictures show the same scene.
     """
     best: list[_Fit] = []
     for first in dict.fromkeys((len(images) // 2, 0, len(images) - 1)):

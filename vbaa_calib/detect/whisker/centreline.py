@@ -56,7 +56,7 @@ class Centreline:
     end : what the visible end is: the antenna's "tip"; "hidden": the rest is; the picture's "border"; "unsure": it may
         be the tip, but lies nearer than expected, or shows something else, such as a ball or a sheath; or "none".
     other_line_px : (R, 2) the other line where the verdict is "ambiguous", else empty.
-    noise : standard deviation of a pixel beside the line, grey levels.
+    noise : standard deviation of a pixel next to the line, grey levels.
     odds : mean log odds, per correlation length, of two edges along the shape that it was measured along, against
         background alone; NaN where none was searched.
     sure : mean over its points of how surely they are a line's, not the edge of another thing: 1 where that is clear.

@@ -44,7 +44,7 @@ class FreeShape:
     Attributes
     ----------
     clamp_m : (3,) camera frame.
-    axes : (3, 3) rows in the camera frame: along the antenna at its clamp, aside in the picture, and the third.
+    axes : (3, 3) rows in the camera frame: along the antenna at its clamp, lateral in the picture, and the third.
     segments_m : (SHAPE_SEGMENTS, 3) equal ones from clamp to tip, along these axes.
     """
 
@@ -124,9 +124,9 @@ class Corridor:
     axis_px : (M, 2) the free antenna from clamp to tip, pixels.
     reach_px : (M,) how far to either side it can be at each of these points.
     width_px : the antenna's width, half way. taper : part of it by which it is broader at its tip than at its clamp.
-    clamp_px, clamp_rad : how far beside the axis, and how much turned from it, the antenna may leave its clamp.
-    shape_px : root mean square distance by which it may differ from its free shape, bent by a force; None on a rig that
-        is not calibrated, whose free shape is not known.
+    clamp_px, clamp_rad : how far from the axis, and at what angle to it, the antenna may leave its clamp.
+    shape_px : root mean square distance by which it may differ from its free shape, bent by a force; None without a
+    calibrated rig: its free shape is unknown then.
     free : its free shape in space.
     """
 
@@ -140,7 +140,7 @@ class Corridor:
     taper: float = 0.0
 
     def aside(self, points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where points (N, 2) lie: along the axis and aside of it, along its normals, (N,) px."""
+        """Where points (N, 2) lie: along the axis, and along its normals, (N,) px."""
         fine, along = resample(self.axis_px, 1.0)
         nearest, distance = beside(fine, points_px)
         return along[nearest], distance
@@ -158,8 +158,8 @@ class Corridor:
         return self.free.misfit(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad), enough)
 
     def nearest(self, points_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-        """(K, 2) the shape that the antenna can take, bent aside in the picture, that is nearest to points (N, 2) of
-        deviations (N,), of which some may be another thing's; (0, 2) where these are too few."""
+        """(K, 2) the shape that the antenna can take, bent laterally in the picture, that is nearest to points (N, 2)
+        of deviations (N,), of which some may be another thing's; (0, 2) where these are too few."""
         assert self.shape_px is not None
         assert self.free is not None
         return self.free.nearest(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad))

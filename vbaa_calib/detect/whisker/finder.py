@@ -43,7 +43,7 @@ class AntennaFinder:
     ----------
     corridor : where the antenna may be. image_size : (width, height).
     paths_px : (P, S, 2) those that it may take, from clamp to tip. spacing_px : how far neighbours' tips are apart.
-    factor, pool, reach : how far the picture is reduced, its response pooled, and where the flanks are looked at.
+    factor, pool, reach : how far the picture is reduced, its response pooled, and where the flanks are sampled.
     index : (P, S) place of every sample in the flat response.
     weight : (P,) what a path's sum is divided by: how many of its samples are in the picture, but not too few.
     usual_height : of the antenna's line over its background in this rig's pictures, grey levels; 0 where not known.

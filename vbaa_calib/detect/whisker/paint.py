@@ -56,8 +56,8 @@ class Paint:
         return grey(image)
 
     def find(self, finder: AntennaFinder, image: np.ndarray, plane: np.ndarray | None = None) -> Centreline:
-        """The centreline in a grey or colour picture, whose `plane` may be known. One measured by both of its edges is
-        looked for by these on a calibrated rig; before, it is looked for by its polarity."""
+        """The centreline in a grey or colour picture; `plane`: its plane of paint, if it is known. An antenna measured
+        by both edges is searched by these on a calibrated rig, and by its polarity before."""
         plane = self.plane(image) if plane is None else plane
         calibrated = finder.corridor.shape_px is not None
         line = finder.find(plane, self.polarity if calibrated else self.bright, image)

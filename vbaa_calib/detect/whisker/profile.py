@@ -92,8 +92,8 @@ def _measured(
 def measure_in_colour(
     picture: np.ndarray, path_px: np.ndarray, width_px: float, settings: RibbonSettings | None = None
 ) -> Centreline:
-    """The centreline along a path (K, 2) on the antenna in a picture with colours (H, W, 3): a ribbon between two
-    backgrounds, brighter or darker than these, whose light changes smoothly along it."""
+    """The centreline along a path (K, 2) on the antenna in a picture with colours (H, W, 3): a ribbon, brighter or
+    darker than both backgrounds, with light that changes smoothly along it."""
     how = settings or RibbonSettings()
     half = int(np.ceil(how.flank_widths * width_px + how.flank_px))
     path_px = np.ascontiguousarray(path_px, np.float64)

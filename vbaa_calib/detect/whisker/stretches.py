@@ -158,7 +158,7 @@ def _averaged(values: np.ndarray) -> np.ndarray:
 
 
 def _merged(causes: np.ndarray, along: np.ndarray, shortest_px: float) -> np.ndarray:
-    """The causes (N,) with runs that are too short given to the longer of their neighbours, the shortest first."""
+    """The causes (N,), where runs that are too short take the cause of their longer neighbour, the shortest first."""
     causes = causes.copy()
     while True:
         edges = np.array([0, *np.flatnonzero(np.diff(causes)) + 1, len(causes)])

@@ -124,7 +124,7 @@ class Blocks {
     }
 };
 
-// Memory whose start is one of the processor's widest vectors'. Numbers that are made without a value have none.
+// Memory that starts where the processor's widest vectors do. Numbers that are made without a value have none.
 template <class T>
 struct Aligned {
     using value_type = T;

@@ -256,7 +256,7 @@ System Problem::descended(State state, const Rules& rules) {
         System trial = linearised(moved(at.state, next));
         const double rounding = rules.may_rise_share * at.cost, decrease = at.cost - trial.cost;
         bool better = decrease > rounding, last = false;
-        if (!better && decrease >= -rounding) {  // what is still promised there decides
+        if (!better && decrease >= -rounding) {  // the predicted decrease there decides
             const Step left = step(trial, damping);
             better = left.possible && left.promise < next.promise;
         }

@@ -78,8 +78,8 @@ constexpr int RADII = 160;  // radii checked
 // all but for rounding were kept.
 bool factored(Matrix matrix, int size);
 
-// Lengths (N,) of corners' residuals (N, 2) over their standard deviations, which are 1 for a corner whose view's pose
-// is known: less for those (used) that the pose rests on, more for the others. slopes (N, 2, 6) by the poses.
+// Lengths (N,) of corners' residuals (N, 2) over their standard deviations, which are 1 where the view's pose is known:
+// less for corners (used) that the pose is solved from, more for the others. slopes (N, 2, 6) by the poses.
 void standardised(ConstMatrix residuals, ConstCube slopes, const bool* used, View<const std::int64_t, 1> bounds,
                   Vector lengths);
 

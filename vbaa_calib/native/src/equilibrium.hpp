@@ -34,7 +34,7 @@ using Field = std::array<Vectors, NODES>;
 struct Frame {
     Vectors x, y, z;
 
-    // from the frame's components to those that its axes are given in
+    // from the frame's components to those of its axes
     Vectors turned(Vectors v) const { return v.x * x + v.y * y + v.z * z; }
     // into the frame's components
     Vectors turned_back(Vectors v) const { return {dot(x, v), dot(y, v), dot(z, v)}; }

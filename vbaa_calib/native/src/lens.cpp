@@ -120,7 +120,7 @@ template <class T>
     if (lens.tilted) untilt(lens, x, y, depth);
     const T size = sqrt(x * x + y * y);
     const bool full = lens.path == Path::full;
-    // what nothing reaches needs no search; with a rim, its directions are looked up only then
+    // what nothing reaches needs no search; with a rim, its directions are computed only then
     const S limit = full ? std::numeric_limits<S>::max() : S(lens.distorted_limit);
     const Mask<T> reachable = (size < T{} + limit) & (depth > T{});
     x = choose(reachable, x, T{}), y = choose(reachable, y, T{});
@@ -408,7 +408,7 @@ void plane_of_pixels(const Lens& lens, const Plane& plane, View<const float, 2> 
         plane_of<FloatLanes>(lens, plane, pixels, points, valid);
         return;
     }
-    // a denominator whose terms cancel has not digits enough
+    // a denominator with cancelling terms has too few digits
     const Array<double, 2> wide(pixels);
     Array<double, 2> found(points.shape[0], points.shape[1]);
     plane_of<Lanes>(lens, plane, wide, found, valid);

@@ -15,7 +15,7 @@
 
 namespace vbaa::lens {
 
-// What the map onto the sensor needs, the tilt aside: nothing, a radial gain, or decentring and prism, too.
+// What the map onto the sensor needs, apart from the tilt: nothing, a radial gain, or decentring and prism, too.
 enum class Path { none, radial, full };
 
 // A model with its numbers; all that the maps need (lens_maps.hpp).
@@ -114,7 +114,7 @@ struct Plane {
 
 // Coordinates (N, 2 or 3) m of the points where the rays of pixels (N, 2) meet a plane, and validity (N,); NaN where
 // not valid: no ray, grazing, behind the camera, a plane through its centre. Pixels in single precision are
-// worked on in that, except through lenses whose denominators lose digits.
+// worked on in that, except through lenses with denominators that lose digits.
 void plane_of_pixels(const Lens& lens, const Plane& plane, ConstMatrix pixels, Matrix points, bool* valid);
 void plane_of_pixels(const Lens& lens, const Plane& plane, View<const float, 2> pixels, View<float, 2> points,
                      bool* valid);

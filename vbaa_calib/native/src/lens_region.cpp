@@ -15,7 +15,7 @@ constexpr double FARTHEST = 1e3;  // ideal radius at which a distorted perspecti
 constexpr double BEYOND = 1e6;    // squared radius beyond which folds and poles are of no concern
 constexpr double TO_THE_END = 1.0 - 1e-12;  // at a pole there is no value
 constexpr double MARGIN = 1.003;            // of the rim around what the region is distorted to
-constexpr double SHORTEST = 1e-3;           // length of a damped step at which it is given up
+constexpr double SHORTEST = 1e-3;           // length of a damped step at which the search ends
 constexpr double FLAT = 1e-7;               // a pair of roots as near to the real axis, relative to its size, counts
 constexpr int NODES = 2048, DIRECTIONS = 90, RADII = 160, HALVINGS = 30;
 constexpr int TABLE_STEPS = 12, SAFE_STEPS = 60, DAMPED_STEPS = 16;
@@ -76,7 +76,7 @@ double fold_radius(const Model& model) {
     const auto& c = model.coefficients;
     if (model.fisheye) return std::sqrt(smallest_root({1.0, 3.0 * c[0], 5.0 * c[1], 7.0 * c[2], 9.0 * c[3]}, PI * PI));
     const std::vector<double> top = {1.0, c[0], c[1], c[4]}, bottom = {1.0, c[5], c[6], c[7]};
-    std::vector<double> growth(7);  // N D + 2 s (N' D − N D'), whose sign d(r g)/dr has
+    std::vector<double> growth(7);  // N D + 2 s (N' D − N D'): d(r g)/dr has its sign
     for (int i = 0; i < 4; ++i)
         for (int j = 0; j < 4; ++j) growth[i + j] += top[i] * bottom[j] * (1.0 + 2.0 * (i - j));
     return std::sqrt(std::min(smallest_root(growth, BEYOND), smallest_root(bottom, BEYOND)));

@@ -89,7 +89,7 @@ struct Linearised {
 };
 
 // At x; the residual takes eight x at once, an array of N Lanes, and gives M of them. The differences are backward, so
-// that a variable at its upper limit is still differentiated from the allowed side.
+// that a variable at its upper limit is differentiated from the allowed side.
 template <int M, int N, class Residual>
 Linearised<M, N> linearised(const Residual& residual, const Numbers<N>& x) {
     constexpr double difference = -1e-7;

@@ -11,7 +11,7 @@ namespace vbaa::simulate {
 namespace {
 
 constexpr double GRIP_TOLERANCE = 1e-8;  // on the grip in EI/L²
-// Stiffness K of a sticking contact in EI/L³: 28 kN/m for the steel whisker, whose own stiffness at the tip is 3.
+// Stiffness K of a sticking contact in EI/L³: 28 kN/m for the steel whisker, itself a spring of 3 N/m at its tip
 constexpr double STICK = 1e5;
 constexpr int DOUBLINGS = 60, BISECTIONS = 60, ITERATIONS = 20;
 constexpr double ROOM = 0.3;  // of the contact's place in one step, in L

@@ -42,7 +42,7 @@ struct GripLaw {
     Pair lift;
     double friction;  // coefficient
 };
-// The grip g = held(g before − K Δu), where held() cuts its length off at friction times the normal force.
+// The grip g = limited(g before − K Δu), where limited() cuts its length off at friction times the normal force.
 Pair gripped(const GripLaw& law);
 
 }  // namespace vbaa::simulate

@@ -49,7 +49,7 @@ void bending(double stiffness, Matrix band) {
             for (int j = 0; j <= i; ++j) band(k + i, i - j) += stiffness * weight[i] * weight[j];
 }
 
-// Solves a symmetric system, given by its lower band (M, 4), by L D Lᵀ; the solution replaces the side (M,).
+// Solves a symmetric system with the lower band (M, 4) by L D Lᵀ; the solution replaces the side (M,).
 void solve_band(Matrix band, Vector side) {
     const int count = side.shape[0];
     for (int i = 0; i < count; ++i) {

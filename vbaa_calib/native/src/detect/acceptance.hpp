@@ -39,8 +39,8 @@ struct Evidence {
 // The kept points (N,) but for so many on either side of a gap; a profile or two that noise hides are no gap.
 Flags without_margins(const Flags& kept, int margin);
 
-// Of a line that is kept somewhere. stands_out : it was told from what lies behind it by more than its brightness: that
-// it is as bright says nothing.
+// Of a line that is kept somewhere. stands_out : it differs from its background by more than its brightness, so that
+// equal brightness is no evidence.
 Evidence evidence(const Crossings& found, const FittedLine& line, bool stands_out);
 
 }  // namespace vbaa::detect

@@ -15,7 +15,7 @@ constexpr float OUTSIDE = -1e4F;
 constexpr double INNER = 0.3, FLANK = 1.0, FLANK_HALF = 0.25;
 // Part of a window that must be within the picture.
 constexpr float MOST = 0.6F;
-// Pixels whose errors go together, as a picture's are smoothed.
+// Pixels with correlated errors, as pictures are smoothed.
 constexpr double TOGETHER = 4.0;
 
 // Columns that are worked on at once.

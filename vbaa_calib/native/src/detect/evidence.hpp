@@ -5,7 +5,7 @@
 
 namespace vbaa::detect {
 
-// Rows of a step down the picture; odd, so that it has a middle one.
+// Rows of a step down the picture: not even, so that one is the middle.
 constexpr int ROW_STEP = 5;
 // Directions, by so many radians apart, from 45° to one side of straight down to 45° to the other.
 constexpr int DIRECTIONS_DOWN = 17;

@@ -16,7 +16,7 @@ struct PathRules {
     double tolerance_px = 0.0;   // by which a path may miss the places where it has to begin or end
     double apart_px = 0.0;       // nearer than this, two paths' places are one
     double least = 0.0;          // evidence below which a path is none
-    double bound = 0.0;          // what a path may lack of enough evidence and turn: cost at which it is given up
+    double bound = 0.0;          // what a path may lack of enough evidence and turn: cost at which it ends
     std::array<double, 2> slack = {1.0, 0.0};  // the bound after a path is found: so many times its cost, and so much
     double drop = 0.0;  // loss of evidence beyond which a path that may end anywhere is not followed
     int count = 0;      // number of paths

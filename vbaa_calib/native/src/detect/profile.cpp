@@ -21,7 +21,7 @@ constexpr int TRAINING_PROFILES = 160;          // that the cross-section is lea
 constexpr double ALIKE = 0.8;       // length of the mean phase on the pixel grid above which profiles lie alike
 constexpr double LOPSIDED = 0.012;  // difference of its sides, over its height, that is too much for a broad line
 constexpr double FLANKED_PX = 5.0;  // that is broader than this: it is measured by its own reflectance
-constexpr double PULLED = 0.05;     // part of the width by which a highlight still pulls it, half of it as deviation
+constexpr double PULLED = 0.05;     // part of the width by which a faint highlight pulls it, half of it as deviation
 constexpr double FAINTER = 0.7;     // where less of the usual height is left, the same highlight pulls it more
 constexpr int END_PROFILES = 40;    // before the visible end, that show what the antenna looks like there
 // An object's edge next to the antenna shifts about so many neighbouring points alike: what a step of the background
@@ -29,10 +29,10 @@ constexpr int END_PROFILES = 40;    // before the visible end, that show what th
 // cross-section shifts about so many alike.
 constexpr int EDGE_RUN = 21, SHARED_RUN = 100;
 constexpr double EDGE_NOTICED = 3.0;
-constexpr int STRAY_PIECES = 24;  // of the curve that strays are told by
+constexpr int STRAY_PIECES = 24;  // of the curve that strays are detected by
 constexpr int CURVE_PIECES = 12;  // of the one that points scatter about: it must not follow what neighbours share
-constexpr int NEAR_POINTS = 41;   // neighbours whose scatter is compared with their deviations
-constexpr int RUN = 16;           // neighbours whose mean shows what they share
+constexpr int NEAR_POINTS = 41;   // neighbours: their scatter is compared with their deviations
+constexpr int RUN = 16;           // neighbours: their mean is their common error
 constexpr double LIKELY_POINTS = 20.0, LIKELY_RUNS = 4.0;  // that scatter as predicted are added to those that are seen
 constexpr double ORDINARY_BLUR_PX = 0.8;                   // of a lens in focus, standard deviation
 

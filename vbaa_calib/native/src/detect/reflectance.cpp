@@ -25,7 +25,7 @@ constexpr int PASSES = 4;
 // once that is about right, as so many; and for its width and blur each profile as one part in so many.
 constexpr double INDEPENDENT = 8.0, WELL_BEGUN = 60.0, ALIKE = 30.0;
 constexpr double QUIET = 0.4;            // quantile of the residuals taken for what noise and a wrong shape leave
-constexpr double START_STEP_PX = 0.5;    // steps in which the line is first looked for
+constexpr double START_STEP_PX = 0.5;    // steps of the first search for the line
 constexpr int START_BENDS = 9;           // places tried at either end and in the middle
 constexpr int START_PROFILES = 24;       // profiles that these are tried on
 constexpr double MISFIT = 0.01;          // part of the profiles' power that no shape follows

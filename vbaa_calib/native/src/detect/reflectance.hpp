@@ -1,9 +1,9 @@
 // An antenna with its own reflectance: bare steel, or a highlight at its side; bright here, dark there, as its
-// background there. Across the antenna it is a polynomial that ends at the silhouette's two edges, whose distance is
-// known from the rig, seen through blur and pixel. Its coefficients change smoothly along the antenna and may have
-// either sign, so that bright goes over into dark through zero. Only edges locate the line: where one of them is not
-// visible, a lopsided reflectance looks like a line with an offset, for as long as the light stays the same. That much
-// the place is uncertain, alike for many neighbours.
+// background there. Across the antenna it is a polynomial that ends at the silhouette's two edges, at a distance known
+// from the rig, seen through blur and pixel. Its coefficients change smoothly along the antenna and may have either
+// sign, so that bright goes over into dark through zero. Only edges locate the line: where one of them is not visible,
+// a lopsided reflectance looks like a line with an offset, for as long as the light stays the same. That much the place
+// is uncertain, alike for many neighbours.
 #pragma once
 
 #include "detect/silhouette.hpp"

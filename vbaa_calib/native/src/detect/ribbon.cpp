@@ -19,7 +19,7 @@ constexpr double PIECE_PX = 60.0;                                               
 constexpr int LEAST_PIECES = 4, MOST_PIECES = 12, LEAST_KNOTS = 6, MOST_KNOTS = 41;
 constexpr int SOME = 100;            // profiles that are enough until the last rounds
 constexpr int LAST_ROUNDS = 1;       // with all profiles
-constexpr int GIVEN = 2;             // rounds in which the priors of the shades are as they were given
+constexpr int GIVEN = 2;             // rounds with the initial priors of the shades
 constexpr double FREED = 6.0;        // unknowns of a profile
 constexpr double QUIET = 0.4;        // quantile of residuals taken for the noise
 constexpr double LEAST_NOISE = 0.3;  // grey levels: their rounding
@@ -34,7 +34,7 @@ constexpr double MORE_SPREAD = 1.7;  // of normal numbers' variance over that wi
 constexpr int EDGES = 3;             // that are tried in its place
 constexpr int PATTERN = 32;          // distances from its centre at which residuals are compared along it
 constexpr double FAINTEST = 0.15;    // of the strongest channel's contrast
-constexpr double FINEST = 20.0;      // px over which a bend's deviation is given
+constexpr double FINEST = 20.0;      // px that a bend's standard deviation refers to
 constexpr double SAME_PX = 3e-3;     // of width and blur, within which a table of shades serves
 
 using Unknowns = std::array<Lanes, COLUMNS*(COLUMNS + 1) / 2>;
@@ -287,9 +287,9 @@ Sums over_pixels(const Line& line, Channel& channel, const Table& table, const E
     return sums;
 }
 
-// What an edge alone explains of eight profiles: levels of both sides and slope; where it is between them, two odd
-// shades, and by how much the ribbon's own level is off the middle. `left` and `right` are the parts of both sides'
-// levels in its own one, `per_apart` one over the squares of how much the sides differ.
+// What an edge alone explains of eight profiles: levels of both sides and slope; where it is between them, two
+// antisymmetric shades, and by how much the ribbon's own level is off the middle. `left` and `right` are the parts of
+// both sides' levels in its own one, `per_apart` one over the squares of how much the sides differ.
 template <int COUNT>
 Lanes explained_by_edge(const Unknowns& products, double left, double right, const Lanes& per_apart) {
     constexpr double per_off_middle = 16.0;  // the edge may be off it by a quarter of how much the sides differ

@@ -1,8 +1,8 @@
 // An antenna in its strip of the picture: an opaque ribbon of known width between two backgrounds that are free in
 // every profile. What it shows of itself changes smoothly along it, in each of the picture's channels: shades.hpp's
 // series. Its course across the strip is a smooth curve. All of it is solved for together, by Gauss–Newton, with
-// Gaussian priors whose deviations the picture itself shows (empirical Bayes); profiles in which it is hidden are told
-// by a chain.
+// Gaussian priors of standard deviations from the picture itself (empirical Bayes); a chain decides in which profiles
+// it is hidden.
 #pragma once
 
 #include <vector>
@@ -15,11 +15,11 @@ namespace vbaa::detect {
 // What is supposed of it.
 struct RibbonPriors {
     double width_std, blur_std, taper_std;  // prior deviations, of logarithms; of the part by which it tapers
-    double sides, middles;                  // of odd and even shades, over the antenna's contrast
+    double sides, middles;                  // of antisymmetric and symmetric shades, over the antenna's contrast
     double bend_px;                         // of the course's second difference over 20 px: what the path is off by
     double knot_px;                         // between which its shades change linearly
     double alike;                           // share of a profile's log odds that its neighbours do not have, too
-    double hidden;                          // log odds for a profile to show something else, before it is looked at
+    double hidden;                          // prior log odds for a profile to show something else
     double change_px;                       // length after which it is hidden, or seen again
     double cut;                             // deviations at which a pixel counts half
     int passes;                             // rounds

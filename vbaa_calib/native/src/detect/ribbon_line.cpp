@@ -19,7 +19,7 @@ constexpr double PULLED = 0.0002, LEFT = 2.5, MOST_LEFT = 0.08;
 // neighbours share of their scatter about it: so many deviations, where that power is more than that of noise alone.
 constexpr double MISFIT = 6.0, NOISE_ALONE = 0.6, LEAST_MISFIT = 0.25;
 constexpr int SHARED_RUN = 100;   // so many neighbours share that
-constexpr int NEAR_POINTS = 41;   // neighbours whose scatter is compared with their deviations
+constexpr int NEAR_POINTS = 41;   // neighbours: their scatter is compared with their deviations
 constexpr int CURVE_PIECES = 12;  // of the curve that points scatter about: it must not follow what neighbours share
 constexpr double LIKELY_POINTS = 20.0;  // that scatter as predicted are added to those that are seen
 constexpr int END_PROFILES = 40;        // before the visible end, that show what the antenna looks like there

@@ -10,7 +10,7 @@ namespace vbaa::detect {
 struct RibbonMeasuring {
     double width_px, blur_px;
     int half;      // profiles have 2·half + 1 pixels
-    int channels;  // of the picture, that are looked at
+    int channels;  // of the picture, that are searched
     RibbonPriors priors;
 };
 

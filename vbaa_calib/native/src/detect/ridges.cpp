@@ -39,7 +39,7 @@ void respond(const Level* own, int off, int sign, int count, Level* __restrict t
     }
 }
 
-// The direction whose step is most nearly across a path along (u, v).
+// The direction with the step most nearly across a path along (u, v).
 int across(double u, double v) {
     int nearest = 0;
     double most = -1.0;

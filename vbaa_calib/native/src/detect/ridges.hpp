@@ -10,7 +10,7 @@ namespace vbaa::detect {
 using Bytes = View<const std::uint8_t, 1>;
 using BytePicture = View<const std::uint8_t, 2>;
 
-// Normals that ridges are looked for in: (u, v) steps 0 → right, → both, → down, → right and up.
+// Normals along which ridges are searched: (u, v) steps 0 → right, → both, → down, → right and up.
 constexpr int DIRECTIONS = 4;
 
 // How a picture is reduced: by a factor, its response pooled, to a number of rows and columns.
@@ -26,7 +26,7 @@ Array<std::int32_t, 2> places(ConstCube paths_px, const Reduction& reduction);
 // The line is brighter than both flanks `reach` pixels away, with a `sign` of −1 darker, or, for 0, either.
 Array<std::uint8_t, 1> ridge_responses(BytePicture small, int reach, int pool, int sign);
 
-// (P,) of paths whose samples stand at `index` (P, S) in flat responses: their sum over `weight` (P,). A response is
+// (P,) of paths with samples at `index` (P, S) in flat responses: their sum over `weight` (P,). A response is
 // zero up to the texture's level and saturates at a few times that, where a ridge is clear: a brighter ridge must not
 // make up for a detour.
 Array<double, 1> scores(Bytes flat, View<const std::int32_t, 2> index, ConstVector weight);

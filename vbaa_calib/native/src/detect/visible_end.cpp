@@ -18,7 +18,7 @@ constexpr double LEAST_BLUR_PX = 0.3, LARGEST_BLUR_PX = 4.0;  // and what is pos
 // Ending before so much of a whole antenna's length, and of so many pixels, it may be hidden by what looks like the
 // background.
 constexpr double SHORTER = 0.06, SHORTER_PX = 8.0;
-constexpr double DISTURBED = 1.8;     // profiles whose residuals are so many times the noise show something else
+constexpr double DISTURBED = 1.8;     // profiles with residuals of so many times the noise show something else
 constexpr double BROAD = 1.25;        // a height that rises by this factor towards the end is a ball, a sheath, a kink
 constexpr double EDGE = 0.2;          // part of the line's height by which its background may change where it ends
 constexpr double MOST_LONGER = 0.15;  // part by which a line may go on beyond its path; then something else begins

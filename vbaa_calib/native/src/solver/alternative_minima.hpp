@@ -48,7 +48,7 @@ LargestError largest_error(const Rig& rig, const Fit& free, int every);
 // enough. Leaves the unknowns in `nearest`.
 //
 // The search takes a few of the points, which scatter so many times more than their noise, and the rig as if it were
-// exactly known: a tenth of a fit's work for each iteration. From the given start it heeds the readings, then the
+// exactly known: a tenth of a fit's work for each iteration. From the initial unknowns it uses the readings, then the
 // picture alone; the best of the starts go on.
 double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unknowns& start, LargestError error,
                      Unknowns& nearest);

@@ -7,7 +7,8 @@ namespace vbaa::solver {
 
 // Least contact distance that is searched, in antenna lengths.
 constexpr double NEAREST = 0.03;
-// N points whose median residual exceeds its expectation by this over √N scatter more than noise: three deviations.
+// N points with a median residual that exceeds its expectation by this over √N scatter more than noise: three
+// deviations.
 constexpr double EXCESS_SCATTER = 3.5;
 // Largest friction angle that is searched, in standard deviations of its prior.
 constexpr double LARGEST_FRICTION = 4.0;

@@ -19,7 +19,7 @@ struct Gradients {
 // Of frames that converged on a rung at unknowns (B, 4), their points scattering (B,) times more than their σ.
 //
 // Residuals beyond HUBER pull alike wherever they lie, so nothing follows them. Second derivatives of the prediction
-// are left out as in Gauss–Newton: they count with the residuals, whose mean is near zero.
+// are left out as in Gauss–Newton: they are weighted by the residuals, with a mean near zero.
 void gradients(const Rig& rig, const Frames& frames, int rung, ConstMatrix unknowns, ConstVector scatter,
                View<const bool, 1> at_tip, const Gradients& found);
 

@@ -21,7 +21,7 @@ constexpr double LOST_SCATTER = 2.0, LOST_FRICTION = 2.5;
 // Below this gain over the free antenna neither distance nor other minima are searched: contact takes three times as
 // much.
 constexpr double FAINT = 5.0;
-// Without a force of so many σ in any direction there is no contact whose mirror image would matter.
+// Without a force of so many σ in any direction the mirror image of a contact does not matter.
 constexpr double SIGNIFICANT_FORCE = 3.0;
 // A minimum that costs this many times the lowest one, and this much more, is dropped.
 constexpr double HOPELESS = 50.0, HOPELESS_FACTOR = 4.0;
@@ -121,8 +121,8 @@ Search begun(const Rig& rig, const Rig& exact, const Frame& frame, int rung, con
     return search;
 }
 
-// Of a frame that no contact comes near to, how far many points stay from the nearest antenna, whose unknowns are left
-// in `nearest`; else NaN.
+// Of a frame that no contact comes near to, how far many points stay from the nearest antenna, with its unknowns in
+// `nearest`; else NaN.
 double left_over(const Search& search, Unknowns& nearest) {
     const Rig& rig = search.rig;
     const Fit& free = search.work.free;
@@ -222,7 +222,7 @@ bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative
     return ambiguous;
 }
 
-// The fit with the residuals of the highest rung, whose shapes are right.
+// The fit with the residuals of the highest rung, which has the exact shapes.
 Fit& with_right_shapes(const Search& search, int rung) {
     Work& work = search.work;
     if (rung == REFERENCE) return work.best;

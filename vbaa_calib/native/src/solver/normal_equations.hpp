@@ -32,7 +32,7 @@ void residuals_with_rig(Fit& fit, Vector shift);
 // Residuals, contact point and force after a small step (K,), by the fit's columns.
 void step_linearly(Fit& fit, const double* step, Vector shift);
 
-// Robust cost of the points, whose weighted sums over the nodes are renewed.
+// Robust cost of the points; renews their weighted sums over the nodes.
 double points_cost(Fit& fit);
 
 // The points' tridiagonal information times columns (M, C), C a multiple of LANES.

@@ -10,7 +10,7 @@
 
 namespace vbaa::solver {
 
-// Pieces of the antenna whose places are input for the test of motion.
+// Pieces of the antenna; their places are input for the test of motion.
 constexpr int PIECES = 12;
 // A rung's predicted bias is small below this fraction of the standard deviation; a demanded rung's larger one is added
 // to the standard deviations.
@@ -39,7 +39,7 @@ struct Findings {
     SecondForce second;
     bool ambiguous = false;  // its mirror image looks like it
     Marginal marginal;       // over its force along the line of sight, if no reading shows that
-    double left_px;          // how far most points stay from the nearest antenna, if it was given up for that; else NaN
+    double left_px;          // how far most points stay from the nearest antenna, if the fit ended for that; else NaN
 };
 
 // Writes a frame's fit into a row. pieces_m: (PIECES,) arc lengths, or none.

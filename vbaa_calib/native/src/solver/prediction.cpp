@@ -90,7 +90,7 @@ void by_unknowns(const Bent& bent, Fit& fit, int free) {
     }
 }
 
-// By friction on the rungs whose shapes do not depend on it: only the force turns.
+// By friction on the rungs with shapes that do not depend on it: only the force turns.
 void friction_column(const Rig& rig, const double* available, Fit& fit) {
     constexpr int friction = UNKNOWNS - 1;
     for (int j = 0; j < fit.nodes; ++j) fit.columns(j, friction) = 0.0;

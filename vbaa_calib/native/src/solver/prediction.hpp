@@ -1,4 +1,4 @@
-// What the model predicts of a frame at given unknowns, and its derivatives by the unknowns.
+// What the model predicts of a frame at some unknowns, and its derivatives by them.
 // Everything lives on the nodes of the predicted curve. Between nodes the picture's displacement along the normal is
 // taken as linear, which costs a ten-thousandth of it; the curve itself is a cubic.
 #pragma once

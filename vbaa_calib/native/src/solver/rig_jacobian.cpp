@@ -217,7 +217,7 @@ void by_line(const Rig& rig, Fit& fit) {
 void rig_derivatives(const Rig& rig, const Frame& frame, int rung, Bent& bent, const Fit& fit) {
     rung = std::max<int>(rung, LINEAR);
     const TipAxis end = fitted_tip_axis(rig, frame, fit);
-    // each writes whole vectors, whose ends the next one overwrites
+    // each writes whole vectors; the next one overwrites their ends
     int clamp = 0;
     if (rig.cameras.size() > 1) fill(bent.raw_readings.row(END), 0.0);
     for (const Camera& camera : rig.cameras) {

@@ -1,4 +1,4 @@
-// Is there a second contact? A score test: what another force elsewhere would still explain.
+// Is there a second contact? A score test: what another force elsewhere would explain.
 #pragma once
 
 #include "solver/structs.hpp"
@@ -11,8 +11,8 @@ struct SecondForce {
     double gain = 0.0, place = 0.0, shift = 0.0;
 };
 
-// What the best second force would do to a frame. problem: the fit with the residuals of the highest rung, whose shapes
-// are right, and their sums.
+// What the best second force would do to a frame. problem: the fit with the residuals of the highest rung, which has
+// the exact shapes, and their sums.
 SecondForce second_force(const Rig& rig, const Frame& frame, int rung, const Fit& fit, const Fit& problem,
                          double distance_std, Work& work);
 

@@ -28,7 +28,7 @@ enum Reading : int { ABOUT_Y, ABOUT_Z, END, ABOUT_X, ALONG_X, ALONG_Y, ALONG_Z, 
 enum : int { WRENCH = 7, OF_MOMENT = 2, USUAL_READINGS = ABOUT_X };
 constexpr int GRID = 3 * LANES;  // distances that are tried before a fit begins
 constexpr int STARTS = 2;        // minima that are searched for each frame
-// Evaluations of the model after which a frame is given up: sound frames take 3 to 30, by vision alone up to 200.
+// Evaluations of the model after which a fit ends unconverged: sound frames take 3 to 30, by vision alone up to 200.
 constexpr int MOST_EVALUATIONS = 400;
 constexpr double TIP = 1.0;                 // the tip's distance in antenna lengths
 constexpr double HUBER = 2.5;               // whitened residuals beyond this count linearly

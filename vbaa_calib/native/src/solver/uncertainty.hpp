@@ -10,7 +10,7 @@ namespace vbaa::solver {
 constexpr int BY_FRICTION = REFERENCE + 1;
 using Errors = double[BY_FRICTION + 1][UNKNOWNS + 6];
 
-// Inverts the fit's information by the Schur complement of the rig's part, whose prior keeps it regular.
+// Inverts the fit's information by the Schur complement of the rig's part; its prior keeps that regular.
 // A distance fixed at the tip gets the σ that it would have if it were free.
 void uncertainty(const Fit& fit, Uncertainty& found, Work& work);
 
