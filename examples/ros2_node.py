@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -37,10 +38,10 @@ KINDS = (
 """What is published, each as /contact/… at once and as /contact/final/… later."""
 
 
-def taken_of(message: Any) -> Taken:
+def taken_of(message: Any, camera: str = "") -> Taken:
     """An Image or CompressedImage at its own time. Raises InputError for one that cannot be read."""
     now_s = time.time()
-    return Taken(stamp_s(message, now_s), picture_of(message), now_s, perf_counter())
+    return Taken(stamp_s(message, now_s), picture_of(message), now_s, perf_counter(), camera=camera)
 
 
 def read_of(message: Any, topics: Topics) -> Iterator[Reading]:
@@ -78,7 +79,7 @@ def main() -> None:
     topics = Topics(pan=given["pan_joint"], tilt=given["tilt_joint"], moment_axis=given["moment_axis"])
     rig = Rig.load(given["rig"])
     timing = Timing(given["clock_offset"], moment_std_Nm=(rig.moment_sensor.std_Nm, 0.0))
-    synchronizer = Synchronizer(timing, ["moment_Nm", "pan_rad", "tilt_rad"], rig.camera.image_size)
+    synchronizer = Synchronizer(timing, ["moment_Nm", "pan_rad", "tilt_rad"], rig.image_sizes)
     watch = RigWatch(rig) if given["watch"] else None
     live = LiveEstimator(ContactEstimator(rig, jobs=1), synchronizer, watch=watch)
     live.warm()
@@ -101,8 +102,8 @@ def main() -> None:
         except InputError as error:
             node.get_logger().warning(str(error), throttle_duration_sec=10.0)
 
-    def see(message: Any) -> None:
-        push(lambda: [taken_of(message)])
+    def see(message: Any, camera: str) -> None:
+        push(lambda: [taken_of(message, camera)])
 
     def read(message: Any) -> None:
         push(lambda: read_of(message, topics))
@@ -110,8 +111,11 @@ def main() -> None:
     # of pictures only the newest waits: those that come while one is estimated are dropped by ROS
     newest = qos_profile_sensor_data
     newest.depth = 1
-    node.create_subscription(Image, "image", see, newest)
-    node.create_subscription(CompressedImage, "image/compressed", see, newest)
+    for camera in rig.image_sizes:
+        # of several cameras left/image, right/image
+        image = f"{camera}/image" if camera else "image"
+        node.create_subscription(Image, image, partial(see, camera=camera), newest)
+        node.create_subscription(CompressedImage, f"{image}/compressed", partial(see, camera=camera), newest)
     node.create_subscription(WrenchStamped, "moment", read, 1000)
     node.create_subscription(JointState, "joint_states", read, 1000)
     node.create_timer(TICK_S, lambda: publish(live.tick(time.time())))

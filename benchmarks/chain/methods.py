@@ -14,7 +14,7 @@ from benchmarks.chain.scenes import CAMERA_TILT_RAD, FRICTION_STD_RAD, JOINTS_RA
 from benchmarks.estimator.baselines import FIRST_GUESS, one_contact
 from benchmarks.vision.judge import peers
 from estimator import ContactEstimator
-from estimator.contact.recording import detections, first_look, measured
+from estimator.contact.recording import detect_again, first_look, measured
 from estimator.paper.inclined import inclined_two_point_contact
 from estimator.paper.two_point import force_z, straight_line_contact, two_point_contact
 from estimator.table.contacts import Measured
@@ -76,7 +76,7 @@ def seen(estimator: ContactEstimator, photographs: Sequence[Photograph], twice: 
     """What the fit is given of pictures, by the steps that a recording's pictures go through."""
     glances = (first_look(estimator, frame_of(one), one.image) for one in photographs)
     if twice:
-        return (each.measured for each in detections(estimator, glances))
+        return (each.measured for each in detect_again(estimator, list(glances)))
     return (measured(estimator.rig, each.frame, each.line if each.line.found else NOTHING) for each in glances)
 
 

@@ -21,7 +21,7 @@ from vbaa_calib.streams import MessageSource, Reading, Synchronizer, Taken, Timi
 from vbaa_calib.streams.messages import Messages
 
 from .estimate import ContactEstimator
-from .recording import Ground, detections, first_looks
+from .recording import Ground, detected
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,7 @@ class _ClockSettings:
     alternatives: int = 3  # other offsets that are refined,
     alternative_ratio: float = 6.0  # where they leave less than so many times as much unexplained
     other_ratio: float = 2.0  # one that leaves less than this ratio may be the right one
+    bend_noise: float = 1e-3  # of another camera's bends, in their standard deviation: pictures show them better
 
 
 @dataclass(frozen=True)
@@ -79,8 +80,8 @@ class _Windows:
 class _Readings:
     """The readings about y, averaged over `width_s` to either side, so that noise does not depend on the instant."""
 
-    def __init__(self, times_s: np.ndarray, values: np.ndarray, picture_s: float) -> None:
-        self.times_s, self.values = times_s, values
+    def __init__(self, times_s: np.ndarray, values: np.ndarray, picture_s: float, is_moment: bool = True) -> None:
+        self.times_s, self.values, self.is_moment = times_s, values, is_moment
         self.step_s = float(np.median(np.diff(times_s)))
         self.width_s = max(self.step_s, 0.5 * picture_s)
         areas = 0.5 * (values[1:] + values[:-1]) * np.diff(times_s)
@@ -105,13 +106,20 @@ class _Readings:
 
 
 def recorded_clock_offset(
-    estimator: ContactEstimator, opened: Callable[[], MessageSource], timing: Timing, ground: Ground | None
+    estimator: ContactEstimator,
+    opened: Callable[..., MessageSource],
+    timing: Timing,
+    ground: Ground | None,
+    camera: str = "",
 ) -> _ClockOffset:
     """`_clock_offset` of a recorded source, which `opened` opens: about what the times of logging show, or about the
     same clock where these show nothing; and where that fails, about where both begin together (`apart_s`).
 
-    Raises InputError as that does.
+    camera : that of a further camera's clock instead, against the first one's: the bend that one sees must follow the
+    bend that the other sees. `opened` then takes what is added to its times. Raises InputError as that does.
     """
+    if camera:
+        return _camera_offset(estimator, opened, timing, ground, camera)
     ahead_s, source = opened().readings_ahead_s(), opened()
     read, pictures_s = list[Reading](), list[float]()
 
@@ -139,6 +147,52 @@ def recorded_clock_offset(
         return _from_readings(estimator, measured, read, together_s, _ClockSettings.apart_s)
 
 
+def _camera_offset(
+    estimator: ContactEstimator,
+    opened: Callable[[float], MessageSource],
+    timing: Timing,
+    ground: Ground | None,
+    camera: str,
+) -> _ClockOffset:
+    """The same of a further camera's clock against the first one's. Raises InputError."""
+    begins: dict[str, list[float]] = {name: [] for name in estimator.rig.cameras}
+
+    def alone(name: str, about_s: float) -> MessageSource:
+        source = opened(about_s)
+
+        def messages() -> Messages:
+            for each in source.messages():
+                if not isinstance(each, Taken):
+                    yield each
+                    continue
+                begins[each.camera].append(each.time_s)
+                if each.camera == name:
+                    yield replace(each, camera="")
+
+        return replace(source, messages=messages)
+
+    first = estimator.rig.camera_name
+    one, other = estimator.cameras[first], estimator.cameras[camera]
+    own = _measured(one, alone(first, 0.0), timing, ground)
+    span_s, other_s = ((min(each, default=0.0), max(each, default=0.0)) for each in (begins[first], begins[camera]))
+    apart = other_s[0] > span_s[1] or span_s[0] > other_s[1]
+    about_s = span_s[0] - other_s[0] if apart else 0.0
+    seen = _measured(other, alone(camera, about_s), timing, None)
+    try:
+        times_s, bend = _bends(other, [replace(each, **SILENT) for each in seen])[1:]
+        # how well a bend is known shows in how it scatters about the other
+        readings = _Readings(times_s, bend, float(np.median(np.diff(times_s))), is_moment=False)
+        farthest_s = _ClockSettings.apart_s if apart else _ClockSettings.farthest_s
+        found = _followed(one, own, readings, _ClockSettings.bend_noise * float(np.std(bend)), farthest_s)
+    except InputError:
+        what = (
+            f"the clock of {camera} cannot be estimated: {len(own)} and {len(seen)} pictures of {first} and {camera} "
+        )
+        remedy = f"state it (--camera-offset {camera}=SECONDS), or record some quick presses and estimate it there"
+        raise InputError(f"{what}do not bend alike at one offset alone", remedy=remedy) from None
+    return replace(found, offset_s=about_s + found.offset_s)
+
+
 def _joined(source: MessageSource, read: Sequence[Reading], offset_s: float) -> MessageSource:
     """A source with its readings in turn with the pictures, as they come once their clock is put on by an offset."""
 
@@ -157,9 +211,9 @@ def _measured(
     """What the first pictures of a source show."""
     # the joints' angles hardly change by what the clocks are apart
     patient = replace(timing, wait_s=2.0 * _ClockSettings.farthest_s)
-    synchronizer = Synchronizer(patient, source.channels, estimator.rig.camera.image_size, live=False)
+    synchronizer = Synchronizer(patient, source.channels, estimator.rig.image_sizes, live=False)
     taken = islice(taken_frames(source.messages(), synchronizer), _ClockSettings.most_pictures)
-    seen = list(detections(estimator, first_looks(estimator, taken, ground)))
+    seen = list(detected(estimator, taken, ground))
     return [each.measured for each in seen if each.line.found]
 
 
@@ -200,12 +254,23 @@ def _clock_offset(
     sensor = estimator.rig.moment_sensor
     if not sensor.exists:
         raise _refused("the rig has no moment sensor")
-    noise_Nm = sensor.std_Nm
     if sensor.gain == 0.0 or len(times_s) < _ClockSettings.window_frames:
         raise _refused(f"there are {len(times_s)} readings of the moment")
+    step_s = float(np.median(np.diff([each.time_s for each in several]))) if len(several) > 1 else 1.0
+    readings = _Readings(times_s, readings_Nm, step_s)
+    return _followed(estimator, several, readings, sensor.std_Nm, farthest_s)
+
+
+def _followed(
+    estimator: ContactEstimator,
+    several: Sequence[Measured],
+    readings: _Readings,
+    noise_Nm: float,
+    farthest_s: float,
+) -> _ClockOffset:
+    """The same of readings of anything that follows the bend, with their noise. Raises InputError."""
     windows = _windows(estimator, several, np.full(len(several), np.nan))
-    readings = _Readings(times_s, readings_Nm, float(np.median(np.diff(windows.times_s))))
-    if np.std(readings_Nm) < _ClockSettings.least_signal_std * noise_Nm:
+    if np.std(readings.values) < _ClockSettings.least_signal_std * noise_Nm:
         raise _refused("the moment that is read hardly changes")
     coarse = np.arange(-farthest_s, farthest_s + 0.5 * _ClockSettings.steps_s[0], _ClockSettings.steps_s[0])
     lots = np.array_split(coarse, len(coarse) // 400 + 1)
@@ -253,7 +318,7 @@ def _refined(
     for step_s in _ClockSettings.steps_s:
         # where the line of sight lies at a bent antenna depends on the force along it, which the moment shows
         at, there = readings.at(np.array([each.time_s for each in several]) - offset_s)
-        windows = _windows(estimator, several, np.where(there, at, np.nan))
+        windows = _windows(estimator, several, np.where(there & readings.is_moment, at, np.nan))
         offsets = offset_s + step_s * np.arange(-3.0, 4.0)
         costs = _cost(windows, readings, offsets, noise_Nm)[0]
         if not np.isfinite(costs).all():
@@ -272,6 +337,20 @@ def _refused(what: str) -> InputError:
     return InputError(f"the clocks' offset cannot be estimated: {what}", where="--clock-offset", remedy=remedy)
 
 
+def _bends(estimator: ContactEstimator, several: Sequence[Measured]) -> tuple[list[Measured], np.ndarray, np.ndarray]:
+    """The pictures in which an antenna is seen, their times (B,), and the moment at the clamp (B,) of the force across
+    the line of sight, which a picture shows well, in the solver's unit. Raises InputError where they are too few."""
+    numbers = estimator.measure_batch(several).numbers if several else None
+    usable = np.zeros(0, bool) if numbers is None else numbers.finite & np.isfinite(numbers.unknowns[:, :3]).all(axis=1)
+    if numbers is None or usable.sum() < 3 * _ClockSettings.window_frames:
+        raise _refused(f"only {int(usable.sum())} pictures show the antenna")
+    seen = [each for each, use in zip(several, usable, strict=True) if use]
+    unknowns = numbers.unknowns[usable]
+    across = np.array([-1.0, 1.0]) * estimator.rig.T_antenna_camera.translation_m[[2, 1]]
+    bend = unknowns[:, 0] * (unknowns[:, 1:3] @ across) / np.linalg.norm(across)
+    return seen, np.array([each.time_s for each in seen]), bend
+
+
 def _windows(estimator: ContactEstimator, several: Sequence[Measured], moments_Nm: np.ndarray) -> _Windows:
     """The pictures in which an antenna is seen, fitted with these moments (B,), and what explains the moment in them.
 
@@ -279,15 +358,7 @@ def _windows(estimator: ContactEstimator, several: Sequence[Measured], moments_N
     """
     given = zip(several, moments_Nm, strict=True)
     silent = [replace(each, **SILENT | {"moment_Nm": float(moment)}) for each, moment in given]
-    numbers = estimator.measure_batch(silent).numbers if silent else None
-    usable = np.zeros(0, bool) if numbers is None else numbers.finite & np.isfinite(numbers.unknowns[:, :3]).all(axis=1)
-    if numbers is None or usable.sum() < 3 * _ClockSettings.window_frames:
-        raise _refused(f"only {int(usable.sum())} pictures show the antenna")
-    seen = [each for each, use in zip(silent, usable, strict=True) if use]
-    times, unknowns = np.array([each.time_s for each in seen]), numbers.unknowns[usable]
-    # the moment at the clamp of the force across the line of sight: what a picture shows well
-    across = np.array([-1.0, 1.0]) * estimator.rig.T_antenna_camera.translation_m[[2, 1]]
-    bend = unknowns[:, 0] * (unknowns[:, 1:3] @ across) / np.linalg.norm(across)
+    seen, times, bend = _bends(estimator, silent)
     rotation, _ = estimator.rig.kinematics.world_antenna(*np.array([[each.pan_rad, each.tilt_rad] for each in seen]).T)
     weight = (np.swapaxes(rotation, 1, 2) @ estimator.rig.gravity_world_m_s2)[:, 2]
     window = _window_of(times, np.abs(bend))

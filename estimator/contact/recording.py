@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice, tee
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
@@ -36,6 +36,8 @@ from .settings import ContactSettings
 
 Ground = Callable[[Still], Background | None]
 """What lies behind the antenna in a picture, as far as it is known."""
+FramePictures: TypeAlias = "np.ndarray | Mapping[str, np.ndarray] | None"
+"""A frame's picture (H, W[, 3]); of several cameras those by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +211,7 @@ def _along(rig: Rig, glance: _FirstDetection, rough: RoughFit) -> Detection:
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
 
 
-def detections(estimator: ContactEstimator, glances: Iterable[_FirstDetection]) -> Iterator[Detection]:
+def _detections(estimator: ContactEstimator, glances: Iterable[_FirstDetection]) -> Iterator[Detection]:
     """Second looks at pictures in order, as many at a time as memory allows."""
     coming = iter(glances)
     for first in coming:
@@ -228,17 +230,26 @@ def read_own(rig: Rig, path: Path) -> np.ndarray:
     return image
 
 
-def _read_ahead(rig: Rig, frames: Iterable[Frame]) -> Iterator[tuple[Frame, np.ndarray | None]]:
+def read_ahead(rig: Rig, frames: Iterable[Frame]) -> Iterator[tuple[Frame, FramePictures]]:
     """Frames with their pictures, if there are any, of which a thread reads the next few meanwhile.
 
     Raises InputError, at its turn, for one that cannot be read or has another size.
     """
+
+    cameras = rig.cameras
+
+    def read(frame: Frame) -> FramePictures:
+        if not rig.others:
+            return None if frame.image is None else read_own(rig, frame.image)
+        paths = {rig.camera_name: frame.image, **frame.others}
+        return {name: read_own(one, path) for name, one in cameras.items() if (path := paths.get(name)) is not None}
+
     with ThreadPoolExecutor(1) as reader:
-        coming = ((one, reader.submit(read_own, rig, one.image) if one.image else None) for one in frames)
+        coming = ((one, reader.submit(read, one)) for one in frames)
         waiting = deque(islice(coming, ContactSettings.pictures_ahead))
         while waiting:
-            frame, picture = waiting.popleft()
-            yield frame, None if picture is None else picture.result()
+            frame, pictures = waiting.popleft()
+            yield frame, pictures.result()
             waiting.extend(islice(coming, 1))
 
 
@@ -295,37 +306,22 @@ def after(first: _FirstDetection, before: np.ndarray) -> tuple[_FirstDetection, 
 def estimate_pictures(
     estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
-    """Every frame from its picture, in order, as many at a time as the estimator takes."""
-    if estimator.rig.others:
-        given, kept = tee(detected(estimator, frames, ground))
-        contacts = estimator.run(each.measured for each in given)
-        return (frame_contact(*each) for each in zip(frames, kept, contacts, strict=True))
-    return estimate_taken(estimator, _read_ahead(estimator.rig, frames), ground)
+    """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `read_ahead` does."""
+    return estimate_taken(estimator, read_ahead(estimator.rig, frames), ground)
 
 
 def estimate_taken(
-    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray | None]], ground: Ground | None = None
+    estimator: ContactEstimator, taken: Iterable[tuple[Frame, FramePictures]], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
-    """Every frame from its picture (H, W[, 3]) of the rig's size, in order, in constant memory."""
-    return _estimated(estimator, ((each.frame, each) for each in first_looks(estimator, taken, ground)))
-
-
-def first_looks(
-    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray | None]], ground: Ground | None = None
-) -> Iterator[_FirstDetection]:
-    """First looks at pictures (H, W[, 3]) of the rig's size."""
-    return (first_look(estimator, frame, image, ground) for frame, image in taken)
-
-
-def _estimated(estimator: ContactEstimator, firsts: Iterable[tuple[Frame, _FirstDetection]]) -> Iterator[FrameContact]:
+    """Every frame from its pictures of the rig's sizes, in order, in constant memory."""
     frames: deque[Frame] = deque()  # those whose contacts are still to come
 
-    def looked() -> Iterator[_FirstDetection]:
-        for frame, first in firsts:
+    def noted() -> Iterator[tuple[Frame, FramePictures]]:
+        for frame, pictures in taken:
             frames.append(frame)
-            yield first
+            yield frame, pictures
 
-    given, kept = tee(detections(estimator, _in_order(looked())))
+    given, kept = tee(detected(estimator, noted(), ground))
     for seen, contact in zip(kept, estimator.run(each.measured for each in given), strict=True):
         yield frame_contact(frames.popleft(), seen, contact)
 
@@ -346,19 +342,27 @@ def measured_recording(
     if not pictures_of(frames):
         lines = read_centrelines(session).checked(frames, "recording.csv")
         return measured_lines(estimator.rig, frames, lines)
-    return (each.measured for each in detected(estimator, frames, ground))
+    return (each.measured for each in detected(estimator, read_ahead(estimator.rig, frames), ground))
 
 
-def detected(estimator: ContactEstimator, frames: Iterable[Frame], ground: Ground | None = None) -> Iterator[Detection]:
-    """What is seen in the pictures of frames, in order. Raises as `_read_ahead` does."""
-    if estimator.rig.others:
-        parts, frames = [], list(frames)
-        for name, one in estimator.cameras.items():
-            own = [replace(frame, image=frame.others.get(name), others={}) for frame in frames]
-            first = name == estimator.rig.camera_name
-            parts.append(detected(one, frames if first else own, ground if first else None))
-        return (Detection.together(estimator.rig, several) for several in zip(*parts, strict=True))
-    return detections(estimator, _in_order(first_looks(estimator, _read_ahead(estimator.rig, frames), ground)))
+def detected(
+    estimator: ContactEstimator, taken: Iterable[tuple[Frame, FramePictures]], ground: Ground | None = None
+) -> Iterator[Detection]:
+    """What is seen in the pictures of frames, in order, each camera's by itself."""
+    rig = estimator.rig
+    if rig.others:
+        parts = list[Iterator[Detection]]()
+        for (name, one), each in zip(estimator.cameras.items(), tee(taken, 1 + len(rig.others)), strict=True):
+            parts.append(detected(one, _of_camera(each, name), ground if name == rig.camera_name else None))
+        return (Detection.together(rig, several) for several in zip(*parts, strict=True))
+    firsts = (first_look(estimator, frame, cast("np.ndarray | None", one), ground) for frame, one in taken)
+    return _detections(estimator, _in_order(firsts))
+
+
+def _of_camera(taken: Iterable[tuple[Frame, FramePictures]], name: str) -> Iterator[tuple[Frame, FramePictures]]:
+    """Frames with the pictures of one of several cameras."""
+    for frame, pictures in taken:
+        yield frame, pictures.get(name) if isinstance(pictures, Mapping) else pictures
 
 
 def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -42,6 +42,7 @@ from .clock import recorded_clock_offset
 from .estimate import ContactEstimator
 from .recording import (
     FrameContact,
+    FramePictures,
     Ground,
     estimate_centrelines,
     estimate_pictures,
@@ -79,14 +80,14 @@ class _Stream:
         timing = self.options.timing
         known_s = None if self.options.estimate_offset and timing.offset_std_s == 0.0 else timing.offset_s
         topics = replace(self.options.topics, wrench=self.rig.wrench_sensor is not None)
-        found = open_recorded(self.path, self.rig.camera, table, known_s, topics)
+        found = open_recorded(self.path, self.rig.lenses, table, known_s, topics)
         return found.without_moments() if self.no_moment else found
 
-    def taken(self) -> Iterator[tuple[Frame, np.ndarray]]:
-        """Its frames with pictures (H, W[, 3]), in order."""
+    def taken(self) -> Iterator[tuple[Frame, FramePictures]]:
+        """Its frames with pictures, in order."""
         source = self.opened()
         timing = replace(self.options.timing, moment_std_Nm=self.rig.reading_noise)
-        synchronizer = Synchronizer(timing, source.channels, self.rig.camera.image_size, source.notes, live=False)
+        synchronizer = Synchronizer(timing, source.channels, self.rig.image_sizes, source.notes, live=False)
         yield from taken_frames(source.messages(), synchronizer)
         std_s = timing.offset_std_s
         clock = f"the readings' clock: {timing.offset_s:+.4f} s (± {1e3 * std_s:.1f} ms) are added to their times"
@@ -144,7 +145,7 @@ class _Source:
         folder : where some of a bag's or video's are put.
         """
         if self.stream is not None:
-            return some_stills(self.stream.taken(), folder)
+            return some_stills(rig, self.stream.taken(), folder)
         assert self.session is not None
         return [*self.frames, *_free_stills(self.session, rig)]
 
@@ -175,15 +176,25 @@ def _session_root(path: Path) -> Path:
     return path.parent.parent if _stands_for_session(path) else path
 
 
-def unpacked(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> Iterator[tuple[Frame, np.ndarray]]:
+def unpacked(
+    rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Path
+) -> Iterator[tuple[Frame, FramePictures]]:
     """Frames with pictures, these in files of a folder, too."""
-    for frame, image in taken:
-        yield replace(frame, image=stored(image, folder / f"{frame.frame:06d}.png")), image
+    for frame, pictures in taken:
+        several = pictures if isinstance(pictures, Mapping) else {rig.camera_name: pictures}
+        others = {
+            name: stored(image, folder / f"{frame.frame:06d}-{name}.png")
+            for name, image in several.items()
+            if image is not None
+        }
+        yield replace(frame, image=others.pop(rig.camera_name, None), others=others), pictures
 
 
-def some_stills(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> list[Still]:
-    """Of a bag or video some pictures, in files of a folder."""
-    return [frame for frame, _ in unpacked(thinned(taken, ContactSettings.sampled_pictures), folder)]
+def some_stills(rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Path) -> list[Still]:
+    """Of a bag or video some pictures of the rig's first camera, in files of a folder."""
+    named = ((frame, each.get(rig.camera_name) if isinstance(each, Mapping) else each) for frame, each in taken)
+    own = ((frame, image) for frame, image in named if image is not None)
+    return [frame for frame, _ in unpacked(rig, thinned(own, ContactSettings.sampled_pictures), folder)]
 
 
 def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> _Source:

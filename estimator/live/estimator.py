@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import product
 from time import perf_counter
 from typing import Any
 
@@ -50,7 +51,7 @@ class LiveContact:
         frames by themselves have it.
     final : from all frames, as `vbaa estimate` gives it; else at once, from this frame and those before it.
     latency_s : from the picture's arrival to this. age_s : of the reading that was interpolated furthest.
-    image : (H, W[, 3]) the picture; None with a final contact.
+    image : (H, W[, 3]) the picture; None with a final contact. images : of several cameras by name.
     alarms : what the watch has found with this frame; empty with a final contact.
     """
 
@@ -61,6 +62,7 @@ class LiveContact:
     age_s: float = np.nan
     image: np.ndarray | None = None
     alarms: tuple[Diagnosis, ...] = ()
+    images: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 class LiveEstimator:
@@ -94,7 +96,8 @@ class LiveEstimator:
         self.final, self._ground = final, ground
         self._later = ContactStream(estimator, little_by_little=True) if final else None
         self._now = ContactStream(estimator, live=True, beside=self._later)
-        self._before = np.empty((0, 2))
+        self._cameras = estimator.cameras if estimator.rig.others else {estimator.rig.camera_name: estimator}
+        self._before = dict.fromkeys(self._cameras, np.empty((0, 2)))
         self._frames: deque[tuple[Synchronized, Detection]] = deque()
         self._finals = 0
         self.verdict = RunningVerdict(estimator.rig, waits=not synchronizer.live)
@@ -103,14 +106,19 @@ class LiveEstimator:
         """Load and prepare what the first pictures would wait for: drawn ones go the way that theirs will go, and what
         depends on the direction of gravity is made for many."""
         rig, own = self.estimator.rig, self.estimator
-        for tilt_rad in _TILTS_RAD:
-            prepared(rig, Frame(None, 0.0, float(tilt_rad), 0.0, frame=0, time_s=0.0))
+        for one, tilt_rad in product(rig.cameras.values(), _TILTS_RAD):
+            prepared(one, Frame(None, 0.0, float(tilt_rad), 0.0, frame=0, time_s=0.0))
         trial = LiveEstimator(
             ContactEstimator(rig, own.model, friction=own.friction_rad, jobs=1),
-            Synchronizer(Timing(), image_size=rig.camera.image_size),
+            Synchronizer(Timing(), image_size=rig.image_sizes),
             final=self.final,
         )
-        each = [Synchronized(frame, Taken(0.0, image, 0.0), 0.0) for frame, image in _drawn(rig)]
+        each = []
+        for drawings in zip(*map(_drawn, rig.cameras.values()), strict=True):
+            first, *rest = (
+                Taken(0.0, image, 0.0, camera=name) for name, (_, image) in zip(rig.cameras, drawings, strict=True)
+            )
+            each.append(Synchronized(drawings[0][0], first, 0.0, tuple(rest)))
         seen = [trial._looked(one) for one in each]
         for number in range(STREAM + len(each)):
             drawn, found = each[number % len(each)], seen[number % len(each)]
@@ -155,10 +163,15 @@ class LiveEstimator:
         return self._answered(each, self._looked(each))
 
     def _looked(self, each: Synchronized) -> Detection:
-        """What is seen in a picture."""
-        first = first_look(self.estimator, each.frame, each.taken.image, self._ground)
-        first, self._before = after(first, self._before)
-        return detect_again(self.estimator, [first])[0]
+        """What is seen in a frame's pictures, by each camera."""
+        rig, ground, several = self.estimator.rig, self._ground, list[Detection]()
+        for name, one in self._cameras.items():
+            image = each.images.get(name) if rig.others else each.taken.image
+            first = first_look(one, each.frame, image, ground)
+            first, self._before[name] = after(first, self._before[name])
+            several += detect_again(one, [first])
+            ground = None  # it is of the first camera
+        return Detection.together(rig, several) if rig.others else several[0]
 
     def _answered(self, each: Synchronized, seen: Detection) -> Iterator[LiveContact]:
         """A picture's contact at once, and the final ones that are ready with it."""
@@ -168,10 +181,11 @@ class LiveEstimator:
         self.verdict.push(seen.measured, item.contact)
         row = self._row(item, self.verdict.count - 1)
         alarms = () if self.watch is None else tuple(self.watch.push(seen.measured, item.contact))
-        yield LiveContact(row, item, False, latency_s, each.age_s, each.taken.image, alarms)
+        images = each.images if self.estimator.rig.others else {}
+        yield LiveContact(row, item, False, latency_s, each.age_s, each.taken.image, alarms, images)
         if self._later is not None:
             # without its picture, which would fill the memory
-            kept = replace(each, taken=replace(each.taken, image=_NO_PICTURE, arrived_s=0.0))
+            kept = replace(each, taken=replace(each.taken, image=_NO_PICTURE, arrived_s=0.0), others=())
             self._frames.append((kept, seen))
             yield from map(self._finally, self._later.push(seen.measured, each.taken.waiting > 0))
 

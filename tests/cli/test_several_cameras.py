@@ -17,6 +17,7 @@ from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.session import read_centrelines, read_noload, read_recording
 from vbaa_calib.simulate.scene.scene import bundled_scene
+from vbaa_calib.streams.bag_of_session import BagLens, write_recording
 
 from ..made_once import made_once
 
@@ -110,6 +111,48 @@ def test_contacts_of_both_are_better_than_of_one(made: Path, tmp_path: Path) -> 
     assert several[0].distance_m == pytest.approx(both.distance_m, rel=1e-9)
     with pytest.raises(InputError, match="several cameras"):
         estimator.estimate(image=frame.image, **read)
+
+
+def test_streams_give_the_contacts_of_the_session(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bag with both cameras' topics, a table of pictures, and JSON lines that come live; so does one that fails."""
+    rig, session = str(made / "rig.json"), made / "session"
+    recording = session / "recording"
+    bag, tail = str(tmp_path / "two.mcap"), ["--no-report", "--force"]
+    write_recording(Path(bag), session, {name: _bag_lens(made, name) for name in CAMERAS})
+    table = str(recording / "recording.csv")
+    contacts = []
+    for source in (str(session), bag, table):
+        out = tmp_path / f"{len(contacts)}.csv"
+        assert main(["estimate", source, "--rig", rig, "-o", str(out), *tail]) == 0
+        contacts.append([row | {"time_s": ""} for row in _rows(out)])
+    assert contacts[0] == contacts[1] == contacts[2]
+    assert main(["estimate", bag, "--rig", rig, "-o", str(out), *tail, "--topic", "middle=/x"]) == 2
+    assert "cameras left, right" in capsys.readouterr().err
+
+    def live(change: Callable[[dict], dict]) -> list[dict[str, str]]:
+        lines = []
+        for row in _rows(recording / "recording.csv"):
+            read = {name: float(row[name]) for name in ("time_s", "moment_Nm", "pan_rad", "tilt_rad")}
+            image = change({name: str(recording / row[f"image_{name}"]) for name in CAMERAS})
+            lines.append(json.dumps(read | {"image": image}))
+        (tmp_path / "lines").write_text("\n".join(lines))
+        with (tmp_path / "lines").open() as stream:
+            monkeypatch.setattr("sys.stdin", stream)
+            assert main(["live", rig, "-", "-o", str(out), "--force"]) == 0
+        return [row | {"time_s": ""} for row in _rows(out)]
+
+    assert live(lambda image: image) == contacts[0]
+    alone = live(lambda image: {"right": image["right"]})
+    assert all("left: there is no picture" in row["reason"] for row in alone)
+    assert {row["status"] for row in alone} <= {"ok", "no_contact", "low_signal"}
+    assert "6 frames without left" in capsys.readouterr().err
+
+
+def _bag_lens(made: Path, name: str) -> BagLens:
+    camera = Rig.load(made / "rig.json").cameras[name].camera
+    return BagLens(camera.image_size, camera.matrix, camera.distortion, camera.model)
 
 
 def _copied(made: Path, tmp_path: Path) -> Path:

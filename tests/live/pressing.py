@@ -39,10 +39,10 @@ class Motion:
         return self.contact[index] * LENGTH_M, size[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
 
-def pictures(motion: Motion, times_s: np.ndarray, rng: np.random.Generator) -> list[Measured]:
+def pictures(motion: Motion, times_s: np.ndarray, rng: np.random.Generator, world: World = WORLD) -> list[Measured]:
     """What the camera sees at these times."""
     contact, lateral = motion.at(times_s)
-    several = frames(WORLD, contact.tolist(), lateral.tolist(), [0.3] * len(times_s), rng, points=80)
+    several = frames(world, contact.tolist(), lateral.tolist(), [0.3] * len(times_s), rng, points=80)
     return [
         Measured(each.points_px, np.full(80, SIGMA_PX), np.nan, 0.0, 0.3, time_s=float(time_s))
         for each, time_s in zip(several, times_s, strict=True)

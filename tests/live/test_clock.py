@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -16,7 +17,7 @@ from estimator.contact.clock import _ClockOffset as ClockOffset
 from estimator.contact.clock import _ClockSettings as ClockSettings
 from estimator.contact.clock import recorded_clock_offset
 from estimator.table.contacts import Measured
-from tests.rod_scenes import RIG_STD
+from tests.rod_scenes import RIG_STD, World, camera_pose
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import Frame
 from vbaa_calib.streams import MessageSource, Reading, Taken, Timing
@@ -132,14 +133,49 @@ def test_clocks_far_apart_are_found_in_a_recording(
     by_time = {each.time_s: each for each in several}
     seen = SimpleNamespace(found=True)
 
-    def looked(_: object, taken: Iterable[tuple[Frame, np.ndarray]], __: object) -> Iterator[SimpleNamespace]:
+    def looked(_: object, taken: Iterable[tuple[Frame, object]], __: object) -> Iterator[SimpleNamespace]:
         return (SimpleNamespace(line=seen, measured=by_time[frame.time_s]) for frame, _ in taken)
 
-    monkeypatch.setattr(clock, "first_looks", looked)
-    monkeypatch.setattr(clock, "detections", lambda _, looks: looks)
+    monkeypatch.setattr(clock, "detected", looked)
     timing = Timing(joints_rad=(0.0, 0.3), moment_std_Nm=(WORLD.sensor.std_Nm, 0.0))
     one = recorded_clock_offset(estimator(), opened, timing, None)
     assert abs(one.offset_s - offset_s) < 3.5 * one.std_s + 1e-6 * abs(offset_s)
+    assert one.std_s < 0.01
+
+
+@pytest.mark.parametrize(("offset_s", "rate_Hz"), [(0.137, 24.0), (-2000.0, 30.0)])
+def test_another_cameras_clock_is_found(offset_s: float, rate_Hz: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the bend that both cameras see from different sides, at other rates; also clocks that are far apart."""
+    other, rng = World(camera_pose(-0.5, 0.4)), np.random.default_rng(2)
+    motion = Motion.drawn(rng, LENGTH_S + 2.0)
+    front, side = WORLD.rig(0.25 * RIG_STD), other.rig(0.25 * RIG_STD)
+    rig = replace(front, others={"side": side})
+    seen: dict[str, list[Measured]] = {}
+    for name, world, begin_s, rate in ((rig.camera_name, WORLD, 0.0, 30.0), ("side", other, 0.013, rate_Hz)):
+        seen[name] = pictures(motion, np.arange(begin_s, LENGTH_S, 1.0 / rate), rng, world)
+
+    def opened(about_s: float) -> MessageSource:
+        clock_s = {rig.camera_name: 0.0, "side": about_s - offset_s}
+        taken = []
+        for name, several in seen.items():
+            for index, each in enumerate(several):
+                image = np.zeros(front.camera.image_size[::-1], np.uint8)
+                image[0, 0], image[0, 1] = divmod(index, 256)  # so that a picture is known again
+                taken.append(Taken(each.time_s + clock_s[name], image, each.time_s, camera=name))
+        return MessageSource("recording", lambda: (each for each in sorted(taken, key=lambda one: one.arrived_s)))
+
+    def detected(
+        own: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray]], _: object
+    ) -> Iterator[SimpleNamespace]:
+        for frame, image in taken:
+            index = 256 * int(image[0, 0]) + int(image[0, 1])
+            measured = replace(seen[own.rig.camera_name][index], time_s=frame.time_s)
+            yield SimpleNamespace(line=SimpleNamespace(found=True), measured=measured)
+
+    monkeypatch.setattr(clock, "detected", detected)
+    timing = Timing(joints_rad=(0.0, 0.3))
+    one = recorded_clock_offset(ContactEstimator(rig, jobs=1), opened, timing, None, "side")
+    assert abs(one.offset_s - offset_s) < 3.5 * one.std_s
     assert one.std_s < 0.01
 
 

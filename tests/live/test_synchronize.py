@@ -356,3 +356,69 @@ def test_recordings_of_two_clocks_are_refused_with_an_offset() -> None:
         through(Synchronizer(Timing(), ["moment_Nm"], live=False), *readings, *pictures)
     late = Synchronizer(Timing(offset_s=-day_s), ["moment_Nm"], live=False)
     assert sum(np.isfinite(each.frame.moment_Nm) for each in through(late, *readings, *pictures)) >= 19
+
+
+CAMERAS = {"left": (6, 4), "right": (3, 5)}
+
+
+def of(camera: str, time_s: float, arrived_s: float | None = None) -> Taken:
+    width, height = CAMERAS[camera]
+    return replace(taken(time_s, arrived_s, np.zeros((height, width), np.uint8)), camera=camera)
+
+
+@given(
+    st.integers(0, 2**31),
+    st.floats(0.02, 0.2),
+    st.floats(-0.004, 0.004),
+    st.sampled_from([1, 2, 3]),
+    st.booleans(),
+)
+@settings(max_examples=60, deadline=None)
+def test_pictures_of_one_instant_are_one_frame(
+    seed: int, period_s: float, lag_s: float, every: int, live: bool
+) -> None:
+    """However they jitter and come, at one rate or at others: none is lost or used twice, times run on."""
+    rng, count = np.random.default_rng(seed), 24
+    at = 100.0 + period_s * np.arange(count)
+    left = [of("left", t, t + rng.uniform(0.0, 0.01)) for t in at]
+    right = [
+        of("right", t + lag_s, t + rng.uniform(0.01, 0.02))
+        for t in at[::every] + rng.uniform(0, 1e-3, len(at[::every]))
+    ]
+    several = sorted([*left, *right], key=lambda each: each.arrived_s)
+    found = through(Synchronizer(Timing(), image_size=CAMERAS, live=live), *several)
+    assert [list(each.images) for each in found].count(["left"]) == count - len(right)
+    assert sum("right" in each.images for each in found) == len(right)
+    assert len(found) == count
+    assert (np.diff([each.frame.time_s for each in found]) > 0.0).all()
+    for each in found:
+        assert all(abs(one.time_s - each.taken.time_s) <= Timing.together_s for one in each.others)
+
+
+@pytest.mark.parametrize("live", [True, False])
+def test_a_camera_that_ends_does_not_stop_the_others(live: bool) -> None:
+    """Frames go on without it, live after one wait, and it is counted; so do those of a camera that never came."""
+    synchronizer, waits = Synchronizer(Timing(wait_s=0.2), image_size=CAMERAS, live=live), []
+    for index in range(60):
+        now_s = 0.05 * index
+        for message in [of("left", now_s), of("right", now_s)][: 1 + (index < 20)]:
+            waits += [now_s - each.taken.arrived_s for each in synchronizer.push(message)]
+    waits += [0.0 for _ in synchronizer.finish()]
+    assert len(waits) == 60
+    assert max(waits) < 0.3
+    assert (np.array(waits[30:]) < 0.051).all()
+    assert any("40 frames without right" in line for line in synchronizer.left_out())
+    alone = [of("right", at) for at in (1.0, 2.0, 3.0)]
+    assert len(through(Synchronizer(Timing(), image_size=CAMERAS, live=live), *alone)) == 3
+
+
+def test_cameras_with_two_clocks_are_refused() -> None:
+    """With what lets both begin together; of other cameras than the rig's nothing is taken."""
+    several = [of(name, at + shift_s) for at in (0.0, 0.1, 0.2) for name, shift_s in (("left", 0.0), ("right", 50.0))]
+    with pytest.raises(InputError, match="right=-50"):
+        through(Synchronizer(Timing(), image_size=CAMERAS, live=False), *several)
+    synchronizer = Synchronizer(Timing(), image_size=CAMERAS)
+    assert not through(synchronizer, replace(of("left", 0.0), camera="middle"))
+    assert "1 pictures of a camera that the rig does not have" in synchronizer.left_out()
+    with pytest.raises(InputError, match="of right are 6x4 px, the rig's camera right 3x5"):
+        through(synchronizer, replace(of("left", 0.0), camera="right"))

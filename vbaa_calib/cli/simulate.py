@@ -122,8 +122,12 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         folder = args.output or Path(stack.enter_context(tempfile.TemporaryDirectory())) / "session"
         planned = _written(args, scene, folder)
         if args.bag is not None:
-            lens = scene.lens
-            write_recording(args.bag, folder, BagLens(lens.image_size, lens.matrix, lens.distortion, lens.model))
+            cameras = scene.cameras or {"camera": (scene.lens, scene.T_antenna_camera)}
+            lenses = {
+                name: BagLens(lens.image_size, lens.matrix, lens.distortion, lens.model)
+                for name, (lens, _) in cameras.items()
+            }
+            write_recording(args.bag, folder, lenses)
             say(f"wrote {args.bag}")
     frames = planned.truth["frames"]
     touching = sum(frame["in_contact"] for frame in frames)

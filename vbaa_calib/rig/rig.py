@@ -253,6 +253,17 @@ class Rig:
         """The rig of each camera by itself, by name; the first one's is this one's."""
         return {self.camera_name: replace(self, others={}) if self.others else self, **self.others}
 
+    @property
+    def image_sizes(self) -> dict[str, tuple[int, int]]:
+        """(width, height) of each camera's pictures, by name; of the only one by ""."""
+        sizes = {name: one.camera.image_size for name, one in self.others.items()}
+        return {self.camera_name if sizes else "": self.camera.image_size, **sizes}
+
+    @property
+    def lenses(self) -> Camera | dict[str, Camera]:
+        """The only camera, or several by name."""
+        return {name: one.camera for name, one in self.cameras.items()} if self.others else self.camera
+
     @gate
     def with_camera(self, name: str, other: Rig) -> Rig:
         """With a further camera, from its own calibration with the same antenna, sensors and joints.

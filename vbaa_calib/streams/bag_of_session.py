@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,36 +41,35 @@ def refuse_bag(path: Path, force: bool) -> None:
         raise InputError("exists already", where=path, remedy=remedy)
 
 
-def write_recording(path: Path, session: Path, lens: BagLens) -> None:
+def write_recording(path: Path, session: Path, lenses: Mapping[str, BagLens]) -> None:
     """The pictures of a session's recording as CompressedImage, the moment as WrenchStamped, the joints as JointState,
-    and CameraInfo, at the recording's times."""
+    and CameraInfo, at the recording's times. lenses : by the cameras' names, the first camera's first."""
     frames = read_recording(load_session(session))
     if path.suffix:
         with replacing(path) as temporary:
             temporary.unlink()  # the ROS 1 writer does not overwrite
-            _write(temporary, frames, lens)
+            _write(temporary, frames, lenses)
         return
     with replacing_folder(path) as folder:
         made = folder / path.name  # nor does that of ROS 2
-        _write(made, frames, lens)
+        _write(made, frames, lenses)
         for part in list(made.iterdir()):
             part.rename(folder / part.name)
         made.rmdir()
 
 
-def _write(path: Path, frames: Iterable[Frame], lens: BagLens) -> None:
+def _write(path: Path, frames: Iterable[Frame], lenses: Mapping[str, BagLens]) -> None:
     writer = BagWriter(path)
     try:
         for frame in frames:
-            for logged in _logged(frame, lens):
+            for logged in _logged(frame, lenses):
                 writer.write(logged)
     finally:
         writer.close()
 
 
-def _logged(frame: Frame, lens: BagLens) -> Iterator[Logged]:
+def _logged(frame: Frame, lenses: Mapping[str, BagLens]) -> Iterator[Logged]:
     """What is logged of a frame: the readings first, as they come while the picture is read out."""
-    assert frame.image is not None
     # a bag begins a second after the clock's zero: a stamp of zero means none
     time_ns = 1_000_000_000 + round(1e9 * frame.time_s)
     wrench: dict[str, dict[str, float]] = {"torque": {}, "force": {}}
@@ -81,17 +80,23 @@ def _logged(frame: Frame, lens: BagLens) -> Iterator[Logged]:
         yield Logged("/antenna/moment", "geometry_msgs/msg/WrenchStamped", {"wrench": wrench}, time_ns)
     joints = {"name": ["pan", "tilt"], "position": [frame.pan_rad, frame.tilt_rad]}
     yield Logged("/joint_states", "sensor_msgs/msg/JointState", joints, time_ns)
+    for index, (camera, lens) in enumerate(lenses.items()):
+        image = frame.others.get(camera) if index else frame.image
+        if image is None:
+            continue
+        yield Logged(f"/{camera}/camera_info", "sensor_msgs/msg/CameraInfo", _camera_info(lens), time_ns)
+        content = {"format": image.suffix.lower().lstrip("."), "data": np.frombuffer(image.read_bytes(), np.uint8)}
+        yield Logged(f"/{camera}/image/compressed", "sensor_msgs/msg/CompressedImage", content, time_ns)
+
+
+def _camera_info(lens: BagLens) -> dict[str, Any]:
     width, height = lens.image_size
     names = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
     model = "equidistant" if lens.model == "fisheye" else names.get(len(lens.distortion), "")
-    about: dict[str, Any] = {
+    return {
         "width": width,
         "height": height,
         "distortion_model": model,
         "d": lens.distortion,
         "k": lens.matrix.ravel(),
     }
-    yield Logged("/camera/camera_info", "sensor_msgs/msg/CameraInfo", about, time_ns)
-    data = np.frombuffer(frame.image.read_bytes(), np.uint8)
-    kind = frame.image.suffix.lower().lstrip(".")
-    yield Logged("/camera/image/compressed", "sensor_msgs/msg/CompressedImage", {"format": kind, "data": data}, time_ns)

@@ -10,7 +10,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import BytesIO
 from itertools import accumulate
 from pathlib import Path
@@ -181,9 +181,10 @@ _ENCODINGS: dict[str, tuple[str, int, int | None]] = {
 class Topics:
     """Which topics to take, and what in them. "": the only one of its kind.
 
-    pan, tilt : names of the joints. moment_axis : the component of a wrench's torque that is the moment, such as y or
-    -y: of the right-handed torque about the antenna's y, the moment x·f_z − z·f_x is the negative. degrees : whether
-    joints are in degrees, against ROS' rule. wrench : whether all components of a wrench are read.
+    images : of several cameras, by name. pan, tilt : names of the joints. moment_axis : the component of a wrench's
+    torque that is the moment, such as y or -y: of the right-handed torque about the antenna's y, the moment x·f_z −
+    z·f_x is the negative. degrees : whether joints are in degrees, against ROS' rule. wrench : whether all components
+    of a wrench are read.
     """
 
     image: str = ""
@@ -195,6 +196,7 @@ class Topics:
     moment_axis: str = "y"
     degrees: bool = False
     wrench: bool = False
+    images: Mapping[str, str] = field(default_factory=dict)
 
     @staticmethod
     def of(named: Mapping[str, str], *, degrees: bool = False) -> Topics:
@@ -203,11 +205,14 @@ class Topics:
         return Topics(**values)
 
 
-def open_bag(path: Path, topics: Topics, camera: Camera | None, offset_s: float | None = 0.0) -> MessageSource:
+def open_bag(
+    path: Path, topics: Topics, camera: Camera | Mapping[str, Camera] | None, offset_s: float | None = 0.0
+) -> MessageSource:
     """The pictures and readings of a bag, in the order in which they were logged.
 
-    camera : the rig's: one that CameraInfo or the topic's name shows to be another is refused. offset_s : what will be
-    added to the readings' times; None: it is to be estimated.
+    camera : the rig's, or several by name: one that CameraInfo or the topic's name shows to be another is refused. Of
+    several, a camera's topic is the one with its name in between slashes, unless `topics` names it. offset_s : what
+    will be added to the readings' times; None: it is to be estimated.
     Raises InputError for a bag that cannot be read, has no pictures, or several topics to choose from; while it is
     read, for joints that are not named or in degrees, pictures that cannot be decoded, and clocks that are far apart.
     """
@@ -234,26 +239,29 @@ def open_bag(path: Path, topics: Topics, camera: Camera | None, offset_s: float 
     except Exception as error:  # of a damaged file the reader lets anything through
         what = f"cannot be read as a bag ({type(error).__name__}: {clipped(str(error).partition(chr(10))[0])})"
         raise InputError(what, where=path, remedy="record or copy it again, or mend it (mcap recover)") from None
-    taken = {role: _topic(path, role, getattr(topics, role), kinds) for role in ("image", "moment", "joints")}
-    if not taken["image"]:
-        what = f"holds no pictures; its topics are {', '.join(sorted(kinds)) or 'none'}"
-        raise InputError(what, where=path, remedy="sensor_msgs/Image or CompressedImage is needed")
+    cameras = dict(camera) if isinstance(camera, Mapping) else {"": camera}
+    images = _image_topics(path, topics, cameras, kinds)
+    taken = {role: _topic(path, role, getattr(topics, role), kinds) for role in ("moment", "joints")}
     of_moment = kinds.get(taken["moment"]) or ""
     if topics.moment_axis != Topics.moment_axis and of_moment.startswith("std_msgs"):
         number = of_moment.rpartition("/")[2]
         what = f"--moment-axis is of a WrenchStamped; {taken['moment']} is a {number}, which has no axes"
         raise InputError(what, where=path, remedy="leave it out, or choose a wrench: --topic moment=NAME")
-    if camera is not None and topics.camera != "none":
-        _refuse_rectified(taken["image"], camera, path)
     notes = _notes_on(taken, topics, kinds)
+    if left := [name for name in cameras if name not in images.values()]:
+        notes.append(f"{path.name} holds no pictures of {', '.join(left)}: name its topic, --topic {left[0]}=NAME")
     channels = {"moment_Nm"} if taken["moment"] else set()
     channels |= {"pan_rad", "tilt_rad"} if taken["joints"] else set()
-    wanted = {name: role for role, name in taken.items() if name}
-    if camera is not None and topics.camera != "none":
-        near = taken["image"].rpartition("/")[0]
+    wanted = {name: role for role, name in taken.items() if name} | dict.fromkeys(images, "image")
+    infos: dict[str, tuple[str, Camera]] = {}
+    for topic, name in images.items() if topics.camera != "none" else ():
+        if (own := cameras[name]) is None:
+            continue
+        _refuse_rectified(topic, own, path)
+        near = topic.rpartition("/")[0]
         of_cameras = [name for name, kind in kinds.items() if kind in _ROLES["camera"][0]]
-        own = [name for name in of_cameras if near.startswith(name.rpartition("/")[0])]
-        wanted |= dict.fromkeys(own, "camera")
+        infos |= {name: (topic, own) for name in of_cameras if near.startswith(name.rpartition("/")[0])}
+    wanted |= dict.fromkeys(infos, "camera")
     connections = [each for each in reader.connections if each.topic in wanted]
     # by ROS' own definitions: those in the bag may say that a picture holds a billion of something
     ros = standard.deserialize_ros1 if files[0].suffix == ".bag" else standard.deserialize_cdr
@@ -262,10 +270,11 @@ def open_bag(path: Path, topics: Topics, camera: Camera | None, offset_s: float 
         """What a message holds. Raises InputError for one that cannot be read."""
         role = wanted[topic]
         if role == "image":
-            yield Taken(stamp_s(message, arrived_s), picture_of(message), arrived_s, perf_counter())
-        elif role == "camera" and camera is not None:
-            _check_camera(message, taken["image"], camera, path)
-        elif role != "camera":
+            at_s, image = stamp_s(message, arrived_s), picture_of(message)
+            yield Taken(at_s, image, arrived_s, perf_counter(), camera=images[topic])
+        elif role == "camera":
+            _check_camera(message, *infos[topic], path)
+        else:
             yield from readings_of(message, topics, arrived_s)
 
     def messages() -> Messages:
@@ -305,6 +314,29 @@ def open_bag(path: Path, topics: Topics, camera: Camera | None, offset_s: float 
                     raise _unreadable(topic, wanted[topic], fault, path)
 
     return MessageSource(path.name, messages, frozenset(channels), notes=notes)
+
+
+def _image_topics(
+    path: Path, topics: Topics, cameras: Mapping[str, Camera | None], kinds: Mapping[str, str | None]
+) -> dict[str, str]:
+    """Topic of pictures → its camera's name; "" of the only one. Raises InputError where there is none, or several."""
+    named = dict(topics.images)
+    if unknown := [name for name in named if name not in cameras]:
+        has = f"cameras {', '.join(cameras)}" if len(cameras) > 1 else "one camera, whose role is image"
+        raise InputError(f"--topic is {unknown[0]}={named[unknown[0]]}", remedy=f"the rig has {has}")
+    if len(cameras) > 1 and not topics.image:
+        groups = [sorted(name for name, kind in kinds.items() if kind in group) for group in _ROLES["image"]]
+        for name in cameras.keys() - named.keys():
+            own = [topic for topic in next(filter(None, groups), []) if name in topic.split("/")]
+            named |= {name: own[0]} if len(own) == 1 else {}
+    first = next(iter(cameras))
+    found = {topic: name for name, each in named.items() if (topic := _topic(path, "image", each, kinds))}
+    if not found and (topic := _topic(path, "image", topics.image, kinds)):
+        found[topic] = first
+    if not found:
+        what = f"holds no pictures; its topics are {', '.join(sorted(kinds)) or 'none'}"
+        raise InputError(what, where=path, remedy="sensor_msgs/Image or CompressedImage is needed")
+    return {topic: found[topic] for topic in sorted(found, key=lambda topic: list(cameras).index(found[topic]))}
 
 
 def _unreadable(topic: str, role: str, error: Exception, path: Path) -> InputError:

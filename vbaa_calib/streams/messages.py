@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import base64
 import binascii
+import heapq
 import json
 import math
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -30,6 +31,7 @@ class _MessageSettings:
     one_clock_s: float = 10.0  # stamps further apart than their messages were logged are of two clocks
     longest_line: int = 64_000_000  # bytes of a line of JSON
     readings: int = 4096  # of one channel that are kept: four seconds at a thousand a second
+    pictures: int = 100  # of recorded cameras that wait for those of another one, at most
     instant_s: float = 1e-3  # to which videos round their times: such a gap to the nearest reading is none
 
 
@@ -45,7 +47,7 @@ class Taken:
 
     time_s : of the exposure, by the stream's clock. arrived_s : when it came, by the source's clock.
     received_s : when this process had it, `time.perf_counter`. waiting : how many have come
-    since: what can be put off should be.
+    since: what can be put off should be. camera : its name, of several.
     """
 
     time_s: float
@@ -53,6 +55,7 @@ class Taken:
     arrived_s: float
     received_s: float = 0.0
     waiting: int = 0
+    camera: str = ""
 
     def __post_init__(self) -> None:
         image = self.image
@@ -156,6 +159,74 @@ class MessageSource:
 
         return replace(self, messages=messages)
 
+    def of_camera(self, name: str, offset_s: float = 0.0, arrived_s: float = 0.0) -> MessageSource:
+        """The same with pictures that have no name as this camera's; `offset_s` is added to its times, `arrived_s` to
+        when they arrived."""
+
+        def messages() -> Messages:
+            for each in self.messages():
+                if isinstance(each, Taken) and each.camera in ("", name):
+                    at_s, came_s = each.time_s + offset_s, each.arrived_s + arrived_s
+                    yield replace(each, camera=name, time_s=at_s, arrived_s=came_s)
+                else:
+                    yield each
+
+        return replace(self, messages=messages)
+
+    def with_pictures_of(self, others: Sequence[MessageSource]) -> MessageSource:
+        """The same with what comes from further sources, live or recorded as this is: recorded, by when it arrived. A
+        live one that fails or ends leaves the others running.
+
+        Raises InputError where some are live and some are not.
+        """
+        every = [self, *others]
+        if len({each.live for each in every}) > 1:
+            remedy = "give only cameras, streams and folders, or only what was recorded"
+            raise InputError("some of the cameras are live, others were recorded", where="--camera", remedy=remedy)
+        notes, reported = list[str](), [0] * len(every)
+
+        def news() -> None:
+            for index, each in enumerate(every):
+                notes.extend(each.notes[reported[index] :])
+                reported[index] = len(each.notes)
+
+        def in_turn(running: list[Messages]) -> Messages:
+            """What comes from live sources; each waits only a moment, so that none delays the others for long."""
+            while running:
+                found = False
+                for each in tuple(running):
+                    try:
+                        message = next(each)
+                    except StopIteration:
+                        running.remove(each)
+                        continue
+                    if message is not None:
+                        found = True
+                        yield message
+                if not found:
+                    yield None
+
+        def messages() -> Messages:
+            with ExitStack() as stack:
+                running = [stack.enter_context(closing(each.messages())) for each in every]
+                recorded = heapq.merge(*running, key=lambda each: math.inf if each is None else each.arrived_s)
+                for message in in_turn(running) if self.live else recorded:
+                    news()
+                    yield message
+            news()
+
+        news()
+
+        return replace(
+            self,
+            name=", ".join(each.name for each in every),
+            messages=messages,
+            channels=frozenset().union(*(each.channels for each in every)),
+            dropped=lambda: sum(each.dropped() for each in every),
+            reopened=lambda: sum(each.reopened() for each in every),
+            notes=notes,
+        )
+
     def without_moments(self) -> MessageSource:
         """The same for vision alone."""
 
@@ -185,9 +256,11 @@ def line_messages(line: bytes, root: Path | None, arrived_s: float | None = None
             yield Reading(time_s, channel, _number(entry, channel), arrived_s)
     if root is not None and entry.get("image") is not None:
         image = entry["image"]
-        if not isinstance(image, str):
-            raise InputError("image is no text", remedy="give a path, or a picture's bytes in base64")
-        yield Taken(time_s, _picture(image, root), arrived_s, received_s)
+        for camera, text in image.items() if isinstance(image, dict) else [("", image)]:
+            if not isinstance(text, str):
+                remedy = "give a path, or a picture's bytes in base64; of several cameras an object of such, by name"
+                raise InputError("image is no text", remedy=remedy)
+            yield Taken(time_s, _picture(text, root), arrived_s, received_s, camera=camera)
 
 
 def _number(entry: Mapping[str, Any], name: str, default: float = math.nan) -> float:

@@ -11,7 +11,7 @@ import os
 import select
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -22,7 +22,7 @@ import numpy as np
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.convert.child import is_bag
-from vbaa_calib.core.csv_rows import csv_rows, number
+from vbaa_calib.core.csv_rows import csv_rows, header_of, number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import require_file
 from vbaa_calib.core.images import read_picture
@@ -44,24 +44,82 @@ def is_recorded(path: Path) -> bool:
 
 
 def open_recorded(
-    path: Path, camera: Camera, table: Path | None, offset_s: float | None = 0.0, topics: Topics | None = None
+    path: Path,
+    camera: Camera | Mapping[str, Camera],
+    table: Path | None,
+    offset_s: float | None = 0.0,
+    topics: Topics | None = None,
+    views: Mapping[str, tuple[str, float]] | None = None,
 ) -> MessageSource:
     """A bag, a video or a table of pictures, with the readings of a table, if any.
 
-    offset_s : added to the readings' times; None: to be estimated. Raises InputError, also for a bag of another camera.
+    camera : the rig's, or several by name; `views` says by name where else one was recorded, "" for here, and what is
+    added to its times. offset_s : added to the readings' times; None: to be estimated. Raises InputError, also for a
+    bag of another camera.
     """
-    source = open_bag(path, topics or Topics(), camera, offset_s) if is_bag(path) else open_pictures(path)
+
+    def opened(path: Path, camera: Camera | Mapping[str, Camera]) -> MessageSource:
+        if is_bag(path):
+            return open_bag(path, topics or Topics(), camera, offset_s)
+        return open_pictures(path, list(camera) if isinstance(camera, Mapping) else ())
+
+    if isinstance(camera, Mapping):
+        own, others = _of_views(camera, views or {}, str(path))
+        source = opened(path, {name: camera[name] for name in own})
+        for name, shift_s in own.items():
+            source = source.of_camera(name, shift_s)
+        further = [
+            opened(Path(text), camera[name]).of_camera(name, shift_s, shift_s)
+            for name, (text, shift_s) in others.items()
+        ]
+        source = source.with_pictures_of(further) if further else source
+    else:
+        source = opened(path, camera)
     return _with_readings(source, table, offset_s or 0.0)
 
 
-def open_pictures(path: Path) -> MessageSource:
-    """A video, or a table of pictures. Raises InputError."""
+def _of_views(
+    cameras: Iterable[str], views: Mapping[str, tuple[str, float]], where: str
+) -> tuple[dict[str, float], dict[str, tuple[str, float]]]:
+    """What is added to the times of the cameras in a source, and the other cameras' own sources. Raises InputError
+    where no camera is left for it."""
+    every = {name: views.get(name, ("", 0.0)) for name in cameras}
+    own = {name: shift_s for name, (text, shift_s) in every.items() if not text}
+    if not own and where != "-":
+        remedy = "leave one --camera out: this is its source"
+        raise InputError(f"each camera, {', '.join(every)}, has another source", where=where, remedy=remedy)
+    return own, {name: each for name, each in every.items() if each[0]}
+
+
+def open_pictures(path: Path, cameras: Sequence[str] = ()) -> MessageSource:
+    """A video, or a table of pictures, which may have those of several cameras by name. Raises InputError."""
     require_file(path)
-    return _open_table(path) if path.suffix.lower() == ".csv" else _open_video(path)
+    return _open_table(path, cameras) if path.suffix.lower() == ".csv" else _open_video(path)
 
 
-def open_running(text: str, idle_s: float) -> MessageSource:
-    """ "-", camera:0, a device, a stream's URL, or a folder that fills up. Raises InputError."""
+def open_running(
+    text: str, idle_s: float, cameras: Sequence[str] = (), views: Mapping[str, tuple[str, float]] | None = None
+) -> MessageSource:
+    """ "-", camera:0, a device, a stream's URL, or a folder that fills up; of several cameras by name also a folder of
+    such by their names, and what `views` says as for `open_recorded`. Raises InputError."""
+    if not cameras:
+        return _opened(text, idle_s)
+    every = {name: (views or {}).get(name, ("", 0.0)) for name in cameras}
+    inside = {name: os.path.join(text, name) for name, each in every.items() if not each[0]}
+    folders = bool(inside) and all(map(os.path.isdir, inside.values()))
+    every |= {name: (path, every[name][1]) for name, path in inside.items()} if folders else {}
+    own, others = _of_views(cameras, every, "-" if folders else text)
+    further = [_opened(each, idle_s).of_camera(name, shift_s) for name, (each, shift_s) in others.items()]
+    if folders:
+        return further[0].with_pictures_of(further[1:])
+    source = _opened(text, idle_s)
+    for name, shift_s in own.items():
+        source = source.of_camera(name, shift_s)
+    return source.with_pictures_of(further) if further else source
+
+
+def _opened(text: str, idle_s: float) -> MessageSource:
+    """One that runs. Raises InputError."""
     if text == "-":
         return _open_lines(sys.stdin.buffer, idle_s)
     if os.path.isdir(text):
@@ -160,18 +218,25 @@ def _open_video(path: Path) -> MessageSource:
     return MessageSource(path.name, messages, notes=notes)
 
 
-def _open_table(path: Path) -> MessageSource:
-    """The pictures that a table like recording.csv names, at its times. Raises InputError."""
-    rows = csv_rows(path, ("time_s", "image"))
+def _open_table(path: Path, cameras: Sequence[str] = ()) -> MessageSource:
+    """The pictures that a table like recording.csv names, at its times; of several cameras in columns like image_left.
+    Raises InputError."""
+    header = header_of(path)
+    columns = {f"image_{name}": name for name in cameras if f"image_{name}" in header} or {"image": ""}
+    rows = csv_rows(path, ("time_s", *columns))
     first = next(rows)
     notes: list[str] = []
 
     def messages() -> Messages:
         for row, time_s, came_s in _in_turn(chain([first], rows), path):
-            try:
-                yield Taken(time_s, read_picture(path.parent / row["image"]), came_s, perf_counter())
-            except InputError as error:
-                notes.append(f"{error}; left out")
+            for column, name in columns.items():
+                if name and not row[column]:
+                    continue
+                try:
+                    image = read_picture(path.parent / row[column])
+                    yield Taken(time_s, image, came_s, perf_counter(), camera=name)
+                except InputError as error:
+                    notes.append(f"{error}; left out")
 
     return MessageSource(path.name, messages, notes=notes)
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import chain, pairwise
 from typing import Any
 
@@ -36,6 +36,7 @@ class Timing:
     jump_s : a stamp that steps further ahead of arrival, or back, waits for the next ones to bear it out: queues and
         networks delay by less, clocks are set by more.
     agreeing : so many such stamps in a row are a clock that was set, not errors.
+    together_s : pictures of several cameras that are so near in time are of one frame.
     """
 
     offset_s: float = 0.0
@@ -46,6 +47,7 @@ class Timing:
     moment_std_Nm: tuple[float, ...] = (0.0, 0.0)
     jump_s: float = 1.0
     agreeing: int = 3
+    together_s: float = 0.01
 
     def __post_init__(self) -> None:
         """Raises InputError for what is no time, no deviation, or an angle in degrees."""
@@ -57,7 +59,7 @@ class Timing:
             if several.ndim != 1 or not 2 <= len(several) <= most:
                 raise InputError(f"{name} is {shown(getattr(self, name))}", remedy="give two numbers")
         check_each(pan_tilt, PLAUSIBLE.angle_rad, "joints_rad", ANGLE_REMEDY)
-        for name in ("gap_s", "wait_s", "offset_std_s", "jump_s"):
+        for name in ("gap_s", "wait_s", "offset_std_s", "jump_s", "together_s"):
             if not getattr(self, name) >= 0.0:
                 raise InputError(f"{name} is {getattr(self, name)}", remedy="give seconds, 0 or more")
         if not (isinstance(self.agreeing, int) and self.agreeing >= 2):
@@ -68,11 +70,20 @@ class Timing:
 
 @dataclass(frozen=True, eq=False)
 class Synchronized:
-    """A picture and, as a frame, what was read when it was taken. age_s : of the reading that is furthest from it."""
+    """A picture and, as a frame, what was read when it was taken. age_s : of the reading that is furthest from it.
+
+    others : of several cameras the pictures of the same frame.
+    """
 
     frame: Frame
     taken: Taken
     age_s: float
+    others: tuple[Taken, ...] = ()
+
+    @property
+    def images(self) -> dict[str, np.ndarray]:
+        """The pictures by the cameras' names."""
+        return {each.camera: each.image for each in (self.taken, *self.others)}
 
 
 @dataclass(eq=False)
@@ -200,6 +211,9 @@ class Synchronizer:
     in a row, or live nothing speaks against them for `Timing.wait_s`: then the clock was set, and it goes on by the new
     one. Where that is earlier, the frames' times run on.
 
+    Of several cameras, pictures within `Timing.together_s` are one frame. A picture waits for the other cameras' as it
+    does for readings, but not for a camera that has been silent for long; without them it is a frame of its own.
+
     counts : of what came and of what was left out, by name.
     """
 
@@ -208,18 +222,21 @@ class Synchronizer:
         self,
         timing: Timing,
         channels: Iterable[str] = (),
-        image_size: tuple[int, int] | None = None,
+        image_size: tuple[int, int] | Mapping[str, tuple[int, int]] | None = None,
         notes: list[str] | None = None,
         live: bool = True,
     ) -> None:
         """channels : of `CHANNELS`, those that are waited for.
 
-        image_size : (width, height) of the rig's camera: pictures of another size are left out.
+        image_size : (width, height) of the rig's camera: pictures of another size are left out. Of several cameras by
+            name, the first one's pictures being those without a name.
         notes : where stamps that jump are reported as it happens.
         live : messages arrive by a clock; of what was recorded, arrival may be the stamp, and the first picture waits
             for the second, which may show its stamp to be wrong.
         """
-        self._image_size = image_size
+        self._sizes = dict(image_size) if isinstance(image_size, Mapping) else {"": image_size}
+        self._first = next(iter(self._sizes))
+        self._streams = {name: f"pictures of {name}" if name else "pictures" for name in self._sizes}
         self.counts: Counter[str] = Counter()
         self._notes = [] if notes is None else notes
         self._noted: set[tuple[str, str]] = set()
@@ -227,8 +244,9 @@ class Synchronizer:
         self._channels = {_known(name): _Channel() for name in channels}
         self._stamps: dict[str, _Stamps] = {}
         self._waiting: deque[Taken] = deque()
-        self._now_s = self._given_s = -np.inf
-        self._set_back_s = 0.0
+        self._now_s = self._given_s = self._begin_s = self._last_s = -np.inf
+        self._set_back_s = dict.fromkeys(self._sizes, 0.0)
+        self._apart_s = {name: deque[float](maxlen=1000) for name in self._sizes}
         self._number = 0
         self._spans: dict[str, tuple[float, float]] = {}
 
@@ -237,14 +255,19 @@ class Synchronizer:
         if not isinstance(message, Taken | Reading):
             raise InputError(f"a message is {shown(message)}", remedy="give a Taken or a Reading")
         early: list[Synchronized] = []
-        if isinstance(message, Taken) and self._image_size not in (None, message.image.shape[1::-1]):
-            self._refuse(message.image.shape[1::-1])
+        if isinstance(message, Taken) and message.camera != self._first and message.camera not in self._sizes:
+            if message.camera:
+                self.counts["pictures of a camera that the rig does not have"] += 1
+                return iter(early)
+            message = replace(message, camera=self._first)
+        if isinstance(message, Taken) and self._sizes[message.camera] not in (None, message.image.shape[1::-1]):
+            self._refuse(message)
         elif isinstance(message, Reading) and not message.possible:
             self.counts["readings that cannot be"] += 1
         elif not np.isfinite(message.time_s):
             self.counts["pictures out of order"] += 1
         else:
-            stream = message.channel if isinstance(message, Reading) else "pictures"
+            stream = message.channel if isinstance(message, Reading) else self._streams[message.camera]
             stamps = self._stamps.setdefault(stream, _Stamps(self._timing, self.live))
             last, first = stamps.last, stamps.step_s == 0.0
             counted, wrong = stamps.judged(message, self._now_s)
@@ -264,13 +287,46 @@ class Synchronizer:
         while self._waiting:
             taken = self._waiting[0]
             # where nobody waits for it, and its readings are kept meanwhile
-            several = self.live or self._stamps["pictures"].step_s > 0.0
+            several = self.live or self._stamps[self._streams[taken.camera]].step_s > 0.0
+            several |= len(self._sizes) > 1 and now_s - taken.arrived_s > 2.0 * self._timing.jump_s
             if not (several or any(len(each.times) > MESSAGES.readings for each in self._channels.values())):
                 return
             complete = all(each.times and each.times[-1] >= taken.time_s for each in self._channels.values())
-            if not complete and now_s - taken.arrived_s < self._timing.wait_s:
+            overdue = now_s - taken.arrived_s >= self._timing.wait_s
+            # of what was recorded nobody waits for the frame, and a camera's stamps may lag behind its arrival
+            cameras = () if overdue and self.live else self._sizes.keys() - {taken.camera}
+            if not (complete or overdue) or any(self._awaited(taken, name, now_s) for name in cameras):
                 return
             yield self._frame(self._waiting.popleft())
+
+    def _onward_s(self, taken: Taken) -> float:
+        """Its time, which runs on where its clock was set back."""
+        return taken.time_s + self._set_back_s[taken.camera]
+
+    def _partner(self, taken: Taken, name: str) -> tuple[Taken | None, float]:
+        """Which waiting picture of another camera is of the same frame, if there is one; how far the nearest is."""
+        at_s = self._onward_s(taken)
+        gaps = [(abs(self._onward_s(each) - at_s), each) for each in self._waiting if each.camera == name]
+        gap_s, nearest = min(gaps, key=lambda one: one[0], default=(math.inf, None))
+        if nearest is None or gap_s > self._timing.together_s:
+            return None, gap_s
+        there_s, own = self._onward_s(nearest), (each for each in self._waiting if each.camera == taken.camera)
+        return (nearest if all(abs(self._onward_s(each) - there_s) >= gap_s for each in own) else None), gap_s
+
+    def _awaited(self, taken: Taken, name: str, now_s: float) -> bool:
+        """Whether another camera's picture of the same frame may still come."""
+        if self._partner(taken, name)[0] is not None:
+            return False
+        stamps = self._stamps.get(self._streams[name])
+        last = None if stamps is None else stamps.last
+        if not isinstance(last, Taken) or stamps is None:
+            return now_s - self._begin_s <= self._timing.jump_s
+        if self._onward_s(last) >= self._onward_s(taken) + self._timing.together_s:
+            return False
+        if len(self._waiting) > MESSAGES.pictures:
+            return False
+        # of one picture nobody knows how often they come
+        return now_s - last.arrived_s <= max(self._timing.wait_s, 2.0 * stamps.step_s or self._timing.jump_s)
 
     def finish(self) -> Iterator[Synchronized]:
         """Those that wait; nothing comes after them.
@@ -282,19 +338,25 @@ class Synchronizer:
             counted, wrong = stamps.finish()
             yield from self._judged(stream, last, counted, wrong, jumped=len(counted) > 1)
         yield from self._flushed()
-        for channel in () if self.live else self._channels:
+        for channel in () if self.live else [*self._channels, *list(self._streams.values())[1:]]:
             self._refuse_two_clocks(channel)
 
     def _refuse_two_clocks(self, channel: str) -> None:
-        """Raises InputError for a channel that begins after the last picture, or ends before the first."""
-        if channel not in self._spans or "pictures" not in self._spans:
+        """Raises InputError for a channel, or a further camera, that begins after the first camera's last picture, or
+        ends before its first."""
+        pictures = self._streams[self._first]
+        if channel not in self._spans or pictures not in self._spans:
             return
-        (first_s, last_s), (begin_s, end_s) = self._spans[channel], self._spans["pictures"]
+        (first_s, last_s), (begin_s, end_s) = self._spans[channel], self._spans[pictures]
         if max(first_s - end_s, begin_s - last_s) <= self._timing.gap_s + MESSAGES.instant_s:
             return
-        what = f"{channel} was read from {first_s:.10g} to {last_s:.10g} s, the pictures are of {begin_s:.10g} to "
+        what = f"{channel} was read from {first_s:.10g} to {last_s:.10g} s, the {pictures} are of {begin_s:.10g} to "
         offset_s = self._timing.offset_s + begin_s - first_s
         remedy = f"give --clock-offset, which is added to the readings' times: {offset_s:.10g} lets both begin together"
+        if channel not in self._channels:
+            what = f"the {channel} are of {first_s:.10g} to {last_s:.10g} s, the {pictures} of {begin_s:.10g} to "
+            remedy = f"give --camera-offset {channel.removeprefix('pictures of ')}={begin_s - first_s:.10g}, which is "
+            remedy += "added to its times and lets both begin together, or the true one"
         raise InputError(f"{what}{end_s:.10g} s: two clocks", remedy=remedy)
 
     def left_out(self) -> list[str]:
@@ -302,14 +364,22 @@ class Synchronizer:
         usual = ("pictures", "readings")
         lines = [f"{count} {what}" for what, count in sorted(self.counts.items()) if what not in usual and count]
         gap = f": their readings are further apart than --gap ({self._timing.gap_s:g} s), or on one side only"
-        return [f"{words}{gap}" if "pictures without" in words else words for words in lines]
+        lines = [f"{words}{gap}" if "pictures without" in words else words for words in lines]
+        for name, gaps in self._apart_s.items():
+            if count := self.counts[f"frames without {name}"]:
+                near = f": none within --together ({self._timing.together_s:g} s)"
+                near += f"; the nearest are {1e3 * np.median(gaps):.3g} ms away" if gaps else ""
+                lines = [f"{words}{near}" if words == f"{count} frames without {name}" else words for words in lines]
+        return lines
 
-    def _refuse(self, size: Sequence[int]) -> None:
-        assert self._image_size is not None
-        if not self.counts["pictures"]:
-            measured, rig = ("x".join(map(str, each)) for each in (size, self._image_size))
-            remedy = "use the resolution of the calibration"
-            raise InputError(f"the pictures are {measured} px, the rig's camera {rig}", remedy=remedy)
+    def _refuse(self, taken: Taken) -> None:
+        size = self._sizes[taken.camera]
+        assert size is not None
+        if self._streams[taken.camera] not in self._spans:
+            measured, rig = ("x".join(map(str, each)) for each in (taken.image.shape[1::-1], size))
+            remedy, named = "use the resolution of the calibration", f" {taken.camera}" * bool(taken.camera)
+            pictures = self._streams[taken.camera]
+            raise InputError(f"the {pictures} are {measured} px, the rig's camera{named} {rig}", remedy=remedy)
         self.counts["pictures of another size"] += 1
 
     def _judged(
@@ -326,7 +396,8 @@ class Synchronizer:
 
         last : of the stream, before them. jumped : those that count were doubted. first : `last` was the first.
         """
-        kind, frames = ("pictures" if stream == "pictures" else "readings"), list[Synchronized]()
+        pictures = stream in self._streams.values()
+        kind, frames = ("pictures" if pictures else "readings"), list[Synchronized]()
         for message in wrong:
             assert last is not None
             off_s = message.time_s - last.time_s
@@ -353,20 +424,32 @@ class Synchronizer:
                     onward_s = max(
                         arrival_s, MESSAGES.instant_s, *(b.time_s - a.time_s for a, b in pairwise(counted[:2]))
                     )
-                    self._set_back_s += (onward_s - by_s) * (kind == "pictures")
+                    if isinstance(last, Taken):
+                        self._set_back_s[last.camera] += onward_s - by_s
         for message in counted:
             self.counts[kind] += 1
             at_s = message.time_s + (0.0 if isinstance(message, Taken) else self._timing.offset_s)
             least_s, most_s = self._spans.get(stream, (at_s, at_s))
             self._spans[stream] = min(least_s, at_s), max(most_s, at_s)
             if isinstance(message, Taken):
-                self._waiting.append(message)
+                self._taken(message)
                 continue
             time_s = message.time_s + self._timing.offset_s
             # a picture that it would have served is gone
             self.counts["readings late"] += time_s <= self._given_s
             self._channels.setdefault(stream, _Channel()).add(time_s, message.value)
         return frames
+
+    def _taken(self, message: Taken) -> None:
+        """A picture among those that wait, in the order of their times where they are of several cameras."""
+        self._begin_s = message.arrived_s if self._begin_s == -np.inf else self._begin_s
+        at_s = self._onward_s(message)
+        if len(self._sizes) == 1:
+            self._waiting.append(message)
+        elif at_s > self._last_s:
+            self._waiting.insert(bisect_right(self._waiting, at_s, key=self._onward_s), message)
+        else:
+            self.counts[f"{self._streams[message.camera]} too late for their frames"] += 1
 
     def _flushed(self) -> Iterator[Synchronized]:
         while self._waiting:
@@ -380,6 +463,16 @@ class Synchronizer:
             self._notes.append(f"warning: {stream}: {words}")
 
     def _frame(self, taken: Taken) -> Synchronized:
+        others = list[Taken]()
+        for name in self._sizes if len(self._sizes) > 1 else ():
+            partner, gap_s = (taken, 0.0) if name == taken.camera else self._partner(taken, name)
+            if partner is None:
+                self.counts[f"frames without {name}"] += 1
+                self._apart_s[name].extend([gap_s] if math.isfinite(gap_s) else [])
+            elif partner is not taken:
+                others.append(partner)
+                self._waiting.remove(partner)
+        self._last_s = self._onward_s(taken)
         read = {name: channel.at(taken.time_s, self._timing.gap_s) for name, channel in self._channels.items()}
         values: dict[str, Any] = {name: read[name][0] if name in read else np.nan for name in CHANNELS}
         for name, joint in zip(ANGLES, self._timing.joints_rad, strict=True):
@@ -399,9 +492,8 @@ class Synchronizer:
         ]
         values["moment_errors_Nm"], values["joint_errors_rad"] = tuple(errors[:-2]), tuple(errors[-2:])
         values["joints_read"] = tuple(name in read for name in ANGLES)
-        time_s = taken.time_s + self._set_back_s
-        frame = Frame(image=None, frame=self._number - 1, time_s=time_s, **values)
-        return Synchronized(frame, taken, max(ages, default=np.nan))
+        frame = Frame(image=None, frame=self._number - 1, time_s=self._onward_s(taken), **values)
+        return Synchronized(frame, taken, max(ages, default=np.nan), tuple(others))
 
 
 def _known(channel: Any) -> str:
@@ -412,7 +504,8 @@ def _known(channel: Any) -> str:
 
 def taken_frames(
     messages: Iterable[Taken | Reading | None], synchronizer: Synchronizer
-) -> Iterator[tuple[Frame, np.ndarray]]:
-    """The frames of a recorded source's messages, and their pictures."""
+) -> Iterator[tuple[Frame, np.ndarray | Mapping[str, np.ndarray]]]:
+    """The frames of a recorded source's messages, and their pictures; of several cameras by name."""
     pushed = (each for message in messages if message is not None for each in synchronizer.push(message))
-    return ((each.frame, each.taken.image) for each in chain(pushed, synchronizer.finish()))
+    every = chain(pushed, synchronizer.finish())
+    return ((each.frame, each.images if each.taken.camera else each.taken.image) for each in every)

@@ -25,10 +25,8 @@ from viz.files.outputs import PAGES, refuse_output, report_beside
 from . import streams
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from estimator.contact.estimate import ContactEstimator
-    from estimator.contact.recording import FrameContact, Ground
+    from estimator.contact.recording import FrameContact, FramePictures, Ground
     from estimator.table.contacts import ContactRow
     from vbaa_calib.core.errors import Verdict
     from vbaa_calib.rig import Rig
@@ -196,8 +194,9 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
             for item in found:
                 if watch is not None:
                     watch.push(item.measured, item.contact)
-                if item.frame.image is not None and item.frame.image.parent == args.unpacked:
-                    item.frame.image.unlink()
+                for image in (item.frame.image, *item.frame.others.values()):
+                    if image is not None and image.parent == args.unpacked:
+                        image.unlink()
                 row = ContactRow.of(item.frame, item.contact)
                 if item.clamp is not None:
                     place, angle = item.clamp[:3], float(item.clamp[3])
@@ -318,19 +317,19 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
         return estimator, _Recording(estimate_centrelines(estimator, frames, lines), len(frames), None)
     timing = streams.timing_of(args, rig)
 
-    def opened() -> tuple[MessageSource, Synchronizer, Iterator[tuple[Frame, np.ndarray]]]:
+    def opened() -> tuple[MessageSource, Synchronizer, Iterator[tuple[Frame, FramePictures]]]:
         source = streams.recorded(args, args.session, estimator.rig, timing)
-        size = estimator.rig.camera.image_size
-        synchronizer = Synchronizer(timing, source.channels, size, source.notes, live=False)
+        sizes = estimator.rig.image_sizes
+        synchronizer = Synchronizer(timing, source.channels, sizes, source.notes, live=False)
         return source, synchronizer, taken_frames(source.messages(), synchronizer)
 
     with TemporaryDirectory(prefix="vbaa-stills-") as folder:
-        ground, words = surroundings(estimator.rig, args.background, lambda: some_stills(opened()[2], Path(folder)))
+        ground, words = surroundings(
+            estimator.rig, args.background, lambda: some_stills(estimator.rig, opened()[2], Path(folder))
+        )
     timing = streams.clocked(args, args.session, estimator, timing, ground)
     source, synchronizer, taken = opened()
-    if args.overlay is not None:
-        taken = unpacked(taken, args.unpacked)
-    items = estimate_taken(estimator, taken, ground)
+    items = estimate_taken(estimator, unpacked(rig, taken, args.unpacked) if args.overlay else taken, ground)
     return estimator, _Recording(
         items, None, ground, words, lambda: [*source.notes, *synchronizer.left_out()], synchronizer.counts
     )

@@ -106,7 +106,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         # before any output is begun
         source = source if source.live else source.begun()
         sinks = _sinks(args, stack)
-        synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size, source.notes, source.live)
+        synchronizer = Synchronizer(timing, source.channels, rig.image_sizes, source.notes, source.live)
         watch = None if args.watch is None else RigWatch(rig, waits=not source.live)
         live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final, watch=watch)
         live.warm()
@@ -125,9 +125,10 @@ def _clocked(args: argparse.Namespace, estimator: ContactEstimator, timing: Timi
     from vbaa_calib.streams.recorded import is_recorded
 
     path = Path(args.source)
-    if args.clock_offset == streams.ESTIMATE and (args.source == "-" or not is_recorded(path)):
+    estimated = [args.clock_offset, *(each.rpartition("=")[2] for each in args.camera_offset)]
+    if streams.ESTIMATE in estimated and (args.source == "-" or not is_recorded(path)):
         remedy = "estimate it from a recording of the same rig (vbaa estimate says it), then state it"
-        raise InputError("--clock-offset estimate needs a recording", where="vbaa live", remedy=remedy)
+        raise InputError("an offset to be estimated needs a recording", where="vbaa live", remedy=remedy)
     return streams.clocked(args, path, estimator, timing, ground)
 
 
@@ -150,7 +151,9 @@ def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> MessageSource
     key = _key(args)
     listening = None if args.udp is None else udp_socket(args.udp)
     try:
-        source = with_datagrams(open_running(args.source, args.idle), listening, key)
+        cameras = list(rig.cameras) if rig.others else []
+        running = open_running(args.source, args.idle, cameras, streams.views_of(args, rig))
+        source = with_datagrams(running, listening, key)
     except BaseException:
         if listening is not None:
             listening.close()
@@ -242,7 +245,8 @@ def _follow(source: MessageSource, live: LiveEstimator, sinks: list[_Sink], moni
         with closing(source.messages()) as messages:
             for message in messages:
                 spread(live.push(message))
-                if source.live:
+                # what waits already may be what a picture waits for
+                if source.live and message is None:
                     spread(live.tick(now_s()))
                 monitor.news()
                 if interrupted or monitor.stopped:

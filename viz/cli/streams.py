@@ -51,7 +51,8 @@ def configure(parser: argparse.ArgumentParser, *, readings: bool = True) -> None
         action="append",
         default=[],
         metavar="ROLE=NAME",
-        help=f"of a bag, which topic to take, or none; the roles are {', '.join(_ROLES)} (default: the only one)",
+        help=f"of a bag, which topic to take, or none; the roles are {', '.join(_ROLES)}, and the names of several "
+        "cameras (default: the only one, or the one with the camera's name in its own)",
     )
     group.add_argument("--pan-joint", default="", metavar="NAME", help="the joint of a JointState that is pan")
     group.add_argument("--tilt-joint", default="", metavar="NAME", help="the joint that is tilt")
@@ -84,6 +85,29 @@ def configure(parser: argparse.ArgumentParser, *, readings: bool = True) -> None
         metavar="S",
         help="how long a picture waits for the readings after it (default: 0.25)",
     )
+    if readings:
+        group.add_argument(
+            "--camera",
+            action="append",
+            default=[],
+            metavar="NAME=SOURCE",
+            help="of a rig with several cameras, one that has a source of its own",
+        )
+        group.add_argument(
+            "--camera-offset",
+            action="append",
+            default=[],
+            metavar="NAME=S|estimate",
+            help="what is added to a camera's times to have them on the first camera's clock; estimate: of a "
+            "recording, from how the antenna bends in both",
+        )
+    group.add_argument(
+        "--together",
+        type=float,
+        default=0.01,
+        metavar="S",
+        help="pictures of several cameras that are so near in time are one frame (default: 0.01)",
+    )
     add_joints(group, "joint angle where it is not read")
 
 
@@ -93,7 +117,7 @@ ESTIMATE = "estimate"
 def given(args: argparse.Namespace) -> list[str]:
     """The options about streams that are not as by default."""
     usual = {"clock_offset": "0", "gap": 0.1, "wait": 0.25, "moment_axis": "y", "pan_joint": "", "tilt_joint": ""}
-    usual |= {"topic": [], "pan": None, "tilt": None, "degrees": False}
+    usual |= {"topic": [], "pan": None, "tilt": None, "degrees": False, "together": 0.01}
     return ["--" + name.replace("_", "-") for name, value in usual.items() if getattr(args, name) != value]
 
 
@@ -125,21 +149,37 @@ def timing_of(args: argparse.Namespace, rig: Rig | None = None) -> Timing:
     for name, least, most in (
         ("gap", 1e-6, 3600.0),
         ("wait", 0.0, 3600.0),
+        ("together", 0.0, 3600.0),
     ):
         value = getattr(args, name)
         if not least <= value <= most:  # NaN is not, either
             raise InputError(f"--{name} is {value}", remedy=f"give a number from {least:g} to {most:g}")
-    timing = Timing(offset_s, args.gap, args.wait, pan_tilt_rad(args))
+    timing = Timing(offset_s, args.gap, args.wait, pan_tilt_rad(args), together_s=args.together)
     return timing if rig is None else replace(timing, moment_std_Nm=rig.reading_noise)
 
 
 def clocked(
     args: argparse.Namespace, path: Path, estimator: ContactEstimator, timing: Timing, ground: Ground | None
 ) -> Timing:
-    """The timing with the clocks' offset, estimated from a recorded source if that is asked for. Raises InputError."""
+    """The timing with the clocks' offset, estimated from a recorded source if that is asked for, and so are those of
+    further cameras, in `args`. Raises InputError."""
     from estimator.contact.clock import recorded_clock_offset
     from vbaa_calib.core.console import say
 
+    for place, text in enumerate(args.camera_offset):
+        name, _, value = text.partition("=")
+        if value == ESTIMATE:
+
+            def opened(about_s: float, place: int = place, name: str = name) -> MessageSource:
+                offsets = [*args.camera_offset[:place], f"{name}={about_s}", *args.camera_offset[place + 1 :]]
+                return recorded(
+                    argparse.Namespace(**vars(args) | {"camera_offset": offsets}), path, estimator.rig, timing
+                )
+
+            views_of(args, estimator.rig)
+            found = recorded_clock_offset(estimator, opened, timing, ground, name)
+            args.camera_offset[place] = f"{name}={found.offset_s}"
+            say(f"{name}'s clock: {found.offset_s:+.4f} s (± {1e3 * found.std_s:.1f} ms) are added to its times")
     if args.clock_offset != ESTIMATE:
         return timing
     if args.no_moment:
@@ -157,16 +197,49 @@ def _topics_of(args: argparse.Namespace) -> Topics:
     """Which topics of a bag to take. Raises InputError for what is no role."""
     from vbaa_calib.streams.bags import Topics
 
-    named = named_topics(args.topic) | {"pan": args.pan_joint, "tilt": args.tilt_joint, "moment_axis": args.moment_axis}
-    return Topics.of(named, degrees=args.degrees)
+    named = named_topics(args.topic, None)
+    images = {name: named.pop(name) for name in tuple(named) if name not in _ROLES}
+    named |= {"pan": args.pan_joint, "tilt": args.tilt_joint, "moment_axis": args.moment_axis}
+    return replace(Topics.of(named, degrees=args.degrees), images=images)
 
 
-def named_topics(entries: Iterable[str], roles: Sequence[str] = _ROLES) -> dict[str, str]:
-    """Topics by their role, of ROLE=NAME. Raises InputError for what is no role."""
+def views_of(args: argparse.Namespace, rig: Rig) -> dict[str, tuple[str, float]]:
+    """Of each camera that --camera or --camera-offset names its own source, or "", and what is added to its times.
+    Raises InputError."""
+    flags = {"--camera": args.camera, "--camera-offset": args.camera_offset}
+    sources, offsets = (_by_camera(flag, entries, rig) for flag, entries in flags.items())
+    views = {}
+    for name in {**sources, **offsets}:
+        try:
+            text = offsets.get(name, "0")
+            shift_s = 0.0 if text == ESTIMATE else float(text)
+        except ValueError:
+            shift_s = math.nan
+        if not abs(shift_s) <= 1e12:
+            remedy = f"give seconds, like --camera-offset {name}=0.012"
+            raise InputError(f"--camera-offset is {name}={offsets[name]}", remedy=remedy)
+        views[name] = sources.get(name, ""), shift_s
+    return views
+
+
+def _by_camera(flag: str, entries: Iterable[str], rig: Rig) -> dict[str, str]:
+    """Values by camera, of NAME=VALUE. Raises InputError for another camera than the rig's, and a second value."""
+    found: dict[str, str] = {}
+    for text in entries:
+        name, _, value = text.partition("=")
+        if not rig.others or name not in rig.cameras or not value or name in found:
+            has = f"cameras {', '.join(rig.cameras)}" if rig.others else "one camera: leave it out"
+            raise InputError(f"{flag} is {text!r}", remedy=f"write {flag} NAME=…, each name once; the rig has {has}")
+        found[name] = value
+    return found
+
+
+def named_topics(entries: Iterable[str], roles: Sequence[str] | None = _ROLES) -> dict[str, str]:
+    """Topics by their role, of ROLE=NAME; of any role without `roles`. Raises InputError for what is none."""
     named = {}
     for text in entries:
         role, _, name = text.partition("=")
-        if role not in roles or not name:
+        if (roles is not None and role not in roles) or not role or not name:
             raise InputError(f"--topic is {text!r}", remedy="write it like --topic image=/camera/image_raw")
         named[role] = name
     return named
@@ -182,7 +255,7 @@ def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> 
         table = path
     known_s = None if args.clock_offset == ESTIMATE and timing.offset_std_s == 0.0 else timing.offset_s
     topics = replace(_topics_of(args), wrench=rig.wrench_sensor is not None)
-    source = open_recorded(path, rig.camera, table, known_s, topics)
+    source = open_recorded(path, rig.lenses, table, known_s, topics, views_of(args, rig))
     return source.without_moments() if args.no_moment else source
 
 

@@ -79,11 +79,13 @@ class RerunLog:
         self.row(contact.row, "final" if contact.final else "contact")
         if contact.final or contact.image is None:
             return
-        quality = [cv2.IMWRITE_JPEG_QUALITY, 85]
-        data = cv2.imencode(".jpg", np.clip(contact.image, 0, 255).astype(np.uint8), quality)[1].tobytes()
-        self._log("picture", self._rerun.EncodedImage(contents=data, media_type="image/jpeg"))
-        points = contact.item.measured.points_px
-        self._log("picture/antenna", self._rerun.Points2D(points, radii=1.0, colors=(0, 220, 120)))
+        measured, quality = contact.item.measured, [cv2.IMWRITE_JPEG_QUALITY, 85]
+        for camera, image in contact.images.items() or [("", contact.image)]:
+            path = f"picture/{camera}" if camera else "picture"
+            data = cv2.imencode(".jpg", np.clip(image, 0, 255).astype(np.uint8), quality)[1].tobytes()
+            self._log(path, self._rerun.EncodedImage(contents=data, media_type="image/jpeg"))
+            points = measured.others.get(camera, measured).points_px
+            self._log(f"{path}/antenna", self._rerun.Points2D(points, radii=1.0, colors=(0, 220, 120)))
 
     def row(self, row: ContactRow, name: str = "contact") -> None:
         """A row's point, force and numbers, at its time since the first one."""

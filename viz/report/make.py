@@ -150,7 +150,7 @@ def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground |
     is none."""
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.overlay import frame_picture
-    from estimator.contact.recording import FrameContact, detected
+    from estimator.contact.recording import FrameContact, detected, read_ahead
 
     whole = np.linalg.norm(table.force_world_N, axis=1)
     force = np.where(np.isfinite(whole), whole, np.nan_to_num(np.hypot(table.force_y_N, table.force_z_N)))
@@ -162,7 +162,8 @@ def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground |
             return _picture("No picture of the recording: it has none, or none with a located contact.")
         # what is seen is found anew, the numbers are the table's
         estimator = ContactEstimator(rig, str(table.model[row]), friction=table.assumed_friction_rad)
-        seen, own = next(detected(estimator, [frame], ground)), next(table.picked(np.array([row])).rows())
+        seen = next(detected(estimator, read_ahead(estimator.rig, [frame]), ground))
+        own = next(table.picked(np.array([row])).rows())
         contact = replace(own, pan_rad=frame.pan_rad, tilt_rad=frame.tilt_rad).estimate(rig.kinematics)
         image = frame_picture(estimator, FrameContact(frame, contact, seen.measured, seen.line))
     except VbaaError as error:
