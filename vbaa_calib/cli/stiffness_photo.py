@@ -189,6 +189,7 @@ def _notes(found: PhotoStiffness, setting: PhotoSetting, single: bool, line: Rod
     decide = "" if two else "; a photograph of the unloaded rod (--unloaded) would decide"
     apart = f"no single EI with one bow fits: curvature departs from it by {spread:.2g} 1/m: {cause}{decide}"
     curved = f"curvature is not proportional to the moment (p = {found.curved_p:.1g}): take moment_curvature, not EI"
+    against = "the rod bends against its load: is the clamped end taken for the tip, or gravity not down?"
     bound = "as the rod hangs or lies, its line gives no upper bound of EI: clamp a shorter piece more nearly level"
     weight = "the rod's own weight is taken as nothing next to the load; --weight allows for it"
     (clamp_u, clamp_v), (tip_u, tip_v) = line.curve_px[0], line.curve_px[-1]
@@ -198,7 +199,7 @@ def _notes(found: PhotoStiffness, setting: PhotoSetting, single: bool, line: Rod
     # limp, curly rods reach a probability of 0.01 in 1 of 20
     rules = (
         (line.clamp_supposed, higher),
-        (not found.determined, bound),
+        (not found.determined, bound if found.interval[0] else against),
         (not single, apart),
         (found.curved_p < 1e-3, curved),
         (setting.load_N != 0.0 and setting.weight_N_m is None, weight),
@@ -211,7 +212,9 @@ def _report(document: dict[str, Any]) -> None:
     name, unit = ("stiffness", "N·m²") if "stiffness_Nm2" in document else ("stiffness_per_weight", "m³, per weight")
     suffix = "Nm2" if unit == "N·m²" else "m3"
     value, (low, high) = document[f"{name}_{suffix}"], document[f"{name}_interval_95_{suffix}"]
-    if value is None:
+    if not low:
+        say("EI         not determined")
+    elif value is None:
         say(f"EI         more than {low:.3g} {unit} (97.5 %); the line determines no more")
     else:
         std = document[f"{name}_std_{suffix}"]

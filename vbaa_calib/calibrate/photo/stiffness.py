@@ -210,7 +210,8 @@ class PhotoStiffness:
 
     inverse: float  # 1/EI
     inverse_std: float  # with all deviations
-    interval: tuple[float, float]  # 95 % of EI; infinite at the upper end where the line gives no bound
+    interval: tuple[float, float]  # 95 % of EI; infinite at the upper end where the line gives no bound, from 0 on
+    # where the rod bends against its load
     shares: dict[str, float]  # relative standard deviation of EI by cause
     views: list[_PhotoView]  # as fitted
     linear: _Bending  # fit of one EI
@@ -259,15 +260,11 @@ def solve_photo(lines: Sequence[RodLine], setting: PhotoSetting) -> PhotoStiffne
     low, high = linear.quantiles((0.025, 0.975), other)
     if high <= 0.0 and not _bends(views[0], lines[0], inverse):
         high = -low
-    if high <= 0.0:
-        raise InputError(
-            "the rod bends against its load", remedy="is the clamped end taken for the tip, or gravity not down?"
-        )
     curvature, curvature_std = free.moments_of(laws[0])
     return PhotoStiffness(
         inverse,
         float(np.hypot(own, other * inverse)),
-        (1.0 / high, 1.0 / low if low > 0.0 else np.inf),
+        (1.0 / high if high > 0.0 else 0.0, 1.0 / low if low > 0.0 else np.inf),
         {"line": own / abs(inverse), **shares},
         views,
         linear,
