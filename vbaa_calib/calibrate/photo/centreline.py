@@ -416,7 +416,7 @@ def _course(
     for _ in range(settings.centred_rounds):
         middles = _centred(planes, spread, curve, width, settings)
         curve = _smooth(middles, np.ones(len(middles)), max(width, settings.least_smoothing_px))
-    points, misses = np.zeros((0, 2)), np.zeros(0)
+    points, misses, inside = np.zeros((0, 2)), np.zeros(0), (True, True)
     for round_ in range(settings.fit_rounds):
         points, width, _ = _edges(planes, spread, curve, width, settings, round_ > settings.fit_rounds - 3)
         if len(points) < settings.least_points:
@@ -426,23 +426,31 @@ def _course(
             settings.least_smoothing_px,
             settings.smoothing_share * arc_lengths(points)[-1],
         )
-        curve, misses = _robust(points, scale, width)
+        curve, misses = _robust(points, scale, width, 2.0 * width)
         if not np.isfinite(curve).all() or arc_lengths(curve)[-1] > 1.5 * arc_lengths(coarse)[-1] + 8.0 * width:
             return None
     # points beyond the ends are no rod's, and would bend the line there
-    on, inside = _to_the_ends(patch.planes, patch.noise, curve, width, first, last)
-    if len(on) < 10:
+    curve, inside = _to_the_ends(patch, curve, width, ends, settings)
+    if len(curve) < 10:
         return None
-    index, _ = beside(on, points)
-    kept = ((index > 0) | (not inside[0])) & ((index < len(on) - 1) | (not inside[1]))
-    if settings.least_points <= kept.sum() < len(points):
+    index, _ = beside(curve, points)
+    kept = ((index > 0) | (not inside[0])) & ((index < len(curve) - 1) | (not inside[1]))
+    if settings.least_points <= kept.sum():
         points = points[kept]
-        curve, misses = _robust(points, scale, width)
-        curve, inside = _to_the_ends(patch.planes, patch.noise, curve, width, first, last)
-    else:
-        curve = on
+        curve, misses = _robust(points, scale, width, 2.0 * width)
+        curve, inside = _to_the_ends(patch, curve, width, ends, settings)
+        far, _ = _robust(points, scale, width, (2.0 + settings.bridged_widths) * width)
+        far, _ = _to_the_ends(patch, far, width, ends, settings)
+        if arc_lengths(far)[-1] > arc_lengths(curve)[-1] + 1.5 * width:  # it goes on behind something
+            points, width, _ = _edges(planes, spread, far, width, settings, False)
+            if len(points) < settings.least_points:
+                return None
+            curve, misses = _robust(points, scale, width, 2.0 * width)
+            curve, inside = _to_the_ends(patch, curve, width, ends, settings)
+    if len(curve) < 10:
+        return None
     length = float(arc_lengths(curve)[-1])
-    if len(curve) < 10 or length < settings.least_aspect * width:
+    if length < settings.least_aspect * width:
         return None
     far = max(2.0 * width, 0.03 * length)
     if any(end is not None and np.hypot(*(at - end)) > far for end, at in ((first, curve[0]), (last, curve[-1]))):
@@ -538,20 +546,23 @@ def _goes_on(
             continue
         ahead = near[-1] - near[len(near) // 2]
         bearing = np.arctan2(ahead[1], ahead[0]) + np.linspace(-1.9, 1.9, 61)
-        ring = near[-1] + settings.ring_widths * width * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
-        if not np.all((ring >= 0.0) & (ring <= size)):
+        way = np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+        along = width * np.linspace(1.0, settings.ahead_widths, 12)[:, None, None, None]
+        across = width * np.array([-1.2, 0.0, 1.2])[:, None] * np.stack([-way[:, 1], way[:, 0]], axis=1)[:, None]
+        places = near[-1] + along * way[:, None] + across  # (12, 61, 3, 2)
+        within_picture = np.all((places >= 0.0) & (places <= size), axis=(0, 2, 3))
+        if not within_picture.any():
             continue
         strip = _Strip.along(planes, near, max(1.0, 0.2 * width), 1.6 * width, max(0.25, width / 12.0))
         rod = np.nanmedian(strip.colours(-0.25 * width, 0.25 * width), axis=1)
         sides = (strip.colours(-1.5 * width, -0.9 * width), strip.colours(0.9 * width, 1.5 * width))
         around = np.nanmedian(np.concatenate(sides, axis=1), axis=1)
-        u, v = ring.round().astype(int).T
+        u, v = np.clip(places, 0.0, size).round().astype(int)[:, within_picture].transpose(3, 0, 1, 2)
         difference = (rod - around) / noise**2
-        shares = difference @ (planes[:, v, u] - around[:, None]) / max(difference @ (rod - around), 1e-9)
-        like = np.append(np.append(0, (shares > 0.6) & (shares < 1.6)), 0)
-        starts, ends = np.flatnonzero(np.diff(like) > 0), np.flatnonzero(np.diff(like) < 0)
-        arcs = (ends - starts) * (3.8 / 60.0) * settings.ring_widths
-        if np.any((arcs > 0.5) & (arcs < 1.8) & (starts > 0) & (ends < 61)):
+        seen = np.moveaxis(planes[:, v, u], 0, -1) - around
+        like = seen @ difference / max(difference @ (rod - around), 1e-9)
+        on_rod = (like[..., 1] > 0.6) & (like[..., 1] < 1.6) & (like[..., [0, 2]] < 0.5).all(axis=-1)
+        if (on_rod.mean(axis=0) > 0.8).any():
             return line[-1]
     return None
 
@@ -579,7 +590,8 @@ def _gap(curve: np.ndarray, there: np.ndarray, longest_gap: float) -> np.ndarray
 def _holders(
     planes: np.ndarray, noise: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings
 ) -> tuple[float, float]:
-    """Log odds that what is beyond either end of a line is not the background on both sides of it."""
+    """Log odds that what is beyond either end of a line is not the background on a side of it: a rod's shadow may be on
+    the other."""
     found = []
     size = np.array(planes.shape[:0:-1]) - 1.0
     base = 2.0 * _shading_of(len(planes), settings) ** 2 + noise**2
@@ -604,7 +616,7 @@ def _holders(
             float(np.sum(0.5 * d**2 * (1.0 / base - 1.0 / (base + spread)) - 0.5 * np.log((base + spread) / base)))
             for d in (beyond - left, beyond - right)
         ]
-        found.append(max(min(max(odds), 20.0), -20.0))
+        found.append(max(min(min(odds), 20.0), -20.0))
     return found[0], found[1]
 
 
@@ -734,20 +746,20 @@ def _smooth(points: np.ndarray, weights: np.ndarray, scale: float) -> np.ndarray
     return CubicSpline(middles, knots, bc_type="natural")(at)
 
 
-def _robust(points: np.ndarray, scale: float, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """`_smooth` curve by IRLS, and the points' (N, 2) distances from it (N,). It goes on for two widths at both ends,
-    bent as over the last three."""
+def _robust(points: np.ndarray, scale: float, width: float, beyond: float) -> tuple[np.ndarray, np.ndarray]:
+    """`_smooth` curve by IRLS, and the points' (N, 2) distances from it (N,). It goes on at both ends, so far beyond
+    them, bent as over the last three widths, or as much."""
     weights, misses = np.ones(len(points)), np.zeros(len(points))
     along = arc_lengths(points)
-    on = np.linspace(0.0, 2.0 * width, 21)[1:]
+    on = np.linspace(0.0, beyond, 21)[1:]
     curve = points
     for round_ in range(5):
         pieces = [points]
-        for last, beyond in ((False, -on[::-1]), (True, along[-1] + on)):
-            near = np.abs(along - last * along[-1]) < max(3.0 * width, 2.0 * scale)
+        for last, places in ((False, -on[::-1]), (True, along[-1] + on)):
+            near = np.abs(along - last * along[-1]) < max(3.0 * width, 2.0 * scale, beyond)
             near |= np.abs(np.arange(len(points)) - last * (len(points) - 1)) < 6
             fits = (np.polyfit(along[near], each[near], 2, w=weights[near]) for each in points.T)
-            piece = np.stack([np.polyval(each, beyond) for each in fits], axis=1)
+            piece = np.stack([np.polyval(each, places) for each in fits], axis=1)
             pieces = [*pieces, piece] if last else [piece, *pieces]
         trusted = np.pad(weights, len(on), constant_values=0.3)
         curve = _smooth(np.concatenate(pieces), trusted, scale)
@@ -759,15 +771,15 @@ def _robust(points: np.ndarray, scale: float, width: float) -> tuple[np.ndarray,
 
 
 def _to_the_ends(
-    planes: np.ndarray,
-    noise: np.ndarray,
+    patch: _PhotoPatch,
     curve: np.ndarray,
     width: float,
-    first: np.ndarray | None,
-    last: np.ndarray | None,
+    ends: tuple[np.ndarray | None, np.ndarray | None],
+    settings: RodSettings,
 ) -> tuple[np.ndarray, tuple[bool, bool]]:
     """The part of the curve (M, 2) that is on the rod, or between its ends where they are known, and whether it ends
     within the picture."""
+    planes, noise = patch.planes, patch.noise
     step = float(arc_lengths(curve[:2])[-1])
     fit = max(2, round(0.5 * width / step))
     strip = _Strip.along(planes, curve, step, 1.75 * width, max(0.25, width / 12.0))
@@ -795,7 +807,7 @@ def _to_the_ends(
         # between two sides of its own colour there is no rod, but its clamp
         on_rod &= ~np.all([difference @ (each - around[:, None]) / scale > 0.5 for each in grounds], axis=0)
         run = order[count // 2 :]
-        off = ~on_rod[run]
+        off = ~_bridged(on_rod[run], round(width / step), settings.bridged_widths)
         # a dark ply is not the end
         gone = off & (np.convolve(off, np.ones(fit), "full")[fit - 1 :][: len(off)] >= fit - 0.5)
         out = gone | ~inside[run]
@@ -806,9 +818,20 @@ def _to_the_ends(
         return int(run[at + np.argmin(inside[run[at : ahead + 1]]) - 1]) if at < ahead else int(run[at]), False
 
     everything = np.arange(count)
-    start, seen_first = run_out(first, everything[::-1])
-    end, seen_last = run_out(last, everything)
+    start, seen_first = run_out(ends[0], everything[::-1])
+    end, seen_last = run_out(ends[1], everything)
     return curve[start : end + 1], (seen_first, seen_last)
+
+
+def _bridged(on: np.ndarray, least: int, widths: float) -> np.ndarray:
+    """(M,) `on`, and between two runs of it of at least so many places each, where they are no more widths apart."""
+    steps = np.diff(np.concatenate([[0], on.astype(int), [0]]))
+    runs = [(a, b) for a, b in zip(np.flatnonzero(steps > 0), np.flatnonzero(steps < 0), strict=True) if b - a >= least]
+    bridged = on.copy()
+    for (_, before), (after, _) in zip(runs[:-1], runs[1:], strict=True):
+        if after - before <= widths * least:
+            bridged[before:after] = True
+    return bridged
 
 
 def _other(middle: np.ndarray, sides: list[np.ndarray], least_chroma: float) -> np.ndarray:

@@ -157,8 +157,10 @@ class RodSettings:
     """Part of the contrast that is left at an edge: a tangle of hairs along a yarn has about half of it."""
     least_points: int = 8
     """Fewest measured points of a rod."""
-    ring_widths: float = 1.7
-    """Distance from an end, in widths, at which what goes on is looked for."""
+    bridged_widths: float = 3.0
+    """Length in widths over which something may hide a rod that goes on behind it: a label, tape or a thread."""
+    ahead_widths: float = 4.0
+    """Distance from an end, in widths, up to which a line of the rod's colour is one that goes on."""
     dark: float = 32.0
     """Grey levels of light that are added before chroma is taken relative to it: noise is all of it in the dark."""
     darkest_shadow: float = 0.3
