@@ -188,6 +188,17 @@ def test_real_lines_run_there_in_colour_too(name: str) -> None:
 
 
 @pytest.mark.slow
+def test_a_cable_on_cloth_is_followed_behind_the_label_at_its_end() -> None:
+    path = DATA / "trackdlo_cables/singleDLO.png"
+    if not path.exists():
+        pytest.skip("no ../shared/data here")
+    line = search_rod(read_picture(path)).line()
+    drawn_by_hand = np.array([[440, 787], [494, 751], [602, 662], [611, 541], [504, 383], [454, 289], [557, 177]])
+    assert np.abs(beside(line.curve_px, drawn_by_hand)[1]).max() < 4.0  # the middles were marked to 3 px
+    assert min(np.hypot(*(line.curve_px[0] - drawn_by_hand[end])) for end in (0, -1)) < 6.0
+    assert min(np.hypot(*(line.curve_px[-1] - drawn_by_hand[end])) for end in (0, -1)) < 6.0
+
+
 def test_one_yarn_is_as_stiff_at_either_length() -> None:
     """Random effects: each length's mean of 1/EI per weight, with the scatter of its own samples."""
     means = []

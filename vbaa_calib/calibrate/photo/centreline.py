@@ -9,6 +9,7 @@ it, are left out. Pixel (0, 0) is the middle of the upper left one.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -828,7 +829,7 @@ def _bridged(on: np.ndarray, least: int, widths: float) -> np.ndarray:
     steps = np.diff(np.concatenate([[0], on.astype(int), [0]]))
     runs = [(a, b) for a, b in zip(np.flatnonzero(steps > 0), np.flatnonzero(steps < 0), strict=True) if b - a >= least]
     bridged = on.copy()
-    for (_, before), (after, _) in zip(runs[:-1], runs[1:], strict=True):
+    for (_, before), (after, _) in pairwise(runs):
         if after - before <= widths * least:
             bridged[before:after] = True
     return bridged
