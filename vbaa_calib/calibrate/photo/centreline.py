@@ -453,8 +453,8 @@ def _course(
     length = float(arc_lengths(curve)[-1])
     if length < settings.least_aspect * width:
         return None
-    far = max(2.0 * width, 0.03 * length)
-    if any(end is not None and np.hypot(*(at - end)) > far for end, at in ((first, curve[0]), (last, curve[-1]))):
+    most_off = max(2.0 * width, 0.03 * length)
+    if any(end is not None and np.hypot(*(at - end)) > most_off for end, at in ((first, curve[0]), (last, curve[-1]))):
         return None
     _, width, seen = _edges(planes, spread, curve, width, settings, True)
     if seen.mean() < settings.least_edges:
