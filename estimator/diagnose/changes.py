@@ -253,23 +253,23 @@ class _Changed:
 def fitted(case: Case, row: Change, axes: np.ndarray, first: int = 0) -> _Changed | None:
     """A row's change from a frame on, by Gauss–Newton steps from none, from what most frames share as free ones, and
     from other scales of the picture. None where the frames say nothing about it."""
-    starts = [(np.zeros(axes.shape[1]), as_free) for as_free in (False, True)]
-    if row.starts:
-        matrix = case.recorded.rig.camera.matrix
-        lens = np.array([1.0, matrix[0, 2], matrix[1, 2]]) / list(row.std.values())
-        starts += [((scale - 1.0) * lens, True) for scale in row.starts]
     few, begin, best = case, first, None
     if case.many_lost:
         # frames that nothing explains take long: a few of them lead there
         rows = np.arange(0, len(case.recorded), 2)
         few, begin = case.picked(rows), int(np.sum(rows < first))
-    for steps, as_free in starts:
-        found = _descended(few, row, axes, steps, as_free, begin)
+    starts = [(np.zeros(axes.shape[1]), free) for free in (None, *few.frees)]
+    if row.starts:
+        matrix = case.recorded.rig.camera.matrix
+        lens = np.array([1.0, matrix[0, 2], matrix[1, 2]]) / list(row.std.values())
+        starts += [((scale - 1.0) * lens, np.ones(len(few.recorded), bool)) for scale in row.starts]
+    for steps, free in starts:
+        found = _descended(few, row, axes, steps, free, begin)
         if found is not None and (best is None or found.log_odds > best.log_odds):
             best = found
             if few.cost - best.log_odds < case.settings.sound_cost * len(few.recorded):
                 break
-    return best if best is None or few is case else _descended(case, row, axes, best.steps, False, first)
+    return best if best is None or few is case else _descended(case, row, axes, best.steps, None, first)
 
 
 def _moved(rig: Rig, row: Change, step: np.ndarray) -> Rig:
@@ -280,22 +280,25 @@ def _moved(rig: Rig, row: Change, step: np.ndarray) -> Rig:
 
 
 def _descended(
-    case: Case, row: Change, axes: np.ndarray, steps: np.ndarray, as_free: bool, first: int
+    case: Case, row: Change, axes: np.ndarray, steps: np.ndarray, free: np.ndarray | None, first: int
 ) -> _Changed | None:
+    """By damped Gauss–Newton steps; the first one with the free antenna in the frames `free` (F,)."""
     recorded, settings, cost, best = case.recorded, case.settings, np.inf, None
     for turn in range(settings.iterations):
         try:
             now = recorded.with_rig(_moved(recorded.rig, row, axes @ steps), first) if steps.any() else recorded
         except VbaaError:
             break  # no such lens
-        free = np.ones(len(now), bool) if as_free and turn == 0 else None
-        together = weighed(now.fit, case.best, case.scale, axes, free)
+        together = weighed(now.fit, case.best, case.scale, axes, None if turn else free)
         information, score = together.about_others(first)
         unit = information + np.eye(len(steps))
         if not np.isfinite(unit).all():
             break
-        if free is None:
+        if free is None or turn:
             total = together.cost + 0.5 * float(steps @ steps) + 0.5 * float(np.linalg.slogdet(unit)[1])
+            if best is not None and total > cost:
+                steps = 0.5 * (best.steps + steps)
+                continue
             if total > cost - settings.gain:
                 break
             cost = total

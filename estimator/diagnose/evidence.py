@@ -288,12 +288,14 @@ class Case:
 
     best, scale : (F,) least cost of each frame, with a rig that may have changed in everything and without its moment;
         and by how much its points scatter more than their standard deviations say, squared.
+    free : (F,) bool, frames that the free antenna of such a rig explains; all where there are hardly any.
     axes : (18 + P, Q) along which the rig may have changed.
     """
 
     recorded: Recorded
     best: np.ndarray
     scale: np.ndarray
+    free: np.ndarray
     axes: np.ndarray
     settings: RecordingSettings = field(default_factory=RecordingSettings)
 
@@ -301,36 +303,49 @@ class Case:
     def of(recorded: Recorded, axes: np.ndarray) -> Case:
         """The case of frames with a rig that may have changed along axes (18 + P, Q)."""
         expected = 0.5 * np.maximum(recorded.fit.points, 1.0)
-        least = recorded.fit.cost
-        if not recorded.fit.plain.mean() > RecordingSettings.plain:
-            rig = recorded.rig
-            wide = rig.with_covariance(rig.covariance_with_tip + axes @ axes.T)
-            least = np.minimum(recorded.without_moments().with_rig(wide).fit.cost, least)
+        rig = recorded.rig
+        wide = rig.with_covariance(rig.covariance_with_tip + axes @ axes.T)
+        changed = recorded.without_moments().with_rig(wide).fit
+        least = np.minimum(changed.cost, recorded.fit.cost)
+        free = changed.free & np.isfinite(changed.alone)
         best = np.where(np.isfinite(least), least, expected)
-        return Case(recorded, best, np.clip(best / expected, 1.0, None), axes)
+        if free.sum() < RecordingSettings.fewest_after:
+            free = np.ones_like(free)
+        return Case(recorded, best, np.clip(best / expected, 1.0, None), free, axes)
 
     def explained_by(self, recorded: Recorded) -> Case:
         """The case of the same frames with other readings, or another rig."""
-        return Case(recorded, self.best, self.scale, self.axes, self.settings)
+        return replace(self, recorded=recorded)
 
     def picked(self, rows: np.ndarray) -> Case:
         """With some of the frames."""
-        return Case(self.recorded.picked(rows), self.best[rows], self.scale[rows], self.axes, self.settings)
+        several = (values[rows] for values in (self.best, self.scale, self.free))
+        return Case(self.recorded.picked(rows), *several, self.axes, self.settings)
 
     @cached_property
     def reported(self) -> _Weighed:
         """All as reported."""
         return weighed(self.recorded.fit, self.best, self.scale, self.axes)
 
+    @property
+    def frees(self) -> list[np.ndarray]:
+        """(F,) bool each, frames that may be free on a changed rig: those of `free`, and, where many are lost, all."""
+        return [self.free, np.ones_like(self.free)] if self.many_lost and not self.free.all() else [self.free]
+
     @cached_property
-    def as_free(self) -> _Weighed:
-        """All frames as the free antenna: what most of them share, however far from the rig, stands out."""
-        return weighed(self.recorded.fit, self.best, self.scale, self.axes, np.ones(len(self.recorded), bool))
+    def as_free(self) -> list[_Weighed]:
+        """With the free antenna in each of `frees`: what most of them share stands out, however far from the rig."""
+        return [weighed(self.recorded.fit, self.best, self.scale, self.axes, free) for free in self.frees]
 
     @property
     def sound(self) -> bool:
         """Whether the frames cost no more together than they do where all is as reported."""
         return self.cost < self.settings.sound_cost * len(self.recorded)
+
+    @property
+    def usual(self) -> bool:
+        """Whether the frames cost as little as most recordings' in which all is as reported."""
+        return self.cost < self.settings.usual * len(self.recorded)
 
     @cached_property
     def changed(self) -> bool:
@@ -346,7 +361,7 @@ class Case:
             return [0, *np.unique(np.linspace(0, count, settings.splits + 2)[1:-1].astype(int)).tolist()]
         excess = np.cumsum((self.reported.costs - 2.0 * settings.sound_cost)[::-1])[::-1]
         first = int(np.argmax(excess))
-        return [first] if settings.fewest_after <= first <= count - settings.fewest_after else [0]
+        return [first, 0] if settings.fewest_after <= first <= count - settings.fewest_after else [0]
 
     @property
     def many_lost(self) -> bool:
@@ -359,9 +374,9 @@ class Case:
         return np.asarray(self.reported.costs > 0.9 * self.settings.most)
 
     def gained(self, columns: np.ndarray, first: int = 0) -> Iterator[float]:
-        """Log evidence, to first order, of a change along some of the axes from a frame on; where many frames are not
-        explained, also of what most frames share."""
-        for together in (self.reported, self.as_free) if self.many_lost else (self.reported,):
+        """Log evidence, to first order, of a change along some of the axes from a frame on; where the frames cost more
+        than usual, also of what most frames share."""
+        for together in (self.reported,) if self.usual else (self.reported, *self.as_free):
             information, score = together.about_others(first)
             found = score_test(information[np.ix_(columns, columns)], score[columns], 1.0)
             if found is not None:

@@ -59,7 +59,10 @@ def _axis(sign: float, recorded: Recorded) -> Recorded | None:
         return None
     other = np.full_like(readings, np.nan)
     other[:, 1] = sign * readings[:, 0]
-    about_z = replace(rig, wrench_sensor=WrenchSensor.about_z(rig.moment_sensor))
+    # its zero is as uncertain as of the sensor about y
+    zero = list(rig.parameter_names).index("moment_offset_Nm")
+    std_Nm = float(np.hypot(rig.moment_sensor.std_Nm, np.sqrt(rig.covariance[zero, zero])))
+    about_z = replace(rig, wrench_sensor=WrenchSensor.about_z(replace(rig.moment_sensor, std_Nm=std_Nm)))
     return recorded.with_rig(about_z).with_readings(readings_Nm=other)
 
 
@@ -318,15 +321,14 @@ def _explanations(case: Case) -> Iterator[Explanation[Case]]:
     """What else may explain a recording: other readings or pictures, or a rig that has changed before or during it."""
     found = [*_moments_explained(case), *_others_explained(case)]
     yield from found
-    best = max((one.log_odds for one in found), default=0.0)
-    excess = case.cost - RecordingSettings.usual * len(case.recorded)
-    if not best > RecordingSettings.explained * excess > 0.0:
+    left = case.cost - max((one.log_odds for one in found), default=0.0)
+    if case.usual or left > RecordingSettings.usual * len(case.recorded):
         yield from _changes(case)
 
 
 def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
-    """Moments that say nothing of the antenna, or something else than they are reported to: ranked by what the pictures
-    alone say of them."""
+    """Moments that say nothing of the antenna, or something else than they are reported to: ranked by some of the
+    frames, or, where all is well, by what the pictures alone say of them."""
     recorded, std = case.recorded, case.recorded.rig.moment_sensor.std_Nm
     read = recorded.batch.readings_Nm[:, 0]
     there = np.isfinite(read)
@@ -358,18 +360,21 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         off = np.where(np.isfinite(variance), (moments - expected) ** 2 / variance, 0.0)
         return float(np.minimum(0.5 * off[there], case.settings.most).sum())
 
-    reported, likely = cost(read), []
+    reported, likely = cost(read), list[tuple[float, _ReadingMistake, Recorded]]()
+    some = np.arange(0, len(read), RecordingSettings.thinned)
+    few = None if case.usual else case.picked(some)
     if (drifting := _drifting(recorded, read - expected, np.hypot(std, own))) is not None:
         likely.append((np.inf, *drifting))
     for row in READINGS:
         corrected = row.correct(recorded) if row.of_moment else None
         if corrected is None or not _differs(corrected, recorded):
             continue
-        moments = corrected.batch.readings_Nm[:, 0]
-        if not np.isfinite(moments).any() or row.name == "moment_channels":
+        if few is not None:
+            gained = few.cost - few.cost_of(corrected.picked(some), row.log_density * known[some])
+        else:
             # about other axes the pictures' moments say nothing
-            likely += [] if case.sound else [(np.inf, row, corrected)]
-        elif (gained := reported - cost(moments)) > RecordingSettings.hinted or not (gained or case.sound):
+            gained = reported - cost(corrected.batch.readings_Nm[:, 0])
+        if gained > RecordingSettings.hinted:
             likely.append((gained, row, corrected))
     yield from _compared(case, likely, known)
 
@@ -492,7 +497,7 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
     axes, which = axes_of(case.recorded.rig, CHANGES)
     rows = [(row, own) for row, own in zip(CHANGES, which, strict=True) if len(own)]
     places = case.splits
-    fair = float(np.log(max(len(places) - 1, 1)))
+    fair = float(np.log(max(len(places) - 1, 2)))
     ranked = [
         (gained - (fair if first else 0.0), first, row, own)
         for first in places
@@ -500,9 +505,9 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
         for gained in case.gained(own, first)
     ]
     ranked.sort(key=lambda each: -each[0])
-    if case.lost.mean() > settings.hopeless:
-        ranked = [*[each for each in ranked if each[2].starts][:1], *ranked]
-        ranked[0] = (np.inf, *ranked[0][1:])
+    if ranked and case.lost.mean() > settings.hopeless:
+        scaled = next((each for each in ranked if each[2].starts), ranked[0])
+        ranked.insert(0, (np.inf, *scaled[1:]))
     followed: list[Change] = []
     for gained, first, row, own in ranked:
         most = settings.followed * (2 if case.many_lost else 1)

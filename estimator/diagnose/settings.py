@@ -16,10 +16,9 @@ class RecordingSettings:
     contact: float = 8.0  # cost of a contact's place and force, which a free antenna does not have (Occam factor)
     most: float = 30.0  # cost of one frame: an outlier counts no more
     friction_rad: float = 0.2  # standard deviation of the friction angle
-    iterations: int = 5  # moves of the rig towards a change
+    iterations: int = 8  # moves of the rig towards a change
     reweightings: int = 12  # of frames, in looking for the change that most of them share
     lost: float = 0.05  # part of the frames that nothing explains from which what most of them share is sought
-    plain: float = 0.9  # part of the frames that are explained by themselves from which no wider rig is needed for it
     suspicious: float = (
         8.0  # log odds, to first order, from which a change of the rig, or of its pictures, is suspected
     )
@@ -31,6 +30,7 @@ class RecordingSettings:
     screened: int = (
         8  # frames, the least bent ones, by which hypotheses about joints and pictures are compared at first
     )
+    thinned: int = 3  # of so many frames one, by which hypotheses about moments are compared at first
     fewest_moments: int = 5  # moments of which something can be learnt
     followed: int = 3  # of the best of them, and of the changes of the rig, are compared by all frames
     promising: float = 3.0  # log odds by first order from which a change of the rig is fitted
@@ -47,9 +47,6 @@ class RecordingSettings:
     fewest_after: int = 5  # frames after a change during the recording
     hopeless: float = 0.5  # part of the frames that nothing explains from which the pictures may have another scale
     usual: float = 2.5  # cost per frame where all is as reported
-    explained: float = (
-        0.8  # part of the cost beyond that, explained by readings, from which no change of the rig is sought
-    )
     splits: int = 8  # places in a recording at which a rig may change
 
     # which frames are kept, and what is no chance in the series of readings
@@ -66,7 +63,7 @@ class RecordingSettings:
     joints_rad: float = 0.05  # range of the joints from which on they are to be tested
     apart_s: float = 8.0  # time between frames that is more likely in another unit
     other_shape: float = 2.0  # ratio of the points' distance from fitted shapes to their scatter, likewise
-    shared: float = 0.5  # part of the scatter that all lines share from which it is the antenna's shape
+    shared: float = 0.2  # part of the scatter's excess that all lines share from which it is the antenna's shape
     unexplained: float = 0.2  # part of the frames that nothing explains from which that is reported
     contradicting: float = 0.5  # the same from which those that are left are not believed, either
 

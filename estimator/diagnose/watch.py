@@ -223,7 +223,7 @@ class RecordingWatch:
         remedy = "straighten or replace it where it is bent or kinked, and calibrate again"
         stated = max(own, *(each.sigma_factor for each in kept))
         if stated > OutlierSettings.tolerated:
-            if shared_share(*lines) > self.settings.shared:
+            if shared_share(*lines) * stated**2 > self.settings.shared * (stated**2 - 1.0):
                 words = (
                     f"in all pictures alike the points lie {stated:.2g} times further off smooth curves than they may"
                 )
