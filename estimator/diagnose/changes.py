@@ -90,6 +90,22 @@ CHANGES = (
         starts=(0.5, 0.7, 0.85, 1.15, 1.4, 2.0),
     ),
     Change(
+        "other_rig",
+        {
+            **dict.fromkeys(("camera_about_x_rad", "camera_about_y_rad", "camera_about_z_rad"), 0.05),
+            **dict.fromkeys(("camera_x_m", "camera_y_m", "camera_z_m"), 20e-3),
+            **{"f": 0.03, "cx": 20.0, "cy": 20.0},
+            **dict.fromkeys(("bow_about_y_per_m", "bow_about_z_per_m"), 0.3),
+            **dict.fromkeys(("clamp_about_y_rad", "clamp_about_z_rad"), 0.03),
+        },
+        "camera and antenna are not as calibrated, the camera turned by {}: the rig.json is that of another rig",
+        "use the rig.json of this rig, or calibrate it",
+        57.29578,
+        "°",
+        0.3,
+        measures=3,
+    ),
+    Change(
         "antenna_bent",
         {"bow_about_y_per_m": 0.3, "bow_about_z_per_m": 0.3},
         "the antenna has been bent by {} since the calibration",

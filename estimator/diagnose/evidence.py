@@ -32,6 +32,7 @@ class Recorded:
     around : (F, 2, 8) all readings, pan and tilt of the row before, and of the row after; NaN where there is
         none.
     order : (F,) number of each frame in the recording.
+    period_s : usual time between rows; NaN where they have none.
     later : from which frame on the rig is another one, and that rig.
     """
 
@@ -39,6 +40,7 @@ class Recorded:
     batch: Batch
     around: np.ndarray
     order: np.ndarray
+    period_s: float = np.nan
     later: tuple[int, Rig] | None = None
     friction_rad: float = RecordingSettings.friction_rad
 

@@ -132,6 +132,20 @@ def _neighbour(row: int, which: tuple[str, ...], recorded: Recorded) -> Recorded
     return recorded.with_readings(**columns)
 
 
+def _lagged(part: float, recorded: Recorded) -> Recorded | None:
+    """Readings of a part of a row later, by straight lines between the rows'."""
+    batch, around = recorded.batch, recorded.around[:, _AFTER if part > 0.0 else _BEFORE]
+    now = np.column_stack([batch.readings_Nm, batch.pan_rad, batch.tilt_rad])
+    there = now + abs(part) * (around - now)
+    there = np.where(np.isfinite(there), there, now)
+    return recorded.with_readings(readings_Nm=there[:, :-2], pan_rad=there[:, -2], tilt_rad=there[:, -1])
+
+
+def _tilted(angle_rad: float, recorded: Recorded) -> Recorded | None:
+    """The tilt read as larger."""
+    return recorded.with_readings(tilt_rad=recorded.batch.tilt_rad + angle_rad)
+
+
 def _points(change: Callable[[np.ndarray, np.ndarray], np.ndarray], recorded: Recorded) -> Recorded | None:
     """With pixels (..., 2) changed, in a picture of some size (2,)."""
     batch, size = recorded.batch, np.array(recorded.rig.camera.image_size, float)
@@ -271,6 +285,15 @@ READINGS = (
         _ROWS,
         partial(_neighbour, _BEFORE, ("joints",)),
     ),
+    *(
+        _ReadingMistake(
+            "joint_offset",
+            "the tilt is off by a degree",
+            "set the encoders' zeros, and calibrate again",
+            partial(_tilted, angle_rad),
+        )
+        for angle_rad in (-RecordingSettings.joint_step_rad, RecordingSettings.joint_step_rad)
+    ),
     _ReadingMistake(
         "pictures_late",
         "each picture belongs to the readings of the row before",
@@ -319,7 +342,7 @@ READINGS = (
 
 def _explanations(case: Case) -> Iterator[Explanation[Case]]:
     """What else may explain a recording: other readings or pictures, or a rig that has changed before or during it."""
-    found = [*_moments_explained(case), *_others_explained(case)]
+    found = [*_moments_explained(case), *_others_explained(case), *_shifts_explained(case)]
     yield from found
     left = case.cost - max((one.log_odds for one in found), default=0.0)
     if case.usual or left > RecordingSettings.usual * len(case.recorded):
@@ -409,9 +432,55 @@ def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
     """Joints and pictures that are not what they are reported to be: compared by few frames first."""
     likely = []
     for row, gained in _tried(case):
-        if gained > RecordingSettings.hinted and (whole := row.correct(case.recorded)) is not None:
+        of_shift = row.name == "joint_offset" and not case.usual  # its value is sought
+        if gained > RecordingSettings.hinted and not of_shift and (whole := row.correct(case.recorded)) is not None:
             likely.append((gained, row, whole))
     yield from _compared(case, likely)
+
+
+def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
+    """A clock or an encoder that is off by a constant, where the frames cost more than usual."""
+    settings, period_s = RecordingSettings(), case.recorded.period_s
+    if case.usual:
+        return
+    later = "the readings are {} {} the pictures that they are listed with: the clocks differ".format
+    for changed, step, most in ((_lagged, settings.lag_step, 1.0), (_tilted, settings.joint_step_rad, np.inf)):
+        value, std, gained = _least_cost(case, changed, step, most)
+        size = f"{abs(value) * period_s:.3g} ± {std * period_s:.1g} s"
+        words = later(size, "before" if value > 0.0 else "behind")
+        found = Diagnosis("clock_offset", words, "take stamps of one clock, or give --clock-offset", "wrong")
+        if changed is _tilted:
+            words = f"the tilt is off by {np.degrees(-value):+.2g} ± {np.degrees(std):.1g}°"
+            found = Diagnosis("joint_offset", words, "set the encoder's zero as it was at the calibration", "wrong")
+        corrected = changed(value, case.recorded)
+        if corrected is not None and abs(value) > 2.0 * std:
+            yield Explanation(found, gained - settings.unlikely, partial(case.explained_by, corrected))
+
+
+def _least_cost(
+    case: Case, changed: Callable[[float, Recorded], Recorded | None], step: float, most: float
+) -> tuple[float, float, float]:
+    """Value of a change at which the frames cost least, its standard deviation, and how much less than without, less
+    what its prior (a standard deviation of one step) and its width cost: by parabolas."""
+
+    def cost(value: float) -> float:
+        corrected = changed(value, case.recorded)
+        return np.inf if corrected is None else case.cost_of(corrected) + 0.5 * (value / step) ** 2
+
+    value, best, curvature = 0.0, case.cost, 1.0 / step**2
+    for part in (1.0, 0.5, 0.25):
+        low, high = cost(value - part * step), cost(value + part * step)
+        bend = (low + high - 2.0 * best) / (part * step) ** 2
+        if bend > 0.0:
+            curvature = max(bend, 1.0 / step**2)
+            move = float(np.clip(0.5 * (low - high) / (part * step * bend), -2.0 * step, 2.0 * step))
+        else:
+            move = part * step * np.sign(low - high)
+        near = float(np.clip(value + move, -most, most))
+        if (there := cost(near)) < best:
+            value, best = near, there
+    std = curvature**-0.5
+    return value, std, case.cost - best + float(np.log(std / step))
 
 
 @lru_cache(maxsize=1)
@@ -419,7 +488,7 @@ def _tried(case: Case) -> list[tuple[_ReadingMistake, float]]:
     """Rows about joints and pictures that the least bent frames could tell, and what these gain by each."""
     few, calm, found = case.picked(_least_bent(case)), case.sound and not case.changed, []
     for row in READINGS:
-        if row.of_moment or ((row.of_pictures or row.name == "joint_offset") and calm):
+        if row.of_moment or (row.of_pictures and calm):
             continue
         corrected = row.correct(few.recorded)
         if corrected is not None and _differs(corrected, few.recorded):
@@ -429,14 +498,12 @@ def _tried(case: Case) -> list[tuple[_ReadingMistake, float]]:
 
 def unseen_joints(case: Case) -> list[str]:
     """What could be wrong with the joint angles and would not show: rows that fit about as well, or look the same."""
-    gained = {row.words: value for row, value in _tried(case)}
-    few, found = case.recorded.picked(_least_bent(case)), []
-    for row in READINGS:
-        of_joints = row.name in ("tilt_sign", "joints_exchanged", "joints_late") and row.correct(few) is not None
-        # a row that looks the same was not tried
-        if of_joints and gained.get(row.words, 0.0) > -case.settings.suspicious:
-            found.append(row.words)
-    return found
+    gained = {row: value for row, value in _tried(case)}
+    few, names = case.recorded.picked(_least_bent(case)), ("tilt_sign", "joints_exchanged", "joints_late", "joint_offset")
+    joints = [row for row in READINGS if row.name in names and row.correct(few) is not None]
+    # a row that looks the same was not tried
+    unseen = [row.words for row in joints if gained.get(row, 0.0) > -case.settings.suspicious]
+    return list(dict.fromkeys(unseen))
 
 
 def _least_bent(case: Case) -> np.ndarray:
@@ -495,7 +562,15 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
     """A rig that has changed since its calibration, or from some frame of the recording on."""
     settings = RecordingSettings()
     axes, which = axes_of(case.recorded.rig, CHANGES)
-    rows = [(row, own) for row, own in zip(CHANGES, which, strict=True) if len(own)]
+    batch = case.recorded.batch
+    turned_rad = np.ptp(np.stack([batch.pan_rad, batch.tilt_rad]), axis=1).max()
+    # without moments, EI shows in how the antenna sags, and that needs the joints
+    sags = np.isfinite(batch.readings_Nm).any() or turned_rad > settings.varies_rad
+    rows = [
+        (row, own)
+        for row, own in zip(CHANGES, which, strict=True)
+        if len(own) and (sags or "log_stiffness_Nm2" not in row.std)
+    ]
     places = case.splits
     fair = float(np.log(max(len(places) - 1, 2)))
     ranked = [

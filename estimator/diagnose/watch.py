@@ -131,7 +131,8 @@ class RecordingWatch:
         drift = self.rig.drift
         # what may have changed is in the covariance from here on
         rig = replace(self.rig.drifted(), drift=Drift(line_px=drift.line_px, light_px=drift.light_px))
-        found = Recorded(rig, batch, around.reshape(-1, 2, 8), order)
+        period_s = float(np.median(self._apart_s)) if self._apart_s else np.nan
+        found = Recorded(rig, batch, around.reshape(-1, 2, 8), order, period_s)
         seen = np.isfinite(batch.points_px).all(axis=-1).sum(axis=-1)
         return found.picked(np.flatnonzero(seen >= self.settings.fewest_points))
 
