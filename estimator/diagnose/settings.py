@@ -69,6 +69,15 @@ class RecordingSettings:
     unexplained: float = 0.2  # part of the frames that nothing explains from which that is reported
     contradicting: float = 0.5  # the same from which those that are left are not believed, either
 
+    # pictures in the wrong rows
+    places: int = 8  # along the antenna, by which its pictures are compared
+    fewest_places: int = 3  # of them that both show
+    jumps: float = 0.7  # distance of a picture from the mean of its neighbours, over theirs from each other,
+    jump_sigma: float = 3.0  # and over the standard deviation of its points, from which on it may belong elsewhere
+    fits: float = 0.35  # part of that distance within which it fits there
+    most_jumps: int = 32  # that are remembered
+    seldom: float = 0.1  # part of the rows beyond which such jumps are the antenna's own
+
     # when a recording is judged while it runs, and what of its witnesses may be missing
     judged: int = 64  # frames after which a recording is judged for the first time; then at twice as many each time
     set_aside: float = 0.1  # part of the frames in which a witness may contradict the rest before that is a finding

@@ -19,6 +19,7 @@ from vbaa_calib.session import Drift
 from .changes import CHANGES, axes_of
 from .evidence import Case, Recorded
 from .hypotheses import TABLE, unseen_joints
+from .order import Jump, PicturedRow, exchanged, jump, lateral_px
 from .settings import RecordingSettings
 
 
@@ -72,6 +73,8 @@ class RecordingWatch:
         self._at: dict[float, list[int]] = {}  # rows with the smallest and the largest moment so far
         self._contradicted: list[int] = []
         self._apart_s: deque[float] = deque(maxlen=64)
+        self._three: deque[PicturedRow] = deque(maxlen=3)
+        self._jumps: list[Jump] = []
 
     def push(self, measured: Measured, contact: Contact | None = None) -> None:
         """Take the next row."""
@@ -89,6 +92,11 @@ class RecordingWatch:
             self._contradicted.append(self.count)
         if before is not None and measured.time_s > before.time_s:
             self._apart_s.append(measured.time_s - before.time_s)
+        sigma_px = float(np.median(measured.sigma_px)) if len(measured.sigma_px) else np.nan
+        self._three.append(PicturedRow(self.count, lateral_px(self.rig, measured.points_px), sigma_px, now))
+        if len(self._three) == 3 and len(self._jumps) < self.settings.most_jumps:
+            found = jump(self._three, self.rig.moment_sensor.std_Nm)
+            self._jumps += [] if found is None else [found]
         if len(measured.points_px) >= self.settings.fewest_points:
             around = np.full((2, 8), np.nan)
             if before is not None:
@@ -138,9 +146,9 @@ class RecordingWatch:
 
     def verdict(self) -> RecordingVerdict:
         """What is wrong, by all rows so far."""
-        found, rows, first, log_odds = self._of_series(), list(self._repeated), None, 0.0
+        found, rows, first, log_odds = self._of_series(), [*self._repeated, *self._exchanged], None, 0.0
         if self._first and len(recorded := self.recorded()) >= self.settings.fewest:
-            frozen = np.isin(recorded.order, self._repeated)
+            frozen = np.isin(recorded.order, [*self._repeated, *self._exchanged])
             if (~frozen).sum() >= self.settings.fewest:
                 recorded = recorded.picked(np.flatnonzero(~frozen))
             saturated, recorded = self._saturated(recorded)
@@ -193,11 +201,21 @@ class RecordingWatch:
             words = f"{count} rows, first row {start}, repeat the picture before them, while the readings go on"
             remedy = "look why the camera stood still, and leave these rows out"
             found.append(Diagnosis("camera_frozen", words, remedy, "wrong"))
+        if rows := self._exchanged:
+            words = f"the pictures of rows {rows[0]} and {rows[1]} fit better in each other's row"
+            remedy = "look at their time stamps and names, and exchange them"
+            found.append(Diagnosis("pictures_exchanged", words, remedy, "wrong"))
         apart = float(np.median(self._apart_s)) if self._apart_s else 0.0
         if apart > self.settings.apart_s:
             words = f"the frames are {apart:.4g} s apart: their times may be in milliseconds or nanoseconds"
             found.append(Diagnosis("time_unit", words, "give time_s in seconds"))
         return found
+
+    @property
+    def _exchanged(self) -> list[int]:
+        """Rows with pictures that belong to each other's readings, in pairs."""
+        seldom = len(self._jumps) <= max(self.settings.seldom * self.count, 2)
+        return [row for pair in exchanged(self._jumps) for row in pair] if seldom else []
 
     def _of_rows(self) -> list[Diagnosis]:
         """Rows with readings that contradict their pictures."""
