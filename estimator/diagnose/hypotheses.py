@@ -499,11 +499,16 @@ def _tried(case: Case) -> list[tuple[_ReadingMistake, float]]:
 def unseen_joints(case: Case) -> list[str]:
     """What could be wrong with the joint angles and would not show: rows that fit about as well, or look the same."""
     gained = {row: value for row, value in _tried(case)}
-    few, names = case.recorded.picked(_least_bent(case)), ("tilt_sign", "joints_exchanged", "joints_late", "joint_offset")
+    few, names = (
+        case.recorded.picked(_least_bent(case)),
+        ("tilt_sign", "joints_exchanged", "joints_late", "joint_offset"),
+    )
     joints = [row for row in READINGS if row.name in names and row.correct(few) is not None]
     # a row that looks the same was not tried
-    unseen = [row.words for row in joints if gained.get(row, 0.0) > -case.settings.suspicious]
-    return list(dict.fromkeys(unseen))
+    unseen = [row for row in joints if gained.get(row, 0.0) > -case.settings.suspicious]
+    # a degree is hardly ever seen: alone it is no news
+    news = any(row.name != "joint_offset" for row in unseen)
+    return list(dict.fromkeys(row.words for row in unseen)) if news else []
 
 
 def _least_bent(case: Case) -> np.ndarray:
