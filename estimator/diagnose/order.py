@@ -73,8 +73,8 @@ def exchanged(jumps: Sequence[Jump]) -> list[tuple[int, int]]:
         left = max(_unlike(one.lateral_px, other.around), _unlike(other.lateral_px, one.around))
         pairs.append((left / min(one.size_px, other.size_px), one.row, other.row))
     found: list[tuple[int, int]] = []
-    for left, *rows in sorted(pair for pair in pairs if pair[0] < RecordingSettings.fits):
-        if not set(rows) & {row for pair in found for row in pair}:
+    for _, *rows in sorted(pair for pair in pairs if pair[0] < RecordingSettings.fits):
+        if not {row for pair in found for row in pair} & set(rows):
             found.append((rows[0], rows[1]))
     return found
 
