@@ -321,8 +321,8 @@ class Case:
 
     def picked(self, rows: np.ndarray) -> Case:
         """With some of the frames."""
-        several = (values[rows] for values in (self.best, self.scale, self.free))
-        return Case(self.recorded.picked(rows), *several, self.axes, self.settings)
+        best, scale, free = self.best[rows], self.scale[rows], self.free[rows]
+        return replace(self, recorded=self.recorded.picked(rows), best=best, scale=scale, free=free)
 
     @cached_property
     def reported(self) -> _Weighed:

@@ -498,11 +498,8 @@ def _tried(case: Case) -> list[tuple[_ReadingMistake, float]]:
 
 def unseen_joints(case: Case) -> list[str]:
     """What could be wrong with the joint angles and would not show: rows that fit about as well, or look the same."""
-    gained = {row: value for row, value in _tried(case)}
-    few, names = (
-        case.recorded.picked(_least_bent(case)),
-        ("tilt_sign", "joints_exchanged", "joints_late", "joint_offset"),
-    )
+    gained, few = dict(_tried(case)), case.recorded.picked(_least_bent(case))
+    names = ("tilt_sign", "joints_exchanged", "joints_late", "joint_offset")
     joints = [row for row in READINGS if row.name in names and row.correct(few) is not None]
     # a row that looks the same was not tried
     unseen = [row for row in joints if gained.get(row, 0.0) > -case.settings.suspicious]
