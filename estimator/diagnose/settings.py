@@ -23,7 +23,7 @@ class RecordingSettings:
         8.0  # log odds, to first order, from which a change of the rig, or of its pictures, is suspected
     )
     sound_cost: float = 4.0  # cost per frame that a right explanation leaves
-    farthest: float = 30.0  # change of a rig, in the standard deviations of its row, that is still sought
+    farthest: float = 30.0  # change of a rig, in the standard deviations of its row, up to which it is sought
     gain: float = 0.5  # least decrease of the cost by a further move
 
     # the table of hypotheses
@@ -55,13 +55,13 @@ class RecordingSettings:
     first: int = 10  # frames at the beginning, which often show the free antenna
     spread: int = 22  # further frames, spread over the recording
     scatter: int = 10  # of them, by which the points' scatter is measured
-    fewest: int = 8  # frames with which anything can be told from noise
+    fewest: int = 8  # frames that tell anything from noise
     fewest_points: int = 5  # of a frame that is a witness
     at_limit: int = 5  # moments that are exactly the largest or smallest of all from which on they are at a limit,
     at_limit_share: float = 0.04  # and this part of all
     distinct: float = 0.8  # part of the other moments that differ from each other, where they have digits enough
     beyond_std: float = 4.0  # standard deviations by which pictures ask for more than a moment at the end of its range
-    repeated: int = 2  # rows with the picture of the row before from which on the camera stood still
+    repeated: int = 2  # rows with the picture of the row before from which on the camera had stopped
     joints_rad: float = 0.05  # range of the joints from which on they are to be tested
     apart_s: float = 8.0  # time between frames that is more likely in another unit
     other_shape: float = 2.0  # ratio of the points' distance from fitted shapes to their scatter, likewise

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from vbaa_calib.session import Drift
 from .changes import CHANGES, axes_of
 from .evidence import Case, Recorded
 from .hypotheses import TABLE, unseen_joints
-from .order import Jump, PicturedRow, exchanged, jump, lateral_px
 from .settings import RecordingSettings
 
 
@@ -52,6 +52,12 @@ class RecordingVerdict:
 
 _Kept = tuple[int, Measured, np.ndarray]
 """A frame that is kept: its number, and the readings (2, 8) of the rows before and after."""
+_Pictured = tuple[int, np.ndarray, float, np.ndarray]
+"""A row, how far the antenna lies from its straight line at places along it (K,) px, NaN where it is not seen, the
+points' standard deviation, and the readings (8,)."""
+_Jump = tuple[int, np.ndarray, np.ndarray, float]
+"""A row with a picture that lies off the mean of its neighbours as far as these are apart, while the readings go on
+smoothly: its antenna (K,), that mean (K,), and how far off it is, px."""
 
 
 @dataclass(eq=False)
@@ -73,8 +79,8 @@ class RecordingWatch:
         self._at: dict[float, list[int]] = {}  # rows with the smallest and the largest moment so far
         self._contradicted: list[int] = []
         self._apart_s: deque[float] = deque(maxlen=64)
-        self._three: deque[PicturedRow] = deque(maxlen=3)
-        self._jumps: list[Jump] = []
+        self._three: deque[_Pictured] = deque(maxlen=3)
+        self._jumps: list[_Jump] = []
 
     def push(self, measured: Measured, contact: Contact | None = None) -> None:
         """Take the next row."""
@@ -93,9 +99,9 @@ class RecordingWatch:
         if before is not None and measured.time_s > before.time_s:
             self._apart_s.append(measured.time_s - before.time_s)
         sigma_px = float(np.median(measured.sigma_px)) if len(measured.sigma_px) else np.nan
-        self._three.append(PicturedRow(self.count, lateral_px(self.rig, measured.points_px), sigma_px, now))
+        self._three.append((self.count, _lateral_px(self.rig, measured.points_px), sigma_px, now))
         if len(self._three) == 3 and len(self._jumps) < self.settings.most_jumps:
-            found = jump(self._three, self.rig.moment_sensor.std_Nm)
+            found = _jump(self._three, self.rig.moment_sensor.std_Nm)
             self._jumps += [] if found is None else [found]
         if len(measured.points_px) >= self.settings.fewest_points:
             around = np.full((2, 8), np.nan)
@@ -199,7 +205,7 @@ class RecordingWatch:
         if len(self._repeated) >= self.settings.repeated:
             count, start = len(self._repeated), self._repeated[0]
             words = f"{count} rows, first row {start}, repeat the picture before them, while the readings go on"
-            remedy = "look why the camera stood still, and leave these rows out"
+            remedy = "look why the camera stopped, and leave these rows out"
             found.append(Diagnosis("camera_frozen", words, remedy, "wrong"))
         if rows := self._exchanged:
             words = f"the pictures of rows {rows[0]} and {rows[1]} fit better in each other's row"
@@ -215,7 +221,7 @@ class RecordingWatch:
     def _exchanged(self) -> list[int]:
         """Rows with pictures that belong to each other's readings, in pairs."""
         seldom = len(self._jumps) <= max(self.settings.seldom * self.count, 2)
-        return [row for pair in exchanged(self._jumps) for row in pair] if seldom else []
+        return [row for pair in _exchanged(self._jumps) for row in pair] if seldom else []
 
     def _of_rows(self) -> list[Diagnosis]:
         """Rows with readings that contradict their pictures."""
@@ -269,7 +275,7 @@ class RecordingWatch:
             if by_moment > 0.5
             else "the shapes are not those of this antenna"
         )
-        words = f"{lost.sum()} of {len(lost)} frames looked at fit no contact, and no single cause explains it: {block}"
+        words = f"{lost.sum()} of {len(lost)} frames examined fit no contact, and no single cause explains it: {block}"
         remedy = "look at the frames with --overlay, and run vbaa check with a free antenna"
         return Diagnosis(
             "unexplained", words, remedy, "wrong" if lost.mean() > self.settings.contradicting else "doubt"
@@ -304,6 +310,54 @@ def _readings(measured: Measured) -> np.ndarray:
 def _same_picture(measured: Measured, before: Measured) -> bool:
     a, b = measured.points_px, before.points_px
     return len(a) > 0 and a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True))
+
+
+def _lateral_px(rig: Rig, points_px: np.ndarray) -> np.ndarray:
+    """(K,) distances of a line's points (N, 2) from the image of the antenna's x axis, at places along that."""
+    ends = np.array([[0.0, 0.0, 0.0], [rig.antenna.length_m, 0.0, 0.0]])
+    (clamp, tip), valid = rig.camera.project(rig.T_antenna_camera.inverse() @ ends)
+    found = np.full(RecordingSettings.places, np.nan)
+    points = points_px[np.isfinite(points_px).all(axis=1)]
+    if not valid.all() or len(points) < RecordingSettings.fewest_points:
+        return found
+    along = (tip - clamp) / np.linalg.norm(tip - clamp)
+    at, off = (points - clamp) @ along, (points - clamp) @ [-along[1], along[0]]
+    order = np.argsort(at)
+    places = np.linspace(0.0, 1.0, len(found) + 1)[1:] * np.linalg.norm(tip - clamp)
+    return np.interp(places, at[order], off[order], left=np.nan, right=np.nan)
+
+
+def _jump(three: Sequence[_Pictured], moment_std_Nm: float) -> _Jump | None:
+    """The second of three rows in order, if it is one; the sensor's noise is what readings may scatter by."""
+    settings = RecordingSettings()
+    (_, before, _, read_before), (row, now, sigma_px, read), (_, after, _, read_after) = three
+    around = 0.5 * (before + after)
+    size, apart = _unlike(now, around), _unlike(before, after)
+    if not (size > settings.jumps * apart and size > settings.jump_sigma * sigma_px):
+        return None
+    off = np.abs(read - 0.5 * (read_before + read_after))
+    noise = np.where(np.arange(len(off)) < len(off) - 2, settings.varies_std * moment_std_Nm, settings.varies_rad)
+    smooth = off <= np.abs(read_before - read_after) + noise
+    return (row, now, around, size) if smooth[np.isfinite(off)].all() else None
+
+
+def _exchanged(jumps: Sequence[_Jump]) -> list[tuple[int, int]]:
+    """Pairs of rows with pictures that fit between each other's neighbours, each row once, in the best pair."""
+    pairs = []
+    for (row, here, around, size), (other_row, there, other_around, other_size) in combinations(jumps, 2):
+        left = max(_unlike(here, other_around), _unlike(there, around))
+        pairs.append((left / min(size, other_size), row, other_row))
+    found: list[tuple[int, int]] = []
+    for _, *rows in sorted(pair for pair in pairs if pair[0] < RecordingSettings.fits):
+        if not {row for pair in found for row in pair} & set(rows):
+            found.append((rows[0], rows[1]))
+    return found
+
+
+def _unlike(one_px: np.ndarray, other_px: np.ndarray) -> float:
+    """Rms distance of two lines where both are seen; NaN where that is hardly anywhere."""
+    off = (one_px - other_px)[np.isfinite(one_px - other_px)]
+    return float(np.sqrt(np.mean(off**2))) if len(off) >= RecordingSettings.fewest_places else float("nan")
 
 
 def recording_verdict(rig: Rig, several: Sequence[Measured], contacts: Sequence[Contact]) -> Verdict:
