@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -32,19 +32,22 @@ class _TwoContactsSettings:
     """How two contacts are searched, and when a frame shows them."""
 
     places: int = 8  # places of a contact, evenly over the antenna, that are tried in pairs before fits begin
-    tries: int = 4  # steps in which the forces of each pair are found
+    likely: int = 12  # of these pairs, the best ones where deflections are small, are looked into
+    tries: int = 3  # steps in which the forces of each pair are found
     starts: int = 12  # pairs from which fits begin at most, the best ones
     together: int = 3  # so many first, and further ones while none of them explains the frame
-    first_steps: int = 15  # of the fits that begin there
+    first_steps: int = 10  # of the fits that begin there
     steps: int = 8  # Runge–Kutta steps of each of the rod's three parts: within 1e-7 of its length
     nearest: float = 0.03  # in antenna lengths: contacts are so far from the clamp and from each other, at least
     bend: float = 0.3  # prior standard deviation of the tip's deflection by each force, in antenna lengths
     bend_at_first: float = 0.05  # the same while pairs are searched: what no camera sees does not lead astray
     difference: float = 1e-4  # finite differences of the unknowns
     axis_step: float = 0.1  # of the rig's axes, in standard deviations
-    rounds: int = 5  # steps with the rig's errors free, at most
-    settled: float = 1e-3  # such a round that lowers the cost by less is the last
+    rounds: int = 3  # linearisations of the rig's errors, at most
+    settled: float = 1e-2  # such a round that lowers the cost by less is the last
     gain: float = 25.0  # decrease of the cost by the second contact, at least: as `ContactSettings.second_contact`
+    clear: float = 4.0  # beyond so many times this gain one contact is not fitted further,
+    promises: float = 10.0  # by so many times what its next step would gain
     force_std: float = 6.0  # each force is so many of its standard deviations, at least
     distance: float = 0.05  # standard deviation of a place in antenna lengths, at most: as `ContactSettings.low_signal`
     alternative: float = 4.5  # another pair of places counts as equally good when its cost is so little higher
@@ -73,9 +76,9 @@ class _TwoContactFit:
     """Where a descent stands.
 
     unknowns : (8,). residuals : (M,) of points, readings and the forces' priors, in their standard deviations.
-    columns : (M, 8) their predictions' derivatives. errors : (R,) of the rig and the found line that explain most, in
-    their standard deviations. left : (M,) residuals without these. cost : robust, priors included. foot : (N,) node
-    coordinate of each point's foot. normal : (N, 2) of the curve there, px.
+    columns : (M, 8) their predictions' derivatives. errors : (R,) of the rig and the found line, which are solved for
+    together with the unknowns, in their standard deviations. left : (M,) residuals without these. cost : robust, priors
+    included. foot : (N,) node coordinate of each point's foot. normal : (N, 2) of the curve there, px.
     """
 
     unknowns: np.ndarray
@@ -97,7 +100,8 @@ class _Pair:
     the readings, in their standard deviations. covariance : (14, 14) of distance (m), point and force of the nearer
     contact, and then of the farther one. free_m : (2, 3) the same places of the free antenna. gain : decrease of the
     cost against one contact. misfit : of the points, over the scatter of neighbours. other : distances (2,) m of
-    another pair that explains the frame about as well; None without.
+    another pair that explains the frame about as well; None without. unmoved : errors of the rig of which nobody knows
+    what they do there.
     """
 
     unknowns: np.ndarray
@@ -111,6 +115,7 @@ class _Pair:
     misfit: float
     length_m: float
     other: np.ndarray | None
+    unmoved: int
 
     @property
     def distances_m(self) -> np.ndarray:
@@ -142,9 +147,22 @@ class _Pair:
             return f"{pair}, explain it about as well as two at {there} mm"
         if not (self.std[:, 0] < settings.distance * self.length_m).all():
             return f"{pair}, explain it, but a place is known only to {1e3 * self.std[:, 0].max():.1f} mm"
+        if self.unmoved:
+            return f"{pair}, explain it, but with {self.unmoved} errors of the rig the antenna has no equilibrium there"
         if not min(sizes) > settings.force_std:
             return f"{pair}, explain it, but one of them hardly presses"
         return ""
+
+
+@lru_cache(maxsize=4)
+def _moved_rigs(arrays: RigArrays) -> list[list[tuple[float, Rig, np.ndarray]]]:
+    """A rig moved along each of its independent axes, to either side: by how many deviations, the rig, and its sensors'
+    readings by the wrench (R, 7)."""
+    several, step, rows = [], _TwoContactsSettings.axis_step, len(arrays.std)
+    for axis in arrays.axes.T:
+        rigs = [(side, arrays.rig.moved(side * axis)) for side in (step, -step)]
+        several.append([(side, rig, RigArrays.from_rig(rig, 0.0, False).by_wrench[:rows]) for side, rig in rigs])
+    return several
 
 
 class _TwoContactFrame:
@@ -163,6 +181,7 @@ class _TwoContactFrame:
         self.available = np.where(np.arange(len(arrays.std)) == core.solver.END, 0.0, frames.available[0])
         self.reading = frames.reading[0] / arrays.std
         self.by_rig = np.zeros((len(self.points_px) + len(self.reading) + 4, 0))
+        self.unmoved = 0  # axes of the rig along which there is no equilibrium
         self.prior, self.bend = np.array([0.0, 0.0, 0.0, 1.0] * 2), _TwoContactsSettings.bend
 
     def shape(self, unknowns: np.ndarray, rig: Rig, start: np.ndarray | None = None) -> _TouchedTwice | None:
@@ -215,13 +234,18 @@ class _TwoContactFrame:
         there = [_along(each, foot[own]) for each, own in zip(moved, self.of_camera, strict=True)]
         return np.asarray((np.concatenate(there, axis=1) * normal).sum(axis=-1) / self.sigma_px)
 
-    def readings(self, wrench: np.ndarray, rig: Rig) -> np.ndarray:
+    def readings(self, wrench: np.ndarray) -> np.ndarray:
         """(K, R) what the sensors read, in their standard deviations, of wrenches (K, 7)."""
-        by_wrench = self.arrays.by_wrench if rig is self.rig else RigArrays.from_rig(rig, 0.0, False).by_wrench
-        return self.available * (wrench @ by_wrench[: len(self.available)].T)
+        return np.asarray(self.available * (wrench @ self.arrays.by_wrench[: len(self.available)].T))
 
-    def fit(self, unknowns: np.ndarray, free: Sequence[int], start: np.ndarray | None = None) -> _TwoContactFit | None:
-        """Residuals and derivatives at some unknowns, of which `free` are solved for."""
+    def fit(
+        self,
+        unknowns: np.ndarray,
+        free: Sequence[int],
+        start: np.ndarray | None = None,
+        errors: np.ndarray | None = None,
+    ) -> _TwoContactFit | None:
+        """Residuals and derivatives at some unknowns, of which `free` are solved for, and errors of the rig, or none."""
         step = self.settings.difference
         trials = np.tile(unknowns, (1 + len(free), 1))
         trials[1 + np.arange(len(free)), free] += step * np.where(np.isin(free, (NEAR, FAR)), -1.0, 1.0)
@@ -241,17 +265,15 @@ class _TwoContactFrame:
         moved = self.across(pixels[:, 1:] - pixels[:, :1], foot, normal)
         columns = np.zeros((len(foot) + len(self.reading) + 4, 8))
         signs = np.where(np.isin(free, (NEAR, FAR)), -1.0, 1.0) / step
-        read, bent = self.readings(shape.wrench, self.rig), self._bends(trials)
+        read, bent = self.readings(shape.wrench), self._bends(trials)
         for row, (column, sign) in enumerate(zip(free, signs, strict=True)):
             columns[: len(foot), column] = sign * moved[row]
             changes = np.concatenate([read[1 + row] - read[0], bent[1 + row] - bent[0]])
             columns[len(foot) :, column] = sign * changes
         residuals = np.concatenate([distance / self.sigma_px, self.available * self.reading - read[0], -bent[0]])
-        errors, left = np.zeros(self.by_rig.shape[1]), residuals
-        for _ in range(2 if len(errors) else 0):
-            weighted = HUBER.weights(left)[:, None] * self.by_rig
-            errors = np.linalg.solve(np.eye(len(errors)) + self.by_rig.T @ weighted, weighted.T @ residuals)
-            left = residuals - self.by_rig @ errors
+        if errors is None or len(errors) != self.by_rig.shape[1]:
+            errors = np.zeros(self.by_rig.shape[1])
+        left = residuals - self.by_rig @ errors
         cost = HUBER.losses(left).sum() + 0.5 * float(errors @ errors + self.prior @ unknowns**2)
         return _TwoContactFit(unknowns, residuals, columns, errors, left, float(cost), foot, normal, shape)
 
@@ -261,17 +283,19 @@ class _TwoContactFrame:
         weights = [unit * place**2 * (3.0 - place) / 2.0 for place in unknowns[:, [NEAR, FAR]].T]
         return np.column_stack([weights[0], weights[0], weights[1], weights[1]]) * unknowns[:, [1, 2, 5, 6]]
 
-    def descended(self, unknowns: np.ndarray, free: Sequence[int], iterations: int = 40) -> _TwoContactFit | None:
-        """The least cost near some unknowns, the errors of the rig and of the found line marginalised."""
+    def descended(
+        self, unknowns: np.ndarray, free: Sequence[int], iterations: int = 40, errors: np.ndarray | None = None
+    ) -> _TwoContactFit | None:
+        """The least cost near some unknowns and errors of the rig and of the found line, which are solved for, too."""
         forces = np.isin(np.arange(8), (1, 2, 5, 6))
         first = None
         for share in (1.0, 0.5, 0.2):  # small deflections' forces may be too large for any rod
-            first = first or self.fit(np.where(forces, share * unknowns, unknowns), free)
+            first = first or self.fit(np.where(forces, share * unknowns, unknowns), free, errors=errors)
         if first is None:
             return None
 
         def step(at: _TwoContactFit, damping: float) -> tuple[np.ndarray, float]:
-            information, pull = self._equations(at, at.columns[:, free])
+            information, pull, mixed, own, pull_of_rig = self._equations(at, at.columns[:, free])
             information += np.diag(self.prior[free])
             pull -= (self.prior * at.unknowns)[free]
             # a place at its limit that would go further stays
@@ -281,20 +305,28 @@ class _TwoContactFrame:
             damped[pull == 0.0, :] = damped[:, pull == 0.0] = 0.0
             damped[pull == 0.0, pull == 0.0] = 1.0
             move = np.linalg.solve(damped, pull)
-            return move, float(move @ pull - 0.5 * move @ information @ move)
+            by_rig = np.linalg.solve(own, pull_of_rig) if len(own) else pull_of_rig
+            promise = move @ pull - 0.5 * move @ information @ move + 0.5 * pull_of_rig @ by_rig
+            return np.append(move, by_rig - np.linalg.solve(own, mixed @ move)), float(promise)
 
         def moved(at: _TwoContactFit, move: np.ndarray) -> _TwoContactFit | None:
-            return self.fit(self._limited(at.unknowns, free, move), free, at.shape.solution[0])
+            unknowns = self._limited(at.unknowns, free, move[: len(free)])
+            return self.fit(unknowns, free, at.shape.solution[0], at.errors + move[len(free) :])
 
-        rules = Rules(iterations=iterations, standstill=1e-3, damping=1e-2, takes_last=True)
+        # the valleys are bent: after a step that failed, and one that did not, the next needs nearly the same damping
+        rules = Rules(iterations, standstill=1e-2, takes_last=True, damping=1e-2, growth=3.0, relief=0.5)
         return levenberg_marquardt(first, step, moved, rules)[0]
 
-    def _equations(self, at: _TwoContactFit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Information (F, F) and pull (F,) of the residuals by columns (M, F), the rig's errors marginalised."""
-        weighted = HUBER.weights(at.left)[:, None] * columns
-        mixed = self.by_rig.T @ weighted
-        own = np.eye(len(mixed)) + self.by_rig.T @ (HUBER.weights(at.left)[:, None] * self.by_rig)
-        return columns.T @ weighted - mixed.T @ np.linalg.solve(own, mixed), weighted.T @ at.left
+    def _equations(self, at: _TwoContactFit, columns: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Information (F, F) and pull (F,) of the residuals by columns (M, F), the rig's errors marginalised; mixed
+        information (R, F), and information (R, R) and pull (R,) of these errors."""
+        weights = HUBER.weights(at.left)
+        weighted, of_rig = weights[:, None] * columns, weights[:, None] * self.by_rig
+        mixed, own = self.by_rig.T @ weighted, np.eye(self.by_rig.shape[1]) + self.by_rig.T @ of_rig
+        pull_of_rig = of_rig.T @ at.left - at.errors
+        by_mixed = np.linalg.solve(own, mixed)
+        information = columns.T @ weighted - mixed.T @ by_mixed
+        return information, weighted.T @ at.left - by_mixed.T @ pull_of_rig, mixed, own, pull_of_rig
 
     def _limited(self, unknowns: np.ndarray, free: Sequence[int], move: np.ndarray) -> np.ndarray:
         """Moved, with the contacts on the antenna, in their order and apart."""
@@ -305,23 +337,32 @@ class _TwoContactFrame:
         return found
 
     @cached_property
-    def nuisances(self) -> list[Rig]:
-        """The rig moved along each of its independent axes."""
-        return [self.rig.moved(self.settings.axis_step * axis) for axis in self.arrays.axes.T]
+    def nuisances(self) -> list[list[tuple[float, Rig, np.ndarray]]]:
+        """The rig moved along each of its independent axes, and to the other side: by how many deviations, and its
+        sensors' readings by the wrench. Made once for an estimator's rig."""
+        return _moved_rigs(self.arrays)
 
     def rig_slopes(self, at: _TwoContactFit) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the residuals' predictions (M, R + L) and of the outputs (14, R + L) by the rig's axes and
         the found line's own errors, in their standard deviations."""
         base = self.pictures(at.shape.points_m, self.rig)[:, :1]
-        read, outputs = self.readings(at.shape.wrench[:1], self.rig)[0], self.outputs(at.shape, 0, at.unknowns)
+        read, outputs = self.readings(at.shape.wrench[:1])[0], self.outputs(at.shape, 0, at.unknowns)
         columns, moved_outputs = [], []
-        for rig in self.nuisances:
-            shape = self.shape(at.unknowns[None], rig, at.shape.solution[0])
-            if shape is None:
+        self.unmoved = 0
+        for sides in self.nuisances:
+            tried = ((*side, self.shape(at.unknowns[None], side[1], at.shape.solution[0])) for side in sides)
+            step, rig, by_wrench, shape = next(
+                (one for one in tried if one[3] is not None), (1.0, self.rig, None, None)
+            )
+            if shape is None or by_wrench is None:
+                # without an equilibrium to either side nobody knows what this error does
+                self.unmoved += 1
+                columns.append(np.zeros(len(at.residuals)))
+                moved_outputs.append(np.zeros(14))
                 continue
             across = self.across(self.pictures(shape.points_m, rig) - base, at.foot, at.normal)[0]
-            step = self.settings.axis_step
-            columns.append(np.concatenate([across, self.readings(shape.wrench, rig)[0] - read, np.zeros(4)]) / step)
+            changes = self.available * (shape.wrench[0] @ by_wrench.T) - read
+            columns.append(np.concatenate([across, changes, np.zeros(4)]) / step)
             moved_outputs.append((self.outputs(shape, 0, at.unknowns) - outputs) / step)
         along = 2.0 * np.interp(at.foot, np.arange(base.shape[2]), at.shape.arclength_m[0]) / self.arrays.length_m - 1.0
         shapes = (np.ones(len(along)), along, 1.5 * along**2 - 0.5)
@@ -351,8 +392,8 @@ class _TwoContactFrame:
         before = self.by_rig
         for _ in range(self.settings.rounds):
             self.by_rig, outputs = self.rig_slopes(at)
-            again = self.fit(at.unknowns, free, at.shape.solution[0])
-            further = self.descended(at.unknowns, free) if again is not None else None
+            again = self.fit(at.unknowns, free, at.shape.solution[0], at.errors)
+            further = self.descended(at.unknowns, free, errors=at.errors) if again is not None else None
             if again is None or further is None:
                 break
             gained, at = again.cost - further.cost, further
@@ -364,13 +405,26 @@ class _TwoContactFrame:
         self.by_rig = before
         return at, np.linalg.pinv(information, hermitian=True), outputs
 
-    def single_cost(self, one: np.ndarray) -> float:
-        """The cost of the best single contact near unknowns (4,), with the rig's errors free; infinite without one."""
+    def single_cost(self, one: np.ndarray, enough: float) -> float:
+        """The cost of the best single contact near unknowns (4,), with the rig's errors free; infinite without one. A
+        descent that is far above `enough`, by what its steps promise, ends there."""
         unknowns = np.concatenate([[self.settings.nearest, 0.0, 0.0, 0.0], np.nan_to_num(one)])
         unknowns[FAR] = np.clip(unknowns[FAR], 2.0 * self.settings.nearest, 1.0)
         free = [4, 5, 6, 7] if self.arrays.friction_rad > 0.0 else [4, 5, 6]
-        fit = self.descended(unknowns, free)
-        return np.inf if fit is None else self.marginal(fit, free)[0].cost
+        fit = self.descended(unknowns, free, self.settings.first_steps)
+        if fit is None:
+            return np.inf
+        before, self.by_rig = self.by_rig, self.rig_slopes(fit)[0]
+        rough = self.descended(fit.unknowns, free, self.settings.first_steps)
+        if rough is not None:
+            information, pull, _, own, of_rig = self._equations(rough, rough.columns[:, free])
+            information += np.diag(self.prior[free])
+            pull -= (self.prior * rough.unknowns)[free]
+            promise = pull @ np.linalg.solve(information, pull) + of_rig @ np.linalg.solve(own, of_rig)
+            if rough.cost - self.settings.promises * 0.5 * promise > enough:
+                return rough.cost
+        self.by_rig = before
+        return self.marginal(fit, free)[0].cost
 
     def starts(self) -> list[_TwoContactFit]:
         """The pairs of places that explain most with the forces that are best for them, the best first."""
@@ -393,10 +447,10 @@ class _TwoContactFrame:
                 moved = self.pictures(base + 1e-3 * deflection[:, None] * force, rig) - self.pictures(base, rig)
                 bent.append(1e3 * self.across(moved[:, None], free.foot, free.normal)[0])
                 wrench = np.concatenate([force, np.cross([at_m, 0.0, 0.0], force), [0.0]])
-                read.append(self.readings(wrench[None], rig)[0])
+                read.append(self.readings(wrench[None])[0])
         design = np.column_stack([np.array(bent), np.array(read)]).T
         design = np.vstack([design, np.zeros((4, design.shape[1]))])
-        products, pulls = self._equations(free, design)
+        products, pulls = self._equations(free, design)[:2]
         tried = []
         for near, far in combinations(range(places), 2):
             own = [2 * near, 2 * near + 1, 2 * far, 2 * far + 1]
@@ -407,6 +461,7 @@ class _TwoContactFrame:
             unknowns = np.array([(near + 1) / places, *forces[:2], 0.0, (far + 1) / places, *forces[2:], 0.0])
             tried.append((gained, unknowns))
         # at large deflections other forces explain most, and other places
+        tried = sorted(tried, key=lambda one: -one[0])[: settings.likely]
         fits = [self.descended(unknowns, [1, 2, 5, 6], settings.tries) for _, unknowns in tried]
         return sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.cost)[: settings.starts]
 
@@ -482,7 +537,7 @@ def _best_pair(
     if not found:
         return None
     at, covariance, by_rig = model.marginal(found[0], every)
-    misfit, scatter = _misfit(at)
+    unmoved, (misfit, scatter) = model.unmoved, _misfit(at)
     # the derivatives of the outputs by the unknowns
     step, unknowns = settings.difference, at.unknowns
     trials = np.tile(unknowns, (1 + len(every), 1))
@@ -503,7 +558,8 @@ def _best_pair(
             if away.any() and again[0].cost < at.cost + settings.alternative * scatter**2:
                 other = again[0].unknowns[[NEAR, FAR]] * model.arrays.length_m
                 break
-    gain = (model.single_cost(one) - at.cost) / scatter**2
+    enough = at.cost + settings.clear * settings.gain * scatter**2
+    gain = (model.single_cost(one, enough) - at.cost) / scatter**2
     contacts = [settings.steps, 2 * settings.steps]
     free = model.shape(unknowns[None] * ~np.isin(np.arange(8), (1, 2, 5, 6)), model.rig)
     return _Pair(
@@ -518,6 +574,7 @@ def _best_pair(
         misfit=misfit,
         length_m=model.arrays.length_m,
         other=other,
+        unmoved=unmoved,
     )
 
 
