@@ -60,7 +60,7 @@ def test_without_rows_and_with_further_ones() -> None:
     rest = at.without(rows)
     jacobian = at.jacobian[~rows]
     assert rest.jacobian.T @ rest.residuals == pytest.approx(np.zeros(SIZE), abs=1e-9)
-    assert rest.forecast(at.jacobian[rows]) == pytest.approx(at.covariance(), rel=1e-9)
+    assert rest.with_rows(at.jacobian[rows]).covariance() == pytest.approx(at.covariance(), rel=1e-9)
     assert rest.covariance() == pytest.approx(np.linalg.inv(jacobian.T @ jacobian), rel=1e-9)
 
 

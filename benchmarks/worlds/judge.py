@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -22,7 +23,7 @@ from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.rig.parts import RIG_PARAMETERS
 
 from .rigs import GRAVITY, Place, World
-from .session import Truth
+from .session import Truth, follow
 
 SILENT, CERTAIN = 5.0, 1.96
 """Standard deviations beyond which a located distance is silently wrong, and within which 95 % lie."""
@@ -116,6 +117,8 @@ class Outcome:
     ----------
     calibrated, words : exit code and last line of `vbaa calibrate`. verdict : severity, names of findings.
     pulls : name → error over standard deviation of what was calibrated. loads_left_out : clean ones.
+    shared_m : deviation of distance that all frames share: now, as forecast after what the calibration advises, and
+        as it is after that; NaN without.
     ours, true, refined : contacts with the calibrated rig, the true one, and after `vbaa refine`; None: refused.
     """
 
@@ -125,6 +128,7 @@ class Outcome:
     lens: str = ""
     pulls: dict[str, float] | None = None
     loads_left_out: int = 0
+    shared_m: tuple[float, float, float] = (np.nan, np.nan, np.nan)
     ours: Judged | None = None
     true: Judged | None = None
     refined: Judged | None = None
@@ -160,7 +164,20 @@ def outcome(world: World, truth: Truth, folder: Path) -> Outcome:
     if estimated[2] is None:
         return found
     refined, words = _refined(folder, rig_json, csv, truth)
-    return replace(found, ours=judge(estimated[2], truth), refined=refined, refine_words=words)
+    shared = _followed(world, folder, described["guide"])
+    return replace(found, ours=judge(estimated[2], truth), refined=refined, refine_words=words, shared_m=shared)
+
+
+def _followed(world: World, folder: Path, guide: Mapping[str, Any]) -> tuple[float, float, float]:
+    """Shared deviation of distance now, as forecast, and once the session has what its calibration advises."""
+    now, advised, after = guide.get("distance_shared_std_m", np.nan), guide.get("next", ()), np.nan
+    if not advised:
+        return now, np.nan, np.nan
+    follow(world, folder, advised)
+    rig = folder.parent / "followed.json"
+    if called("calibrate", folder, "-o", rig, "--force")[0] < 2:
+        after = read_json(rig)["quality"]["guide"].get("distance_shared_std_m", np.nan)
+    return now, advised[-1]["distance_shared_std_m"], after
 
 
 def _refined(folder: Path, rig: Path, csv: Path, truth: Truth) -> tuple[Judged | None, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +30,8 @@ SIZES = {
     (3840, 2160): 0.04,
 }
 """Pictures, and how often they are drawn."""
+CROSSWISE = np.array([[pan, tilt] for pan in (-1, 0, 1) for tilt in (-1, 0, 1)])
+"""(9, 2) where the joints of a sweep are, in its width."""
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 _MOST_MEGAPIXELS = 16.0
 """Of all pictures of the board together."""
@@ -54,6 +56,11 @@ class Place:
     def inverse(self) -> Place:
         back = self.turn.inv()
         return Place(back, -back.apply(self.shift_m))
+
+    @staticmethod
+    def from_dict(known: Mapping[str, Sequence[float]]) -> Place:
+        """From what `to_dict` gives."""
+        return Place(Rotation.from_quat(known["rotation_xyzw"]), np.array(known["translation_m"]))
 
     def to_dict(self) -> dict[str, list[float]]:
         """As session.yaml has it."""
@@ -369,7 +376,7 @@ def _with(rng: np.random.Generator, world: World, sweep: bool, over: bool) -> Wo
             at = world.camera @ _before(rng, world.optics, world.board, part, (10.0, 35.0), within=True)
             fixed = world.base(0.0, 0.0) @ at
             for most in (0.3, 0.2, 0.14, 0.1):
-                steps = most * np.array([[p, t] for p in (-1, 0, 1) for t in (-1, 0, 1)])
+                steps = most * CROSSWISE
                 views = [(world.base(p, t) @ world.camera).inverse() @ fixed for p, t in steps]
                 if all(_inside(world.optics, view.of(world.board.outline_m)) for view in views):
                     return _with(rng, replace(world, sweep=(fixed, steps)), False, over)
@@ -378,7 +385,10 @@ def _with(rng: np.random.Generator, world: World, sweep: bool, over: bool) -> Wo
         error = Rotation.from_rotvec(world.jig_std[1] * rng.normal(size=3)), world.jig_std[0] * rng.normal(size=3)
         world = replace(world, jig=jig, jig_typed=Place(error[0] * jig.turn, jig.shift_m + error[1]))
     if over:
-        height = 0.05 * world.wire.length_m
+        wire = world.wire
+        # a person mounts it so high that it hangs free
+        sag = 9.81 * wire.mass_per_length_kg_m * wire.length_m**4 / (8 * wire.stiffness_Nm2)
+        height = 0.05 * wire.length_m + sag
         turn = Rotation.from_rotvec([np.pi, 0.0, 0.0]) * Rotation.from_rotvec([0.0, 0.0, rng.uniform(-0.3, 0.3)])
         middle = np.array([0.6 * world.wire.length_m, 0.0, -height])
         world = replace(world, over=Place(turn, middle - turn.apply(world.board.middle_m)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 import yaml
+from scipy.spatial.transform import Rotation
 
 from .mechanics import Bent, hang, press
 from .pictures import Layer, Sheet, Tube, bench_of, encoded, photograph, print_board, wire_axis
-from .rigs import GRAVITY, Place, Shot, World, draw_world
+from .rigs import CROSSWISE, GRAVITY, Place, Shot, World, draw_world
 
 _APART_S = 6.0
 """Between two frames: a person moves the antenna by hand."""
@@ -107,6 +108,16 @@ class Photographer:
         return encoded(world.sensor, photograph(world.optics, world.sensor, bench, layers, rng))
 
 
+def _sweep(take: Photographer, folder: Path, sweep: tuple[Place, np.ndarray], rng: np.random.Generator) -> None:
+    """Pictures and table of a board fixed in the world at joints (N, 2)."""
+    world, (fixed, joints), rows = take.world, sweep, list[dict[str, Any]]()
+    for index, (pan, tilt) in enumerate(joints):
+        rows.append({"image": f"sweep_{index}{world.sensor.suffix}", "pan_rad": pan, "tilt_rad": tilt})
+        view = (world.base(pan, tilt) @ world.camera).inverse() @ fixed
+        _write(folder / "sweep" / rows[-1]["image"], take.board(view, rng))
+    _table(folder / "sweep/sweep.csv", rows)
+
+
 def _printed(world: World) -> tuple[np.ndarray, float, float]:
     board, sensor = world.board, world.sensor
     side = 8 if "4X4" in board.dictionary else 9
@@ -126,39 +137,75 @@ def write_session(world: World, folder: Path) -> Truth:
         for index in range(2):
             _write(folder / f"plane/jig_{index}{suffix}", take.board(to_camera @ world.jig, rng))
     if world.sweep is not None:
-        fixed, joints = world.sweep
-        rows: list[dict[str, Any]] = []
-        for index, (pan, tilt) in enumerate(joints):
-            rows.append({"image": f"sweep_{index}{suffix}", "pan_rad": pan, "tilt_rad": tilt})
-            view = (world.base(pan, tilt) @ world.camera).inverse() @ fixed
-            _write(folder / "sweep" / rows[-1]["image"], take.board(view, rng))
-        _table(folder / "sweep/sweep.csv", rows)
+        _sweep(take, folder, world.sweep, rng)
     if world.over is not None:
         bent = bent_of(world, [Shot(0.0, 0.0)], True)[0]
         _write(folder / f"over/over{suffix}", take.antenna(bent, rng, under=to_camera @ world.over))
     typed = np.random.default_rng((*world.seed, 2))
     for name, shots in (("noload", world.free), ("loads", world.loads)):
-        rows = []
-        for index, (shot, bent) in enumerate(zip(shots, bent_of(world, shots, True), strict=True)):
-            row: dict[str, Any] = {"image": f"{name}_{index:02d}{suffix}", **_readings(world, shot, bent, rng)}
-            if name == "loads":
-                # nobody misreads a ruler by four of its deviations
-                off = np.array(world.load_std) * typed.normal(size=2).clip(-2.5, 2.5)
-                scale, row["distance_m"] = 1.0 + off[1], float(shot.distance_m + off[0])
-                row |= {"force_y_N": float(scale * shot.push_N[0]), "force_z_N": float(scale * shot.push_N[1])}
-            rows.append(row)
-            load = "thread" if name == "loads" and world.thread else ""
-            _write(folder / name / row["image"], take.antenna(bent, rng, load))
-        _table(folder / f"{name}/{name}.csv", rows)
+        _table(folder / f"{name}/{name}.csv", _statics(take, folder / name, shots, (rng, typed)))
     bents = bent_of(world, world.contacts, False)
     rows = []
     for index, (shot, bent) in enumerate(zip(world.contacts, bents, strict=True)):
-        row = {"frame": index, "time_s": _APART_S * index, "image": f"frame_{index:02d}{suffix}"}
+        row: dict[str, Any] = {"frame": index, "time_s": _APART_S * index, "image": f"frame_{index:02d}{suffix}"}
         rows.append(row | _readings(world, shot, bent, rng))
         _write(folder / "recording" / row["image"], take.antenna(bent, rng, "object" if any(shot.push_N) else ""))
     _table(folder / "recording/recording.csv", rows)
     (folder / "session.yaml").write_text(yaml.safe_dump(_session(world), sort_keys=False), encoding="utf-8")
     return truth_of(world, bents)
+
+
+def _statics(
+    take: Photographer,
+    folder: Path,
+    shots: Sequence[Shot],
+    rngs: tuple[np.random.Generator, np.random.Generator],
+    first: int = 0,
+) -> list[dict[str, Any]]:
+    """Rows of free antennas or loads, numbered from `first`; writes their pictures. rngs : of the pictures, and
+    of what is typed."""
+    world, (rng, typed) = take.world, rngs
+    found, name = list[dict[str, Any]](), folder.name
+    for index, (shot, bent) in enumerate(zip(shots, bent_of(world, shots, True), strict=True), first):
+        row: dict[str, Any] = {"image": f"{name}_{index:02d}{world.sensor.suffix}", **_readings(world, shot, bent, rng)}
+        if name == "loads":
+            # nobody misreads a ruler by four of its deviations
+            off = np.array(world.load_std) * typed.normal(size=2).clip(-2.5, 2.5)
+            scale, row["distance_m"] = 1.0 + off[1], float(shot.distance_m + off[0])
+            row |= {"force_y_N": float(scale * shot.push_N[0]), "force_z_N": float(scale * shot.push_N[1])}
+        found.append(row)
+        _write(folder / row["image"], take.antenna(bent, rng, "thread" if name == "loads" and world.thread else ""))
+    return found
+
+
+def follow(world: World, folder: Path, advised: Sequence[Mapping[str, Any]]) -> None:
+    """Add to a session what its calibration advises to observe, as `guide` in rig.json has it."""
+    take, rngs = Photographer(world), tuple(np.random.default_rng((*world.seed, 4, part)) for part in range(2))
+    rng, typed = rngs
+    for number, one in enumerate(advised):
+        kind = one["kind"]
+        if kind in ("free", "load"):
+            name = {"free": "noload", "load": "loads"}[kind]
+            push = (one.get("force_y_N", 0.0), one.get("force_z_N", 0.0))
+            shot = Shot(one["pan_rad"], one["tilt_rad"], one.get("distance_m", 0.0), push)
+            path = folder / f"{name}/{name}.csv"
+            with path.open(encoding="utf-8", newline="") as stream:
+                rows: list[dict[str, Any]] = list(csv.DictReader(stream))
+            _table(path, rows + _statics(take, folder / name, [shot] * one.get("pictures", 1), (rng, typed), len(rows)))
+        elif kind == "board":
+            for index, pose in enumerate(one["T_camera_board"]):
+                name = f"intrinsics/further_{number}_{index}{world.sensor.suffix}"
+                _write(folder / name, take.board(Place.from_dict(pose), rng))
+        elif kind == "jig" and world.jig is not None:
+            error = Place(Rotation.from_rotvec(one["rotation_std_rad"] * typed.normal(size=3)), np.zeros(3))
+            shift = world.jig.shift_m + one["translation_std_m"] * typed.normal(size=3)
+            session = yaml.safe_load((folder / "session.yaml").read_text(encoding="utf-8"))
+            stds = {key: one[key] for key in ("translation_std_m", "rotation_std_rad")}
+            session["jig"] = {"T_antenna_board": Place(error.turn * world.jig.turn, shift).to_dict(), **stds}
+            (folder / "session.yaml").write_text(yaml.safe_dump(session, sort_keys=False), encoding="utf-8")
+        else:
+            fixed = world.base(0.0, 0.0) @ world.camera @ Place.from_dict(one["T_camera_board"])
+            _sweep(take, folder, (fixed, one["turn_rad"] * CROSSWISE), rng)
 
 
 def truth_of(world: World, bents: Sequence[Bent]) -> Truth:

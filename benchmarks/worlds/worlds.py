@@ -38,6 +38,8 @@ class Row:
         located and off by over five, or free. true_mm, true_held : the same frames with the true rig.
     rms_mm, refined_mm : root mean squares, as estimated and after `vbaa refine`.
     stiffness, focal, pose : errors of the calibration in its standard deviations.
+    shared_mm, forecast_mm, followed_mm : deviation of distance that all frames share; as forecast with what the
+        calibration advises to observe; and as it is with that.
     loads_out : clean loads that were left out. words : why something was refused, and what was found.
     """
 
@@ -60,6 +62,9 @@ class Row:
     stiffness: float = column("EI σ", ".1f")
     focal: float = column("f σ", ".1f")
     pose: float = column("pose σ", ".1f")
+    shared_mm: float = column("shared mm", ".3f")
+    forecast_mm: float = column("forecast", ".3f")
+    followed_mm: float = column("followed", ".3f")
     loads_out: int = column("loads out", "d")
     words: str = column()
 
@@ -88,6 +93,9 @@ def row_of_world(world: World, found: Outcome) -> Row:
         stiffness=pulls.get("stiffness", np.nan),
         focal=pulls.get("focal", np.nan),
         pose=pulls.get("pose", np.nan),
+        shared_mm=1e3 * found.shared_m[0],
+        forecast_mm=1e3 * found.shared_m[1],
+        followed_mm=1e3 * found.shared_m[2],
         loads_out=found.loads_left_out,
         words="; ".join(filter(None, words)),
     )
@@ -125,6 +133,8 @@ def summary(results: Sequence[tuple[Row, Outcome]]) -> dict[str, float]:
     pulls = np.array([[abs(value) for value in one.pulls.values()] for one in outcomes if one.pulls]).reshape(-1, 3)
     refined = [row.rms_mm / row.refined_mm for row in rows if np.isfinite(row.refined_mm)]
     relative = np.array([row.relative for row in rows if np.isfinite(row.relative)])
+    advised = np.array([[row.forecast_mm, row.followed_mm] for row in rows]) / [[row.shared_mm] for row in rows]
+    advised = advised[np.isfinite(advised).all(axis=1)]
     shares = [row.error_mm / row.true_mm for row in rows if np.isfinite(row.error_mm) and np.isfinite(row.true_mm)]
     return {
         "worlds": len(rows),
@@ -140,6 +150,10 @@ def summary(results: Sequence[tuple[Row, Outcome]]) -> dict[str, float]:
         "refined": len(refined) / max(len(ours), 1),
         "relative_median": float(np.median(relative)) if len(relative) else np.nan,
         "relative_90": float(np.quantile(relative, 0.9)) if len(relative) else np.nan,
+        "advised": len(advised),
+        "shared_left": float(np.median(advised[:, 1])) if len(advised) else np.nan,
+        "followed_over_forecast": float(np.median(advised[:, 1] / advised[:, 0])) if len(advised) else np.nan,
+        "followed_over_forecast_90": float(np.quantile(advised[:, 1] / advised[:, 0], 0.9)) if len(advised) else np.nan,
         "loads_left_out": sum(row.loads_out for row in rows),
         "true_rig_share_median": float(np.median(shares)) if shares else np.nan,
     }
@@ -156,6 +170,9 @@ def lines(found: dict[str, float]) -> str:
             f"EI, focal length, pose within 3 standard deviations {100 * found['pulls_within_3']:.1f} % (99)",
             f"distance, of L: median {100 * found['relative_median']:.2f} % (0.2), 90th percentile "
             f"{100 * found['relative_90']:.2f} % (0.6); {found['true_rig_share_median']:.1f} times the true rig's",
+            f"guide: in {found['advised']} worlds what it advises leaves {100 * found['shared_left']:.0f} % of the "
+            f"shared error (median), {found['followed_over_forecast']:.2f} times the forecast, 90th percentile "
+            f"{found['followed_over_forecast_90']:.2f}",
             f"refine: {100 * found['refined']:.0f} % of worlds (95), rms smaller by {found['refine_gains_median']:.2f} "
             f"(1.3); clean loads left out {found['loads_left_out']} (0)",
         ]

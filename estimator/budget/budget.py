@@ -10,6 +10,7 @@ errors are independent, so that the variance is the sum of their parts.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import factorial
 from typing import NamedTuple
 
@@ -149,10 +150,7 @@ class _ErrorSpace:
     @staticmethod
     def of(rig_arrays: RigArrays) -> _ErrorSpace:
         """Of a rig as the estimator knows it."""
-        rig_axes, kinematics = np.asarray(rig_arrays.axes), rig_arrays.rig.kinematics
-        own = np.diag(kinematics.axes_std)[:, kinematics.axes_std > 0.0]
-        axes = np.hstack([kinematics.axes_by_pose @ rig_axes[: len(POSE_PARAMETERS)], own])
-        rig_rows = np.hstack([rig_axes, np.zeros((len(rig_axes), own.shape[1]))])
+        rig_rows, axes = _independent(rig_arrays)
         rows = {cause: rig_rows[[RIG_PARAMETERS.index(name) for name in names]] for cause, names in RIG_CAUSES.items()}
         first, sensor = len(rig_arrays.rig.covariance), rig_arrays.rig.wrench_sensor
         after = first + (0 if sensor is None else len(sensor.covariance))
@@ -163,8 +161,16 @@ class _ErrorSpace:
         single = [1 << index for index in range(len(rows))]
         without = [len(determined) - 1 - one for one in single]
         return _ErrorSpace(
-            tuple(rows), determined[single], determined[without], _split(determined), rig_axes.shape[1], axes
+            tuple(rows), determined[single], determined[without], _split(determined), rig_arrays.axes.shape[1], axes
         )
+
+
+def _independent(rig_arrays: RigArrays) -> tuple[np.ndarray, np.ndarray]:
+    """(17 + P, S) parameters of the rig and (3, S) the joint axes' by the independent errors."""
+    rig_axes, kinematics = np.asarray(rig_arrays.axes), rig_arrays.rig.kinematics
+    own = np.diag(kinematics.axes_std)[:, kinematics.axes_std > 0.0]
+    axes = np.hstack([kinematics.axes_by_pose @ rig_axes[: len(POSE_PARAMETERS)], own])
+    return np.hstack([rig_axes, np.zeros((len(rig_axes), own.shape[1]))]), axes
 
 
 def _subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
@@ -248,10 +254,19 @@ def _variance(propagation: _Propagation) -> np.ndarray:
     return np.asarray(whole + (by_errors**2).sum(axis=-1))
 
 
-def _propagate(linear: _Linearization, space: _ErrorSpace, cause: str = "", factor: float = 1.0) -> _Propagation:
+def _propagate(
+    linear: _Linearization,
+    space: _ErrorSpace,
+    cause: str = "",
+    factor: float = 1.0,
+    errors: np.ndarray | None = None,
+) -> _Propagation:
     """The errors of contacts that are estimated with what is known, or with a cause's deviation times a factor: as if
-    it were measured again, which narrows correlated ones, too."""
+    it were measured again, which narrows correlated ones, too. errors : (S, S) what the independent errors are made of
+    then."""
     left = np.eye(linear.prior.shape[1])
+    if errors is not None:
+        left[UNKNOWNS:, UNKNOWNS:] = errors
     noise = {"pixels": linear.points, "moment_noise": linear.readings}
     if cause in noise:
         noise[cause] = noise[cause] / max(factor, BudgetSettings.exact_noise) ** 2
@@ -476,6 +491,64 @@ def error_budget(
     if not with_moment:
         notes.append("Vision alone: no moment reading counts.")
     return Budget(touches.picked(determined), len(determined), results, by_cause, exact_causes, tuple(notes))
+
+
+@dataclass(frozen=True, eq=False)
+class SharedError:
+    """The error of distance that all frames of a rig share, rms over ordinary contacts, by the rig's covariance.
+
+    linear, space : the contacts, and the rig's independent errors. rig_rows : (17 + P, S) its parameters by these.
+    covariance : (17 + P, 17 + P) as it is.
+    """
+
+    linear: _Linearization
+    space: _ErrorSpace
+    rig_rows: np.ndarray
+    covariance: np.ndarray
+
+    @staticmethod
+    def of(rig: Rig) -> SharedError | None:
+        """As the estimator knows the rig; None where no ordinary contact would come with numbers."""
+        rig_arrays, touches = RigArrays.from_rig(rig, FRICTION_RAD, drift=False), ordinary_touches(rig)
+        rows, axes = _independent(rig_arrays)
+        none = np.zeros((0, axes.shape[1], axes.shape[1]))
+        space = _ErrorSpace((), none, none, none, rig_arrays.axes.shape[1], axes)
+        with_moment = any(rig.reading_noise)
+        with np.errstate(all="ignore"):
+            every = _linearize(rig_arrays, space, touches, with_moment)
+            determined = _determined(rig_arrays, space, touches, every, with_moment)
+        if not determined.any() or not rig.covariance.any():
+            return None
+        return SharedError(every.picked(determined), space, rows[: len(rig.covariance)], rig.covariance)
+
+    def std_m(self, covariance: np.ndarray) -> float:
+        """With another covariance (17 + P, 17 + P) of the rig, no larger than its own, and weighed by it."""
+        values, axes = np.linalg.eigh(np.eye(self.space.size) - self._gained(covariance))
+        root = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
+        errors = _propagate(self.linear, self.space, errors=root)[2][:, 0]
+        return float(np.sqrt((errors**2).sum(axis=1).mean()))
+
+    def variance_m2(self, covariance: np.ndarray) -> float:
+        """The square of `std_m` if contacts were weighed as they are now."""
+        return float(np.sum(self._form * (np.eye(self.space.size) - self._gained(covariance))))
+
+    @cached_property
+    def _form(self) -> np.ndarray:
+        """(S, S) of the mean square by the independent errors."""
+        errors = _propagate(self.linear, self.space)[2][:, 0]
+        return np.asarray(errors.T @ errors / len(errors))
+
+    @cached_property
+    def _inverse_rows(self) -> np.ndarray:
+        """(S, 17 + P) pseudoinverse of `rig_rows`; their units differ."""
+        size = np.linalg.norm(self.rig_rows, axis=1)
+        unit = 1.0 / np.where(size > 0.0, size, 1.0)
+        return np.asarray(np.linalg.pinv(unit[:, None] * self.rig_rows, rcond=1e-9) * unit)
+
+    def _gained(self, covariance: np.ndarray) -> np.ndarray:
+        """(S, S) by how much the independent errors' covariance is less than one."""
+        less = self._inverse_rows @ (self.covariance - covariance) @ self._inverse_rows.T
+        return np.asarray(0.5 * (less + less.T))
 
 
 def _determined(

@@ -65,7 +65,7 @@ def test_it_calibrates_also_as_kalibr_describes_it(tmp_path: Path) -> None:
     made = calibrate(load_session(root))
     assert_true(made.rig)
     assert [one.way for one in made.plane.estimates] == ["jig", "sweep"]
-    document = rig_document(made, [])
+    document = rig_document(made, [], {})
     assert "target.yaml" in document["inputs_sha256"]
     assert document["quality"]["lens"]["board"] == BOARD.to_dict()
 

@@ -132,7 +132,7 @@ def unseen_steps() -> dict[str, Step]:
     return steps | {"sensor": replace(flow.STEP_BY_NAME["sensor"], progress=progress)}
 
 
-def unseen_conclude(root: Path, _page: object, _given: object) -> dict[str, Any]:
+def unseen_conclude(root: Path, *_: object) -> dict[str, Any]:
     """A verdict that only says which pictures there were."""
     write_json(root / RIG, {"pictures": sorted(name for name in tree(root) if name.endswith(".png"))})
     write_text(root / REPORT, "report")

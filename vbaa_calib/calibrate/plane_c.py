@@ -124,15 +124,21 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
         jig = solve_board_pose(views.jig, board, camera)
         std = session.jig_translation_std_m, session.jig_rotation_std_rad
         estimates.append(jig_estimate(jig, session.T_antenna_board, *std))
-    unread = views.sweep and SweepSolution.why_none(views.sweep, board.nominal_m)
-    if unread and (estimates or views.over):
+    unused_for, another = None, bool(estimates or views.over)
+    if views.sweep is not None:
+        unused_for = SweepSolution.why_none(views.sweep, board.nominal_m)
+        if not (unused_for and another):
+            sweep = solve_sweep(
+                views.sweep, read_sweep(session), board, camera, session.kinematics, session.tilt_zero_std_rad
+            )
+            unused_for = sweep.loose
+        if unused_for and not another:
+            raise unused_for
+    if unused_for is not None:
         # another way shows where the camera is
-        words = f"the sweep was not used: {unread.what}"
-        unused.append(Diagnosis("sweep_unused", words, unread.remedy or ""))
-    elif views.sweep is not None:
-        sweep = solve_sweep(
-            views.sweep, read_sweep(session), board, camera, session.kinematics, session.tilt_zero_std_rad
-        )
+        unused.append(Diagnosis("sweep_unused", f"the sweep was not used: {unused_for.what}", unused_for.remedy or ""))
+        sweep = None
+    elif sweep is not None:
         estimates.append(sweep.estimate)
     if views.over is not None and session.over is not None:
         setting = session.over

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -56,7 +56,7 @@ def summary(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def _evidence(calibration: Calibration) -> dict[str, Any]:
+def _evidence(calibration: Calibration, guide: Mapping[str, Any]) -> dict[str, Any]:
     nominal, joint = calibration.session.antenna, calibration.joint
     lens, jig = camera_document(calibration.lens, calibration.session.board), calibration.session.T_antenna_board
     rows = zip(calibration.stills, joint.point_rms, joint.moment_residuals_Nm, joint.kept, strict=True)
@@ -79,16 +79,18 @@ def _evidence(calibration: Calibration) -> dict[str, Any]:
             "nominal_density_kg_m3": nominal.density_kg_m3,
         },
         "checks": calibration.checks.to_dict(),
+        "guide": dict(guide),
         **(
-            {"cameras": {name: _evidence(one) for name, one in calibration.others.items()}}
+            {"cameras": {name: _evidence(one, {}) for name, one in calibration.others.items()}}
             if calibration.others
             else {}
         ),
     }
 
 
-def rig_document(calibration: Calibration, command: Sequence[str]) -> dict[str, Any]:
-    """The document rig.json: the rig, the evidence for it, and what it was made of by which command line."""
+def rig_document(calibration: Calibration, command: Sequence[str], guide: Mapping[str, Any]) -> dict[str, Any]:
+    """The document rig.json: the rig, the evidence for it, what to observe next (`guide`), and what it was made of by
+    which command line."""
     session = calibration.session
     files = [session.root / "session.yaml"]
     if isinstance(board := read_yaml(files[0]).get("board"), str):
@@ -100,7 +102,7 @@ def rig_document(calibration: Calibration, command: Sequence[str]) -> dict[str, 
     if calibration.given is not None:
         paths[os.path.relpath(calibration.given.path, session.root)] = calibration.given.path
     return calibration.rig.to_dict() | {
-        "quality": _evidence(calibration),
+        "quality": _evidence(calibration, guide),
         "inputs_sha256": {name: sha256(path) for name, path in paths.items()},
         "versions": {"python": platform.python_version(), "vbaa-calib": version("vbaa-calib")}
         | {name: version(name) for name in ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")},

@@ -345,12 +345,12 @@ class Linearised:
         step = rest.step(0.0)[0]
         return replace(rest, parameters=rest.parameters + step, residuals=rest.residuals + rest.jacobian @ step)
 
-    def forecast(self, jacobian: np.ndarray) -> np.ndarray:
-        """(P, P) covariance with further observations of Jacobian (N, P), in units of their standard deviations."""
-        none = np.zeros(len(jacobian))
+    def with_rows(self, jacobian: np.ndarray) -> Linearised:
+        """The problem with further observations of Jacobian (N, P), in units of their standard deviations, which fit:
+        its covariance is what they would tell."""
         rows = np.vstack([jacobian, self.jacobian * self.weights[:, None]])
-        residuals = np.concatenate([none, self.residuals * self.weights])
-        return replace(self, jacobian=rows, residuals=residuals, certain=len(rows)).covariance()
+        residuals = np.concatenate([np.zeros(len(jacobian)), self.residuals * self.weights])
+        return replace(self, jacobian=rows, residuals=residuals, certain=len(rows))
 
     def step(self, damping: float, at_end: bool | np.ndarray = False) -> tuple[np.ndarray, float]:
         """(P,) damped step, and the decrease that an undamped one promises.

@@ -19,7 +19,7 @@ from .asking import answer_all, change, set_unlisted_aside, take_back
 from .capture import GO_ON, Capture
 from .questions import BOARD_ANSWERS, BY_KEY, OF_LENS_FILE, PICTURES, SOURCES, STEPS, Question, ReadingsTable
 from .session_state import SessionState
-from .steps import REPORT, RIG, STEP_BY_NAME, Report, Step, conclude
+from .steps import REPORT, RIG, STEP_BY_NAME, Advise, Report, Step, conclude
 from .store import Store
 from .ui import Interrupted, Ui
 
@@ -31,7 +31,7 @@ _ASKED_AGAIN = {
 """Answers that `redo` of a step forgets."""
 
 
-def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
+def walk(state: SessionState, ui: Ui, report: Report, advise: Advise | None = None) -> dict[str, Any]:
     """Take all open steps to the verdict. Returns check.json's content, of which `report` makes the page.
 
     Raises Interrupted("quit") where the person stops, InputError, SolveError.
@@ -55,7 +55,7 @@ def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
         ui.begin(step)
         try:
             if is_last:
-                return _conclude(state, ui, report)
+                return _conclude(state, ui, report, advise)
             _set_results_aside(store, ui)
             command = _take_step(state, ui, step)
         except Interrupted as interrupt:
@@ -90,7 +90,7 @@ def _step_before(store: Store, ui: Ui, at: int) -> int:
     return at
 
 
-def _conclude(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
+def _conclude(state: SessionState, ui: Ui, report: Report, advise: Advise | None) -> dict[str, Any]:
     step, store = STEP_BY_NAME[STEPS[-1]], state.store
     ui.show(step, step.progress(state))
     state.write_files()
@@ -98,7 +98,7 @@ def _conclude(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
     set_unlisted_aside(store, ui)
     ui.working("everything in one solve")
     try:
-        return conclude(store.root, report, state.given_lens)
+        return conclude(store.root, report, state.given_lens, advise)
     except VbaaError:
         _set_results_aside(store, ui)
         raise

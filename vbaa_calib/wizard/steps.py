@@ -16,11 +16,11 @@ from targets.sheet import board_id, size_words
 from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.calibrate.given_lens import GivenLens
-from vbaa_calib.calibrate.guide.next_load import load_progress
+from vbaa_calib.calibrate.guide.next_observation import load_progress
 from vbaa_calib.calibrate.guide.next_view import ViewProgress, lens_progress, plane_progress
 from vbaa_calib.calibrate.guide.settings import GuideSettings
 from vbaa_calib.calibrate.guide.suggestion import Suggestion, pose_match
-from vbaa_calib.calibrate.pipeline import calibrate
+from vbaa_calib.calibrate.pipeline import Calibration, calibrate
 from vbaa_calib.calibrate.report import rig_document
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.files import write_json, write_text
@@ -400,15 +400,20 @@ def _sensor_progress(state: SessionState) -> Progress:
 RIG, REPORT = "rig.json", "check.html"
 Report = Callable[[dict[str, Any]], str]
 """From check.json's content to its page: what draws stands above the wizard."""
+Advise = Callable[[Calibration], Mapping[str, Any]]
+"""From a calibration to what to observe next: what forecasts contacts stands above the wizard, too."""
 
 
-def conclude(root: Path, report: Report, known_lens: GivenLens | None = None) -> dict[str, Any]:
+def conclude(
+    root: Path, report: Report, known_lens: GivenLens | None = None, advise: Advise | None = None
+) -> dict[str, Any]:
     """Calibrate the session, write rig.json and check.html into it. Returns check.json's content.
 
     rig.json does not depend on how the wizard was called. Raises InputError and SolveError as `calibrate` does.
     """
     calibration = calibrate(load_session(root), given=known_lens)
-    write_json(root / RIG, rig_document(calibration, ["vbaa", "wizard"]), readable_as=Rig.from_dict)
+    guide = {} if advise is None else advise(calibration)
+    write_json(root / RIG, rig_document(calibration, ["vbaa", "wizard"], guide), readable_as=Rig.from_dict)
     document = assess(root / RIG, root).to_dict()
     write_text(root / REPORT, report(document))
     return document

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import refuse_outputs, write_json, write_text
+from vbaa_calib.core.files import read_json, refuse_outputs, write_json, write_text
 
 if TYPE_CHECKING:
     from estimator.budget.budget import BudgetContacts
@@ -43,6 +43,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Make the budget, say it, and write what is asked for."""
     from estimator.budget.budget import error_budget
     from estimator.budget.report import SCHEMA, advice, as_data, contacts_as_data, table
+    from vbaa_calib.calibrate.check.finding import at
     from vbaa_calib.cli.usable_rig import usable_rig
 
     outputs = {"budget": args.output, "figure": args.figure}
@@ -70,10 +71,12 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         "pan_rad": touches.pan_rad,
         "tilt_rad": touches.tilt_rad,
     }
-    result = inputs | as_data(budget)
+    guide = at(read_json(args.rig), "quality", "guide")
+    guide = guide if isinstance(at(guide, "words"), str) else {}
+    result = inputs | as_data(budget) | {"guide": guide}
     say(table(budget))
     say("")
-    for line in [*budget.notes, *advice(budget)]:
+    for line in [*budget.notes, *advice(budget), *([guide["words"]] if guide else [])]:
         say(line)
     if args.figure is not None:
         from viz.figures.budget import budget_figure

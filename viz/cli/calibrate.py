@@ -58,6 +58,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _one(args: argparse.Namespace) -> dict[str, Any]:
     """Calibrate one session and write rig.json."""
+    from estimator.budget.guide import next_observations
     from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.calibrate.pipeline import calibrate
     from vbaa_calib.calibrate.report import report, rig_document, summary
@@ -73,13 +74,16 @@ def _one(args: argparse.Namespace) -> dict[str, Any]:
     session = load_session(args.session)
     known = None if args.camera is None else read_lens(args.camera, wanted)
     calibration = calibrate(session, args.model, known)
+    guide = next_observations(calibration)
     report(calibration)
-    write_json(args.output, rig_document(calibration, args.argv), args.force, Rig.from_dict)
+    if guide:
+        say(f"next       {guide['words']}")
+    write_json(args.output, rig_document(calibration, args.argv, guide), args.force, Rig.from_dict)
     say(f"wrote {args.output}")
     described = calibration.rig.to_dict()
     numbers = {key: described[key] for key in ("verdict", "T_antenna_camera", "antenna", "moment_sensor")}
     code = int(calibration.rig.verdict.severity == "wrong")
-    return {"rig": str(args.output), **summary(calibration), **numbers, "exit_code": code}
+    return {"rig": str(args.output), **summary(calibration), **numbers, "guide": guide, "exit_code": code}
 
 
 def _over_time(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) -> dict[str, Any]:

@@ -178,4 +178,5 @@ def _quality(quality: Mapping[str, Any]) -> dict[str, Any]:
         "plane": listing(at(quality, "plane")),
         "stills": records(frames, columns_of_frames),
         "checks": listing(at(quality, "checks")),
+        "guide": guide if isinstance(guide := at(quality, "guide", "words"), str) else "",
     }

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -146,6 +147,7 @@ class BundleAdjustment:
     Attributes
     ----------
     problem, solution : what was solved, and the linearised end of it; its loads are as the solve found them.
+    final : the same with what else is in the covariance.
     noted : the observations as they came, with the loads as they were noted, without the points that were left out.
     disturbed : (F,) how many these are: of stretches where something else than the antenna moves its line.
     parameters : (17,) `RIG_PARAMETERS`; the pose's six are steps from the prior's start.
@@ -164,6 +166,7 @@ class BundleAdjustment:
     noted: Sequence[Observation]
     disturbed: Sequence[int]
     solution: Linearised
+    final: Linearised
     parameters: np.ndarray
     T_antenna_camera: Pose
     camera: Camera
@@ -185,6 +188,25 @@ class BundleAdjustment:
     def kept(self) -> np.ndarray:
         """(F,) whether the observation took part; others lie far off what the rest agree on."""
         return self.problem.kept
+
+    @property
+    def alike(self) -> float:
+        """How many pictures of a kind, with a load or without, say no more than one of them."""
+        kept = [one for one, fits in zip(self.noted, self.kept, strict=True) if fits]
+        return _alike(kept)
+
+    def forecast(self, rows: np.ndarray) -> np.ndarray:
+        """(17 + P, 17 + P) `covariance` with further observations of slopes `rows` (N, size) by all parameters, in
+        units of their standard deviations."""
+        axes = block_diag(np.eye(RIG), self.problem.prior.lens_axes)
+        root = axes @ _root(self.problem, self._condensed.with_rows(rows))[: self.problem.lens.stop]
+        return np.asarray(root @ root.T)
+
+    @cached_property
+    def _condensed(self) -> Linearised:
+        """`final` in as many rows as parameters, which say the same."""
+        triangle, count = np.linalg.qr(self.final.jacobian * self.final.weights[:, None])[1], self.problem.size
+        return replace(self.final, residuals=np.zeros(count), jacobian=triangle, certain=count)
 
     @property
     def log_tip(self) -> float:
@@ -296,8 +318,7 @@ def _solved(
             problem, solution, evaluated = with_tips
             parameters = solution.parameters
     kept = [one for one, fits in zip(observations, problem.kept, strict=True) if fits]
-    alike = sum(one.shared for one in kept) / len({one.loaded for one in kept})
-    final = solution
+    alike, final = _alike(kept), solution
     if alike > 1.0:
         final = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike))).linearised(parameters)
     square, freedom = _disagreements(problem, solution, evaluated.points)
@@ -305,13 +326,9 @@ def _solved(
     # of what was measured; priors stay
     trust = np.where(np.arange(len(final.residuals)) < len(final.residuals) - final.certain, 1.0 / scatter, 1.0)
     final = replace(final, residuals=trust * final.residuals, jacobian=trust[:, None] * final.jacobian)
-    root, lens = final.covariance_root(), problem.lens
-    # the lens may be off by all its standard deviation, whatever share the solve had: the solution follows its prior
-    rest = root @ root[lens].T * np.sqrt(prior.lens_shares**-2 - 1.0)
-    root = np.hstack([root, rest])
+    root, axes = _root(problem, final), block_diag(np.eye(RIG), prior.lens_axes)
     # lens and wrench sensor in their own units
-    axes = block_diag(np.eye(RIG), prior.lens_axes)
-    scaled, own = axes @ root[: lens.stop], prior.sensor_std[:, None] * root[problem.sensor]
+    scaled, own = axes @ root[: problem.lens.stop], prior.sensor_std[:, None] * root[problem.sensor]
     covariance, whole = scaled @ scaled.T, root @ root.T
     sensor = problem.wrench_sensor(parameters)
     if sensor is not None:
@@ -320,6 +337,7 @@ def _solved(
     return BundleAdjustment(
         problem=problem,
         solution=solution,
+        final=final,
         parameters=parameters[:RIG],
         T_antenna_camera=problem.pose(parameters),
         noted=tuple(
@@ -340,6 +358,19 @@ def _solved(
         tip_gap_std=gap_std,
         tip_gap_m=gap_m,
     )
+
+
+def _alike(observations: Sequence[Observation]) -> float:
+    """How many pictures of a kind say no more than one of them."""
+    return max(sum(one.shared for one in observations) / max(len({one.loaded for one in observations}), 1), 1.0)
+
+
+def _root(problem: Problem, final: Linearised) -> np.ndarray:
+    """(size, size + P) that times its transpose is the covariance of all parameters."""
+    root = final.covariance_root()
+    # the lens may be off by all its standard deviation, whatever share the solve had: the solution follows its prior
+    rest = root @ root[problem.lens].T * np.sqrt(problem.prior.lens_shares**-2 - 1.0)
+    return np.hstack([root, rest])
 
 
 def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float, float]:

@@ -356,6 +356,7 @@ class SweepSolution:
     angle_std_rad: float  # scatter of the joint angles' readings; 0 where they count as exact
     pictures: int  # how many were used
     left_out: tuple[DroppedView, ...]
+    loose: InputError | None = None  # why it is too uncertain to be used alone
 
     @staticmethod
     def why_none(views: Sequence[BoardView], nominal_m: np.ndarray) -> InputError | None:
@@ -393,7 +394,7 @@ def solve_sweep(
     _refuse_one_joint([reading for reading, good in zip(readings, kept, strict=True) if good])
     free, used = problem.inlying(state, kept[corners.picture])
     chosen = _with_axes_prior(problem, free, used, kinematics)
-    _refuse_loose(chosen)
+    loose = _loose(chosen)
     left_out = [
         DroppedView(view.name, _left_out_reason(problem, chosen.state, index, error_px[index], zero))
         for index, view in enumerate(seen)
@@ -417,6 +418,7 @@ def solve_sweep(
         angle_std_rad=chosen.angle_std_rad,
         pictures=int(kept.sum()),
         left_out=(*dropped, *left_out),
+        loose=loose,
     )
 
 
@@ -557,7 +559,8 @@ def _with_axes_prior(problem: _SweepProblem, free: _SweepFit, used: np.ndarray, 
     return replace(fixed, covariance=covariance, by_lens=free.by_lens - gain @ free.by_lens[_AXES])
 
 
-def _refuse_loose(found: _SweepFit) -> None:
+def _loose(found: _SweepFit) -> InputError | None:
+    """What refuses a fit as too uncertain, where no other way shows the camera's pose."""
     if found.angle_std_rad > PoseSettings.loose_angles_rad:
         raise InputError(
             f"the angles of sweep.csv scatter by {found.angle_std_rad:.2g} rad about what the pictures show",
@@ -567,10 +570,11 @@ def _refuse_loose(found: _SweepFit) -> None:
     turn, place = (float(largest_std(part)) for part in (of_camera[:3, :3], of_camera[3:, 3:]))
     reach = float(np.linalg.norm(found.state.T_actuator_camera.translation_m - found.state.T_foot_board.translation_m))
     if turn > PoseSettings.loose_rad or place > PoseSettings.loose_share * reach:
-        raise InputError(
-            f"the sweep leaves the camera's pose open to {turn:.2g} rad and {1e3 * place:.2g} mm",
-            remedy="turn pan and tilt further, each by itself, with the board large in the pictures",
+        what = f"the sweep leaves the camera's pose open to {turn:.2g} rad and {1e3 * place:.2g} mm"
+        return InputError(
+            what, remedy="turn pan and tilt further, each by itself, with the board large in the pictures"
         )
+    return None
 
 
 def _estimate(found: _SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: float) -> tuple[PoseEstimate, np.ndarray]:

@@ -9,7 +9,7 @@ import pytest
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
-from vbaa_calib.calibrate.guide.next_load import load_progress
+from vbaa_calib.calibrate.guide.next_observation import _antenna_rows, _predicted, _unseen, load_progress
 from vbaa_calib.geometry import Kinematics
 
 from ..rod_scenes import World
@@ -71,3 +71,23 @@ def test_the_forecast_with_weighed_readings_is_that_of_the_solve(free, loaded) -
     after = solved([*seen, *more], known)
     std = np.sqrt(after.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
     assert progress.suggestion[1].total == pytest.approx(std, rel=0.15)
+
+
+def test_the_forecast_of_all_parameters_is_that_of_a_further_solve(free, loaded) -> None:
+    """Of a free antenna at another tilt and of a load: the whole covariance, with nothing more and with both."""
+    world, known, _, _ = free
+    seen, _ = loaded
+    known = replace(known, readings=WEIGHED)
+    joint = solved(seen, known)
+    none = np.zeros((0, joint.problem.size))
+    np.testing.assert_allclose(joint.forecast(none), joint.covariance, rtol=1e-6, atol=1e-20)
+    further = [*free_stills([0.7]), *hung_loads(np.random.default_rng(8), 1)]
+    pulls = session().gravity_antenna(further)
+    wanted = [_unseen(frame, pull) for frame, pull in zip(further, pulls, strict=True)]
+    placed = _predicted(joint, wanted)
+    rows = np.vstack(_antenna_rows(joint, [*placed.values()]))
+    after = solved([*seen, *observed(world, further, np.random.default_rng(9), TRUE_READINGS)], known)
+    expected, found = (np.sqrt(np.diag(each)) for each in (after.covariance, joint.forecast(rows)))
+    assert len(placed) == 2
+    assert (found < 0.97 * np.sqrt(np.diag(joint.covariance))).any()
+    np.testing.assert_allclose(found, expected, rtol=0.15)
