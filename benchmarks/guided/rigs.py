@@ -12,8 +12,7 @@ from benchmarks.boards import BARREL, BOARD, HD, MILD, VGA, WIDE, Optics, pose_b
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.guide.next_view import lens_progress
 from vbaa_calib.calibrate.guide.settings import GuideSettings
-from vbaa_calib.calibrate.guide.suggestion import Suggestion
-from vbaa_calib.calibrate.guide.suggestion import _visible_corners as visible_corners
+from vbaa_calib.calibrate.guide.suggestion import Suggestion, visible_corners
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.bundle import BoardCorners

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import factorial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,12 @@ from estimator.solver.linearised import edge_on, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
+from vbaa_calib.calibrate.guide.next_observation import further_observations
+from vbaa_calib.calibrate.guide.settings import GuideSettings
+from vbaa_calib.calibrate.pipeline import Calibration
 from vbaa_calib.core.arrays import Rows
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 
 _RUNG = "rod"  # what a fit on a lower rung would say is as good as the same where that rung would be taken
@@ -494,7 +498,7 @@ def error_budget(
 
 
 @dataclass(frozen=True, eq=False)
-class SharedError:
+class _SharedError:
     """The error of distance that all frames of a rig share, rms over ordinary contacts, by the rig's covariance.
 
     linear, space : the contacts, and the rig's independent errors. rig_rows : (17 + P, S) its parameters by these.
@@ -507,7 +511,7 @@ class SharedError:
     covariance: np.ndarray
 
     @staticmethod
-    def of(rig: Rig) -> SharedError | None:
+    def of(rig: Rig) -> _SharedError | None:
         """As the estimator knows the rig; None where no ordinary contact would come with numbers."""
         rig_arrays, touches = RigArrays.from_rig(rig, FRICTION_RAD, drift=False), ordinary_touches(rig)
         rows, axes = _independent(rig_arrays)
@@ -519,7 +523,7 @@ class SharedError:
             determined = _determined(rig_arrays, space, touches, every, with_moment)
         if not determined.any() or not rig.covariance.any():
             return None
-        return SharedError(every.picked(determined), space, rows[: len(rig.covariance)], rig.covariance)
+        return _SharedError(every.picked(determined), space, rows[: len(rig.covariance)], rig.covariance)
 
     def std_m(self, covariance: np.ndarray) -> float:
         """With another covariance (17 + P, 17 + P) of the rig, no larger than its own, and weighed by it."""
@@ -571,3 +575,55 @@ def _determined(
 
 def _mean(rows: np.ndarray) -> dict[str, float]:
     return {name: float(values.mean()) for name, values in per_result(rows).items()}
+
+
+def next_observations(made: Calibration) -> dict[str, Any]:
+    """The entry `guide` of rig.json: the shared error of distance over ordinary contacts, and up to three observations
+    that would lower it most, one after the other, each with the error after it; and in words. Empty for a wrong
+    calibration, for several cameras, and where no contact would come with numbers.
+    """
+    try:
+        error = None if made.rig.others or made.rig.verdict.severity == "wrong" else _SharedError.of(made.rig)
+        left = [] if error is None else further_observations(made)
+    except VbaaError:
+        # the lens folds, or the antenna has no shape: there is nothing to forecast by
+        return {}
+    if error is None:
+        return {}
+
+    def forecast(rows: np.ndarray) -> np.ndarray:
+        found = made.joint.forecast(rows)
+        if not made.session.with_sensor:
+            found[GAIN : OFFSET + 1] = found[:, GAIN : OFFSET + 1] = 0.0
+        return found
+
+    rows, steps = np.zeros((0, made.joint.problem.size)), list[dict[str, Any]]()
+    now = std = error.std_m(made.rig.covariance)
+    while left and len(steps) < GuideSettings.steps:
+        after = [forecast(np.vstack([rows, more])) for _, more in left]
+        # with the contacts weighed anew the shared error may be another: only the best are tried
+        best = np.argsort([error.variance_m2(each) for each in after])[: GuideSettings.tried]
+        stds = [error.std_m(after[index]) for index in best]
+        described, more = left[best[int(np.argmin(stds))]]
+        if min(stds) > (1.0 - GuideSettings.least_load_gain) * std:
+            break
+        rows, std = np.vstack([rows, more]), min(stds)
+        steps.append({**described, "distance_shared_std_m": std})
+    return {"distance_shared_std_m": now, "next": steps, "words": _words(now, steps)}
+
+
+def _words(now_m: float, steps: list[dict[str, Any]]) -> str:
+    """A sentence for a person."""
+    if not steps:
+        least = f"{100 * GuideSettings.least_load_gain:.0f} %"
+        return (
+            f"No further load or picture would lower the shared error of distance, {1e3 * now_m:.2g} mm, by more than "
+            f"{least}."
+        )
+    first, *rest = steps
+    std_m = first["distance_shared_std_m"]
+    halves = next((n for n, one in enumerate(steps) if one["distance_shared_std_m"] <= 0.5 * now_m), None)
+    verb = "would halve" if halves == 0 else f"would take {100 * (1.0 - std_m / now_m):.0f} % off"
+    words = f"{first['words']} {verb} the shared error of distance: {1e3 * now_m:.2g} → {1e3 * std_m:.2g} mm"
+    words += "".join(f"; then {one['words']}: {1e3 * one['distance_shared_std_m']:.2g} mm" for one in rest)
+    return words[:1].upper() + words[1:] + "."

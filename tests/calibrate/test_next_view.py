@@ -16,10 +16,8 @@ from vbaa_calib.calibrate.guide.view_uncertainty import (
     LensInformation,
     WorkPlane,
     _design_about,
-    bias_square,
     mean_square,
     plane_sensitivity,
-    view_blocks,
 )
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, deformations
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle
@@ -69,7 +67,7 @@ def test_blocks_are_the_information_of_the_solve():
     observations = [BoardCorners(corner_points(SPEC)[view.ids], view.corners_px) for view in made]
     bundle = Bundle.start(MODEL, INTRINSICS, np.array([pose.vector for pose in poses]))
     solved = information(bundle, observations)
-    blocks, _ = view_blocks(own, bundle.poses, observations)
+    blocks, _ = own.view_blocks(bundle.poses, observations)
     ours = own.scale @ np.linalg.inv(blocks.sum(axis=0)) @ own.scale.T
     theirs = own.sigma_px**2 * solved.half @ solved.half.T
     assert np.allclose(np.sqrt(np.diag(ours)), np.sqrt(np.diag(theirs)), rtol=1e-4)
@@ -85,7 +83,7 @@ def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():
         BoardCorners(corner_points(SPEC)[ids], np.zeros((len(ids), 2)), deformations(corner_points(SPEC))[ids])
         for *_, ids in found
     ]
-    after = np.sqrt(mean_square(functional, known.information + view_blocks(known.design, poses, observations)[0]))
+    after = np.sqrt(mean_square(functional, known.information + known.design.view_blocks(poses, observations)[0]))
     now = np.sqrt(mean_square(functional, known.information))
     suggestion = best_next(known, PLANE, SPEC, functional)
     assert after.max() <= now * (1.0 + 1e-9)
@@ -115,7 +113,7 @@ def test_no_gain_is_promised_where_a_richer_lens_is_the_doubt(monkeypatch: pytes
     sure = LensInformation.of(solution, made, SPEC)
     functional = plane_sensitivity(sure.design, PLANE, SPEC)
     noise_m = sure.inflation * np.sqrt(mean_square(functional, sure.information))
-    moved_m = sure.inflation * np.sqrt(bias_square(functional, sure.information, sure.gradient))
+    moved_m = sure.inflation * np.sqrt(sure.bias_square(functional))
 
     def progress(moved_by_noise: float):
         doubted = replace(sure, gradient=sure.gradient * moved_by_noise * noise_m / moved_m)

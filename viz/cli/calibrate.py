@@ -58,7 +58,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _one(args: argparse.Namespace) -> dict[str, Any]:
     """Calibrate one session and write rig.json."""
-    from estimator.budget.guide import next_observations
+    from estimator.budget.budget import next_observations
     from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.calibrate.pipeline import calibrate
     from vbaa_calib.calibrate.report import report, rig_document, summary

@@ -118,7 +118,7 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> dict[str, Any]:
-    from estimator.budget.guide import next_observations
+    from estimator.budget.budget import next_observations
     from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.convert.values import Wanted
     from vbaa_calib.wizard.asking import adopt, check_together, set_unlisted_aside

@@ -18,7 +18,7 @@ from vbaa_calib.detect.board.corners import BoardView
 
 from .settings import GuideSettings
 from .suggestion import Suggestion, best_next
-from .view_uncertainty import LensInformation, WorkPlane, bias_square, has_rays, mean_square, plane_sensitivity
+from .view_uncertainty import LensInformation, WorkPlane, mean_square, plane_sensitivity
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ def lens_progress(
         except (InputError, SolveError) as error:
             reason = f"There is no lens yet: {error.what}." if isinstance(error, InputError) else str(error)
     known = None if solution is None else LensInformation.of(solution, views, spec)
-    if known is not None and not has_rays(known.design):
+    if known is not None and not known.design.has_rays:
         reason = "The lens found so far gives most of the picture no direction: more pictures are needed."
         known = None
     known = known or LensInformation.nominal(views, spec, size)
@@ -64,7 +64,7 @@ def lens_progress(
         return ViewProgress(np.nan, False, reason, solution, suggestion)
     noise_m = known.inflation * float(np.sqrt(mean_square(sensitivity, known.information)))
     # a lens model that is too simple shows by how far a richer one would move the plane
-    bias_m = known.inflation * float(np.sqrt(bias_square(sensitivity, known.information, known.gradient)))
+    bias_m = known.inflation * float(np.sqrt(known.bias_square(sensitivity)))
     judged = _lens_judged(known, noise_m, bias_m, goal_m, suggestion)
     return ViewProgress(max(noise_m, bias_m), *judged, solution, suggestion)
 

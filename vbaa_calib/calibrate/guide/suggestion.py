@@ -21,7 +21,7 @@ from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
 
 from .settings import GuideSettings
-from .view_uncertainty import LensDesign, LensInformation, WorkPlane, mean_square, nominal_intrinsics, view_blocks
+from .view_uncertainty import LensDesign, LensInformation, WorkPlane, mean_square, nominal_intrinsics
 
 
 class _BoardPlace(NamedTuple):
@@ -60,7 +60,7 @@ def best_next(
         found = _view_candidates(known.design, spec, placed, share)
         if found:
             poses = np.array([pose.vector for _, pose, _ in found])
-            blocks, _ = view_blocks(known.design, poses, [_observation(ids, spec) for *_, ids in found])
+            blocks, _ = known.design.view_blocks(poses, [_observation(ids, spec) for *_, ids in found])
             squares = mean_square(aim, known.information + blocks)
             candidate, square = found[int(np.argmin(squares))], float(squares.min())
         if candidate is None:
@@ -111,12 +111,12 @@ def _view_candidates(
     rays, seen = design.camera.unproject(places)
     kept = [one for one, ok in zip(placed, seen.tolist(), strict=True) if ok]
     poses = _poses(kept, rays[seen], spec)
-    visible = _visible_corners(design.camera, poses, spec)
+    visible = visible_corners(design.camera, poses, spec)
     least = max(GuideSettings.least_corners, round(share * spec.corner_count))
     return [one for one in zip(kept, poses, visible, strict=True) if len(one[2]) >= least]
 
 
-def _visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardWithIds) -> list[np.ndarray]:
+def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardWithIds) -> list[np.ndarray]:
     """Ids (N,) of the corners with their four squares, or tag, in each picture; none where markers cannot be read."""
     if not poses:
         return []

@@ -89,6 +89,20 @@ class LensDesign:
         """The camera of this lens, without a covariance."""
         return camera_of(self.model, self.intrinsics, self.image_size)
 
+    @property
+    def has_rays(self) -> bool:
+        """Whether most of the picture has rays: a lens from too few pictures may have hardly any."""
+        return bool(self.camera.unproject(_grid(self.image_size))[1].mean() > GuideSettings.least_rays)
+
+    def view_blocks(self, poses: np.ndarray, observations: Sequence[BoardCorners]) -> tuple[np.ndarray, np.ndarray]:
+        """Information of views at poses (V, 6), these eliminated: (V, p, p) in these coordinates, gradient (V, p)."""
+        residuals, by_shared, by_pose, bounds = rows(self.bundle(np.asarray(poses, float)), observations)
+        whole = np.concatenate([by_shared @ self.scale, residuals[..., None]], axis=-1) / self.sigma_px
+        count = self.scale.shape[1]
+        left = without_own(whole, by_pose, bounds)
+        blocks = left.mT @ left
+        return blocks[:, :count, :count], blocks[:, :count, count]
+
     def in_picture(self, points: np.ndarray) -> np.ndarray:
         """(N,) which points (N, 3) m, camera frame, the lens maps into the picture."""
         pixels, valid = self.camera.project(points)
@@ -122,11 +136,6 @@ def _design_about(
     )
 
 
-def has_rays(design: LensDesign) -> bool:
-    """Whether most of the picture has rays: a lens from too few pictures may have hardly any."""
-    return bool(design.camera.unproject(_grid(design.image_size))[1].mean() > GuideSettings.least_rays)
-
-
 def _grid(image_size: tuple[int, int]) -> np.ndarray:
     """(81, 2) pixels all over the picture."""
     return np.stack(np.meshgrid(*(np.linspace(0, length - 1, 9) for length in image_size)), axis=-1).reshape(-1, 2)
@@ -155,19 +164,6 @@ def _prior(
         columns.append(half_diagonal / max(moved[4 + index], 1e-9) * unit[4 + index])
     columns += list(ShapePrior.of(BoardPoints(nominal_m)).std[:, None] * unit[size:])
     return np.stack(columns, axis=1)
-
-
-def view_blocks(
-    design: LensDesign, poses: np.ndarray, observations: Sequence[BoardCorners]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Information of views at poses (V, 6), these eliminated: (V, p, p) in `LensDesign` coordinates, gradient (V,
-    p)."""
-    residuals, by_shared, by_pose, bounds = rows(design.bundle(np.asarray(poses, float)), observations)
-    whole = np.concatenate([by_shared @ design.scale, residuals[..., None]], axis=-1) / design.sigma_px
-    count = design.scale.shape[1]
-    left = without_own(whole, by_pose, bounds)
-    blocks = left.mT @ left
-    return blocks[:, :count, :count], blocks[:, :count, count]
 
 
 def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardWithIds) -> np.ndarray | None:
@@ -204,12 +200,6 @@ def mean_square(sensitivity: np.ndarray, information: np.ndarray) -> np.ndarray:
     return np.trace(np.linalg.solve(posterior, np.broadcast_to(form, posterior.shape)), axis1=-2, axis2=-1)
 
 
-def bias_square(sensitivity: np.ndarray, information: np.ndarray, gradient: np.ndarray) -> float:
-    """Mean square, m², by which points on the plane would move with the richer lens; gradient : (p,) of all views."""
-    step = np.linalg.solve(information + np.eye(len(information)), gradient)
-    return float(np.mean(np.sum((sensitivity @ step) ** 2, axis=1)))
-
-
 @dataclass(frozen=True, eq=False)
 class LensInformation:
     """Information about the lens in the pictures so far."""
@@ -236,7 +226,7 @@ class LensInformation:
         )
         board = solution.board_shape
         design = _design_about(solution.model, camera.parameters, camera.image_size, sigma_px, board)
-        blocks, gradients = view_blocks(design, poses, observations)
+        blocks, gradients = design.view_blocks(poses, observations)
         chosen = [row for row in solution.comparison if row.model == solution.model and not row.split_half_agrees]
         inflation = max([1.0, *(float(row.halves) for row in chosen[:1] if row.halves is not None)])
         folds = "the lens folds inside the picture: pictures with the board near the border are missing"
@@ -255,8 +245,12 @@ class LensInformation:
         observations = [BoardCorners(points[view.ids], view.corners_px) for view in usable]
         information, gradient = np.zeros((count, count)), np.zeros(count)
         if observations:
-            blocks, gradients = view_blocks(
-                design, robust_poses(LENS_MODELS["none"], intrinsics, observations), observations
-            )
+            poses = robust_poses(LENS_MODELS["none"], intrinsics, observations)
+            blocks, gradients = design.view_blocks(poses, observations)
             information, gradient = blocks.sum(axis=0), gradients.sum(axis=0)
         return LensInformation(design, information, gradient, len(usable), False, 1.0, "")
+
+    def bias_square(self, sensitivity: np.ndarray) -> float:
+        """Mean square, m², by which points (n, 2, p) on the plane would move with the richer lens."""
+        step = np.linalg.solve(self.information + np.eye(len(self.information)), self.gradient)
+        return float(np.mean(np.sum((sensitivity @ step) ** 2, axis=1)))
