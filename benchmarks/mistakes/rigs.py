@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.boards import noisy_view
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
+from vbaa_calib.antenna.taper import UNIFORM, Taper
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior, reading_keys
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, nominal_parameters, prior, solve_antenna
@@ -118,7 +119,7 @@ class World:
     parameters : (9,) of the antenna, as `nominal_parameters`. gain, offset_Nm : of the sensor.
     length_m : of the antenna. tip_m : how far beyond it its visible end lies.
     light_px : (3,) by how much lines are off in all pictures: offset, slope and curvature.
-    kink : a sharp bend: its arc length in m, and its angles about y and z in rad.
+    kink : a sharp bend: its arc length in m, and its angles about y and z in rad. taper : of its diameter.
     """
 
     kind: Kind
@@ -132,6 +133,7 @@ class World:
     light_px: np.ndarray
     kink: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gravity_world_m_s2: np.ndarray = field(default_factory=lambda: GRAVITY_WORLD_M_S2)
+    taper: Taper = UNIFORM
 
     @property
     def rod(self) -> Rod:
@@ -139,7 +141,8 @@ class World:
         y, z, about_y, about_z, bow_y, bow_z, log_stiffness, log_mass = self.parameters[:8]
         stiffness = np.exp(log_stiffness)
         clamp = Pose(Rotation.from_rotvec([0.0, about_y, about_z]).as_matrix(), np.array([0.0, y, z]))
-        return Rod(self.length_m, stiffness, stiffness / 1.3, np.exp(log_mass), clamp, np.array([bow_y, bow_z]))
+        bow = np.array([bow_y, bow_z])
+        return Rod(self.length_m, stiffness, stiffness / 1.3, np.exp(log_mass), clamp, bow, taper=self.taper)
 
     def gravity(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> np.ndarray:
         """(F, 3) in the antenna frame."""

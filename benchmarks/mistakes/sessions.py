@@ -20,6 +20,7 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
+from vbaa_calib.antenna.taper import Taper
 from vbaa_calib.calibrate import pipeline, plane_c
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.pipeline import Calibration, calibrate
@@ -371,6 +372,17 @@ def _bent(world: World, rng: np.random.Generator) -> World:
     return world.with_parameters(p4=by[0], p5=by[1])
 
 
+def _tapered(world: World, rng: np.random.Generator) -> World:
+    return replace(world, taper=Taper().thinned(float(np.log(rng.uniform(0.5, 0.6)))))
+
+
+def _resting(forces: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Something else carries a part of one load, of which the whole is noted."""
+    forces = forces.copy()
+    forces[rng.integers(len(forces))] /= rng.uniform(0.3, 0.7)
+    return forces
+
+
 def _on_circle(rng: np.random.Generator) -> np.ndarray:
     around = rng.uniform(0, 2 * np.pi)
     return np.array([np.cos(around), np.sin(around)])
@@ -548,5 +560,9 @@ SESSION = (
     _row("clamp shifted by 1 to 3 mm", NAMED, "clamp_slipped", _worlds(_clamp_shifted, "last")),
     _row("EI 4 to 8 % softer to z", NAMED, "stiffness_uneven", _uneven),
     _row("a free picture that touches", NAMED, "noload_touched noload_row_unexplained", _touched),
+    _row("loads in kilograms", NAMED, f"load_force_mistyped {FORCE}", _forces(lambda f, rng: f / 9.80665)),
+    _row("tilt in degrees", NAMED, "joint_readings_wrong", _column("tilt_rad", lambda t, rng: np.rad2deg(t), False)),
+    _row("a load that rests on something", NAMED, f"load_supported {ROWS}", _forces(_resting)),
+    _row("an antenna that tapers by a half", NAMED, "stiffness_varies", _worlds(_tapered)),
 )
 """The matrix's column of sessions. Edit the names of the findings here."""

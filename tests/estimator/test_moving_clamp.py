@@ -81,7 +81,7 @@ def pressed(rig: Rig, count: int, sigma_px: float) -> tuple[list[Frame], dict[in
     return frames, lines, np.where(free, np.nan, distance)
 
 
-@pytest.mark.parametrize("sigma_px", [0.05, 0.3])
+@pytest.mark.parametrize("sigma_px", [0.05, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_intervals_hold_with_a_clamp_of_every_frame(whiskers: Path, sigma_px: float) -> None:
     rig = Rig.load(whiskers / "whiskers.yaml")
     frames, lines, true_m = pressed(rig, 240, sigma_px)

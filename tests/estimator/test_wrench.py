@@ -152,7 +152,9 @@ def solved(several: list[Frame], readings: np.ndarray, rig: Rig, sensor: Sensor)
 @pytest.mark.parametrize(
     "components", [ALL, ("my", "mz"), ("fy", "fz"), ("mx", "fz"), ("my", "mz", "fx")], ids=lambda names: "-".join(names)
 )
-@pytest.mark.parametrize(("contact", "roll", "tip_m"), [(0.55, 0.6, 0.02), (0.8, -1.2, 0.05)])
+@pytest.mark.parametrize(
+    ("contact", "roll", "tip_m"), [(0.55, 0.6, 0.02), pytest.param(0.8, -1.2, 0.05, marks=pytest.mark.slow)]
+)
 def test_scipy_ends_at_the_same_minimum(components: tuple[str, ...], contact: float, roll: float, tip_m: float) -> None:
     """The same distance, force and standard deviations, which are Cramér and Rao's."""
     rng, lateral, sensor = np.random.default_rng(4), pushing(roll, tip_m, contact * LENGTH_M), Sensor.of(components)

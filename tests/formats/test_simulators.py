@@ -115,17 +115,14 @@ def at_rest(links: list[Link], angles: dict[str, float], gravity: np.ndarray, fo
             place = place @ link.pose
             for name, axis, stiffness in link.joints:
                 seen.append((place.translation_m, place.rotation @ axis, stiffness))
-                turn = angles.get(name, turns[number])
-                place = place @ Pose.from_rotvec(axis * turn, np.zeros(3))
+                place = place @ Pose.from_rotvec(axis * angles.get(name, turns[number]), np.zeros(3))
                 number += 1
             loads.append((number, place @ link.centre_m, link.mass_kg * gravity))
         loads.append((number, place.translation_m, force))
-        moments = np.array(
-            [
-                sum(axis @ np.cross(at - origin, pull) for beyond, at, pull in loads if beyond > index)
-                for index, (origin, axis, _) in enumerate(seen)
-            ]
-        )
+        origins, axes = (np.array(each) for each in list(zip(*seen, strict=True))[:2])
+        after, at, pulls = (np.array(each) for each in zip(*loads, strict=True))
+        beyond = (after > np.arange(len(seen))[:, None]).astype(float)  # which loads hang on which joint
+        moments = (axes * (beyond @ np.cross(at, pulls) - np.cross(origins, beyond @ pulls))).sum(axis=1)
         wanted = moments / np.array([stiffness for *_, stiffness in seen])
         if np.abs(wanted - turns).max() < 1e-10:
             break

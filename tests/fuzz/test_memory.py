@@ -98,9 +98,11 @@ DENSE: dict[str, Callable[[bytes], bytes]] = {
     "lines": lambda _: b'{"a":[' + b"[]," * 50_000 + b"0]}\n",
 }
 """What takes most memory for its size, after a table's first line."""
+QUICK = ("rig", "session", "ros", "recording", "corners", "lines")
+"""One of each way to read."""
 
 
-@pytest.mark.parametrize("name", DENSE)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in DENSE])
 def test_a_dense_text_takes_no_more_than_allowed(name: str, folder: Path) -> None:
     """Of the multiple alone three times as much, and with it no more than a quarter of the constant."""
     path = folder / READ[name].file

@@ -173,15 +173,15 @@ STREAMS: tuple[tuple[str, Damage, str], ...] = (
 
 CASES: list[Case] = [
     *(
-        Case(name, "stream", f"none{suffix}", damage, f"live rig.json none{suffix} -o out.csv", (f"none{suffix}", word))
+        Case(name, f"none{suffix}", damage, f"live rig.json none{suffix} -o out.csv", (f"none{suffix}", word))
         for suffix in (".mcap", ".bag", ".avi", ".mp4")
         for name, damage, word in STREAMS
     ),
     *(
-        Case(f"{line.split(' ', 1)[1]} {name}", "output", output, damage, line.format(where.format(output)), words)
+        Case(f"{line.split(' ', 1)[1]} {name}", output, damage, line.format(where.format(output)), words)
         for line, output in OUTPUTS
         for name, where, damage, words in TO_OUTPUTS
     ),
-    *(Case(f"{name}: {line}", "output", "out", damage, line, words) for line, name, damage, words in TO_OTHERS),
-    *(Case(f"{name}: {line}", "call", "", d.nothing, line, words) for name, line, words in CALLS),
+    *(Case(f"{name}: {line}", "out", damage, line, words) for line, name, damage, words in TO_OTHERS),
+    *(Case(f"{name}: {line}", "", d.nothing, line, words) for name, line, words in CALLS),
 ]

@@ -32,14 +32,12 @@ class Case:
 
     Attributes
     ----------
-    name : of the case. kind : of the file that is damaged ("rig.json", "picture"; "call" for none).
-    path : of that file, relative to the folder that the command runs in.
+    name : of the case. path : of the file that is damaged, relative to the folder that the command runs in; "": none.
     damage : done to `path`. line : the command, without `vbaa`.
     words : all of them are in the one line that is expected.
     """
 
     name: str
-    kind: str
     path: str
     damage: Damage
     line: str
@@ -51,7 +49,7 @@ class Case:
 
     @property
     def id(self) -> str:
-        return f"{self.name} in {self.path or self.kind}: {self.line}"
+        return f"{self.name} in {self.path or 'call'}: {self.line}"
 
 
 class TooLong(BaseException):
@@ -125,6 +123,6 @@ Row = tuple[str, Damage, *tuple[str, ...]]
 """Name, damage, words."""
 
 
-def cases(kind: str, path: str, line: str, rows: tuple[Row, ...]) -> list[Case]:
+def cases(path: str, line: str, rows: tuple[Row, ...]) -> list[Case]:
     """Rows about one file and one command; the file's name is among the words that are expected."""
-    return [Case(name, kind, path, damage, line, (path.rpartition("/")[2], *words)) for name, damage, *words in rows]
+    return [Case(name, path, damage, line, (path.rpartition("/")[2], *words)) for name, damage, *words in rows]

@@ -304,44 +304,38 @@ TRACK, TRUE = "track contacts.csv -o out.csv", "view contacts.csv --truth truth.
 SHOW, CONVERT = "view contacts.csv --object object", "convert camera.json --to kalibr -o out.yaml"
 
 CASES: list[Case] = [
-    *cases("session.yaml", "session/session.yaml", CALIBRATE, SESSION),
-    *cases("board.yaml", "board.yaml", LENS, BOARD),
-    *(Case(name, "board.yaml", "board.yaml", damage, LENS, tuple(words)) for name, damage, *words in WITHOUT_IDS),
-    *(Case(name, "board.yaml", "board.yaml", what, LENS, ("intrinsics", *words)) for name, what, *words in WRONG_BOARD),
-    *cases("rig.json", "rig.json", "budget rig.json -o out.json", RIG),
-    *cases("camera.json", "camera.json", CONVERT, CAMERA),
-    *cases("scene.yaml", "scene.yaml", "simulate scene.yaml -o out", SCENE),
+    *cases("session/session.yaml", CALIBRATE, SESSION),
+    *cases("board.yaml", LENS, BOARD),
+    *(Case(name, "board.yaml", damage, LENS, tuple(words)) for name, damage, *words in WITHOUT_IDS),
+    *(Case(name, "board.yaml", what, LENS, ("intrinsics", *words)) for name, what, *words in WRONG_BOARD),
+    *cases("rig.json", "budget rig.json -o out.json", RIG),
+    *cases("camera.json", CONVERT, CAMERA),
+    *cases("scene.yaml", "simulate scene.yaml -o out", SCENE),
     *(
-        Case(name, "scene.yaml", "scene.yaml", what, "simulate scene.yaml -o out", ("scene small", *words))
+        Case(name, "scene.yaml", what, "simulate scene.yaml -o out", ("scene small", *words))
         for name, what, *words in IMPOSSIBLE
     ),
-    *cases("truth.json", "truth.json", TRUE, TRUTH),
-    *cases("object.vtp", "object.vtp", f"{SHOW}.vtp --html out.html", MESH),
-    *cases("object.ply", "object.ply", f"{SHOW}.ply --html out.html", PLY),
-    *cases("object.glb", "object.glb", f"{SHOW}.glb --html out.html", GLB),
-    *cases("noload.csv", "session/noload/noload.csv", CALIBRATE, NOLOAD),
-    *cases("sweep.csv", "swept/sweep/sweep.csv", CALIBRATE_SWEPT, NOLOAD[:1]),
-    *cases("loads.csv", "session/loads/loads.csv", CALIBRATE, LOADS),
-    *cases("loads.csv", "session/loads/loads.csv", CHECK, LOADS[:1]),
-    *cases("recording.csv", "session/recording/recording.csv", ESTIMATE, RECORDING),
-    *cases(
-        "centrelines.csv", "lined/recording/centrelines.csv", "estimate lined --rig rig.json -o out.csv", CENTRELINES
-    ),
-    *cases("poses.csv", "poses.csv", HANDEYE, POSES),
-    *cases("corners.csv", "corners.csv", HANDEYE, CORNERS),
-    *cases(
-        "stiffness.csv", "stiffness.csv", "stiffness stiffness.csv --load 0.01 --distance 0.2 -o out.json", STIFFNESS
-    ),
-    *cases("contacts.csv", "contacts.csv", TRACK, CONTACTS),
-    *(Case(name, "contacts.csv", "contacts.csv", damage, REFINE, tuple(words)) for name, damage, *words in OF_ANOTHER),
+    *cases("truth.json", TRUE, TRUTH),
+    *cases("object.vtp", f"{SHOW}.vtp --html out.html", MESH),
+    *cases("object.ply", f"{SHOW}.ply --html out.html", PLY),
+    *cases("object.glb", f"{SHOW}.glb --html out.html", GLB),
+    *cases("session/noload/noload.csv", CALIBRATE, NOLOAD),
+    *cases("swept/sweep/sweep.csv", CALIBRATE_SWEPT, NOLOAD[:1]),
+    *cases("session/loads/loads.csv", CALIBRATE, LOADS),
+    *cases("session/loads/loads.csv", CHECK, LOADS[:1]),
+    *cases("session/recording/recording.csv", ESTIMATE, RECORDING),
+    *cases("lined/recording/centrelines.csv", "estimate lined --rig rig.json -o out.csv", CENTRELINES),
+    *cases("poses.csv", HANDEYE, POSES),
+    *cases("corners.csv", HANDEYE, CORNERS),
+    *cases("stiffness.csv", "stiffness stiffness.csv --load 0.01 --distance 0.2 -o out.json", STIFFNESS),
+    *cases("contacts.csv", TRACK, CONTACTS),
+    *(Case(name, "contacts.csv", damage, REFINE, tuple(words)) for name, damage, *words in OF_ANOTHER),
     *(
         case
         for name, rows in EXCHANGE.items()
-        for case in cases(
-            name, f"{name}.txt", f"convert {name}.txt --from {name} -o out.json{CAMERAS.get(name, '')}", rows
-        )
+        for case in cases(f"{name}.txt", f"convert {name}.txt --from {name} -o out.json{CAMERAS.get(name, '')}", rows)
     ),
-    *cases("ros", "ros.txt", "convert ros.txt --to ros -o out.yaml", GUESSED),
-    *cases("answers.yaml", "answers.yaml", "wizard new --answers answers.yaml --batch", ANSWERS),
-    *cases("wizard.json", "store/wizard.json", "wizard store --batch", WIZARD),
+    *cases("ros.txt", "convert ros.txt --to ros -o out.yaml", GUESSED),
+    *cases("answers.yaml", "wizard new --answers answers.yaml --batch", ANSWERS),
+    *cases("store/wizard.json", "wizard store --batch", WIZARD),
 ]

@@ -77,10 +77,10 @@ NO_BOARD: tuple[Row, ...] = (
 )
 
 CASES: list[Case] = [
-    *cases("free.png", "free.png", "look free.png --rig rig.json", ROWS),
-    *cases("frame_0003.png", "session/recording/frame_0003.png", ESTIMATE, ROWS[1::6]),
-    *cases("loads_002.png", "session/loads/loads_002.png", CALIBRATE, NOTHING_ON_IT[:1]),
-    *cases("noload_001.png", "session/noload/noload_001.png", CALIBRATE, NOTHING_ON_IT[2:]),
-    *cases("intrinsics", "session/intrinsics", "intrinsics session/intrinsics --board board.yaml -o o.json", NO_BOARD),
-    *cases("jig_000.png", "session/plane/jig_000.png", CALIBRATE, NO_BOARD[:1]),
+    *cases("free.png", "look free.png --rig rig.json", ROWS),
+    *cases("session/recording/frame_0003.png", ESTIMATE, ROWS[1::6]),
+    *cases("session/loads/loads_002.png", CALIBRATE, NOTHING_ON_IT[:1]),
+    *cases("session/noload/noload_001.png", CALIBRATE, NOTHING_ON_IT[2:]),
+    *cases("session/intrinsics", "intrinsics session/intrinsics --board board.yaml -o o.json", NO_BOARD),
+    *cases("session/plane/jig_000.png", CALIBRATE, NO_BOARD[:1]),
 ]
