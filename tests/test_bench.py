@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.suite import SUBJECTS
-from vbaa_calib.cli import main
+from vbaa_calib.cli.main import main
 
 
 @pytest.mark.slow

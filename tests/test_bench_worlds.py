@@ -17,7 +17,7 @@ from benchmarks.worlds.optics import FAMILIES, Optics
 from benchmarks.worlds.pictures import Sensor, Tube, photograph
 from benchmarks.worlds.rigs import draw_optics, draw_world
 from benchmarks.worlds.session import Photographer, write_session
-from vbaa_calib.cli import main
+from vbaa_calib.cli.main import main
 from vbaa_calib.detect.whisker.profile import measure, measure_in_colour
 
 PLAIN = Wire(0.2, 8e-4, 4e-3, 0.0, np.zeros(2), np.zeros(2), np.zeros(2), 0.0)

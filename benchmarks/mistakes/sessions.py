@@ -479,6 +479,7 @@ SAYS = {
     "antenna_length": "length",
     "board_scale": "squares|board's size",
     "stiffness_not_nominal": "material|diameter|EI",
+    "stiffness_varies": "tapered|two materials",
     "sensor_": "moment",
     "joint_readings_wrong": "pan|tilt",
     "gravity": "gravity",

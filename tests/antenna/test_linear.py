@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tests.beam import (
+from vbaa_calib.antenna import linear
+
+from ..beam import (
     deflection_by_contact,
 )
-from vbaa_calib.antenna import linear
 
 EI, LENGTH = 3.9e-3, 0.24
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.antenna.test_shape import EI, LENGTH, STRAIGHT, cases, moments, rods, worst_error_m
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import RUNGS, curves
 from vbaa_calib.antenna.shape import Curves, bend
+
+from .test_shape import EI, LENGTH, STRAIGHT, cases, moments, rods, worst_error_m
 
 
 def leaning(count: int, seed: int) -> np.ndarray:

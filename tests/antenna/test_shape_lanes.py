@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tests.antenna.test_shape import LENGTH, cases
 from vbaa_calib.antenna.nodes import CONTACT, aligned_arclength
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.antenna.taper import UNIFORM
 from vbaa_calib.native import core
+
+from .test_shape import LENGTH, cases
 
 LANES, NODES = 8, core.antenna.NODES_TO_CONTACT + core.antenna.NODES_BEYOND
 LARGE = RUNGS.index("elastica"), RUNGS.index("rod")

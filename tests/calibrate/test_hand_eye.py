@@ -13,9 +13,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec, corner_points
-from tests.detect.drawn_grids import CHESSBOARD, DISTORTION, MATRIX, drawn, picture
-from tests.detect.drawn_grids import SIZE as GRID_SIZE
-from tests.detect.drawn_grids import pose as drawn_pose
 from vbaa_calib.calibrate.pose.hand_eye import HandEye, solve_hand_eye
 from vbaa_calib.calibrate.pose.robot_tables import read_corners, read_robot_poses
 from vbaa_calib.camera import Camera
@@ -25,6 +22,9 @@ from vbaa_calib.core.robust import chi_square
 from vbaa_calib.detect.board.parts import place_part
 from vbaa_calib.geometry import Pose
 
+from ..detect.drawn_grids import CHESSBOARD, DISTORTION, MATRIX, drawn, picture
+from ..detect.drawn_grids import SIZE as GRID_SIZE
+from ..detect.drawn_grids import pose as drawn_pose
 from .hand_eye_views import POINTS, Arm, X, Z, lens, views_and_poses
 
 REAL = Path(__file__).parents[2].parent / "shared" / "data" / "robot_charuco"

@@ -105,7 +105,7 @@ def test_every_error_is_one_line(
 HALF_WRITTEN = """
 import ctypes, os, signal, sys
 from pathlib import Path
-from vbaa_calib.cli import main
+from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import replacing
 from vbaa_calib.cli import schema as schema_cli
 

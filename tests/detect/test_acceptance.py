@@ -8,8 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.detect.drawn_lines import SIZE, aside, background, bent, exposed, tube
-from tests.rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.polyline import normals, resample
@@ -19,6 +17,9 @@ from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor, less_sure, of_antennas_shape
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint
+
+from ..rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose
+from .drawn_lines import SIZE, aside, background, bent, exposed, tube
 
 WIDTH_PX = 4.0
 CLAMP, LENGTH = (40.0, 120.4), 220.0

@@ -11,11 +11,12 @@ import pytest
 import yaml
 
 from targets.board import AprilGrid, Board, BoardSpec, corner_points
-from tests.detect.drawn_grids import CHESSBOARD
-from tests.detect.drawn_sheets import charuco_sheet, grid_sheet, view
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.board_file import board_from, load_board, load_lens_board
 from vbaa_calib.detect.board.corners import detect_corners, detect_folder
+
+from .drawn_grids import CHESSBOARD
+from .drawn_sheets import charuco_sheet, grid_sheet, view
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 CHARUCO = BoardSpec(5, 7, 0.035, 0.025, "DICT_5X5_100")

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from targets.board import BoardSpec, Chessboard, CircleGrid, corner_points
-from tests.detect.drawn_grids import ASYMMETRIC, CHESSBOARD, CIRCLES, MATRIX, drawn, picture, pose
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.core.errors import InputError
@@ -19,6 +18,8 @@ from vbaa_calib.detect.board.circles import circle_centres
 from vbaa_calib.detect.board.corners import BoardView, detect_corners, detect_files, detect_folder
 from vbaa_calib.detect.board.grids import find_grid
 from vbaa_calib.detect.board.parts import place_part
+
+from .drawn_grids import ASYMMETRIC, CHESSBOARD, CIRCLES, MATRIX, drawn, picture, pose
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 ENDOSCOPE, LAPAROSCOPE = DATA / "ucl_axis_tests_charuco" / "ExtractedFrames_L", DATA / "ucl_laparoscope_chess_points"

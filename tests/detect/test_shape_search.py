@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tests.detect.drawn_lines import SIZE, aside, background, exposed, tube
 from vbaa_calib.native import core
+
+from .drawn_lines import SIZE, aside, background, exposed, tube
 
 WIDTH_PX, SPACING_PX, LENGTH_PX = 5.0, 6.0, 200.0
 CONTACTS = np.array([0.25, 0.5, 0.75, 1.0])

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from tests.traced_pictures import TracedPicture, traced_pictures
 from vbaa_calib.calibrate.antenna.learnt_paint import learn
 from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.detect.whisker.profile import measure_in_colour
+
+from ..traced_pictures import TracedPicture, traced_pictures
 
 PICTURES = traced_pictures()
 

@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.detect.drawn_lines import SIZE, background, bent, exposed, straight, tube
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.profile import measure
+
+from .drawn_lines import SIZE, background, bent, exposed, straight, tube
 
 BEYOND_PX = 6.0
 """The guide ends so far beyond the tip: a whole antenna is known to a few per cent."""

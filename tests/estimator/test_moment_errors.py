@@ -10,7 +10,8 @@ import pytest
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from estimator.table.contacts import Measured
-from tests.rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, World, camera_pose, frames, pushing
+
+from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, World, camera_pose, frames, pushing
 
 WORLD = World(camera_pose(0.6, 1.0))
 

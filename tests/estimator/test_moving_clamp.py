@@ -13,7 +13,6 @@ from estimator.contact.moving_clamp import ClampTrack, clamp_tracks, estimate_an
 from estimator.contact.recording import FrameContact
 from estimator.table.contacts import LOCATED
 from estimator.table.files import read_contacts
-from tests.rod_scenes import along, press
 from vbaa_calib.antenna.rod import Rod, sample_shape, solve_rod
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
@@ -22,6 +21,8 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, antennas_of, recording_of
 from vbaa_calib.simulate.scene.scene import bundled_scene
+
+from ..rod_scenes import along, press
 
 LENGTH_M, BOW_PER_M, STEP_M = 0.036, 8.0, 6.25e-5
 RATE_HZ = 500.0

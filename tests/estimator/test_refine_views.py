@@ -16,9 +16,10 @@ from benchmarks.recording.recording import bound_m, measured
 from estimator.recording import Refined, View, refine
 from estimator.table.contacts import ContactTable, Measured
 from estimator.table.files import read_contacts, write_contacts
-from tests.recordings import SESSION
 from vbaa_calib.cli.main import main
 from vbaa_calib.simulate.scene.objects import TouchObject
+
+from ..recordings import SESSION
 
 # the first looks along plane C's normal: pushes along it (ξ = 90°) leave its picture straight
 SETUPS = [Setup("brown", tilt_rad, ACROSS, swing_m=0.06, real=True) for tilt_rad in (0.0, 1.0)]

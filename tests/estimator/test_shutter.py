@@ -10,11 +10,11 @@ import pytest
 from estimator.contact.recording import FrameContact
 from estimator.contact.source import _marked_by_shutter as marked_by_shutter
 from estimator.table.contacts import Measured
-from tests.detect.drawn_lines import SIZE, aside, background, bent, exposed, tube
 from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.detect.whisker.profile import measure
 from vbaa_calib.session import Frame, Shutter
 
+from ..detect.drawn_lines import SIZE, aside, background, bent, exposed, tube
 from .drawn_frames import contact_of, rig_of, shape
 
 PERIOD_S = 1.0 / 30.0

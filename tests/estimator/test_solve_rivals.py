@@ -13,8 +13,8 @@ from estimator.contact.contacts import Contacts
 from vbaa_calib.rig import Rig, WrenchSensor
 from vbaa_calib.session import MomentSensor
 
-from ..rod_scenes import World, camera_pose
-from .contact_scenes import RIG, RIG_STD, answered, rubbed, scene_deviations
+from ..rod_scenes import RIG_STD, World, camera_pose
+from .contact_scenes import RIG, answered, rubbed, scene_deviations
 
 UPRIGHT = World(camera_pose(0.0)).rig(np.zeros(17))
 TOWARDS_CLAMP = World(camera_pose(0.785, np.pi)).rig(np.zeros(17))

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from estimator.object.surface import Surface, reconstruct, touches_of
 from estimator.table.contacts import ContactRow, ContactTable
-from tests.viz.touching import ANTENNA_RADIUS_M, cylinder, touch
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.scene.objects import TouchObject
 
+from ..viz.touching import ANTENNA_RADIUS_M, cylinder, touch
 from .touched import CYLINDER, FREEFORM, KNIFE, RADIUS_M, SPHERE, angles_rad, drawn, edge_touches, spread_touches
 
 CENTRE = np.array([0.16, 0.05, 0.0])

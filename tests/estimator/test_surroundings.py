@@ -10,12 +10,13 @@ import pytest
 
 from estimator.contact.recording import subtracted
 from estimator.contact.surroundings import _background_of as background_of
-from tests.detect.drawn_lines import SIZE, aside, background, bent, exposed, tube
 from vbaa_calib.detect.whisker.background import Background
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.profile import measure
+
+from ..detect.drawn_lines import SIZE, aside, background, bent, exposed, tube
 
 WIDTH_PX, ANTENNA = 4.0, 130.0
 CLAMP = (40.0, 120.4)

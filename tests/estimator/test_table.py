@@ -12,9 +12,10 @@ from pyarrow.parquet import read_metadata, read_table
 
 from estimator.table.contacts import COLUMNS, REQUIRED, Contact, ContactRow, ContactTable, column_names, columns_of
 from estimator.table.files import read_contacts, rewrite_contacts, write_contacts
-from tests.viz.touching import cylinder, touch
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import Frame
+
+from ..viz.touching import cylinder, touch
 
 CONTRACT = [
     *("frame", "time_s", "status", "in_contact", "model", "distance_m", "distance_std_m"),

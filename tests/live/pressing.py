@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.table.contacts import Measured
-from tests.rod_scenes import LENGTH_M, SIGMA_PX, World, camera_pose, frames
+
+from ..rod_scenes import LENGTH_M, SIGMA_PX, World, camera_pose, frames
 
 WORLD = World(camera_pose(0.6, 1.0))
 PRESS_N = 0.02

@@ -12,11 +12,12 @@ import cv2
 import numpy as np
 
 from estimator.contact.estimate import STREAM
-from tests.small_scene import small_rig
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, load_session, read_recording
 from vbaa_calib.streams import Reading, Taken
 from vbaa_calib.streams.bags import BagWriter, Logged
+
+from ..small_scene import small_rig
 
 RATE_HZ = 5.0
 COUNT = STREAM + 8

@@ -17,13 +17,13 @@ import numpy as np
 import pytest
 
 from estimator.table.files import read_contacts
-from tests.small_scene import small_rig
 from vbaa_calib.cli.main import main
 from vbaa_calib.core import console
 from vbaa_calib.sources import live
 from vbaa_calib.sources.live import LiveSource, StreamSettings
 from vbaa_calib.streams import devices
 
+from ..small_scene import small_rig
 from .recordings import frames
 
 BROKE_OFF = "broke off; it is opened again"

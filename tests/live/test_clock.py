@@ -17,11 +17,11 @@ from estimator.contact.clock import _ClockOffset as ClockOffset
 from estimator.contact.clock import _ClockSettings as ClockSettings
 from estimator.contact.clock import recorded_clock_offset
 from estimator.table.contacts import Measured
-from tests.rod_scenes import RIG_STD, World, camera_pose
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import Frame
 from vbaa_calib.streams import MessageSource, Reading, Taken, Timing
 
+from ..rod_scenes import RIG_STD, World, camera_pose
 from .pressing import WORLD, Motion, pictures, readings
 
 LENGTH_S = 7.0

@@ -29,12 +29,12 @@ from estimator.live import LiveContact, LiveEstimator, outputs
 from estimator.live.outputs import ContactBag, Datagrams, GrowingTable, json_line
 from estimator.table.contacts import ContactRow
 from estimator.table.files import cells_of, read_contacts
-from tests.small_scene import small_rig
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import DRIFTS
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 
+from ..small_scene import small_rig
 from .recordings import COUNT, RATE_HZ, frames, messages, rig, shown, write
 
 SIZE = (480, 360)

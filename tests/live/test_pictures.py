@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from estimator.table.files import read_contacts
-from tests.small_scene import small_rig
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.streams.bags import BagWriter, Logged
@@ -19,6 +18,7 @@ from viz.batch.recordings import BatchRecording
 from viz.batch.results import Results
 from viz.batch.work import BatchSettings, do
 
+from ..small_scene import small_rig
 from .recordings import write
 
 COUNT = 20

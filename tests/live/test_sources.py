@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from tests.small_scene import small_rig
 from vbaa_calib.streams import Reading, Taken, now_s
 from vbaa_calib.streams.devices import _datagrams, udp_socket, with_datagrams
 from vbaa_calib.streams.recorded import _open_folder, _open_lines
 
+from ..small_scene import small_rig
 from .recordings import frames
 
 

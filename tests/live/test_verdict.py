@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator import Contact, RecordingVerdict, RecordingWatch
+from estimator import RecordingVerdict, RecordingWatch
 from estimator.diagnose.consequences import RunningVerdict, changed_row
-from estimator.table.contacts import Measured
+from estimator.table.contacts import Contact, Measured
 from estimator.table.files import read_contacts
-from tests.small_scene import small_rig
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import Diagnosis, Verdict
 
+from ..small_scene import small_rig
 from .recordings import COUNT, rig, write
 
 WRONG = RecordingVerdict(Verdict.of([Diagnosis("moment_sign", "wrong sign", "turn it", "wrong")]), 0)

@@ -15,12 +15,12 @@ import pytest
 from estimator.contact.estimate import ContactEstimator
 from estimator.diagnose import RecordingVerdict, RigWatch
 from estimator.table.contacts import LOCATED, Contact, Measured
-from tests.small_scene import small_rig
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import Diagnosis, Verdict
 from vbaa_calib.session import DRIFTS
 
 from ..rod_scenes import LENGTH_M, MATRIX, RIG_STD, SIGMA_PX, World, camera_pose, frames, pushing, seen
+from ..small_scene import small_rig
 from .recordings import write
 
 KNOCKED = Diagnosis("camera_turned", "the camera has turned by 0.06°", "calibrate again", "wrong")

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator import Contact, ContactEstimator
-from estimator.table.contacts import LOCATED, Measured
-from tests.rod_scenes import RIG_STD, SIGMA_PX, frames
+from estimator import ContactEstimator
+from estimator.table.contacts import LOCATED, Contact, Measured
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
+from ..rod_scenes import RIG_STD, SIGMA_PX, frames
 from .pressing import WORLD, Motion
 
 RATE_HZ = 30.0

@@ -12,8 +12,6 @@ import pytest
 import yaml
 
 from targets.board import AprilGrid
-from tests.made_once import made_once
-from tests.small_scene import small_scene
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import rig_document
@@ -23,6 +21,9 @@ from vbaa_calib.detect.board.corners import detect_folder
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
 from vbaa_calib.simulate.scene.scene_file import load_scene
+
+from ..made_once import made_once
+from ..small_scene import small_scene
 
 BOARD = AprilGrid("aprilgrid", 4, 3, 0.03, 0.3)
 KALIBR = "{target_type: aprilgrid, tagCols: 4, tagRows: 3, tagSize: 0.03, tagSpacing: 0.3}"

@@ -12,7 +12,6 @@ import pytest
 import yaml
 from scipy.interpolate import CubicSpline
 
-from tests.small_scene import small_scene
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.cli.main import main
 from vbaa_calib.simulate.plan import AntennaShot, Plan, plan
@@ -27,6 +26,8 @@ from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.shots import seen_antenna, wires_of
 from vbaa_calib.simulate.traced.tracer import Exposure, Tracer, _load_mitsuba
 from vbaa_calib.simulate.traced_shots import TracedPictures
+
+from ..small_scene import small_scene
 
 X, Y, Z = np.eye(3)
 BUMPS = (Bump(Y, 0.004, 0.012), Bump(-X, -0.003, 0.01))

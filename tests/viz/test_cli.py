@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from vbaa_calib.cli import main
+from vbaa_calib.cli.main import main
 from viz.render import probe
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from estimator.table.files import write_contacts
-from tests.estimator.test_next_touch import given
 from vbaa_calib.cli.main import main
 from viz.scene.layout import LOOK
+
+from ..estimator.test_next_touch import given
 
 
 @pytest.mark.slow

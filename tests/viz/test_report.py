@@ -20,7 +20,6 @@ from estimator.contact.overlay import _marks as marks
 from estimator.contact.recording import FrameContact, estimate_pictures
 from estimator.table.contacts import COLUMNS, STATUSES, ContactRow, ContactTable
 from estimator.table.files import write_contacts
-from tests.small_scene import small_rig
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
 from viz.report.make import Sources, _scene_picture, make_report
@@ -29,6 +28,7 @@ from viz.report.words import _facts_of, headline, origin
 from viz.scene.scene import Fact, build_scene
 from viz.scene.truth import true_contacts
 
+from ..small_scene import small_rig
 from .estimates import MU, object_estimate
 
 VOID = {"meta", "img", "br", "link", "input"}

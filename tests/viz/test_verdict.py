@@ -17,12 +17,13 @@ from benchmarks.mistakes.rigs import KINDS
 from estimator import RecordingVerdict
 from estimator.table.contacts import LOCATED
 from estimator.table.files import read_contacts
-from tests.made_once import made_once
-from tests.recordings import write_measured
 from vbaa_calib.cli.main import main
 from viz.batch.recordings import BatchRecording
 from viz.batch.results import Results
 from viz.batch.work import BatchSettings, do
+
+from ..made_once import made_once
+from ..recordings import write_measured
 
 FRAMES = 40
 

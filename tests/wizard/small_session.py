@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.small_scene import small_scene
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import read_yaml, write_json, write_text
 from vbaa_calib.simulate.scene.scene import bundled_scene
@@ -29,6 +28,7 @@ from vbaa_calib.wizard.steps import REPORT, RIG, PictureCheck, Progress, Step
 from vbaa_calib.wizard.store import LOCK
 
 from ..made_once import made_once
+from ..small_scene import small_scene
 
 
 def rendered() -> Path:

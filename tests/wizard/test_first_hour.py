@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.small_scene import small_scene
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
@@ -30,6 +29,7 @@ from vbaa_calib.wizard.store import Store
 from vbaa_calib.wizard.ui import Ui, WizardView
 from viz.report import check as report
 
+from ..small_scene import small_scene
 from .small_session import answers
 
 MOST_ANSWERS, MOST_WITHOUT_READINGS = 25, 15
