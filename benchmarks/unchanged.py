@@ -100,7 +100,9 @@ def _vbaa(line: str, place: Path) -> str:
 
 def _hostile(folder: Path) -> None:
     plugin = _Refusals()
-    code = pytest.main(["tests/hostile/test_refused.py", "-q", "--no-header", "-p", "no:cacheprovider"], [plugin])
+    code = pytest.main(
+        ["tests/hostile/test_refused.py::test_it_is_refused", "-q", "--no-header", "-p", "no:cacheprovider"], [plugin]
+    )
     if code or not plugin.found:
         raise SystemExit(f"{Path.cwd()}: the hostile rows fail (pytest: {code}, {len(plugin.found)} rows)")
     (folder / "refusals.json").write_text(json.dumps(plugin.found, indent=0, sort_keys=True))

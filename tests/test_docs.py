@@ -1,29 +1,34 @@
-"""The documentation is true where a machine can tell: it builds, links lead on, code runs."""
+"""The documentation is true where a machine can tell: it builds, links lead on, code, commands and examples run."""
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import csv
 import io
 import re
 import runpy
+import shlex
 import shutil
 import subprocess
 import sys
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import yaml
 
 from estimator import ContactEstimator
 from targets.board import BoardSpec
-from vbaa_calib.cli.main import VERBS, main
+from vbaa_calib.cli.main import VERBS, _verb_parser, main
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.rig import Rig
 
-from .calibrate.hand_eye_views import POINTS, Arm, lens, views_and_poses
+from .calibrate.test_hand_eye import POINTS, Arm, lens, views_and_poses
 from .small_scene import small_rig
 
 ROOT = Path(__file__).parents[1]
@@ -199,3 +204,66 @@ def rows(path: Path) -> list[dict[str, float]]:
     """A CSV of numbers."""
     with path.open(encoding="utf-8", newline="") as lines:
         return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(lines)]
+
+
+def commands(path: Path) -> Iterator[tuple[str, bool]]:
+    """What a page tells its reader to type, and whether it is a whole command line or named in passing."""
+    text = path.read_text(encoding="utf-8")
+    for block in FENCE.finditer(text):
+        if block["language"] in ("", "sh", "bash", "shell"):
+            yield from ((line, True) for line in block["code"].splitlines())
+    prose = FENCE.sub("", text)
+    yield from ((line.strip(), True) for line in prose.splitlines() if line.startswith("    "))
+    for line in prose.splitlines():
+        if not line.startswith("    "):
+            yield from ((found, False) for found in re.findall(r"`((?:\w+=\S+ )*vbaa [^`]+)`", line))
+
+
+def words_of(line: str) -> list[str] | None:
+    """Verb and arguments of a command line; None of another program's, or of one that is not whole."""
+    found = re.match(r"(?:\$ )?(?:\w+=\S+ )*vbaa (?P<rest>[a-z].*)", line)
+    return None if found is None or "…" in line else shlex.split(found["rest"], comments=True)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=name_of)
+def test_commands_are_accepted(path: Path) -> None:
+    """The verb exists, and its parser takes the flags and their values."""
+    for line, whole in commands(path):
+        if not (words := words_of(line)):
+            continue
+        verb, *rest = words
+        assert verb in VERBS, f"there is no verb {verb}"
+        parser = _verb_parser(verb)
+        if not whole:
+            _ask_for_nothing(parser)
+        if "--help" not in rest:
+            parser.parse_args(rest)
+
+
+def _ask_for_nothing(parser: argparse.ArgumentParser) -> None:
+    """What is named in passing need not be complete."""
+    for action in parser._actions:
+        action.required = False
+        if not action.option_strings or action.nargs is None:
+            action.nargs = "?"
+
+
+EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
+LONG = ("06_calibrating_a_session", "09_the_ladder")
+"""They take ten seconds."""
+
+
+@pytest.mark.parametrize(
+    "path", [pytest.param(path, id=path.stem, marks=[pytest.mark.slow] * (path.stem in LONG)) for path in EXAMPLES]
+)
+def test_it_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out, err = io.StringIO(), io.StringIO()
+    monkeypatch.setattr(sys, "argv", [str(path), "--figures", str(tmp_path)])
+    monkeypatch.syspath_prepend(str(path.parent))
+    with warnings.catch_warnings(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", ".torch.jit.script. is deprecated", DeprecationWarning)
+        runpy.run_path(str(path), run_name="__main__")
+    assert out.getvalue()
+    assert err.getvalue() == ""
+    assert cv2.imread(str(tmp_path / f"{path.stem}.png")) is not None

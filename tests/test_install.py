@@ -1,11 +1,14 @@
-"""What `make` installs: each target what it needs, one pip at a time; and the product needs no tool of development."""
+"""What is installed: by `make`, as a wheel, and what is named of it."""
 
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 import shutil
 import subprocess
+import sys
+import zipfile
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -79,3 +82,45 @@ def test_the_product_imports_no_tool_of_development() -> None:
                 found[str(path.relative_to(ROOT))] = name
     assert found == {}
     assert "pytest" in tools
+
+
+PACKAGES = {"vbaa", "vbaa_calib", "targets", "estimator", "viz"}
+CODE = "import vbaa; from vbaa_calib.cli import main; print(vbaa.Rig.__name__, vbaa.__file__); main(['schema', 'rig'])"
+
+
+@pytest.mark.slow
+def test_the_wheel_is_whole_and_works_by_itself(tmp_path: Path) -> None:
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", str(tmp_path), str(ROOT)], check=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    assert {name.partition("/")[0] for name in names if ".dist-info" not in name} == PACKAGES
+    kept = (path for package in PACKAGES for path in (ROOT / package).rglob("*"))
+    data = {str(path.relative_to(ROOT)) for path in kept if path.is_file() and "__pycache__" not in path.parts}
+    assert data <= set(names)
+    site = tmp_path / "site"
+    subprocess.run([*pip, "install", "--no-deps", "--target", str(site), str(wheel)], check=True)
+    environment = os.environ | {"PYTHONPATH": str(site)}
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", CODE], cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"Rig {site}")
+
+
+def test_what_is_needed_is_named() -> None:
+    spec = importlib.util.spec_from_file_location("sbom", Path(__file__).parents[1] / "docs" / "sbom.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    plain, whole = (module.sbom(extras) for extras in (frozenset(), frozenset({"dev"})))
+    names = [each["name"] for each in plain["components"]]
+    assert len(set(names)) == len(names)
+    assert {"numpy", "torch", "opencv-contrib-python-headless"} <= set(names)
+    assert "dask" not in names
+    assert {*names, "dask", "rosbags", "pytest"} <= {each["name"] for each in whole["components"]}
+    for each in plain["components"]:
+        assert each["purl"] == f"pkg:pypi/{each['name']}@{each['version']}"
+        assert each["licenses"][0]["license"]["name"]
+    known = {each["bom-ref"] for each in (*plain["components"], plain["metadata"]["component"])}
+    assert known == {each["ref"] for each in plain["dependencies"]}
+    assert all(known.issuperset(each["dependsOn"]) for each in plain["dependencies"])

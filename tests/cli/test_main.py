@@ -1,25 +1,30 @@
-"""The front door: quick, one line for every error, and the exit codes that scripts rely on."""
+"""The front door: quick, one line for every error, exit codes, flags alike over all verbs, odd locales."""
 
 from __future__ import annotations
 
 import argparse
 import errno
+import itertools
 import json
 import os
 import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import vbaa_calib
 from vbaa_calib.cli import schema as schema_cli
+from vbaa_calib.cli.main import VERBS, _verb_parser
+from vbaa_calib.core import console
 from vbaa_calib.core.errors import InputError, SolveError
 
-from .conftest import Call
+from .conftest import Call, refused
 
 HEAVY = {"torch", "pyvista", "cv2", "kornia", "scipy", "vtk", "vtkmodules", "pydantic", "rich"}
 
@@ -166,3 +171,114 @@ def test_a_folder_that_is_gone_is_said(tmp_path: Path) -> None:
     done = subprocess.run(["bash", "-c", call], capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 2, done.stderr
     assert done.stderr == "vbaa: the folder that this runs in is gone; change to one that is there\n"
+
+
+UNITS = {"M", "RAD", "N", "NM", "DEG", "S", "M4", "KG", "HZ"}
+TAKES = {
+    "--board": Path,
+    "--rig": Path,
+    "--session": Path,
+    "--camera": Path,
+    "--html": Path,
+    "--out": Path,
+    "--truth": Path,
+    "--seed": int,
+    "--poses": Path,
+    "--jobs": int,
+    "--distance": float,
+}
+
+
+def options() -> dict[str, list[tuple[str, argparse.Action]]]:
+    """Option → verbs that have it; the wizard's answers are questions with their own units in their names."""
+    found = defaultdict(list)
+    for verb in VERBS:
+        for action in _verb_parser(verb)._actions:
+            if not action.dest.startswith("answer_"):
+                for name in (name for name in action.option_strings if name.startswith("--")):
+                    found[name].append((verb, action))
+    return found
+
+
+def test_one_unit_and_one_kind_over_all_verbs() -> None:
+    for name, uses in options().items():
+        units = {action.metavar for _, action in uses if action.metavar in UNITS}
+        assert len(units) <= 1, f"{name}: {units}"
+        assert len({action.nargs == 0 for _, action in uses}) == 1, name
+        kinds = {action.type for _, action in uses if action.nargs != 0}
+        assert len(kinds) <= 1, f"{name}: {kinds}"
+        assert name not in TAKES or kinds == {TAKES[name]}
+
+
+def test_no_length_force_or_angle_in_other_than_si() -> None:
+    """But for what is read off a photograph with a protractor, and what has its unit in its name."""
+    degrees = {name for name, uses in options().items() if any(action.metavar == "DEG" for _, action in uses)}
+    assert degrees <= {"--tilt-std", "--gravity-angle", "--gravity-std"}
+    small = {name for name, uses in options().items() if any(action.metavar in {"MM", "MN"} for _, action in uses)}
+    assert all(name.endswith("-mm") for name in small)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (("estimat",), "do you mean estimate?"),
+        (("estimate", "session", "--rig", "rig.json", "-o", "c.csv", "--no-momnet"), "do you mean --no-moment?"),
+        (("estimate", "--centerlines", "pixels.csv"), "do you mean --centrelines?"),
+    ],
+)
+def test_a_slip_is_named(vbaa: Call, call: tuple[str, ...], words: str) -> None:
+    refused(vbaa(*call), words)
+
+
+def test_what_begins_with_a_minus_may_be_a_value(vbaa: Call) -> None:
+    """A number of any notation and an axis, after a space as after =; a slip in an option is one as before."""
+    for words in (["--force-z", "-4e-2"], ["--force-z=-4e-2"], ["--force-z", "-.04"]):
+        refused(vbaa("budget", "none.json", *words), "add --distance, --force-y")
+    for words in (["--moment-axis", "-y"], ["--moment-axis=-y"]):
+        refused(vbaa("live", "none.json", "none.mcap", *words), "none.json: no such file")
+    refused(vbaa("live", "none.json", "none.mcap", "--moment-axis", "--lines"), "expected one argument")
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_names_verbs_and_options(vbaa: Call, shell: str) -> None:
+    said = vbaa("completion", shell)
+    assert said.code == 0
+    assert all(verb in said.out for verb in VERBS)
+    assert "no-moment" in said.out
+
+
+def test_bash_completes(vbaa: Call, tmp_path: Path) -> None:
+    script = tmp_path / "vbaa.bash"
+    script.write_text(vbaa("completion", "bash").out)
+    ask = 'source "$1"; COMP_WORDS=({words}); COMP_CWORD={at}; _vbaa; echo "${{COMPREPLY[@]}}"'
+    for words, at, wanted in (("vbaa esti", 1, "estimate"), ("vbaa estimate --no-m", 2, "--no-moment")):
+        code = ask.format(words=words, at=at)
+        done = subprocess.run(["bash", "-c", code, "bash", script], capture_output=True, text=True, check=True)
+        assert done.stdout.strip() == wanted
+
+
+def test_module_and_version(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(Path(vbaa_calib.__file__).parents[1])}
+    command = [sys.executable, "-m", "vbaa_calib", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment, cwd=tmp_path)
+    name, version, digest = done.stdout.split()
+    assert (name, version) == ("vbaa-calib", vbaa_calib.__version__)
+    assert len(digest.strip("()")) == 12
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="names are Unicode there")
+def test_json_is_utf8_whatever_the_locale(rig: Path, tmp_path: Path) -> None:
+    output = tmp_path / "Prüfstand.json"
+    call = [sys.executable, "-m", "vbaa_calib", "export", str(rig), "--to", "json", "-o", str(output), "--json"]
+    environment = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONPATH": str(Path.cwd())}
+    done = subprocess.run(call, env=environment, capture_output=True, check=True)
+    assert json.loads(done.stdout.decode("utf-8"))["output"] == str(output)
+
+
+def test_without_a_terminal_long_work_says_how_far_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock: Iterator[float] = itertools.count(0.0, 4.0)
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    assert list(console.progress(range(6), "pictures", 6)) == list(range(6))
+    assert capsys.readouterr().err.count("pictures: ") == 2

@@ -1,17 +1,21 @@
-"""Input that is odd and may be used, and that what is wrong is refused early; what is refused: tests/hostile."""
+"""Input that is odd and may be used, rigs that may not, and pictures of what was seen; refusals: tests/hostile."""
 
 from __future__ import annotations
 
 import csv
+import json
+import re
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from vbaa_calib.core.errors import Diagnosis, SolveError, Verdict
+from vbaa_calib.core.files import write_json
 from vbaa_calib.rig import Rig
 
-from .conftest import Call, grey, noise, refused, repaint
+from .conftest import PICTURES, Call, grey, noise, refused, repaint
 
 
 def test_vision_alone(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
@@ -104,3 +108,166 @@ def test_a_frame_without_an_antenna_stays_in_the_table(vbaa: Call, session: Path
     said = vbaa("reconstruct", contacts, "--rig", rig, "-o", tmp_path / "object.vtp")
     refused(said, "contacts.csv")
     assert not (tmp_path / "object.vtp").exists()
+
+
+VERBS = {
+    "estimate": ("estimate", "SESSION", "--rig", "RIG", "-o", "OUT", "--report", "PAGE"),
+    "live": ("live", "RIG", "SESSION/recording/recording.csv", "--output", "OUT"),
+    "batch": ("batch", "SESSION", "--rig", "RIG", "-o", "OUT"),
+    "export": ("export", "RIG", "--to", "json", "-o", "OUT"),
+    "refine": ("refine", "CONTACTS", "--rig", "RIG", "--session", "SESSION", "-o", "OUT"),
+}
+"""The calls that use a rig to measure."""
+
+
+def rewritten(path: Path, **factors: float) -> None:
+    """A table with columns multiplied."""
+    rows = list(csv.DictReader(path.open()))
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(row | {name: float(row[name]) * factor for name, factor in factors.items()} for row in rows)
+
+
+def test_a_wrong_calibration_says_so_everywhere(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    """Loads ten times too large: terminal, --json, rig.json, check and exit code agree, and the files are there."""
+    rewritten(session / "loads" / "loads.csv", force_y_N=10.0, force_z_N=10.0)
+    wrong = tmp_path / "wrong.json"
+    said = vbaa("calibrate", session, "-o", wrong, "--json")
+    verdict = json.loads(wrong.read_text())["verdict"]
+    assert said.code == 1
+    assert verdict["severity"] == "wrong"
+    assert said.result["verdict"] == verdict
+    assert verdict["findings"][0]["severity"] == "wrong"
+    assert f"wrong      {verdict['findings'][0]['words']}" in said.err
+    assert Rig.load(wrong).verdict.to_dict() == verdict
+    assert vbaa("check", wrong).code == 1
+    refused(vbaa("estimate", session, "--rig", wrong, "-o", tmp_path / "c.csv"), "wrong.json", "--accept-rig")
+    assert not (tmp_path / "c.csv").exists()
+    sound = json.loads(rig.read_text())["verdict"]
+    assert sound["severity"] != "wrong"
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_wrong_rig_is_refused_unless_accepted(
+    verb: str, vbaa: Call, session: Path, rig: Path, tmp_path: Path
+) -> None:
+    contacts, out = tmp_path / "contacts.csv", tmp_path / "out"
+    if verb == "refine":
+        assert vbaa("estimate", session, "--rig", rig, "-o", contacts, "--no-report").code == 0
+    finding = Diagnosis("joints", "pan and tilt were exchanged", "exchange the columns", "wrong")
+    document = json.loads(rig.read_text()) | {"verdict": Verdict.of([finding]).to_dict()}
+    rig.write_text(json.dumps(document))
+    suffix = {"batch": ""}.get(verb, ".csv")
+    named = {
+        "SESSION": session,
+        "RIG": rig,
+        "CONTACTS": contacts,
+        "OUT": out.with_suffix(suffix),
+        "PAGE": tmp_path / "page.html",
+    }
+    call = [str(named.get(word, word)).replace("SESSION", str(session)) for word in VERBS[verb]]
+    refused(vbaa(*call), "rig.json", "pan and tilt were exchanged", "exchange the columns", "--accept-rig")
+    assert not named["OUT"].exists()
+    if verb != "batch":  # processes of its own
+        accepted = vbaa(*call, "--accept-rig")
+        assert accepted.code == 0, accepted.err
+        assert "pan and tilt were exchanged" in accepted.err
+    if verb == "estimate":
+        assert "pan and tilt were exchanged" in named["PAGE"].read_text()
+
+
+def test_other_verbs_use_a_wrong_rig_and_say_so(vbaa: Call, session: Path, rig: Path) -> None:
+    finding = Diagnosis("joints", "pan and tilt were exchanged", "exchange the columns", "wrong")
+    rig.write_text(json.dumps(json.loads(rig.read_text()) | {"verdict": Verdict.of([finding]).to_dict()}))
+    seen = vbaa("look", session / "noload" / "noload_001.png", "--rig", rig)
+    assert seen.code == 0
+    assert "pan and tilt were exchanged" in seen.err
+
+
+def test_the_verdict_survives_reading_and_writing(rig: Path) -> None:
+    """And a rig.json of an older version, without one, has none."""
+    findings = [Diagnosis("a", "b", "c"), Diagnosis("d", "e", "f", "note"), Diagnosis("g", "h", "i", "wrong")]
+    verdict = Verdict.of(findings)
+    assert (verdict.severity, verdict.findings[0].name) == ("wrong", "g")
+    document = json.loads(rig.read_text())
+    assert Rig.from_dict(document | {"verdict": verdict.to_dict()}).verdict == verdict
+    del document["verdict"]
+    assert Rig.from_dict(document).verdict == Verdict()
+
+
+def test_nothing_is_written_that_cannot_be_read_again(rig: Path, tmp_path: Path) -> None:
+    document, out = json.loads(rig.read_text()), tmp_path / "out.json"
+    document["joint"]["covariance"][0][0] = 1e13
+    with pytest.raises(SolveError, match="not written"):
+        write_json(out, document, readable_as=Rig.from_dict)
+    assert not out.exists()
+
+
+def left(folder: Path) -> set[str]:
+    """What is in a folder, hidden files too."""
+    return {path.name for path in folder.iterdir()}
+
+
+@pytest.fixture
+def drawn(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> Call:
+    """`vbaa estimate` of the session to contacts.csv with an overlay."""
+    call = ("estimate", session, "--rig", rig, "--no-report", "-o", tmp_path / "contacts.csv", "--overlay")
+    return lambda *more: vbaa(*call, *more)
+
+
+def test_every_frame_has_its_picture_and_its_place_on_the_page(
+    vbaa: Call, drawn: Call, session: Path, rig: Path, tmp_path: Path
+) -> None:
+    repaint(PICTURES["recording"], noise)(session)
+    target, contacts, plain = tmp_path / "seen", tmp_path / "contacts.csv", tmp_path / "plain.csv"
+    said = drawn(target, "--json")
+    assert said.code == 0, said.err
+    assert vbaa("estimate", session, "--rig", rig, "--no-report", "-o", plain).code == 0
+    assert plain.read_bytes() == contacts.read_bytes()
+    assert said.result["overlay"] == str(target)
+    with contacts.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    expected = [f"frame_{int(row['frame']):06d}_{row['status']}.jpg" for row in rows]
+    assert {row["status"] for row in rows} >= {"ok", "no_antenna"}
+    assert left(target) == {*expected, "thumbnails", "index.html"}
+    assert left(target / "thumbnails") == set(expected)
+    assert all(cv2.imread(str(target / name)).shape[1] == 960 for name in expected)
+    page = (target / "index.html").read_text()
+    assert re.findall(r'href="([^"]+)"', page) == expected
+    assert set(re.findall(r'(?:src|href)="([^"]+)"', page)) == {*expected, *(f"thumbnails/{name}" for name in expected)}
+    assert not re.search(r"<script|https?:|url\(|@import", page)
+    for status in {row["status"] for row in rows}:
+        assert f"#only-{status}:checked ~ .frames a:not(.{status})" in page
+        assert f'<input type="radio" name="status" id="only-{status}"' in page
+
+
+def test_look_says_what_is_seen(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    image = session / PICTURES["noload"]
+    said = vbaa("look", image, "--rig", rig, "-o", tmp_path / "look.png", "--json")
+    assert said.code == 0, said.err
+    result = said.result
+    assert (result["verdict"], result["end"], result["bright"]) == ("ok", "tip", True)
+    assert result["seen"] > 0.8
+    assert 0.005 < result["sigma_median_px"] < 0.2
+    assert "verdict  ok" in said.err
+    assert "of its length seen" in said.err
+    assert "brighter than its surroundings" in said.err
+    drawn = cv2.imread(str(tmp_path / "look.png"))
+    end = np.rint(2 * np.array(result["end_px"])).astype(int)
+    ring = drawn[end[1] - 8 : end[1] + 9, end[0] - 8 : end[0] + 9]
+    assert (ring.min(axis=-1) > 200).sum() > 20
+
+
+def test_look_with_the_empty_scene_taken_off(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    image, clutter = session / PICTURES["noload"], tmp_path / "clutter.png"
+    picture = cv2.imread(str(image), cv2.IMREAD_GRAYSCALE)
+    stripes = np.zeros(picture.shape, np.int32)
+    for row in range(4, len(stripes), 11):  # bars all along the antenna
+        cv2.line(stripes, (0, row), (picture.shape[1], row + 6), 70, 2)
+    cv2.imwrite(str(clutter), np.clip(stripes + 60, 0, 255).astype(np.uint8))
+    cv2.imwrite(str(image), np.clip(stripes + picture, 0, 255).astype(np.uint8))
+    bare = vbaa("look", image, "--rig", rig, "--json").result
+    helped = vbaa("look", image, "--rig", rig, "--background", clutter, "--json").result
+    assert helped["verdict"] == "ok"
+    assert helped["seen"] > bare["seen"] + 0.1

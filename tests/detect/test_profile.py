@@ -1,14 +1,18 @@
-"""The measured centreline against lines drawn here: bias, honest deviations, gaps, edges, and no line at all."""
+"""The measured centreline: against lines drawn here, metal and filtered pictures, colours, and plain least squares."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import cv2
 import numpy as np
 import pytest
+from numpy.polynomial.legendre import legval
 
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor
-from vbaa_calib.detect.whisker.profile import measure
+from vbaa_calib.detect.whisker.profile import measure, measure_in_colour
+from vbaa_calib.native import core
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, trace, tube
 
@@ -163,3 +167,251 @@ def test_a_line_that_an_inclined_camera_sees_broader_at_one_end_is_as_good_as_it
     error = aside(straight(5.0), line.points_px)
     assert line.seen > 0.93
     assert 0.75 < np.sqrt(np.mean((error / line.sigma_px) ** 2)) < 1.25
+
+
+PER_PX = 32
+HALF, WIDTH_PX_FIT, BLUR_PX = 9, 3.4, 0.9
+AT = np.arange(-(HALF + 2) * PER_PX, (HALF + 2) * PER_PX + 1) / PER_PX
+"""(R,) distances at which cross-sections are tabled."""
+
+
+@pytest.fixture
+def image() -> np.ndarray:
+    rng = np.random.default_rng(3)
+    v, u = np.mgrid[:90, :200]
+    ridge = 90.0 * np.exp(-0.5 * ((v - 40.0 - 0.1 * u) / 1.6) ** 2)
+    return rng.normal(0.0, 3.0, v.shape) + 40.0 + 0.2 * u - 0.3 * v + ridge
+
+
+def section() -> np.ndarray:
+    """(R,) of a round, evenly painted antenna, blurred by lens and pixel."""
+    inside = np.abs(AT) < 0.5 * WIDTH_PX_FIT
+    body = np.where(inside, 0.4 + 0.6 * np.sqrt(np.clip(1.0 - (2.0 * AT / WIDTH_PX_FIT) ** 2, 0.0, None)), 0.0)
+    line = np.convolve(body, np.exp(-0.5 * AT**2 / (BLUR_PX**2 + 0.29**2)), mode="same")
+    return line / line.max()
+
+
+def across(image: np.ndarray, centre: np.ndarray) -> tuple[core.search.Crossings, np.ndarray]:
+    """Profiles of a straight path, and the distances (N, T) of their pixels from a line at (N,)."""
+    found = core.search.crossings(image, np.array([[12.3, 41.0], [180.0, 58.4]]), HALF, 1.0)
+    return found, (found.across - centre[: len(found.along), None]) / found.stretch[:, None]
+
+
+def at(table: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda distance: np.interp(distance, AT, table)
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.uint16, np.uint8])
+def test_a_line_is_fitted_by_least_squares(image: np.ndarray, kind: type) -> None:
+    picture = np.clip(image, 0.0, 255.0).astype(kind)
+    centre = np.random.default_rng(4).uniform(-1.0, 1.0, 200)
+    found, distance = across(picture, centre)
+    value, slope = at(section()), at(np.gradient(section(), 1.0 / PER_PX))
+    centre = centre[: len(distance)]
+    fits = core.profile.fit(core.profile.expected(WIDTH_PX_FIT, BLUR_PX, HALF + 2), found, centre)
+    for n, grey in enumerate(found.profiles):
+        shape, moved = value(distance[n]), -slope(distance[n]) / found.stretch[n]
+        columns = np.stack([np.ones(grey.size), np.arange(grey.size), shape, moved], axis=1)
+        solved, squares, *_ = np.linalg.lstsq(columns, grey, rcond=None)
+        unit = np.sqrt(np.linalg.inv(columns.T @ columns)[2, 2])
+        meant = np.clip(solved[3] / solved[2], -HALF, HALF), solved[2], unit, np.sqrt(squares[0] / (grey.size - 4))
+        assert [each[n] for each in fits] == pytest.approx(meant, rel=1e-8)
+
+
+def test_normal_equations_are_products_of_columns_without_background(image: np.ndarray) -> None:
+    rng, reach = np.random.default_rng(5), HALF + 2
+    centre = rng.uniform(-1.0, 1.0, 200)
+    found, distance = across(image, centre)
+    coefficients = rng.normal(0.0, 30.0, (len(distance), 4))
+    made = core.profile.normal_equations(found, centre[: len(distance)], WIDTH_PX_FIT, BLUR_PX, coefficients, reach)
+    plain, wider, softer = (
+        core.profile.blurred_polynomials(WIDTH_PX_FIT * a, BLUR_PX * b, reach)
+        for a, b in ((1, 1), (1.02, 1), (1, 1.02))
+    )
+    q, _ = np.linalg.qr(np.stack([np.ones(2 * HALF + 1), np.arange(2 * HALF + 1)], axis=1))
+    for n, own in enumerate(coefficients):
+        alone = np.stack([at(column)(distance[n]) for column in plain.T])
+        width, blur = (at((changed - plain) @ own / 0.02)(distance[n]) for changed in (wider, softer))
+        place = at(np.gradient(plain @ own, 1.0 / PER_PX))(distance[n]) / -found.stretch[n]
+        share = found.along[n] / found.along[-1] - 0.5
+        columns = np.stack([*alone, width, blur, share * width, place, found.profiles[n]])
+        columns -= columns @ q @ q.T
+        meant = columns @ columns.T
+        assert np.allclose(made[n], meant, rtol=1e-8, atol=1e-8 * np.sqrt(np.outer(meant.diagonal(), meant.diagonal())))
+
+
+FINE = 5
+Brightness = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Shares of the way (M,), places across from −1 to 1 (M,) → grey levels (M,)."""
+
+
+def metal(path_px: np.ndarray, width_px: float, brightness: Brightness, ground: float = 80.0) -> np.ndarray:
+    """(H, W) grey levels of a straight tube along path (2, 2) whose brightness is given, before an even ground."""
+    v, u = (np.mgrid[: FINE * SIZE[0], : FINE * SIZE[1]] + 0.5) / FINE - 0.5
+    along = (path_px[1] - path_px[0]) / np.linalg.norm(path_px[1] - path_px[0])
+    offset = np.stack([u, v], axis=-1) - path_px[0]
+    share = offset @ along / np.linalg.norm(path_px[1] - path_px[0])
+    across = offset @ np.array([-along[1], along[0]]) / (0.5 * width_px)
+    on = (np.abs(across) < 1.0) & (share > 0.0) & (share < 1.0)
+    light = np.full(u.shape, ground)
+    light[on] = brightness(share[on], across[on])
+    blurred = cv2.GaussianBlur(light, (0, 0), 0.7 * FINE)
+    return blurred.reshape(SIZE[0], FINE, SIZE[1], FINE).mean(axis=(1, 3))
+
+
+def bright_to_dark(share: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """From a glare through the ground's grey to dark, and a highlight at its side that fades, too."""
+    glint = np.exp(-0.5 * ((across - 0.45) / 0.25) ** 2)
+    return 150.0 - 130.0 * share + 90.0 * (1.0 - share) * glint
+
+
+def at_its_side(share: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Grey, with a highlight at one side all along it."""
+    return 30.0 + 0.0 * share + 150.0 * np.exp(-0.5 * ((across - 0.5) / 0.3) ** 2)
+
+
+def test_blurred_polynomials_are_what_convolution_gives() -> None:
+    width, blur, fine = 4.3, 0.7, 7 * 32
+    at = np.arange(-12 * fine, 12 * fine + 1) / fine
+    inside = np.where(np.abs(at) < 0.5 * width, 1.0, 0.0)
+    bell = np.exp(-0.5 * at**2 / (blur**2 + 0.29**2))
+    for k, column in enumerate(core.profile.blurred_polynomials(width, blur, 12).T):
+        sharp = inside * legval(2.0 * at / width, np.eye(4)[k])
+        assert np.allclose(column, np.convolve(sharp, bell / bell.sum(), mode="same")[::7], atol=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("brightness", "width_px"), [(bright_to_dark, 3.5), (bright_to_dark, 6.0), (at_its_side, 2.5), (at_its_side, 3.5)]
+)
+def test_bare_metal_is_measured_between_its_edges(brightness: Brightness, width_px: float) -> None:
+    """A symmetric shape that is bright everywhere would lie on the highlight."""
+    rng, path = np.random.default_rng(2), straight(12.0, 220.0)
+    guide = dense(path) + np.array([0.0, 0.15 * width_px])
+    errors, claims, seen = [], [], []
+    for _ in range(4):
+        line = measure(exposed(metal(path, width_px, brightness), rng), guide, width_px, None)
+        assert line.found
+        errors.append(aside(path, line.points_px))
+        claims.append(line.sigma_px)
+        seen.append(line.seen)
+    error, claim = np.concatenate(errors), np.concatenate(claims)
+    assert np.mean(seen) > 0.8
+    assert abs(error.mean()) < 0.06 * width_px
+    assert np.sqrt((error**2).mean()) < 1.2 * np.sqrt((claim**2).mean())
+
+
+@pytest.mark.parametrize("width_px", [2.3, 6.0])
+def test_filters_of_a_camera_are_in_the_deviations(width_px: float) -> None:
+    """Noise that a filter has made smooth moves neighbours alike, and by more than residuals seem to say."""
+    rng, alone, together = np.random.default_rng(5), [], []
+    for index in range(8):
+        path = straight(4.0 + 7.0 * index, 200.0)
+        light = 60.0 + tube(path, width_px, 110.0)
+        noise = 4.0 * cv2.GaussianBlur(rng.normal(0.0, 1.0, SIZE), (0, 0), 1.0)
+        line = measure(np.rint(light + noise), dense(path) + 0.5, width_px)
+        error = aside(path, line.points_px)
+        alone.append((error**2).mean() / (line.sigma_px**2).mean())
+        runs = len(error) // 20 * 20
+        of_runs = error[:runs].reshape(-1, 20).mean(axis=1)
+        expected = (line.effective_px[:runs] ** 2).reshape(-1, 20).mean(axis=1) / 20.0
+        together.append((of_runs**2).mean() / expected.mean())
+        assert (line.effective_px >= line.sigma_px).all()
+    assert np.sqrt(np.mean(alone)) == pytest.approx(1.0, abs=0.15)
+    assert 0.5 < np.sqrt(np.mean(together)) < 1.25
+
+
+def test_white_noise_is_not_taken_for_shared() -> None:
+    rng, path = np.random.default_rng(6), straight(9.0, 200.0)
+    shares = []
+    for _ in range(8):
+        line = measure(exposed(60.0 + tube(path, WIDTH_PX, 110.0), rng, 2.0), dense(path) + 0.5, WIDTH_PX)
+        shares.append(np.mean(line.effective_px / line.sigma_px))
+    assert np.mean(shares) < 1.15
+
+
+def test_the_edge_of_what_hides_its_end_is_not_the_antenna() -> None:
+    """An object whose edge lies along the antenna's further half, there in its stead."""
+    rng, path = np.random.default_rng(7), straight(10.0, 220.0)
+    middle, along = path.mean(axis=0), (path[1] - path[0]) / np.linalg.norm(path[1] - path[0])
+    lit = metal(path, 5.0, lambda share, across: 130.0 - 70.0 * share + 30.0 * across)
+    v, u = np.mgrid[: SIZE[0], : SIZE[1]]
+    ahead = (u - middle[0]) * along[0] + (v - middle[1]) * along[1]
+    beside = (v - middle[1]) * along[0] - (u - middle[0]) * along[1]
+    object_ = 80.0 + 50.0 / (1.0 + np.exp(-2.0 * beside))
+    hidden = 1.0 / (1.0 + np.exp(-2.0 * ahead))
+    for _ in range(4):
+        line = measure(exposed(lit + hidden * (object_ - lit), rng), dense(path) + 0.5, 5.0, None)
+        reached = (line.points_px - middle) @ along
+        assert np.quantile(np.diff(np.sort(reached[reached < -10.0])), 0.99) < 3.0
+        assert reached.min() < -100.0
+        assert reached.max() < 12.0
+
+
+def test_shades_are_what_convolution_gives() -> None:
+    """The backgrounds, and the series in the angle of a round surface, blurred; and their derivatives."""
+    width, blur, fine = 4.3, 0.7, 7 * 32
+    at = np.arange(-12 * fine, 12 * fine + 1) / fine
+    inside, angle = np.abs(at) < 0.5 * width, np.arcsin(np.clip(2.0 * at / width, -1.0, 1.0))
+    sharp = [at < -0.5 * width, at > 0.5 * width]
+    for k in (1, 2, 3):
+        sharp += [np.where(inside, wave(k * angle), 0.0) for wave in (np.sin, np.cos)]
+    bell = np.exp(-0.5 * at**2 / (blur**2 + 0.29**2))
+    tabled, wider, softer = (core.profile.shades(width * a, blur * b, 12) for a, b in ((1, 1), (1.001, 1), (1, 1.001)))
+    for k, shape in enumerate(sharp):
+        shade = np.asarray(shape, float)
+        if k > 1:
+            shade[inside] -= shade[inside].mean()
+            shade[inside] /= np.sqrt((shade[inside] ** 2).mean())
+        meant = np.convolve(shade, bell / bell.sum(), mode="same")[::7]
+        middle = slice(7 * 32, -7 * 32)  # beyond, the convolution ends
+        assert np.allclose(tabled[middle, k], meant[middle], atol=5e-3)
+        assert np.allclose(tabled[:, 8 + k], np.gradient(tabled[:, k], 1.0 / 32.0), atol=4e-3)
+        assert np.allclose(tabled[:, 16 + k], (wider - tabled)[:, k] / 0.001, atol=4e-3)
+        assert np.allclose(tabled[:, 24 + k], (softer - tabled)[:, k] / 0.001, atol=4e-3)
+
+
+def in_colour(cover: np.ndarray, ground: np.ndarray, rng: np.random.Generator, noise: float = 1.5) -> np.ndarray:
+    """(H, W, 3) of an antenna of one colour that covers so much (H, W) of a ground (H, W, 3)."""
+    light = ground + cover[..., None] * (np.array([150.0, 120.0, 90.0]) - ground)
+    return np.stack([exposed(channel, rng, noise) for channel in np.moveaxis(light, -1, 0)], axis=-1)
+
+
+@pytest.mark.parametrize("width_px", [2.5, 4.0, 9.0])
+@pytest.mark.parametrize("patched", [False, True])
+def test_lines_are_where_and_as_sure_as_they_say(width_px: float, patched: bool) -> None:
+    """Before one background, and before patches here darker, there brighter, on either side their own."""
+    rng, errors, claims = np.random.default_rng(int(10 * width_px)), [], []
+    for _ in range(4):
+        path = bent((40.0, 100.0 + rng.uniform(0, 1)), rng.uniform(-5, 10), rng.uniform(0, 30))
+        ground = np.full((*SIZE, 3), 60.0)
+        if patched:
+            for begin in range(0, SIZE[1], 45):
+                ground[:, begin : begin + 45] = rng.uniform(20.0, 230.0, 3)
+        picture = in_colour(tube(path, width_px, 1.0), ground, rng)
+        line = measure_in_colour(picture, dense(path) + 0.4, width_px)
+        assert line.found
+        assert line.seen > 0.9
+        errors.append(aside(path, line.points_px))
+        claims.append(line.sigma_px)
+    error, claim = np.concatenate(errors), np.concatenate(claims)
+    assert np.sqrt((error**2).mean()) < 0.05
+    assert 0.4 < np.sqrt((error**2).mean() / (claim**2).mean()) < 1.4
+
+
+@pytest.mark.parametrize("brightness", [bright_to_dark, at_its_side])
+def test_a_highlight_at_its_side_does_not_pull_the_line(brightness) -> None:
+    rng, path, width_px = np.random.default_rng(2), straight(12.0, 220.0), 5.0
+    light = metal(path, width_px, brightness)
+    picture = np.stack([exposed(light, rng) for _ in range(3)], axis=-1)
+    line = measure_in_colour(picture, dense(path) + np.array([0.0, 0.15 * width_px]), width_px)
+    assert line.found
+    assert abs(aside(path, line.points_px).mean()) < 0.04 * width_px
+
+
+def test_what_hides_it_leaves_a_gap() -> None:
+    rng, path = np.random.default_rng(4), straight(10.0)
+    picture = in_colour(tube(path, 4.0, 1.0), np.full((*SIZE, 3), 60.0), rng)
+    picture[:, 140:175] = np.rint(90.0 + rng.normal(0.0, 1.5, (SIZE[0], 35, 3)))
+    u = measure_in_colour(picture, dense(path) + 0.5, 4.0).points_px[:, 0]
+    assert not ((u > 142) & (u < 173)).any()
+    assert ((u < 135).sum() > 50) & ((u > 180).sum() > 50)

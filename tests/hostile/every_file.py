@@ -172,7 +172,7 @@ TO_FOLDERS: tuple[tuple[str, Damage, tuple[str, ...]], ...] = (
 
 def cases() -> list[Case]:
     """Each file in each command that reads it, with a damage that differs from row to row: any reader refuses them all
-    (`tests/fuzz/test_properties.py`), and each command must end as it should."""
+    (`tests/fuzz/test_fuzz.py`), and each command must end as it should."""
     groups = ((TEXTS, TO_TEXTS), (OBJECTS, TO_OBJECTS), (PICTURES, TO_PICTURES), (LISTED, TO_LISTED))
     found = []
     for files, damages in (*groups, (FOLDERS, TO_FOLDERS)):

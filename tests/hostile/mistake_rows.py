@@ -1,6 +1,6 @@
 """What a file may say that is a number, a text and a table, and cannot be all the same: one row each.
 
-That what is no number, text or table is refused is a law: `tests/fuzz/test_properties.py`.
+That what is no number, text or table is refused is a law: `tests/fuzz/test_fuzz.py`.
 """
 
 from __future__ import annotations

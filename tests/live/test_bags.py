@@ -1,11 +1,14 @@
-"""Bags: what is written is what foreign readers read, and what is read is what was meant."""
+"""Bags: what is written is what foreign readers, Rerun and ROS 2 read, and what is read is what was meant."""
 
 from __future__ import annotations
 
 import base64
 import json
+import runpy
+import socket
 import struct
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,13 +23,18 @@ from rosbags import rosbag2
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from estimator.live.outputs import contact_messages
+from estimator.table.files import write_contacts
 from vbaa_calib.camera import Camera
+from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.streams import Reading, Taken
 from vbaa_calib.streams.bags import BagWriter, Logged, Topics, open_bag, picture_of, readings_of
+from viz.files.rerun_log import RerunLog, _open_viewer
 
 from ..hostile.case import bounded
-from .recordings import COUNT, messages, rig, shown, write
+from .recordings import COUNT, frames, messages, rig, shown, write
+from .test_live import found
 
 
 def read(path: Path, topics: Topics | None = None, camera: Camera | None = None) -> tuple[list[Any], list[str]]:
@@ -393,3 +401,104 @@ def test_what_unpacks_to_far_more_than_it_is_is_refused(tmp_path: Path, name: st
     size = sum(each.stat().st_size for each in (path.iterdir() if path.is_dir() else [path]))
     with bounded(30.0, 50 * size + 200_000_000), pytest.raises(InputError, match="unpack to more than"):
         read(path)
+
+
+def chunks(path: Path) -> Iterator[Any]:
+    """By Rerun's own reader, which takes half a second to load."""
+    from rerun.chunk import RrdReader
+
+    return RrdReader(str(path)).stream()
+
+
+def test_a_log_holds_picture_scene_and_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "live.rrd"
+    log = RerunLog(str(path))
+    several = found()[:30]
+    for each in several:
+        log.write(each)
+    log.close()
+    paths = {chunk.entity_path for chunk in chunks(path)}
+    assert {"/picture", "/picture/antenna", "/contact/distance_mm", "/world/contact/point"} <= paths
+
+
+def test_a_table_is_shown_frame_by_frame(tmp_path: Path) -> None:
+    contacts, path = tmp_path / "contacts.csv", tmp_path / "view.rrd"
+    write_contacts(contacts, [each.row for each in found() if each.final])
+    assert main(["view", str(contacts), "--rerun", str(path)]) == 0
+    frames = [chunk.num_rows for chunk in chunks(path) if chunk.entity_path == "/contact/status"]
+    assert sum(frames) == COUNT
+
+
+VIEWER = f"""#!{sys.executable}
+import socket, sys, time
+place = {{name: sys.argv[sys.argv.index(name) + 1] for name in ("--bind", "--port")}}
+listening = socket.create_server((place["--bind"], int(place["--port"])))
+print("opened at", place["--bind"], flush=True)
+time.sleep(20)
+"""
+
+
+def test_a_viewer_that_is_opened_is_for_this_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Opened once, on loopback: Rerun's own default are all addresses. One that ends at once is an error."""
+    stub = tmp_path / "rerun"
+    stub.write_text(VIEWER)
+    stub.chmod(0o755)
+    monkeypatch.setenv("RERUN_CLI_PATH", str(stub))
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    assert {_open_viewer(port), _open_viewer(port)} == {f"rerun+http://127.0.0.1:{port}/proxy"}
+    assert capfd.readouterr().out == "opened at 127.0.0.1\n"
+    stub.write_text("#!/bin/false\n")
+    with pytest.raises(OSError, match="does not open"):
+        _open_viewer(port + 1 if port < 65535 else port - 1)
+
+
+NODE = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "ros2_node.py"), run_name="node")
+
+
+@pytest.fixture
+def blank(tmp_path: Path) -> Any:
+    """Makes an empty message of a kind, as ROS' own constructors do, or one with fields."""
+    writer = BagWriter(tmp_path / "unused.mcap")
+    yield lambda kind, fields=None: writer._built(kind, fields or {})
+    writer.close()
+
+
+def test_contacts_become_messages(blank: Any) -> None:
+    """Every field of every kind, at the picture's time, in the world frame."""
+    several = [logged for each in found() for logged in contact_messages(each)]
+    assert {logged.kind for logged in several} == set(NODE["KINDS"])
+    for logged in several:
+        fields = logged.fields
+        if logged.kind != "std_msgs/msg/String":
+            fields = NODE["stamped"](fields, logged.time_ns, "world")
+            assert fields["header"]["stamp"]["sec"] * 10**9 + fields["header"]["stamp"]["nanosec"] == logged.time_ns
+        message, expected = NODE["filled"](blank(logged.kind), fields), blank(logged.kind, fields)
+        assert repr(message) == repr(expected) or np.array_equal(message.pose.covariance, expected.pose.covariance)
+
+
+def test_messages_become_pictures_and_readings(blank: Any) -> None:
+    frame = frames()[0]
+    header = {"stamp": {"sec": 7, "nanosec": 250_000_000}, "frame_id": ""}
+    data = np.frombuffer(frame.image.read_bytes(), np.uint8)  # type: ignore[union-attr]
+    packed = blank("sensor_msgs/msg/CompressedImage", {"header": header, "format": "png", "data": data})
+    grey = cv2.imread(str(frame.image), cv2.IMREAD_GRAYSCALE)
+    height, width = grey.shape
+    plain = {"height": height, "width": width, "step": width, "encoding": "mono8", "data": grey.ravel()}
+    image = blank("sensor_msgs/msg/Image", {"header": header, **plain})
+    for message in (packed, image):
+        taken = NODE["taken_of"](message)
+        assert taken.time_s == 7.25
+        np.testing.assert_array_equal(taken.image if taken.image.ndim == 2 else taken.image[..., 0], grey)
+    wrench = blank("geometry_msgs/msg/WrenchStamped", {"header": header, "wrench": {"torque": {"z": 2e-3}}})
+    (reading,) = NODE["read_of"](wrench, Topics(moment_axis="z"))
+    assert (reading.time_s, reading.channel, reading.value) == (7.25, "moment_Nm", 2e-3)
+    joints = {"header": header, "name": ["lift", "pan", "tilt"], "position": [0.5, 0.1, 0.2]}
+    several = list(NODE["read_of"](blank("sensor_msgs/msg/JointState", joints), Topics()))
+    assert {each.channel: each.value for each in several} == {"pan_rad": 0.1, "tilt_rad": 0.2}
+    with pytest.raises(InputError, match="--pan-joint"):
+        list(NODE["read_of"](blank("sensor_msgs/msg/JointState", {"name": ["a"], "position": [0.0]}), Topics()))
+    with pytest.raises(InputError, match="bytes are not"):
+        NODE["taken_of"](blank("sensor_msgs/msg/Image", {**plain, "data": grey.ravel()[:-1]}))

@@ -1,4 +1,4 @@
-"""Sources that fill while they are read: lines on standard input, a folder, readings by UDP."""
+"""Sources that fill while they are read, cameras that break off, bags and videos where folders of pictures were."""
 
 from __future__ import annotations
 
@@ -6,25 +6,39 @@ import base64
 import hmac
 import json
 import os
+import signal
 import socket
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+import pytest
 
-from vbaa_calib.streams import Reading, Taken, now_s
+from estimator.table.files import read_contacts
+from vbaa_calib.cli.main import main
+from vbaa_calib.core import console
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.sources import live
+from vbaa_calib.sources.live import LiveSource, StreamSettings
+from vbaa_calib.streams import Reading, Taken, devices, now_s
+from vbaa_calib.streams.bags import BagWriter, Logged
 from vbaa_calib.streams.devices import _datagrams, udp_socket, with_datagrams
+from vbaa_calib.streams.pictures import BagPictures, thinned
 from vbaa_calib.streams.recorded import _open_folder, _open_lines
+from viz.batch.recordings import BatchRecording
+from viz.batch.results import Results
+from viz.batch.work import BatchSettings, do
 
 from ..small_scene import small_rig
-from .recordings import frames
+from .recordings import frames, write
 
 
 def lines_of(data: bytes, root: Path) -> tuple[list[Any], list[str]]:
@@ -156,3 +170,208 @@ def test_readings_that_are_signed() -> None:
     assert values == [0.0, 5.0]
     assert [note.partition(":")[0] for note in notes] == ["readings come from 127.0.0.1", "warning"]
     assert sent_and_taken(lines, None)[0] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+
+
+BROKE_OFF = "broke off; it is opened again"
+
+
+def picture() -> np.ndarray:
+    return cv2.imread(str(frames()[0].image))
+
+
+class Stage:
+    """What camera and program wait for in each other. began : pictures count. said : what was told so far."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.began, self.broke_off, self.said = threading.Event(), threading.Event(), list[str]()
+        forget, say = LiveSource.forget, console.say
+
+        def begin(source: LiveSource) -> None:
+            forget(source)
+            self.began.set()
+
+        def note(text: str) -> None:
+            self.said.append(text)
+            if BROKE_OFF in text:
+                self.broke_off.set()
+            say(text)
+
+        monkeypatch.setattr(LiveSource, "forget", begin)
+        monkeypatch.setattr(console, "say", note)
+        monkeypatch.setattr(devices, "DEVICES", replace(devices.DEVICES, retries_s=(0.02,) * 5))
+        monkeypatch.setattr(live, "_check_device", lambda *_: None)
+        # a camera that waits for the program is not one that hangs
+        monkeypatch.setattr(live, "StreamSettings", lambda: StreamSettings(open_s=300.0, silence_s=300.0, failures=6))
+
+
+class Scripted:
+    """In the place of `cv2.VideoCapture`: each opening has its pictures, after which it breaks off; None cannot be
+    opened, and what can be called is called at the opening. After the last opening there is none."""
+
+    def __init__(self, stage: Stage, openings: list[list[Any] | Callable[[], None] | None]) -> None:
+        self.stage, self.openings, self.opened, self.given = stage, openings, 0, 0
+        self.left: list[Any] | None = None
+
+    def __call__(self, *_: object) -> Scripted:
+        number, self.opened = self.opened, self.opened + 1
+        now = self.openings[number] if number < len(self.openings) else None
+        self.left = None if now is None or callable(now) else list(now)
+        if callable(now):
+            now()
+        return self
+
+    def isOpened(self) -> bool:
+        return self.left is not None
+
+    def grab(self) -> bool:
+        if self.opened > 1 or self.given:
+            assert self.stage.began.wait(60.0)
+        return bool(self.left)
+
+    def retrieve(self) -> tuple[bool, Any]:
+        assert self.left is not None
+        self.given += 1
+        return True, self.left.pop(0)
+
+    def get(self, key: int) -> float:
+        return 0.0
+
+    def set(self, key: int, value: float) -> bool:
+        return False
+
+    def release(self) -> None:
+        pass
+
+
+def run(source: str, out: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    """The summary; every answered picture is in the table."""
+    words = ("live", small_rig() / "rig.json", source, "-o", out, "--json", "--no-moment", "--pan", "0", "--tilt", "0")
+    assert main([str(word) for word in words]) == 0
+    summary: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert len(read_contacts(out)) == summary["frames"] > 0
+    assert [path.name for path in out.parent.iterdir()] == [out.name]
+    return summary
+
+
+@pytest.mark.parametrize("back", ["whole", "larger", "rubbish"])
+def test_a_camera_that_breaks_off_and_comes_back(
+    back: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It goes on with what can be used, says that it broke off, and counts that it came back."""
+    stage = Stage(monkeypatch)
+    good, larger = picture(), np.zeros((480, 640, 3), np.uint8)
+    rubbish: list[Any] = [None, np.zeros(7, np.uint8), np.zeros((4, 4, 2), np.uint8), np.zeros((9, 9), np.float64)]
+    second = {"whole": [good] * 4, "larger": [larger] * 3 + [good] * 2, "rubbish": [*rubbish, *[good] * 2]}[back]
+    fake = Scripted(stage, [[good] * 5, lambda: stage.broke_off.wait(60.0), second])
+    monkeypatch.setattr(cv2, "VideoCapture", fake)
+    summary = run("camera:0", tmp_path / "contacts.csv", capsys)
+    assert summary["reconnected"] == 1
+    # a second time only when it breaks off for good
+    assert sum(BROKE_OFF in text for text in stage.said) in (1, 2)
+    assert any("no more pictures" in note for note in summary["notes"])  # gone for good, in the end
+    assert fake.opened == 3 + len(devices.DEVICES.retries_s)
+    other = summary["stream"].get("pictures of another size", 0)
+    # the first was given when it was opened, and not counted
+    usable = 4 + len(second) - (len(rubbish) if back == "rubbish" else 0)
+    assert summary["frames"] + summary["dropped"] + other == usable
+    assert (other > 0) == any("of another size" in text for text in stage.said)
+
+
+def test_an_interrupt_while_a_camera_is_away(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stage = Stage(monkeypatch)
+    monkeypatch.setattr(devices, "DEVICES", replace(devices.DEVICES, retries_s=(0.02, 3600.0)))
+
+    def interrupted() -> None:
+        assert stage.broke_off.wait(60.0)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(cv2, "VideoCapture", Scripted(stage, [[picture()] * 4, interrupted]))
+    assert "interrupted" in run("camera:0", tmp_path / "contacts.csv", capsys)["notes"]
+
+
+COUNT = 20
+"""Pictures in a bag."""
+
+PNG = "sensor_msgs/msg/CompressedImage"
+
+
+def pattern(number: int, blur: float = 0.0) -> np.ndarray:
+    """One of several pictures with detail."""
+    rng = np.random.default_rng(number)
+    coarse = cv2.resize(rng.uniform(0, 255, (9, 12)).astype(np.uint8), (240, 180), interpolation=cv2.INTER_NEAREST)
+    return coarse if blur == 0.0 else np.asarray(cv2.GaussianBlur(coarse, (0, 0), blur))
+
+
+def test_the_sharp_one_of_each_view_is_kept() -> None:
+    shown = [(view, blur) for view in range(6) for blur in (3.0, 0.0, 2.0, 4.0)]
+    kept = thinned(((each, pattern(*each)) for each in shown), 24)
+    assert [each for each, _ in kept] == [(view, 0.0) for view in range(6)]
+
+
+@pytest.mark.parametrize("count", [1, 7, 100, 1000])
+def test_no_more_than_asked_and_from_all_over(count: int) -> None:
+    kept = [number for number, _ in thinned(((n, pattern(n)) for n in range(count)), 20)]
+    assert min(count, 20) <= len(kept) <= 40
+    assert np.diff([0, *kept, count]).max() <= max(2 * count / min(count, 20), 2)
+    assert kept == sorted(kept)
+
+
+def as_bag(path: Path, pictures: list[np.ndarray], topics: tuple[str, ...] = ("/image",)) -> Path:
+    writer = BagWriter(path)
+    for number, picture in enumerate(pictures):
+        data = np.frombuffer(cv2.imencode(".png", picture)[1].tobytes(), np.uint8)
+        for topic in topics:
+            writer.write(Logged(topic, PNG, {"format": "png", "data": data}, 10**9 + number * 10**8))
+    writer.close()
+    return path
+
+
+def test_the_wizard_takes_a_bag(tmp_path: Path) -> None:
+    several = [pattern(n) for n in range(4)]
+    source = BagPictures(str(as_bag(tmp_path / "a.mcap", several)))
+    found = [source.next(0.0) for _ in range(4)]
+    assert [each.name for each in found if each] == [f"frame {n}" for n in range(4)]
+    assert [each.time_s for each in found if each] == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(found[2].image, several[2])  # type: ignore[union-attr]
+    assert source.next(0.0) is None
+    assert source.ended
+    source.close()
+    two = as_bag(tmp_path / "two.mcap", several, ("/left", "/right"))
+    with pytest.raises(InputError, match="#TOPIC"):
+        BagPictures(str(two))
+    assert BagPictures(f"{two}#/right").next(0.0) is not None
+
+
+def test_a_lens_from_a_bag_is_that_of_the_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each view three times, blurred but for one: the views that are used are those of the folder."""
+    session = small_rig() / "session"
+    views = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in sorted((session / "intrinsics").iterdir())]
+    several = [np.asarray(cv2.GaussianBlur(view, (0, 0), b)) if b else view for view in views for b in (2.0, 0.0, 3.0)]
+    bag = as_bag(tmp_path / "board.mcap", several)
+    found = []
+    for given in (bag, session / "intrinsics"):
+        words = ["intrinsics", str(given), "--board", str(session / "session.yaml"), "-o", str(tmp_path / "c.json")]
+        main([*words, "--lens-model", "opencv4", "--json", "--force"])
+        found.append(json.loads(capsys.readouterr().out))
+    assert found[0]["matrix"] == found[1]["matrix"]
+    assert main(["intrinsics", str(bag), "--squares", "5x4", "--square", "0.02", "-o", "x", "--topic", "eyes=/a"]) == 2
+    assert "--topic" in capsys.readouterr().err
+
+
+def test_a_batch_takes_a_bag(tmp_path: Path) -> None:
+    """Its rows are those of `vbaa estimate`; and it is not done again until it changes."""
+    bag, rig, out = write(tmp_path / "demo.mcap", count=COUNT), small_rig() / "rig.json", tmp_path / "one.csv"
+    assert main(["estimate", str(bag), "--rig", str(rig), "-o", str(out), "--no-report"]) == 0
+    results = Results(tmp_path / "results")
+    results.prepare(["vbaa", "batch"])
+    recording = BatchRecording("demo", bag, rig)
+    outcome = do(recording, BatchSettings(background=Path("auto")), results)
+    assert (outcome.state, outcome.row["frames"]) == ("done", COUNT)
+    one, other = read_contacts(out), read_contacts(results.contacts("demo"))
+    assert one.status.tolist() == other.status.tolist()
+    np.testing.assert_allclose(other.distance_m, one.distance_m, rtol=1e-8)
+    assert do(recording, BatchSettings(background=Path("auto")), results).state == "unchanged"
+    bag.write_bytes(bag.read_bytes()[:-200])
+    assert do(recording, BatchSettings(background=Path("auto")), results).state == "failed"

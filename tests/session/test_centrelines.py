@@ -1,7 +1,10 @@
-"""centrelines.csv, read a frame at a time: the same numbers, however the file is laid out and wherever a block ends."""
+"""Centrelines, from a table read a frame at a time or from other trackers' files: the same numbers."""
 
 from __future__ import annotations
 
+import pickle
+import struct
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,9 +14,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.session import Centrelines, centrelines, read_centrelines
+from vbaa_calib.session import Centrelines, centrelines, centrelines_of, read_centrelines
 from vbaa_calib.session.centrelines import CENTRELINES
+
+from ..small_scene import small_rig
 
 HEADER = "frame,u_px,v_px,sigma_px"
 ORDERED = [(frame, frame + 0.1 * k, 100.0 - k, 0.1 + 0.01 * k) for frame in range(30) for k in range(1 + frame % 4)]
@@ -123,3 +129,214 @@ def test_a_file_that_changes_meanwhile_is_noticed(tmp_path: Path) -> None:
     path.unlink()
     with pytest.raises(InputError, match="has changed since it was checked"):
         lines[20]
+
+
+FRAMES = (0, 3)
+POINTS = {frame: np.array([[10.0 + frame, 20.0], [30.5, 22.25 + frame], [50.0, 30.0]]) for frame in FRAMES}
+PARTS = ("base", "middle", "tip")
+
+
+def deeplabcut(path: Path, individuals: tuple[str, ...] = ("",), unsure: float = 0.1) -> None:
+    """Of each individual the same points; the last part of frame 3 is unsure."""
+    columns = [(who, part, axis) for who in individuals for part in PARTS for axis in ("x", "y", "likelihood")]
+    heads = {"scorer": ["net"] * len(columns)}
+    heads |= {"individuals": [who for who, _, _ in columns]} if individuals != ("",) else {}
+    heads |= {"bodyparts": [part for _, part, _ in columns], "coords": [axis for _, _, axis in columns]}
+    lines = [",".join([name, *cells]) for name, cells in heads.items()]
+    for frame in FRAMES:
+        sure = [0.99, 0.99, unsure if frame == 3 else 0.99]
+        cells = [f"{x},{y},{p}" for (x, y), p in zip(POINTS[frame], sure, strict=True)]
+        lines.append(",".join([str(frame), *cells * len(individuals)]))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def whisker_toolbox(path: Path, copies: int = 1) -> None:
+    rows = [f'{frame},"{",".join(map(str, p[:, 0]))}","{",".join(map(str, p[:, 1]))}"' for frame, p in POINTS.items()]
+    path.write_text("Frame,X,Y\n" + "\n".join(row for row in rows for _ in range(copies)) + "\n")
+
+
+def whisker_toolbox_folder(path: Path) -> None:
+    path.mkdir()
+    for frame, points in POINTS.items():
+        (path / f"{frame:07d}.csv").write_text("X,Y\n" + "".join(f"{u},{v}\n" for u, v in points))
+
+
+def whisk(path: Path, with_labels: bool = True) -> None:
+    """Two traces a frame: a hair, and the whisker, whose label is 0."""
+    data, rows = b"bwhiskbin1\0\0", b""
+    for frame, points in POINTS.items():
+        for number, line in ((0, points + 100.0), (1, points)):
+            data += struct.pack("<3i", number, frame, len(line)) + line.T.astype("<f4").tobytes()
+            data += bytes(8 * len(line))
+            rows += struct.pack("<10ic", 0, frame, number, number - 1, 0, 0, 4, 5, 0, 8, b"x") + bytes(16 * 8)
+    path.with_suffix(".whiskers").write_bytes(data + struct.pack("<i", 4))
+    if with_labels:
+        path.with_suffix(".measurements").write_bytes(b"measv3\0\0" + struct.pack("<2i", 4, 8) + rows)
+
+
+def whisk_text(path: Path) -> None:
+    """whisk1: a head, and frame, id, frame, n and x, y, thickness, score of each point."""
+    lines = ["whisker1 (frame,id,time,n,x1,y1,thick1,score1...,xn,yn,thickn,scoren)"]
+    for frame, points in POINTS.items():
+        lines.append(f"{frame},0,{frame},{len(points)}" + "".join(f",{x:g},{y:g},1.5,9" for x, y in points))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def whisk_old(path: Path) -> None:
+    """whiskold: frame, id, first and last column, and a row for each column; the points' own in three of them."""
+    rows = [
+        "{},0,{:.0f},{:.0f},{}".format(f, 10 + f, 12 + f, ",".join(f"{y:g}" for y in p[:, 1]))
+        for f, p in POINTS.items()
+    ]
+    path.write_text("\n".join(rows) + "\n")
+
+
+def whisk_polynomials(path: Path) -> None:
+    """whiskpoly1: id, frame, n, score, and x and y as polynomials over the part of the length, 0 to 1."""
+    data = b"bwhiskpoly1\0\0"
+    for frame in FRAMES:
+        data += struct.pack("<3if6d", 0, frame, 3, 9.0, 10.0 + frame, 40.0, 0.0, 20.0, 4.0, 8.0)
+    path.write_bytes(data + struct.pack("<i", len(FRAMES)))
+
+
+def whiskiwrap(path: Path, labels: tuple[int, ...] = (0xFFFF, 0)) -> None:
+    """WhiskiWrap's HDF5: a row and two lists of pixels for each whisker, of two in a frame."""
+    h5py = pytest.importorskip("h5py")
+    kinds = [("fid", "<u4"), ("wid", "<u2"), ("label", "<u2")]
+    rows = [(frame, number, label) for frame in FRAMES for number, label in enumerate(labels)]
+    with h5py.File(path, "w") as file:
+        file["summary"] = np.array(rows, kinds)
+        for axis, name in enumerate(("pixels_x", "pixels_y")):
+            pixels = file.create_dataset(name, (len(rows),), h5py.vlen_dtype(np.float32))
+            for row, (frame, number, _) in enumerate(rows):
+                pixels[row] = POINTS[frame][:, axis] + 100.0 * (number != len(labels) - 1)
+
+
+def ndx_whisk(path: Path, traced: bool = True) -> None:
+    """A WhiskerMeasurementTable, whose columns are data sets, and the .whiskers file that it was made of next to it."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        table = file.create_group("processing/behavior/whisker_measurements")
+        table.attrs["neurodata_type"] = "WhiskerMeasurementTable"
+        for name, column in (
+            ("frame_id", np.repeat(FRAMES, 2)),
+            ("whisker_id", [0, 1, 0, 1]),
+            ("label", [0xFFFF, 0] * 2),
+        ):
+            table[name] = np.array(column, np.uint64)
+        for name in ("tip_x", "tip_y", "follicle_x", "follicle_y"):
+            table[name] = np.ones(4)
+    if traced:
+        whisk(path, with_labels=False)
+
+
+def deeplabcut_hdf5(path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    columns = [("net", part, axis) for part in PARTS for axis in ("x", "y", "likelihood")]
+    rows = np.zeros(2, [("index", "<i8"), ("values_block_0", "<f8", (9,))])
+    for row, frame in zip(rows, FRAMES, strict=True):
+        row["index"], row["values_block_0"] = frame, np.column_stack([POINTS[frame], np.ones(3)]).ravel()
+    with h5py.File(path, "w") as file:
+        table = file.create_group("df_with_missing").create_dataset("table", data=rows)
+        table.attrs["values_block_0_kind"] = np.bytes_(pickle.dumps(columns, protocol=0))
+
+
+FILES: list[tuple[str, str, Callable[[Path], None]]] = [
+    ("DeepLabCut", "a.csv", lambda path: deeplabcut(path, unsure=0.99)),
+    ("DeepLabCut of a single animal among several columns", "a.csv", lambda path: deeplabcut(path, ("ant",), 0.99)),
+    ("DeepLabCut, HDF5", "a.h5", deeplabcut_hdf5),
+    ("WhiskerToolbox", "a.csv", whisker_toolbox),
+    ("WhiskerToolbox, a file a frame", "lines", whisker_toolbox_folder),
+    ("whisk's measurements", "a.measurements", whisk),
+    ("whisk's traces", "a.whiskers", whisk),
+    ("whisk's text", "a.whiskers", whisk_text),
+    ("WhiskiWrap's HDF5", "a.hdf5", whiskiwrap),
+    ("ndx-whisk's table and traces", "a.nwb", ndx_whisk),
+]
+
+
+@pytest.mark.parametrize(("name", "make"), [pytest.param(*row[1:], id=row[0]) for row in FILES])
+def test_its_points_are_read(tmp_path: Path, name: str, make: Callable[[Path], None]) -> None:
+    make(tmp_path / name)
+    lines = centrelines_of(tmp_path / name)
+    assert list(lines) == list(FRAMES)
+    assert lines.note
+    for frame, points in POINTS.items():
+        np.testing.assert_allclose(lines[frame][:, :2], points, atol=1e-6)
+
+
+def test_unsure_points_are_left_out_and_said(tmp_path: Path) -> None:
+    deeplabcut(tmp_path / "a.csv")
+    lines = centrelines_of(tmp_path / "a.csv")
+    assert (len(lines[0]), len(lines[3])) == (3, 2)
+    assert "1 of 6 points are left out" in lines.note
+
+
+def test_nwb_with_poses(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.nwb", "w") as file:
+        for at, part in enumerate(PARTS):
+            series = file.create_group(f"processing/behavior/PoseEstimation/{part}")
+            series.attrs["neurodata_type"] = "PoseEstimationSeries"
+            series["data"], series["confidence"] = np.array([POINTS[frame][at] for frame in FRAMES]), np.ones(2)
+    np.testing.assert_allclose(centrelines_of(tmp_path / "a.nwb")[1][:, :2], POINTS[3])
+    ndx_whisk(tmp_path / "ends.nwb", traced=False)
+    with pytest.raises(InputError, match=r"follicle and tip, not lines; put ends\.whiskers"):
+        centrelines_of(tmp_path / "ends.nwb")
+
+
+def test_whisks_other_formats(tmp_path: Path) -> None:
+    """Parabolas, of which it is said what they lose; and a row for each column."""
+    path = tmp_path / "a.whiskers"
+    whisk_polynomials(path)
+    lines = centrelines_of(path)
+    assert list(lines) == list(FRAMES)
+    assert "parabolas" in lines.note
+    np.testing.assert_allclose(lines[3][:, :2], [[13.0, 20.0], [33.0, 24.0], [53.0, 32.0]])
+    whisk_old(path)
+    lines = centrelines_of(path)
+    for frame, points in POINTS.items():
+        np.testing.assert_allclose(lines[frame][:, :2], np.column_stack([10 + frame + np.arange(3), points[:, 1]]))
+
+
+def test_labels_that_tell_no_lines_apart_are_not_taken(tmp_path: Path) -> None:
+    """All alike, as WhiskiWrap writes them, or none, before whisk has classified: two whiskers are no antenna."""
+    for labels in ((0, 0), (0xFFFF, 0xFFFF)):
+        whiskiwrap(tmp_path / "a.h5", labels)
+        with pytest.raises(InputError, match="has 2 lines: 0, 1"):
+            centrelines_of(tmp_path / "a.h5")
+        lines = centrelines_of(tmp_path / "a.h5", "1")
+        assert "tell no lines apart" in lines.note
+        np.testing.assert_allclose(lines[3][:, :2], POINTS[3])
+
+
+def test_several_lines_are_asked_about(tmp_path: Path) -> None:
+    """Never taken together: two whiskers are no antenna."""
+    deeplabcut(tmp_path / "two.csv", ("left", "right"))
+    whisker_toolbox(tmp_path / "lines.csv", copies=2)
+    whisk(tmp_path / "a.whiskers", with_labels=False)
+    for name, which in (("two.csv", "right"), ("lines.csv", "1"), ("a.whiskers", "1")):
+        with pytest.raises(InputError, match=r"has 2 lines: .*; say which is the antenna: --line"):
+            centrelines_of(tmp_path / name)
+        np.testing.assert_allclose(centrelines_of(tmp_path / name, which)[0][:, :2], POINTS[0])
+        with pytest.raises(InputError, match="no line nobody"):
+            centrelines_of(tmp_path / name, "nobody")
+
+
+def test_a_pickle_that_asks_for_code_is_refused(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        rows = np.zeros(1, [("index", "<i8"), ("values_block_0", "<f8", (1,))])
+        table = file.create_group("df").create_dataset("table", data=rows)
+        table.attrs["values_block_0_kind"] = np.bytes_(b"cos\nsystem\n(S'true'\ntR.")
+    with pytest.raises(InputError, match=r"os\.system"):
+        centrelines_of(tmp_path / "a.h5")
+
+
+def test_contacts_from_deeplabcut(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """On the command line: what was read is said."""
+    deeplabcut(tmp_path / "a.csv")
+    call = ["estimate", "--centrelines", str(tmp_path / "a.csv"), "--rig", str(small_rig() / "rig.json"), "--no-report"]
+    assert main([*call, "-o", str(tmp_path / "contacts.csv")]) in (0, 1)
+    assert "3 parts a frame (base, middle, tip)" in capsys.readouterr().err
+    assert len((tmp_path / "contacts.csv").read_text().splitlines()) == 3

@@ -1,4 +1,4 @@
-"""A session's tables: what is read of them; what is refused: tests/hostile."""
+"""A session's files: what is read of session.yaml, tables, jig and materials; what is refused: tests/hostile."""
 
 from __future__ import annotations
 
@@ -9,8 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from vbaa_calib.antenna.materials import MATERIALS, _materials_near
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_yaml
+from vbaa_calib.core.models import json_schema
+from vbaa_calib.geometry import Pose
 from vbaa_calib.session import (
     Still,
     check_pictures,
@@ -23,9 +28,171 @@ from vbaa_calib.session import (
     tables,
     without_moments,
 )
+from vbaa_calib.session.jig import jig_alternatives, jig_doubts
+from vbaa_calib.session.settings import SessionFile
 from vbaa_calib.session.tables import _FrameColumns, numbers_of
 
-from .files import changed, complaint, write
+from .files import GOOD, attempt, changed, complaint, nodes, write
+
+
+class TestSessionFile:
+    def test_what_is_read(self, root: Path) -> None:
+        session = load_session(root)
+        assert session.board.squares_x == 9
+        assert session.antenna.stiffness_Nm2 == pytest.approx(193e9 * math.pi * 0.0008**4 / 64, rel=1e-15)
+        assert session.antenna.mass_per_length_kg_m == pytest.approx(7900 * math.pi * 0.0008**2 / 4, rel=1e-15)
+        np.testing.assert_array_equal(session.gravity_world_m_s2, [0, 0, -9.80665])
+        np.testing.assert_allclose(session.kinematics.T_actuator_antenna.translation_m, [0.1, 0.2, 0.3])
+        np.testing.assert_array_equal(session.kinematics.position_world_m, [0, 0, 0.15])
+        assert session.moment_std_Nm == 2e-5
+        # the jig holds the back; the printed face is one thickness nearer, along the board's −z
+        normal = session.T_antenna_board.rotation[:, 2]
+        np.testing.assert_allclose(normal, [2 * 0.6 * 0.8, 0, 0.8**2 - 0.6**2], atol=1e-15)
+        np.testing.assert_allclose(session.T_antenna_board.translation_m, [0.1, 0.2, 0.3] - 0.002 * normal)
+
+    def test_gravity_turns_with_the_joints(self, root: Path) -> None:
+        write(root, changed("kinematics"))
+        session, angle = load_session(root), 0.3
+        pulls = session.gravity_antenna([Still(None, 0.7, angle, 0.0), Still(None, 0.0, 0.0, 0.0)])
+        expected = -9.80665 * np.array([math.sin(angle), 0.0, math.cos(angle)])
+        np.testing.assert_allclose(pulls, [expected, [0, 0, -9.80665]], atol=1e-12)
+
+    def test_every_missing_key_is_named(self, root: Path) -> None:
+        said = {}
+        for keys in nodes(GOOD):
+            if isinstance(keys[-1], str):
+                write(root, changed(*keys, drop=True))
+                said[".".join(map(str, keys))] = attempt(lambda: load_session(root))[1]
+        assert all(f" {key} is missing" in words for key, words in said.items() if words and key != "schema")
+        optional = {
+            "moment_sensor",
+            "jig",
+            "kinematics",
+            "kinematics.T_actuator_antenna",
+            "kinematics.position_world_m",
+        }
+        optional |= {f"board.{key}" for key in ("type", "dictionary", "legacy_pattern", "thickness_m")}
+        assert {key for key, words in said.items() if not words} == optional
+
+
+SIZE_M = (0.108, 0.072)
+FACING = np.diag([1.0, -1.0, -1.0])
+
+
+def jigs(count: int) -> list[Pose]:
+    """Boards that face a camera on the +z side, in any of four turns, nearly square, 20 to 150 mm from the clamp."""
+    rng = np.random.default_rng(11)
+    found = []
+    for _ in range(count):
+        turn = Rotation.from_euler("z", 90 * rng.integers(4), degrees=True).as_matrix() @ FACING
+        shake = Rotation.from_rotvec(rng.normal(0.0, 0.02, 3)).as_matrix()
+        found.append(Pose(shake @ turn, rng.choice([-1, 1], 3) * rng.uniform(0.02, 0.09, 3)))
+    return found
+
+
+def same(a: Pose, b: Pose) -> bool:
+    return bool(np.abs(a.matrix - b.matrix).max() < 1e-9)
+
+
+SLIPS: dict[str, Callable[[Pose], Pose]] = {
+    "sign of x": lambda jig: Pose(jig.rotation, jig.translation_m * [-1, 1, 1]),
+    "sign of y": lambda jig: Pose(jig.rotation, jig.translation_m * [1, -1, 1]),
+    "sign of z": lambda jig: Pose(jig.rotation, jig.translation_m * [1, 1, -1]),
+    "x and y": lambda jig: Pose(jig.rotation, jig.translation_m[[1, 0, 2]]),
+    "y and z": lambda jig: Pose(jig.rotation, jig.translation_m[[0, 2, 1]]),
+    "cm as mm": lambda jig: Pose(jig.rotation, 0.1 * jig.translation_m),
+    "inches as mm": lambda jig: Pose(jig.rotation, jig.translation_m / 25.4),
+    "cm as m": lambda jig: Pose(jig.rotation, 100.0 * jig.translation_m),
+    "mm as m": lambda jig: Pose(jig.rotation, 1000.0 * jig.translation_m),
+    "half a turn": lambda jig: jig @ Pose(np.diag([-1.0, -1.0, 1.0]), np.zeros(3)),
+    "other corner": lambda jig: jig @ Pose(np.diag([-1.0, -1.0, 1.0]), np.array([*SIZE_M, 0.0])),
+    "a quarter turn": lambda jig: jig @ Pose(Rotation.from_euler("z", 90, degrees=True).as_matrix(), np.zeros(3)),
+    "board's y": lambda jig: jig @ Pose(FACING, np.zeros(3)),
+    "inverse": Pose.inverse,
+    "all signs": lambda jig: Pose(jig.rotation, -jig.translation_m),
+}
+
+
+@pytest.mark.parametrize("slip", SLIPS)
+@pytest.mark.parametrize("thickness_m", [0.0, 0.003])
+def test_every_slip_is_taken_back_by_an_alternative(slip: str, thickness_m: float) -> None:
+    """The jig describes the board's back; what is wrong with that is found with the thickness on the right side."""
+    face = Pose(np.eye(3), np.array([0.0, 0.0, -thickness_m]))
+    for right in jigs(20):
+        entered = SLIPS[slip](right) @ face
+        alternatives = jig_alternatives(entered, SIZE_M, thickness_m)
+        assert sum(same(pose, right @ face) for _, pose in alternatives) == 1
+
+
+def test_alternatives_differ_and_are_poses() -> None:
+    for jig in jigs(20):
+        poses = [jig, *(pose for _, pose in jig_alternatives(jig, SIZE_M, 0.003))]
+        assert len({words for words, _ in jig_alternatives(jig, SIZE_M, 0.003)}) == len(poses) - 1
+        assert not any(same(a, b) for i, a in enumerate(poses) for b in poses[:i])
+        for pose in poses:
+            np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-9)
+            assert np.linalg.det(pose.rotation) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_a_jig_in_metres_or_millimetres_is_doubted_with_its_size(factor: float) -> None:
+    for jig in jigs(20):
+        assert jig_doubts(jig, 0.24) == []
+        (doubt,) = jig_doubts(Pose(jig.rotation, factor * jig.translation_m), 0.24)
+        assert f"{1e3 * np.linalg.norm(jig.translation_m):.3g} mm" in doubt.remedy
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_a_material_is_named_first_by_its_usual_numbers(name: str) -> None:
+    one = MATERIALS[name]
+    assert _materials_near(one.youngs_modulus_Pa)[0] == name
+    assert _materials_near(one.youngs_modulus_Pa, one.density_kg_m3)[0] == name
+    assert one.has_modulus(one.youngs_modulus_Pa)
+    assert one.has_density(one.density_kg_m3)
+
+
+def test_exactly_those_are_named_that_can_have_the_modulus() -> None:
+    rng = np.random.default_rng(5)
+    for modulus_Pa in 10 ** rng.uniform(8.0, 12.0, 200):
+        within = {name for name, one in MATERIALS.items() if one.has_modulus(modulus_Pa)}
+        assert set(_materials_near(modulus_Pa)) == within
+        for density in 10 ** rng.uniform(2.9, 4.3, 5):
+            assert set(_materials_near(modulus_Pa, density)) <= within
+
+
+@pytest.mark.parametrize(("typed", "meant"), [("stainless steel", "nitinol"), ("stainless steel", "nylon")])
+def test_materials_that_are_taken_for_each_other_share_no_modulus(typed: str, meant: str) -> None:
+    low, high = MATERIALS[meant].modulus_range_Pa
+    assert not {typed} & {name for modulus in np.geomspace(low, high, 20) for name in _materials_near(modulus)}
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_a_session_that_names_its_material_needs_no_numbers(root: Path, name: str) -> None:
+    """Typed numbers win, and only what the material cannot be is doubted, with a material that can."""
+    one = MATERIALS[name]
+    size = {"length_m": 0.24, "diameter_m": 0.0008}
+    write(root, changed("antenna", to=size | {"material": name.upper()}))
+    antenna = load_session(root).antenna
+    assert (antenna.youngs_modulus_Pa, antenna.density_kg_m3) == (one.youngs_modulus_Pa, one.density_kg_m3)
+    assert antenna.material_doubts == []
+    low, high = one.modulus_range_Pa
+    for modulus_Pa, doubts in ((0.9 * low, 1), (1.02 * low, 0), (0.98 * high, 0), (1.1 * high, 1)):
+        write(root, changed("antenna", to=size | {"material": name, "youngs_modulus_Pa": modulus_Pa}))
+        antenna = load_session(root).antenna
+        assert antenna.youngs_modulus_Pa == modulus_Pa
+        found = antenna.material_doubts
+        assert len(found) == doubts
+        assert all(other in found[0].remedy for other in _materials_near(modulus_Pa)[:3] if found)
+
+
+def test_another_word_needs_its_numbers(root: Path) -> None:
+    write(root, changed("antenna", "material", to="whale bone"))
+    assert load_session(root).antenna.material == "whale bone"
+    write(root, changed("antenna", to={"length_m": 0.24, "diameter_m": 0.0008, "material": "whale bone"}))
+    assert "youngs_modulus_Pa is missing" in complaint(lambda: load_session(root), root / "session.yaml")
+    schema, jsonschema = json_schema(SessionFile, "session"), pytest.importorskip("jsonschema")
+    for file, right in ((changed("antenna", "material", to="bone"), True), (read_yaml(root / "session.yaml"), False)):
+        assert jsonschema.Draft202012Validator(schema).is_valid(file) == right
 
 
 class TestStills:

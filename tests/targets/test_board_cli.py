@@ -1,8 +1,10 @@
-"""`vbaa board` as its user sees it: files, numbers, refusals."""
+"""What is printed: boards by their verb, jigs in 3-D, and the scale of a print from two readings."""
 
 from __future__ import annotations
 
 import argparse
+import math
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,11 +16,14 @@ import pytest
 import yaml
 
 from targets.board import AprilGrid, BoardSpec, corner_points
+from targets.jig import _write_jig
+from targets.print_scale import print_scale, rescaled
 from targets.sheet import lay_out, paper_named
 from vbaa_calib.cli import board as board_cli
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.board_file import load_board, load_lens_board
 from vbaa_calib.detect.board.corners import detect_corners
+from vbaa_calib.session.settings import read_pose
 
 
 def board(*argv: object, force: bool = False) -> dict[str, Any]:
@@ -110,3 +115,112 @@ def test_a_screen_has_its_own_description(tmp_path: Path) -> None:
     assert len(detect_corners(picture, shown).ids) == shown.corner_count
     with pytest.raises(InputError, match="is an input of this command"):
         board("--spec", given, "-o", tmp_path / "board.png", "--screen-ppi", 96)
+
+
+SIZES = {"margin_mm": 5.0, "thickness_mm": 3.0, "wire_mm": 0.8}
+
+
+def triangles(path: Path) -> np.ndarray:
+    """(T, 3, 3) of a binary STL."""
+    data = path.read_bytes()
+    count = int.from_bytes(data[80:84], "little")
+    assert len(data) == 84 + 50 * count
+    facets = np.frombuffer(data, np.dtype([("numbers", "<f4", 12), ("more", "<u2")]), count, 84)["numbers"]
+    normals, corners = facets[:, :3].astype(float), facets[:, 3:].reshape(-1, 3, 3).astype(float)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    np.testing.assert_allclose(normals, across / np.linalg.norm(across, axis=1, keepdims=True), atol=1e-6)
+    return corners
+
+
+def volume_mm3(corners: np.ndarray) -> float:
+    return float(np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0)
+
+
+@pytest.mark.parametrize("squares", [(9, 7), (3, 2)])
+def test_solids_are_closed_and_of_the_sizes_asked_for(squares: tuple[int, int], tmp_path: Path) -> None:
+    outline = 12.0 * squares[0], 12.0 * squares[1]
+    _write_jig(tmp_path, outline, **SIZES)
+    parts = {name: triangles(tmp_path / f"{name}.stl") for name in ("jig", "clamp", "cap")}
+    for corners in parts.values():
+        points = np.round(corners, 4)
+        edges = Counter((tuple(face[i]), tuple(face[(i + 1) % 3])) for face in points.tolist() for i in range(3))
+        # each edge is passed once in each direction
+        assert set(edges.values()) == {1}
+        assert all(edges[end, begin] == 1 for begin, end in edges)
+        assert volume_mm3(corners) > 0.0
+    clamp = parts["clamp"].reshape(-1, 3)
+    np.testing.assert_allclose(clamp.min(axis=0), [-16.0, -12.0, -14.0])
+    np.testing.assert_allclose(clamp.max(axis=0), [0.0, 12.0, 0.0])
+    groove = 16.0 * 0.9 * 0.4
+    holes = 2 * 2.5**2 * 14.0
+    assert volume_mm3(parts["clamp"]) == pytest.approx(16.0 * 24.0 * 14.0 - groove - holes, rel=1e-5)
+    assert volume_mm3(parts["cap"]) == pytest.approx(16.0 * 24.0 * 6.0 - 16.0 * 0.9 * 0.28 - 2 * 2.5**2 * 6.0, rel=1e-5)
+    # plate and walls
+    assert np.ptp(parts["jig"][..., 0]) == pytest.approx(16.0 + 8.0 + outline[0] + 10.0, abs=1e-4)
+
+
+def test_the_boards_pose_is_that_of_the_tray(tmp_path: Path) -> None:
+    """Its back lies on the floor, its plate against both walls, its face looks to the camera and below the antenna."""
+    text = _write_jig(tmp_path, (108.0, 84.0), **SIZES)
+    jig = yaml.safe_load(text)["jig"]
+    pose = read_pose(jig["T_antenna_board"], "jig.yaml", "jig")
+    corners = pose @ (1e-3 * np.array([[0.0, 0.0, 0.0], [108.0, 84.0, 0.0], [0.0, 0.0, -3.0]]))
+    points = 1e-3 * triangles(tmp_path / "jig.stl").reshape(-1, 3)
+    floor, top = np.unique(np.round(points[:, 2], 7))[[1, 2]]
+    assert corners[0, 2] == pytest.approx(floor)
+    assert floor < corners[2, 2] < -0.4e-3 < 0.0
+    assert top - floor == pytest.approx(3e-3, abs=1e-6)
+    assert corners[0, 0] - 5e-3 == pytest.approx(8e-3)
+    assert corners[0, 1] + 5e-3 == pytest.approx(np.unique(np.round(points[:, 1], 7))[-2])
+    assert corners[0, 1] == pytest.approx(-corners[1, 1])
+
+
+def test_sizes_that_cannot_be_printed_are_refused(tmp_path: Path) -> None:
+    for wrong in ({"wire_mm": 0.1}, {"thickness_mm": 9.0}):
+        with pytest.raises(ValueError, match="needed"):
+            _write_jig(tmp_path / "none", (108.0, 84.0), **(SIZES | wrong))
+    assert not (tmp_path / "none").exists()
+
+
+SPEC = BoardSpec(11, 7, 0.020, 0.015, thickness_m=0.003)
+
+
+def test_deviations_against_sampling() -> None:
+    """Scatter of scale and aspect over readings with noise, against what is predicted for one of them."""
+    rng = np.random.default_rng(3)
+    true = 0.997
+    drawn = [
+        print_scale(260, true * 260 + noise_x, 150, true * 150 + noise_y)
+        for noise_x, noise_y in rng.normal(0, 0.25, (4000, 2))
+    ]
+    one = print_scale(260, true * 260, 150, true * 150)
+    together = [each for each in drawn if not each.differs]
+    assert np.std([each.scale for each in together]) == pytest.approx(one.std, rel=0.05)
+    assert np.mean([each.scale for each in together]) == pytest.approx(true, abs=4 * one.std / math.sqrt(4000))
+    assert np.std([each.aspect for each in drawn]) == pytest.approx(one.aspect_std, rel=0.05)
+    # square prints are called different as seldom as three deviations say: 0.27 %, ± 3 deviations of the count
+    assert sum(each.differs for each in drawn) == pytest.approx(4000 * 0.0027, abs=10)
+
+
+def test_axes_that_differ_are_a_stretched_board() -> None:
+    """Beyond the readings' doubt and beyond what matters."""
+    scale = print_scale(260, 260.0, 150, 148.5)
+    assert scale.differs
+    assert scale.aspect == pytest.approx(1 / 0.99 - 1)
+    board = rescaled(SPEC, scale)
+    x, y = (board.square_m * (1.0 + sign * 0.5 * board.stretch) for sign in (1, -1))
+    assert (x, y) == pytest.approx((SPEC.square_m, 0.99 * SPEC.square_m), rel=1e-6)
+    assert board.stretch_std == pytest.approx(scale.aspect_std, rel=0.01)
+    assert BoardSpec(**board.to_dict()) == board
+    readings = (150, 150.0, 150, 149.6)
+    assert not print_scale(*readings).differs
+    assert print_scale(*readings, 0.03).differs, "a caliper sees what a ruler does not"
+    assert not print_scale(150, 150.0, 150, 149.865, 0.005).differs, "too little to matter"
+
+
+def test_the_board_as_it_was_printed() -> None:
+    """Squares and markers follow the scale, the mount does not; rulers weigh by the square of their length."""
+    board = rescaled(SPEC, print_scale(260, 252.2, 150, 145.5))
+    assert (board.square_m, board.marker_m) == pytest.approx((0.020 * 0.97, 0.015 * 0.97), abs=1e-9)
+    assert (board.thickness_m, board.squares_x, board.dictionary) == (0.003, 11, "DICT_4X4_100")
+    assert print_scale(200, 200.0, 100, 100.3).scale == pytest.approx((4 * 1.0 + 1 * 1.003) / 5)

@@ -1,9 +1,11 @@
-"""`vbaa reconstruct`, `view`, `report`, and the report that `vbaa estimate` ends with, as a user calls them."""
+"""`vbaa reconstruct`, `view`, `report`, `compare`, and the report that `vbaa estimate` ends with."""
 
 from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,8 +14,16 @@ import numpy as np
 import pytest
 import pyvista as pv
 
+from estimator.table.contacts import ContactRow, ContactTable
+from estimator.table.files import read_contacts, write_contacts
+from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
+from vbaa_calib.rig import Rig
 from viz.render import probe
+from viz.report.compare import compare_contacts, compare_rigs
+from viz.scene.layout import LOOK
+
+from ..estimator.test_next_touch import given
 
 
 def outcome(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, Any, str]:
@@ -90,3 +100,132 @@ def test_a_report_of_files(files: SimpleNamespace, capsys: pytest.CaptureFixture
     code, _, words = outcome(capsys, *argv, "-o", files.folder / "foreign.html")
     assert (code, "do not fit the rig's kinematics" in words) == (2, True)
     assert not (files.folder / "foreign.html").exists()
+
+
+COVARIANCE = np.diag([1e-6, 4e-6, 9e-6])
+
+
+def row(frame: int, rng: np.random.Generator, status: str = "ok", off: float = 0.0) -> ContactRow:
+    """A contact, `off` deviations from where it is usually, scattered by `rng` in its own deviations."""
+    own = rng.normal(size=3)
+    return ContactRow(
+        frame=frame,
+        time_s=float(frame),
+        status=status,
+        in_contact=status != "no_contact",
+        model="rod",
+        distance_m=0.1 + 1e-3 * (own[0] + off),
+        distance_std_m=1e-3,
+        force_y_N=0.02 + 1e-4 * own[1],
+        force_y_std_N=1e-4,
+        force_z_N=0.01,
+        force_z_std_N=1e-4,
+        deflection_y_m=0.0,
+        deflection_z_m=0.0,
+        point_antenna_m=np.array([0.1, 0.0, 0.0]),
+        point_world_m=np.array([0.1, 0.0, 0.0]) + np.sqrt(np.diag(COVARIANCE)) * rng.normal(size=3),
+        covariance_world_m2=COVARIANCE,
+    )
+
+
+def table(seed: int, count: int = 400) -> ContactTable:
+    rng = np.random.default_rng(seed)
+    return ContactTable.from_rows([row(frame, rng) for frame in range(count)])
+
+
+def test_independent_results_differ_by_the_deviations_that_they_state() -> None:
+    """√2 of one's own deviation, √6 for a point in space."""
+    found = compare_contacts(table(1), table(2))
+    for name, expected in (("distance", 2.0), ("force_y", 2.0), ("force_z", 0.0), ("point", 6.0)):
+        assert np.mean(found.deviations[name] ** 2) == pytest.approx(expected, rel=0.2)
+
+
+def test_what_is_only_in_one_or_has_another_status_counts() -> None:
+    one = table(1)
+    status = one.status.astype(object)
+    status[3], status[5] = "tip_contact", "no_contact"
+    other = replace(one, status=status.astype(str)).picked(slice(2, None))
+    found = compare_contacts(one, other)
+    assert (found.only_a, found.only_b, found.off(1e-9), found.count) == (2, 0, 4, 400)
+    assert found.changed == {("ok", "tip_contact"): 1, ("ok", "no_contact"): 1}
+    assert compare_contacts(one, one).off(1e-9) == 0
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], rig: Rig) -> None:
+    rng = np.random.default_rng(0)
+    a, b, c = (tmp_path / f"{name}.csv" for name in "abc")
+    write_contacts(a, [row(frame, rng) for frame in range(20)])
+    rows = list(read_contacts(a).rows())
+    write_contacts(b, [replace(one, distance_m=one.distance_m + 5e-3) if one.frame == 7 else one for one in rows])
+    write_contacts(c, rows)
+    assert main(["compare", str(a), str(c), "--tolerance", "1e-6"]) == 0
+    page = tmp_path / "page.html"
+    capsys.readouterr()
+    assert main(["compare", str(a), str(b), "--html", str(page), "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert said["off"] == 1
+    distance = said["recordings"]["contacts"]["deviations"]["distance"]
+    assert (distance["largest_frame"], distance["largest"]) == (7, pytest.approx(5.0))
+    assert "They differ" in page.read_text()
+    assert main(["compare", str(a), str(b), "--allow", "0.05"]) == 0
+    assert main(["compare", str(a), str(b), "--tolerance", "6"]) == 0
+    own = tmp_path / "rig.json"
+    own.write_text(json.dumps(rig.to_dict()))
+    assert main(["compare", str(own), str(own), "--html", str(tmp_path / "rigs.html")]) == 0
+    for wrong in ([str(a), str(own)], [str(tmp_path), str(tmp_path)], [str(a), str(b), "--tolerance", "nan"]):
+        assert main(["compare", *wrong]) == 2
+
+
+def test_rigs_are_compared_in_deviations(rig: Rig) -> None:
+    """A parameter that moves by two of its deviations is two off, and the others are not."""
+    step = np.zeros(len(rig.covariance))
+    step[4], step[7] = 2.0 * np.sqrt(rig.covariance[4, 4]), -5.0 * np.sqrt(rig.covariance[7, 7])
+    found = compare_rigs(rig, rig.moved(step))
+    moved = {name: value for name, value in zip(found.names, found.deviations, strict=True) if abs(value) > 1e-6}
+    assert moved == {found.names[4]: pytest.approx(2.0), found.names[7]: pytest.approx(-5.0)}
+    assert found.beyond(3.0) == [found.names[7]]
+    longer = replace(rig, antenna=replace(rig.antenna, length_m=0.25))
+    assert compare_rigs(rig, longer).settings == ("antenna.length_m",)
+
+
+def test_lenses_of_two_models_are_compared_where_they_show_a_ray(rig: Rig) -> None:
+    """The same lens with one coefficient more, which is zero, is the same; one that moved by so many deviations is
+    off by as many, along the direction in which its own covariance says so."""
+    four = rig.camera
+    own = np.diag((1e-3 * np.array([*four.parameters[:4], 1.0, 1.0, 0.1, 0.1])) ** 2)
+    four = Camera("opencv", four.image_size, four.matrix, np.resize(four.distortion, 4), own)
+    wide = np.zeros((9, 9))
+    wide[:8, :8] = own
+    one = replace(rig, camera=four, covariance=rig.covariance[:17, :17])
+
+    def other(step: np.ndarray) -> Rig:
+        moved = four.moved(step)
+        five = Camera("opencv", four.image_size, moved.matrix, np.append(moved.distortion, 0.0), wide)
+        return replace(one, camera=five)
+
+    same = compare_rigs(one, other(np.zeros(8)))
+    assert same.names[-1] == "projection_px"
+    assert same.difference[-1] == pytest.approx(0.0, abs=1e-9)
+    assert not same.beyond(1e-3)
+    middle = np.zeros(8)
+    middle[2] = 6.0 * np.sqrt(own[2, 2])
+    off = compare_rigs(one, other(middle))
+    assert off.beyond(3.0) == ["projection_px"]
+    assert off.difference[-1] == pytest.approx(middle[2], rel=1e-6)
+    assert 3.0 < abs(off.deviations[-1]) <= 6.0
+
+
+@pytest.mark.slow
+def test_both_are_drawn_and_another_recording_is_refused(tmp_path: Path) -> None:
+    table, _ = given("sphere", np.inf, 37)
+    refined = replace(table, distance_std_m=0.6 * table.distance_std_m, point_world_m=table.point_world_m + 5e-4)
+    for name, one in (("contacts", table), ("refined", refined), ("other", table.picked(slice(3, None)))):
+        write_contacts(tmp_path / f"{name}.csv", one.rows())
+    report, scene = tmp_path / "report.html", tmp_path / "scene.html"
+    both = [str(tmp_path / "refined.csv"), "--framewise", str(tmp_path / "contacts.csv")]
+    assert main(["report", *both, "-o", str(report)]) == 0
+    assert "frame by frame" in report.read_text()
+    assert main(["view", *both, "--plain", "--html", str(scene)]) == 0
+    assert LOOK["framewise"][1] in scene.read_text()
+    assert main(["report", *both[:2], str(tmp_path / "other.csv"), "-o", str(tmp_path / "no.html")]) == 2
+    assert not (tmp_path / "no.html").exists()

@@ -1,16 +1,45 @@
-"""Answers: they mean the same typed, written or clicked, and every one that cannot be is refused in one line."""
+"""Answers and readings: units, tables, lines typed on a terminal, going back, and what contradicts them."""
 
 from __future__ import annotations
 
 import datetime
 import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
+from vbaa_calib.antenna.materials import MATERIALS
+from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_json
+from vbaa_calib.core.images import read_gray, read_picture
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import load_session, read_noload
+from vbaa_calib.simulate.scene.scene_file import load_scene
+from vbaa_calib.wizard import flow, steps
+from vbaa_calib.wizard.against_answers import (
+    antenna_diagnoses,
+    camera_place,
+    draw_axes,
+    entries_that_show_it,
+)
+from vbaa_calib.wizard.asking import change
 from vbaa_calib.wizard.questions import BY_KEY, QUESTIONS, SOURCES, TABLES, Question
+from vbaa_calib.wizard.session_state import SessionState, still_of
+from vbaa_calib.wizard.store import Store
+from vbaa_calib.wizard.ui import Interrupted, Ui, WizardView
+
+from .small_session import answers, answers_file, call, expect_line, rendered, tiny_source, unseen_steps
 
 RNG_SEED = 11
 
@@ -90,3 +119,256 @@ def test_every_answer(question: Question) -> None:
             question.read(given)
         assert raised.value.remedy.startswith("give ")
         assert question.unit in raised.value.remedy
+
+
+MAIN = "import sys; from vbaa_calib.cli.main import main; sys.exit(main(['wizard', *sys.argv[1:]]))"
+
+
+def test_without_a_terminal_it_never_waits(tmp_path: Path) -> None:
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "TERM": "xterm"}
+    command = ["/bin/sh", "-c", 'exec "$@" <&-', "sh", sys.executable, "-c", MAIN, "rig"]
+    closed = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment)
+    assert closed.returncode == 2
+    assert "board_along_x_mm is not answered" in closed.stderr
+    assert "\033" not in closed.stderr
+
+
+BACK, QUIT, ENTER = "!back", "!quit", object()
+PATIENCE = 50
+"""Looks for pictures before a question that is expected."""
+
+
+class Typist(Ui):
+    """Answers what is asked as its script has it: (key, answer or command), or (pictures to wait for, command)."""
+
+    def __init__(self, script: Sequence[tuple[str | int, Any]], store: Store) -> None:
+        super().__init__(WizardView(), interactive=True)
+        self.script, self.store, self.offered = list(script), store, dict[str, Any]()
+        self.waited = 0
+
+    def ask(self, question: Question, facts: Mapping[str, Any] | None = None) -> Any:
+        if not self.script:
+            raise Interrupted("quit")
+        key, given = self.script.pop(0)
+        assert question.key == key
+        self.offered[question.key] = question.default
+        if isinstance(given, str) and given.startswith("!"):
+            raise Interrupted(given[1:])
+        return question.read(question.default if given is ENTER else given)
+
+    def commands(self) -> list[str]:
+        if not self.script:
+            raise Interrupted("quit")
+        wanted, command = self.script[0]
+        if isinstance(wanted, str):
+            self.waited += 1
+            assert self.waited < PATIENCE, f"{wanted} is not asked"
+            return []
+        if len(self.store.journal.of(self.step.name if self.step else "").taken) < wanted:
+            return []
+        self.script.pop(0)
+        return [command[1:]]
+
+
+@pytest.fixture
+def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name, step in unseen_steps().items():
+        monkeypatch.setitem(flow.STEP_BY_NAME, name, step)
+    return tiny_source(tmp_path / "source")
+
+
+def walked(root: Path, given: Mapping[str, Any], script: Sequence[tuple[str | int, Any]]) -> tuple[Store, Typist]:
+    """A wizard that knows these answers, with a script typed to its end."""
+    with Store(root) as store:
+        store.answer(given)
+        typist = Typist(script, store)
+        with pytest.raises(Interrupted):
+            flow.walk(SessionState(store), typist, lambda document: "")
+    assert not typist.script
+    return store, typist
+
+
+def until(source: Path, last: str) -> dict[str, Any]:
+    """All answers up to this one."""
+    every = answers(source) | {"board_reading_std_mm": 0.25, "jig_std_mm": 0.05, "jig_std_deg": 0.02}
+    every |= {"board_thickness_mm": 3.0}
+    order = [question.key for question in QUESTIONS if question.key in every]
+    return {key: every[key] for key in order[: order.index(last) + 1]}
+
+
+def test_back_reaches_the_questions_of_a_step_whose_pictures_have_begun(source: Path, tmp_path: Path) -> None:
+    """A distance noted wrong is mended without losing a picture; everything else is Enter."""
+    script = [
+        (3, BACK),
+        ("camera_distance_mm", 410),
+        (3, "!enough"),
+        ("plane_way", QUIT),
+    ]
+    store, typist = walked(tmp_path / "session", until(source, "camera_inclination_deg"), script)
+    assert store.journal.answers["camera_distance_mm"] == 410
+    assert store.journal.answers["camera_inclination_deg"] == 30
+    assert typist.offered["camera_distance_mm"] == 370
+    assert len(store.journal.of("lens").taken) == 3
+    assert store.journal.of("lens").closed
+
+
+def test_without_a_moment_sensor_no_moment_is_asked_for(source: Path, tmp_path: Path) -> None:
+    """A line has the angles alone, session.yaml says null, and the table has no such column."""
+    (source / "noload" / "noload.csv").unlink()
+    script: list[tuple[str | int, Any]] = [(3, "!enough"), (1, "!enough"), ("moment_sensor", "no")]
+    script += [("readings", "0 0"), ("readings", "0 20"), (2, QUIT)]
+    store, _ = walked(tmp_path / "session", until(source, "antenna_diameter_mm"), script)
+    assert all("moment_Nm" not in one.readings for one in store.journal.of("noload").taken)
+    session = load_session(tmp_path / "session")
+    assert not session.with_sensor
+    assert [np.isnan(still.moment_Nm) for still in read_noload(session)] == [True, True]
+    assert SessionState.answers_of(tmp_path / "session" / "session.yaml")["moment_sensor"] is False
+
+
+def test_a_sensor_of_several_axes_is_asked_for_all_its_channels(source: Path, tmp_path: Path) -> None:
+    (source / "noload" / "noload.csv").unlink()
+    answers = until(source, "antenna_diameter_mm") | {"sensor_axes": "wrench"}
+    script: list[tuple[str | int, Any]] = [(3, "!enough"), (1, "!enough"), ("moment_sensor", ENTER)]
+    script += [("readings", "0 0 1 2 3 4 5 6"), ("readings", "0 20 1 2 3 4 5 6"), (2, QUIT)]
+    walked(tmp_path / "session", answers, script)
+    session = load_session(tmp_path / "session")
+    assert session.wrench_sensor is not None
+    assert session.wrench_sensor.std_N == pytest.approx(3e-3)
+    first, _ = read_noload(session)
+    assert first.readings == pytest.approx([1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3])
+
+
+MADE_OF, OTHER = "stainless steel", "nylon"
+RIGHT = {"jig_translation_mm": [28.0, 61.0, -9.0], "jig_board_x": "x", "jig_board_y": "-y"}
+
+
+@pytest.fixture(scope="module")
+def taken(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wizard's session up to the free antenna, all answers right; never to be written to."""
+    folder = tmp_path_factory.mktemp("answers")
+    source = Path(shutil.copytree(rendered(), folder / "source", ignore=shutil.ignore_patterns("loads")))
+    given = answers(source) | {"material": MADE_OF}
+    call(folder / "session", "--answers", answers_file(folder / "answers.yaml", given))
+    return folder / "session"
+
+
+@pytest.fixture
+def state(taken: Path, tmp_path: Path) -> Iterator[SessionState]:
+    with Store(Path(shutil.copytree(taken, tmp_path / "session"))) as store:
+        yield SessionState(store)
+
+
+def named(state: SessionState) -> str:
+    """What is said of the first free picture, found where the answers put it or not; "" where all is well."""
+    first = state.store.journal.of("noload").taken[0]
+    path = state.store.path(first)
+    still, image = still_of("noload", path, first.readings), read_picture(path)
+    try:
+        state.observe(still, "noload", image)
+    except InputError:
+        return entries_that_show_it(state, still, "noload", image)
+    return " ".join(one.remedy for one in antenna_diagnoses(state, together=False))
+
+
+def test_right_answers_are_not_questioned(state: SessionState) -> None:
+    assert named(state) == ""
+    assert antenna_diagnoses(state) == []
+    assert camera_place(state, state.plane().estimates[0].T_antenna_camera)[1] == []
+
+
+SLIPS: list[dict[str, Any]] = [
+    {"jig_translation_mm": [28.0, 61.0, 9.0]},
+    {"jig_translation_mm": [28.0, -61.0, -9.0]},
+    {"jig_translation_mm": [-28.0, 61.0, -9.0]},
+    {"jig_translation_mm": [61.0, 28.0, -9.0]},
+    {"jig_translation_mm": [2.8, 6.1, -0.9]},
+    {"jig_translation_mm": [28.0 / 25.4, 61.0 / 25.4, -9.0 / 25.4]},
+    {"jig_board_x": "-x", "jig_board_y": "y"},
+    {"jig_board_x": "y", "jig_board_y": "x"},
+]
+
+
+def expect_named(slip: dict[str, Any], state: SessionState) -> None:
+    state.store.answer(slip)
+    words = named(state)
+    for key in slip:
+        right = RIGHT[key]
+        if isinstance(right, str):
+            assert f"`{key} = {right}`" in words
+        else:
+            entries = re.findall(rf"`{key} = ([^`]*)`", words)
+            assert any(np.allclose([float(one) for one in entry.split(",")], right, atol=0.02) for entry in entries)
+
+
+@pytest.mark.parametrize("slip", [SLIPS[index] for index in np.random.default_rng(4).permutation(len(SLIPS))[:1]])
+def test_a_slip_in_the_jig_is_named_with_the_entry_that_fits(slip: dict[str, Any], state: SessionState) -> None:
+    expect_named(slip, state)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slip", SLIPS)
+def test_every_slip_in_the_jig_is_named(slip: dict[str, Any], state: SessionState) -> None:
+    expect_named(slip, state)
+
+
+def test_another_material_is_named_and_nothing_is_enough_before(state: SessionState) -> None:
+    """And once it is right, the step goes on: the numbers that follow from the material are others, too."""
+    right = state.session.antenna
+    assert change(state, Ui(), "material", OTHER)
+    assert state.session.antenna.youngs_modulus_Pa == pytest.approx(MATERIALS[OTHER].youngs_modulus_Pa)
+    (doubt,) = [one for one in antenna_diagnoses(state) if "material" in one.name]
+    assert MADE_OF in doubt.remedy
+    now = steps.STEP_BY_NAME["noload"].progress(state)
+    assert not now.enough
+    assert "more will not help" not in now.next
+    assert change(state, Ui(), "material", MADE_OF)
+    assert state.session.antenna == right
+    assert antenna_diagnoses(state) == []
+
+
+def test_the_axes_are_drawn_where_the_answers_put_them(state: SessionState) -> None:
+    """The drawing differs from the picture along the antenna as typed, and there alone beside the board's axes."""
+    image = read_gray(state.store.path(state.taken("plane")[-1]))
+    path, drawn = draw_axes(state, image, in_jig=True)
+    assert path.exists()
+    assert cv2.imread(str(path)).shape == drawn.shape
+    coloured = np.ptp(drawn.astype(int), axis=2) > 60
+    pose = state.plane().estimates[0].T_antenna_camera.inverse()
+    scale = drawn.shape[1] / image.shape[1]
+    along = np.linspace(0.05, 0.9, 12) * state.session.antenna.length_m
+    pixels, _ = state.lens().camera.project(pose @ np.pad(along[:, None], ((0, 0), (0, 2))))
+    inside = pixels[state.lens().camera.in_picture(pixels)]
+    assert len(inside) > 3
+    for u, v in (scale * (inside + 0.5) - 0.5).round().astype(int):
+        assert coloured[max(v - 2, 0) : v + 3, max(u - 2, 0) : u + 3].any()
+    assert coloured.mean() < 0.1
+
+
+@pytest.mark.slow
+def test_a_known_lens_takes_the_place_of_its_pictures(tmp_path: Path) -> None:
+    source, session, file = tmp_path / "pictures", tmp_path / "session", tmp_path / "camera.json"
+    shutil.copytree(rendered(), source, ignore=shutil.ignore_patterns("intrinsics"))
+    scene = load_scene(rendered().parent / "scene.yaml")
+    # of pictures twice as large
+    whole = tuple(2 * side for side in scene.lens.image_size)
+    matrix = np.array([[2.0, 0.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]]) @ scene.lens.matrix
+    true = Camera(scene.lens.model, whole, matrix, scene.lens.distortion)
+    std = np.array([1.0, 1.0, 1.0, 1.0, 1e-3, 3e-3, 1e-4, 1e-4])
+    given = answers(source)
+    for name in ("camera_distance_mm", "camera_inclination_deg"):
+        del given[name]
+    told = answers_file(tmp_path / "answers.yaml", given)
+    file.write_text("{}")
+    expect_line(call(session, "--answers", told, "--camera", file), "camera.json")
+    expect_line(call(session, "--answers", told, "--camera", file, "--binning", "half"), "binning")
+    assert not session.exists()
+    expect_line(call(session, "--answers", told, "--rectified"), "there is none")
+    file.write_text(json.dumps(replace(true, covariance=np.diag(std**2)).to_dict()))
+    code, said = call(session, "--answers", told, "--camera", file, "--binning", 2)
+    assert code == 0, said
+    document = read_json(session / "rig.json")
+    assert document["quality"]["given_lens"]["file"] == "camera.json"
+    assert not (session / "intrinsics").exists()
+    rig = Rig.load(session / "rig.json")
+    off = rig.T_antenna_camera.tangent_from(scene.T_antenna_camera)
+    assert (abs(off) < 4.0 * rig.covariance.diagonal()[:6] ** 0.5).all()

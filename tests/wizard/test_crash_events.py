@@ -1,23 +1,41 @@
-"""What may happen to a wizard while it works: sources that go, Ctrl-C, a second wizard, files that others touch."""
+"""What may happen to a wizard: sources that go, Ctrl-C, kills, a second wizard, files that others touch."""
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from vbaa_calib.core.files import read_yaml
 from vbaa_calib.sources.files import Picture, SourceLost, frame_picture
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard import flow as opening
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Store, _Journal
 
-from .small_session import Tiny, call, expect_refused, finished, pictures, tiny, tree
+from .small_session import (
+    Tiny,
+    answers,
+    answers_file,
+    call,
+    expect_refused,
+    finished,
+    pictures,
+    rendered,
+    tiny,
+    tiny_source,
+    tree,
+)
 
 __all__ = ["finished", "tiny"]
 
@@ -135,3 +153,124 @@ def test_a_session_is_gone_on_with_when_its_journal_is_moved_away(tiny: Tiny) ->
     assert code == 0, said
     assert len(pictures(tiny.session)) == 7
     assert not list(tiny.session.glob("aside/**/*.png"))
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def killed(folder: Path, seeing: bool, **plans: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """What the killer found of each plan."""
+    (folder / "plan.json").write_text(json.dumps({"seeing": seeing, **plans}))
+    command = [sys.executable, "-m", "tests.wizard.killer", str(folder / "plan.json")]
+    subprocess.run(command, cwd=ROOT, check=True, env=os.environ | {"OMP_NUM_THREADS": "1"}, capture_output=True)
+    found: dict[str, dict[str, Any]] = json.loads((folder / "plan.found.json").read_text())
+    return found
+
+
+@pytest.fixture(scope="module", params=[3, pytest.param(100, marks=pytest.mark.slow)])
+def folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where sessions of tiny pictures, which no step looks at, were killed so often."""
+    folder = tmp_path_factory.mktemp("killed")
+    given = answers(tiny_source(folder / "source"))
+    first = ["--answers", str(answers_file(folder / "first.yaml", given))]
+    sweep = ["--answers", str(answers_file(folder / "sweep.yaml", given | {"plane_way": "sweep"}))]
+    often: dict[str, Any] = {"kills": request.param, "seed": 8}
+    killed(
+        folder,
+        False,
+        first=often | {"argv": first},
+        redo=often | {"before": first, "argv": [*first, "--redo", "lens"], "again": first},
+        way=often | {"before": first, "argv": sweep},
+        given=often | {"before": first, "by_hand": True, "argv": []},
+    )
+    return folder
+
+
+@pytest.mark.parametrize("name", ["first", "redo", "way", "given"])
+def test_nothing_is_lost(name: str, folder: Path) -> None:
+    """A redo is not asked for again: what was gone is taken anew, what was not gone is as it was."""
+    found = json.loads((folder / "plan.found.json").read_text())[name]
+    assert found["promises"] > 0 or name != "first"
+    assert found["broken"] == []
+    assert set(found["differing"]) <= ({"wizard.json"} if name == "redo" else set())
+
+
+def test_nothing_of_another_way_is_left(folder: Path) -> None:
+    """The calibration takes every way to plane C that it finds."""
+    assert "jig" not in read_yaml(folder / "way" / "session.yaml")
+    assert not (folder / "way" / "plane").exists()
+
+
+def test_a_session_that_was_made_by_hand_stays(folder: Path) -> None:
+    """Its pictures are there, and what the wizard writes anew is kept as it was."""
+    assert len(list((folder / "given").glob("[!a]*/*.png"))) == 7
+    kept = folder / "given" / "aside" / "given"
+    assert (kept / "noload.csv").read_text().startswith("remark,")
+    assert (kept / "session.yaml").exists()
+
+
+@pytest.mark.slow
+def test_with_eyes(tmp_path: Path) -> None:
+    """Rendered pictures, real judgement, real verdict: rig.json is the same to the last bit."""
+    file = answers_file(tmp_path / "a.yaml", answers(rendered()))
+    plan = {"argv": ["--answers", str(file)], "kills": 40, "seed": 12}
+    found = killed(tmp_path, True, rig=plan)["rig"]
+    assert found["promises"] > 0
+    assert found["broken"] == found["differing"] == []
+
+
+IMAGE = np.zeros((2, 3), np.uint8)
+
+
+def picture(name: str, content: bytes | None = None, suffix: str = ".png") -> Picture:
+    return Picture(name, IMAGE, suffix, name.encode() if content is None else content)
+
+
+def on_disk(store: Store) -> _Journal:
+    return _Journal.read(store.root / "wizard.json")
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    with Store(tmp_path / "session") as store:
+        return store
+
+
+def test_names_never_meet(store: Store) -> None:
+    """Neither a picture that somebody put there nor one that was dropped is ever written over."""
+    (store.root / "intrinsics").mkdir()
+    (store.root / "intrinsics" / "0001.jpg").write_bytes(b"mine")
+    files = [store.take("lens", picture(name), {}).file for name in ("a", "b", "c")]
+    assert files == [f"intrinsics/000{number}.png" for number in (2, 3, 4)]
+    store.drop("lens", store.journal.of("lens").taken[0])
+    assert store.take("lens", picture("d"), {}).file == "intrinsics/0005.png"
+    assert (store.root / "intrinsics" / "0001.jpg").read_bytes() == b"mine"
+
+
+def test_redo_keeps_the_old_with_its_readings(store: Store) -> None:
+    readings = {"pan_rad": 0.0, "tilt_rad": 0.5, "moment_Nm": 1.0}
+    for name in ("a", "b"):
+        store.take("noload", picture(name), readings)
+    store.answer({"gravity": "x", "antenna_diameter_mm": 1.0})
+    place = store.redo("noload", forget=["gravity"])
+    assert sorted(path.read_bytes() for path in place.glob("*.png")) == [b"a", b"b"]
+    assert json.loads((place / "was.json").read_text())["taken"][0]["readings"] == readings
+    assert on_disk(store).of("noload").judged == frozenset()
+    assert on_disk(store).answers == {"antenna_diameter_mm": 1.0}
+    store.take("noload", picture("c"), readings)
+    again = store.redo("noload")
+    assert again not in (None, place)
+    assert store.redo("noload") is None
+
+
+def test_only_what_is_half_written_is_swept_up(tmp_path: Path) -> None:
+    """Names as the wizard's own writes leave them; a user's hidden files are none."""
+    (tmp_path / "intrinsics").mkdir()
+    half = [".wizard-ab12cd_9.json", "intrinsics/.0001-abcdefgh.png"]
+    kept = [".rig-old.json", ".session-backup.yaml", ".0001-x.png", "intrinsics/.mine.png", ".notes-abcdefgh.txt"]
+    for name in (*half, *kept):
+        (tmp_path / name).write_text("x")
+    with Store(tmp_path):
+        pass
+    there = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob(".*")} - {".wizard-lock"}
+    assert there == set(kept)

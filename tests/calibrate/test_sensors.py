@@ -1,9 +1,10 @@
-"""A sensor of several axes in the joint solve: its turn, gains and zeros, and what its channels do wrong."""
+"""No moment sensor, and one of several axes: what the pictures determine without, its turn, gains, zeros and faults."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import inf, nan
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation
+from vbaa_calib.calibrate.antenna.residual_checks import check
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, read_by, solve_antenna
 from vbaa_calib.calibrate.check.antenna import check_stills
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
@@ -22,8 +24,52 @@ from vbaa_calib.session import READINGS, Load, NominalWrenchSensor, Session, Sti
 from vbaa_calib.simulate.scene.scene import WrenchSpec
 
 from ..rod_scenes import LENGTH_M
+from .clean_sessions import CleanSession, clean_session
 from .still_faults import NOMINAL, POSE_COVARIANCE
 from .test_joint import CAMERA, SESSION, TRUE, observed, start_pose
+
+
+def without_sensor(drawn: CleanSession) -> CleanSession:
+    """The same pictures, nothing read with them."""
+    unread = [replace(one, still=replace(one.still, moment_Nm=nan)) for one in drawn.observations]
+    return replace(drawn, session=replace(drawn.session, moment_std_Nm=inf), observations=unread)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_no_sensor_is_one_that_tells_nothing(seed: int) -> None:
+    """As the sensor's noise grows without bound, pose, antenna and covariance go to those without a sensor."""
+    drawn = clean_session(seed)
+    silent = without_sensor(drawn)
+    alone = solve_antenna(silent.session, silent.observations, silent.before)
+    noisy = solve_antenna(replace(drawn.session, moment_std_Nm=1e6), drawn.observations, drawn.before)
+    rig = slice(0, 15)
+    std = np.sqrt(np.diag(noisy.covariance))[rig]
+    np.testing.assert_allclose(alone.parameters[rig] / std, noisy.parameters[rig] / std, atol=1e-3)
+    np.testing.assert_allclose(np.sqrt(np.diag(alone.covariance))[rig], std, rtol=1e-4)
+
+
+def test_the_rig_is_honest_and_can_be_stored() -> None:
+    """EI within its deviation over drawn rigs; the stored rig says null and comes back the same; nothing is doubted."""
+    off = []
+    for seed in range(12):
+        drawn = clean_session(seed)
+        silent = without_sensor(drawn)
+        joint = solve_antenna(silent.session, silent.observations, silent.before)
+        rig = make_rig(silent.session, Kinematics(), joint, silent.observations)
+        log_stiffness = np.log(rig.antenna.stiffness_Nm2)
+        off.append((log_stiffness - drawn.world.parameters[6]) / rig.std("log_stiffness_Nm2"))
+        assert not any(one.grave for one in still_diagnoses(silent.session, Kinematics(), joint))
+        assert check(joint).to_dict()["noise_Nm"] is None
+        data = rig.to_dict()
+        again = Rig.from_dict(data)
+        assert data["moment_sensor"] is None
+        assert not again.moment_sensor.exists
+        assert not rig.covariance[15:17].any()
+        assert not rig.drifted().covariance[15:17].any()
+        assert again.to_dict()["moment_sensor"] is None
+        np.testing.assert_array_equal(again.covariance, rig.covariance)
+    assert np.abs(off).max() < 3.5
+
 
 STATED = Pose(Rotation.from_rotvec([0.0, -np.pi / 2, 0.0]).as_matrix(), np.array([-0.01, 0.002, 0.0]))
 TURN_RAD = np.array([0.02, -0.024, 0.016])

@@ -1,12 +1,14 @@
-"""The search's compiled functions beside SciPy's and plain formulas."""
+"""The search for the antenna: its compiled functions against SciPy, rough paths, shapes along which two edges show."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.interpolate import BSpline
 from scipy.ndimage import maximum_filter, uniform_filter1d
 from scipy.optimize import minimize
@@ -14,11 +16,12 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from vbaa_calib.core.polyline import arc_lengths, beside, normals, resample
-from vbaa_calib.detect.whisker.corridor import STARTS
+from vbaa_calib.detect.whisker.centreline import Centreline
+from vbaa_calib.detect.whisker.corridor import STARTS, Corridor, of_antennas_shape
 from vbaa_calib.detect.whisker.path_refinement import refine_path
 from vbaa_calib.native import core
 
-from .drawn_lines import aside, bent, tube
+from .drawn_lines import SIZE, aside, background, bent, exposed, straight, trace, tube
 
 RNG = np.random.default_rng(0)
 LOOKS = np.column_stack([RNG.uniform(80.0, 200.0, (8, 3)), RNG.uniform(5.0, 15.0, 8)])
@@ -228,3 +231,231 @@ def test_colours(depth: type) -> None:
     np.testing.assert_array_equal(other, maximum_filter(off > 4.0, 15))
     assert other.any()
     assert not other.all()
+
+
+WIDTH_PX = 2.3
+
+
+def corridor(axis_px: np.ndarray) -> Corridor:
+    """What detection allows around a free antenna."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(axis_px, axis=0), axis=1))])
+    return Corridor(axis_px, 8.0 + 0.6 * along, WIDTH_PX)
+
+
+def free(length_px: float = 225.0) -> np.ndarray:
+    """(K, 2) the free antenna: straight to the right from (40, 120)."""
+    share = np.linspace(0.0, 1.0, 60)[:, None]
+    return np.array([40.0, 120.0]) + share * np.array([length_px, 0.0])
+
+
+@pytest.mark.parametrize("turn_deg", [-45.0, -20.0, 0.0, 30.0, 45.0])
+@pytest.mark.parametrize("bright", [True, False, None])
+def test_finds_bent_lines(turn_deg: float, bright: bool | None) -> None:
+    rng = np.random.default_rng(abs(int(turn_deg)))
+    path = bent((40.0, 122.0), 0.0, turn_deg)
+    line = tube(path, WIDTH_PX, 80.0)
+    # with None glaring at the clamp, darker than its surroundings at the tip
+    sign = np.interp(np.arange(line.shape[1]), [40, 130, 150, 265], [1.0, 0.4, -0.4, -1.0]) if bright is None else 1.0
+    picture = exposed(background(rng) + 80.0 + (-line if bright is False else sign * line), rng)
+    found = trace(picture, corridor(free()), bright)
+    inside = found[:, 0] < path[:, 0].max() - 4
+    assert inside.sum() > 60
+    assert np.abs(aside(path, found[inside])).max() < (3.0 if bright is None else 2.5)
+
+
+def test_bridges_what_hides_the_antenna() -> None:
+    rng = np.random.default_rng(1)
+    path = bent((40.0, 120.0), 0.0, 30.0)
+    picture = background(rng) + tube(path, WIDTH_PX, 80.0)
+    picture[:, 130:165] = 150.0
+    found = trace(exposed(picture, rng), corridor(free()))
+    seen = (found[:, 0] < 122) | (found[:, 0] > 175)
+    inside = seen & (found[:, 0] < path[:, 0].max() - 4)
+    assert np.abs(aside(path, found[inside])).max() < 2.5
+    assert np.abs(aside(path, found[(found[:, 0] > 130) & (found[:, 0] < 165)])).max() < 12.0
+
+
+def test_a_brighter_edge_and_a_line_that_does_not_start_at_the_clamp_are_no_lure() -> None:
+    rng = np.random.default_rng(2)
+    path = bent((40.0, 120.0), 0.0, 15.0)
+    picture = background(rng, 2.0) + tube(path, WIDTH_PX, 60.0)
+    picture[:60] += 120.0
+    picture = picture + tube(np.array([[180.0, 80.0], [260.0, 84.0]]), WIDTH_PX, 90.0)
+    found = trace(exposed(picture, rng), corridor(free()))
+    inside = found[:, 0] < path[:, 0].max() - 4
+    assert np.abs(aside(path, found[inside])).max() < 2.5
+
+
+def test_a_corridor_that_leaves_the_picture_is_followed_as_far_as_it_goes() -> None:
+    rng = np.random.default_rng(3)
+    path = straight(0.0, 500.0, (290.0, 120.0))
+    found = trace(exposed(background(rng) + tube(path, WIDTH_PX, 80.0), rng), corridor(free(500.0)))
+    assert np.isfinite(found).all()
+    assert np.abs(aside(path, found[found[:, 0] < 315])).max() < 2.5
+
+
+def test_resampling_and_normals() -> None:
+    points, at = resample(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 10.0]]), 0.5)
+    np.testing.assert_allclose(at, np.arange(0.0, 11.0, 0.5))
+    np.testing.assert_allclose(points[10], [3.0, 4.0])
+    np.testing.assert_allclose(np.linalg.norm(np.diff(points, axis=0), axis=1), 0.5)
+    circle = np.stack([np.cos(np.linspace(0, 1, 50)), np.sin(np.linspace(0, 1, 50))], axis=1)
+    np.testing.assert_allclose(normals(circle)[1:-1], -circle[1:-1], atol=1e-9)
+
+
+@pytest.mark.parametrize("changing", [True, False])
+@pytest.mark.parametrize(
+    ("passes_px", "turned_rad", "verdict"), [(1.0, 0.0, "ok"), (30.0, 0.0, "no_antenna"), (0.0, 0.3, "no_antenna")]
+)
+def test_before_the_rig_is_known_a_line_must_leave_the_clamp(
+    passes_px: float, turned_rad: float, verdict: str, changing: bool
+) -> None:
+    """A cable that passes it, or leaves it at an angle, is none, however much of it is seen."""
+    points = free() + np.outer(np.linspace(0.0, 225.0, 60) * np.tan(turned_rad) + passes_px, [0.0, 1.0])
+    seen = np.zeros(60, np.uint8)
+    line = Centreline(points, np.full(60, 0.1), 1.0, 50.0, 1.0, "ok", "", guide_px=points, visibility=seen)
+    assert of_antennas_shape(line, corridor(free()), changing).verdict == verdict
+
+
+WIDTH_PX_SEARCH, SPACING_PX, LENGTH_PX = 5.0, 6.0, 200.0
+CONTACTS = np.array([0.25, 0.5, 0.75, 1.0])
+NO_LOOKS = np.empty((0, 4))
+ODDS = SimpleNamespace(
+    surface_spread=50.0,
+    colour_spread=15.0,
+    edge_rate=0.1,
+    hidden_odds=-1.5,
+    hidden_root_odds=-3.0,
+    correlation_px=6.0,
+    strain_std=0.01,
+    look_odds=2.0,
+)
+
+
+def shape(turn_rad: float, contact: float = 0.6, heading_rad: float = 0.0) -> np.ndarray:
+    """(73, 2) the axis, turned at its tip as a force at a part of its length does."""
+    reach = np.linspace(0.0, 1.0, 73) / contact
+    bend = np.where(reach < 1.0, reach * (2.0 - reach), 1.0)
+    angle = heading_rad + turn_rad * bend / bend[-1]
+    along = LENGTH_PX / 72 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    start = np.array([[159.5, 119.5]]) - 100.0 * np.array([[np.cos(heading_rad), np.sin(heading_rad)]])
+    return start + np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * (along[1:] + along[:-1]), axis=0)])
+
+
+def found(picture: np.ndarray, heading_rad: float = 0.0, looks: np.ndarray = NO_LOOKS, most: int = 2) -> list:
+    """The shapes about a straight axis."""
+    turns = np.arange(-0.6, 0.61, 0.05)
+    paths = np.array([shape(turn, contact, heading_rad) for contact in CONTACTS for turn in turns])
+    axis = shape(0.0, 1.0, heading_rad)
+    taken = np.ascontiguousarray(picture)
+    return core.search.likely_shapes(
+        taken, axis, paths, SPACING_PX, WIDTH_PX_SEARCH, CONTACTS, (1.5, 0.015), looks, ODDS, most
+    )
+
+
+def drawn(path: np.ndarray, height: float = 60.0, seed: int = 3) -> np.ndarray:
+    """(H, W) float32: a tube before blots."""
+    rng = np.random.default_rng(seed)
+    return exposed(background(rng) + 40.0 + tube(path, WIDTH_PX_SEARCH, height), rng)
+
+
+def off(path: np.ndarray, true: np.ndarray) -> float:
+    """How far the points of a path are from the true line on average, px: at clear edges odds do not tell a pixel."""
+    return float(np.abs(aside(true, path)).mean())
+
+
+TRUE = shape(0.37)
+PICTURE = drawn(TRUE)
+
+
+@pytest.mark.parametrize("height", [60.0, -50.0, 25.0])
+def test_a_tube_is_found_whatever_its_polarity(height: float) -> None:
+    """Brighter or darker than what it is before: the middle of its edges."""
+    assert off(found(drawn(TRUE, height))[0][2], TRUE) < 1.0
+
+
+@pytest.mark.parametrize("colour", [(30.0, 30.0, -30.0), (-25.0, 25.0, 0.0), (40.0, 0.0, 0.0)])
+def test_a_tube_is_found_whatever_its_colour(colour: tuple[float, float, float]) -> None:
+    """Also one that is hardly brighter or darker than its background."""
+    picture = np.stack([drawn(TRUE, height, seed=4 + k) for k, height in enumerate(colour)], axis=-1)
+    assert off(found(picture.astype(np.uint8))[0][2], TRUE) < 1.0
+
+
+def test_its_background_may_change_along_it() -> None:
+    """Brighter than one half of what is behind it and darker than the other."""
+    changing = np.where(np.arange(SIZE[1]) < 150, 60.0, 160.0)
+    tubes = tube(TRUE, WIDTH_PX_SEARCH, 1.0)
+    picture = exposed(changing + (110.0 - changing) * np.clip(2.0 * tubes, 0.0, 1.0), np.random.default_rng(5))
+    assert off(found(picture)[0][2], TRUE) < 1.0
+
+
+def test_a_mirrored_picture_shows_the_mirrored_shape() -> None:
+    """Up and down exchanged about the axis."""
+    (_, bend, path, _), *_ = found(PICTURE)
+    (_, other, mirrored, _), *_ = found(PICTURE[::-1])
+    assert_allclose(mirrored, path * [1.0, -1.0] + [0.0, SIZE[0] - 1.0], atol=2.0)
+    assert abs(bend[1] + other[1]) < 0.03
+
+
+def test_a_turned_picture_shows_the_turned_shape() -> None:
+    """By half a turn about its middle, as the axis is."""
+    path, turned = found(PICTURE)[0][2], found(PICTURE[::-1, ::-1], np.pi)[0][2]
+    assert_allclose(turned, np.array(SIZE[::-1]) - 1.0 - path, atol=2.0)
+
+
+@pytest.mark.parametrize("exposure", [lambda level: 0.6 * level, lambda level: 255.0 - level, lambda level: level + 40])
+def test_light_does_not_matter(exposure: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Scaled, inverted or raised levels show the same shape."""
+    assert_allclose(found(exposure(PICTURE))[0][2], found(PICTURE)[0][2], atol=2.0)
+
+
+def test_what_hides_its_middle_does_not_matter() -> None:
+    """A bar across it, with edges of its own."""
+    picture = PICTURE.copy()
+    picture[:, 130:165] = 200.0
+    evidence, _, path, odds = found(picture)[0]
+    hidden = (path[:, 0] > 132) & (path[:, 0] < 162)
+    assert off(path, TRUE) < 1.0
+    assert odds[hidden].mean() < 0.5 * odds[~hidden].mean()
+    assert evidence < found(PICTURE)[0][0]
+
+
+def test_an_empty_picture_shows_little() -> None:
+    """Its best shape has far less evidence, and a flat picture's has less than none."""
+    empty = exposed(background(np.random.default_rng(3)) + 40.0, np.random.default_rng(3))
+    assert found(empty)[0][0] < 0.25 * found(PICTURE)[0][0]
+    assert found(np.full(SIZE, 90, np.uint8))[0][0] < 0.0
+
+
+def test_kinds_of_pictures_agree() -> None:
+    """Bytes, sixteen bits and floats, grey and three equal channels."""
+    level = np.rint(PICTURE).astype(np.uint8)
+    evidence, _, path, _ = found(level)[0]
+    for same in (level.astype(np.uint16) * 257, level.astype(np.float32), level.astype(float), level[..., None]):
+        other, _, others, _ = found(same)[0]
+        assert_allclose(others, path, atol=1e-6)
+        assert_allclose(other, evidence, rtol=1e-6)
+    assert off(found(np.repeat(level[..., None], 3, axis=2))[0][2], TRUE) < 1.0
+
+
+@pytest.mark.parametrize("coloured", [False, True])
+def test_the_line_that_looks_as_the_antenna_does_wins(coloured: bool) -> None:
+    """Of two tubes, by their luma alone where the picture is grey."""
+    other, rng = shape(-0.37), np.random.default_rng(6)
+    light = 90.0 + tube(TRUE, WIDTH_PX_SEARCH, 50.0) - tube(other, WIDTH_PX_SEARCH, 60.0)
+    picture = np.clip(exposed(light, rng, 1.0), 0, 255).astype(np.uint8)
+    taken = np.repeat(picture[..., None], 3, axis=2) if coloured else picture
+    for level, path in ((135.0, TRUE), (36.0, other)):
+        looks = np.repeat([[level, level, level, 10.0]], 8, axis=0)
+        assert off(found(taken, looks=looks)[0][2], path) < 1.0
+
+
+def test_shapes_come_with_what_they_are_made_of() -> None:
+    """The best one first; each another one; evidence is what its places' odds add up to, less what bending costs."""
+    shapes = found(PICTURE, most=4)
+    assert 1 <= len(shapes) <= 4
+    assert [one[0] for one in shapes] == sorted((one[0] for one in shapes), reverse=True)
+    for evidence, (contact, turn, _, _), path, odds in shapes:
+        strain = turn * WIDTH_PX_SEARCH / (min(contact, 1.0) * LENGTH_PX) / ODDS.strain_std
+        assert_allclose(evidence, LENGTH_PX / ODDS.correlation_px * odds.mean() - 0.5 * strain**2, rtol=1e-3)
+        assert path.shape == (73, 2)

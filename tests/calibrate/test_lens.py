@@ -1,0 +1,418 @@
+"""The lens: outliers, bent boards and others' corners, its choice, and what its uncertainty is worth."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from benchmarks.boards import BOARD, Rig, draw, error_mm, rigs
+from benchmarks.calibration.methods import kept_corners, screening, solve_oracle, solve_ours
+from targets.board import corner_points
+from vbaa_calib import calibrate_lens
+from vbaa_calib.calibrate.lens.board_shape import SHAPE, ShapePrior
+from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, polished, refine
+from vbaa_calib.calibrate.lens.choice import (
+    _compare_split_half,
+    _left_out_squares,
+    _solved_squares,
+    information,
+    observations_of,
+)
+from vbaa_calib.calibrate.lens.homography import homography
+from vbaa_calib.calibrate.lens.initialization import rough_lens, unfolded, widened
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of, is_monotonic, rational_like
+from vbaa_calib.calibrate.lens.models import _corner_radius as corner_radius
+from vbaa_calib.calibrate.lens.settings import LensSettings
+from vbaa_calib.calibrate.lens.uncertainty import (
+    compensate,
+    pixel_grid,
+    projection_jacobian,
+    projection_uncertainty,
+)
+from vbaa_calib.calibrate.pipeline import first_solved, next_lenses
+from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
+
+from .synthetic_views import projection
+
+RIGS, POINTS = rigs(), corner_points(BOARD)
+SPOILT = RIGS[4]
+WIDE_PRIOR = ShapePrior(np.zeros(5), np.array([0.1, 0.1, 0.1, 1.0, 1.0]))
+
+
+@pytest.mark.parametrize(
+    ("rig", "draws"),
+    [
+        # the ratio of one draw scatters by a third
+        pytest.param(rig, 20, id=rig.name, marks=pytest.mark.slow)
+        if rig in RIGS[1:4]
+        else pytest.param(rig, 3, id=rig.name)
+        for rig in RIGS
+    ],
+)
+def test_within_five_per_cent_of_the_oracle(rig: Rig, draws: int) -> None:
+    errors, oracle = [], []
+    for seed in range(21, 21 + draws):
+        given = draw(rig, seed)
+        solution = solve_ours(given)
+        errors.append(error_mm(solution.camera, rig.camera))
+        oracle.append(error_mm(solve_oracle(given), rig.camera))
+        lost, caught, views = screening(kept_corners(solution, given), given)
+        assert views == 0.0
+        assert lost <= 0.005
+        assert caught in (None, 1.0)
+        assert bool(solution.board_shape.findings) == any(rig.sagittas_m)
+    assert np.median(errors) <= 1.05 * np.median(oracle)
+
+
+def test_outliers_and_bend_are_reported() -> None:
+    given = draw(SPOILT, 31)
+    solution = solve_ours(given, "auto")
+    shape = solution.board_shape
+    assert np.all(np.abs(shape.parameters - [*SPOILT.sagittas_m, 0.0, 0.0, 0.0]) < 4 * shape.std)
+    assert np.all(shape.std[:3] < 5e-5)
+    assert len(shape.findings) == 1
+    for view, good, used in zip(given.views, given.good, solution.views, strict=True):
+        assert set(view.ids[~good]) == set(used.outlier_ids)
+        assert used.left_out == len(used.outlier_ids)
+        assert used.corners == good.sum()
+    assert "bowed along x" in solution.verdict.words
+    assert solution.rms_inliers_px == pytest.approx(0.15 * np.sqrt(2), rel=0.05)
+
+
+def test_the_shape_scatters_as_predicted() -> None:
+    given, rng = draw(RIGS[0], 35), np.random.default_rng(36)
+    start = Bundle.start(RIGS[0].model, RIGS[0].intrinsics, given.poses)
+    clean = observations_of(given.views, POINTS)
+    exact = refine(start.poses_only, clean)
+    base = [v.pixels - r for v, r in zip(clean, exact.residuals_px, strict=True)]
+    found, predicted = [], []
+    for _ in range(60):
+        noisy = [
+            BoardCorners(v.points_m, pixels + 0.15 * rng.normal(size=pixels.shape), v.deformation)
+            for v, pixels in zip(clean, base, strict=True)
+        ]
+        bundle = refine(start.freed(square_pixels=False, prior=WIDE_PRIOR), noisy)
+        known = information(bundle, noisy)
+        found.append(bundle.shape)
+        predicted.append(np.diag(known.covariance)[-5:])
+    assert np.std(found, axis=0) / np.sqrt(np.mean(predicted, axis=0)) == pytest.approx(np.ones(5), abs=0.3)
+
+
+def test_a_lens_that_folds_among_the_corners_stays() -> None:
+    """No pull is strong enough to hide that a model is wrong."""
+    given = draw(RIGS[2], 2)
+    model, observations = LENS_MODELS["opencv5"], observations_of(given.views, POINTS)
+    bundle = refine(rough_lens(model, observations, RIGS[2].image_size), observations)
+    assert not is_monotonic(model, bundle.intrinsics, RIGS[2].image_size)
+    again = unfolded(bundle, observations, RIGS[2].image_size)
+    assert again is bundle
+
+
+WIDE = rigs()[2]
+FISHEYE = np.array([520.0, 521.0, 641.0, 358.0, 0.05, -0.01, 0.003, -0.001])
+
+
+def test_a_homography_is_found_under_outliers() -> None:
+    rng = np.random.default_rng(4)
+    points = POINTS[:, :2]
+    truth = np.array([[0.9, 0.1, 0.02], [-0.2, 1.1, 0.05], [0.3, -0.4, 1.0]])
+    image = np.column_stack([points, np.ones(len(points))]) @ truth.T
+    image = image[:, :2] / image[:, 2:]
+    image[rng.permutation(len(points))[: int(0.4 * len(points))]] += rng.uniform(0.05, 0.2, 2)
+    found = homography(points, image)
+    np.testing.assert_allclose(found[0] / found[0][2, 2], truth, atol=1e-9)
+    assert homography(points[:3], image[:3]) is None
+
+
+def test_a_rational_lens_follows_a_fisheye_over_the_picture() -> None:
+    size = (1280, 720)
+    alike = rational_like(LENS_MODELS["fisheye"], FISHEYE, size)
+    assert alike is not None
+    assert is_monotonic(LENS_MODELS["rational"], alike, size)
+    # richer ones begin as that, although their next simpler lens is a rational one
+    wide = widened(LENS_MODELS["fisheye"], FISHEYE, LENS_MODELS["tilted"], size)
+    np.testing.assert_array_equal(wide, [*alike, *np.zeros(6)])
+    given, like = camera_of(LENS_MODELS["fisheye"], FISHEYE, size), camera_of(LENS_MODELS["rational"], alike, size)
+    corners = np.array([[0.0, 0.0], [1279.0, 719.0], [640.0, 0.0], [900.0, 500.0]])
+    rays, valid = given.unproject(corners)
+    assert valid.all()
+    assert np.abs(like.project(rays)[0] - corners).max() < 3.0
+    assert corner_radius(FISHEYE, size) > np.hypot(640.0, 360.0) / 521.0
+    too_wide = FISHEYE * np.array([0.4, 0.4, 1, 1, 1, 1, 1, 1])
+    assert rational_like(LENS_MODELS["fisheye"], too_wide, size) is None
+
+
+@pytest.mark.parametrize(
+    "seed", [1, 102, pytest.param(104, marks=pytest.mark.slow), pytest.param(115, marks=pytest.mark.slow)]
+)
+def test_draws_whose_plain_fit_folds_are_solved_without(seed: int) -> None:
+    given = draw(WIDE, seed)
+    assert solve_oracle(given).valid_region().image_fraction < 1.0
+    solution = solve_ours(given)
+    assert solution.camera.valid_region().image_fraction == 1.0
+    # as good as the fit that folds, but for what a few parameters explain
+    assert solution.rms_px < 0.15 * np.sqrt(2.0) * 1.02
+
+
+def test_a_homography_is_the_least_squares_one() -> None:
+    rng, points = np.random.default_rng(5), POINTS[:, :2]
+    image = np.column_stack([points, np.ones(len(points))]) @ np.array(
+        [[0.9, 0.1, 0.0], [-0.2, 1.1, 0.1], [0.3, -0.4, 1]]
+    )
+    image = image[:, :2] / image[:, 2:] + 1e-4 * rng.uniform(-1.0, 1.0, (len(points), 2))
+
+    def normalised(where: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        scale = np.sqrt(2.0 / np.mean(np.sum((where - where.mean(axis=0)) ** 2, axis=1)))
+        by = np.array([[scale, 0.0, 0.0], [0.0, scale, 0.0], [0.0, 0.0, 1.0]])
+        by[:2, 2] = -scale * where.mean(axis=0)
+        return np.column_stack([where, np.ones(len(where))]) @ by.T, by
+
+    (board, by_board), (seen, by_image) = normalised(points), normalised(image)
+    zero = np.zeros_like(board)
+    design = np.vstack(
+        [np.hstack([board, zero, -seen[:, :1] * board]), np.hstack([zero, board, -seen[:, 1:2] * board])]
+    )
+    expected = np.linalg.inv(by_image) @ np.linalg.svd(design)[2][-1].reshape(3, 3) @ by_board
+    found = homography(points, image)
+    assert found is not None
+    np.testing.assert_allclose(found[0] / found[0][2, 2], expected / expected[2, 2], rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["opencv5", "fisheye"])
+def test_the_bundle_ends_where_scipys_does(name: str) -> None:
+    model, rng, views = LENS_MODELS[name], np.random.default_rng(6), 5
+    lens = np.array([700.0, 705.0, 640.0, 360.0, *(0.05, -0.02, 0.002, -0.001, 0.004)[: model.distortion_count]])
+    poses = np.column_stack(
+        [rng.uniform(-0.5, 0.5, (views, 3)), rng.uniform(-0.1, 0.0, (views, 2)), np.full(views, 0.3)]
+    )
+    seen = [projection(model.camera_model, POINTS, pose, lens)[0] for pose in poses]
+    seen = [pixels + 0.2 * rng.normal(size=pixels.shape) for pixels in seen]
+
+    def residuals(unknowns: np.ndarray) -> np.ndarray:
+        own, turns = unknowns[: len(lens)], unknowns[len(lens) :].reshape(views, 6)
+        pairs = zip(seen, turns, strict=True)
+        return np.concatenate([(projection(model.camera_model, POINTS, p, own)[0] - px).ravel() for px, p in pairs])
+
+    start = np.concatenate([lens, poses.ravel()])
+    expected = least_squares(
+        residuals, start, method="lm", x_scale=np.maximum(np.abs(start), 1e-2), ftol=1e-15, xtol=1e-15
+    )
+    views_px = [BoardCorners(POINTS, pixels) for pixels in seen]
+    found = polished(refine(Bundle.start(model, lens * 1.01, poses), views_px), views_px)
+    assert np.sum(np.concatenate(found.residuals_px) ** 2) <= 2.0 * expected.cost * (1.0 + 1e-9)
+    np.testing.assert_allclose(np.concatenate(found.residuals_px).ravel(), -expected.fun, atol=5e-4)
+
+
+RIG, POINTS_UNCERTAINTY = rigs()[0], corner_points(BOARD)
+GRID = (5, 4)
+
+
+def solved(seed: int, count: int):
+    """`count` noise draws over one set of poses: intrinsics (count, 9), the mean covariance (9, 9)."""
+    given, rng = draw(RIG, seed), np.random.default_rng(seed + 1)
+    views = observations_of(given.views, POINTS_UNCERTAINTY)
+    exact = refine(Bundle.start(RIG.model, RIG.intrinsics, given.poses).poses_only, views)
+    clean = [view.pixels - residual for view, residual in zip(views, exact.residuals_px, strict=True)]
+    found, covariances = [], []
+    for _ in range(count):
+        noisy = [
+            BoardCorners(view.points_m, pixels + 0.15 * rng.normal(size=pixels.shape))
+            for view, pixels in zip(views, clean, strict=True)
+        ]
+        # poses solved for the noisy corners: the exact ones would be the truth only where no corner moved
+        bundle = refine(Bundle.start(RIG.model, RIG.intrinsics, exact.poses), noisy)
+        found.append(bundle.intrinsics)
+        covariances.append(information(bundle, noisy).covariance[:-SHAPE, :-SHAPE])
+    return np.array(found), np.mean(covariances, axis=0)
+
+
+@pytest.fixture(scope="module")
+def samples():
+    """Enough draws for a standard deviation to 6 %."""
+    return solved(41, 120)
+
+
+@pytest.mark.parametrize("compensated", [False, True])
+def test_predicted_uncertainty_is_that_of_repeated_noise(samples, compensated: bool) -> None:
+    """Over the picture, root mean square of the standard deviation within 15 %."""
+    found, covariance = samples
+    truth = RIG.camera
+    camera = dataclasses.replace(truth, covariance=covariance)
+    pixels, covariance_px2, _ = projection_uncertainty(camera, compensated, GRID)
+    rays, _ = truth.unproject(pixels)
+    shifts = []
+    for intrinsics in found:
+        shift = camera_of(RIG.model, intrinsics, RIG.image_size).project(rays)[0] - pixels
+        shifts.append(compensate(truth, pixels, shift[..., None])[..., 0] if compensated else shift)
+    sampled = np.sqrt(np.mean(np.var(shifts, axis=0).sum(axis=-1)))
+    expected = np.sqrt(np.mean(np.trace(covariance_px2, axis1=-2, axis2=-1)))
+    assert sampled / expected == pytest.approx(1.0, abs=0.15)
+    each = np.sqrt(np.var(shifts, axis=0).sum(axis=-1) / np.trace(covariance_px2, axis1=-2, axis2=-1))
+    assert np.all(np.abs(each - 1.0) < 0.3), "nowhere far off"
+
+
+def test_pixels_without_a_ray_have_no_uncertainty() -> None:
+    folding = np.array([898.7, 901.5, 640.0, 360.0, 0.0101, 0.7388, 0.0005, -0.0005, -2.503])
+    camera = dataclasses.replace(camera_of(LENS_MODELS["opencv5"], folding, (1280, 720)), covariance=1e-4 * np.eye(9))
+    std = projection_uncertainty(camera)[2]
+    assert np.isnan(std[0, 0])
+    assert np.isfinite(std[6, 8])
+
+
+def halves_of(views: list[BoardCorners], poses: np.ndarray) -> tuple[float | None, float | None]:
+    """Deviations and p-value."""
+    bundle = refine(Bundle.start(RIG.model, RIG.intrinsics, poses), views)
+    known = information(bundle, views)
+    assert known is not None
+    return _compare_split_half(RIG.model, bundle.intrinsics, known, RIG.image_size)
+
+
+def test_halves_of_two_cameras_do_not_agree() -> None:
+    """The second half is shown through a lens of another focal length, zoomed in between."""
+    given = draw(RIG, 44)
+    views = observations_of(given.views, POINTS_UNCERTAINTY)
+    deviations, p_value = halves_of(views, given.poses)
+    assert p_value > LensSettings.halves_agree
+    zoomed = [
+        view if index % 2 else BoardCorners(view.points_m, view.pixels + 6e-3 * (view.pixels - RIG.intrinsics[2:4]))
+        for index, view in enumerate(views)
+    ]
+    spoilt, chance = halves_of(zoomed, given.poses)
+    assert chance < LensSettings.halves_agree
+    assert spoilt > 2.0 * deviations
+    assert halves_of(views[:5], given.poses[:5]) == (None, None)
+
+
+@pytest.mark.slow
+def test_halves_of_good_views_differ_as_often_as_chance_has_it() -> None:
+    """P-values are uniform, and the deviations' mean square is one."""
+    drawn = [draw(RIG, seed) for seed in range(500, 540)]
+    found = [halves_of(observations_of(given.views, POINTS_UNCERTAINTY), given.poses) for given in drawn]
+    deviations, p_values = np.array(found).T
+    # forty draws: the share below one half has a standard deviation of 0.08
+    assert np.mean(p_values < 0.5) == pytest.approx(0.5, abs=0.2)
+    assert np.mean(deviations**2) == pytest.approx(1.0, abs=0.5)
+    assert p_values.min() > LensSettings.halves_agree
+
+
+@pytest.mark.parametrize("index", [0, 2])
+def test_one_step_tells_what_views_left_out_would_be_missed_by(index: int) -> None:
+    rig = rigs()[index]
+    given = draw(rig, 46)
+    views = observations_of(given.views, POINTS_UNCERTAINTY)
+    bundle = refine(Bundle.start(rig.model, rig.intrinsics, given.poses), views)
+    known = information(bundle, views)
+    anew = _solved_squares(bundle, views)
+    assert anew.sum() > known.squares.sum()
+    chosen = _left_out_squares(bundle, views, known)
+    np.testing.assert_allclose(chosen, anew, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("index", "count", "allowed"),
+    [pytest.param(index, 150, 0.05, marks=pytest.mark.slow) for index in range(len(rigs()))],
+)
+def test_95_per_cent_regions_cover_the_true_projection(index: int, count: int, allowed: float) -> None:
+    """Poses, noise, outliers and all drawn anew. Points of one draw hang together, so the share is none too sharp."""
+    rig = rigs()[index]
+    truth, pixels = rig.camera, pixel_grid(rig.image_size, GRID)
+    rays, _ = truth.unproject(pixels)
+    covered = []
+    for seed in range(3000, 3000 + count):
+        camera = solve_ours(draw(rig, seed)).camera
+        found = camera.project(rays)[0]
+        jacobian = projection_jacobian(camera, found)
+        covariance = jacobian @ camera.covariance @ np.swapaxes(jacobian, -1, -2)
+        off = (found - pixels)[..., None]
+        squares = (np.swapaxes(off, -1, -2) @ np.linalg.solve(covariance, off))[..., 0, 0]
+        covered.append(np.mean(squares <= chi2.ppf(0.95, 2)))
+    assert np.mean(covered) == pytest.approx(0.95, abs=allowed)
+
+
+RIG_LENS = rigs()[4]
+POINTS_LENS = corner_points(BOARD)
+
+
+def test_corners_of_others_give_the_lens_their_outliers_and_the_boards_shape() -> None:
+    given = draw(RIG_LENS, 3)
+    views = [(view.ids.tolist(), view.corners_px.tolist()) for view in given.views]
+    # one view of nothing, one of another board
+    views[4:4] = [([], []), (given.views[0].ids[::-1], given.views[0].corners_px)]
+    solution = calibrate_lens(views, RIG_LENS.image_size, POINTS_LENS)
+    assert error_mm(solution.camera, RIG_LENS.camera, from_jig=True) < 0.01
+    own = [*solution.outliers[:4], *solution.outliers[6:]]
+    for view, good, outliers in zip(given.views, given.good, own, strict=True):
+        assert set(outliers) == set(view.ids[~good])
+    assert len(solution.outliers[4]) == 0
+    true_m = RIG_LENS.board_points_m
+    assert np.abs(solution.board_points - true_m).max() < 0.3 * np.abs(POINTS_LENS - true_m).max()
+    assert solution.camera.covariance is not None
+    assert solution.trusted == (solution.verdict.grade == "trusted")
+
+
+SEEN = ([0, 1, 2, 3, 10, 11, 12, 13], np.arange(16.0).reshape(8, 2) ** 1.5)
+
+
+@pytest.mark.parametrize(
+    ("views", "size", "points", "model"),
+    [
+        ([], (640, 480), POINTS_LENS, "auto"),
+        ([SEEN] * 4, (640, 480), POINTS_LENS, "opencv6"),
+        ([SEEN] * 4, (640, -480), POINTS_LENS, "auto"),
+        ([SEEN] * 4, (640, 480), POINTS_LENS * np.nan, "auto"),
+        ([SEEN] * 4, (640, 480), POINTS_LENS[:, [0, 2, 1]], "auto"),
+        ([([0, 0], [[1, 2], [3, 4]])] * 4, (640, 480), POINTS_LENS, "auto"),
+        ([([0, 999], [[1, 2], [3, 4]])] * 4, (640, 480), POINTS_LENS, "auto"),
+        ([([0, 1], [[1, 2], [3, np.inf]])] * 4, (640, 480), POINTS_LENS, "auto"),
+    ],
+)
+def test_senseless_corners_are_refused_in_a_line(views, size, points, model) -> None:
+    with pytest.raises(InputError) as refused:
+        calibrate_lens(views, size, points, model)
+    assert "\n" not in str(refused.value)
+
+
+VIEWS = draw(rigs()[0], 1).views
+
+
+@cache
+def lenses() -> tuple[LensSolution, ...]:
+    first = solve_intrinsics(VIEWS, BOARD)
+    return first, *next_lenses(first, VIEWS, BOARD)
+
+
+def test_other_models_follow_by_expected_error_and_say_so() -> None:
+    first, *others = lenses()
+    expected = {one.model: one.expected_error_px for one in first.comparison if one.monotonic}
+    assert first.model not in [one.model for one in others]
+    errors = [expected[one.model] for one in others]
+    assert errors == sorted(errors)
+    assert len(errors) >= 2
+    assert max(errors) < 3.0
+    for other in others:
+        (named,) = [one for one in other.verdict.diagnoses if one.name == "lens_passed_over"]
+        assert first.model in named.words
+        assert other.model in named.words
+        assert "was given" not in other.verdict.words
+
+
+def first(solve: Callable[[LensSolution], str], *causes: Diagnosis) -> str:
+    return first_solved(lenses()[0], lambda: lenses()[1:], solve, lambda: causes)
+
+
+def test_the_first_lens_that_converges_is_taken() -> None:
+    failing = {one.model for one in lenses()[:2]}
+
+    def solve(lens: LensSolution) -> str:
+        if lens.model in failing:
+            raise SolveError("no common solution")
+        return lens.model
+
+    assert first(solve) == lenses()[2].model

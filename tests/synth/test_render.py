@@ -1,0 +1,260 @@
+"""Rendered pictures: antenna and board are where the lens says, and light, lens and noise what the scene says."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from targets.board import BoardSpec, corner_points, opencv_board
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry import Pose
+from vbaa_calib.simulate.plan import board_poses
+from vbaa_calib.simulate.render.antenna import tube, tube_patch, visible_centreline
+from vbaa_calib.simulate.render.board import board_patch, outline, print_sheet
+from vbaa_calib.simulate.render.picture import ImagePatch, Studio, digitise, expose, surroundings
+from vbaa_calib.simulate.render.settings import PAINT
+from vbaa_calib.simulate.scene.lens import Lens, invertible, normalise, project, ray_map
+from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, camera_pose
+
+from .studios import LENSES, MATRIX, place, spec
+
+
+@pytest.mark.parametrize("lens", sorted(LENSES))
+def test_rays_lead_back_to_their_pixels(lens: str) -> None:
+    rays = ray_map(LENSES[lens])
+    pixels = np.random.default_rng(1).uniform(0, [959, 719], (500, 2))
+    between = project(rays.lens, np.concatenate([rays.at(pixels), np.ones((500, 1))], axis=1))
+    np.testing.assert_allclose(between, pixels, atol=1e-3)
+    exact = project(rays.lens, np.concatenate([normalise(rays.lens, pixels), np.ones((500, 1))], axis=1))
+    np.testing.assert_allclose(exact, pixels, atol=1e-7)
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (955, 715)])
+def test_subpixel_rays_are_those_of_their_places(corner: tuple[int, int]) -> None:
+    rays, (left, top) = ray_map(LENSES["brown"]), corner
+    block = rays.block(left, top, left + 5, top + 5, 3)
+    assert block.shape == (15, 15, 2)
+    steps = (np.arange(15) + 0.5) / 3 - 0.5
+    u, v = np.meshgrid(left + steps, top + steps)
+    exact = normalise(rays.lens, np.stack([u, v], axis=-1).reshape(-1, 2)).reshape(15, 15, 2)
+    np.testing.assert_allclose(block, exact, atol=2e-7)
+
+
+def test_a_lens_that_folds_inside_the_picture_is_refused() -> None:
+    matrix = np.array([[500.0, 0.0, 480.0], [0.0, 500.0, 360.0], [0.0, 0.0, 1.0]])
+    folding = Lens("opencv", (960, 720), matrix, np.array([-0.6, 0.1, 0.0, 0.0]))
+    assert not invertible(folding)
+    assert all(invertible(lens) for lens in LENSES.values())
+    with pytest.raises(InputError, match="folds back"):
+        ray_map(folding)
+
+
+def test_points_behind_the_camera_have_no_pixel() -> None:
+    pixels = project(LENSES["brown"], np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
+    assert np.isnan(pixels[0]).all()
+    np.testing.assert_allclose(pixels[1], MATRIX[:2, 2])
+
+
+def test_noise_has_the_variance_of_shot_and_read_noise() -> None:
+    noisy = spec(read_noise=2.0, electrons_per_grey=20.0)
+    grey = np.full((600, 800), 120.0, np.float32)
+    picture = digitise(noisy, grey, np.random.default_rng(4)).astype(float)
+    assert picture.mean() == pytest.approx(120.0, abs=0.02)
+    assert picture.var() == pytest.approx(2.0**2 + 120.0 / 20.0 + 1 / 12, rel=0.02)
+
+
+def test_a_patch_is_blurred_before_it_is_sampled() -> None:
+    scene = place("pinhole", blur_px=1.0, background=0.2)
+    canvas = np.full((720, 960), 0.2, np.float32)
+    square = np.zeros((160, 160), np.float32)
+    square[60:100, 70:90] = 1.0
+    grey = expose(scene, canvas, [ImagePatch(100, 50, 4, 0.8 * square, square)]) / 255 - 0.2
+    # what it adds in all, and where its middle is: sub-pixel i of pixel p lies at p + (i + 0.5)/4 - 0.5
+    assert grey.sum() == pytest.approx(0.6 * 40 * 20 / 16, rel=1e-4)
+    rows, columns = np.mgrid[:720, :960]
+    assert (grey * columns).sum() / grey.sum() == pytest.approx(100 + 80 / 4 - 0.5, abs=1e-3)
+    assert (grey * rows).sum() / grey.sum() == pytest.approx(50 + 80 / 4 - 0.5, abs=1e-3)
+
+
+@pytest.mark.parametrize(("inclination", "azimuth"), [(0.0, 0.0), (0.6, np.pi), (0.8, 2.0), (0.3, -1.0)])
+def test_the_camera_looks_at_its_point_from_the_side_it_leans_to(inclination: float, azimuth: float) -> None:
+    point = np.array([0.12, 0.01, 0.0])
+    pose = camera_pose(inclination, azimuth, 0.0, 0.4, point)
+    np.testing.assert_allclose(pose.inverse() @ point, [0.0, 0.0, 0.4], atol=1e-12)
+    lean = pose.translation_m - point
+    assert np.arccos(lean[2] / 0.4) == pytest.approx(inclination, abs=1e-7)
+    assert np.hypot(*lean[:2]) == pytest.approx(0.4 * np.sin(inclination), abs=1e-9)
+    assert lean[:2] @ [np.cos(azimuth), np.sin(azimuth)] == pytest.approx(0.4 * np.sin(inclination), abs=1e-9)
+    np.testing.assert_allclose(pose.rotation.T @ pose.rotation, np.eye(3), atol=1e-12)
+    assert np.linalg.det(pose.rotation) == pytest.approx(1.0)
+    right = pose.inverse().rotation @ [1.0, 0.0, 0.0]
+    assert right[0] > 0.5
+    assert right[1] == pytest.approx(0.0, abs=1e-12)
+
+
+RADIUS_M = 0.0004
+LAMP = np.array([0.3, -0.4, -0.866])
+
+
+def _curve(slope: float = 0.1, bend: float = 0.6) -> tuple[np.ndarray, np.ndarray]:
+    s = np.linspace(0.0, 0.24, 80)
+    points = np.stack([s - 0.11, 0.02 + slope * s - bend * s**2, 0.38 - 0.12 * s], axis=1)
+    arclength = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    return arclength, points
+
+
+def _picture(scene: Studio, arclength: np.ndarray, points: np.ndarray, **options: object) -> np.ndarray:
+    seen = tube(scene.rays.lens, arclength, points, RADIUS_M, LAMP)
+    empty = np.zeros(scene.light.shape, np.float32)
+    return expose(scene, empty, [tube_patch(scene, seen, 0.9, **options)]).astype(float)
+
+
+def _centroid_offsets(scene: Studio, picture: np.ndarray, arclength: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Intensity centroid of each column less where the projected centreline crosses it."""
+    dense = np.stack([np.interp(np.linspace(0, arclength[-1], 20000), arclength, p) for p in points.T], axis=1)
+    line = project(scene.rays.lens, dense)
+    columns = np.arange(int(line[:, 0].min()) + 8, int(line[:, 0].max()) - 8)
+    middle = picture[:, columns]
+    centroid = (middle * np.arange(len(picture))[:, None]).sum(axis=0) / middle.sum(axis=0)
+    return centroid - np.interp(columns, line[:, 0], line[:, 1])
+
+
+@pytest.mark.parametrize(
+    "lens", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("brown", "pinhole"))) for name in sorted(LENSES)]
+)
+@pytest.mark.parametrize(
+    ("slope", "bend"),
+    [(0.1, 0.6), *(pytest.param(*one, marks=pytest.mark.slow) for one in ((-0.35, -0.4), (0.0, 0.0)))],
+)
+def test_the_centroid_across_the_tube_is_the_projected_centreline(lens: str, slope: float, bend: float) -> None:
+    scene = place(lens)
+    offsets = _centroid_offsets(scene, _picture(scene, *_curve(slope, bend)), *_curve(slope, bend))
+    assert len(offsets) > 200
+    assert np.abs(offsets).max() < 0.01
+    assert np.sqrt((offsets**2).mean()) < 0.003
+
+
+def test_asymmetric_shading_pulls_the_centroid() -> None:
+    scene = place("brown")
+    offsets = _centroid_offsets(scene, _picture(scene, *_curve(), asymmetry=0.5), *_curve())
+    assert np.abs(offsets).mean() > 0.05
+
+
+def test_coverage_is_the_tubes_silhouette() -> None:
+    scene = place("pinhole")
+    points = np.stack([np.linspace(-0.1, 0.1, 50), np.full(50, 0.013), np.full(50, 0.35)], axis=1)
+    seen = tube(scene.rays.lens, points[:, 0] + 0.1, points, RADIUS_M, LAMP)
+    patch = tube_patch(scene, seen, 0.9)
+    fx, fy = np.diag(scene.rays.lens.matrix)[:2]
+    silhouette = (0.2 * fx / 0.35) * (2 * RADIUS_M * fy / 0.35)
+    assert patch.alpha.sum() / patch.factor**2 == pytest.approx(silhouette, rel=2e-3)
+
+
+def test_what_is_nearer_hides_the_tube() -> None:
+    scene = place("brown")
+    arclength, points = _curve()
+
+    def wall(depth_m: float):
+        return lambda pixels: np.where((pixels[:, 0] > 400) & (pixels[:, 0] < 500), depth_m, np.inf)
+
+    free, hidden, behind = (
+        _picture(scene, arclength, points, obstacle=obstacle) for obstacle in (None, wall(0.2), wall(0.9))
+    )
+    assert np.abs(hidden[:, 405:495]).max() < 1e-6
+    assert np.abs(hidden[:, :390] - free[:, :390]).max() < 1e-4
+    assert np.array_equal(behind, free)
+    seen = tube(scene.rays.lens, arclength, points, RADIUS_M, LAMP)
+    visible = visible_centreline(scene.rays.lens, seen, wall(0.2))
+    assert not ((visible[:, 0] > 401) & (visible[:, 0] < 499)).any()
+    assert len(visible) > 300
+    np.testing.assert_allclose(np.linalg.norm(visible[:, 2:], axis=1), 1.0)
+
+
+def test_a_tube_outside_the_picture_is_not_drawn() -> None:
+    scene = place("pinhole")
+    arclength, points = _curve()
+    seen = tube(scene.rays.lens, arclength, points + np.array([0.0, 1.0, 0.0]), RADIUS_M, LAMP)
+    assert tube_patch(scene, seen, 0.9) is None
+
+
+BOARD = BoardSpec(11, 8, 0.015, 0.011)
+DOWNWARD = np.diag([1.0, -1.0, -1.0])
+
+
+def _corner_errors(lens: str, nearness: float, tilt_rad: float) -> np.ndarray:
+    scene = place(lens)
+    sheet, detector = print_sheet(BOARD), cv2.aruco.CharucoDetector(opencv_board(BOARD))
+    spec = IntrinsicsSpec(5, (0.23 / nearness, 0.40 / nearness), (0.14, tilt_rad))
+    errors = []
+    for pose in board_poses(scene.rays.lens, BOARD, spec, np.random.default_rng(1)):
+        patch = board_patch(scene, sheet, pose, DOWNWARD)
+        grey = expose(scene, surroundings(scene, DOWNWARD), [patch])
+        picture = digitise(scene.spec, grey, np.random.default_rng(0))
+        found, ids, _, _ = detector.detectBoard(picture)
+        true = project(scene.rays.lens, pose @ corner_points(BOARD))[ids.ravel()]
+        errors.append(found.reshape(-1, 2) - true)
+    return np.concatenate(errors)
+
+
+@pytest.mark.parametrize(
+    ("lens", "nearness", "tilt_rad"),
+    # OpenCV's detector itself is a pixel off where small squares are strongly bent
+    [
+        ("pinhole", 1, 0.66),
+        ("brown", 1, 0.66),
+        pytest.param("rational", 2, 0.4, marks=pytest.mark.slow),
+        ("fisheye", 2, 0.4),
+    ],
+)
+def test_detected_corners_lie_on_the_projected_ones(lens: str, nearness: float, tilt_rad: float) -> None:
+    errors = _corner_errors(lens, nearness, tilt_rad)
+    assert len(errors) > 250
+    assert np.linalg.norm(errors, axis=1).mean() < 0.05
+    assert np.abs(errors.mean(axis=0)).max() < 0.03
+
+
+@pytest.mark.parametrize(
+    "spec", [BOARD, BoardSpec(9, 6, 0.012, 0.009, "DICT_5X5_250"), BoardSpec(5, 8, 0.02, 0.0147, legacy_pattern=True)]
+)
+def test_squares_begin_at_whole_texels(spec: BoardSpec) -> None:
+    sheet = print_sheet(spec)
+    square, margin = spec.square_m * sheet.texels_per_m, sheet.margin_m * sheet.texels_per_m
+    assert square == pytest.approx(round(square), abs=1e-9)
+    assert margin == pytest.approx(round(margin), abs=1e-9)
+    step = round(square)
+    # the ink of a whole black square ends exactly at its border
+    corner = (0, 0) if sheet.texture[round(margin) + 1, round(margin) + 1, 0] < 30000 else (0, 1)
+    top, left = round(margin) + corner[0] * step, round(margin) + corner[1] * step
+    black = sheet.texture[top : top + step, left : left + step, 0]
+    assert (black == black[0, 0]).all()
+    assert black[0, 0] < 0.1 * 65535
+    assert sheet.texture[top - 1, left + 5, 0] == pytest.approx(PAINT.paper * 65535, abs=1)
+
+
+def test_the_sheet_covers_the_pixels_inside_its_outline() -> None:
+    scene, sheet = place("brown"), print_sheet(BOARD)
+    pose = Pose.from_rotvec(np.array([0.4, -0.3, 0.2]), np.array([-0.08, -0.05, 0.32]))
+    patch = board_patch(scene, sheet, pose, DOWNWARD)
+    border = project(scene.rays.lens, pose @ outline(sheet))
+    area = cv2.contourArea(border.astype(np.float32).reshape(-1, 1, 2))
+    assert patch.alpha.sum() / patch.factor**2 == pytest.approx(area, rel=1e-3)
+
+
+def test_the_back_of_the_board_is_not_drawn() -> None:
+    scene, sheet = place("brown"), print_sheet(BOARD)
+    turned = Pose.from_rotvec(np.array([0.0, np.pi, 0.0]), np.array([0.08, -0.05, 0.3]))
+    assert board_patch(scene, sheet, turned, DOWNWARD) is None
+    beside = Pose.from_rotvec(np.zeros(3), np.array([3.0, 0.0, 0.3]))
+    assert board_patch(scene, sheet, beside, DOWNWARD) is None
+
+
+@pytest.mark.parametrize("lens", sorted(LENSES))
+def test_hand_held_poses_spread_over_the_picture(lens: str) -> None:
+    poses = board_poses(LENSES[lens], BOARD, IntrinsicsSpec(20, (0.2, 0.4), (0.1, 0.7)), np.random.default_rng(3))
+    pixels = np.concatenate([project(LENSES[lens], pose @ corner_points(BOARD)) for pose in poses])
+    width, height = LENSES[lens].image_size
+    inside = ((pixels >= 0) & (pixels < [width, height])).all(axis=1)
+    cells = {(int(u * 6 / width), int(v * 5 / height)) for u, v in pixels[inside]}
+    assert inside.mean() > 0.8
+    assert len(cells) >= 26
