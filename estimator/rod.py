@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from vbaa_calib.antenna.materials import MATERIALS, Material
 from vbaa_calib.antenna.rod import TORSION_RATIO, Rod, RodShape, solve_rod
 from vbaa_calib.core.arrays import gate
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.rig import Rig
 
 __all__ = ["Rod", "RodShape", "solve", "wire"]
@@ -30,7 +30,7 @@ def wire(length_m: float, diameter_m: float, material: str = "stainless steel") 
     """
     known = Material.named(material)
     if known is None:
-        raise InputError(f"material is {shown(material)}", remedy=f"give one of {', '.join(MATERIALS)}")
+        raise InputError(f"material is {quoted(material)}", remedy=f"give one of {', '.join(MATERIALS)}")
     stiffness = known.youngs_modulus_Pa * math.pi * diameter_m**4 / 64.0
     return Rod(length_m, stiffness, stiffness / TORSION_RATIO, known.density_kg_m3 * math.pi * diameter_m**2 / 4.0)
 
@@ -60,7 +60,7 @@ def solve(
     """
     rod = antenna.antenna.rod if isinstance(antenna, Rig) else antenna
     if not isinstance(rod, Rod):
-        raise InputError(f"antenna is {shown(antenna)}", remedy="give a Rod or a Rig")
+        raise InputError(f"antenna is {quoted(antenna)}", remedy="give a Rod or a Rig")
     if gravity_m_s2 is None and isinstance(antenna, Rig):
         gravity_m_s2 = antenna.gravity_world_m_s2 @ antenna.kinematics.T_world_antenna(0.0, 0.0).rotation
     force = np.asarray(force_N, float)

@@ -33,9 +33,9 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 948,
     "class names used twice": 1,
-    "classes": 484,
+    "classes": 483,
     "public names": 1169,
-    "private words": 141,
+    "private words": 53,
     "type: ignore": 4,
     "words on pages": 35523,
 }

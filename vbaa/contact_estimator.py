@@ -14,7 +14,7 @@ from estimator.contact import estimate
 from estimator.contact.inputs import Batch, FrameOptions
 from estimator.table.contacts import Contact, ContactTable
 from vbaa_calib.core.arrays import as_float
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.errors import InputError, quoted
 
 if TYPE_CHECKING:
     from estimator import RecordingVerdict
@@ -120,7 +120,7 @@ class ContactEstimator(estimate.ContactEstimator):
         for number, each in enumerate(frames):
             if not isinstance(each, Mapping) or not {"image", "moment", "pan", "tilt"} <= set(each):
                 remedy = "give a mapping with image, moment, pan and tilt for each"
-                raise InputError(f"frame {number} is {shown(each)}", remedy=remedy)
+                raise InputError(f"frame {number} is {quoted(each)}", remedy=remedy)
             parts, looks = [], self._glances(number, each)
             for index, (one, look) in enumerate(looks):
                 first, before[index] = after(look, before[index])
@@ -138,7 +138,7 @@ class ContactEstimator(estimate.ContactEstimator):
         images, names = read["image"], self.rig.cameras
         if not isinstance(images, Mapping) or not images or images.keys() - names.keys():
             remedy = f"give {{name: picture}} of some of its cameras: {', '.join(names)}"
-            raise InputError(f"the rig has several cameras, image is {shown(images)}", remedy=remedy)
+            raise InputError(f"the rig has several cameras, image is {quoted(images)}", remedy=remedy)
         found = []
         for name, one in self.cameras.items():
             more = {key: value for key, value in read.items() if key != "image"}
@@ -158,7 +158,7 @@ class ContactEstimator(estimate.ContactEstimator):
         width, height = self.rig.camera.image_size
         shape = image.shape if isinstance(image, np.ndarray) and image.dtype == np.uint8 else ()
         if shape not in ((height, width), (height, width, 3)):
-            kind = f"of {image.dtype}" if isinstance(image, np.ndarray) else shown(image)
+            kind = f"of {image.dtype}" if isinstance(image, np.ndarray) else quoted(image)
             what = f"image has shape {shape}" if shape else f"image is {kind}"
             remedy = (
                 f"give a file, or an array of 8 bits, ({height}, {width}) or ({height}, {width}, 3), as OpenCV reads"

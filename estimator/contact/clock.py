@@ -356,8 +356,8 @@ def _windows(estimator: ContactEstimator, several: Sequence[Measured], moments_N
 
     Raises InputError where they are too few.
     """
-    given = zip(several, moments_Nm, strict=True)
-    silent = [replace(each, **SILENT | {"moment_Nm": float(moment)}) for each, moment in given]
+    pairs = zip(several, moments_Nm, strict=True)
+    silent = [replace(each, **SILENT | {"moment_Nm": float(moment)}) for each, moment in pairs]
     seen, times, bend = _bends(estimator, silent)
     rotation, _ = estimator.rig.kinematics.world_antenna(*np.array([[each.pan_rad, each.tilt_rad] for each in seen]).T)
     weight = (np.swapaxes(rotation, 1, 2) @ estimator.rig.gravity_world_m_s2)[:, 2]

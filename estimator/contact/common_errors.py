@@ -141,18 +141,18 @@ def _errors(frames: Frames, unknowns: np.ndarray, distance_std: np.ndarray) -> n
     """
     there = linearised(frames, _RUNG, unknowns)
     prior, readings = there.prior, there.readings
-    beside = np.eye(prior.shape[1]) * prior[:, None] + np.swapaxes(readings, 1, 2) @ readings
-    covariance = _as_certain(there.information - beside, beside, distance_std**2)
+    others = np.eye(prior.shape[1]) * prior[:, None] + np.swapaxes(readings, 1, 2) @ readings
+    covariance = _as_certain(there.information - others, others, distance_std**2)
     # what is off by one deviation pulls with the weight that the prior holds it
     off = np.swapaxes(covariance * prior[:, None], 1, 2)
     return np.concatenate([off[:, UNKNOWNS:], off[:, UNKNOWNS - 1 : UNKNOWNS]], axis=1)
 
 
-def _as_certain(points: np.ndarray, beside: np.ndarray, variance: np.ndarray) -> np.ndarray:
+def _as_certain(points: np.ndarray, others: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Covariances (B, K, K) of the information of points and of all else, with the weight of the points that gives the
     first unknown these variances (B,), as far as any weight does."""
-    # L Lᵀ = points + beside, L⁻¹ points L⁻ᵀ = V Λ Vᵀ: the first unknown has the variance Σ (V' L⁻¹ e₀)²/(1 + (w − 1) Λ)
-    inverse = np.linalg.inv(np.linalg.cholesky(points + beside))
+    # L Lᵀ = points + others, L⁻¹ points L⁻ᵀ = V Λ Vᵀ: the first unknown has the variance Σ (V' L⁻¹ e₀)²/(1 + (w − 1) Λ)
+    inverse = np.linalg.inv(np.linalg.cholesky(points + others))
     values, vectors = np.linalg.eigh(inverse @ points @ np.swapaxes(inverse, 1, 2))
     shares = np.einsum("bki,bk->bi", vectors, inverse[:, :, 0]) ** 2
     values = np.clip(values, 0.0, 1.0)
@@ -161,7 +161,7 @@ def _as_certain(points: np.ndarray, beside: np.ndarray, variance: np.ndarray) ->
         middle = np.sqrt(low * high)
         vague = (shares / (1.0 + (middle[:, None] - 1.0) * values)).sum(axis=1) > variance
         low, high = np.where(vague, middle, low), np.where(vague, high, middle)
-    return np.linalg.inv(np.sqrt(low * high)[:, None, None] * points + beside)
+    return np.linalg.inv(np.sqrt(low * high)[:, None, None] * points + others)
 
 
 def _by_axes(rig_arrays: RigArrays, values: np.ndarray, pan: np.ndarray, tilt: np.ndarray) -> np.ndarray:

@@ -92,7 +92,7 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
 
     every = bool(located.all())
 
-    def given(values: np.ndarray, where: np.ndarray = located) -> np.ndarray:
+    def where_known(values: np.ndarray, where: np.ndarray = located) -> np.ndarray:
         if every and where is located:
             return values
         return np.where(where.reshape((-1,) + (1,) * (values.ndim - 1)), values, np.nan)
@@ -119,25 +119,27 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
             status=status,
             in_contact=numbers.finite & (status != NO_ANTENNA) & (status != NO_CONTACT),
             model=np.array(RUNGS)[numbers.rung],
-            distance_m=given(numbers.unknowns[:, 0] * length),
-            distance_std_m=given(numbers.std[:, 0] * length),
-            distance_shared_std_m=given(numbers.shared_std * length),
-            point_shared_std_m=given(_deviations(rotation @ numbers.shared[:, :3, :3] @ np.swapaxes(rotation, 1, 2))),
-            force_covariance_yz_N2=given(numbers.covariance[:, 4, 5], whole),
-            force_shared_std_N=given(_deviations(numbers.shared[:, 3:, 3:]), whole),
+            distance_m=where_known(numbers.unknowns[:, 0] * length),
+            distance_std_m=where_known(numbers.std[:, 0] * length),
+            distance_shared_std_m=where_known(numbers.shared_std * length),
+            point_shared_std_m=where_known(
+                _deviations(rotation @ numbers.shared[:, :3, :3] @ np.swapaxes(rotation, 1, 2))
+            ),
+            force_covariance_yz_N2=where_known(numbers.covariance[:, 4, 5], whole),
+            force_shared_std_N=where_known(_deviations(numbers.shared[:, 3:, 3:]), whole),
             force_N=np.where(components, numbers.force_N, np.nan),
             force_std_N=np.where(components, deviations[:, 3:], np.nan),
             deflection_m=np.where(components, numbers.deflection_m, np.nan),
-            point_antenna_m=given(numbers.point_m),
-            point_world_m=given(turned[:, 0] + translation),
-            covariance_world_m2=given(covariance),
-            force_world_N=given(turned[:, 1], whole),
-            tangent_world=given(turned[:, 2], whole),
-            moment_residual_Nm=given(moment, numbers.sensor_available[:, 0]),
-            friction_angle_rad=given(numbers.unknowns[:, 3] * friction_rad),
-            friction_angle_std_rad=given(numbers.std[:, 3] * friction_rad),
+            point_antenna_m=where_known(numbers.point_m),
+            point_world_m=where_known(turned[:, 0] + translation),
+            covariance_world_m2=where_known(covariance),
+            force_world_N=where_known(turned[:, 1], whole),
+            tangent_world=where_known(turned[:, 2], whole),
+            moment_residual_Nm=where_known(moment, numbers.sensor_available[:, 0]),
+            friction_angle_rad=where_known(numbers.unknowns[:, 3] * friction_rad),
+            friction_angle_std_rad=where_known(numbers.std[:, 3] * friction_rad),
             friction_prior_rad=np.full(len(status), friction_rad),
-            evidence=given(numbers.evidence, numbers.finite),
+            evidence=where_known(numbers.evidence, numbers.finite),
             condition=numbers.condition,
         )
 

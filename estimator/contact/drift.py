@@ -290,8 +290,8 @@ def _moved_px(rig: Rig, now: Rig) -> float | None:
     with np.errstate(invalid="ignore"):
         tangent = np.gradient(before, axis=0)
         across = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / np.linalg.norm(tangent, axis=1, keepdims=True)
-    aside = ((after - before) * across).sum(axis=1)[rig.camera.in_picture(before)]
-    both = aside[np.isfinite(aside)]
+    lateral = ((after - before) * across).sum(axis=1)[rig.camera.in_picture(before)]
+    both = lateral[np.isfinite(lateral)]
     return finite_or_none(np.sqrt(np.mean(both**2))) if len(both) else None
 
 

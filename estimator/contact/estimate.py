@@ -19,7 +19,7 @@ from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import FRICTION_RAD, LOCATED, Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.arrays import as_float, as_floats, gate
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.threads import cores
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
@@ -69,9 +69,9 @@ class ContactEstimator:
         self, rig: Rig, model: str = "auto", *, friction: float = FRICTION_RAD, jobs: int | None = None
     ) -> None:
         if not isinstance(model, str) or model not in ("auto", *RUNGS):
-            raise InputError(f"model is {shown(model)}", remedy=f"one of auto, {', '.join(RUNGS)} is needed")
+            raise InputError(f"model is {quoted(model)}", remedy=f"one of auto, {', '.join(RUNGS)} is needed")
         if not isinstance(rig, Rig):
-            raise InputError(f"rig is {shown(rig)}", remedy="give what Rig.load returns")
+            raise InputError(f"rig is {quoted(rig)}", remedy="give what Rig.load returns")
         if rig.clamp is not None:
             remedy = "estimate lines of its antennas: vbaa estimate --centrelines FILE, or clamp_tracks"
             raise InputError("the rig's clamp moves, which no single frame shows", remedy=remedy)
@@ -79,7 +79,7 @@ class ContactEstimator:
         if not 0.0 <= as_float(friction, "friction", in_rad) <= 1.0:
             raise InputError(f"friction is {friction}", remedy=in_rad)
         if jobs is not None and not (type(jobs) is int and jobs >= 1):
-            raise InputError(f"jobs is {shown(jobs)}", remedy="give a number of threads, 1 or more")
+            raise InputError(f"jobs is {quoted(jobs)}", remedy="give a number of threads, 1 or more")
         self.rig, self.model, self.friction_rad = rig, model, float(friction)
         self.jobs = cores() if jobs is None else jobs
         self.drift = LearntRig.of(rig)
@@ -311,7 +311,7 @@ class ContactEstimator:
         """The fits of frames with enough points; frames that do not fit are tried again with other explanations."""
         fitted = self._solved(frames, batch.start, beam)
         frames = without_outliers(batch, frames, fitted, self._rung, lambda some: self._solved(some, None, beam))
-        frames = self._without_odd_tips(frames, fitted, beam)
+        frames = self._without_impossible_tips(frames, fitted, beam)
         if len(rows := np.flatnonzero((fitted.evidence >= ContactSettings.contact_evidence) & unexplained(fitted))):
             self._without_reading(frames, fitted, rows[fitted.sensor_available[rows].any(axis=1)])
             self._with_drift(batch, fitted, rows)
@@ -320,15 +320,15 @@ class ContactEstimator:
     def _solved(self, frames: Frames, start: np.ndarray | None = None, beam: Beam | None = None) -> FitNumbers:
         return solve(frames, self.model, start, None if beam is None else beam.pieces_m, self.jobs)
 
-    def _without_odd_tips(self, frames: Frames, fitted: FitNumbers, beam: Beam | None) -> Frames:
+    def _without_impossible_tips(self, frames: Frames, fitted: FitNumbers, beam: Beam | None) -> Frames:
         """Refit frames with an impossible antenna's end without it, as something else ended there. Returns the frames
         as used."""
         with np.errstate(invalid="ignore"):
-            odd = np.abs(fitted.tip_std) > ContactSettings.outlying_end
-        if not odd.any():
+            impossible = np.abs(fitted.tip_std) > ContactSettings.outlying_end
+        if not impossible.any():
             return frames
-        rows, tip_std = np.flatnonzero(odd), fitted.tip_std[odd]
-        frames = frames.with_available(frames.available[:, frames.rig_arrays.sensors], frames.ends * ~odd)
+        rows, tip_std = np.flatnonzero(impossible), fitted.tip_std[impossible]
+        frames = frames.with_available(frames.available[:, frames.rig_arrays.sensors], frames.ends * ~impossible)
         fitted.put(rows, self._solved(frames.picked(rows), None, beam))
         fitted.tip_std[rows] = tip_std
         return frames
@@ -354,7 +354,7 @@ class ContactStream:
 
     live : each frame is answered as it comes, from those before it; else `STREAM` at a time, as a recording's.
     little_by_little : a `push` does only a short step or few, such as to solve one frame. The contacts are the same.
-    beside : another stream of the same frames, which learns for this one, too, how the rig has changed; it gets each
+    companion : another stream of the same frames, which learns for this one, too, how the rig has changed; it gets each
     frame after it.
     """
 
@@ -364,16 +364,18 @@ class ContactStream:
         *,
         live: bool = False,
         little_by_little: bool = False,
-        beside: ContactStream | None = None,
+        companion: ContactStream | None = None,
     ) -> None:
-        self._estimator, self._now, self._beside = estimator, estimator, beside
+        self._estimator, self._now, self._beside = estimator, estimator, companion
         self._size, self._little = 1 if live else STREAM, little_by_little
         self._patience = ContactSettings.patience if estimator.rig.drift.of_rig and not live else 0
         self._beam = Beam.of(estimator.rig)
         self._motion = MotionCheck(self._beam, live)
         self._coming: list[Measured] = []
         self._waiting: list[list[Measured]] = []  # for the first free frames
-        self._earlier: deque[tuple[ContactEstimator, Measured, FitNumbers]] = deque()  # from who has this one beside it
+        self._earlier: deque[tuple[ContactEstimator, Measured, FitNumbers]] = (
+            deque()
+        )  # from who has this one companion it
         self._warm: np.ndarray | None = None
         self._work: deque[Generator[list[Contact] | None, None, None]] = deque()
 
@@ -385,7 +387,7 @@ class ContactStream:
     def push(self, measured: Measured, hurried: bool = False) -> Iterator[Contact]:
         """The contacts that are ready with this frame, its own among them or not. `hurried` : others wait already."""
         if not isinstance(measured, Measured):
-            raise InputError(f"the recording holds {shown(measured)}", remedy="give a Measured for each frame")
+            raise InputError(f"the recording holds {quoted(measured)}", remedy="give a Measured for each frame")
         self._coming.append(measured)
         if len(self._coming) == self._size:
             self._work.append(self._taken(self._coming))

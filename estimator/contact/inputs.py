@@ -16,8 +16,8 @@ from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Measured
 from vbaa_calib.camera.from_plane import pixels_on_plane
 from vbaa_calib.core.arrays import ANGLE_REMEDY, MOMENT_REMEDY, PLAUSIBLE, Rows, as_floats, check_each
-from vbaa_calib.core.errors import InputError, shown
-from vbaa_calib.core.polyline import beside, resample
+from vbaa_calib.core.errors import InputError, quoted
+from vbaa_calib.core.polyline import offsets_from, resample
 from vbaa_calib.core.robust import mad_std
 from vbaa_calib.detect.whisker.antenna import pixels
 from vbaa_calib.detect.whisker.crossings import too_short
@@ -260,7 +260,7 @@ def _by_camera(
     if plane.get("plane_xy_m") is not None:
         raise InputError("plane_xy_m does not say of which camera", remedy=f"give centrelines: {remedy}")
     if not isinstance(centrelines_px, Mapping) or not centrelines_px:
-        raise InputError(f"the rig has several cameras, the centreline is {shown(centrelines_px)}", remedy=remedy)
+        raise InputError(f"the rig has several cameras, the centreline is {quoted(centrelines_px)}", remedy=remedy)
     for named in (centrelines_px, sigma_px if isinstance(sigma_px, Mapping) else {}):
         if unknown := sorted(map(str, named.keys() - rig.cameras.keys())):
             raise InputError(f"there is no camera {unknown[0]}", where="rig", remedy=remedy)
@@ -485,7 +485,7 @@ def _outliers(
     there = np.flatnonzero(np.isfinite(points_px).all(axis=1))
     if too_short(path) or len(there) < OutlierSettings.neighbours:
         return found
-    nearest, across = beside(resample(path, 1.0)[0], points_px[there])
+    nearest, across = offsets_from(resample(path, 1.0)[0], points_px[there])
     order = np.argsort(nearest, kind="stable")
     found[there[order]] = which(across[order], sigma_px[there[order]])
     return found
@@ -547,7 +547,7 @@ def _points(lines: Any, name: str = "centrelines_px", remedy: str = "give (N, 2)
     if getattr(lines, "ndim", 0) == 3 and lines.shape[2] == 2:
         return check_each(as_floats(lines, name, remedy), PLAUSIBLE.pixel_px, name, remedy, "infinite")
     if not isinstance(lines, Iterable) or isinstance(lines, Mapping):
-        raise InputError(f"{name} is {shown(lines)}", remedy=remedy)
+        raise InputError(f"{name} is {quoted(lines)}", remedy=remedy)
     lines = [as_floats(line, name, remedy) for line in lines]
     for line in lines:
         if line.ndim != 2 or line.shape[1] != 2:

@@ -150,29 +150,29 @@ class Motion:
 
     def __init__(self, beam: Beam, live: bool = False) -> None:
         self._beam, self._live = beam, live
-        self._held: Shapes | None = None
+        self._kept: Shapes | None = None
         self._judged = 0
 
     def push(self, shapes: Shapes) -> Inertia:
         """The verdicts (K,) that these frames make possible: in order, beginning with the first frame that waited."""
-        held = shapes if self._held is None else Shapes.joined([self._held, shapes])
-        waiting = complete = len(held) - self._judged
+        kept = shapes if self._kept is None else Shapes.joined([self._kept, shapes])
+        waiting = complete = len(kept) - self._judged
         if complete and not self._live:  # the first frames that have all later ones of their neighbourhoods
-            late = held.picked(slice(self._judged, None))
+            late = kept.picked(slice(self._judged, None))
             time = np.where(np.isfinite(late.time_s), late.time_s, -np.inf)
             ends = time + 0.5 * math.pi / self._beam.first_mode_rad_s(late.contact)
             complete = int(np.cumprod(ends < time.max()).sum())
-        return self._judge(held, max(complete, waiting - ContactSettings.motion_frames))
+        return self._judge(kept, max(complete, waiting - ContactSettings.motion_frames))
 
     def finish(self) -> Inertia | None:
         """The verdicts on the frames that wait; None if none was ever pushed, or none waits."""
-        return None if self._held is None or self._live else self._judge(self._held, len(self._held) - self._judged)
+        return None if self._kept is None or self._live else self._judge(self._kept, len(self._kept) - self._judged)
 
-    def _judge(self, held: Shapes, count: int) -> Inertia:
+    def _judge(self, kept: Shapes, count: int) -> Inertia:
         end = self._judged + count
-        verdicts = _inertia(held, self._beam, slice(self._judged, end), live=self._live)
+        verdicts = _inertia(kept, self._beam, slice(self._judged, end), live=self._live)
         start = max(0, end - ContactSettings.motion_frames)
-        self._held, self._judged = held.picked(slice(start, None)), end - start
+        self._kept, self._judged = kept.picked(slice(start, None)), end - start
         return verdicts
 
 

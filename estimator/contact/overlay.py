@@ -203,8 +203,8 @@ def _ellipse(rig: Rig, contact: Contact, rotation_world_antenna: np.ndarray) -> 
 def _draw(canvas: Canvas, item: FrameContact, found: _Marks, *, close: bool = False) -> None:
     """The fitted shape as a sleeve around the antenna, the seen centreline, the contact and its force."""
     if len(found.shape) >= 2:
-        aside = normals(found.shape) * (0.5 * found.width + 3.5 * canvas.unit / canvas.scale)
-        for side in (-aside, aside):
+        lateral = normals(found.shape) * (0.5 * found.width + 3.5 * canvas.unit / canvas.scale)
+        for side in (-lateral, lateral):
             canvas.line(found.shape + side, WHITE)
     if item.line is not None:
         draw_centreline(canvas, item.line, found.parts, named=not close)

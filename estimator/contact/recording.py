@@ -321,18 +321,18 @@ def estimate_taken(
             frames.append(frame)
             yield frame, pictures
 
-    given, kept = tee(detected(estimator, noted(), ground))
-    for seen, contact in zip(kept, estimator.run(each.measured for each in given), strict=True):
+    asked, kept = tee(detected(estimator, noted(), ground))
+    for seen, contact in zip(kept, estimator.run(each.measured for each in asked), strict=True):
         yield frame_contact(frames.popleft(), seen, contact)
 
 
 def frame_contact(frame: Frame, seen: Detection, contact: Contact) -> FrameContact:
     """A frame's contact, or why nothing was seen in its picture."""
-    said = contact if seen.line.found or seen.others else replace(contact, reason=seen.line.reason)
+    answer = contact if seen.line.found or seen.others else replace(contact, reason=seen.line.reason)
     for name, line in seen.others.items():
         if not line.found:
-            said = replace(said, reason=said.reason.replace(f"{name} shows no antenna", f"{name}: {line.reason}"))
-    return FrameContact(frame, said, seen.measured, seen.line)
+            answer = replace(answer, reason=answer.reason.replace(f"{name} shows no antenna", f"{name}: {line.reason}"))
+    return FrameContact(frame, answer, seen.measured, seen.line)
 
 
 def measured_recording(
@@ -411,6 +411,6 @@ def estimate_centrelines(
 ) -> Iterator[FrameContact]:
     """Every frame from extracted pixels (see `measured_lines`), in order, as many at a time as the estimator takes."""
     # a tee holds no more than what the estimator has taken in and not yet given back
-    given, kept = tee(measured_lines(estimator.rig, frames, lines))
-    for frame, seen, contact in zip(frames, kept, estimator.run(given), strict=True):
+    asked, kept = tee(measured_lines(estimator.rig, frames, lines))
+    for frame, seen, contact in zip(frames, kept, estimator.run(asked), strict=True):
         yield FrameContact(frame, contact, seen)

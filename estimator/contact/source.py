@@ -75,8 +75,8 @@ class _Stream:
 
     def opened(self) -> Opened:
         """For one pass. Raises InputError."""
-        beside = self.path.with_suffix(".csv")
-        table = beside if beside.is_file() and not is_bag(self.path) else None
+        readings = self.path.with_suffix(".csv")
+        table = readings if readings.is_file() and not is_bag(self.path) else None
         timing = self.options.timing
         known_s = None if self.options.estimate_offset and timing.offset_std_s == 0.0 else timing.offset_s
         topics = replace(self.options.topics, wrench=self.rig.wrench_sensor is not None)
@@ -145,9 +145,9 @@ class _Source:
         folder : where some of a bag's or video's are put.
         """
         if self.stream is not None:
-            return some_stills(rig, self.stream.taken(), folder)
+            return sample_of(rig, self.stream.taken(), folder)
         assert self.session is not None
-        return [*self.frames, *_free_stills(self.session, rig)]
+        return [*self.frames, *_free_frames(self.session, rig)]
 
 
 def _recording_files(path: Path) -> list[Path]:
@@ -190,7 +190,7 @@ def unpacked(
         yield replace(frame, image=others.pop(rig.camera_name, None), others=others), pictures
 
 
-def some_stills(rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Path) -> list[Still]:
+def sample_of(rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Path) -> list[Still]:
     """Of a bag or video some pictures of the rig's first camera, in files of a folder."""
     named = ((frame, each.get(rig.camera_name) if isinstance(each, Mapping) else each) for frame, each in taken)
     own = ((frame, image) for frame, image in named if image is not None)
@@ -255,23 +255,23 @@ def inputs_digest(path: Path) -> str:
         # bags and videos are too large to be read twice
         stats = [(file.name, file.stat()) for file in files]
         return hashlib.sha256(json.dumps([(n, s.st_size, s.st_mtime_ns) for n, s in stats]).encode()).hexdigest()
-    said: list[object] = [[file.name, sha256(file)] for file in files]
+    listed: list[object] = [[file.name, sha256(file)] for file in files]
     session = load_session(_session_root(path))
     for frame in () if files[-1].name == "centrelines.csv" else read_recording(session):
         for image in ([] if frame.image is None else [frame.image]) + list(frame.others.values()):
             status = image.stat()
-            said.append([str(image.relative_to(session.root)), status.st_size, status.st_mtime_ns])
-    return hashlib.sha256(json.dumps(said).encode()).hexdigest()
+            listed.append([str(image.relative_to(session.root)), status.st_size, status.st_mtime_ns])
+    return hashlib.sha256(json.dumps(listed).encode()).hexdigest()
 
 
-def _free_stills(session: Session, rig: Rig) -> list[Still]:
+def _free_frames(session: Session, rig: Rig) -> list[Still]:
     """The pictures of the free antenna, where this session has some of this camera."""
     try:
-        stills = list(read_noload(session))
-        check_pictures([still.image for still in stills if still.image], rig.camera.image_size, "the rig's are")
+        frames = list(read_noload(session))
+        check_pictures([still.image for still in frames if still.image], rig.camera.image_size, "the rig's are")
     except InputError:  # they are not needed
         return []
-    return stills
+    return frames
 
 
 # Blur by an even movement moves no point: the line lies where the antenna is in the middle of the exposure. A rolling
@@ -350,5 +350,7 @@ def _marked(item: FrameContact, moved: _Movement) -> FrameContact:
         )
     elif moved.exposure_px > ContactSettings.blurred_px:
         blur = f"moves by {moved.exposure_px:.0f} px during the exposure: expose shorter, or move slower"
-        contact = replace(contact, reason="; ".join(said for said in (contact.reason, f"the antenna {blur}") if said))
+        contact = replace(
+            contact, reason="; ".join(reason for reason in (contact.reason, f"the antenna {blur}") if reason)
+        )
     return replace(item, contact=contact)

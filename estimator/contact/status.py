@@ -134,7 +134,7 @@ def _failed(numbers: FitNumbers, length_m: float) -> str:
 
 
 def _misfit(numbers: FitNumbers, length_m: float) -> str:
-    scatter, lean = numbers.scatter[0], abs(numbers.unknowns[0, 3])
+    scatter, friction = numbers.scatter[0], abs(numbers.unknowns[0, 3])
     if not numbers.finite[0]:
         return "the fit left the domain of the model"
     if np.isfinite(numbers.left_px[0]):
@@ -156,7 +156,7 @@ def _misfit(numbers: FitNumbers, length_m: float) -> str:
         nearest_mm = 1e3 * core.solver.NEAREST * length_m
         return f"the contact lies nearer to the clamp than {nearest_mm:.0f} mm, where none is looked for"
     if _friction_exceeded(numbers)[0]:
-        return f"the force would have to lean {lean:.1f} times as far from the normal as friction is thought to tilt it"
+        return f"the force needs a friction angle of {friction:.1f} standard deviations: give a larger --friction"
     if scatter > core.solver.WRONG_SHAPE or (scatter > 1.0 and _mirrored(numbers)[0]):
         far = f"points lie {scatter:.1f} std off or more"
         return f"the shape is not that of one contact: {far}, or their std is stated too small"

@@ -31,27 +31,27 @@ AUTO = Path("auto")
 """In place of a picture: learn the background."""
 
 
-def surroundings(rig: Rig, given: Path | None, stills: Callable[[], Sequence[Still]]) -> tuple[Ground | None, str]:
+def surroundings(rig: Rig, picture: Path | None, frames: Callable[[], Sequence[Still]]) -> tuple[Ground | None, str]:
     """The background, as `--background` asks for it, and in words what came of that.
 
-    given : a picture of the same view without the antenna, or `AUTO`: learnt from the stills.
+    picture : a picture of the same view without the antenna, or `AUTO`: learnt from the frames.
     Raises InputError when a picture cannot be read or has another size than the rig's.
     """
-    if given is None:
+    if picture is None:
         return None, ""
-    if given == AUTO:
-        return _learn_surroundings(rig, stills())
-    empty = Background(_plane(rig, given).astype(np.float32))
-    return lambda _: empty, f"{given.name} is taken off where it lies behind the antenna"
+    if picture == AUTO:
+        return _learn_surroundings(rig, frames())
+    empty = Background(_plane(rig, picture).astype(np.float32))
+    return lambda _: empty, f"{picture.name} is taken off where it lies behind the antenna"
 
 
-def _learn_surroundings(rig: Rig, stills: Sequence[Still]) -> tuple[Ground | None, str]:
+def _learn_surroundings(rig: Rig, frames: Sequence[Still]) -> tuple[Ground | None, str]:
     """Backgrounds from pictures with the antenna in them, and what came of it in words; None where none is of use."""
-    shown = [still for still in stills if still.image is not None]
+    pictured = [still for still in frames if still.image is not None]
     why = f"fewer than {LEAST_PICTURES} pictures"
     for step in (np.inf, ContactSettings.alike_px / float(rig.camera.matrix[0, 0])):
         cells = defaultdict(list)
-        for still in shown:
+        for still in pictured:
             cells[_cell(still, step)].append(still)
         several = sorted(cells.items(), key=lambda cell: -len(cell[1]))[: ContactSettings.most_positions]
         grounds: dict[tuple[int, int], Background] = {}
@@ -72,7 +72,7 @@ def _ground_of(grounds: dict[tuple[int, int], Background], step_rad: float, stil
     return grounds.get(_cell(still, step_rad))
 
 
-def beside(rig: Rig, still: Still) -> list[Still]:
+def neighbours(rig: Rig, still: Still) -> list[Still]:
     """The pictures in a picture's folder that this camera may have taken, some dozen of them, itself among them."""
     assert still.image is not None
     paths = sorted(path for path in still.image.parent.iterdir() if path.suffix.lower() in SUFFIXES)
@@ -88,14 +88,14 @@ def _cell(still: Still, step_rad: float) -> tuple[int, int]:
     return round(still.pan_rad / step_rad), round(still.tilt_rad / step_rad)
 
 
-def _learnt(rig: Rig, stills: Sequence[Still]) -> tuple[Background | None, str]:
+def _learnt(rig: Rig, frames: Sequence[Still]) -> tuple[Background | None, str]:
     """One background from pictures at one position of the joints, or why there is none."""
-    looking = prepared(rig, stills[0])
+    looking = prepared(rig, frames[0])
     if looking is None:
         return None, "the camera does not see the antenna"
     width, height = rig.camera.image_size
     count = int(np.clip(ContactSettings.most_px // (width * height), LEAST_PICTURES, ContactSettings.most_pictures))
-    sample = [stills[i] for i in np.unique(np.linspace(0, len(stills) - 1, count).round().astype(int))]
+    sample = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, count).round().astype(int))]
     return _background_of([_plane(rig, still.image) for still in sample if still.image], looking, rig.image.bright)
 
 

@@ -44,7 +44,7 @@ class _TwoContactsSettings:
     difference: float = 1e-4  # finite differences of the unknowns
     axis_step: float = 0.1  # of the rig's axes, in standard deviations
     rounds: int = 3  # linearisations of the rig's errors, at most
-    settled: float = 1e-2  # such a round that lowers the cost by less is the last
+    converged: float = 1e-2  # such a round that lowers the cost by less is the last
     gain: float = 25.0  # decrease of the cost by the second contact, at least: as `ContactSettings.second_contact`
     clear: float = 4.0  # beyond so many times this gain one contact is not fitted further,
     promises: float = 10.0  # by so many times what its next step would gain
@@ -245,7 +245,7 @@ class _TwoContactFrame:
         start: np.ndarray | None = None,
         errors: np.ndarray | None = None,
     ) -> _TwoContactFit | None:
-        """Residuals and derivatives at some unknowns, of which `free` are solved for, and errors of the rig, or none."""
+        """Residuals and derivatives at unknowns, of which `free` are solved for, and errors of the rig, or none."""
         step = self.settings.difference
         trials = np.tile(unknowns, (1 + len(free), 1))
         trials[1 + np.arange(len(free)), free] += step * np.where(np.isin(free, (NEAR, FAR)), -1.0, 1.0)
@@ -397,7 +397,7 @@ class _TwoContactFrame:
             if again is None or further is None:
                 break
             gained, at = again.cost - further.cost, further
-            if gained < self.settings.settled:
+            if gained < self.settings.converged:
                 break
         whole = np.column_stack([at.columns[:, free], self.by_rig])
         prior = np.append(self.prior[list(free)], np.ones(self.by_rig.shape[1]))

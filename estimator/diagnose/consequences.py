@@ -51,7 +51,7 @@ def _unused_witnesses(counts: Mapping[str, int], frames: int) -> list[Diagnosis]
             "check the tracker, and that the pictures have the size of the calibration",
         ),
     ):
-        if whole >= settings.fewest_used and unused > settings.set_aside * whole:
+        if whole >= settings.fewest_used and unused > settings.unused_share * whole:
             words = f"{what} in {unused} of {whole} frames"
             found.append(Diagnosis("witness_set_aside", words, remedy, "doubt"))
     return found

@@ -80,5 +80,5 @@ class RecordingSettings:
 
     # when a recording is judged while it runs, and what of its witnesses may be missing
     judged: int = 64  # frames after which a recording is judged for the first time; then at twice as many each time
-    set_aside: float = 0.1  # part of the frames in which a witness may contradict the rest before that is a finding
+    unused_share: float = 0.1  # part of the frames in which a witness may contradict the rest before that is a finding
     fewest_used: int = 20  # frames of which that part counts

@@ -95,7 +95,7 @@ class LiveEstimator:
         self.estimator, self.synchronizer, self.watch = estimator, synchronizer, watch
         self.final, self._ground = final, ground
         self._later = ContactStream(estimator, little_by_little=True) if final else None
-        self._now = ContactStream(estimator, live=True, beside=self._later)
+        self._now = ContactStream(estimator, live=True, companion=self._later)
         self._cameras = estimator.cameras if estimator.rig.others else {estimator.rig.camera_name: estimator}
         self._before = dict.fromkeys(self._cameras, np.empty((0, 2)))
         self._frames: deque[tuple[Synchronized, Detection]] = deque()
@@ -119,7 +119,7 @@ class LiveEstimator:
                 Taken(0.0, image, 0.0, camera=name) for name, (_, image) in zip(rig.cameras, drawings, strict=True)
             )
             each.append(Synchronized(drawings[0][0], first, 0.0, tuple(rest)))
-        seen = [trial._looked(one) for one in each]
+        seen = [trial._first_detection(one) for one in each]
         for number in range(STREAM + len(each)):
             drawn, found = each[number % len(each)], seen[number % len(each)]
             time_s = number / 60.0
@@ -160,9 +160,9 @@ class LiveEstimator:
         return summary((self._later or self._now).drift)
 
     def _estimate(self, each: Synchronized) -> Iterator[LiveContact]:
-        return self._answered(each, self._looked(each))
+        return self._answered(each, self._first_detection(each))
 
-    def _looked(self, each: Synchronized) -> Detection:
+    def _first_detection(self, each: Synchronized) -> Detection:
         """What is seen in a frame's pictures, by each camera."""
         rig, ground, several = self.estimator.rig, self._ground, list[Detection]()
         for name, one in self._cameras.items():
@@ -208,14 +208,14 @@ _NO_PICTURE = np.empty((0, 0), np.uint8)
 def _drawn(rig: Rig) -> Iterator[tuple[Frame, np.ndarray]]:
     """Frames of a rig, free and bent to either side, each with its picture in grey and in colour."""
     antenna, T_camera_antenna = rig.antenna, rig.T_antenna_camera.inverse()
-    still = Frame(None, 0.0, 0.0, rig.moment_sensor.offset_Nm, frame=0, time_s=0.0)
+    static = Frame(None, 0.0, 0.0, rig.moment_sensor.offset_Nm, frame=0, time_s=0.0)
     line_level = 150.0 if rig.image.looks is None else float(np.mean(rig.image.looks, axis=0)[:3].mean())
     height = -(rig.image.height or 70.0) if rig.image.bright is False else rig.image.height or 70.0
     noise = np.random.default_rng(0).normal(line_level - height, 2.0, rig.camera.image_size[::-1])
     force_N = antenna.stiffness_Nm2 / antenna.length_m**2 / antenna.taper.yielding(np.ones(1))[0]
     for load_N in (0.0, 0.3 * force_N, -0.3 * force_N):
         contact_m, force = np.array([0.6 * antenna.length_m]), np.array([[0.0, load_N]])
-        pull = gravity(rig, still)[None]
+        pull = gravity(rig, static)[None]
         curve = bend(antenna.parameters[None], antenna.length_m, pull, contact_m, force, taper=antenna.taper)
         line = pixels(rig.camera, T_camera_antenna, curve.points_m[0])
         middle_m = antenna.diameter_m * antenna.taper.middle
@@ -226,4 +226,4 @@ def _drawn(rig: Rig) -> Iterator[tuple[Frame, np.ndarray]]:
         picture = np.clip(drawn, 0.0, 255.0).astype(np.uint8)
         moment_Nm = float(rig.moment_sensor.gain * curve.moment_Nm[0] + rig.moment_sensor.offset_Nm)
         for image in (picture, cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)):
-            yield replace(still, moment_Nm=moment_Nm), image
+            yield replace(static, moment_Nm=moment_Nm), image

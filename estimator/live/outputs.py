@@ -172,10 +172,12 @@ def contact_messages(contact: LiveContact) -> list[Logged]:
     row = contact.row
     prefix, time_ns = "/contact/final" if contact.final else "/contact", max(round(1e9 * row.time_s), 0)
     text, placed, pressed, known = _KINDS
-    said = [Logged(f"{prefix}/row", text, {"data": json_line(contact)}, time_ns)]
-    said += [Logged(f"{prefix}/alarm", text, {"data": json.dumps(one.to_dict())}, time_ns) for one in contact.alarms]
+    messages = [Logged(f"{prefix}/row", text, {"data": json_line(contact)}, time_ns)]
+    messages += [
+        Logged(f"{prefix}/alarm", text, {"data": json.dumps(one.to_dict())}, time_ns) for one in contact.alarms
+    ]
     if row.status not in LOCATED:
-        return said
+        return messages
     point = dict(zip("xyz", row.point_world_m.tolist(), strict=True))
     covariance = [0.0] * 36
     for i in range(3):
@@ -183,9 +185,9 @@ def contact_messages(contact: LiveContact) -> list[Logged]:
             covariance[6 * i + j] = float(row.covariance_world_m2[i, j])
     pose = {"pose": {"position": point, "orientation": {"w": 1.0}}, "covariance": covariance}
     force = {"force": dict(zip("xyz", row.force_world_N.tolist(), strict=True))}
-    said += [
+    messages += [
         Logged(f"{prefix}/point", placed, {"point": point}, time_ns),
         Logged(f"{prefix}/force", pressed, {"wrench": force}, time_ns),
         Logged(f"{prefix}/pose", known, {"pose": pose}, time_ns),
     ]
-    return [one for one in said if one.kind != pressed or math.isfinite(row.force_world_N[0])]
+    return [one for one in messages if one.kind != pressed or math.isfinite(row.force_world_N[0])]

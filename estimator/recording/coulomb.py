@@ -55,9 +55,9 @@ def by_coulomb(table: ContactTable, track: Track, friction: Friction, before: Fr
                 & (np.abs(along) > RefineSettings.slip_along)
                 & (turn < RefineSettings.slip_turn)
             )
-            lean = np.arctan(mu * along)
+            sliding_rad = np.arctan(mu * along)
             doubt = np.sqrt((std * along) ** 2 + (RefineSettings.rim * mu) ** 2 + RefineSettings.least_friction_rad**2)
-        mean, spread = np.where(slides, lean, mean), np.where(slides, doubt, spread)
+        mean, spread = np.where(slides, sliding_rad, mean), np.where(slides, doubt, spread)
     at_tip = table.status == "tip_contact"
     return FrictionPrior(np.where(at_tip, before.mean_rad, mean), np.where(at_tip, before.std_rad, spread))
 
@@ -65,8 +65,8 @@ def by_coulomb(table: ContactTable, track: Track, friction: Friction, before: Fr
 def contradicted(prior: FrictionPrior, angle_rad: np.ndarray, std_rad: np.ndarray) -> tuple[np.ndarray, bool]:
     """Which frames (B,) see another angle than the law's, and whether so many do that it does not hold; angle_rad,
     std_rad : (B,) with the prior."""
-    told = prior.std_rad**2 - std_rad**2
-    tells = told > RefineSettings.informative * prior.std_rad**2
-    off = np.abs(angle_rad - prior.mean_rad) / np.sqrt(np.maximum(told, 1e-12))
+    reduction = prior.std_rad**2 - std_rad**2
+    tells = reduction > RefineSettings.informative * prior.std_rad**2
+    off = np.abs(angle_rad - prior.mean_rad) / np.sqrt(np.maximum(reduction, 1e-12))
     wrong = tells & (off > RefineSettings.law_contradicted)
     return wrong, bool(wrong.sum() > max(3, RefineSettings.law_share * tells.sum()))

@@ -76,7 +76,7 @@ class RecordingProblem:
 
     friction_rad: float  # unit of the friction angle among the unknowns
     views: tuple[Pictures, ...]  # of each camera; the first one's rig is that of the contacts, and has the readings
-    held: np.ndarray  # (B,) bool, distances that are fixed at the tip
+    fixed_at_tip: np.ndarray  # (B,) bool, distances that are fixed at the tip
     friction: FrictionPrior  # what is known of the friction angles
     time_s: np.ndarray  # (B,) NaN where not known
     known: KnownObject | None = None  # the object that is touched, where it is known
@@ -106,8 +106,8 @@ class RecordingProblem:
                     view, touching=view.touching.picked(rows), free=view.free.picked(quiet), free_s=view.free_s[quiet]
                 )
             )
-        prior, held = self.friction.picked(rows), self.held[rows]
-        return replace(self, views=tuple(views), held=held, friction=prior, time_s=self.time_s[rows])
+        prior, at_tip = self.friction.picked(rows), self.fixed_at_tip[rows]
+        return replace(self, views=tuple(views), fixed_at_tip=at_tip, friction=prior, time_s=self.time_s[rows])
 
     def lines_of(self, view: Pictures) -> int:
         """How many errors a line in its pictures has."""
@@ -226,7 +226,7 @@ class RecordingProblem:
         mine = whole[:, own, own]
         fixed = mine.copy()
         # a distance that is fixed at the tip
-        fixed[self.held[rows], 0, 0] += 1e12 * np.maximum(mine[self.held[rows], 0, 0], 1.0)
+        fixed[self.fixed_at_tip[rows], 0, 0] += 1e12 * np.maximum(mine[self.fixed_at_tip[rows], 0, 0], 1.0)
         scale = 1.0 / np.sqrt(np.einsum("bii->bi", fixed))
         inverse = np.linalg.inv(fixed * scale[:, :, None] * scale[:, None, :]) * scale[:, :, None] * scale[:, None, :]
         through = inverse @ whole[:, own, shared]

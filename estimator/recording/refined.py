@@ -26,7 +26,7 @@ from .coulomb import as_estimated, by_coulomb, contradicted
 from .problem import RUNG, FrictionPrior, RecordingProblem, State
 from .settings import RefineSettings
 from .solve import Solution, solved
-from .views import View, beside, completed, pictures_of
+from .views import View, completed, pictures_of, relative_to
 from .zero import walk_of_zero
 
 if TYPE_CHECKING:
@@ -229,7 +229,7 @@ def begun(
     arrays = RigArrays.from_rig(rig, FRICTION_RAD)
     placed, several = [(rig, arrays.axes)], [recording]
     for view in views:
-        other, axes = beside(rig, placed[0][1], view.rig)
+        other, axes = relative_to(rig, placed[0][1], view.rig)
         more = ((0, 0), (0, axes.shape[1] - placed[0][1].shape[1]))
         placed = [(each, np.pad(before, more)) for each, before in placed] + [(other, axes)]
         several.append([replace(each, **SILENT) for each in view.recording])
@@ -241,7 +241,7 @@ def begun(
     problem = RecordingProblem(
         friction_rad=FRICTION_RAD,
         views=pictures,
-        held=at.status == "tip_contact",
+        fixed_at_tip=at.status == "tip_contact",
         friction=as_estimated(at, FRICTION_RAD),
         time_s=at.time_s,
         known=known,

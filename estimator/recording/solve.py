@@ -131,8 +131,8 @@ def _trend(
 def _offness(covariance: np.ndarray, prior: np.ndarray, rig: int, excess: float) -> float:
     """How many times farther off than its deviations say the rig is: of a direction that is determined in part, χ²
     grows in part."""
-    told = rig - float(np.diag(covariance)[:rig] @ prior[:rig])
-    return float(np.sqrt(max(1.0 + excess / max(told, 1e-9), 0.0)))
+    determined = rig - float(np.diag(covariance)[:rig] @ prior[:rig])
+    return float(np.sqrt(max(1.0 + excess / max(determined, 1e-9), 0.0)))
 
 
 def _beginning(problem: RecordingProblem, state: State, strokes: np.ndarray) -> np.ndarray:
@@ -147,10 +147,10 @@ def _beginning(problem: RecordingProblem, state: State, strokes: np.ndarray) -> 
         (np.einsum("gb,bst->gst", sums, equations.information), sums @ equations.side, which),
     ):
         values, vectors = np.linalg.eigh(information)
-        told = values > MIN_INFORMATION
+        known = values > MIN_INFORMATION
         along = np.einsum("gsk,gs->gk", vectors, pull)
-        square = np.where(told, along**2 / np.where(told, values + values**2, 1.0), 0.0).sum(axis=1)
-        weight[(disagreement_p(square, told.sum(axis=1)) < RefineSettings.excluded)[of]] = 0.0
+        square = np.where(known, along**2 / np.where(known, values + values**2, 1.0), 0.0).sum(axis=1)
+        weight[(disagreement_p(square, known.sum(axis=1)) < RefineSettings.excluded)[of]] = 0.0
     weight[~equations.sound] = 0.0
     return weight if np.mean(weight) > 1.0 - RefineSettings.most_excluded else np.where(equations.sound, 1.0, 0.0)
 
@@ -298,6 +298,6 @@ def _moved(problem: RecordingProblem, unknowns: np.ndarray, step: np.ndarray) ->
     share = np.where(step[:, :1] == 0.0, 1.0, limited / np.where(step[:, :1] == 0.0, 1.0, step[:, :1]))
     step = step * share
     distance = np.clip(old + step[:, :1], core.solver.NEAREST, 1.0)
-    distance[problem.held] = 1.0
+    distance[problem.fixed_at_tip] = 1.0
     force = (unknowns[:, 1:3] * (old + step[:, :1]) + old * step[:, 1:3]) / distance
     return np.concatenate([distance, force, unknowns[:, 3:] + step[:, 3:]], axis=1)

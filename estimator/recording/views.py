@@ -63,7 +63,7 @@ class Pictures:
         return self.rig.moved(self.axes @ shared[: self.axes.shape[1]])
 
 
-def beside(first: Rig, axes: np.ndarray, other: Rig) -> tuple[Rig, np.ndarray]:
+def relative_to(first: Rig, axes: np.ndarray, other: Rig) -> tuple[Rig, np.ndarray]:
     """A further camera's rig with the first one's antenna, and the axes (17 + Q, R') of its steps: the first rig's R,
     axes (17 + P, R), then what is left of the camera's pose and lens once the antenna is known.
 
@@ -158,8 +158,8 @@ def pictures_of(
     others = np.flatnonzero(~contacts.located)
     apart = Batch.of(rig, [recording[row] for row in others.tolist()]) if len(others) else touching.picked(slice(0))
     quiet = contacts.status[others] == "no_contact"
-    quiet[quiet] = _still(apart.picked(quiet), arrays)
-    straight = _still(replace(apart, readings_Nm=np.full_like(apart.readings_Nm, np.nan)), arrays)
+    quiet[quiet] = _static(apart.picked(quiet), arrays)
+    straight = _static(replace(apart, readings_Nm=np.full_like(apart.readings_Nm, np.nan)), arrays)
     return Pictures(
         rig,
         arrays.axes,
@@ -171,11 +171,11 @@ def pictures_of(
     )
 
 
-def _still(batch: Batch, arrays: RigArrays) -> np.ndarray:
+def _static(batch: Batch, arrays: RigArrays) -> np.ndarray:
     """(B,) bool, frames in which the antenna is free beyond doubt, all of its errors allowed for."""
     if not len(batch):
         return np.zeros(0, bool)
     frames = batch.frames(arrays)
-    still = np.asarray(frames.usable.sum(-1) >= DriftSettings.fewest_points)
-    still[still] = free_antennas(frames.picked(still)).gain < DriftSettings.free_gain
-    return still
+    static = np.asarray(frames.usable.sum(-1) >= DriftSettings.fewest_points)
+    static[static] = free_antennas(frames.picked(static)).gain < DriftSettings.free_gain
+    return static

@@ -16,7 +16,7 @@ import numpy as np
 
 from vbaa_calib.core.arrays import PLAUSIBLE, gate
 from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, number, whole_number
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.files import most_memory, replacing, require_file
 
 from .contacts import (
@@ -318,7 +318,7 @@ def rewrite_contacts(
 def cells_of(row: ContactRow) -> dict[str, int | float | bool | str]:
     """Column → value in the order of the columns; NaN where a number does not exist. Raises InputError."""
     if not isinstance(row, ContactRow):
-        raise InputError(f"a row is {shown(row)}", remedy="give a ContactRow for each frame")
+        raise InputError(f"a row is {quoted(row)}", remedy="give a ContactRow for each frame")
     cells: dict[str, int | float | bool | str] = {}
     for field, names in islice(_NAMES.items(), None if row.antenna else len(_NAMES) - 3):
         value = getattr(row, field)

@@ -16,7 +16,7 @@ from vbaa_calib.calibrate.check.boards import check_lens
 from vbaa_calib.calibrate.given_lens import GivenLens, given_solution, read_lens
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
-from vbaa_calib.calibrate.pipeline import stills_prior
+from vbaa_calib.calibrate.pipeline import prior_of_session
 from vbaa_calib.calibrate.plane_c import find_plane, read_views
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
@@ -97,7 +97,7 @@ def test_an_assumed_lens_is_as_uncertain_as_it_says(bare: Path, tmp_path: Path, 
         lens = given_solution(read_lens(file), [], session.board, [("plane", view) for view in views.jig or ()])
         assert [one.name for one in lens.verdict.diagnoses] == ["lens_uncertainty_assumed"]
         plane = find_plane(session, lens.camera, lens.board_shape, views)
-        before = stills_prior(session, lens, plane)
+        before = prior_of_session(session, lens, plane)
         observations = observations or observe_stills(session, plane.kinematics, before)
         joint = adjust_bundle(observations, before, session.antenna.length_m, session.moment_std_Nm)
         rig = make_rig(session, plane.kinematics, joint, observations)

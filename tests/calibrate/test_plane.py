@@ -16,14 +16,14 @@ from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.calibrate.lens.models import camera_of as lens_camera
-from vbaa_calib.calibrate.pipeline import calibrate, stills_prior
+from vbaa_calib.calibrate.pipeline import calibrate, prior_of_session
 from vbaa_calib.calibrate.plane_c import PlaneViews, _corner_bias, find_plane, picture_folders, read_views
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, mirrored, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate, differences, fused, inflated, require_agreement
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
-from vbaa_calib.core.polyline import beside
+from vbaa_calib.core.polyline import offsets_from
 from vbaa_calib.core.robust import chi_square
 from vbaa_calib.detect.board.corners import BoardView, detect_folder
 from vbaa_calib.geometry import Pose
@@ -487,7 +487,7 @@ def test_a_load_before_other_things_is_looked_at_with_its_own_paint(rendered: Re
     """Its picture inverted. Free antennas are looked at with one paint, which the rig keeps."""
     session, lens = rendered.session, rendered.lens
     plane = find_plane(session, lens.camera, lens.board_shape, rendered.views)
-    before = stills_prior(session, lens, plane)
+    before = prior_of_session(session, lens, plane)
     expected = ExpectedAntenna(session.antenna, before.camera, before.start, nominal_parameters(session.antenna))
     noload, loads = read_noload(session), read_loads(session)
     _, learnt = observe(session, plane.kinematics, noload, expected, "free antenna")
@@ -500,7 +500,7 @@ def test_a_load_before_other_things_is_looked_at_with_its_own_paint(rendered: Re
     both = (loads[0], inverted(loads[0]))
     (usual,), (own,) = (observe(session, plane.kinematics, [one], learnt, "")[0] for one in both)
     assert own.paint != usual.paint == learnt.paint
-    assert np.abs(beside(usual.points_px, own.points_px)[1]).max() < 0.3
+    assert np.abs(offsets_from(usual.points_px, own.points_px)[1]).max() < 0.3
     with pytest.raises(InputError, match="no antenna found"):
         observe(session, plane.kinematics, [inverted(noload[0])], learnt, "")
 

@@ -8,7 +8,7 @@ import pytest
 
 from vbaa_calib.calibrate.photo.centreline import RodLine, search_rod
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.polyline import beside
+from vbaa_calib.core.polyline import offsets_from
 
 Colour = tuple[float, float, float]
 GREY: Colour = (120.0, 120.0, 120.0)
@@ -34,7 +34,7 @@ def painted(lines: list[tuple[np.ndarray, float, Colour]], ground: Colour = GREY
 def apart(found: RodLine, line: np.ndarray) -> float:
     """How far the found line is off at most, but for its ends."""
     inner = found.curve_px[len(found.curve_px) // 20 : -len(found.curve_px) // 20]
-    return float(np.abs(beside(line, inner)[1]).max())
+    return float(np.abs(offsets_from(line, inner)[1]).max())
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from vbaa_calib.calibrate.photo.centreline import RodLine, search_rod
 from vbaa_calib.calibrate.photo.stiffness import PhotoSetting, PhotoStiffness, solve_photo
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.images import read_gray, read_picture
-from vbaa_calib.core.polyline import beside
+from vbaa_calib.core.polyline import offsets_from
 
 DATA = Path(__file__).parents[3] / "shared/data"
 HAND = Path(__file__).with_name("hand_drawn_centrelines.csv")
@@ -121,7 +121,7 @@ def test_a_rod_beside_hairs_is_followed_to_the_border_that_cuts_it_aslant() -> N
         # a tangle of hairs that lets half of the ground through
         picture[int(v) - 12 : int(v) - 4, int(u)] = np.maximum(picture[int(v) - 12 : int(v) - 4, int(u)], 122)
     found = search_rod(picture[:, 60:]).line()
-    _, apart = beside(true - [60.0, 0.0], found.curve_px)
+    _, apart = offsets_from(true - [60.0, 0.0], found.curve_px)
     assert found.curve_px[0, 0] < 1.0
     assert np.abs(apart).max() < 0.8
 
@@ -175,14 +175,14 @@ def photographed(name: str, colour: bool = False) -> RodLine:
     ],
 )
 def test_real_lines_run_where_a_person_draws_them(name: str) -> None:
-    _, apart = beside(photographed(name).curve_px, hand_drawn()[name])
+    _, apart = offsets_from(photographed(name).curve_px, hand_drawn()[name])
     assert np.sqrt(np.mean(apart**2)) < 1.5
     assert np.median(np.abs(apart)) < 1.25
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) for name in (*YARNS, "strip")])
 def test_real_lines_run_there_in_colour_too(name: str) -> None:
-    _, apart = beside(photographed(name, colour=True).curve_px, hand_drawn()[name])
+    _, apart = offsets_from(photographed(name, colour=True).curve_px, hand_drawn()[name])
     assert np.sqrt(np.mean(apart**2)) < 1.6
     assert np.median(np.abs(apart)) < 1.25
 
@@ -194,7 +194,7 @@ def test_a_cable_on_cloth_is_followed_behind_the_label_at_its_end() -> None:
         pytest.skip("no ../shared/data here")
     line = search_rod(read_picture(path)).line()
     drawn_by_hand = np.array([[440, 787], [494, 751], [602, 662], [611, 541], [504, 383], [454, 289], [557, 177]])
-    assert np.abs(beside(line.curve_px, drawn_by_hand)[1]).max() < 4.0  # the middles were marked to 3 px
+    assert np.abs(offsets_from(line.curve_px, drawn_by_hand)[1]).max() < 4.0  # the middles were marked to 3 px
     assert min(np.hypot(*(line.curve_px[0] - drawn_by_hand[end])) for end in (0, -1)) < 6.0
     assert min(np.hypot(*(line.curve_px[-1] - drawn_by_hand[end])) for end in (0, -1)) < 6.0
 

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from vbaa_calib.core.polyline import arc_lengths, beside, normals, resample
+from vbaa_calib.core.polyline import arc_lengths, normals, offsets_from, resample
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import STARTS, Corridor, of_antennas_shape
 from vbaa_calib.detect.whisker.path_refinement import refine_path
@@ -85,7 +85,7 @@ def test_polylines() -> None:
     across = np.stack([-v, u], axis=1) / np.hypot(u, v)[:, None]
     np.testing.assert_allclose(normals(fine), across, atol=1e-9)
     points = line[::3] + RNG.normal(size=(27, 2))
-    nearest, distance = beside(fine, points)
+    nearest, distance = offsets_from(fine, points)
     expected = np.hypot(*(points[:, None] - fine).transpose(2, 0, 1)).argmin(axis=1)
     np.testing.assert_array_equal(nearest, expected)
     np.testing.assert_allclose(distance, ((points - fine[expected]) * across[expected]).sum(axis=1))

@@ -79,11 +79,11 @@ def _size(image_size: Any) -> tuple[int, int]:
 
 def _numbers(values: Any, name: str, where: str | None = None) -> np.ndarray:
     try:
-        given = np.asarray(values)
+        array = np.asarray(values)
     except ValueError:
         raise InputError(f"{name} are lists of different lengths", where=where, remedy="give an array") from None
-    if np.ma.is_masked(values) or given.dtype.kind not in "iuf":
+    if np.ma.is_masked(values) or array.dtype.kind not in "iuf":
         raise InputError(f"{name} are no numbers", where=where, remedy="give an array of integers or floats")
-    if not np.isfinite(given).all():
+    if not np.isfinite(array).all():
         raise InputError(f"{name} are not all finite", where=where, remedy="leave out what was not found")
-    return given.astype(float)
+    return array.astype(float)

@@ -51,7 +51,7 @@ class GivenLens:
     other: Camera | None = None
 
     @property
-    def whose(self) -> str:
+    def size_words(self) -> str:
         """Beginning of an error about the picture's size."""
         return f"the lens in {self.path.name} is for"
 
@@ -106,10 +106,12 @@ def _own_doubts(path: Path) -> tuple[Diagnosis, ...]:
     """Diagnoses of a camera.json or rig.json on its own lens."""
     data = read_json(path)
     lens = data if at(data, "grade") is not None else at(data, "quality", "lens")
-    grade, said = at(lens, "grade"), at(lens, "verdict")
+    grade, verdict = at(lens, "grade"), at(lens, "verdict")
     if grade not in ("look at", "do not use"):
         return ()
-    words = f"{path.name} says of its lens: {said:.300}" if isinstance(said, str) else f"{path.name} says: {grade}"
+    words = (
+        f"{path.name} says of its lens: {verdict:.300}" if isinstance(verdict, str) else f"{path.name} says: {grade}"
+    )
     severity: Severity = "wrong" if grade == "do not use" else "doubt"
     remedy = "calibrate the lens again, or mend what it names"
     return (Diagnosis("given_lens_doubted", words.rstrip("."), remedy, severity),)

@@ -1,7 +1,7 @@
 """A session to a rig: lens, plane C by every method at hand, then bundle adjustment of everything.
 
 Each stage is a function of what came before, and can be called by itself: `solve_lens`, `find_plane`,
-`stills_prior`, `observe_stills`, `solve_antenna`, `make_rig`.
+`prior_of_session`, `observe_stills`, `solve_antenna`, `make_rig`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Calibration:
     others: Mapping[str, Calibration] = field(default_factory=dict)
 
 
-def stills_prior(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
+def prior_of_session(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
     """Results of lens and plane C, before bundle adjustment."""
     readings, drift = session.load_readings, session.possible_drift
     before = prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, readings, drift)
@@ -169,11 +169,13 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     folders = [*_lens_folder(session, given), *picture_folders(session)]
     photos = [path for name in folders for path in list_images(session.folder(name))]
     pictures = [*photos, *(still.image for still in stills if still.image is not None)]
-    size, whose = (
-        (picture_size(photos[0]), f"{photos[0].name} is") if given is None else (given.camera.image_size, given.whose)
+    size, wanted_by = (
+        (picture_size(photos[0]), f"{photos[0].name} is")
+        if given is None
+        else (given.camera.image_size, given.size_words)
     )
     part = "give --binning or --roi if they are a part of the lens's pictures, or take the lens of this resolution"
-    check_pictures(pictures, size, whose, *([] if given is None else [part]))
+    check_pictures(pictures, size, wanted_by, *([] if given is None else [part]))
     # plane C first: one picture shows whether the board is the one described
     views = read_views(session)
     lens_views = detect_folder(session.folder("intrinsics"), session.board) if folders[0] == "intrinsics" else []
@@ -189,7 +191,7 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
 
     def solve(lens: LensSolution) -> tuple[LensSolution, PlaneC, Sequence[Observation], BundleAdjustment]:
         plane = find_plane(session, lens.camera, lens.board_shape, views)
-        before = stills_prior(session, lens, plane)
+        before = prior_of_session(session, lens, plane)
         try:
             observations = observe_stills(session, plane.kinematics, before)
         except InputError as error:
@@ -211,12 +213,12 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
         return next_lenses(lens, lens_views, session.board) if free else ()
 
     used, plane, observations, joint = first_solved(lens, others, solve, causes)
-    held = still_diagnoses(session, plane.kinematics, joint)
+    mistakes = still_diagnoses(session, plane.kinematics, joint)
     # the antenna's length is one of the table's hypotheses, and what nothing explained may be the camera's
-    rest = [one for one in held if one.name not in ("antenna_length", "stills_contradict", "load_row_unexplained")]
+    rest = [one for one in mistakes if one.name not in ("antenna_length", "stills_contradict", "load_row_unexplained")]
     if plane_contradicted(joint) and not any(one.grave for one in rest):
         found = jig_causes(session, used.camera, plane, observations)
-        held = [*found, *rest] if found else held
+        mistakes = [*found, *rest] if found else mistakes
     rig = make_rig(session, plane.kinematics, joint, observations)
-    made = Calibration(session, rig, used, plane, joint, check(joint), stills, tuple(held), given)
+    made = Calibration(session, rig, used, plane, joint, check(joint), stills, tuple(mistakes), given)
     return replace(made, rig=replace(rig, verdict=Verdict.of(doubts(made))))

@@ -60,19 +60,19 @@ def _evidence(calibration: Calibration, guide: Mapping[str, Any]) -> dict[str, A
     nominal, joint = calibration.session.antenna, calibration.joint
     lens, jig = camera_document(calibration.lens, calibration.session.board), calibration.session.T_antenna_board
     rows = zip(calibration.stills, joint.point_rms, joint.moment_residuals_Nm, joint.kept, strict=True)
-    stills: list[dict[str, Any]] = []
+    frames: list[dict[str, Any]] = []
     for still, rms, residual_Nm, kept in rows:
         image = os.path.relpath(still.image, calibration.session.root) if still.image else None
         numbers = {"point_rms": float(rms), "moment_residual_Nm": finite_or_none(residual_Nm), "kept": bool(kept)}
         load = ("distance_m", "force_y_N", "force_z_N") if isinstance(still, Load) else ()
-        stills.append({"image": image, **numbers, **{name: getattr(still, name) for name in load}})
+        frames.append({"image": image, **numbers, **{name: getattr(still, name) for name in load}})
     return summary(calibration) | {
         "lens": {key: value for key, value in lens.items() if key not in calibration.lens.camera.to_dict()},
         "given_lens": calibration.given and calibration.given.to_dict(),
         "plane": calibration.plane.to_dict(),
         # the board's printed face, so that one picture of it shows later whether the camera has moved
         "jig": None if jig is None else {"T_antenna_board": jig.to_dict()},
-        "stills": stills,
+        "stills": frames,
         "antenna": {
             "nominal_stiffness_Nm2": nominal.stiffness_Nm2,
             "stiffness_over_nominal": calibration.rig.antenna.stiffness_Nm2 / nominal.stiffness_Nm2,

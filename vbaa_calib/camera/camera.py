@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vbaa_calib.core.arrays import ArrayT, gate, is_tensor, masked, of_shape, working
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.geometry.independent_axes import is_covariance
 
@@ -24,7 +24,7 @@ def _checked_image_size(image_size: Any) -> tuple[int, int]:
     size = list(image_size) if isinstance(image_size, Sequence | np.ndarray) else []
     if len(size) != 2 or not all(isinstance(side, int | np.integer) and side > 0 for side in size):
         raise InputError(
-            f"image_size is {shown(image_size)}", remedy="give it as two positive integers, (width, height)"
+            f"image_size is {quoted(image_size)}", remedy="give it as two positive integers, (width, height)"
         )
     return int(size[0]), int(size[1])
 
@@ -126,7 +126,7 @@ class Camera:
     def __post_init__(self) -> None:
         if not isinstance(self.model, str) or self.model not in MODELS:
             raise InputError(
-                f"the camera model is {shown(self.model)}", remedy=f"choose one of {', '.join(sorted(MODELS))}"
+                f"the camera model is {quoted(self.model)}", remedy=f"choose one of {', '.join(sorted(MODELS))}"
             )
         model = MODELS[self.model]
         matrix, distortion = _checked_matrix(self.matrix), _checked_distortion(self.distortion, model)

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from vbaa_calib.core.arrays import PLAUSIBLE
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.files import read_text, read_yaml
 from vbaa_calib.geometry import Pose
 
@@ -52,7 +52,7 @@ def _read_ros(path: Path, wanted: Wanted) -> Exchanged:
     for key, value in data.items():
         if names.get(key) and not isinstance(value, dict):
             raise InputError(
-                f"{key} is {shown(value)}", where=path, remedy="a mapping with rows, cols and data is needed"
+                f"{key} is {quoted(value)}", where=path, remedy="a mapping with rows, cols and data is needed"
             )
         message[names.get(key, str(key).lower())] = value.get("data") if key in names else value
     return _camera_of_message(message, path, wanted)
@@ -155,7 +155,7 @@ def _whole(value: Any, key: str, path: Path) -> int:
     """A number of pixels, 0 where there is none."""
     value = 0 if value is None else value
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 100_000:
-        raise InputError(f"{key} is {shown(value)}", where=path, remedy="a whole number of pixels is needed")
+        raise InputError(f"{key} is {quoted(value)}", where=path, remedy="a whole number of pixels is needed")
     return value
 
 
@@ -172,7 +172,7 @@ def _ini(text: str, path: Path) -> dict[str, Any]:
             try:
                 message[key] += [float(cell) for cell in line.split()]
             except ValueError:
-                raise InputError(f"{key} holds {shown(line)}", where=path, remedy="numbers are needed") from None
+                raise InputError(f"{key} holds {quoted(line)}", where=path, remedy="numbers are needed") from None
     for key in ("width", "height"):
         message[key] = message[key][0] if message.get(key) else None
     if len(message.get("d", ())) == 8:
@@ -248,7 +248,7 @@ def _read_kalibr(path: Path, wanted: Wanted) -> Exchanged:
 def _pose_of(matrix: Any, key: str, path: Path) -> Pose:
     """A pose from four rows of four numbers. Raises InputError where the rotation is none."""
     if not isinstance(matrix, list | tuple) or len(matrix) != 4:
-        raise InputError(f"{key} is {shown(matrix)}", where=path, remedy="four rows of four numbers are needed")
+        raise InputError(f"{key} is {quoted(matrix)}", where=path, remedy="four rows of four numbers are needed")
     rows = np.array([numbers(row, key, path, (4,), PLAUSIBLE.place_m) for row in matrix])
     turn = rows[:3, :3]
     off = np.abs(turn @ turn.T - np.eye(3)).max() if np.abs(turn).max() < 2 else math.inf

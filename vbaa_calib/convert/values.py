@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.errors import InputError, about, shown
+from vbaa_calib.core.errors import InputError, about, quoted
 from vbaa_calib.geometry import Pose
 
 from .refit import PROJECTIONS, refitted
@@ -210,7 +210,7 @@ def size_of(sides: Sequence[tuple[str, Any]], path: Path) -> tuple[int, int]:
         # as in the schema of rig.json
         if not number or not 0 < value <= 100_000 or value != int(value):
             remedy = "a picture's side in whole pixels is needed"
-            raise InputError(f"{key} is {shown(value)}", where=path, remedy=remedy)
+            raise InputError(f"{key} is {quoted(value)}", where=path, remedy=remedy)
     (_, width), (_, height) = sides
     return int(width), int(height)
 
@@ -226,11 +226,11 @@ def numbers(values: Any, key: str, path: Path, counts: Sequence[int], most: floa
     """A flat list of numbers within ±most, as many as one of `counts`."""
     if not isinstance(values, list | tuple) or len(values) not in counts:
         wanted = " or ".join(map(str, counts))
-        raise InputError(f"{key} is {shown(values)}", where=path, remedy=f"a list of {wanted} numbers is needed")
+        raise InputError(f"{key} is {quoted(values)}", where=path, remedy=f"a list of {wanted} numbers is needed")
     for value in values:
         # a whole number may be too large for a float
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < most:
-            raise InputError(f"{key} holds {shown(value)}", where=path, remedy=f"numbers below {most:g} are needed")
+            raise InputError(f"{key} holds {quoted(value)}", where=path, remedy=f"numbers below {most:g} are needed")
     return [float(value) for value in values]
 
 

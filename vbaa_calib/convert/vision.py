@@ -16,7 +16,7 @@ import numpy as np
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import PLAUSIBLE
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.files import read_bytes, read_json, read_text, read_yaml
 from vbaa_calib.geometry import Pose
 
@@ -193,7 +193,7 @@ def _read_mrcal(path: Path, _: Wanted) -> Exchanged:
     name, config = _mrcal_name(whole)
     one_of(name, (*_MRCAL_COUNTS, *_MRCAL_REFITTED), "lens_model", path)
     if name.endswith("SPLINED_STEREOGRAPHIC") and not _sound_spline(config):
-        raise InputError(f"lens_model is {shown(whole)}", where=path, remedy="order, Nx, Ny and fov_x_deg are needed")
+        raise InputError(f"lens_model is {quoted(whole)}", where=path, remedy="order, Nx, Ny and fov_x_deg are needed")
     sides = numbers(data.get("imagersize"), "imagersize", path, (2,))
     size = size_of([("imagersize", side) for side in sides], path)
     turn_shift = np.array(numbers(data.get("extrinsics"), "extrinsics", path, (6,), PLAUSIBLE.place_m))

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, TypeVar
 
 import numpy as np
 
-from .errors import InputError, shown
+from .errors import InputError, quoted
 
 if TYPE_CHECKING:
     import torch
@@ -154,7 +154,7 @@ def as_floats(values: Any, name: str, remedy: str) -> np.ndarray:
             raise TypeError
         return array.astype(float)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} is {shown(values)}, not a number", remedy=remedy) from None
+        raise InputError(f"{name} is {quoted(values)}, not a number", remedy=remedy) from None
 
 
 def as_float(value: Any, name: str, remedy: str) -> float:
@@ -183,7 +183,7 @@ def of_shape(values: Any, shape: tuple[int, ...], name: str, finite: bool = True
     if values.shape != shape:
         raise InputError(f"{name} has shape {values.shape}", remedy=f"give {shape}")
     if finite and not np.isfinite(values).all():
-        raise InputError(f"{name} is {shown(values.tolist())}", remedy=f"give finite numbers, {shape}")
+        raise InputError(f"{name} is {quoted(values.tolist())}", remedy=f"give finite numbers, {shape}")
     return np.asarray(values)
 
 
@@ -266,7 +266,7 @@ def _taken(value: Any, name: str, kinds: list[str]) -> Any:
         return value if real else as_floats(value, name, "give an array of numbers")
     if value is not None and "float" in kinds:
         return as_float(value, name, "give a number")
-    raise InputError(f"{name} is {shown(value)}", remedy=f"give {' or '.join(kinds)}")
+    raise InputError(f"{name} is {quoted(value)}", remedy=f"give {' or '.join(kinds)}")
 
 
 def _is(value: Any, kind: str) -> bool:

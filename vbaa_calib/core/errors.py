@@ -73,7 +73,7 @@ def clipped(text: str) -> str:
     return one_line(text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}")
 
 
-def shown(value: object) -> str:
+def quoted(value: object) -> str:
     """A value from outside, as Python writes it, for a message: in one line of at most 60 characters."""
     try:
         text = " ".join(repr(value).split())

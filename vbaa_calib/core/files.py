@@ -327,7 +327,7 @@ def replacing(path: Path, force: bool = True) -> Iterator[Path]:
     refuse_overwrite(path, force)
     target, temporary = Path(path).resolve(), None
     try:
-        with signals_held():
+        with signals_deferred():
             try:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 # the suffix stays: writers like VTK's choose the format by it
@@ -350,7 +350,7 @@ def replacing(path: Path, force: bool = True) -> Iterator[Path]:
 
 
 @contextmanager
-def signals_held() -> Iterator[None]:
+def signals_deferred() -> Iterator[None]:
     """Ctrl-C and the signals that end a process wait until the block is over. Other threads never get them."""
     delayed, before = [], {}
     try:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from .errors import InputError, reason_of
-from .files import disk_errors_named, signals_held, umask
+from .files import disk_errors_named, signals_deferred, umask
 
 
 def make_folder(path: Path) -> None:
@@ -62,7 +62,7 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     with writing_alone(path):
         _tidied(parent, path)
         try:
-            with signals_held():
+            with signals_deferred():
                 try:
                     temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-new-", dir=parent))
                 except OSError as error:
@@ -72,7 +72,7 @@ def replacing_folder(path: Path) -> Iterator[Path]:
                 yield temporary
             temporary.chmod(0o777 & ~umask())
             # between the two names nothing may interrupt: there would be neither the old nor the new
-            with signals_held():
+            with signals_deferred():
                 if path.exists():
                     old = Path(tempfile.mkdtemp(prefix=f".{path.name}-old-", dir=parent))
                     path.rename(old / "replaced")

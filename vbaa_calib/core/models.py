@@ -29,7 +29,7 @@ from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import ErrorDetails, core_schema
 from yaml import YAMLError
 
-from .errors import InputError, shown
+from .errors import InputError, quoted
 from .files import read_text, with_lines
 
 T = TypeVar("T")
@@ -145,7 +145,7 @@ def refusal(
         meant = _meant(first["loc"][-1], keys)
         other = f"is {meant} meant?" if meant else f"the keys here are {', '.join(keys)}" if keys else remedy
         return InputError(f"unknown key {name}", where=where, remedy=other)
-    what = f"{shown(first['input'])} is not {_wanted(first, part)}"
+    what = f"{quoted(first['input'])} is not {_wanted(first, part)}"
     return InputError(f"{name}: {what}" if name else what, where=where, remedy=remedy)
 
 

@@ -24,7 +24,7 @@ def normals(polyline: np.ndarray) -> np.ndarray:
     return core.search.normals(polyline)
 
 
-def beside(polyline: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def offsets_from(polyline: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Index (N,) of the nearest point of a finely spaced polyline (K, 2) to points (N, 2), and the distance from it
     along the normal."""
     return core.search.nearest_on(polyline, points)

@@ -19,7 +19,7 @@ import numpy as np
 from vbaa_calib.antenna.rod import Rod
 from vbaa_calib.antenna.taper import profiles_to_dict
 from vbaa_calib.core.arrays import gate
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.files import refuse_overwrite, write_text
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Rig
@@ -71,7 +71,7 @@ def _chain_of(rig: Rig, segments: int) -> _Chain:
     """The chain of an antenna, the clamp's give in its first hinge. Raises InputError for segments that cannot be."""
     most = _ExportSettings.most_segments
     if isinstance(segments, bool) or not isinstance(segments, int) or not 3 <= segments <= most:
-        raise InputError(f"segments are {shown(segments)}", remedy=f"give a whole number, 3 to {most}")
+        raise InputError(f"segments are {quoted(segments)}", remedy=f"give a whole number, 3 to {most}")
     rod = rig.antenna.rod
     part_m, give_m = rod.length_m / segments, rod.clamp_give_m
     at_m = part_m * (np.arange(segments) + 0.5)
@@ -339,6 +339,6 @@ def export(
     InputError : another simulator, segments that cannot be, a file that is there, unless `force`.
     """
     if to not in EXPORTS:
-        raise InputError(f"to is {shown(to)}", remedy=f"give one of {', '.join(EXPORTS)}")
+        raise InputError(f"to is {quoted(to)}", remedy=f"give one of {', '.join(EXPORTS)}")
     refuse_overwrite(Path(output), force)
     write_text(Path(output), EXPORTS[to][0](rig, segments), force)

@@ -10,7 +10,7 @@ from typing import Any, overload
 import numpy as np
 
 from vbaa_calib.core.arrays import as_floats, fixed, gate, of_shape
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.errors import InputError, quoted
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class Pose:
             return Pose(self.rotation @ other.rotation, self.rotation @ other.translation_m + self.translation_m)
         points = other if type(other) is np.ndarray else as_floats(other, "points", "give (..., 3) m")
         if points.shape[-1:] != (3,) or points.dtype.kind not in "fiu":
-            raise InputError(f"points are {shown(other)}", remedy="give (..., 3) m, or a Pose")
+            raise InputError(f"points are {quoted(other)}", remedy="give (..., 3) m, or a Pose")
         return points @ self.rotation.T + self.translation_m
 
 

@@ -47,7 +47,7 @@ class Tip:
         size = np.shape(self.covariance)
         object.__setattr__(self, "covariance", fixed(self.covariance, size, "covariance of the tip", finite=False))
 
-    def beside(self, covariance: np.ndarray) -> np.ndarray:
+    def joint_with(self, covariance: np.ndarray) -> np.ndarray:
         """(18 + P + W, …) the rig's covariance (17 + P + W, …) with the offset as its last parameter."""
         across = self.covariance[:, None]
         return np.block([[covariance, across], [across.T, np.array([[self.std_m**2]])]])

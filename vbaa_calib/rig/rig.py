@@ -14,7 +14,7 @@ import numpy as np
 from vbaa_calib.camera import Camera, in_plane_axes
 from vbaa_calib.camera.lens import from_core
 from vbaa_calib.core.arrays import as_floats, fixed, gate, of_shape, real_gravity
-from vbaa_calib.core.errors import InputError, Verdict, shown
+from vbaa_calib.core.errors import InputError, Verdict, quoted
 from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.core.least_squares import disagreement_p
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
@@ -195,7 +195,7 @@ class Rig:
         again, tip = "run vbaa calibrate again", self.tip
         for name, kind in (("camera", Camera), ("T_antenna_camera", Pose), ("antenna", Antenna)):
             if not isinstance(getattr(self, name), kind):
-                raise InputError(f"{name} is {shown(getattr(self, name))}", remedy=f"give a {kind.__name__}")
+                raise InputError(f"{name} is {quoted(getattr(self, name))}", remedy=f"give a {kind.__name__}")
         for name in ("rotation", "translation_m"):
             of_shape(values := getattr(self.T_antenna_camera, name), values.shape, f"{name} of T_antenna_camera")
         of_shape(self.antenna.parameters, self.antenna.parameters.shape, "parameters of the antenna")
@@ -214,7 +214,7 @@ class Rig:
                 what = f"wrench_sensor.covariance is none with the {len(covariance)} joint.parameters"
                 raise InputError(what, remedy=again)
         if tip is not None and not (
-            len(tip.covariance) == len(whole) and _is_covariance(tip.beside(whole).tobytes(), len(whole) + 1)
+            len(tip.covariance) == len(whole) and _is_covariance(tip.joint_with(whole).tobytes(), len(whole) + 1)
         ):
             raise InputError(f"antenna.tip.covariance is none with the {len(whole)} joint.parameters", remedy=again)
         try:
@@ -442,7 +442,7 @@ class Rig:
             return np.asarray(axes @ axes.T)
         sensor = self.wrench_sensor
         covariance = self.covariance if sensor is None else sensor.joined(self.covariance)
-        return covariance if self.tip is None else self.tip.beside(covariance)
+        return covariance if self.tip is None else self.tip.joint_with(covariance)
 
     @gate
     def drifted(self, part: float = 1.0) -> Rig:

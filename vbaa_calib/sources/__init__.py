@@ -10,7 +10,7 @@ from typing import Protocol
 from vbaa_calib.core.errors import InputError, reason_of
 from vbaa_calib.core.images import SUFFIXES
 
-from .files import FolderSource, Picture, SourceLost, VideoSource, shown
+from .files import FolderSource, Picture, SourceLost, VideoSource, printable
 from .live import LiveSource, open_camera, open_stream, parse_camera
 
 
@@ -50,7 +50,7 @@ def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Pic
     if not text.strip():
         raise InputError("no source of pictures is named", remedy=_KINDS)
     if len(text) > 4096 or "\0" in text:
-        raise InputError("is not a path that can be", where=shown(text), remedy=_KINDS)
+        raise InputError("is not a path that can be", where=printable(text), remedy=_KINDS)
     if text.startswith("camera:"):
         return open_camera(*parse_camera(text.removeprefix("camera:")), seen)
     if "://" in text:
@@ -62,15 +62,15 @@ def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Pic
         if text.startswith("/dev/video"):
             open_camera(text)  # raises, with the cameras that are there
         digits = f"for a camera write camera:{text}; or " if text.isdigit() and len(text) < 4 else ""
-        raise InputError("no such folder or video", where=shown(text), remedy=f"{digits}{_KINDS}") from None
+        raise InputError("no such folder or video", where=printable(text), remedy=f"{digits}{_KINDS}") from None
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read ({reason_of(error)})", where=shown(text), remedy=_KINDS) from None
+        raise InputError(f"cannot be read ({reason_of(error)})", where=printable(text), remedy=_KINDS) from None
     if stat.S_ISDIR(mode):
         return FolderSource(path, seen, wait)
     if stat.S_ISCHR(mode):
         return open_camera(str(path.absolute()), seen=seen)
     if not stat.S_ISREG(mode):
-        raise InputError("is neither folder, video nor camera", where=shown(text), remedy=_KINDS)
+        raise InputError("is neither folder, video nor camera", where=printable(text), remedy=_KINDS)
     if path.suffix.lower() in SUFFIXES:
-        raise InputError("is a single picture", where=shown(text), remedy="name the folder that holds the pictures")
+        raise InputError("is a single picture", where=printable(text), remedy="name the folder that holds the pictures")
     return VideoSource(path, seen)

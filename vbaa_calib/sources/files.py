@@ -43,7 +43,7 @@ def _without_secrets(text: str) -> str:
     return re.sub(secret, r"\1***", re.sub(r"(?s)://.*@", "://***@", text), flags=re.IGNORECASE)
 
 
-def shown(text: str) -> str:
+def printable(text: str) -> str:
     """A text for a message: one line of at most 100 characters, without secrets."""
     line = one_line(_without_secrets(text))
     return line if len(line) <= _FILES.longest_name else f"{line[: _FILES.longest_name]}…"
@@ -129,7 +129,7 @@ class FolderSource:
         self, folder: Path, seen: Container[str] = (), wait: bool = False, pace: FolderSettings | None = None
     ) -> None:
         """Raises InputError if the folder cannot be read, or is empty and `wait` is off."""
-        self.name = shown(str(folder))
+        self.name = printable(str(folder))
         self.notes: tuple[str, ...] = ()
         self._folder, self._seen, self._wait = folder, seen, wait
         self._pace = pace or FolderSettings()
@@ -255,7 +255,7 @@ class FolderSource:
             return not temporary
         if name not in self._given:
             self._given.add(name)
-            self.notes += (f"{shown(name)}: its name holds signs that cannot be printed; rename it",)
+            self.notes += (f"{printable(name)}: its name holds signs that cannot be printed; rename it",)
         return False
 
     def _is_new(self, name: str) -> bool:
@@ -288,10 +288,10 @@ def _refuse_large(path: Path) -> None:
     try:
         width, height = _frame_size(path.absolute(), status.st_size, status.st_mtime_ns)
     except ValueError:
-        raise InputError("is not a video that can be read", where=shown(str(path)), remedy=_AGAIN) from None
+        raise InputError("is not a video that can be read", where=printable(str(path)), remedy=_AGAIN) from None
     if width * height * _FILES.bytes_per_pixel > most_memory(status.st_size):
         what = f"has frames of {width:.0f}x{height:.0f} px, more than a video of its size may have"
-        raise InputError(what, where=shown(str(path)), remedy=_AGAIN)
+        raise InputError(what, where=printable(str(path)), remedy=_AGAIN)
 
 
 class VideoSource:
@@ -302,7 +302,7 @@ class VideoSource:
     def __init__(self, path: Path, seen: Container[str] = ()) -> None:
         """Raises InputError if the file is no readable video."""
         silence_opencv()
-        self.name = shown(path.name)
+        self.name = printable(path.name)
         self.notes: tuple[str, ...] = ()
         self.ended, self._seen, self._index, self._time_s = False, seen, 0, -math.inf
         _refuse_large(path)
@@ -311,7 +311,7 @@ class VideoSource:
         self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
         if not self._capture.isOpened() or not self._capture.grab():
             self._capture.release()
-            raise InputError("is not a video that can be read", where=shown(str(path)), remedy=_AGAIN)
+            raise InputError("is not a video that can be read", where=printable(str(path)), remedy=_AGAIN)
         self._frame_count = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
         fps = self._capture.get(cv2.CAP_PROP_FPS)
         self._fps = fps if 1 <= fps <= 1000 else _FILES.usual_fps

@@ -19,7 +19,7 @@ import numpy as np
 
 from vbaa_calib.core.errors import InputError
 
-from .files import Picture, SourceLost, frame_picture, shown, silence_opencv
+from .files import Picture, SourceLost, frame_picture, printable, silence_opencv
 
 _Fault = Literal["closed", "blank", "broken", "hung"]
 """Cannot be opened; opened but without any frame; its frames stopped; does not respond."""
@@ -249,7 +249,7 @@ _CAMERA_FAULTS: dict[_Fault, tuple[str, str]] = {
 def parse_camera(text: str) -> tuple[int | str, dict[str, Any]]:
     """The device (OpenCV's index or a file) and its settings, from the text behind "camera:". Raises InputError."""
     device, _, query = text.partition("?")
-    where, settings = f"camera:{shown(text)}", dict[str, Any]()
+    where, settings = f"camera:{printable(text)}", dict[str, Any]()
     like = "write it like camera:0 or camera:0?width=1920&height=1080&fourcc=MJPG"
     most = {"width": 65535, "height": 65535, "fps": 1000}
     for key, value in parse_qsl(query, keep_blank_values=True):
@@ -259,7 +259,11 @@ def parse_camera(text: str) -> tuple[int | str, dict[str, Any]]:
             settings[key] = int(value)
         else:
             known = key in most or key == "fourcc"
-            what = f"{shown(key)} cannot be {shown(value)!r}" if known else f"{shown(key)!r} is not known of a camera"
+            what = (
+                f"{printable(key)} cannot be {printable(value)!r}"
+                if known
+                else f"{printable(key)!r} is not known of a camera"
+            )
             remedy = f"width, height, fps and fourcc can be asked for; {like}"
             raise InputError(what, where=where, remedy=remedy)
     number = re.fullmatch(r"[0-9]{1,3}", device)
@@ -305,7 +309,7 @@ def _check_device(device: int | str, name: str) -> None:
                 title = ""
             there.append(f"{each} ({title})" if title else str(each))
         remedy = f"there are {', '.join(there)}" if there else "this computer shows no camera: plug one in"
-        raise InputError(f"there is no {shown(str(path))}", where=name, remedy=remedy)
+        raise InputError(f"there is no {printable(str(path))}", where=name, remedy=remedy)
     if not os.access(path, os.R_OK | os.W_OK):
         remedy = "let the user use cameras, usually `sudo usermod -aG video $USER`, then log in again"
         raise InputError(f"{path} may not be used", where=name, remedy=remedy)
@@ -339,7 +343,7 @@ _STREAM_PATIENCE = StreamSettings(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
 
 def open_stream(url: str, seen: Container[str] = (), patience: StreamSettings = _STREAM_PATIENCE) -> LiveSource:
     """A running stream, reopened a few times if it breaks off. Raises InputError, without the URL's secrets."""
-    name, stored = shown(url), False
+    name, stored = printable(url), False
     _check_url(url, name)
     # shorter than the thread's patience, so that FFmpeg ends by itself
     waits = {
@@ -385,7 +389,7 @@ def _check_url(url: str, name: str) -> None:
     kinds = ", ".join(f"{each}://" for each in schemes)
     faults = (
         (scheme == "file", "is a URL of a file", "name the file's path itself"),
-        (scheme not in schemes, f"{shown(parts.scheme)}:// is not read", f"these are: {kinds}"),
+        (scheme not in schemes, f"{printable(parts.scheme)}:// is not read", f"these are: {kinds}"),
         (re.search(r"\s", url) or not url.isprintable(), "holds blanks or control characters", "write a blank as %20"),
         (not host and not (port and scheme in ("udp", "rtp")), "names no host", like),
     )

@@ -23,7 +23,7 @@ import numpy as np
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.convert.child import is_bag, read_bag_head, read_in_child, says_rectified, take_all_schemas
-from vbaa_calib.core.errors import InputError, clipped, require_extra, shown
+from vbaa_calib.core.errors import InputError, clipped, quoted, require_extra
 from vbaa_calib.core.files import most_memory, read_yaml, require_file
 from vbaa_calib.core.images import as_levels, read_picture
 from vbaa_calib.session import READINGS
@@ -471,7 +471,7 @@ def picture_of(message: Any) -> np.ndarray:
         try:
             return read_picture(Path("picture"), bytes(message.data))
         except InputError as error:
-            raise InputError(f"format {shown(message.format)}: {error.what}", remedy=error.remedy) from None
+            raise InputError(f"format {quoted(message.format)}: {error.what}", remedy=error.remedy) from None
     encoding, height, width = message.encoding, message.height, message.width
     if encoding not in _ENCODINGS:
         raise InputError(f"the encoding is {encoding!r}", remedy=f"one of {', '.join(_ENCODINGS)} is needed")

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from vbaa_calib.core.arrays import PLAUSIBLE, as_float
-from vbaa_calib.core.errors import InputError, clipped, shown
+from vbaa_calib.core.errors import InputError, clipped, quoted
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.session import SILENT
 
@@ -61,7 +61,7 @@ class Taken:
         image = self.image
         shape = image.shape if isinstance(image, np.ndarray) and image.dtype.kind in "buif" else ()
         if len(shape) != 2 and shape[2:] not in ((3,), (4,)):
-            what = f"a picture is {shown(image)}" if not shape else f"a picture has shape {shape}"
+            what = f"a picture is {quoted(image)}" if not shape else f"a picture has shape {shape}"
             raise InputError(what, remedy="give an array of numbers, (H, W) grey or (H, W, 3) blue, green, red")
         for time_s in (self.time_s, self.arrived_s, self.received_s):
             as_float(time_s, "the time of a picture", "give seconds")
@@ -79,7 +79,7 @@ class Reading:
     def __post_init__(self) -> None:
         if not isinstance(self.channel, str) or self.channel not in CHANNELS:
             raise InputError(
-                f"a reading is of {shown(self.channel)}", remedy=f"one of {', '.join(CHANNELS)}, in SI units"
+                f"a reading is of {quoted(self.channel)}", remedy=f"one of {', '.join(CHANNELS)}, in SI units"
             )
         for number in (self.value, self.time_s, self.arrived_s):
             as_float(number, f"a reading of {self.channel}, or its time,", "give numbers")

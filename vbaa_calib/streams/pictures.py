@@ -11,7 +11,7 @@ import numpy as np
 
 from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.sources.files import Picture, frame_picture, shown
+from vbaa_calib.sources.files import Picture, frame_picture, printable
 
 from .bags import Topics, open_bag
 from .messages import Messages, Taken
@@ -107,7 +107,7 @@ class BagPictures:
     def __init__(self, text: str) -> None:
         """Raises InputError as `open_bag` does."""
         path, _, topic = text.partition("#")
-        self.name, self.ended = shown(Path(path).name), False
+        self.name, self.ended = printable(Path(path).name), False
         self.notes: tuple[str, ...] = ()
         try:
             self._messages = _recorded_pictures(Path(path), Topics(topic, moment="none", joints="none", camera="none"))

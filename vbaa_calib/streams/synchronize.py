@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from vbaa_calib.core.arrays import ANGLE_REMEDY, PLAUSIBLE, as_floats, check_each, gate
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.session import READINGS, Frame
 from vbaa_calib.session.tables import ANGLES
 
@@ -57,13 +57,13 @@ class Timing:
         std_Nm = as_floats(self.moment_std_Nm, "moment_std_Nm", "give N·m")
         for name, several, most in (("joints_rad", pan_tilt, 2), ("moment_std_Nm", std_Nm, len(READINGS))):
             if several.ndim != 1 or not 2 <= len(several) <= most:
-                raise InputError(f"{name} is {shown(getattr(self, name))}", remedy="give two numbers")
+                raise InputError(f"{name} is {quoted(getattr(self, name))}", remedy="give two numbers")
         check_each(pan_tilt, PLAUSIBLE.angle_rad, "joints_rad", ANGLE_REMEDY)
         for name in ("gap_s", "wait_s", "offset_std_s", "jump_s", "together_s"):
             if not getattr(self, name) >= 0.0:
                 raise InputError(f"{name} is {getattr(self, name)}", remedy="give seconds, 0 or more")
         if not (isinstance(self.agreeing, int) and self.agreeing >= 2):
-            raise InputError(f"agreeing is {shown(self.agreeing)}", remedy="give a whole number, 2 or more")
+            raise InputError(f"agreeing is {quoted(self.agreeing)}", remedy="give a whole number, 2 or more")
         if not (std_Nm >= 0.0).all():
             raise InputError(f"moment_std_Nm is {self.moment_std_Nm}", remedy="give deviations in N·m")
 
@@ -253,7 +253,7 @@ class Synchronizer:
     def push(self, message: Taken | Reading) -> Iterator[Synchronized]:
         """The frames that are complete with it. Raises InputError when the first picture has not the rig's size."""
         if not isinstance(message, Taken | Reading):
-            raise InputError(f"a message is {shown(message)}", remedy="give a Taken or a Reading")
+            raise InputError(f"a message is {quoted(message)}", remedy="give a Taken or a Reading")
         early: list[Synchronized] = []
         if isinstance(message, Taken) and message.camera != self._first and message.camera not in self._sizes:
             if message.camera:
@@ -498,7 +498,7 @@ class Synchronizer:
 
 def _known(channel: Any) -> str:
     if not isinstance(channel, str) or channel not in CHANNELS:
-        raise InputError(f"a channel is {shown(channel)}", remedy=f"one of {', '.join(CHANNELS)} is needed")
+        raise InputError(f"a channel is {quoted(channel)}", remedy=f"one of {', '.join(CHANNELS)} is needed")
     return channel
 
 

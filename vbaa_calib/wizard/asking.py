@@ -334,12 +334,12 @@ def _accepted(folder: Path, image: Path, row: Any) -> AcceptedPicture:
     return AcceptedPicture(file=file, source=image.name, sha256=sha256(image), readings=readings)
 
 
-def set_unlisted_aside(store: Store, ui: Ui) -> None:
+def archive_unlisted(store: Store, ui: Ui) -> None:
     """Move away pictures that wizard.json does not list: left by an interruption, or put there by hand."""
     unlisted = store.unlisted()
     if unlisted:
         names = [path.relative_to(store.root).as_posix() for path in unlisted]
-        place = store.set_aside(unlisted, "found")
+        place = store.archive(unlisted, "found")
         live = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
         ui.say(f"not taken by the wizard, and set aside in {place}: {live}")
 

@@ -15,7 +15,7 @@ from vbaa_calib.core.images import SUFFIXES
 from vbaa_calib.sources import PictureSource, SourceLost, VideoSource, open_source
 
 from ..streams.pictures import BagPictures
-from .asking import answer_all, change, set_unlisted_aside, take_back
+from .asking import answer_all, archive_unlisted, change, take_back
 from .capture import GO_ON, Capture
 from .questions import BOARD_ANSWERS, BY_KEY, OF_LENS_FILE, PICTURES, SOURCES, STEPS, Question, ReadingsTable
 from .session_state import SessionState
@@ -56,7 +56,7 @@ def walk(state: SessionState, ui: Ui, report: Report, advise: Advise | None = No
         try:
             if is_last:
                 return _conclude(state, ui, report, advise)
-            _set_results_aside(store, ui)
+            _archive_results(store, ui)
             command = _take_step(state, ui, step)
         except Interrupted as interrupt:
             command = interrupt.command
@@ -95,20 +95,20 @@ def _conclude(state: SessionState, ui: Ui, report: Report, advise: Advise | None
     ui.show(step, step.progress(state))
     state.write_files()
     # the calibration reads whole folders: what came into them meanwhile was checked by nobody
-    set_unlisted_aside(store, ui)
+    archive_unlisted(store, ui)
     ui.working("everything in one solve")
     try:
         return conclude(store.root, report, state.given_lens, advise)
     except VbaaError:
-        _set_results_aside(store, ui)
+        _archive_results(store, ui)
         raise
 
 
-def _set_results_aside(store: Store, ui: Ui) -> None:
+def _archive_results(store: Store, ui: Ui) -> None:
     """A rig solved from other pictures must not be taken for this session's."""
     there = [path for path in (store.root / RIG, store.root / REPORT) if path.exists()]
     if there:
-        place = store.set_aside(there, "before")
+        place = store.archive(there, "before")
         ui.say(f"{' and '.join(path.name for path in there)} of an earlier state: now in {place}")
 
 

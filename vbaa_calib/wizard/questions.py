@@ -14,7 +14,7 @@ import yaml
 
 from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.core.csv_rows import read_csv
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.session import SILENT
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class Question:
                 "sides": "a whole number, or two such as 2x1",
                 "text": f"a text: {self.words}",
             }[self.kind]
-            what = f"{self.key} is {'empty' if entered is None else shown(entered)}: {error}"
+            what = f"{self.key} is {'empty' if entered is None else quoted(entered)}: {error}"
             raise InputError(what, where=where, remedy=f"give {expected}") from None
 
     def _number(self, entered: object) -> float:

@@ -25,7 +25,7 @@ from vbaa_calib.calibrate.given_lens import GivenLens, given_solution, read_lens
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens_from_views import solve_lens
-from vbaa_calib.calibrate.pipeline import first_solved, next_lenses, stills_prior
+from vbaa_calib.calibrate.pipeline import first_solved, next_lenses, prior_of_session
 from vbaa_calib.calibrate.plane_c import PlaneC, PlaneViews, find_plane
 from vbaa_calib.calibrate.pose.fusion import fused
 from vbaa_calib.convert.values import Wanted
@@ -376,12 +376,12 @@ class SessionState:
                 raise InputError("no picture of the antenna yet", where=self.store.root, remedy="take one")
 
             def solve(lens: LensSolution) -> BundleAdjustment:
-                before = stills_prior(session, lens, self.plane() if lens is first else self._plane_by(lens))
+                before = prior_of_session(session, lens, self.plane() if lens is first else self._plane_by(lens))
                 return adjust_bundle(seen, before, session.antenna.length_m, session.moment_std_Nm)
 
             def causes() -> list[Diagnosis]:
                 plane = self.plane()
-                return failure_causes(session, plane.kinematics, seen, stills_prior(session, first, plane))
+                return failure_causes(session, plane.kinematics, seen, prior_of_session(session, first, plane))
 
             def others() -> Iterable[LensSolution]:
                 return () if self.given_lens is not None else next_lenses(first, self.views("lens"), self.board)

@@ -124,7 +124,7 @@ def _other_size(state: SessionState, size: tuple[int, int]) -> Diagnosis | None:
     known, wanted = state.given_lens, state.image_size
     if known is None or size == wanted:
         return None if wanted is None else resolution_changed(size, wanted)
-    words = f"the picture is {size[0]}x{size[1]} px, {known.whose} {wanted[0]}x{wanted[1]} px" if wanted else ""
+    words = f"the picture is {size[0]}x{size[1]} px, {known.size_words} {wanted[0]}x{wanted[1]} px" if wanted else ""
     return Diagnosis(
         "picture_not_of_given_lens", words, "set the camera to that mode, or name its own lens", severity="wrong"
     )

@@ -288,7 +288,7 @@ class Store:
         kept = tuple(one for one in record.taken if one is not taken)
         refused = _RefusedPicture(source=taken.source, sha256=taken.sha256, why="taken back")
         self._record(step, taken=kept, left=(*record.left, refused), closed="")
-        target = self._new_aside("dropped") / self.path(taken).name
+        target = self._new_archive("dropped") / self.path(taken).name
         with contextlib.suppress(FileNotFoundError):
             self.path(taken).rename(target)
         return target
@@ -301,7 +301,7 @@ class Store:
             update={"steps": {**again.steps, step: _StepRecord(past=None if past is None else tuple(past))}}
         )
         if record.taken:
-            place = self._new_aside(step)
+            place = self._new_archive(step)
             write_json(place / "was.json", record.model_dump(mode="json"))
         self.save(again)
         for taken in record.taken:
@@ -342,20 +342,20 @@ class Store:
         if path.exists():
             if path.read_bytes() == data:
                 return
-            shutil.copy2(path, self._new_aside("replaced") / name)
+            shutil.copy2(path, self._new_archive("replaced") / name)
         with replacing(path) as temporary:
             temporary.write_bytes(data)
 
-    def set_aside(self, paths: Sequence[Path], why: str) -> Path:
+    def archive(self, paths: Sequence[Path], why: str) -> Path:
         """Move files or folders out of the way. Returns the folder where they are now."""
-        place = self._new_aside(why)
+        place = self._new_archive(why)
         for path in paths:
             target = place / path.relative_to(self.root)
             target.parent.mkdir(parents=True, exist_ok=True)
             path.rename(target)
         return place
 
-    def _new_aside(self, name: str) -> Path:
+    def _new_archive(self, name: str) -> Path:
         number = 1
         while True:
             place = self.root / ASIDE / (name if number == 1 else f"{name}-{number}")

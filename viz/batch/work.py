@@ -50,7 +50,7 @@ class BatchSettings:
     threads: int = 1
     again: bool = False
 
-    def said(self, path: Path) -> dict[str, Any]:
+    def as_dict(self, path: Path) -> dict[str, Any]:
         """What of it the contacts of a recording depend on."""
         names = ("model", "friction", "drift", "track_zero", "no_moment")
         pixels = None if self.background is None else str(self.background)
@@ -166,7 +166,7 @@ def _about(recording: BatchRecording, settings: BatchSettings) -> Row:
     rig_sha256, inputs_sha256 = sha256(recording.rig), inputs_digest(recording.path)
     about = {"rig_sha256": rig_sha256, "inputs_sha256": inputs_sha256, "version": vbaa_calib.__version__}
     # 3: recordings have a verdict; what was done before is done again
-    whole = json.dumps([3, about, settings.said(recording.path)], sort_keys=True).encode()
+    whole = json.dumps([3, about, settings.as_dict(recording.path)], sort_keys=True).encode()
     return {
         "recording": recording.name,
         "state": "done",

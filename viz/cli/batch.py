@@ -70,7 +70,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         background = background.resolve()
     results = Results(args.output.resolve())
     results.prepare(args.argv)
-    if not any(is_stream(each.path) for each in recordings) and (wrong := streams.given(args)):
+    if not any(is_stream(each.path) for each in recordings) and (wrong := streams.changed_options(args)):
         remedy = "leave it out: a session's readings are in recording/recording.csv"
         raise InputError("belongs to bags and videos, of which there are none", where=wrong[0], remedy=remedy)
     settings = BatchSettings(

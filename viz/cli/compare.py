@@ -15,7 +15,7 @@ from viz.files.outputs import PAGES, refuse_output
 if TYPE_CHECKING:
     from viz.report.compare import ComparedContacts
 
-_SHOWN = 10
+_MOST_LINES = 10
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +53,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         what = f"{args.a} is {names[kinds[0]]}, {args.b} {names[kinds[1]]}"
         raise InputError(what, where="vbaa compare", remedy="give two of a kind")
     result, page = (_rigs if kinds[0] == "rigs" else _contacts)(args, kinds[0])
-    for line in (*result["words"], *result.get("missing", ())[:_SHOWN]):
+    for line in (*result["words"], *result.get("missing", ())[:_MOST_LINES]):
         say(line)
     say("they agree" if result["agree"] else "they differ")
     if args.html is not None:
@@ -96,7 +96,7 @@ def _contacts(args: argparse.Namespace, kind: str) -> tuple[dict[str, Any], str]
         sum(each.count for each in compared.values()),
     )
     words = [f"{off} of {count} frames differ by more than {args.tolerance:g} deviations or in their status"]
-    words += [line for name, each in compared.items() for line in _lines(name, each, args.tolerance)][:_SHOWN]
+    words += [line for name, each in compared.items() for line in _lines(name, each, args.tolerance)][:_MOST_LINES]
     result = {
         "tolerance": args.tolerance,
         "allow": args.allow,

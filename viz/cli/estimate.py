@@ -20,7 +20,7 @@ from vbaa_calib.cli.usable_rig import usable_rig
 from vbaa_calib.core.console import progress, say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite
-from viz.files.outputs import PAGES, refuse_output, report_beside
+from viz.files.outputs import PAGES, refuse_output, report_path
 
 from . import streams
 
@@ -137,7 +137,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         refuse_folder(args.overlay, args.force)
     if args.no_report:
         return {**_estimate(args)[0], "report": None}
-    output = report_beside(args.output) if args.report is None else args.report
+    output = report_path(args.output) if args.report is None else args.report
     refuse_output(output, PAGES, args.force)
     result, ground, verdict = _estimate(args)
     from viz.report.make import Sources, make_report
@@ -298,7 +298,7 @@ def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator,
 def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
     """A bag, a video, a table of pictures, or centrelines. Raises InputError."""
     from estimator.contact.recording import estimate_centrelines, estimate_taken
-    from estimator.contact.source import some_stills, unpacked
+    from estimator.contact.source import sample_of, unpacked
     from estimator.contact.surroundings import surroundings
     from vbaa_calib.session import without_moments
     from vbaa_calib.streams import Synchronizer, taken_frames
@@ -325,7 +325,7 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
 
     with TemporaryDirectory(prefix="vbaa-stills-") as folder:
         ground, words = surroundings(
-            estimator.rig, args.background, lambda: some_stills(estimator.rig, opened()[2], Path(folder))
+            estimator.rig, args.background, lambda: sample_of(estimator.rig, opened()[2], Path(folder))
         )
     timing = streams.clocked(args, args.session, estimator, timing, ground)
     source, synchronizer, taken = opened()

@@ -41,7 +41,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
     from estimator.contact.overlay import corridor_of
     from estimator.contact.recording import prepared, subtracted
-    from estimator.contact.surroundings import AUTO, beside, surroundings
+    from estimator.contact.surroundings import AUTO, neighbours, surroundings
     from vbaa_calib.cli.usable_rig import usable_rig
     from vbaa_calib.core.images import read_gray, read_picture
     from vbaa_calib.detect.drawing.overlay import centreline_picture, described
@@ -56,7 +56,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     frame = Frame(image=args.image, pan_rad=pan, tilt_rad=tilt, moment_Nm=0.0, frame=0, time_s=0.0)
     plane, own = rig.image.paint.plane, read_picture(args.image)
     plain = plane(own)
-    ground, ground_words = surroundings(rig, args.background, lambda: beside(rig, frame))
+    ground, ground_words = surroundings(rig, args.background, lambda: neighbours(rig, frame))
     looking = prepared(rig, frame)
     less = None if ground is None or looking is None else subtracted(looking, plain, ground(frame))
     if ground is not None and less is None:

@@ -9,7 +9,7 @@ from typing import Any
 from vbaa_calib.cli.joints import add_antenna
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from viz.files.outputs import PAGES, refuse_output, report_beside
+from viz.files.outputs import PAGES, refuse_output, report_path
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the page. Returns where it is. Raises InputError for wrong input or a file in the way."""
-    output = report_beside(args.contacts) if args.output is None else args.output
+    output = report_path(args.contacts) if args.output is None else args.output
     refuse_output(output, PAGES, args.force)
     if args.session is not None and args.rig is None:
         raise InputError("--session needs --rig", where="vbaa report", remedy="give the rig.json it was recorded with")

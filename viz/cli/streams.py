@@ -114,7 +114,7 @@ def configure(parser: argparse.ArgumentParser, *, readings: bool = True) -> None
 ESTIMATE = "estimate"
 
 
-def given(args: argparse.Namespace) -> list[str]:
+def changed_options(args: argparse.Namespace) -> list[str]:
     """The options about streams that are not as by default."""
     usual = {"clock_offset": "0", "gap": 0.1, "wait": 0.25, "moment_axis": "y", "pan_joint": "", "tilt_joint": ""}
     usual |= {"topic": [], "pan": None, "tilt": None, "degrees": False, "together": 0.01}

@@ -72,7 +72,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
     if not 0 <= args.port <= 65535:
         raise InputError(f"there is no port {args.port}", where="--port", remedy="0 for any, or up to 65535")
-    answers = _answers_given(args)
+    answers = _all_answers(args)
     if "camera" in answers:  # before anything is touched
         read_lens(Path(answers["camera"]), Wanted.of(answers))
     try:
@@ -89,7 +89,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         raise VbaaError(f"{where}: cannot be read or written ({why}); {remedy}") from error
 
 
-def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
+def _all_answers(args: argparse.Namespace) -> dict[str, Any]:
     """Answers of --answers and of flags, which win; checked. Raises InputError."""
     from vbaa_calib.wizard.asking import absolute
     from vbaa_calib.wizard.questions import ReadingsTable
@@ -121,7 +121,7 @@ def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> di
     from estimator.budget.budget import next_observations
     from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.convert.values import Wanted
-    from vbaa_calib.wizard.asking import adopt, check_together, set_unlisted_aside
+    from vbaa_calib.wizard.asking import adopt, archive_unlisted, check_together
     from vbaa_calib.wizard.flow import redo, walk
     from vbaa_calib.wizard.session_state import SessionState
     from vbaa_calib.wizard.steps import REPORT
@@ -144,7 +144,7 @@ def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> di
         if lost := store.forget_lost():
             names = ", ".join(one.file for one in lost[:5]) + (" ..." if len(lost) > 5 else "")
             ui.say(f"{len(lost)} pictures are gone or have changed, and are not used: {names}")
-        set_unlisted_aside(store, ui)
+        archive_unlisted(store, ui)
         before = store.journal.answers
         keys = ("board", "paper") if answers.get("board", before.get("board")) == "new" else ("board",)
         changed = {key for key, value in answers.items() if before.get(key) != value}

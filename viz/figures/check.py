@@ -211,9 +211,9 @@ def free_residuals(rows: Sequence[Mapping[str, Any]], length_mm: float) -> Plot:
     labels = ("distance from the clamp, mm", "residual across it, mm")
     axes = Plot("free antenna: measured minus predicted", x=(0.0, length_mm), y=(-reach, reach), labels=labels)
     for index, row in enumerate(rows):
-        axes.line(row["arclength_mm"], row["residual_mm"], STYLE.stills[index % len(STYLE.stills)], 1.6)
-    named = [(STYLE.stills[index], str(row["image"])[-16:], "line") for index, row in enumerate(rows[:3])]
-    axes.legend(named if len(rows) <= 3 else [(STYLE.stills[0], f"{len(rows)} pictures, a colour each", "line")])
+        axes.line(row["arclength_mm"], row["residual_mm"], STYLE.frames[index % len(STYLE.frames)], 1.6)
+    named = [(STYLE.frames[index], str(row["image"])[-16:], "line") for index, row in enumerate(rows[:3])]
+    axes.legend(named if len(rows) <= 3 else [(STYLE.frames[0], f"{len(rows)} pictures, a colour each", "line")])
     return axes
 
 

@@ -25,7 +25,7 @@ class _FigureSettings:
     map: tuple[str, ...] = ("#f3faf7", "#bfe3d8", "#6cbfb4", "#23878f", "#15506f", "#1b2a4e")
     pale: str = "#3b9c91"  # corners
     # of static frames, one a colour
-    stills: tuple[str, ...] = ("#0f766e", "#1d4ed8", "#b45309", "#7c3aed", "#be185d", "#475569")
+    frames: tuple[str, ...] = ("#0f766e", "#1d4ed8", "#b45309", "#7c3aed", "#be185d", "#475569")
     cells: tuple[int, int] = (8, 6)  # of the picture, in which corners are counted: across and down
     map_px: float = 420.0  # width of a map
     most_arrows: int = 4000  # of residuals, in a map

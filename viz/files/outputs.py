@@ -19,6 +19,6 @@ def refuse_output(path: Path, suffixes: tuple[str, ...], force: bool, inputs: It
     refuse_overwrite(path, force, inputs)
 
 
-def report_beside(contacts: Path) -> Path:
+def report_path(contacts: Path) -> Path:
     """Where the report of contacts goes: report.html, or NAME_report.html for a NAME that is not contacts."""
     return contacts.with_name("report.html" if contacts.stem == "contacts" else f"{contacts.stem}_report.html")

@@ -95,7 +95,7 @@ def page(report: Report) -> str:
     phases, models = (
         [(_dotted(colour, name), words) for name, (colour, words) in kinds.items()] for kinds in (_PHASES, _MODELS)
     )
-    quantities = [(", ".join(names), _shown_unit(key)[0], COLUMNS[key].meaning) for key, names in SYMBOLS.items()]
+    quantities = [(", ".join(names), _report_unit(key)[0], COLUMNS[key].meaning) for key, names in SYMBOLS.items()]
     others = (
         ("antenna frame", "", "x along the undeformed antenna from its clamp, xy the calibration plane C"),
         ("slip", "mm/s", "velocity of the antenna's material at the contact against the object at rest"),
@@ -178,7 +178,7 @@ def _over_time(report: Report) -> list[Markup]:
     if rig is not None and not rig.moment_sensor.exists:
         pass
     elif rig is None:
-        unit, scale = _shown_unit("moment_residual_Nm")
+        unit, scale = _report_unit("moment_residual_Nm")
         nothing = np.full(len(table), np.nan)
         drawn.append(curve(clock, f"{title}, {unit}", scale * residual, nothing))
     else:
@@ -203,7 +203,7 @@ def _quantities(report: Report) -> list[tuple[str, np.ndarray, np.ndarray, np.nd
         ("force_y_N", "force f_y", table.force_shared_std_N[:, 1]),
         ("force_z_N", "force f_z", table.force_shared_std_N[:, 2]),
     ):
-        unit, scale = _shown_unit(name)
+        unit, scale = _report_unit(name)
         columns = (getattr(table, name), _std(table, name), shared)
         value, std, common = (np.where(located, scale * one, np.nan) for one in columns)
         true = None if truth is None else scale * getattr(truth, name)
@@ -302,7 +302,7 @@ def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
         return with_std(float(value), float(std), scale) if np.isfinite(std) else fixed(scale * float(value), 1)
 
     for name, symbols in SYMBOLS.items():
-        unit, scale = _shown_unit(name)
+        unit, scale = _report_unit(name)
         values, std = (one.reshape(len(part), -1).T for one in (getattr(part, name), _std(part, name)))
         for symbol, value, own in zip(symbols, values, std, strict=True):
             columns[f"{symbol}, {unit}"] = [cell(*pair, scale) for pair in zip(value, own, strict=True)]
@@ -311,7 +311,7 @@ def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
     return Table(tuple(columns), list(zip(*columns.values(), strict=True)), (*text, "reason"), cut)
 
 
-def _shown_unit(column: str) -> tuple[str, float]:
+def _report_unit(column: str) -> tuple[str, float]:
     """The unit in which the report shows a column of contacts.csv, and the factor to it."""
     return {"m": ("mm", 1e3), "N": ("mN", 1e3), "N·m": ("µN·m", 1e6)}[COLUMNS[column].unit]
 

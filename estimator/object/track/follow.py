@@ -412,13 +412,13 @@ def _phases(slip: _Slip, antenna_radius_m: float) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         std = np.where(speed > TrackSettings.slip_std * widest, own, widest)
         surely = speed - TrackSettings.slip_std * std > nothing
-        continues = speed - TrackSettings.still_slip_std * std > nothing
+        continues = speed - TrackSettings.static_slip_std * std > nothing
         fast = speed > TrackSettings.rest_m_s
         run = np.cumsum(~(continues & fast))  # one number for each run of frames in which a slip may go on
         sliding = continues & fast & np.isin(run, np.unique(run[surely & continues & fast]))
         rest = np.maximum(antenna_radius_m * slip.turning_rad_s, TrackSettings.rest_m_s)
         small = speed + 2.0 * std <= np.maximum(TrackSettings.stuck_share * carried, rest)
-        stuck = ~sliding & small & (speed - TrackSettings.still_slip_std * std <= rest)
+        stuck = ~sliding & small & (speed - TrackSettings.static_slip_std * std <= rest)
         walks = slip.contact_m_s - TrackSettings.slip_std * slip.contact_std_m_s > 2.0 * np.maximum(
             speed + 2.0 * std, TrackSettings.rest_m_s
         )

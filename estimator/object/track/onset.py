@@ -61,7 +61,7 @@ class TrackSettings:
     # how unevenly an approach grows from its start to the last frame used: standard deviation
     uneven_share: float = 0.15
     slip_std: float = 4.5  # standard deviations by which a slip must stand out,
-    still_slip_std: float = 2.5  # and by which, for it to go on
+    static_slip_std: float = 2.5  # and by which, for it to go on
     # of the joints' motion below which nothing slips: curved paths and rolling leave as much
     no_slip_share: float = 0.05
     stuck_share: float = 0.15  # of the joints' motion that a sticking contact surely stays below

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vbaa_calib.core.polyline import arc_lengths, beside
+from vbaa_calib.core.polyline import arc_lengths, offsets_from
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.contrast import coloured
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import SHOWN, Paint
+from vbaa_calib.detect.whisker.paint import VISIBLE, Paint
 from vbaa_calib.detect.whisker.profile import measure_on
 
 from .settings import AntennaSettings
@@ -53,7 +53,7 @@ class _Tried:
         )
         seen = [_seen_between(line, finder.corridor.width_px) for line, finder in zip(lines, finders, strict=True)]
         # a second line does not make the first one less seen
-        clear = [line.verdict in SHOWN for line in lines]
+        clear = [line.verdict in VISIBLE for line in lines]
         return _Tried(paint, lines, float(np.mean(np.multiply(seen, clear))))
 
     def clearness(self) -> float:
@@ -74,7 +74,7 @@ class _Tried:
                 # the thin part of an antenna that tapers has noise alone
                 half = len(line.points_px) // 2
                 thick = line.points_px[: half if taper < 0.0 else None][half if taper > 0.0 else 0 :]
-                offsets.append(np.sqrt(np.mean(beside(between.guide_px, thick)[1] ** 2)))
+                offsets.append(np.sqrt(np.mean(offsets_from(between.guide_px, thick)[1] ** 2)))
         thickest = width * (1.0 + 0.25 * abs(taper))
         both = bool(offsets) and float(np.median(offsets)) > AntennaSettings.off_middle * thickest
         return replace(self, paint=replace(self.paint, both_edges=both))

@@ -20,7 +20,7 @@ from vbaa_calib.rig import RIG_STEPS, Rig
 from vbaa_calib.rig.reprojection import feet, image_curves
 from vbaa_calib.session import Drift, Load, LoadReadings, Still
 
-from .finding import HOLDS, Checked, Discrepancy, Finding, judged, not_given, plus_minus
+from .finding import HOLDS, Checked, Discrepancy, Finding, judged, plus_minus, unanswered
 from .settings import CheckSettings
 
 _POINTS = slice(-1)  # rows of a `CheckedStill` by its points,
@@ -124,11 +124,11 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     return checked
 
 
-def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) -> Checked:
+def check_antenna(rig: Rig, frames: Sequence[CheckedStill], camera_known: bool) -> Checked:
     """Checks free shape, stiffness, offset and gain in this order; what has changed is free in the estimates after it.
     camera_known : the camera's pose was checked by a board."""
-    free = [one for one in stills if not isinstance(one.still, Load)]
-    loaded = [one for one in stills if isinstance(one.still, Load)]
+    free = [one for one in frames if not isinstance(one.still, Load)]
+    loaded = [one for one in frames if isinstance(one.still, Load)]
     covariance = rig.joint_covariance
     count = len(covariance)
     sensor = rig.moment_sensor
@@ -172,14 +172,14 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
     return Checked((shape, stiffness, offset, gain), document)
 
 
-def _information(stills: Sequence[CheckedStill], rows: slice, count: int) -> np.ndarray:
+def _information(frames: Sequence[CheckedStill], rows: slice, count: int) -> np.ndarray:
     """Products of some rows of static frames by the rig's parameters, so many: places and weights that loads share are
     off alike, and the points of a line have errors in common."""
-    keys = [reading_keys(one.still) if isinstance(one.still, Load) else () for one in stills]
+    keys = [reading_keys(one.still) if isinstance(one.still, Load) else () for one in frames]
     names = list(dict.fromkeys(key for own in keys for key in own))
-    jacobian, residuals, nuisance = [np.zeros((0, count))], [np.zeros(0)], [np.zeros((0, len(names) + 3 * len(stills)))]
-    for index, (one, own) in enumerate(zip(stills, keys, strict=True)):
-        by_names = np.zeros((len(one.residuals), len(names) + 3 * len(stills)))
+    jacobian, residuals, nuisance = [np.zeros((0, count))], [np.zeros(0)], [np.zeros((0, len(names) + 3 * len(frames)))]
+    for index, (one, own) in enumerate(zip(frames, keys, strict=True)):
+        by_names = np.zeros((len(one.residuals), len(names) + 3 * len(frames)))
         by_names[:, [names.index(key) for key in own]] = one.by_readings[:, : len(own)]
         by_names[:, len(names) + 3 * index :][:, :3] = one.by_line
         jacobian.append(one.jacobian[rows])
@@ -192,7 +192,7 @@ def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[Sco
     """The finding on the free shape. changes : of clamp and bow together, and of each with the other fixed."""
     shape, clamp, bow = changes
     if shape.freedom == 0:
-        return not_given("free_antenna", _NO_FREE)
+        return unanswered("free_antenna", _NO_FREE)
     step = np.concatenate([shape.clear(CheckSettings.significant), [0.0, 0.0, 0.0]])
     before_m, after_m = _free_points_m(rig, np.stack([np.zeros_like(step), step]))
     moved_mm = 1e3 * float(np.linalg.norm(after_m - before_m, axis=1).max())
@@ -239,7 +239,7 @@ def _number_finding(
 ) -> Finding:
     """The finding on one number. change : of it; or why there is none. hidden : why the data may not show it."""
     if isinstance(change, str) or change.freedom == 0:
-        return not_given(name, change if isinstance(change, str) else hidden)
+        return unanswered(name, change if isinstance(change, str) else hidden)
     template, printed, factor, unit = _NUMBERS[name]
     words = template.format(plus_minus(printed * change.values[0], printed * change.std[0]))
     return judged(
@@ -247,10 +247,10 @@ def _number_finding(
     )
 
 
-def _offset_remedy(rig: Rig, stills: Sequence[CheckedStill]) -> str:
-    """Remedy of a changed offset. stills : of the free antenna, with their readings."""
-    read = np.array([one.still.moment_Nm for one in stills])
-    expected = read - [one.moment_residual_Nm for one in stills]
+def _offset_remedy(rig: Rig, frames: Sequence[CheckedStill]) -> str:
+    """Remedy of a changed offset. frames : of the free antenna, with their readings."""
+    read = np.array([one.still.moment_Nm for one in frames])
+    expected = read - [one.moment_residual_Nm for one in frames]
     noise = 10.0 * rig.moment_sensor.std_Nm + 0.1 * np.abs(expected)
     if (np.abs(1e-3 * read - expected) < noise).all() and (np.abs(read - expected) > 100.0 * noise).all():
         return "the reading would fit in mN·m: give it in N·m (1 mN·m is 0.001), and check again"

@@ -38,7 +38,7 @@ from vbaa_calib.session import (
 
 from .antenna import CheckedStill, check_antenna, check_stills
 from .boards import check_lens, check_pose
-from .finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Checked, Finding, at, worst
+from .finding import FAILS, HOLDS, LOOK, UNANSWERED, Checked, Finding, at, worst
 from .settings import CheckSettings
 
 
@@ -160,14 +160,14 @@ def _rig_findings(rig: Rig, quality: Mapping[str, Any], nominal_Nm2: float | Non
     wrong = rig.verdict.severity == "wrong" or at(quality, "lens", "grade") == "do not use"
     limits = (0, 0 if wrong else np.inf)
     doubts = _graded("doubts", len(lines), limits, "; ".join(lines) or "none", remedy)
-    doubts = doubts if quality else Finding("doubts", NOT_GIVEN, "not recorded")
+    doubts = doubts if quality else Finding("doubts", UNANSWERED, "not recorded")
     name, ratio = "planar_ambiguity", _number_at(quality, "plane_second_solution_ratio")
     if ratio is not None:
         remedy = "take the board in the jig from a steeper angle, calibrate again"
         words = f"its second pose fits {ratio:.1f} times worse"
         second = _graded(name, -ratio, (-PoseSettings.ambiguous, np.inf), words, remedy)
     elif _number_at(quality, "plane_rms_px") is None:
-        second = Finding(name, NOT_GIVEN, "not recorded")
+        second = Finding(name, UNANSWERED, "not recorded")
     else:
         second = Finding(name, HOLDS, "no: only one pose of the board fits the picture")
     sensor = [_sensor(rig)] if rig.moment_sensor.exists else []
@@ -304,7 +304,7 @@ class Assessment:
             HOLDS: "This rig holds.",
             LOOK: "Look at this rig before you rely on it.",
             FAILS: "This rig does not hold.",
-            NOT_GIVEN: "There is nothing to judge this rig by.",
+            UNANSWERED: "There is nothing to judge this rig by.",
         }[self.verdict]
 
     @property
@@ -462,8 +462,8 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Ch
         seen, _ = observe(session, rig.kinematics, inputs.stills, expected, "antenna")
         stills = check_stills(current, seen, session.load_readings)
     antenna = check_antenna(current, stills, camera_known=pose.document["camera_pose"] is not None)
-    given = {"given": list(parts), "not_given": [part for part in _PARTS if part not in parts]}
+    parts_asked = {"given": list(parts), "not_given": [part for part in _PARTS if part not in parts]}
     return Checked(
         (*lens.findings, *pose.findings, *antenna.findings),
-        {**given, **lens.document, **pose.document, **antenna.document},
+        {**parts_asked, **lens.document, **pose.document, **antenna.document},
     )

@@ -26,7 +26,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import Session
 
-from .finding import HOLDS, LOOK, Checked, Discrepancy, Finding, judged, not_given, plus_minus
+from .finding import HOLDS, LOOK, Checked, Discrepancy, Finding, judged, plus_minus, unanswered
 from .settings import CheckSettings
 
 FOCUS = 4  # parameters that a refocus or a knock changes first: fx, fy, cx, cy
@@ -71,7 +71,7 @@ def check_lens(
     if not views:
         why = "no usable picture of the board" if boards else "no picture of the board (intrinsics/, plane/)"
         return Checked(
-            (not_given("lens_fit", why), not_given("lens_focus", why)),
+            (unanswered("lens_fit", why), unanswered("lens_focus", why)),
             {"boards": [], "boards_dropped": [], "boards_rms_px": None, "boards_expected_rms_px": None},
         )
     # without what the views' own poses explain
@@ -127,7 +127,7 @@ def _fit_finding(rms_px: float, expected_px: float | None, freedom: int, views: 
     calibration's and the covariance."""
     words = f"rms {rms_px:.3f} px in {_pictures(views)}"
     if expected_px is None:
-        return not_given("lens_fit", f"{words}; the calibration's is not recorded in rig.json")
+        return unanswered("lens_fit", f"{words}; the calibration's is not recorded in rig.json")
     ratio = rms_px / max(expected_px, 1e-9)
     distance_std = max(ratio**2 - 1.0, 0.0) / float(np.sqrt(2.0 / freedom))
     evidence = Discrepancy(distance_std, 1, 100 * max(ratio - 1.0, 0.0), CheckSettings.more_rms_percent, "% more rms")
@@ -140,7 +140,7 @@ def _focus_finding(camera: Camera, change: ScoreTest, views: int) -> Finding:
     """The finding on the focus. change : of fx, fy, cx, cy."""
     if change.freedom == 0:
         why = f"{_pictures(views)} cannot decide: a board that fills the picture, tilted by 30 to 45 degrees, would"
-        return not_given("lens_focus", why)
+        return unanswered("lens_focus", why)
     # the motion over the picture by what is significant, a turn of the camera compensated
     pixels = pixel_grid(camera.image_size)
     by_focus = projection_jacobian(camera, pixels)[..., :FOCUS] @ change.clear(CheckSettings.significant)
@@ -207,7 +207,7 @@ def check_pose(
     T_antenna_board = session.T_antenna_board
     if not views or T_antenna_board is None:
         why = no_jig if views else "no picture of the board in the jig (plane/)"
-        return Checked((not_given("camera_pose", why),), {"camera_pose": None}), rig
+        return Checked((unanswered("camera_pose", why),), {"camera_pose": None}), rig
     board = solve_board_pose(views, shape, rig.camera)
     jig = jig_estimate(board, T_antenna_board)
     joint, by_lens = rig.joint_covariance, jig.lens_sensitivity

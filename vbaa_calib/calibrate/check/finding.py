@@ -14,7 +14,7 @@ from .settings import CheckSettings
 HOLDS = "holds"  # levels of an answer, the best first
 LOOK = "look at"  # a warning
 FAILS = "does not hold"  # the rig must not be used
-NOT_GIVEN = "not given"  # the data leave the question open
+UNANSWERED = "not given"  # the data leave the question open
 
 # by the key in check.json
 _QUESTIONS = {
@@ -72,7 +72,7 @@ class Finding:
     """The answer to one question."""
 
     name: str  # its key in check.json
-    level: str  # `HOLDS`, `LOOK`, `FAILS` or `NOT_GIVEN`
+    level: str  # `HOLDS`, `LOOK`, `FAILS` or `UNANSWERED`
     words: str  # the answer, with numbers
     remedy: str | None = None  # what to do
     evidence: Discrepancy | None = None  # the difference behind it
@@ -106,16 +106,16 @@ def judged(name: str, words: str, remedy: str, evidence: Discrepancy) -> Finding
     return Finding(name, evidence.level, words, None if evidence.level == HOLDS else remedy, evidence)
 
 
-def not_given(name: str, why: str) -> Finding:
+def unanswered(name: str, why: str) -> Finding:
     """A question that the data leave open."""
-    return Finding(name, NOT_GIVEN, why)
+    return Finding(name, UNANSWERED, why)
 
 
 def worst(findings: Sequence[Finding]) -> str:
-    """The worst level of the answered questions; `NOT_GIVEN` where none is answered."""
+    """The worst level of the answered questions; `UNANSWERED` where none is answered."""
     levels = (HOLDS, LOOK, FAILS)
     answered = [finding.level for finding in findings if finding.level in levels]
-    return max(answered, key=levels.index, default=NOT_GIVEN)
+    return max(answered, key=levels.index, default=UNANSWERED)
 
 
 def plus_minus(value: float, std: float) -> str:

@@ -94,17 +94,17 @@ def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Informa
     half = bundle.directions @ free
     by_view, own = left @ free, padded(residuals[..., None], bounds)
     roots = np.asarray(np.linalg.qr(np.concatenate([by_view, own], axis=-1), mode="r"))
-    held = prior_rows = np.column_stack([by_shape @ half, prior])
+    root = prior_rows = np.column_stack([by_shape @ half, prior])
     if bundle.unfolding is not None:
         steep = bundle.unfolding_rows()[1] @ half[:-SHAPE]
-        held = np.vstack([held, np.pad(steep, ((0, 0), (0, 1)))])
+        root = np.vstack([root, np.pad(steep, ((0, 0), (0, 1)))])
     return Information(
         half=half,
         blocks=by_view.mT @ by_view,
         gradients=(by_view.mT @ own)[..., 0],
         squares=(own**2).sum(axis=(1, 2)),
         roots=np.pad(roots, ((0, 0), (0, size + 1 - roots.shape[1]), (0, 0))),
-        prior=(held.T @ held)[:-1, :-1],
+        prior=(root.T @ root)[:-1, :-1],
         prior_root=prior_rows,
         counts=counts,
     )
@@ -116,10 +116,10 @@ def _left_out_squares(bundle: Bundle, observations: Sequence[BoardCorners], know
     solved anew.
     """
     squares = known.squares.copy()
-    for held in _folds(len(squares)):
-        rest = known.blocks[~held].sum(axis=0) + known.prior
-        step = np.linalg.lstsq(rest, -known.gradients[held].sum(axis=0), rcond=1e-12)[0]
-        squares[held] += step @ known.blocks[held] @ step - 2.0 * known.gradients[held] @ step
+    for fold in _folds(len(squares)):
+        rest = known.blocks[~fold].sum(axis=0) + known.prior
+        step = np.linalg.lstsq(rest, -known.gradients[fold].sum(axis=0), rcond=1e-12)[0]
+        squares[fold] += step @ known.blocks[fold] @ step - 2.0 * known.gradients[fold] @ step
     return (
         squares
         if squares.sum() <= LensSettings.solved_anew * known.squares.sum()
@@ -136,13 +136,13 @@ def _folds(views: int) -> list[np.ndarray]:
 def _solved_squares(bundle: Bundle, observations: Sequence[BoardCorners]) -> np.ndarray:
     """(V,) as `_left_out_squares`, each lens solved for."""
     squares = np.zeros(len(observations))
-    for held in _folds(len(observations)):
-        seen = [view for view, out in zip(observations, held, strict=True) if not out]
-        unseen = [view for view, out in zip(observations, held, strict=True) if out]
-        lens = refine(replace(bundle, poses=bundle.poses[~held]), seen, _NEAR)
-        tested = refine(replace(lens.poses_only, poses=bundle.poses[held]), unseen, _NEAR)
+    for fold in _folds(len(observations)):
+        seen = [view for view, out in zip(observations, fold, strict=True) if not out]
+        unseen = [view for view, out in zip(observations, fold, strict=True) if out]
+        lens = refine(replace(bundle, poses=bundle.poses[~fold]), seen, _NEAR)
+        tested = refine(replace(lens.poses_only, poses=bundle.poses[fold]), unseen, _NEAR)
         pairs = zip(unseen, tested.residuals_px, strict=True)
-        squares[held] = [view.weight**2 * np.sum(residual**2) for view, residual in pairs]
+        squares[fold] = [view.weight**2 * np.sum(residual**2) for view, residual in pairs]
     return squares
 
 
@@ -220,8 +220,8 @@ def assess(
     free = int(np.any(bundle.directions[:-SHAPE] != 0.0, axis=0).sum())
     monotonic = is_monotonic(bundle.model, bundle.intrinsics, image_size)
     halves = _compare_split_half(bundle.model, bundle.intrinsics, known, image_size)
-    held_out_px = float(np.sqrt(squares.sum() / sum(view.weight**2 * len(view.pixels) for view in observations)))
-    return Candidate(bundle.model.name, free, bundle.rms_px, held_out_px, monotonic, *halves), squares
+    left_out_px = float(np.sqrt(squares.sum() / sum(view.weight**2 * len(view.pixels) for view in observations)))
+    return Candidate(bundle.model.name, free, bundle.rms_px, left_out_px, monotonic, *halves), squares
 
 
 def observations_of(views: Sequence[BoardView], nominal_m: np.ndarray) -> list[BoardCorners]:

@@ -18,7 +18,7 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.polyline import arc_lengths, beside, normals
+from vbaa_calib.core.polyline import arc_lengths, normals, offsets_from
 from vbaa_calib.core.robust import NORMAL_QUARTILE, huber_weights, mad_std
 from vbaa_calib.native import core
 
@@ -319,7 +319,7 @@ class _MeasuredRod:
 
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
         """Whether a line (N, 2) runs in this rod over such a share of its points."""
-        return float(np.mean(np.abs(beside(self.curve_px, line)[1]) < 0.5 * self.width_px)) > share
+        return float(np.mean(np.abs(offsets_from(self.curve_px, line)[1]) < 0.5 * self.width_px)) > share
 
     def end_colours(self, planes: np.ndarray) -> np.ndarray:
         """(2, channels) of its first and last eighth."""
@@ -434,7 +434,7 @@ def _course(
     curve, inside = _to_the_ends(patch, curve, width, ends, settings)
     if len(curve) < 10:
         return None
-    index, _ = beside(curve, points)
+    index, _ = offsets_from(curve, points)
     kept = ((index > 0) | (not inside[0])) & ((index < len(curve) - 1) | (not inside[1]))
     if settings.least_points <= kept.sum():
         points = points[kept]
@@ -600,12 +600,12 @@ def _holders(
         line = curve[order]
         tangent = line[-1] - line[-max(2, min(len(line), int(2.0 * width)))]
         tangent = tangent / max(np.hypot(*tangent), 1e-9)
-        aside = np.array([-tangent[1], tangent[0]])
+        across_axis = np.array([-tangent[1], tangent[0]])
         along = np.linspace(0.8, 2.0, 7)[:, None] * width
         places = line[-1] + along * tangent
         colours = []
         for across in (np.linspace(-0.35, 0.35, 5), np.linspace(-1.6, -0.9, 5), np.linspace(0.9, 1.6, 5)):
-            at = (places[:, None] + across[:, None] * width * aside).reshape(-1, 2)
+            at = (places[:, None] + across[:, None] * width * across_axis).reshape(-1, 2)
             at = at[np.all((at >= 0) & (at <= size), axis=1)].round().astype(int)
             colours.append(np.median(planes[:, at[:, 1], at[:, 0]], axis=1) if len(at) > 5 else None)
         beyond, left, right = colours
@@ -764,7 +764,7 @@ def _robust(points: np.ndarray, scale: float, width: float, beyond: float) -> tu
             pieces = [*pieces, piece] if last else [piece, *pieces]
         trusted = np.pad(weights, len(on), constant_values=0.3)
         curve = _smooth(np.concatenate(pieces), trusted, scale)
-        misses = beside(curve, points)[1]
+        misses = offsets_from(curve, points)[1]
         off = misses / max(mad_std(misses), 0.02)
         # what is far off is something else's
         weights = huber_weights(off) if round_ < 2 else np.maximum(1.0 - (off / 5.0) ** 2, 0.0) ** 2 + 1e-3

@@ -13,7 +13,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.special import fdtrc
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.polyline import arc_lengths, beside, normals
+from vbaa_calib.core.polyline import arc_lengths, normals, offsets_from
 
 from .centreline import RodLine
 from .settings import RodSettings
@@ -79,7 +79,7 @@ class _PhotoView:
         effect = np.where(self.middles_m < s[:, None], effect, 0.0)
         turn = np.einsum("ni,ni->n", tangent, place - self.curve_m[0])
         free = np.column_stack([normal, turn])
-        return beside(self.curve_m, points)[1] + effect @ (np.diff(angle) / step), effect, free, s / along[-1]
+        return offsets_from(self.curve_m, points)[1] + effect @ (np.diff(angle) / step), effect, free, s / along[-1]
 
 
 def _linear_law(views: Sequence[_PhotoView], straight: bool = False) -> list[np.ndarray]:

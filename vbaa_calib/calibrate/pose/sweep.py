@@ -440,11 +440,11 @@ def _refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
     if (spans < PoseSettings.least_turn_rad).all():
         raise InputError("neither joint moved in the pictures of the sweep", remedy=_CROSS)
     if (spans < PoseSettings.least_turn_rad).any():
-        moved, still = ("tilt", "pan") if spans[0] < spans[1] else ("pan", "tilt")
+        moved, fixed = ("tilt", "pan") if spans[0] < spans[1] else ("pan", "tilt")
         raise InputError(
             f"only the {moved} moved in the sweep: the camera's turn about the {moved} axis and its place along it "
             "stay open",
-            remedy=f"add pictures with the {still} turned by 0.1 rad and more",
+            remedy=f"add pictures with the {fixed} turned by 0.1 rad and more",
         )
 
 
@@ -537,15 +537,15 @@ def _left_out_reason(problem: _SweepProblem, state: _SweepState, index: int, err
 
 def _with_axes_prior(problem: _SweepProblem, free: _SweepFit, used: np.ndarray, kinematics: Kinematics) -> _SweepFit:
     """The fit with a prior on the axes about the stated ones, unless the data contradict it."""
-    given = np.array([kinematics.axis_skew_rad, kinematics.axis_offset_m])
-    off = given - [free.state.axis_skew_rad, free.state.axis_offset_m]
+    nominal = np.array([kinematics.axis_skew_rad, kinematics.axis_offset_m])
+    off = nominal - [free.state.axis_skew_rad, free.state.axis_offset_m]
     spread = free.covariance[_AXES, _AXES] + np.diag(
         np.square([PoseSettings.axis_skew_std_rad, PoseSettings.axis_offset_std_m])
     )
     if chi_square_p(chi_square(off, spread), 2) < PoseSettings.axes_contradicted:
         return free
     gain = free.covariance[:, _AXES] @ np.linalg.inv(spread)
-    skew, offset = given - off + (gain @ off)[_AXES]
+    skew, offset = nominal - off + (gain @ off)[_AXES]
     fixed = _SweepProblem.of(problem.camera, problem.corners, axes=False).fit(
         replace(free.state, axis_skew_rad=skew, axis_offset_m=offset), used
     )

@@ -320,7 +320,7 @@ def _one_size(paths: Sequence[Path], sizes: Sequence[tuple[int, int]]) -> tuple[
     other = [(path, size) for path, size in zip(paths, sizes, strict=True) if size != usual]
     if not other:
         return usual
-    few = len(sizes) >= DetectionSettings.fewest and len(other) <= max(DetectionSettings.odd_sizes * len(sizes), 1)
+    few = len(sizes) >= DetectionSettings.fewest and len(other) <= max(DetectionSettings.other_sizes * len(sizes), 1)
     if not few:
         remedy = "calibrate from pictures of one camera at one resolution"
         first = Path(paths[sizes.index(usual)]).name

@@ -35,8 +35,8 @@ Detect = Callable[[np.ndarray, Board], tuple[np.ndarray, np.ndarray]]
 
 def _families() -> dict[str, tuple[int, ...]]:
     """Marker dictionaries that contain all others, with the widths of the black borders that they are printed with."""
-    held = [name for name in DICTIONARIES if name.rpartition("_")[2] not in map(str, DICTIONARY_SIZES[:-1])]
-    return {name: (1, 2) if "APRILTAG_36" in name else (1,) for name in held}
+    wide = [name for name in DICTIONARIES if name.rpartition("_")[2] not in map(str, DICTIONARY_SIZES[:-1])]
+    return {name: (1, 2) if "APRILTAG_36" in name else (1,) for name in wide}
 
 
 @dataclass(frozen=True, eq=False)

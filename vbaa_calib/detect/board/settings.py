@@ -28,7 +28,7 @@ class DetectionSettings:
     rounds: int = 3  # of an AprilGrid's corners, each from where their neighbours predict them
     of_a_gap: float = 0.1  # step of an AprilGrid's corner, longest, over the room around it, where that is more
     of_a_square: float = 0.6  # room around a chessboard's corner over the distance to the next
-    odd_sizes: float = 0.15  # share of the pictures that may be of another size, and are left out
+    other_sizes: float = 0.15  # share of the pictures that may be of another size, and are left out
     fewest: int = 6  # pictures of which one may be
 
     # another spec

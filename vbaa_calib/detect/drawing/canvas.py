@@ -109,16 +109,16 @@ class Canvas:
             return
         size = min(11.0 * self.unit / self.scale, 0.5 * length)
         ahead = way / length * size
-        aside = 0.45 * np.array([-ahead[1], ahead[0]])
-        barbs = np.stack([head_px - ahead + aside, head_px, head_px - ahead - aside])
+        across = 0.45 * np.array([-ahead[1], ahead[0]])
+        barbs = np.stack([head_px - ahead + across, head_px, head_px - ahead - across])
         for ink, more in ((_BLACK, 2.0), (colour, 0.0)):
             self.line(np.stack([tail_px, head_px]), ink, thick + more)
             self.line(barbs, ink, thick + more)
 
-    def words(self, text: str, at_px: np.ndarray, colour: Colour, aside: tuple[float, float] = (9.0, -9.0)) -> None:
+    def words(self, text: str, at_px: np.ndarray, colour: Colour, offset: tuple[float, float] = (9.0, -9.0)) -> None:
         """A label with a black edge, `offset` from a point and kept inside the canvas."""
         width, height = _text_size(text, 0.5 * self.unit)
-        spot = self.at(np.asarray(at_px)) + np.array(aside) * self.unit - [width if aside[0] < 0 else 0, 0]
+        spot = self.at(np.asarray(at_px)) + np.array(offset) * self.unit - [width if offset[0] < 0 else 0, 0]
         rows, columns = self.image.shape[:2]
         spot = np.clip(spot, [3, height + 3], [max(3, columns - width - 4), max(height + 3, rows - 5)])
         for ink, edge in ((_BLACK, 2), (colour, 0)):

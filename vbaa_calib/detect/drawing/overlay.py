@@ -88,8 +88,8 @@ def corridor_mask(where: Corridor, image_size: tuple[int, int]) -> np.ndarray:
 
 def _corridor_sides(where: Corridor) -> tuple[np.ndarray, np.ndarray]:
     """(M, 2) and (M, 2): the corridor's two sides, from clamp to tip."""
-    aside = where.reach_px[:, None] * normals(where.axis_px)
-    return where.axis_px - aside, where.axis_px + aside
+    reach = where.reach_px[:, None] * normals(where.axis_px)
+    return where.axis_px - reach, where.axis_px + reach
 
 
 def draw_corridor(canvas: Canvas, where: Corridor) -> None:
@@ -140,13 +140,13 @@ def keys(line: Centreline | None, where: Corridor | None, parts: Sequence[Stretc
     low, high = DrawingSettings.sigma_range_px
     scale = sigma_colours(np.geomspace(low, high, 64))
     points = Key(f"centreline, std {low:g} to {high:g} px", mark="scale", scale=scale)
-    shown = set() if line is None or parts else set(np.asarray(line.visibility).tolist())
+    visible = set() if line is None or parts else set(np.asarray(line.visibility).tolist())
     causes = {part.cause for part in parts}
     there = (
         (line is None or len(line.points_px) > 0, points),
         *((cause in causes, Key(cause.words, colour, "dashes")) for cause, colour in _CAUSES.items()),
-        (bool(shown & {Visibility.HIDDEN, Visibility.BEYOND}), Key("hidden, or not measured", HIDDEN, "dashes")),
-        (Visibility.OUTSIDE in shown, Key("outside the picture", OUTSIDE, "dashes")),
+        (bool(visible & {Visibility.HIDDEN, Visibility.BEYOND}), Key("hidden, or not measured", HIDDEN, "dashes")),
+        (Visibility.OUTSIDE in visible, Key("outside the picture", OUTSIDE, "dashes")),
         (line is not None and len(line.other_line_px) > 0, Key("the other line", DrawingSettings.other_line)),
         (where is not None, Key("free antenna, predicted", DrawingSettings.free, "dashes")),
         (where is not None, Key("where it may be", DrawingSettings.corridor)),

@@ -39,7 +39,7 @@ class _OverBoardSettings:
     black: float = 0.08  # what black print reflects, in units of the print: a shadow hardly dims it
     edge_doubt_px: float = 0.5  # error of a pattern edge's place where the line crosses it,
     edge_reach: float = 1.5  # over so many widths of the line
-    beside: float = 2.5  # how much wider than usual the profiles are cut to look for a shadow
+    shadow_width: float = 2.5  # how much wider than usual the profiles are cut to look for a shadow
     stretches: int = 6  # along the line in which the brightness is compared
     least_white: int = 4  # white pixels of a column in a stretch
     white: float = 0.9  # reflectance from which print counts as white
@@ -275,11 +275,11 @@ def _profiles(picture: _BoardPicture, guide_px: np.ndarray, core_px: float) -> _
 
 
 def _with_flanks(
-    grey: np.ndarray, known: np.ndarray, beside: np.ndarray, across: np.ndarray, noise: np.ndarray
+    grey: np.ndarray, known: np.ndarray, near: np.ndarray, across: np.ndarray, noise: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """`known` (N, T) with NaN replaced by a straight line through the same profile's flanks, and the noise there."""
     off_board = np.isnan(known)
-    weight = (beside & off_board).astype(float)
+    weight = (near & off_board).astype(float)
     sides = [weight * (across < 0), weight * (across > 0)]
     counts = [side.sum(axis=1) for side in sides]
     left, right = ((side * grey).sum(axis=1) / np.maximum(n, 1) for side, n in zip(sides, counts, strict=True))
@@ -451,13 +451,13 @@ class _PlanePath:
 
     def points(self, s: np.ndarray) -> np.ndarray:
         """(N, 2) points of the path at coordinates s (N,), m."""
-        aside = polyval(s, self.coefficients)
-        return self.origin + s[:, None] * self.direction + aside[:, None] * self.normal
+        lateral = polyval(s, self.coefficients)
+        return self.origin + s[:, None] * self.direction + lateral[:, None] * self.normal
 
     def fitted(self, points_m: np.ndarray, weights: np.ndarray, degree: int = 2) -> _PlanePath:
         """Fits the path to points (N, 2) with weights (N,) on their squared distances."""
-        s, aside = (points_m - self.origin) @ self.direction, (points_m - self.origin) @ self.normal
-        coefficients = Polynomial.fit(s, aside, degree, w=np.sqrt(weights)).convert().coef
+        s, lateral = (points_m - self.origin) @ self.direction, (points_m - self.origin) @ self.normal
+        coefficients = Polynomial.fit(s, lateral, degree, w=np.sqrt(weights)).convert().coef
         return _PlanePath(self.origin, self.direction, coefficients, float(s.min()), float(s.max()))
 
 
@@ -630,7 +630,7 @@ class _Tracker:
         order = order[(s[order] > first) & (s[order] < last)]
         if len(order) < _OverBoardSettings.fewest_points:
             return None
-        shadow = _darkest_band(self._cut(path, 0.0, _OverBoardSettings.beside), self._core_px)
+        shadow = _darkest_band(self._cut(path, 0.0, _OverBoardSettings.shadow_width), self._core_px)
         return paint.cover, BoardLine(points[order], sigma[order], ends, self.bright, self.width_px, shadow)
 
     def _places(self, path: _PlanePath, pixels: np.ndarray) -> np.ndarray:

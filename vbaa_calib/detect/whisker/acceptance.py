@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vbaa_calib.core.polyline import arc_lengths, beside
+from vbaa_calib.core.polyline import arc_lengths, offsets_from
 
 from .centreline import Centreline, Verdict
 
@@ -118,7 +118,7 @@ def _differ(one: Centreline, other: Centreline, width_px: float) -> bool:
 
 def _mean_distance(polyline: np.ndarray, points: np.ndarray) -> float:
     """Of points (N, 2) from the nearest ones of a polyline (K, 2)."""
-    return float(np.hypot(*(points - polyline[beside(polyline, points)[0]]).T).mean())
+    return float(np.hypot(*(points - polyline[offsets_from(polyline, points)[0]]).T).mean())
 
 
 def _doubt(line: Centreline, look: Evidence) -> tuple[Verdict, str] | None:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.polyline import arc_lengths, beside, followed, normals, resample
+from vbaa_calib.core.polyline import arc_lengths, followed, normals, offsets_from, resample
 from vbaa_calib.native import core
 
 from .centreline import Centreline, Visibility
@@ -103,10 +103,12 @@ class FreeShape:
             if len(near) < 2:
                 return near
             along = along if len(near) == len(along) else near - middle
-            aside = beside(resample(along, 1.0)[0], self.focal_px * seen)[1]
+            aside = offsets_from(resample(along, 1.0)[0], self.focal_px * seen)[1]
             weight, starts = 1.0 + (aside / scale) ** 2, np.array([shape])
-        pixels, shown = self.camera.project(np.column_stack([curve, np.ones(len(curve))]))
-        return followed(pixels[: len(shown) if shown.all() else int(shown.argmin())], self.camera.image_size)
+        pixels, seen_here = self.camera.project(np.column_stack([curve, np.ones(len(curve))]))
+        return followed(
+            pixels[: len(seen_here) if seen_here.all() else int(seen_here.argmin())], self.camera.image_size
+        )
 
     def _shown(self, points_px: np.ndarray, sigma_px: np.ndarray, shape_px: float) -> tuple[np.ndarray, np.ndarray]:
         """Means of runs of points that the lens shows, (M, 2) ideal normalized, and variances (M,) with the shape's."""
@@ -142,7 +144,7 @@ class Corridor:
     def aside(self, points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where points (N, 2) lie: along the axis, and along its normals, (N,) px."""
         fine, along = resample(self.axis_px, 1.0)
-        nearest, distance = beside(fine, points_px)
+        nearest, distance = offsets_from(fine, points_px)
         return along[nearest], distance
 
     def misfit(self, points_px: np.ndarray, sigma_px: np.ndarray, enough: float = 1.0) -> float:

@@ -182,20 +182,20 @@ class AntennaFinder:
         shape that it can have: the better shaped is taken.
         """
         where, width = self.corridor, self.corridor.width_px
-        told = coloured(picture)
+        in_colour = coloured(picture)
 
         def on_grey(path: np.ndarray) -> Centreline:
             return measure_on(image, path, width, None, taper=where.taper)
 
         def judged(path: np.ndarray) -> Centreline:
             path, _ = resample(path, 1.0)
-            line = measure_in_colour(picture, path, width) if told else on_grey(path)
+            line = measure_in_colour(picture, path, width) if in_colour else on_grey(path)
             return of_antennas_shape(replace(line, odds=odds), where, True)
 
         line = judged(path_px)
         if where.shape_px is None or too_short(line.points_px):
             return line
-        if told and line.found and where.misfit(line.points_px, line.sigma_px, USUAL_MISFIT) <= USUAL_MISFIT:
+        if in_colour and line.found and where.misfit(line.points_px, line.sigma_px, USUAL_MISFIT) <= USUAL_MISFIT:
             return line
         nearest = where.nearest(line.points_px, line.sigma_px)
         return line if too_short(nearest) else better_shaped(line, judged(nearest), where)

@@ -26,7 +26,7 @@ RUN, FOREIGN, MOSTLY_FOREIGN = core.search.RUN, core.search.FOREIGN, core.search
 PARTLY_FOREIGN, LEAST_SPREAD = 1.0, (0.08, 3.0)
 """Deviations beyond which a point may show something else in part. The least deviation, relative to the brightness and
 in grey levels, since the light changes as the antenna bends."""
-SHOWN = ("ok", "ambiguous")
+VISIBLE = ("ok", "ambiguous")
 """Verdicts of lines that are seen."""
 HIDDEN_PART, AWAY = 0.15, 0.25
 """Part of its width by which a line may lie off where it shows something else in part; and part of its length for which

@@ -101,11 +101,11 @@ def why_lost(parts: Sequence[Stretch], most: int = 4) -> tuple[str, str]:
     """The longest stretches that were not seen, in order, and the remedy for the longest; empty if all were."""
     lost = sorted((part for part in parts if part.cause is not Cause.SEEN), key=lambda part: part.start - part.end)
     unsure = "not there, or " if len(lost) == len(parts) else ""
-    said = [
+    words = [
         f"{100 * part.start:.0f}–{100 * part.end:.0f} % of its length: {unsure}{_words(part)}"
         for part in sorted(lost[:most], key=lambda part: part.start)
     ]
-    return "; ".join(said), lost[0].cause.remedy if lost else ""
+    return "; ".join(words), lost[0].cause.remedy if lost else ""
 
 
 def _words(part: Stretch) -> str:

@@ -224,10 +224,10 @@ struct SeenPlane {
 };
 
 template <class T>
-void plane_of(const Lens& lens, const Plane& given, View<const Number<T>, 2> pixels, View<Number<T>, 2> points,
+void plane_of(const Lens& lens, const Plane& seen, View<const Number<T>, 2> pixels, View<Number<T>, 2> points,
               bool* valid) {
     using S = Number<T>;
-    const SeenPlane plane(given);
+    const SeenPlane plane(seen);
     in_vectors<T, 2>(pixels, [&](int begin, int some, const std::array<T, 2>& pixel) {
         Undone<T> p = undone(lens, pixel[0], pixel[1]);
         T direction[3] = {p.x, p.y, T{} + S(1)}, size2 = S(1) + p.x * p.x + p.y * p.y;
@@ -246,8 +246,8 @@ void plane_of(const Lens& lens, const Plane& given, View<const Number<T>, 2> pix
 
 // work(begin, some, place): put(row, column, values) derivatives of coordinates on a plane, by their rows d/d(sensor).
 template <class Work>
-void sliding(const Lens& lens, const Plane& given, ConstMatrix pixels, Work work) {
-    const SeenPlane plane(given);
+void sliding(const Lens& lens, const Plane& seen, ConstMatrix pixels, Work work) {
+    const SeenPlane plane(seen);
     in_vectors<Lanes, 2>(pixels, [&](int begin, int some, const std::array<Lanes, 2>& pixel) {
         Undone<Lanes> p = undone(lens, pixel[0], pixel[1]);
         const Layout<Lanes> ray = ray_of_chart(lens.fisheye, p.x, p.y);

@@ -239,12 +239,12 @@ Model model_of(bool fisheye, ConstVector parameters) {
     auto& c = model.coefficients;
     for (int i = 0; i < model.distortions; ++i) c[i] = parameters[4 + i];
     model.rational = !fisheye && (c[5] != 0.0 || c[6] != 0.0 || c[7] != 0.0);
-    bool bends = false, beside = false;
+    bool bends = false, decentred = false;
     for (int i = 0; i < 12; ++i) {
         const bool gain = fisheye || i < 2 || (i >= 4 && i < 8);
-        (gain ? bends : beside) |= c[i] != 0.0;
+        (gain ? bends : decentred) |= c[i] != 0.0;
     }
-    model.path = beside ? Path::full : bends ? Path::radial : Path::none;
+    model.path = decentred ? Path::full : bends ? Path::radial : Path::none;
     model.tilted = !fisheye && model.distortions == 14;
     const double sx = std::sin(c[12]), cx = std::cos(c[12]), sy = std::sin(c[13]), cy = std::cos(c[13]);
     model.turn = {cy, sy * sx, -sy * cx, 0.0, cx, sx, sy, -cy * sx, cy * cx};

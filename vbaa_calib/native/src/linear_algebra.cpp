@@ -16,19 +16,19 @@ constexpr int SWEEPS = 12;               // of Jacobi's rotations; 4 × 4 are di
 template <int COUNT>
 void eliminate(Matrix factor, int a, int first) {
     const int wide = factor.shape[1];
-    Lanes even[COUNT], odd[COUNT];
+    Lanes first_sum[COUNT], second[COUNT];
     double* own = &factor(a, first);
-    for (int c = 0; c < COUNT; ++c) even[c] = load(own + c * LANES), odd[c] = spread(0.0);
+    for (int c = 0; c < COUNT; ++c) first_sum[c] = load(own + c * LANES), second[c] = spread(0.0);
     const double *row = factor.data + first, *part = factor.data + a;
     for (int pair = 0; pair < a / 2; ++pair, row += 2 * wide, part += 2 * wide) {
         for (int c = 0; c < COUNT; ++c) {
-            even[c] -= part[0] * load(row + c * LANES);
-            odd[c] -= part[wide] * load(row + wide + c * LANES);
+            first_sum[c] -= part[0] * load(row + c * LANES);
+            second[c] -= part[wide] * load(row + wide + c * LANES);
         }
     }
     for (int c = 0; c < COUNT; ++c) {
-        if (a % 2) even[c] -= part[0] * load(row + c * LANES);
-        store(own + c * LANES, even[c] + odd[c]);
+        if (a % 2) first_sum[c] -= part[0] * load(row + c * LANES);
+        store(own + c * LANES, first_sum[c] + second[c]);
     }
 }
 

@@ -34,12 +34,12 @@ Point side_of(const Body& body, int k) { return read<Point>(&body.sides(k, 0)); 
 Hit meet(const Body& body, const Point& start, const Point& ray) {
     Interval inside = {-INF, INF};
     int face = 0, round_sides = 0;
-    Point across = ray, aside = start;
+    Point across = ray, offset = start;
     double radius = body.object.radius_m;
     if (body.object.kind != KNIFE) {
         across = body.across.turned(ray);
-        aside = body.across.turned(start);
-        inside = quadric(dot(across, across), dot(across, aside), dot(aside, aside) - radius * radius);
+        offset = body.across.turned(start);
+        inside = quadric(dot(across, across), dot(across, offset), dot(offset, offset) - radius * radius);
         round_sides = 1;
     }
     for (int k = 0; k < body.sides.shape[0]; ++k) {
@@ -54,7 +54,7 @@ Hit meet(const Body& body, const Point& start, const Point& ray) {
         }
     }
     if (!(0.0 < inside.first && inside.first < inside.last)) return {};
-    if (face < round_sides) return {inside.first, 1.0 / radius * (aside + inside.first * across), face};
+    if (face < round_sides) return {inside.first, 1.0 / radius * (offset + inside.first * across), face};
     return {inside.first, side_of(body, face - round_sides), face};
 }
 

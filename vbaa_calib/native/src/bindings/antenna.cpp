@@ -35,8 +35,8 @@ auto curves(int rung, const InMatrix& parameters, double length_m, const InMatri
             const InVector& contact_m, const InMatrix& push_N, const InVector& friction_rad) {
     check_rung(rung);
     const antenna::Taper taper = read_taper(view(pieces));
-    auto given = presses(parameters, length_m, taper, gravity_m_s2, contact_m, push_N, friction_rad, false);
-    return bent(rung, antenna::sweeps_of(rung), given);
+    auto pushed = presses(parameters, length_m, taper, gravity_m_s2, contact_m, push_N, friction_rad, false);
+    return bent(rung, antenna::sweeps_of(rung), pushed);
 }
 
 auto bend(bool dead, int sweeps, const InMatrix& parameters, double length_m, const InMatrix& pieces,
@@ -44,8 +44,8 @@ auto bend(bool dead, int sweeps, const InMatrix& parameters, double length_m, co
           const InVector& friction_rad) {
     require(0 <= sweeps && sweeps <= MOST_SWEEPS, "there are 0 to 100 sweeps");
     const antenna::Taper taper = read_taper(view(pieces));
-    auto given = presses(parameters, length_m, taper, gravity_m_s2, contact_m, push_N, friction_rad, dead);
-    return bent(antenna::ROD, sweeps, given);
+    auto pushed = presses(parameters, length_m, taper, gravity_m_s2, contact_m, push_N, friction_rad, dead);
+    return bent(antenna::ROD, sweeps, pushed);
 }
 
 void bend_lanes(int rung, const InMatrix& parameters, double length_m, const InMatrix& pieces,

@@ -96,13 +96,13 @@ CrossSection end_section(const Ribbon& ribbon, const Flags& kept, int reach_px) 
     const Table shades = shade_table(ribbon.width_px, ribbon.blur_px, reach_px);
     CrossSection section = {Table(shades.shape[0], 1), Table(shades.shape[0], 1), {}};
     for (int r = 0; r < shades.shape[0]; ++r) {
-        const auto shown = [&](ShadeKind kind) {
+        const auto channel_sum = [&](ShadeKind kind) {
             const double* const of = &shades(r, kind * LANES);
             double sum = mean[0] * ((kind == VALUE ? 1.0 : 0.0) - of[0] - of[1]);
             for (int k = 1; k < SHADES; ++k) sum += mean[k] * of[shade_column(k)];
             return sum / std::sqrt(height);
         };
-        section.values(r, 0) = shown(VALUE), section.slopes(r, 0) = shown(BY_DISTANCE);
+        section.values(r, 0) = channel_sum(VALUE), section.slopes(r, 0) = channel_sum(BY_DISTANCE);
     }
     return section;
 }

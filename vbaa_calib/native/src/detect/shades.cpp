@@ -63,11 +63,11 @@ Table shade_table(double width_px, double blur_px, int reach_px) {
             const double off = (across - half * on.across[q]) / std;
             if (!(std::abs(off) < FAR_STD)) continue;
             const double bell = height * half * on.weight[q] * std::exp(-0.5 * off * off);
-            const Lanes shown = Lanes(bell) * load(on.shades.row(q).data);
-            sums[VALUE] += shown;
-            sums[BY_DISTANCE] += Lanes(-off / std) * shown;
-            sums[BY_WIDTH] += Lanes(1.0 + half * on.across[q] * off / std) * shown;
-            sums[BY_BLUR] += Lanes((off * off - 1.0) * softer) * shown;
+            const Lanes weighted = Lanes(bell) * load(on.shades.row(q).data);
+            sums[VALUE] += weighted;
+            sums[BY_DISTANCE] += Lanes(-off / std) * weighted;
+            sums[BY_WIDTH] += Lanes(1.0 + half * on.across[q] * off / std) * weighted;
+            sums[BY_BLUR] += Lanes((off * off - 1.0) * softer) * weighted;
         }
         for (int kind = 0; kind < KINDS; ++kind)
             for (int k = 1; k < SHADES; ++k) own[kind * LANES + shade_column(k)] = sums[kind][k];

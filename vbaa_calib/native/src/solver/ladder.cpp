@@ -258,8 +258,8 @@ void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model
     findings.rung = findings.needed = rung;
     std::fill_n(findings.bias, REFERENCE + 1, NOT_KNOWN);
     const double left = left_over(search, findings.other.unknowns);
-    const bool given_up = std::isfinite(left);
-    if (given_up) {
+    const bool ended = std::isfinite(left);
+    if (ended) {
         work.best.unknowns = findings.other.unknowns;
         findings.other.cost = NEVER;
         coarse_minimum(rig, frame, rung, work.best, work, false, MOST_SCATTER, 0);
@@ -270,7 +270,7 @@ void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model
     const Fit& problem = with_right_shapes(search, rung);
     judge_rungs(search, model, problem, found, findings);
     findings.evidence = NOT_KNOWN;
-    if (!given_up) {
+    if (!ended) {
         const double distance_std = std::sqrt(found.covariance[0][0]);
         findings.second = second_force(rig, frame, rung, work.best, problem, distance_std, work);
         findings.evidence = contact_evidence(rig, rung, work.best, problem, work);
