@@ -63,11 +63,14 @@ def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = No
     rig_arrays = RigArrays.from_rig(
         rig, table.assumed_friction_rad if friction_rad is None else friction_rad, drift=False
     )
-    rows = np.flatnonzero(table.located & np.isfinite(pan + tilt + table.distance_std_m))
+    usable = table.located & np.isfinite(pan + tilt + table.distance_std_m)
+    # of an antenna touched twice all errors count as the contact's own
+    paired = table.paired
+    rows = np.flatnonzero(usable & ~paired)
     chunks = (rows[begin : begin + ContactSettings.chunk] for begin in range(0, len(rows), ContactSettings.chunk))
     parts = [_moved(rig_arrays, table, row, pan[row], tilt[row]) for row in chunks]
     size = parts[0].shape[-1] if parts else 1
-    moved = np.full((len(table), 9, size), np.nan)
+    moved = np.where((usable & paired)[:, None, None], np.zeros((1, 9, size)), np.nan)
     if parts:
         moved[rows] = np.concatenate(parts)
     point, force, tangent = np.split(moved, 3, axis=1)

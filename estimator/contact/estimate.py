@@ -87,6 +87,7 @@ class ContactEstimator:
         self._rig_arrays = RigArrays.from_rig(rig, self.friction_rad)
         self._rung = RUNGS[-1] if model == "auto" else model
         self._then: tuple[LearntRig, float, ContactEstimator] | None = None
+        self._learnt: ContactEstimator | None = None
 
     @cached_property
     def cameras(self) -> dict[str, Self]:
@@ -158,6 +159,18 @@ class ContactEstimator:
         if not unexplained(contacts.numbers)[0]:
             return [one]
         return both_contacts(one, contacts.numbers.unknowns[0], self._rig_arrays, batch)
+
+    def measure_two(self, measured: Measured) -> list[Contact]:
+        """Both contacts of a frame that was checked already, as `estimate_two` gives them, by the rig as the last
+        recording's free frames have it. The antenna must be uniform."""
+        if self._learnt is None or self._learnt.drift is not self.drift:
+            self._learnt = self._with(self.drift)
+        now = self._learnt
+        batch = Batch.of(now.rig, [measured])
+        (one,) = contacts = now._contacts(batch)
+        if contacts.numbers.points[0] < ContactSettings.fewest_points or not unexplained(contacts.numbers)[0]:
+            return [one]
+        return both_contacts(one, contacts.numbers.unknowns[0], now._rig_arrays, batch)
 
     def _checked(self, **data: Any) -> Batch:
         """What `estimate_batch` takes, checked. Raises InputError."""

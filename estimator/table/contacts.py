@@ -282,6 +282,35 @@ class ContactTable(_Columns[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Row
         return bool(np.isfinite(self.clamp_angle_rad).any())
 
     @property
+    def paired(self) -> np.ndarray:
+        """(B,) bool: the row is one of several contacts of its frame."""
+        return np.isin(self.frame, self.frame[self.contact > 0])
+
+    def without_pairs(self) -> ContactTable:
+        """One row a frame: where there were several contacts, one that says so, without numbers."""
+        if not (paired := self.paired).any():
+            return self
+        reason = "shows several contacts, which are not used here"
+        rows = [
+            ContactRow(
+                frame=row.frame,
+                time_s=row.time_s,
+                status="failed",
+                in_contact=True,
+                model=row.model,
+                reason=reason,
+                pan_rad=row.pan_rad,
+                tilt_rad=row.tilt_rad,
+                friction_prior_rad=row.friction_prior_rad,
+            )
+            if pair
+            else row
+            for row, pair in zip(self.rows(), paired, strict=True)
+            if row.contact == 0
+        ]
+        return ContactTable.from_rows(rows)
+
+    @property
     def located(self) -> np.ndarray:
         """(B,) bool: the contact point of this frame may be used."""
         return np.isin(self.status, LOCATED)

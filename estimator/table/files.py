@@ -132,13 +132,14 @@ def _quoted(text: str) -> str:
 def read_contacts(path: Path, several: bool = False, antenna: str | None = None) -> ContactTable:
     """Read contacts from a CSV, or from a Parquet file by its suffix.
 
-    several : whether a frame may have several contacts, one row each, with numbers of their own in the column contact.
+    several : whether a frame may have several contacts, one row each, with numbers of their own in the column contact;
+        else such a frame is one row without contact (`ContactTable.without_pairs`).
     antenna : the one to take of a table of several antennas.
 
     Raises
     ------
-    InputError : a missing file, column or number, an unknown status, a duplicate frame or a frame's second contact,
-        times that run backwards, a matrix that is no covariance; with file, line and remedy.
+    InputError : a missing file, column or number, an unknown status, a duplicate frame, times that run backwards, a
+        matrix that is no covariance; with file, line and remedy.
     """
     path = Path(path)
     if path.suffix != _PARQUET and antenna is None and (quick := _plain_table(path)) is not None:
@@ -155,12 +156,6 @@ def read_contacts(path: Path, several: bool = False, antenna: str | None = None)
         if antenna is not None and row.antenna != antenna:
             continue
         key = row.frame, row.contact, row.antenna
-        if row.contact and not several:
-            raise InputError(
-                f"is contact {row.contact} of frame {row.frame}: only one contact of a frame is supported here",
-                where=where,
-                remedy="keep the rows whose contact is 0",
-            )
         if key in lines:
             what = f"frame {row.frame} stands already in line {lines[key]}"
             raise InputError(what, where=where, remedy="keep one of them, or number them in the column contact")
@@ -180,7 +175,11 @@ def read_contacts(path: Path, several: bool = False, antenna: str | None = None)
         raise InputError(f"has no antenna {antenna}", where=path, remedy=f"there are {', '.join(filter(None, names))}")
     if not parts:
         raise InputError("has no rows", where=path, remedy="one for every frame is needed")
-    return ContactTable.joined(parts)
+    table = ContactTable.joined(parts)
+    if (alone := ~np.isin(table.frame, table.frame[table.contact == 0])).any():
+        what = f"frame {int(table.frame[alone][0])} has a further contact, but none that is 0"
+        raise InputError(what, where=path, remedy="number a frame's contacts from 0 in the column contact")
+    return table if several else table.without_pairs()
 
 
 def _plain_table(path: Path) -> ContactTable | None:

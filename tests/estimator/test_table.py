@@ -111,8 +111,12 @@ def test_a_frame_may_have_several_contacts_where_they_are_asked_for(rows: list[C
     path = tmp_path / "contacts.csv"
     write_contacts(path, [rows[0], replace(rows[0], contact=1)])
     assert read_contacts(path, several=True).contact.tolist() == [0, 1]
-    with pytest.raises(InputError, match="line 3: is contact 1 of frame"):
-        read_contacts(path)
+    alone = read_contacts(path)
+    assert (len(alone), alone.status[0], bool(alone.located.any())) == (1, "failed", False)
+    assert "several contacts" in alone.reason[0]
+    write_contacts(path, [replace(rows[0], contact=1)], force=True)
+    with pytest.raises(InputError, match="none that is 0"):
+        read_contacts(path, several=True)
     write_contacts(path, [replace(rows[0], contact=1)] * 2, force=True)
     with pytest.raises(InputError, match="stands already in line 2"):
         read_contacts(path, several=True)

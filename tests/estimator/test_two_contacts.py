@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +15,11 @@ from scipy.optimize import fsolve
 from benchmarks.estimator.scenes import gravity, random_scenes, seen
 from benchmarks.estimator.setup import ACROSS, LENGTH_M, SIGMA_PX, Setup, drawn_truth
 from estimator import ContactEstimator
+from estimator.contact.common_errors import shared_errors
 from estimator.table.contacts import Contact
+from estimator.table.files import read_contacts
 from vbaa_calib.antenna.rod import Rod
+from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
@@ -147,3 +151,31 @@ def test_a_cone_is_refused() -> None:
     estimator = ContactEstimator(Setup(tip=0.5).rig())
     with pytest.raises(InputError, match="uniform"):
         estimator.estimate_two(np.zeros((9, 2)), moment=0.0, pan=0.0, tilt=0.0)
+
+
+def test_pairs_are_rows_of_the_table(tmp_path: Path) -> None:
+    """Of `vbaa estimate --two`; a surface takes both, a verb for single contacts neither."""
+    rig, rng = Setup("brown", swing_m=0.1, real=True).rig(), np.random.default_rng(3)
+    rig.save(tmp_path / "rig.json")
+    lines, readings, truth = ["frame,u_px,v_px,sigma_px"], ["frame,time_s,moment_Nm,pan_rad,tilt_rad"], {}
+    for number in range(3):
+        pixels, moment, distances, forces = frame(rig, rng, lambda: 0.0)
+        truth[number] = distances, forces
+        lines += [f"{number},{u:.4f},{v:.4f},{SIGMA_PX}" for u, v in pixels["camera"]]
+        readings.append(f"{number},{number},{moment:.9g},0,0")
+    for name, text in (("lines", lines), ("readings", readings)):
+        (tmp_path / f"{name}.csv").write_text("\n".join(text) + "\n")
+    out, call = tmp_path / "contacts.csv", ["estimate", "--no-report", "--force", "--rig", str(tmp_path / "rig.json")]
+    call += ["--centrelines", str(tmp_path / "lines.csv"), "--readings", str(tmp_path / "readings.csv"), "-o", str(out)]
+    assert main(call) == 0
+    assert "failed" in read_contacts(out).status
+    assert main([*call, "--two"]) == 0
+    table = read_contacts(out, several=True)
+    assert table.paired.sum() >= 4
+    for row in table.picked(table.paired).rows():
+        distances, _ = truth[row.frame]
+        assert abs(row.distance_m - distances[row.contact]) < 4.0 * row.distance_std_m
+    assert read_contacts(out).frame.tolist() == [0, 1, 2]
+    assert not read_contacts(out).located[np.isin([0, 1, 2], table.frame[table.paired])].any()
+    shared = shared_errors(rig, table)
+    assert np.isfinite(shared.point_m[table.located]).all()

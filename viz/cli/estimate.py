@@ -92,6 +92,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, help="contacts.csv to write, or contacts.parquet")
     add_estimator_options(parser)
     parser.add_argument(
+        "--two",
+        action="store_true",
+        help="search frames that no single contact explains for two, half a second each: both are rows, by the column "
+        "contact",
+    )
+    parser.add_argument(
         "--jobs", type=int, metavar="N", help="threads over the frames (default: the processor's cores)"
     )
     parser.add_argument(
@@ -179,11 +185,14 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
         say(f"background: {frames.words}")
     watch, verdict = None if frames.antennas else RecordingWatch(estimator.rig), RecordingVerdict()
     overview = Overview(estimator.rig.columns)
-    models, std_m = Counter[str](), array("d")
+    models, std_m, frame_of, pairs = Counter[str](), array("d"), array("q"), 0
+    if args.two and (rig.antenna.taper or frames.antennas):
+        what = "--two needs a uniform antenna with a clamp that does not move"
+        raise InputError(what, where=args.rig, remedy="leave it out: one contact at a time")
 
     def rows() -> Iterator[ContactRow]:
         """Of every frame, each drawn into the overlay folder on its way where one is asked for."""
-        nonlocal verdict
+        nonlocal verdict, pairs
         found = progress(frames.items, "contacts", frames.count)
         remarks = list[str]()
         with ExitStack() as stack:
@@ -192,29 +201,35 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
 
                 found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force, remarks))
             for item in found:
+                both = [item.contact]
+                if args.two and item.contact.status == "failed":
+                    both = estimator.measure_two(item.measured)
+                    both = both if len(both) > 1 else [item.contact]
+                    pairs += len(both) > 1
                 if watch is not None:
                     watch.push(item.measured, item.contact)
                 for image in (item.frame.image, *item.frame.others.values()):
                     if image is not None and image.parent == args.unpacked:
                         image.unlink()
-                row = ContactRow.of(item.frame, item.contact)
+                row = ContactRow.of(item.frame, both[0])
                 if item.clamp is not None:
                     place, angle = item.clamp[:3], float(item.clamp[3])
                     row = replace(row, antenna=item.antenna, clamp_world_m=place, clamp_angle_rad=angle)
                 overview.add_readings(item.frame, item.measured, item.contact)
                 overview.add_result(row.frame, row.status, row.reason)
                 models[row.model] += 1
-                std_m.append(row.distance_std_m)
-                yield row
+                for contact, one in enumerate([row, *(ContactRow.of(item.frame, each) for each in both[1:])]):
+                    std_m.append(one.distance_std_m)
+                    frame_of.append(overview.frames - 1)
+                    yield replace(one, contact=contact)
             if watch is not None:
                 verdict = with_unused(watch.verdict(), overview.unused, overview.frames)
             remarks += verdict.verdict.lines
 
     write_contacts(args.output, rows(), args.force)
-    changed = partial(changed_row, verdict)
     if verdict.concerns_any:
-        rewrite_contacts(args.output, changed)
-        overview.amend(changed)
+        rewrite_contacts(args.output, lambda row, *which: changed_row(verdict, frame_of[row], *which))
+        overview.amend(partial(changed_row, verdict))
     for words in verdict.verdict.lines:
         say(words)
     for note in (*frames.notes(), *overview.outside_in_words(rig.camera.image_size)):
@@ -222,7 +237,9 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
     numbers = overview.numbers()
     for words in overview_in_words(numbers):
         say(words)
-    known = [std for row, std in enumerate(std_m) if math.isfinite(std) and not verdict.concerns(row)]
+    if args.two:
+        say(f"two contacts in {pairs} frames: a row each, contact 0 and 1")
+    known = [std for row, std in enumerate(std_m) if math.isfinite(std) and not verdict.concerns(frame_of[row])]
     located = float(np.median(known)) if known else None
     if located is not None:
         say(f"contact distance known to {1e3 * located:.2f} mm (median standard deviation)")
@@ -239,6 +256,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
         "verdict": verdict.verdict.to_dict(),
         **numbers,
         "models": dict(models),
+        "pairs": pairs,
         "distance_std_median_m": located,
         "drift": drift,
         "background": frames.words or None,

@@ -29,7 +29,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     from viz.files.object_file import SUFFIXES, write_object
 
     refuse_output(args.output, SUFFIXES, args.force, (args.contacts, args.rig))
-    table = read_contacts(args.contacts, antenna=args.antenna)
+    table = read_contacts(args.contacts, several=True, antenna=args.antenna)
     if not table.located.any():
         raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
     rig, shared = None, None
