@@ -177,17 +177,27 @@ def _same_paths_m_s2(rig: Rig) -> float:
 
 
 def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]) -> list[Detection]:
-    """The antenna of each picture measured along the shape that the first look led to, which is where the fit begins.
+    """The antenna of each picture, measured once more along the shape that the first look led to unless that was sure.
 
-    A line that was seen in part, or twice, is no antenna to be fitted, and is not measured again.
+    A line that was seen in part, or twice, is no antenna to be fitted, and is not measured again. One seen from the
+    clamp to its tip is where it would be measured again.
     """
     rig = estimator.rig
-    firsts = [measured(rig, each.frame, each.line if each.line.found else NOTHING) for each in glances]
-    shapes = estimator.rough(firsts)
-    return [
-        Detection(each.line, first) if rough is None else _along(rig, each, rough)
-        for each, first, rough in zip(glances, firsts, shapes, strict=True)
+    found = [
+        Detection(each.line, measured(rig, each.frame, each.line if each.line.found else NOTHING)) for each in glances
     ]
+    unsure = [index for index, each in enumerate(glances) if each.line.found and not _sure(each)]
+    shapes = estimator.rough([found[index].measured for index in unsure]) if unsure else []
+    for index, rough in zip(unsure, shapes, strict=True):
+        if rough is not None:
+            found[index] = _along(rig, glances[index], rough)
+    return found
+
+
+def _sure(glance: _FirstDetection) -> bool:
+    """Whether a line of one polarity was seen from the clamp to its tip."""
+    line = glance.line
+    return glance.bright is not None and line.end == "tip" and line.seen >= ContactSettings.sure_detection
 
 
 def _along(rig: Rig, glance: _FirstDetection, rough: RoughFit) -> Detection:

@@ -17,7 +17,7 @@ from .contrast import coloured
 from .corridor import USUAL_MISFIT, Corridor, better_shaped, less_sure, of_antennas_shape
 from .crossings import too_short
 from .path_refinement import refine_path
-from .profile import measure, measure_in_colour, measure_on
+from .profile import measure, measure_in_colour, measure_on, to_its_end
 from .settings import SearchSettings
 
 _OTHER_PATH_SHARE = 0.75
@@ -204,6 +204,7 @@ class AntennaFinder:
         width, lines = self.corridor.width_px, []
         for rough in self.candidates(image, bright, blurred_px):
             path = self.path(image, rough, bright, blurred_px)
+            path = path if blurred_px or too_short(path) else to_its_end(image, path, width, bright)
             line = measure_on(image, path, width, bright, blurred_px, self.corridor.taper)
             lines.append(of_antennas_shape(line, self.corridor, False))
         return reject_faint(best_of(lines, width, OTHER_LINE_SEEN), self.usual_height)

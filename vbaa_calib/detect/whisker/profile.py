@@ -60,7 +60,7 @@ def measure_on(
     taper: float = 0.0,
 ) -> Centreline:
     """As `measure`, along a path (K, 2) on the antenna; blurred_px : by how much broader the line may be."""
-    half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
+    half = _half(width_px + blurred_px)
     path_px = np.ascontiguousarray(path_px, np.float64)
     if bright is None:
         path_px, half = core.profile.stiffened(path_px), int(np.ceil(0.5 * width_px + _MARGIN_PX))
@@ -70,6 +70,19 @@ def measure_on(
         wider = _measured(image, path_px, width_px, half, bright, taper)
         return wider if len(wider.points_px) >= len(line.points_px) else line
     return line
+
+
+def to_its_end(image: np.ndarray, path_px: np.ndarray, width_px: float, bright: bool) -> np.ndarray:
+    """(M, 2) a path (K, 2) on the antenna, and on along the line as far as that goes on beyond its end."""
+    half, width_px = _half(width_px), round(float(width_px), 2)
+    shapes = _shapes(width_px, _ORDINARY_BLUR_PX, half + 2)
+    longer: np.ndarray = core.profile.to_its_end(np.ascontiguousarray(image), path_px, half, _POLARITY[bright], shapes)
+    return longer
+
+
+def _half(width_px: float) -> int:
+    """Pixels of a profile to either side of a line so wide."""
+    return int(np.ceil(0.8 * width_px + 5.0))
 
 
 def _measured(

@@ -51,6 +51,15 @@ nb::object measured(const InPicture& image, const InMatrix& path_px, double widt
     return found ? answer(std::move(*found)) : nb::none();
 }
 
+auto to_its_end(const InPicture& image, const InMatrix& path_px, int half, int polarity, const detect::Shapes& shapes) {
+    require(image.ndim() == 2 && path_px.shape(1) == 2 && path_px.shape(0) > 1, "a path (K, 2) is in a picture (H, W)");
+    require(half > 1 && shapes.reach_px == half + 2, "shapes reach two pixels farther than profiles");
+    const auto taken = picture(image);
+    return to_numpy(unlocked([&] {
+        return detect::to_its_end(taken, view(path_px), {shapes.ordinary, half, 0.0, polarity < 0 ? -1.0 : 1.0});
+    }));
+}
+
 nb::object measured_ribbon(const InPicture& image, const InMatrix& path_px, double width_px, double blur_px, int half,
                            nb::handle settings) {
     require_pixels(width_px, blur_px, half);
@@ -99,6 +108,7 @@ void bind_profile(nb::module_& module) {
         require(path_px.shape(1) == 2 && path_px.shape(0) > 0, "a path is an array (K, 2), not empty");
         return to_numpy(unlocked([&] { return detect::stiffened(view(path_px)); }));
     });
+    room.def("to_its_end", to_its_end);
     room.def("measured", measured);
     room.def("measured_ribbon", measured_ribbon);
     room.def("shades", [](double width_px, double blur_px, int reach_px) {

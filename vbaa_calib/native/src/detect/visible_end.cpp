@@ -22,6 +22,7 @@ constexpr double DISTURBED = 1.8;     // profiles with residuals of so many time
 constexpr double BROAD = 1.25;        // a height that rises by this factor towards the end is a ball, a sheath, a kink
 constexpr double EDGE = 0.2;          // part of the line's height by which its background may change where it ends
 constexpr double MOST_LONGER = 0.15;  // part by which a line may go on beyond its path; then something else begins
+constexpr int BLURRED_PX = 2;         // before a line's end in which it is no line, but its blurred tip
 constexpr int AT_LEAST_ON = 12;       // profiles beyond the path's end that show a line that is longer than its path
 constexpr double MOST_STD_PX = 1.5, MOST_RMS = 0.2;  // of a step that is to be trusted
 constexpr int ROUNDS = 12;
@@ -240,7 +241,42 @@ End end_or_longer(const Crossings& found, const Look& look, const Continued& ahe
 
 double length(ConstMatrix path_px) { return arc_lengths(path_px)[path_px.shape[0] - 1]; }
 
+// A path's first rows, then others.
+Table appended(const Table& path_px, int rows, const Table& others) {
+    Table whole(Unset{}, rows + others.shape[0], 2);
+    std::copy(path_px.begin(), path_px.begin() + 2 * rows, whole.begin());
+    std::copy(others.begin(), others.end(), whole.begin() + 2 * rows);
+    return whole;
+}
+
 }  // namespace
+
+Table to_its_end(const Picture& picture, ConstMatrix path_px, const Look& look) {
+    Table path = resample(path_px, 1.0).points;
+    const Table own = path;
+    const double farthest_px = (1.0 + MOST_LONGER) * length(path);
+    while (true) {
+        const Continued ahead = continued(path, each(path.shape[0], [](int) { return true; }));
+        if (!ahead.path_px.size()) return path;
+        const Crossings found = crossings(picture, ahead.path_px, look.half, look.sign, look.channel);
+        const int all = found.along.size();
+        const double last_at = arc_lengths(ahead.path_px)[ahead.last];
+        const Fits fits = fit(look.section, found, Numbers(all));
+        const Flags known = each(all, [&](int n) { return found.inside[n] && found.along[n] < last_at - 4.0; });
+        if (count(known) < LEAST_BEFORE) return path;
+        const double least = 0.5 * median(selected(fits.height, known));
+        int first = 0;
+        while (first < all && found.along[first] <= last_at) ++first;
+        int end = first;
+        while (end < all && found.inside[end] && fits.height[end] > least) ++end;
+        const int clear = end < all ? end - BLURRED_PX : end;
+        if (!(least > 0.0) || clear <= first) return path;
+        const Flags on = each(all, [&](int n) { return n >= first && n < clear; });
+        path = appended(path, path.shape[0], selected(moved(found, fits.shift), on));
+        if (length(path) > farthest_px) return own;
+        if (end < all) return path;
+    }
+}
 
 VisibleEnd visible_end(const Picture& picture, ConstMatrix path_px, const Flags& seen, const Look& look) {
     const double farthest_px = (1.0 + MOST_LONGER) * length(path_px);
@@ -254,9 +290,7 @@ VisibleEnd visible_end(const Picture& picture, ConstMatrix path_px, const Flags&
             end_or_longer(crossings(picture, ahead.path_px, look.half, look.sign, look.channel), look, ahead);
         const int more = found.longer.shape[0], whole = last + 1 + more;
         if (!more) return found.end;
-        path.values.resize(2 * (last + 1));
-        path.values.insert(path.values.end(), found.longer.begin(), found.longer.end());
-        path.shape[0] = whole;
+        path = appended(path, last + 1, found.longer);
         visible.values.resize(whole);
         std::fill(visible.begin() + last + 1, visible.end(), true);
         visible.shape[0] = whole;

@@ -31,4 +31,9 @@ struct Look {
 // seen: (K,) where it was measured, somewhere at least.
 VisibleEnd visible_end(const Picture& picture, ConstMatrix path_px, const Flags& seen, const Look& look);
 
+// (M, 2) a path (K, 2) on the antenna in points 1 px apart, and on along the line as far as that goes on beyond its
+// end: bent towards the camera, it is longer in the picture. Unchanged where more follows than an antenna may be longer
+// by.
+Table to_its_end(const Picture& picture, ConstMatrix path_px, const Look& look);
+
 }  // namespace vbaa::detect
