@@ -18,7 +18,6 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
@@ -158,6 +157,8 @@ def solve_rod(
     if not rod.clamp_give_m:
         nodes, moment = _rigidly_clamped(rod, gravity, contact, force, guess_moment_Nm)
         return shape_of(rod, contact, nodes, moment)
+    from scipy.spatial.transform import Rotation
+
     lever, along = rod.T_antenna_clamp.translation_m, rod.T_antenna_clamp.rotation[:, 0]
     rigid, turn, guess = replace(rod, clamp_give_m=0.0), np.zeros_like(force), guess_moment_Nm
     per_moment = rod.clamp_give_m / rod.bending_stiffness_Nm2 * (np.eye(3) - np.outer(along, along))

@@ -7,13 +7,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
 
 from targets.board import BoardWithIds
 from vbaa_calib.antenna.rod import Rod, RodShape, solve_rod
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
+from vbaa_calib.native import core
 from vbaa_calib.session import READINGS
 from vbaa_calib.simulate.contact.touch import Touch, touch_strokes
 from vbaa_calib.simulate.scene.lens import Lens, normalise, project
@@ -33,8 +32,8 @@ def board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.r
         distance, tilt = rng.uniform(*spec.distance_m), rng.uniform(*spec.tilt_rad)
         # the golden angle spreads directions evenly
         around = index * (np.pi * (3.0 - np.sqrt(5.0))) + rng.uniform(-0.3, 0.3)
-        turn = Rotation.from_rotvec(tilt * np.array([np.cos(around), np.sin(around), 0.0]))
-        rotation = (turn * Rotation.from_rotvec([0.0, 0.0, rng.uniform(-0.5, 0.5)])).as_matrix()
+        turn = Pose.from_rotvec(tilt * np.array([np.cos(around), np.sin(around), 0.0]), np.zeros(3))
+        rotation = turn.rotation @ Pose.from_rotvec(np.array([0.0, 0.0, rng.uniform(-0.5, 0.5)]), np.zeros(3)).rotation
         # part of the board's half that must stay inside
         room = np.maximum(middle - 0.9 * focal * size / (2 * distance), 0.0)
         pixel = middle + room * places[index % len(places)] * rng.uniform(0.85, 1.0)
@@ -307,7 +306,7 @@ def _rolled(scene: SceneSpec, shape: RodShape, index: int, readout: float) -> np
     s, now = shape.arclength_m[index], shape.points_m[index]
     if readout == 0.0 or index + 1 == len(shape.points_m):
         return now
-    motion, points = CubicSpline(shape.arclength_m[index + 1], shape.points_m[index + 1])(s) - now, now
+    motion, points = core.simulate.spline(shape.arclength_m[index + 1], shape.points_m[index + 1], s)[0] - now, now
     # each round brings row and instant together by the factor rows over motion
     for _ in range(8):
         row = project(scene.lens, scene.T_antenna_camera.inverse() @ points)[:, 1]

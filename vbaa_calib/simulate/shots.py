@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.geometry import Pose
+from vbaa_calib.native import core
 
 from .plan import AntennaShot, BoardShot
 from .render.antenna import DepthOfObstacle, Tube, tube, tube_patch, visible_centreline
@@ -35,11 +35,16 @@ class Strand:
         nanometre."""
         if len(bounds_m) == 2:
             return [self]
-        curve = CubicSpline(self.arclength_m, self.points_m)
         parts = [np.linspace(a, b, 4 + int((b - a) / step_m)) for a, b in pairwise(bounds_m)]
-        radius = [np.interp(s, self.arclength_m, self.radius_m) for s in parts]
-        pairs = zip(parts, radius, strict=True)
-        return [replace(self, arclength_m=s, points_m=curve(s), radius_m=thick) for s, thick in pairs]
+        return [
+            replace(
+                self,
+                arclength_m=s,
+                points_m=core.simulate.spline(self.arclength_m, self.points_m, s)[0],
+                radius_m=np.interp(s, self.arclength_m, self.radius_m),
+            )
+            for s in parts
+        ]
 
     def seen(self, scene: SceneSpec, lamp_camera: np.ndarray) -> Tube:
         """In the camera's picture."""

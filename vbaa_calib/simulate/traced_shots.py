@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from vbaa_calib.geometry import Pose
+from vbaa_calib.native import core
 
 from .plan import AntennaShot, BoardShot
 from .render.board import Sheet, outline
@@ -88,7 +88,7 @@ def _antenna_tubes(scene: SceneSpec, antenna: Strand) -> Iterator[SurfacedTube]:
 
 def _while_open(shot: AntennaShot, after: AntennaShot, shutter: float) -> list[AntennaShot]:
     """The antenna at instants while the shutter is open, centred on the shot, on the way to the next frame."""
-    ahead = CubicSpline(after.arclength_m, after.points_m)(shot.arclength_m)
+    ahead, _ = core.simulate.spline(after.arclength_m, after.points_m, shot.arclength_m)
     turn = np.subtract(*(np.array([at.pan_rad, at.tilt_rad]) for at in (after.joints, shot.joints)))
     shares = shutter * ((np.arange(5) + 0.5) / 5 - 0.5)
     return [

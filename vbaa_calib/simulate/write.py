@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -30,7 +30,9 @@ from .render.picture import Studio, studio
 from .scene.lens import project
 from .scene.scene import SceneSpec
 from .shots import free_wires, obstacle_of, render_over, render_shot, seen_antenna, seen_centreline
-from .traced_shots import TracedPictures
+
+if TYPE_CHECKING:
+    from .traced_shots import TracedPictures
 
 
 def _antenna_mask(scene: SceneSpec, place: Studio, shot: AntennaShot) -> np.ndarray:
@@ -118,7 +120,11 @@ def write_session(
             what, where=f"scene {scene.name}", remedy="leave out --render and --labels, or give one camera"
         )
     place, sheet = studio(scene.lens, scene.picture, stream(scene, "bench")), print_sheet(scene.board)
-    photographer = TracedPictures(scene, place, sheet, stream(scene, "bench")) if traced else None
+    photographer = None
+    if traced:
+        from .traced_shots import TracedPictures
+
+        photographer = TracedPictures(scene, place, sheet, stream(scene, "bench"))
     take = photographer.shot if photographer else _drawn_pictures(scene, place, sheet)
     if scene.cameras:
         take = _by_camera(scene, sheet)

@@ -11,6 +11,7 @@ namespace {
 constexpr double AMBIENT = 0.45;
 // Pixels farther than this from the tube's edge, or samples so far outside of the picture, are of no account.
 constexpr double ROOM_PX = 2.5, BEYOND_PX = 50.0;
+constexpr double FARTHEST = 1e6;  // texels from the bench's middle
 
 // Of the antenna, in the picture.
 struct Sample {
@@ -23,26 +24,42 @@ double summed_shading(double u, double asymmetry) {
     return AMBIENT * u + (1.0 - AMBIENT) * round_part + asymmetry * u * u / 2;
 }
 
-// The nearest of the tube's samples (height, width), −1 where none is near.
-std::vector<int> nearest_samples(ConstMatrix curve, int width, int height) {
+// Pixels around a tube, and the nearest of its samples of each, −1 where none is near.
+struct Near {
+    int left = 0, top = 0, columns = 0, rows = 0;
+    std::vector<int> nearest;  // (rows · columns,)
+};
+
+Near nearest_samples(ConstMatrix curve, int width, int height) {
     double reach = ROOM_PX;
     for (int i = 0; i < curve.shape[0]; ++i) reach = std::max(reach, ROOM_PX + curve(i, 6));
-    std::size_t pixels = static_cast<std::size_t>(width) * height;
-    std::vector<double> distance(pixels, reach * reach);
-    std::vector<int> nearest(pixels, -1);
     // the first pixel that a sample may reach, and one past the last
     auto first = [&](double place) { return static_cast<int>(std::max(place - reach, 0.0)); };
     auto last = [&](double place, int size) {
         return static_cast<int>(std::min(std::trunc(place + reach) + 2.0, static_cast<double>(size)));
     };
+    const auto of_account = [&](int i) {
+        const double u = curve(i, 0), v = curve(i, 1);
+        return -BEYOND_PX < u && u < width + BEYOND_PX && -BEYOND_PX < v && v < height + BEYOND_PX;
+    };
+    int left = width, top = height, right = 0, bottom = 0;
     for (int i = 0; i < curve.shape[0]; ++i) {
-        double u = curve(i, 0), v = curve(i, 1);
-        if (!(-BEYOND_PX < u && u < width + BEYOND_PX && -BEYOND_PX < v && v < height + BEYOND_PX)) continue;
-        int left = first(u), right = last(u, width);
-        for (int row = first(v); row < last(v, height); ++row) {
-            double down = (row - v) * (row - v), *best = &distance[static_cast<std::size_t>(row) * width];
-            int* which = &nearest[static_cast<std::size_t>(row) * width];
-            for (int column = left; column < right; ++column) {
+        if (!of_account(i)) continue;
+        left = std::min(left, first(curve(i, 0))), right = std::max(right, last(curve(i, 0), width));
+        top = std::min(top, first(curve(i, 1))), bottom = std::max(bottom, last(curve(i, 1), height));
+    }
+    Near near = {left, top, std::max(right - left, 0), std::max(bottom - top, 0), {}};
+    const std::size_t pixels = static_cast<std::size_t>(near.columns) * near.rows;
+    std::vector<double> distance(pixels, reach * reach);
+    near.nearest.assign(pixels, -1);
+    for (int i = 0; i < curve.shape[0]; ++i) {
+        if (!of_account(i)) continue;
+        const double u = curve(i, 0) - left, v = curve(i, 1) - top;
+        const int begin = first(curve(i, 0)) - left, end = last(curve(i, 0), width) - left;
+        for (int row = first(curve(i, 1)) - top; row < last(curve(i, 1), height) - top; ++row) {
+            double down = (row - v) * (row - v), *best = &distance[static_cast<std::size_t>(row) * near.columns];
+            int* which = &near.nearest[static_cast<std::size_t>(row) * near.columns];
+            for (int column = begin; column < end; ++column) {
                 double square = (column - u) * (column - u) + down;
                 bool nearer = square < best[column];
                 best[column] = nearer ? square : best[column];
@@ -50,7 +67,78 @@ std::vector<int> nearest_samples(ConstMatrix curve, int width, int height) {
             }
         }
     }
-    return nearest;
+    return near;
+}
+
+// The pixel that stands for one beyond the border: the border's own first.
+int mirrored(int place, int size) {
+    if (place >= 0 && place < size) return place;
+    const int within = (place % (2 * size) + 2 * size) % (2 * size);
+    return within < size ? within : 2 * size - 1 - within;
+}
+
+// The same, where the border's own is not repeated.
+int reflected(int place, int size) {
+    while (size > 1 && (place < 0 || place >= size)) place = place < 0 ? -place : 2 * (size - 1) - place;
+    return size > 1 ? place : 0;
+}
+
+double square(double value) { return value * value; }
+
+// Weights of the sub-pixels from `reach` before a pixel's first one on: a Gaussian, and the mean over the pixel.
+struct Blur {
+    int reach = 0;
+    std::vector<float> weight;
+
+    Blur(double sigma, int factor) {
+        std::vector<double> bell = {1.0};
+        if (sigma > 0.0) {
+            reach = (static_cast<int>(std::rint(8.0 * sigma + 1.0)) | 1) / 2;
+            bell.clear();
+            double whole = 0.0;
+            for (int k = -reach; k <= reach; ++k) whole += bell.emplace_back(std::exp(-0.5 * square(k / sigma)));
+            for (double& each : bell) each /= whole;
+        }
+        std::vector<double> sums(bell.size() + factor - 1);
+        for (std::size_t k = 0; k < bell.size(); ++k)
+            for (int i = 0; i < factor; ++i) sums[k + i] += bell[k] / factor;
+        weight.assign(sums.begin(), sums.end());
+    }
+};
+
+// Bits that look like chance, of any number: C. Wellons' triple32.
+std::uint32_t hashed(std::uint32_t x) {
+    x ^= x >> 17U;
+    x *= 0xed5ad4bbU;
+    x ^= x >> 11U;
+    x *= 0xac4c1b51U;
+    x ^= x >> 15U;
+    x *= 0x31848babU;
+    x ^= x >> 14U;
+    return x;
+}
+
+constexpr int NORMAL_NUMBERS = 4096;
+
+// Normal numbers at equal steps of probability: the sum of two of them has the variance 1, and is normal as far as five
+// deviations.
+std::vector<float> normal_numbers() {
+    std::vector<double> found(NORMAL_NUMBERS);
+    double power = 0.0;
+    for (int k = 0; k < NORMAL_NUMBERS; ++k) {
+        const double share = (k + 0.5) / NORMAL_NUMBERS;
+        double low = -5.0, high = 5.0;
+        for (int halving = 0; halving < 50; ++halving) {
+            const double middle = 0.5 * (low + high);
+            (0.5 * std::erfc(-middle / std::sqrt(2.0)) < share ? low : high) = middle;
+        }
+        found[k] = 0.5 * (low + high);
+        power += square(found[k]);
+    }
+    const double scale = std::sqrt(NORMAL_NUMBERS / (2.0 * power));
+    std::vector<float> numbers(NORMAL_NUMBERS);
+    for (int k = 0; k < NORMAL_NUMBERS; ++k) numbers[k] = static_cast<float>(scale * found[k]);
+    return numbers;
 }
 
 }  // namespace
@@ -72,32 +160,242 @@ Array<double, 2> rays_between(ConstCube padded, ConstMatrix pixels) {
     return rays;
 }
 
-Array<float, 3> bench_texels(ConstCube padded, const Rotation& R_world_camera, int texels, double reach) {
-    int height = padded.shape[0] - 2, width = padded.shape[1] - 2, half = texels / 2;
-    Array<float, 3> found(height, width, 2);
-    for (int row = 0; row < height; ++row)
+Array<float, 2> surroundings(ConstCube padded, const Rotation& R_world_camera, ConstPicture bench, double reach) {
+    const int height = padded.shape[0] - 2, width = padded.shape[1] - 2, texels = bench.shape[0];
+    const int half = texels / 2;
+    const Rotation& turn = R_world_camera;
+    Array<float, 2> found(Unset{}, height, width);
+    std::vector<float> across(width), down(width);
+    for (int row = 0; row < height; ++row) {
+        const double* const rays = &padded(row + 1, 1, 0);
         for (int column = 0; column < width; ++column) {
-            Point ray = {padded(row + 1, column + 1, 0), padded(row + 1, column + 1, 1), 1.0};
-            Point at = R_world_camera.turned(ray);
+            const Point at = turn.turned(Point{rays[2 * column], rays[2 * column + 1], 1.0});
             // scaled by 1/n, not normalised first: u = dx / (|d| − dz)
-            double below = std::max(norm(at) - at.z, 1e-3);
-            found(row, column, 0) = static_cast<float>((at.x / below / reach + 1.0) * half);
-            found(row, column, 1) = static_cast<float>((at.y / below / reach + 1.0) * half);
+            const double scale = half / (reach * std::max(norm(at) - at.z, 1e-3));
+            across[column] = static_cast<float>(std::min(std::max(-FARTHEST, at.x * scale + half), FARTHEST));
+            down[column] = static_cast<float>(std::min(std::max(-FARTHEST, at.y * scale + half), FARTHEST));
         }
+        for (int column = 0; column < width; ++column) {
+            const float u = across[column], v = down[column];
+            const int left = static_cast<int>(std::floor(u)), top = static_cast<int>(std::floor(v));
+            const float a = u - static_cast<float>(left), b = v - static_cast<float>(top);
+            const int lefts[] = {mirrored(left, texels), mirrored(left + 1, texels)};
+            const float *upper = &bench(mirrored(top, texels), 0), *lower = &bench(mirrored(top + 1, texels), 0);
+            const float above = upper[lefts[0]] + a * (upper[lefts[1]] - upper[lefts[0]]);
+            const float below = lower[lefts[0]] + a * (lower[lefts[1]] - lower[lefts[0]]);
+            found(row, column) = above + b * (below - above);
+        }
+    }
+    return found;
+}
+
+Array<float, 3> sheet_pixels(ConstCube padded, const Window& window, const Rotation& texel_from_ray,
+                             View<const std::uint16_t, 3> texels, double light) {
+    constexpr float whole = 1.0F / 65535.0F;
+    const float per_level = static_cast<float>(light) * whole;
+    const int factor = window.factor, columns = window.columns * factor, rows = window.rows * factor;
+    // with two texels of nothing around it, so that what lies beyond needs no care
+    const int sheet_rows = texels.shape[0] + 4, sheet_columns = texels.shape[1] + 4;
+    std::vector<std::uint32_t> sheet(static_cast<std::size_t>(sheet_rows) * sheet_columns);
+    for (int r = 0; r < texels.shape[0]; ++r)
+        for (int c = 0; c < texels.shape[1]; ++c)
+            sheet[static_cast<std::size_t>(r + 2) * sheet_columns + c + 2] =
+                texels(r, c, 0) | static_cast<std::uint32_t>(texels(r, c, 1)) << 16U;
+    const std::uint32_t* const one = sheet.data();
+    Array<float, 3> found(Unset{}, 2, rows, columns);
+    std::vector<float> across(columns), down(columns);
+    std::vector<double> x(window.columns + 2), y(window.columns + 2);
+    const double last_column = sheet_columns - 2.0, last_row = sheet_rows - 2.0;
+    for (int row = 0; row < rows; ++row) {
+        // the rays of this row, between those of the pixels' centres
+        const double v = (row + 0.5) / factor + window.top + 0.5;
+        const int above = static_cast<int>(v);
+        const double *const upper = &padded(above, window.left, 0), *const lower = &padded(above + 1, window.left, 0);
+        for (int column = 0; column < window.columns + 2; ++column) {
+            x[column] = upper[2 * column] + (v - above) * (lower[2 * column] - upper[2 * column]);
+            y[column] = upper[2 * column + 1] + (v - above) * (lower[2 * column + 1] - upper[2 * column + 1]);
+        }
+        for (int i = 0; i < factor; ++i) {
+            const double u = (i + 0.5) / factor + 0.5;
+            const int on = static_cast<int>(u);
+            const double *const ray_x = &x[on], *const ray_y = &y[on], a = u - on;
+            for (int column = 0; column < window.columns; ++column) {
+                const Point ray = {ray_x[column] + a * (ray_x[column + 1] - ray_x[column]),
+                                   ray_y[column] + a * (ray_y[column + 1] - ray_y[column]), 1.0};
+                const Point at = texel_from_ray.turned(ray);
+                const double inverse = at.z > 0.0 ? 1.0 / at.z : 0.0;
+                const double to_right = std::min(std::max(0.0, at.x * inverse + 2.0), last_column);
+                const double to_below = std::min(std::max(0.0, at.y * inverse + 2.0), last_row);
+                across[column * factor + i] = static_cast<float>(at.z > 0.0 ? to_right : 0.0);
+                down[column * factor + i] = static_cast<float>(at.z > 0.0 ? to_below : 0.0);
+            }
+        }
+        float* const __restrict lit = &found(0, row, 0), * const __restrict there = &found(1, row, 0);
+        for (int column = 0; column < columns; ++column) {
+            const int left = static_cast<int>(across[column]), top = static_cast<int>(down[column]);
+            const float a = across[column] - static_cast<float>(left), c = down[column] - static_cast<float>(top);
+            const int at = top * sheet_columns + left;
+            const std::uint32_t p = one[at], q = one[at + 1], r = one[at + sheet_columns],
+                                s = one[at + sheet_columns + 1];
+            const auto low = [](std::uint32_t both) { return static_cast<float>(static_cast<int>(both & 0xffffU)); };
+            const auto high = [](std::uint32_t both) { return static_cast<float>(static_cast<int>(both >> 16U)); };
+            const auto between = [&](float k, float l, float m, float n) {
+                const float first = k + a * (l - k), second = m + a * (n - m);
+                return first + c * (second - first);
+            };
+            lit[column] = per_level * between(low(p), low(q), low(r), low(s));
+            there[column] = whole * between(high(p), high(q), high(r), high(s));
+        }
+    }
+    return found;
+}
+
+Array<float, 2> blurred_change(ConstPicture canvas, ConstPicture brightness, ConstPicture covered, const Window& window,
+                               double sigma_px) {
+    const int factor = window.factor, columns = window.columns, rows = window.rows;
+    const Blur blur(sigma_px * factor, factor);
+    const int reach = blur.reach, taps = static_cast<int>(blur.weight.size());
+    // a row's sub-pixels by their place within a pixel, one pixel after the other, mirrored beyond the row's ends
+    const int wide = columns * factor, before = (reach + factor - 1) / factor, padded = columns + 2 * before + 2;
+    std::vector<float> phases(static_cast<std::size_t>(padded) * factor), between(columns + 2);
+    const auto at = [&](int t) -> float& {
+        const int place = t + before * factor;
+        return phases[static_cast<std::size_t>(place % factor) * padded + place / factor];
+    };
+    Array<float, 2> across(rows * factor, columns);
+    std::vector<char> there(rows * factor);
+    for (int row = 0; row < rows * factor; ++row) {
+        const float *const own = &brightness(row, 0), *const part = &covered(row, 0);
+        int first = 0, last = wide;
+        while (first < wide && own[first] == 0.0F && part[first] == 0.0F) ++first;
+        while (last > first && own[last - 1] == 0.0F && part[last - 1] == 0.0F) --last;
+        if (first == last) continue;
+        there[row] = 1;
+        // pixels that the row has a part in, and those that it has an influence on
+        const int inner = first / factor, outer = (last + factor - 1) / factor;
+        const int begin = std::max(inner - before - 1, 0), end = std::min(outer + before + 1, columns);
+        const float v = (static_cast<float>(row) + 0.5F) / static_cast<float>(factor) - 0.5F;
+        const int up = std::clamp(static_cast<int>(std::floor(v)), 0, rows - 1), low = std::min(up + 1, rows - 1);
+        const float b = std::clamp(v - static_cast<float>(up), 0.0F, 1.0F);
+        const float* const upper = &canvas(window.top + up, window.left);
+        const float* const lower = &canvas(window.top + low, window.left);
+        for (int column = 0; column < columns; ++column)
+            between[column + 1] = upper[column] + b * (lower[column] - upper[column]);
+        between[0] = between[1], between[columns + 1] = between[columns];
+        std::fill(phases.begin(), phases.end(), 0.0F);
+        for (int i = 0; i < factor; ++i) {
+            const float u = (static_cast<float>(i) + 0.5F) / static_cast<float>(factor) + 0.5F;
+            const int on = u < 1.0F ? 0 : 1;
+            const float a = u - static_cast<float>(on), *const behind = &between[on];
+            float* const __restrict phase = &phases[static_cast<std::size_t>(i) * padded + before];
+            for (int column = inner; column < outer; ++column)
+                phase[column] =
+                    own[column * factor + i] -
+                    part[column * factor + i] * (behind[column] + a * (behind[column + 1] - behind[column]));
+        }
+        for (int t = 1; t <= before * factor; ++t) {
+            at(-t) = at(reflected(-t, wide));
+            at(wide - 1 + t) = at(reflected(wide - 1 + t, wide));
+        }
+        float* const __restrict to = &across(row, 0);
+        for (int k = 0; k < taps; ++k) {
+            const int off = before * factor - reach + k;  // from the padded row's first pixel on
+            const float* const from = &phases[static_cast<std::size_t>(off % factor) * padded + off / factor];
+            const float weight = blur.weight[k];
+            for (int column = begin; column < end; ++column) to[column] += weight * from[column];
+        }
+    }
+    Array<float, 2> found(rows, columns);
+    for (int row = 0; row < rows; ++row) {
+        float* const __restrict to = &found(row, 0);
+        for (int k = 0; k < taps; ++k) {
+            const int from_row = reflected(row * factor - reach + k, rows * factor);
+            if (!there[from_row]) continue;
+            const float *const from = &across(from_row, 0), weight = blur.weight[k];
+            for (int column = 0; column < columns; ++column) to[column] += weight * from[column];
+        }
+    }
+    return found;
+}
+
+Array<std::uint8_t, 2> digitised(ConstPicture grey, double electrons_per_grey, double read_noise, std::uint32_t seed) {
+    static const std::vector<float> normal = normal_numbers();
+    const float* const numbers = normal.data();
+    const int height = grey.shape[0], width = grey.shape[1];
+    const auto per_grey = static_cast<float>(1.0 / electrons_per_grey), read = static_cast<float>(square(read_noise));
+    Array<std::uint8_t, 2> found(Unset{}, height, width);
+    std::vector<float> noise(width);
+    for (int row = 0; row < height; ++row) {
+        const std::uint32_t first = hashed(hashed(seed) + static_cast<std::uint32_t>(row)), second = hashed(first);
+        const float* const levels = &grey(row, 0);
+        std::uint8_t* const to = &found(row, 0);
+        for (int column = 0; column < width; ++column) {
+            const std::uint32_t bits = hashed((first + static_cast<std::uint32_t>(column)) * 0x9e3779b1U ^ second);
+            noise[column] = numbers[bits & (NORMAL_NUMBERS - 1)] + numbers[bits >> 20U];
+        }
+        for (int column = 0; column < width; ++column) {
+            const float level = levels[column], sigma = std::sqrt(std::max(level, 0.0F) * per_grey + read);
+            const float noisy = std::min(std::max(0.0F, level + sigma * noise[column]), 255.0F);
+            to[column] = static_cast<std::uint8_t>(static_cast<int>(noisy + 0.5F));
+        }
+    }
+    return found;
+}
+
+std::array<Array<double, 2>, 2> spline(ConstVector places, ConstMatrix points, ConstVector at) {
+    const int count = places.shape[0], last = count - 1, axes = points.shape[1], all = at.shape[0];
+    std::vector<double> step(last), below(count), middle(count), above(count), slopes(count);
+    for (int i = 0; i < last; ++i) step[i] = places[i + 1] - places[i];
+    std::array<Array<double, 2>, 2> found = {Array<double, 2>(all, axes), Array<double, 2>(all, axes)};
+    std::vector<int> piece(all);
+    for (int k = 0; k < all; ++k) {
+        const double* const next = std::upper_bound(places.begin() + 1, places.end() - 1, at[k]);
+        piece[k] = static_cast<int>(next - places.begin()) - 1;
+    }
+    for (int axis = 0; axis < axes; ++axis) {
+        const auto rise = [&](int i) { return (points(i + 1, axis) - points(i, axis)) / step[i]; };
+        for (int i = 1; i < last; ++i) {
+            below[i] = step[i], middle[i] = 2.0 * (step[i - 1] + step[i]), above[i] = step[i - 1];
+            slopes[i] = 3.0 * (step[i] * rise(i - 1) + step[i - 1] * rise(i));
+        }
+        // the same third derivative on both sides of the second place, and of the last but one
+        const double first = step[0] + step[1], end = step[last - 1] + step[last - 2];
+        middle[0] = step[1], above[0] = first;
+        slopes[0] = ((step[0] + 2.0 * first) * step[1] * rise(0) + square(step[0]) * rise(1)) / first;
+        middle[last] = step[last - 2], below[last] = end;
+        slopes[last] =
+            (square(step[last - 1]) * rise(last - 2) + (2.0 * end + step[last - 1]) * step[last - 2] * rise(last - 1)) /
+            end;
+        for (int i = 1; i < count; ++i) {
+            const double part = below[i] / middle[i - 1];
+            middle[i] -= part * above[i - 1];
+            slopes[i] -= part * slopes[i - 1];
+        }
+        slopes[last] /= middle[last];
+        for (int i = last - 1; i >= 0; --i) slopes[i] = (slopes[i] - above[i] * slopes[i + 1]) / middle[i];
+        for (int k = 0; k < all; ++k) {
+            const int i = piece[k];
+            const double along = at[k] - places[i], mean = rise(i), bend = (slopes[i] + slopes[i + 1] - 2.0 * mean);
+            const double third = bend / square(step[i]), second = (mean - slopes[i]) / step[i] - bend / step[i];
+            found[0](k, axis) = points(i, axis) + along * (slopes[i] + along * (second + along * third));
+            found[1](k, axis) = slopes[i] + along * (2.0 * second + 3.0 * along * third);
+        }
+    }
     return found;
 }
 
 TubePixels tube_pixels(ConstMatrix curve, int width, int height, ConstMatrix inner, int divisions, double asymmetry) {
-    std::vector<int> nearest = nearest_samples(curve, width, height);
+    const Near near = nearest_samples(curve, width, height);
+    const std::vector<int>& nearest = near.nearest;
     int count = 0, places = inner.shape[0];
     for (int sample : nearest) count += sample >= 0;
     TubePixels found = {Array<std::int64_t, 1>(count), Array<std::int64_t, 1>(count), Array<std::int64_t, 1>(count),
                         Array<double, 2>(count, places), Array<double, 2>(count, places)};
     double half = 0.5 / divisions;
     int k = 0;
-    for (int i = 0; i < height * width; ++i) {
+    for (int i = 0; i < static_cast<int>(nearest.size()); ++i) {
         if (nearest[i] < 0) continue;
-        int row = i / width, column = i % width, at = nearest[i];
+        int row = near.top + i / near.columns, column = near.left + i % near.columns, at = nearest[i];
         Sample tube = read<Sample>(&curve(at, 0));
         found.rows[k] = row;
         found.columns[k] = column;

@@ -8,12 +8,37 @@
 
 namespace vbaa::simulate {
 
+using ConstPicture = View<const float, 2>;
+
 // x/z and y/z at pixels (N, 2), interpolated linearly in a map (height + 2, width + 2, 2) of the pixel centres with one
 // pixel more on every side.
 Array<double, 2> rays_between(ConstCube padded, ConstMatrix pixels);
 
-// Where on a bench of so many texels the rays of such a map end: (height, width, 2), see picture.py.
-Array<float, 3> bench_texels(ConstCube padded, const Rotation& R_world_camera, int texels, double reach);
+// (height, width) brightness where the rays of such a map end on a bench (T, T), see picture.py.
+Array<float, 2> surroundings(ConstCube padded, const Rotation& R_world_camera, ConstPicture bench, double reach);
+
+// Pixels [left, left + columns) × [top, top + rows) of a picture, each of so many sub-pixels along either axis.
+struct Window {
+    int left, top, columns, rows, factor;
+};
+
+// (2, rows·factor, columns·factor) brightness in some light, and presence, of a sheet's texels (R, C, 2), of which
+// 65535 is all, zero beyond it, where the rays of such a map meet it. texel_from_ray: (3, 3), of homogeneous
+// coordinates; what lies behind the camera has a negative last one.
+Array<float, 3> sheet_pixels(ConstCube padded, const Window& window, const Rotation& texel_from_ray,
+                             View<const std::uint16_t, 3> texels, double light);
+
+// (rows, columns) by how much a patch of sub-pixels changes the blurred picture of a canvas that it stands in front of:
+// its brightness (rows·factor, columns·factor), weighted with the part that it covers, and that part.
+Array<float, 2> blurred_change(ConstPicture canvas, ConstPicture brightness, ConstPicture covered, const Window& window,
+                               double sigma_px);
+
+// (H, W) grey levels with shot noise and read noise, rounded.
+Array<std::uint8_t, 2> digitised(ConstPicture grey, double electrons_per_grey, double read_noise, std::uint32_t seed);
+
+// Values and slopes (M, D) of the cubic spline through points (N, D) at rising places (N,), whose third derivative goes
+// on across the second and the last but one; N ≥ 4.
+std::array<Array<double, 2>, 2> spline(ConstVector places, ConstMatrix points, ConstVector at);
 
 // Pixels that a tube may touch, K of them.
 struct TubePixels {

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vbaa_calib.antenna.rod import RodShape, sample_shape, solve_rod
 from vbaa_calib.core.errors import SolveError
+from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.objects import WEDGES
 
 from .stick_slip import STROKE, Bases, Held, Setting, SlidContacts, advance
@@ -72,9 +72,9 @@ class _Path:
 
 
 def _between(start: Bases, end: Bases, share: float) -> Bases:
-    turn = Rotation.from_matrix(end.rotation @ np.swapaxes(start.rotation, 1, 2)).as_rotvec()
-    rotation = Rotation.from_rotvec(share * turn).as_matrix() @ start.rotation
-    return Bases(rotation, start.origin_m + share * (end.origin_m - start.origin_m))
+    turns = (Pose(one, np.zeros(3)).rotvec_rad for one in end.rotation @ np.swapaxes(start.rotation, 1, 2))
+    rotation = np.stack([Pose.from_rotvec(share * turn, np.zeros(3)).rotation for turn in turns])
+    return Bases(rotation @ start.rotation, start.origin_m + share * (end.origin_m - start.origin_m))
 
 
 def _path(setting: Setting, strokes: Sequence[Bases]) -> _Path:

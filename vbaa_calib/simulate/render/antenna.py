@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import Lens, project
@@ -48,13 +47,13 @@ def tube(
 ) -> Tube:
     """The tube around a curve: arc lengths (n,), its points (n, 3) in the camera frame, all in front of the camera, its
     radius () or (n,)."""
-    curve = CubicSpline(arclength_m, points_camera_m)
-    rough = project(lens, curve(np.linspace(arclength_m[0], arclength_m[-1], 200)))
+    even = np.linspace(arclength_m[0], arclength_m[-1], 200)
+    rough = project(lens, core.simulate.spline(arclength_m, points_camera_m, even)[0])
     # two for every pixel; near the camera's plane it would be longer than anything in the picture
     along_px = np.linalg.norm(np.diff(rough, axis=0), axis=1).sum()
     count = int(np.ceil(2 * min(along_px, 10.0 * sum(lens.image_size)))) + 2
     s = np.linspace(arclength_m[0], arclength_m[-1], count)
-    points, along = curve(s), curve(s, 1)
+    points, along = core.simulate.spline(arclength_m, points_camera_m, s)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     side = np.cross(along, points)
     thick = np.interp(s, arclength_m, np.broadcast_to(radius_m, len(arclength_m)))[:, None]

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
-import cv2
 import numpy as np
 
 from targets.board import AprilGrid, BoardWithIds, opencv_board
 from vbaa_calib.geometry import Pose
+from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import project
 
 from .picture import LAMP_WORLD, ImagePatch, Studio, frame_around
@@ -84,20 +84,13 @@ def board_patch(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camer
     left, top, right, bottom = frame_around(place, project(place.rays.lens, T_camera_board @ outline(sheet)))
     if right <= left or bottom <= top:
         return None
-    rays = place.rays.block(left, top, right, bottom, PAINT.board_subpixels)
     board_from_ray = np.linalg.inv(np.stack([rotation[:, 0], rotation[:, 1], shift], axis=1))
     scale = sheet.texels_per_m
     texel_from_board = np.array(
         [[scale, 0, scale * sheet.margin_m - 0.5], [0, scale, scale * sheet.margin_m - 0.5], [0, 0, 1]]
     )
-    texels = cv2.perspectiveTransform(rays, texel_from_board @ board_from_ray)
-    ahead = rays @ board_from_ray[2, :2].astype(np.float32) + np.float32(board_from_ray[2, 2])
-    if not (ahead > 0).all():
-        texels[ahead <= 0] = -1e4
-    fine = cv2.remap(
-        sheet.texture, np.clip(texels, -1e4, 3e4), np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
-    )
-    facing = -(R_world_camera @ rotation[:, 2]) @ LAMP_WORLD
-    light = (0.6 + 0.4 * max(facing, 0.0)) / _FULL
-    ink, presence = cv2.split(fine)
-    return ImagePatch(left, top, PAINT.board_subpixels, np.float32(light) * ink, np.float32(1 / _FULL) * presence)
+    window = left, top, right - left, bottom - top, PAINT.board_subpixels
+    light = 0.6 + 0.4 * max(-(R_world_camera @ rotation[:, 2]) @ LAMP_WORLD, 0.0)
+    texel_from_ray = texel_from_board @ board_from_ray
+    fine = core.simulate.sheet_pixels(place.rays.padded, window, texel_from_ray, sheet.texture, light)
+    return ImagePatch(left, top, PAINT.board_subpixels, *fine)

@@ -81,11 +81,22 @@ def _world_rays(rays: np.ndarray, T_world_camera: Pose) -> np.ndarray:
 
 def obstacle(place: Studio, obj: TouchObject, T_world_camera: Pose) -> DepthOfObstacle:
     """The object as something that may stand in front of the antenna."""
+    left, top, right, bottom = _frame(place, obj, T_world_camera)
 
     def depth(pixels: np.ndarray) -> np.ndarray:
-        return _cast(obj, T_world_camera.translation_m, _world_rays(place.rays.at(pixels), T_world_camera))[0]
+        u, v = pixels.T
+        near = (u >= left - 1) & (u <= right) & (v >= top - 1) & (v <= bottom)
+        found, rays = np.full(len(pixels), np.inf), _world_rays(place.rays.at(pixels[near]), T_world_camera)
+        found[near] = _cast(obj, T_world_camera.translation_m, rays)[0]
+        return found
 
     return depth
+
+
+def _frame(place: Studio, obj: TouchObject, T_world_camera: Pose) -> tuple[int, int, int, int]:
+    """(left, top, right, bottom) of the pixels that may show the object."""
+    corners = T_world_camera.inverse() @ _bounding_points(obj)
+    return frame_around(place, project(place.rays.lens, corners))
 
 
 def _bounding_points(obj: TouchObject) -> np.ndarray:
@@ -112,8 +123,7 @@ def _shaded(
 
 def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> ImagePatch | None:
     """The object's picture, edges antialiased; None when it is outside the picture."""
-    corners = T_world_camera.inverse() @ _bounding_points(obj)
-    left, top, right, bottom = frame_around(place, project(place.rays.lens, corners))
+    left, top, right, bottom = _frame(place, obj, T_world_camera)
     if right <= left or bottom <= top:
         return None
     origin, albedo = T_world_camera.translation_m, place.spec.object

@@ -122,8 +122,9 @@ def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
     The bench is far away: it turns with the camera and does not shift. Directions are laid out stereographically,
     straight down in the middle, so that it goes on past the horizon.
     """
-    texel = core.simulate.bench_texels(place.rays.padded, R_world_camera, PAINT.bench_texels, PAINT.bench_reach)
-    return cv2.remap(place.bench, texel, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    padded = place.rays.padded
+    found: np.ndarray = core.simulate.surroundings(padded, R_world_camera, place.bench, PAINT.bench_reach)
+    return found
 
 
 def frame_around(place: Studio, pixels: np.ndarray) -> tuple[int, int, int, int]:
@@ -148,9 +149,10 @@ def expose(place: Studio, canvas: np.ndarray, patches: Sequence[ImagePatch] = ()
     picture = blurred(canvas, place.spec.blur_px)
     for patch in patches:
         # blur is linear: what the patch adds to what it hides can be blurred by itself, as finely as it was drawn
-        change = blurred(patch.brightness - patch.alpha * patch.behind(canvas), place.spec.blur_px * patch.factor)
-        region = picture[patch.where]
-        region += cv2.resize(change, region.shape[::-1], interpolation=cv2.INTER_AREA)
+        where = patch.left, patch.top, patch.factor
+        picture[patch.where] += core.simulate.blurred_change(
+            canvas, patch.brightness, patch.alpha, where, place.spec.blur_px
+        )
     return 255.0 * picture * place.light
 
 
@@ -161,6 +163,8 @@ def blurred(brightness: np.ndarray, sigma_px: float) -> np.ndarray:
 
 def digitise(spec: PictureSpec, grey: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(height, width) uint8 with shot noise and read noise."""
-    sigma = np.sqrt(np.maximum(grey, 0.0) / np.float32(spec.electrons_per_grey) + np.float32(spec.read_noise**2))
-    noisy = grey + sigma * rng.standard_normal(grey.shape, dtype=np.float32)
-    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+    seed = int(rng.integers(2**32))
+    noisy: np.ndarray = core.simulate.digitised(
+        np.ascontiguousarray(grey, np.float32), spec.electrons_per_grey, spec.read_noise, seed
+    )
+    return noisy

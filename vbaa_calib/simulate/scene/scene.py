@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, Strict
-from scipy.spatial.transform import Rotation
 
 from targets.board import BoardWithIds
 from vbaa_calib.antenna.rod import TORSION_RATIO, Rod
@@ -106,7 +105,7 @@ class WrenchSpec:
 
     def true(self, force_N: np.ndarray, moment_Nm: np.ndarray) -> np.ndarray:
         """(B, C) components of forces and moments (B, 3) about the antenna frame's origin."""
-        turned = Rotation.from_rotvec(self.turn_rad).as_matrix() @ self.T_antenna_sensor.rotation
+        turned = Pose.from_rotvec(self.turn_rad, np.zeros(3)).rotation @ self.T_antenna_sensor.rotation
         about = moment_Nm - np.cross(self.T_antenna_sensor.translation_m, force_N)
         both = {"f": force_N @ turned, "m": about @ turned}
         return np.stack([both[name[0]][:, "xyz".index(name[1])] for name in self.components], axis=1)
@@ -383,7 +382,7 @@ def camera_pose(
     right = np.array([1.0, 0.0, 0.0]) - forward[0] * forward
     right /= np.linalg.norm(right)
     upright = np.stack([right, np.cross(forward, right), forward], axis=1)
-    turn = Rotation.from_rotvec([0.0, 0.0, roll_rad]).as_matrix()
+    turn = Pose.from_rotvec(np.array([0.0, 0.0, roll_rad]), np.zeros(3)).rotation
     return Pose(upright @ turn, look_at_m + distance_m * toward_camera)
 
 

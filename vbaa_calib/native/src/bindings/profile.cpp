@@ -52,6 +52,7 @@ nb::object measured(const InPicture& image, const InMatrix& path_px, double widt
 }
 
 auto to_its_end(const InPicture& image, const InMatrix& path_px, int half, int polarity, const detect::Shapes& shapes) {
+    require_pixels(0.0, 0.0, half);
     require(image.ndim() == 2 && path_px.shape(1) == 2 && path_px.shape(0) > 1, "a path (K, 2) is in a picture (H, W)");
     require(half > 1 && shapes.reach_px == half + 2, "shapes reach two pixels farther than profiles");
     const auto taken = picture(image);

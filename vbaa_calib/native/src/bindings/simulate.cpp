@@ -107,10 +107,55 @@ auto rays_between(const InCube& padded, const InMatrix& pixels) {
     return to_numpy(simulate::rays_between(view(padded), view(pixels)));
 }
 
-auto bench_texels(const InCube& padded, const InMatrix& R_world_camera, int texels, double reach) {
+using InPlane = Numpy<const float, 2>;
+
+auto surroundings(const InCube& padded, const InMatrix& R_world_camera, const InPlane& bench, double reach) {
     check_map(padded);
+    require(bench.shape(0) > 1 && bench.shape(0) == bench.shape(1) && reach > 0.0,
+            "a bench is (T, T), its reach above 0");
     auto turn = read_from<Rotation, 2>(R_world_camera);
-    return to_numpy(unlocked([&] { return simulate::bench_texels(view(padded), turn, texels, reach); }));
+    return to_numpy(unlocked([&] { return simulate::surroundings(view(padded), turn, view(bench), reach); }));
+}
+
+auto sheet_pixels(const InCube& padded, std::array<int, 5> window, const InMatrix& texel_from_ray,
+                  const Numpy<const std::uint16_t, 3>& texels, double light) {
+    check_map(padded);
+    const simulate::Window where = {window[0], window[1], window[2], window[3], window[4]};
+    require(where.left >= 0 && where.top >= 0 && where.columns > 0 && where.rows > 0 &&
+                where.left <= static_cast<int>(padded.shape(1)) - 2 - where.columns &&
+                where.top <= static_cast<int>(padded.shape(0)) - 2 - where.rows && where.factor > 0 &&
+                2.0 * where.columns * where.rows * where.factor * where.factor < 2e9,
+            "a window lies in the picture");
+    require(texels.shape(2) == 2 && static_cast<double>(texels.size()) < 1e9, "texels are (R, C, 2)");
+    auto map = read_from<Rotation, 2>(texel_from_ray);
+    return to_numpy(unlocked([&] { return simulate::sheet_pixels(view(padded), where, map, view(texels), light); }));
+}
+
+auto blurred_change(const InPlane& canvas, const InPlane& brightness, const InPlane& covered,
+                    std::array<int, 3> corner_and_factor, double sigma_px) {
+    const auto [left, top, factor] = corner_and_factor;
+    const int rows = static_cast<int>(brightness.shape(0)), columns = static_cast<int>(brightness.shape(1));
+    require(factor > 0 && rows > 0 && columns > 0 && rows % factor == 0 && columns % factor == 0 &&
+                covered.shape(0) == brightness.shape(0) && covered.shape(1) == brightness.shape(1),
+            "brightness and what is covered are (rows·factor, columns·factor)");
+    require(left >= 0 && top >= 0 && left <= static_cast<int>(canvas.shape(1)) - columns / factor &&
+                top <= static_cast<int>(canvas.shape(0)) - rows / factor,
+            "a patch lies in its canvas");
+    require(sigma_px >= 0.0 && sigma_px < 1e3, "blur is 0 to 1000 px");
+    const simulate::Window where = {left, top, columns / factor, rows / factor, factor};
+    return to_numpy(unlocked(
+        [&] { return simulate::blurred_change(view(canvas), view(brightness), view(covered), where, sigma_px); }));
+}
+
+auto digitised(const InPlane& grey, double electrons_per_grey, double read_noise, std::uint32_t seed) {
+    require(electrons_per_grey > 0.0 && read_noise >= 0.0, "electrons are above 0, noise is not below");
+    return to_numpy(unlocked([&] { return simulate::digitised(view(grey), electrons_per_grey, read_noise, seed); }));
+}
+
+auto spline(const InVector& places, const InMatrix& points, const InVector& at) {
+    require(places.size() > 3 && places.size() == points.shape(0), "a spline goes through four points or more");
+    auto found = unlocked([&] { return simulate::spline(view(places), view(points), view(at)); });
+    return arrays(found[0], found[1]);
 }
 
 auto tube_pixels(const InMatrix& curve, int width, int height, const InMatrix& inner, int divisions, double asymmetry) {
@@ -172,7 +217,12 @@ void bind_simulate(nb::module_& module) {
     room.def("cast_rays", &cast_rays, "Depths (N,), normals (N, 3) and faces (N,) of the first hits of rays.");
     room.def("shade", &shade, "(N,) how much of the light on hits comes back.");
     room.def("rays_between", &rays_between, "(N, 2) x/z and y/z at pixels (N, 2).");
-    room.def("bench_texels", &bench_texels, "(H, W, 2) float32 where on the bench the pixels' rays end.");
+    room.def("surroundings", &surroundings, "(H, W) float32 brightness of the bench where the pixels' rays end.");
+    room.def("sheet_pixels", &sheet_pixels, "(2, H·F, W·F) float32 brightness and presence of a sheet's texels.");
+    room.def("blurred_change", &blurred_change,
+             "(H, W) float32 what a patch changes in the blurred picture behind it.");
+    room.def("digitised", &digitised, "(H, W) uint8 grey levels with noise.");
+    room.def("spline", &spline, "(M, D) values and slopes of the cubic spline through points.");
     room.def("tube_pixels", &tube_pixels, "Rows, columns, nearest samples (K,), coverage and shade (K, S) of a tube.");
     room.def("touch_at_once", &touch_at_once, "States (R, 7), and the first that was not found or -1.");
     room.def("advance", &advance, "Contacts (B, 23) after a step with friction, and which were found (B,) uint8.");

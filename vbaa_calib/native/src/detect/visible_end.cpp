@@ -253,6 +253,7 @@ Table appended(const Table& path_px, int rows, const Table& others) {
 
 Table to_its_end(const Picture& picture, ConstMatrix path_px, const Look& look) {
     Table path = resample(path_px, 1.0).points;
+    if (path.shape[0] < 2) return path;
     const Table own = path;
     const double farthest_px = (1.0 + MOST_LONGER) * length(path);
     while (true) {
