@@ -187,7 +187,7 @@ def _calls() -> dict[str, tuple[object, ...]]:
         "solver.ideal_points": (LENS, _a(3, 2), _a(3)),
         "solver.places": (_a(3, 5, 2),),
         "solver.accelerations": (np.arange(9.0), _a(9, 2, 3), _a(9, 1), _whole(4), _a(1), 2.0, 4, False),
-        "profile.to_its_end": (image, path, 9, 1, core.profile.shapes(3.0, 0.8, 11)),
+        "profile.to_its_end": (image, path, 9, core.profile.expected(3.0, 0.8, 11), 1),
         "search.fit_smooth": (_a(5), _a(5), _a(5), [1.0, 0.5], 4, 0.1),
         "search.solve_definite": (np.eye(3), _a(3, 2)),
         "search.running_mean": (_a(9), 3, core.search.Beyond.mirrored),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -17,7 +18,7 @@ from .contrast import coloured
 from .corridor import USUAL_MISFIT, Corridor, better_shaped, less_sure, of_antennas_shape
 from .crossings import too_short
 from .path_refinement import refine_path
-from .profile import measure, measure_in_colour, measure_on, to_its_end
+from .profile import ORDINARY_BLUR_PX, measure, measure_in_colour, measure_on
 from .settings import SearchSettings
 
 _OTHER_PATH_SHARE = 0.75
@@ -116,9 +117,19 @@ class AntennaFinder:
         return blurred if blurred.found and blurred.seen > line.seen else line
 
     def path(self, image: np.ndarray, rough: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> np.ndarray:
-        """A rough path (K, 2) moved onto the antenna."""
+        """A rough path (K, 2) moved onto the antenna and, in focus, on along it as far as it goes on."""
         reach = 1.2 * self.spacing_px + 0.5 * self.corridor.width_px + 4.0
-        return refine_path(image, rough, self.corridor.width_px + blurred_px, reach, bright)
+        path = refine_path(image, rough, self.corridor.width_px + blurred_px, reach, bright)
+        if blurred_px or too_short(path):
+            return path
+        longer: np.ndarray = core.profile.to_its_end(image, path, *self._in_focus, 1 if bright else -1)
+        return longer
+
+    @cached_property
+    def _in_focus(self) -> tuple[int, object]:
+        """Pixels of a profile to either side of the antenna in focus, and its cross-section."""
+        half = int(np.ceil(0.8 * self.corridor.width_px + 5.0))
+        return half, core.profile.expected(self.corridor.width_px, ORDINARY_BLUR_PX, half + 2)
 
     def along(
         self,
@@ -204,7 +215,6 @@ class AntennaFinder:
         width, lines = self.corridor.width_px, []
         for rough in self.candidates(image, bright, blurred_px):
             path = self.path(image, rough, bright, blurred_px)
-            path = path if blurred_px or too_short(path) else to_its_end(image, path, width, bright)
             line = measure_on(image, path, width, bright, blurred_px, self.corridor.taper)
             lines.append(of_antennas_shape(line, self.corridor, False))
         return reject_faint(best_of(lines, width, OTHER_LINE_SEEN), self.usual_height)

@@ -21,7 +21,7 @@ from .settings import RibbonSettings
 
 _QUIET = 0.4
 """Quantile of the profiles' residuals that the core takes for the picture's noise."""
-_ORDINARY_BLUR_PX = 0.8
+ORDINARY_BLUR_PX = 0.8
 """Blur of a lens in focus, standard deviation."""
 _MARGIN_PX = 3.0
 """Length of a profile beyond an antenna whose polarity changes: what lies farther is another thing's."""
@@ -60,7 +60,7 @@ def measure_on(
     taper: float = 0.0,
 ) -> Centreline:
     """As `measure`, along a path (K, 2) on the antenna; blurred_px : by how much broader the line may be."""
-    half = _half(width_px + blurred_px)
+    half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
     path_px = np.ascontiguousarray(path_px, np.float64)
     if bright is None:
         path_px, half = core.profile.stiffened(path_px), int(np.ceil(0.5 * width_px + _MARGIN_PX))
@@ -70,19 +70,6 @@ def measure_on(
         wider = _measured(image, path_px, width_px, half, bright, taper)
         return wider if len(wider.points_px) >= len(line.points_px) else line
     return line
-
-
-def to_its_end(image: np.ndarray, path_px: np.ndarray, width_px: float, bright: bool) -> np.ndarray:
-    """(M, 2) a path (K, 2) on the antenna, and on along the line as far as that goes on beyond its end."""
-    half, width_px = _half(width_px), round(float(width_px), 2)
-    shapes = _shapes(width_px, _ORDINARY_BLUR_PX, half + 2)
-    longer: np.ndarray = core.profile.to_its_end(np.ascontiguousarray(image), path_px, half, _POLARITY[bright], shapes)
-    return longer
-
-
-def _half(width_px: float) -> int:
-    """Pixels of a profile to either side of a line so wide."""
-    return int(np.ceil(0.8 * width_px + 5.0))
 
 
 def _measured(
@@ -97,7 +84,7 @@ def _measured(
         _POLARITY[bright],
         taper,
         _quiet_part(2 * half - 3),
-        _shapes(width_px, _ORDINARY_BLUR_PX, half + 2),
+        _shapes(width_px, ORDINARY_BLUR_PX, half + 2),
     )
     return NOTHING if found is None else accepted(Centreline(**found[0]), Evidence(**found[1]))
 

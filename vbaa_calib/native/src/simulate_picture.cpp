@@ -11,7 +11,6 @@ namespace {
 constexpr double AMBIENT = 0.45;
 // Pixels farther than this from the tube's edge, or samples so far outside of the picture, are of no account.
 constexpr double ROOM_PX = 2.5, BEYOND_PX = 50.0;
-constexpr double FARTHEST = 1e6;  // texels from the bench's middle
 
 // Of the antenna, in the picture.
 struct Sample {
@@ -118,15 +117,13 @@ std::uint32_t hashed(std::uint32_t x) {
     return x;
 }
 
-constexpr int NORMAL_NUMBERS = 4096;
-
 // Normal numbers at equal steps of probability: the sum of two of them has the variance 1, and is normal as far as five
 // deviations.
-std::vector<float> normal_numbers() {
-    std::vector<double> found(NORMAL_NUMBERS);
+std::vector<float> normal_numbers(int count) {
+    std::vector<double> found(count);
     double power = 0.0;
-    for (int k = 0; k < NORMAL_NUMBERS; ++k) {
-        const double share = (k + 0.5) / NORMAL_NUMBERS;
+    for (int k = 0; k < count; ++k) {
+        const double share = (k + 0.5) / count;
         double low = -5.0, high = 5.0;
         for (int halving = 0; halving < 50; ++halving) {
             const double middle = 0.5 * (low + high);
@@ -135,9 +132,9 @@ std::vector<float> normal_numbers() {
         found[k] = 0.5 * (low + high);
         power += square(found[k]);
     }
-    const double scale = std::sqrt(NORMAL_NUMBERS / (2.0 * power));
-    std::vector<float> numbers(NORMAL_NUMBERS);
-    for (int k = 0; k < NORMAL_NUMBERS; ++k) numbers[k] = static_cast<float>(scale * found[k]);
+    const double scale = std::sqrt(count / (2.0 * power));
+    std::vector<float> numbers(count);
+    for (int k = 0; k < count; ++k) numbers[k] = static_cast<float>(scale * found[k]);
     return numbers;
 }
 
@@ -163,6 +160,7 @@ Array<double, 2> rays_between(ConstCube padded, ConstMatrix pixels) {
 Array<float, 2> surroundings(ConstCube padded, const Rotation& R_world_camera, ConstPicture bench, double reach) {
     const int height = padded.shape[0] - 2, width = padded.shape[1] - 2, texels = bench.shape[0];
     const int half = texels / 2;
+    constexpr double farthest = 1e6;  // texels from the bench's middle
     const Rotation& turn = R_world_camera;
     Array<float, 2> found(Unset{}, height, width);
     std::vector<float> across(width), down(width);
@@ -172,8 +170,8 @@ Array<float, 2> surroundings(ConstCube padded, const Rotation& R_world_camera, C
             const Point at = turn.turned(Point{rays[2 * column], rays[2 * column + 1], 1.0});
             // scaled by 1/n, not normalised first: u = dx / (|d| − dz)
             const double scale = half / (reach * std::max(norm(at) - at.z, 1e-3));
-            across[column] = static_cast<float>(std::min(std::max(-FARTHEST, at.x * scale + half), FARTHEST));
-            down[column] = static_cast<float>(std::min(std::max(-FARTHEST, at.y * scale + half), FARTHEST));
+            across[column] = static_cast<float>(std::min(std::max(-farthest, at.x * scale + half), farthest));
+            down[column] = static_cast<float>(std::min(std::max(-farthest, at.y * scale + half), farthest));
         }
         for (int column = 0; column < width; ++column) {
             const float u = across[column], v = down[column];
@@ -319,7 +317,8 @@ Array<float, 2> blurred_change(ConstPicture canvas, ConstPicture brightness, Con
 }
 
 Array<std::uint8_t, 2> digitised(ConstPicture grey, double electrons_per_grey, double read_noise, std::uint32_t seed) {
-    static const std::vector<float> normal = normal_numbers();
+    constexpr int bits_each = 12, all = 1 << bits_each;
+    static const std::vector<float> normal = normal_numbers(all);
     const float* const numbers = normal.data();
     const int height = grey.shape[0], width = grey.shape[1];
     const auto per_grey = static_cast<float>(1.0 / electrons_per_grey), read = static_cast<float>(square(read_noise));
@@ -331,7 +330,7 @@ Array<std::uint8_t, 2> digitised(ConstPicture grey, double electrons_per_grey, d
         std::uint8_t* const to = &found(row, 0);
         for (int column = 0; column < width; ++column) {
             const std::uint32_t bits = hashed((first + static_cast<std::uint32_t>(column)) * 0x9e3779b1U ^ second);
-            noise[column] = numbers[bits & (NORMAL_NUMBERS - 1)] + numbers[bits >> 20U];
+            noise[column] = numbers[bits & (all - 1)] + numbers[bits >> (32 - bits_each)];
         }
         for (int column = 0; column < width; ++column) {
             const float level = levels[column], sigma = std::sqrt(std::max(level, 0.0F) * per_grey + read);

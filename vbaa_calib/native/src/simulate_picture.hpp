@@ -36,8 +36,8 @@ Array<float, 2> blurred_change(ConstPicture canvas, ConstPicture brightness, Con
 // (H, W) grey levels with shot noise and read noise, rounded.
 Array<std::uint8_t, 2> digitised(ConstPicture grey, double electrons_per_grey, double read_noise, std::uint32_t seed);
 
-// Values and slopes (M, D) of the cubic spline through points (N, D) at rising places (N,), whose third derivative goes
-// on across the second and the last but one; N ≥ 4.
+// Values and slopes (M, D) of the cubic spline through points (N, D) at rising places (N,), N ≥ 4; its third derivative
+// is the same on both sides of the second place and of the last but one.
 std::array<Array<double, 2>, 2> spline(ConstVector places, ConstMatrix points, ConstVector at);
 
 // Pixels that a tube may touch, K of them.

@@ -13,9 +13,6 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.native import core
 
-_STEP_PX = 4
-"""Pixels from one ray that is worked out to the next; between them a cubic is right to 1e-6 px."""
-
 
 @dataclass(frozen=True, eq=False)
 class Lens:
@@ -103,24 +100,25 @@ def invertible(lens: Lens, step_px: int = 8) -> bool:
 
 def ray_map(lens: Lens) -> RayMap:
     """The rays of a lens. Raises InputError when the distortion folds back inside the picture."""
-    coarse, sound = _inverted(lens, _STEP_PX)
+    step_px = 4  # between which a cubic is right to 1e-6 px
+    coarse, sound = _inverted(lens, step_px)
     width, height = lens.image_size
-    down, across = (_between(size + 2, count) for size, count in zip((height, width), coarse.shape, strict=False))
+    sizes = zip((height + 2, width + 2), coarse.shape, strict=False)
+    down, across = (_between(np.arange(size) / step_px, count) for size, count in sizes)
     rays = np.stack([down @ axis @ across.T for axis in np.moveaxis(coarse, 2, 0)], axis=-1)
     if not (sound and _right_way_round(rays)):
         raise InputError("folds back or has a pole inside the picture", where="lens", remedy="distort less")
     return RayMap(lens, rays)
 
 
-def _between(pixels: int, count: int) -> np.ndarray:
-    """(P, K) what each of K values, every `_STEP_PX` from the first pixel on, adds to those at P pixels: cubic."""
-    place = np.arange(pixels) / _STEP_PX
+def _between(place: np.ndarray, count: int) -> np.ndarray:
+    """(P, K) what each of K evenly spaced values adds to those at places (P,) from the first one on: cubic."""
     first = np.clip(place.astype(int) - 1, 0, count - 4)
     off, nodes = place - first, np.arange(4.0)
-    found = np.zeros((pixels, count))
+    found = np.zeros((len(place), count))
     for node in range(4):
         others = np.delete(nodes, node)
-        found[np.arange(pixels), first + node] = np.prod((off[:, None] - others) / (node - others), axis=1)
+        found[np.arange(len(place)), first + node] = np.prod((off[:, None] - others) / (node - others), axis=1)
     return found
 
 

@@ -51,14 +51,13 @@ nb::object measured(const InPicture& image, const InMatrix& path_px, double widt
     return found ? answer(std::move(*found)) : nb::none();
 }
 
-auto to_its_end(const InPicture& image, const InMatrix& path_px, int half, int polarity, const detect::Shapes& shapes) {
+auto to_its_end(const InPicture& image, const InMatrix& path_px, int half, const CrossSection& section, int polarity) {
     require_pixels(0.0, 0.0, half);
     require(image.ndim() == 2 && path_px.shape(1) == 2 && path_px.shape(0) > 1, "a path (K, 2) is in a picture (H, W)");
-    require(half > 1 && shapes.reach_px == half + 2, "shapes reach two pixels farther than profiles");
+    require(section.weights.size() == 0, "one cross-section is the same for all profiles");
     const auto taken = picture(image);
-    return to_numpy(unlocked([&] {
-        return detect::to_its_end(taken, view(path_px), {shapes.ordinary, half, 0.0, polarity < 0 ? -1.0 : 1.0});
-    }));
+    const detect::Look look = {section, half, 0.0, polarity < 0 ? -1.0 : 1.0};
+    return to_numpy(unlocked([&] { return detect::to_its_end(taken, view(path_px), look); }));
 }
 
 nb::object measured_ribbon(const InPicture& image, const InMatrix& path_px, double width_px, double blur_px, int half,

@@ -22,7 +22,6 @@ constexpr double DISTURBED = 1.8;     // profiles with residuals of so many time
 constexpr double BROAD = 1.25;        // a height that rises by this factor towards the end is a ball, a sheath, a kink
 constexpr double EDGE = 0.2;          // part of the line's height by which its background may change where it ends
 constexpr double MOST_LONGER = 0.15;  // part by which a line may go on beyond its path; then something else begins
-constexpr int BLURRED_PX = 2;         // before a line's end in which it is no line, but its blurred tip
 constexpr int AT_LEAST_ON = 12;       // profiles beyond the path's end that show a line that is longer than its path
 constexpr double MOST_STD_PX = 1.5, MOST_RMS = 0.2;  // of a step that is to be trusted
 constexpr int ROUNDS = 12;
@@ -255,6 +254,7 @@ Table to_its_end(const Picture& picture, ConstMatrix path_px, const Look& look) 
     Table path = resample(path_px, 1.0).points;
     if (path.shape[0] < 2) return path;
     const Table own = path;
+    constexpr int blurred_px = 2;  // before a line's end in which it is no line, but its blurred tip
     const double farthest_px = (1.0 + MOST_LONGER) * length(path);
     while (true) {
         const Continued ahead = continued(path, each(path.shape[0], [](int) { return true; }));
@@ -270,7 +270,7 @@ Table to_its_end(const Picture& picture, ConstMatrix path_px, const Look& look) 
         while (first < all && found.along[first] <= last_at) ++first;
         int end = first;
         while (end < all && found.inside[end] && fits.height[end] > least) ++end;
-        const int clear = end < all ? end - BLURRED_PX : end;
+        const int clear = end < all ? end - blurred_px : end;
         if (!(least > 0.0) || clear <= first) return path;
         const Flags on = each(all, [&](int n) { return n >= first && n < clear; });
         path = appended(path, path.shape[0], selected(moved(found, fits.shift), on));
