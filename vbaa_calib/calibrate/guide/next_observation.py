@@ -131,14 +131,17 @@ def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> dict[i
     share = np.gradient(curves.arclength_m, axis=1) / problem.length_m
     visible = (share * seen).sum(axis=1)
     usual = [one for one, kept in zip(problem.observations, problem.kept, strict=True) if kept]
-    points = float(np.median([len(one.points_px) for one in usual])) / max(float(visible[0]), 1e-3)
+    count = float(np.median([len(one.points_px) for one in usual]))
     sigma = float(np.median(np.concatenate([one.sigma_px for one in usual])))
     placed = {}
     for index in np.flatnonzero((visible[1:] >= GuideSettings.least_visible * visible[0]) & (visible[0] > 0)).tolist():
-        # a node stands for all the points of its piece of the antenna
-        which = seen[index + 1]
-        each = sigma / np.sqrt(np.maximum(points * share[index + 1, which], 1e-3))
-        placed[index] = replace(wanted[index], points_px=pixels[index + 1, which], sigma_px=each)
+        line = pixels[index + 1, seen[index + 1]]
+        along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+        # evenly along the picture's line, as they are found: what lines share depends on it
+        even = np.linspace(0.0, along[-1], max(int(min(count, GuideSettings.points)), 2))
+        points = np.column_stack([np.interp(even, along, each) for each in line.T])
+        std = np.full(len(points), sigma * np.sqrt(len(points) / count))
+        placed[index] = replace(wanted[index], points_px=points, sigma_px=std)
     return placed
 
 

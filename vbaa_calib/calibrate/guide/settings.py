@@ -76,6 +76,7 @@ class GuideSettings:
     weighty_places: tuple[float, ...] = (0.6, 0.95)  # of the length, at which weights bend the antenna by
     weighty_slopes: tuple[float, ...] = (0.4, 0.95)  # so much of `steepest_rad`
     free_tilts_rad: tuple[float, ...] = (-1.0, -0.5, 0.0, 0.5, 1.0)  # of the joints, with the antenna free
+    points: int = 300  # of a line that is forecast, most
     free_pictures: int = 3  # at a tilt
     sweep_turns_rad: tuple[float, ...] = (0.3, 0.2, 0.14, 0.1)  # to either side, as far as the board stays in view
     tried: int = 4  # the best by the contacts' present weights, of which the best is taken
