@@ -32,7 +32,7 @@ _Id = Annotated[int, Field(strict=True, ge=0, le=9999)]
 
 
 class _OfSquares:
-    """Inner corners of squares in columns and rows."""
+    """Size and number of inner corners of a board of squares (mixin of `BoardSpec` and `Chessboard`)."""
 
     squares_x: int
     squares_y: int

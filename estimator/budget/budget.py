@@ -512,7 +512,7 @@ class _SharedError:
 
     @staticmethod
     def of(rig: Rig) -> _SharedError | None:
-        """As the estimator knows the rig; None where no ordinary contact would come with numbers."""
+        """The budget of a rig as the estimator models it; None where no ordinary contact would have numbers."""
         rig_arrays, touches = RigArrays.from_rig(rig, FRICTION_RAD, drift=False), ordinary_touches(rig)
         rows, axes = _independent(rig_arrays)
         none = np.zeros((0, axes.shape[1], axes.shape[1]))

@@ -91,7 +91,7 @@ class ContactEstimator:
 
     @cached_property
     def cameras(self) -> dict[str, Self]:
-        """The same of each of its rig's cameras by itself, by name."""
+        """An estimator for each camera of the rig alone, by name."""
         friction, jobs = self.friction_rad, self.jobs
         return {
             name: type(self)(one, self.model, friction=friction, jobs=jobs) for name, one in self.rig.cameras.items()
@@ -432,7 +432,7 @@ class ContactStream:
             self._work.popleft()
 
     def _taken(self, several: list[Measured]) -> Generator[list[Contact] | None, None, None]:
-        """The work that a batch makes, in steps, some of which give contacts."""
+        """Work steps of a batch (generator): contacts where a step completes some, else None."""
         if self._beside is None:
             self._now = yield from self._now.after_free_frames(several)
         else:

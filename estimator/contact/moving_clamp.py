@@ -438,8 +438,8 @@ def _estimated(
 
 
 def _widened(contact: Contact, track: ClampTrack) -> Contact:
-    """With the first point's place along the antenna in the distance; what frames share is not known of a clamp of each
-    frame."""
+    """The contact with the uncertainty of the first point's place added to the distance, and without shared errors,
+    which are unknown for a clamp of each frame."""
     unknown = np.full(3, np.nan)
     contact = replace(contact, distance_shared_std_m=np.nan, point_shared_std_m=unknown, force_shared_std_N=unknown)
     if contact.status not in LOCATED:

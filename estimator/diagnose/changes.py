@@ -257,7 +257,7 @@ class _Changed:
 
     @property
     def words(self) -> str:
-        """With the value and its standard deviation."""
+        """The change in words, with its value and standard deviation."""
         std = (self.row.factor * np.sqrt(np.diag(self.covariance)) * list(self.row.std.values()))[: self.row.measures]
         steps = self.steps[: self.row.measures]
         parts = steps * std / max(float(np.linalg.norm(steps)), 1e-12)

@@ -341,7 +341,7 @@ class Case:
 
     @property
     def sound(self) -> bool:
-        """Whether the frames cost no more together than they do where all is as reported."""
+        """Whether the frames' common cost is as small as if all were as reported."""
         return self.cost < self.settings.sound_cost * len(self.recorded)
 
     @property

@@ -98,7 +98,7 @@ def _joints(turn: np.ndarray, recorded: Recorded) -> Recorded | None:
 
 
 def _frozen(recorded: Recorded) -> Recorded | None:
-    """The joints' readings do not change: the tilt that fits each frame best."""
+    """Hypothesis of frozen joint readings: the tilt that fits each frame best."""
     batch = recorded.batch
     if max(np.ptp(batch.pan_rad), np.ptp(batch.tilt_rad)) > 0.0:
         return None

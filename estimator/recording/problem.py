@@ -88,7 +88,7 @@ class RecordingProblem:
 
     @property
     def axes(self) -> np.ndarray:
-        """(17 + P, R) of `RigArrays`, about that rig, with the drift that may have come since."""
+        """(17 + P, R) axes of the rig's errors (`RigArrays`), including the drift since the calibration."""
         return self.views[0].axes
 
     @property

@@ -288,7 +288,7 @@ def _friction_prior(
 
 
 def _rig_of(problem: RecordingProblem, found: Solution) -> Rig:
-    """The rig as the frames tell it, with the covariance that is left."""
+    """The rig with the shared steps as solved for, and its posterior covariance."""
     axes, count = problem.axes, problem.axes.shape[1]
     covariance = axes @ found.covariance[:count, :count] @ axes.T
     return problem.rig_at(found.state.shared).with_covariance(0.5 * (covariance + covariance.T))

@@ -392,7 +392,7 @@ class Measured:
     others: Mapping[str, Measured] = field(default_factory=dict)
 
     def of_camera(self, name: str) -> Measured:
-        """What a further camera saw: nothing, if it is not among the others."""
+        """The measurement of a further camera; without points, if it has none."""
         nothing: dict[str, Any] = {"points_px": np.empty((0, 2)), "sigma_px": np.empty(0), "tip_px": np.full(3, np.nan)}
         return self.others[name] if name in self.others else replace(self, **nothing, covariance_shape=None, others={})
 

@@ -47,7 +47,7 @@ class Overview:
         self._first: dict[tuple[str, str], tuple[int, str]] = {}
 
     def add_readings(self, frame: Frame, measured: Measured | None = None, contact: Contact | None = None) -> None:
-        """What was read with a frame, and which of its points are used; by its contact, whether its end is."""
+        """Counts a frame's readings and its points outside the picture; with its contact, whether its end is used."""
         self.frames += 1
         if contact is not None and contact.end_used is not None:
             self.ends.update({"seen": 1, "unused": int(not contact.end_used)})

@@ -275,7 +275,8 @@ class Camera:
         return ValidRegion(limit, lens.distorted_limit, half_angle, float(valid.mean()))
 
     def _answer(self, method: str, of_tensors: str, values: ArrayT, last: int, name: str) -> tuple[ArrayT, ArrayT]:
-        """By a method of the core's lens for arrays, by a function of `tensors` for tensors."""
+        """Results and validity of a map: by a method of the core's lens for arrays, by a function of `tensors` for
+        tensors."""
         if not is_tensor(values):
             result, valid, *_ = from_core(self.intrinsics, method, values, last, name)
             return result, valid

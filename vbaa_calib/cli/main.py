@@ -218,7 +218,7 @@ def _unwinding_when_ended() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _seldom_collecting() -> Iterator[None]:
-    """With rare garbage collection, which takes a tenth of a short command's time while libraries load."""
+    """Context with rare garbage collection: it would take a tenth of a short command's time while libraries load."""
     before = gc.get_threshold()
     # new objects between two garbage collections
     gc.set_threshold(100_000, *before[1:])

@@ -139,7 +139,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_literal(path: Path) -> dict[str, np.ndarray]:
-    """The `_LITERAL_KEYS` of the Python mapping that a file is, each as JSON.
+    """The values of `_LITERAL_KEYS` in a file with a Python mapping, each as JSON.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def read_literal(path: Path) -> dict[str, np.ndarray]:
 
 
 def take_all_schemas() -> None:
-    """From now on rosbags opens MCAP files of JSON or protobuf, too: whoever reads their messages decodes them."""
+    """Makes rosbags open MCAP files of JSON or protobuf, too, without decoding their messages."""
     from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
     from rosbags.rosbag2 import storage_mcap
 

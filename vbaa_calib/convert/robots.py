@@ -32,7 +32,7 @@ from .values import (
 
 
 def _read_ros(path: Path, wanted: Wanted) -> Exchanged:
-    """As camera_calibration_parsers writes and reads it (ros-perception/image_common, parse_yml.cpp, parse_ini.cpp), or
+    """A camera from ROS's camera_info YAML or INI (ros-perception/image_common, parse_yml.cpp, parse_ini.cpp), or
     a sensor_msgs/CameraInfo as `ros topic echo` prints it; of several messages the first."""
     if is_bag(path):
         return _read_bag(path, wanted)
@@ -212,7 +212,7 @@ def _is_ros(text: str) -> bool:
 
 
 def _read_kalibr(path: Path, wanted: Wanted) -> Exchanged:
-    """ethz-asl/kalibr, wiki: YAML formats, supported models. One of cam0, cam1, … where it holds several cameras.
+    """A camera of Kalibr's camchain.yaml: one of cam0, cam1, … where there are several. Source: ethz-asl/kalibr, wiki.
 
     - Pixels: its pinhole starts from ((w - 1)/2, (h - 1)/2), so (0, 0) is the centre of the first pixel.
     - intrinsics fu fv pu pv; radtan k1 k2 p1 p2 as OpenCV's first four; equidistant k1 k2 k3 k4 as OpenCV's fisheye.

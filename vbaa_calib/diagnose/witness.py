@@ -54,7 +54,7 @@ class RigFit:
 
     @property
     def contradicted(self) -> int:
-        """How many pictures lie far off it."""
+        """Number of pictures with gross residuals under this fit."""
         own = self.solution.residuals[: len(self.solution.residuals) - self.solution.certain]
         return int((_squares(own) > SETTINGS.points * SETTINGS.gross**2).sum())
 
@@ -170,8 +170,8 @@ def _weighted(now: Linearised, weights: np.ndarray) -> Linearised:
 def _with_values(
     now: Linearised, columns: Sequence[np.ndarray], values: np.ndarray, std: np.ndarray
 ) -> Linearised | None:
-    """With values (K,) of prior N(0, std²) and Jacobian `columns` among the parameters; None where one is not
-    finite."""
+    """The linearised fit with K further parameters at `values`, of prior N(0, std²) and Jacobian `columns`; None where
+    one is not finite."""
     prior = np.hstack([np.zeros((len(std), now.jacobian.shape[1])), np.diag(1.0 / std)])
     jacobian = np.vstack([np.column_stack([now.jacobian, *columns]), prior])
     residuals = np.append(now.residuals, values / std)

@@ -34,5 +34,5 @@ def by_system(debian: str, macos: str, windows: str) -> str:
 
 
 def pip(*words: str) -> str:
-    """A pip command for this Python, which `pip` alone need not be."""
+    """A pip command for this Python (plain `pip` may belong to another)."""
     return " ".join([sys.executable, "-m", "pip", *words])

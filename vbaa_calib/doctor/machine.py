@@ -145,7 +145,7 @@ def cameras(
 
 
 def torch(attempt: _Try = _try_python) -> HealthFinding:
-    """Whether torch loads, and how long that takes; `vbaa check` and who gives tensors wait for it."""
+    """Whether torch loads, and how long that takes; `vbaa check` and calls with tensors wait for it."""
     program = (
         "import time; begun = time.perf_counter(); import torch; "
         "print(time.perf_counter() - begun, torch.__version__, torch.get_num_threads(), torch.cuda.is_available())"

@@ -139,7 +139,7 @@ def shadows(
 def opencv(
     installed: Mapping[str, str] | None = None, load: Callable[[], Any] = lambda: importlib.import_module("cv2")
 ) -> HealthFinding:
-    """Several wheels at once overwrite each other's files; OpenCV 5 lacks what is needed; some wheels need libGL."""
+    """Checks OpenCV: several wheels overwrite each other's files, OpenCV 5 lacks functions, some wheels need libGL."""
     if installed is None:
         known = {re.sub(r"[-_.]+", "-", each.metadata["Name"] or "").lower(): each for each in metadata.distributions()}
         wheels = frozenset(

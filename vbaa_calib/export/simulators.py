@@ -135,7 +135,7 @@ def _tilt_in_pan(joints: Kinematics) -> Pose:
 
 
 def _add_chain(base: Xml.Element, chain: _Chain, rig: Rig) -> None:
-    """Pieces within each other, with their joints, to the site `tip`."""
+    """Adds the chain as nested bodies with their joints, up to the site `tip`."""
     piece = _add(base, "body", name="piece0", **_placed(rig.antenna.rod.T_antenna_clamp))
     bends, pieces = _hinges(chain), zip(chain.lengths_m, chain.masses_kg, chain.radii_m, strict=True)
     for number, (length, mass, radius) in enumerate(pieces):

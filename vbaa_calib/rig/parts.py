@@ -197,7 +197,7 @@ class AntennaImage:
 
     @property
     def paint(self) -> Paint:
-        """What tells the antenna from its background."""
+        """The antenna's look against its background."""
         from vbaa_calib.detect.whisker.paint import Paint  # loads the finder
 
         if self.weights_bgr is not None or self.colour_bgr is not None:

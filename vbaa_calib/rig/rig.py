@@ -424,7 +424,7 @@ class Rig:
         return (self.tip is not None) + (0 if self.wrench_sensor is None else len(self.wrench_sensor.covariance))
 
     def _joint(self, size: int) -> int:
-        """How many of so many parameters are joint ones."""
+        """Number of joint parameters among the `size` of a covariance."""
         first = len(RIG_PARAMETERS)
         every = first + len(self.camera.parameter_names)
         whole = every if self.with_lens else first

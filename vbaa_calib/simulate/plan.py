@@ -169,7 +169,7 @@ def plan(scene: SceneSpec, readout: float = 0.0) -> Plan:
 
 
 def _for_cameras(scene: SceneSpec, planned: Plan) -> Plan:
-    """The same of several cameras: each takes pictures of its own of the board, and of the antenna all take theirs."""
+    """The plan for several cameras: each takes its own pictures of the board, and all take pictures of the antenna."""
     shots: list[BoardShot | AntennaShot] = []
     of_antenna = [shot for shot in planned.shots if isinstance(shot, AntennaShot)]
     for index, name in enumerate(scene.cameras):

@@ -36,7 +36,7 @@ class PictureSource(Protocol):
         """The next picture, None where there is nothing new in time. Raises SourceLost."""
 
     def close(self) -> None:
-        """May be called twice."""
+        """Releases the source; a second call does nothing."""
 
 
 _KINDS = "name a folder of pictures, a video, a bag, a camera like camera:0, or a stream like rtsp://host/path"

@@ -1,4 +1,4 @@
-"""Pictures of what was recorded, for who wants files or a few good views of many."""
+"""Pictures out of bags and videos: as files, or a few sharp ones of many."""
 
 from __future__ import annotations
 

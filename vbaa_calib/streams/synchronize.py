@@ -300,7 +300,7 @@ class Synchronizer:
             yield self._frame(self._waiting.popleft())
 
     def _onward_s(self, taken: Taken) -> float:
-        """Its time, which runs on where its clock was set back."""
+        """The message's time, continued where its clock was set back."""
         return taken.time_s + self._set_back_s[taken.camera]
 
     def _partner(self, taken: Taken, name: str) -> tuple[Taken | None, float]:

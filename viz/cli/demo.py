@@ -50,7 +50,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _whole_way(args: argparse.Namespace, out: Path, started: float) -> dict[str, Any]:
-    """Verb after verb into the folder."""
+    """Runs the chain's verbs one after the other, with outputs in the folder."""
     require_extra("pyvista", "view")
     from vbaa_calib.cli.main import run_verb
     from viz.render.probe import can_render

@@ -108,7 +108,7 @@ def curve(
 
 
 def with_framewise(axes: Plot, clock: TimeAxis, value: np.ndarray) -> Plot:
-    """A `curve` of a refined quantity with what it was frame by frame (B,), in grey."""
+    """The plot of a refined quantity with its frame-by-frame values (B,) added in grey."""
     _points(axes, clock, value, STYLE.soft, 1.6)
     return replace(axes, title=f"{axes.title}; grey: frame by frame")
 

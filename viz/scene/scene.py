@@ -94,7 +94,7 @@ class ObjectMesh:
 
     @staticmethod
     def of(surface: Surface) -> ObjectMesh:
-        """What is drawn of a reconstructed surface."""
+        """The mesh of a reconstructed surface."""
         return ObjectMesh(surface.points_m, surface.normals, surface.triangles, surface.lines, surface.std_m)
 
 

@@ -173,7 +173,7 @@ class _FrictionAngles:
 
 @dataclass(frozen=True, eq=False)
 class _Profile(Rows):
-    """The common errors that explain the angles best, for each of G values of μ."""
+    """Fit of the common errors to the angles at each of G values of μ."""
 
     mu: np.ndarray  # (G,)
     cost: np.ndarray  # (G,) negative log-likelihood with the common errors profiled out

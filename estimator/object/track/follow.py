@@ -122,7 +122,7 @@ class _Growth:
 
 
 def _instant(growth: _Growth) -> tuple[float, float]:
-    """t₀ and its standard deviation, s."""
+    """The instant at which the growth began, s, and its standard deviation."""
     low, high = growth.earliest_s, growth.latest_s
     mean, std = 0.5 * (low + high), (high - low) / np.sqrt(12.0)
     likeliest = None

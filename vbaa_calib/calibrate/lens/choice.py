@@ -134,7 +134,7 @@ def _folds(views: int) -> list[np.ndarray]:
 
 
 def _solved_squares(bundle: Bundle, observations: Sequence[BoardCorners]) -> np.ndarray:
-    """(V,) as `_left_out_squares`, each lens solved for."""
+    """(V,) squared distances of `_left_out_squares`, with each fold's lens solved to convergence."""
     squares = np.zeros(len(observations))
     for fold in _folds(len(observations)):
         seen = [view for view, out in zip(observations, fold, strict=True) if not out]

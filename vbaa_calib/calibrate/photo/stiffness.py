@@ -288,7 +288,7 @@ def _rms(values: Sequence[float]) -> float:
 
 
 def _views(lines: Sequence[RodLine], setting: PhotoSetting, turn: tuple[float, float] = (0.0, 0.0)) -> list[_PhotoView]:
-    """The lines in metres, on the supposition that the rod's plane is turned about the picture's axes by `turn`."""
+    """The lines in metres, for a rod's plane that is turned about the picture's axes by `turn`, rad."""
     views = []
     down = (float(np.sin(setting.down_rad)), float(np.cos(setting.down_rad)))
     weight = setting.weight_N_m if setting.weight_N_m is not None else float(setting.per_weight)

@@ -526,7 +526,7 @@ def _larger(other: Chessboard, spec: Chessboard) -> tuple[str, str]:
 
 
 def _inner(other: Chessboard, spec: Chessboard) -> bool:
-    """Whether the spec counts the corners of the other board."""
+    """Whether the spec has the other board's inner corners in place of its squares."""
     return sorted((other.squares_x, other.squares_y)) == sorted((spec.squares_x + 1, spec.squares_y + 1))
 
 

@@ -48,7 +48,7 @@ class Background:
         return None if fitted is None else np.asarray(fitted[0] * _moved(self.grey, fitted[1]))
 
     def detail_over_scatter(self, where: np.ndarray) -> float:
-        """How many times its scatter the detail is, in the pixels `where` (H, W) that are known."""
+        """Ratio of the background's detail to its scatter, over the known pixels of the mask `where` (H, W)."""
         if self.scatter is None:
             return 0.0
         known = where & np.isfinite(self.scatter)
