@@ -393,7 +393,7 @@ class ResultBudget:
 
     @property
     def first(self) -> str:
-        """The cause of which half the deviation would help most."""
+        """The cause to halve first: the one with the largest gain."""
         return max(self.parts, key=self.gain)
 
     def gain(self, cause: str) -> float:

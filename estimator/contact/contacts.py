@@ -279,7 +279,7 @@ def jacobian_of(batch: Batch, rig_arrays: RigArrays, rung: str, fitted: FitNumbe
     turned, shifted = rig.kinematics.by_joints(batch.pan_rad, batch.tilt_rad)  # (2, B, 3, 3), (2, B, 3)
 
     def in_world(by: np.ndarray) -> np.ndarray:
-        """(B, 7, ...) with the point's rows in the world and behind the force's."""
+        """(B, 7, ...) rows of distance, force and contact point, the latter turned into the world frame."""
         point = np.einsum("bij,bj...->bi...", rotation, by[:, 1:4])
         whole: np.ndarray = np.where(
             known.reshape(-1, *[1] * (by.ndim - 1)), np.concatenate([by[:, :1], by[:, 4:], point], axis=1), np.nan

@@ -320,13 +320,13 @@ class Case:
         return replace(self, recorded=recorded)
 
     def picked(self, rows: np.ndarray) -> Case:
-        """With some of the frames."""
+        """The case restricted to some of the frames."""
         best, scale, free = self.best[rows], self.scale[rows], self.free[rows]
         return replace(self, recorded=self.recorded.picked(rows), best=best, scale=scale, free=free)
 
     @cached_property
     def reported(self) -> _Weighed:
-        """All as reported."""
+        """The fit with everything as reported."""
         return weighed(self.recorded.fit, self.best, self.scale, self.axes)
 
     @property

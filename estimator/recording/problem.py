@@ -97,7 +97,7 @@ class RecordingProblem:
         return self.views[0].touching
 
     def picked(self, rows: np.ndarray, most_free: int) -> RecordingProblem:
-        """With these contacts alone, and so many free frames of each camera at most."""
+        """The problem with these contacts alone, and at most so many free frames of each camera."""
         views = []
         for view in self.views:
             quiet = spread_evenly(len(view.free), most_free)

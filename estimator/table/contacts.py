@@ -263,7 +263,7 @@ class ContactTable(_Columns[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Row
 
     @staticmethod
     def from_rows(rows: Sequence[ContactRow]) -> ContactTable:
-        """The same rows, at least one, as columns."""
+        """The table of one or more rows."""
         return ContactTable(**{name: np.array([getattr(row, name) for row in rows]) for name in COLUMNS})
 
     def rows(self) -> Iterator[ContactRow]:

@@ -128,7 +128,7 @@ class Diagnosis:
 
     @property
     def label(self) -> str:
-        """What stands before it in a list."""
+        """The word before a finding in a list of them."""
         return "look at" if self.severity == "doubt" else self.severity
 
     def __str__(self) -> str:

@@ -90,7 +90,7 @@ def _plane_turn(angle: float) -> np.ndarray:
 
 
 def _lengths(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
-    """antenna.length_m, and the board's squares, which put the camera nearer or further."""
+    """Hypotheses of lengths: antenna.length_m, and the board's squares, which move the camera nearer or further."""
     if len(witness.problem.tips):
         nominal = witness.problem.length_m
 

@@ -180,7 +180,7 @@ def _with_values(
 
 
 def _with_tips(problem: Problem, camera: Camera) -> Problem:
-    """With the antenna's ends that are visible, but for those that the lens does not reach."""
+    """The problem with the antenna's visible ends added, except those that the lens does not reach."""
     if problem.prior.tip_std_m is None:
         return problem.without_tips()
     ends = [(np.array(one.tip_px), np.array([one.tip_std_px])) for one in problem.observations]

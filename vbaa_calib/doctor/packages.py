@@ -36,7 +36,7 @@ def python_version(version: tuple[int, ...] = tuple(sys.version_info[:3])) -> He
 def packages(
     requirements: Iterable[str] | None = None, version_of: Callable[[str], str] = metadata.version
 ) -> HealthFinding:
-    """Every package that is asked for: there, and of a version that fits."""
+    """Checks that every required package is installed in a version that fits."""
     from packaging.requirements import Requirement
 
     problems, versions, known = list[Diagnosis](), dict[str, str](), None

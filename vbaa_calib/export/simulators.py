@@ -119,7 +119,8 @@ def _as_xml(root: Xml.Element) -> str:
 
 
 def _hinges(chain: _Chain) -> list[tuple[Pose, list[tuple[str, str, float]]]]:
-    """Of each place with hinges: pose of the piece beyond in the one before; name, axis and stiffness of its joints."""
+    """Hinges of the chain, per place: pose of the piece beyond in the one before; name, axis and stiffness of its
+    joints."""
     found = []
     for number, bend in enumerate(chain.bend_rad):
         pose = Pose.from_rotvec(np.array([0.0, *bend]), np.array([chain.lengths_m[number], 0.0, 0.0]))

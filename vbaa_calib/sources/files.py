@@ -108,7 +108,7 @@ class FolderSettings:
 
 @dataclass(frozen=True)
 class _Watched:
-    """A file not offered yet: its size and time, since when; whether reading failed, and was reported."""
+    """State of a file that is not offered yet: size and time, since when; whether reading failed, and was reported."""
 
     state: tuple[int, int]
     since_s: float

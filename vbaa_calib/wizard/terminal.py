@@ -48,7 +48,7 @@ class _Screen:
 
     @property
     def width(self) -> int:
-        """Columns of the window now."""
+        """Present width of the window in columns."""
         try:
             columns = os.get_terminal_size(self._stream.fileno()).columns
         except (OSError, ValueError):

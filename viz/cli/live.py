@@ -120,7 +120,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _clocked(args: argparse.Namespace, estimator: ContactEstimator, timing: Timing, ground: Ground | None) -> Timing:
-    """With the clocks' offset. Raises InputError where it cannot be estimated."""
+    """The timing with the clocks' offset, estimated if asked. Raises InputError where it cannot be estimated."""
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.recorded import is_recorded
 

@@ -204,7 +204,7 @@ def _topics_of(args: argparse.Namespace) -> Topics:
 
 
 def views_of(args: argparse.Namespace, rig: Rig) -> dict[str, tuple[str, float]]:
-    """Of each camera that --camera or --camera-offset names its own source, or "", and what is added to its times.
+    """Sources and time offsets of the cameras that --camera or --camera-offset name; "" without a source of its own.
     Raises InputError."""
     flags = {"--camera": args.camera, "--camera-offset": args.camera_offset}
     sources, offsets = (_by_camera(flag, entries, rig) for flag, entries in flags.items())

@@ -35,7 +35,7 @@ class _FitState:
 
     @property
     def outlier(self) -> np.ndarray:
-        """(P,) touches that lie too far off what the others say."""
+        """(P,) touches that contradict the others."""
         return (self.widened >= SurfaceSettings.ignored) & ~self.vague
 
 

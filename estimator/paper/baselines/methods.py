@@ -274,7 +274,8 @@ def _upright(press: Press, moment_Nm: float) -> Answer:
 
 
 def _answer(press: Press, solve: _Formula, points: np.ndarray | None, moment_Nm: float) -> Answer:
-    """The reading of a formula over (x1, x2, y1, y2, τ_y, EI); a moment of NaN is none."""
+    """A method's answer by a formula over (x1, x2, y1, y2, τ_y, EI), with first-order standard deviations; a moment of
+    NaN is none."""
     if points is None:
         return Answer(reason="fewer than two points of the antenna are seen apart from each other")
     wire, noise, blind = press.wire, press.noise, bool(np.isnan(moment_Nm))

@@ -261,7 +261,7 @@ class _Strip:
         return found
 
     def _between(self, low: float, high: float) -> np.ndarray:
-        """A few columns between two places across."""
+        """A few columns of the strip, between two places across."""
         columns = np.flatnonzero((self.across_px >= low) & (self.across_px <= high))
         return columns[:: max(1, len(columns) // 8)]
 

@@ -78,7 +78,7 @@ def _between(start: Bases, end: Bases, share: float) -> Bases:
 
 
 def _path(setting: Setting, strokes: Sequence[Bases]) -> _Path:
-    """All frames, after one in which no stroke touches; shorter strokes rest at their ends."""
+    """The joint path over all frames, after one without a touch; shorter strokes rest at their ends."""
     bases = []
     for frame in range(max(len(each.origin_m) for each in strokes)):
         at = [min(frame, len(each.origin_m) - 1) for each in strokes]
