@@ -276,10 +276,11 @@ class TestPosesAlone:
         assert solved.noise_px is None
         assert json.loads(json.dumps(solved.to_dict()))["noise_px"] is None
 
-    def test_errors_are_those_predicted(self) -> None:
+    @pytest.mark.parametrize("count", [6, pytest.param(12, marks=pytest.mark.slow)])
+    def test_errors_are_those_predicted(self, count: int) -> None:
         """Of turns and shifts, of the robot's and of the target's own errors."""
         for arm, std in ((Arm("hand", 12, robot_std=(1e-3, 5e-4)), (0.0, 0.0)), (Arm("fixed", 15), (1e-3, 5e-4))):
-            solved = [solve_hand_eye(*poses_seen(arm, seed, std), mount=arm.mount) for seed in range(12)]
+            solved = [solve_hand_eye(*poses_seen(arm, seed, std), mount=arm.mount) for seed in range(count)]
             squares = np.array([chi_square(error(one)[:6], one.covariance[:6, :6]) for one in solved])
             assert np.mean(squares < 12.59) > 0.8
             assert 0.4 < np.sqrt(squares.mean() / 6.0) < 1.4

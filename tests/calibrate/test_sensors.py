@@ -48,10 +48,11 @@ def test_no_sensor_is_one_that_tells_nothing(seed: int) -> None:
     np.testing.assert_allclose(np.sqrt(np.diag(alone.covariance))[rig], std, rtol=1e-4)
 
 
-def test_the_rig_is_honest_and_can_be_stored() -> None:
+@pytest.mark.parametrize(("first", "count"), [(0, 4), pytest.param(4, 8, marks=pytest.mark.slow)])
+def test_the_rig_is_honest_and_can_be_stored(first: int, count: int) -> None:
     """EI within its deviation over drawn rigs; the stored rig says null and comes back the same; nothing is doubted."""
     off = []
-    for seed in range(12):
+    for seed in range(first, first + count):
         drawn = clean_session(seed)
         silent = without_sensor(drawn)
         joint = solve_antenna(silent.session, silent.observations, silent.before)
