@@ -20,9 +20,7 @@ MATRIX = np.array([[1004.0, 0.0, 476.5], [0.0, 1001.0, 363.2], [0.0, 0.0, 1.0]])
 BROWN = np.array([-0.182, 0.061, 0.0007, -0.0005])
 SIGMA_PX, TIP_PX = 0.03, 0.1
 
-RIG_STD = np.array(
-    [2e-4] * 3 + [5e-5] * 3 + [2e-5] * 2 + [2e-4] * 2 + [2e-3] * 2 + [1e-3, 1e-2, 1e-5] + [2e-3, 5e-6],
-)
+RIG_STD = np.array([2e-4] * 3 + [5e-5] * 3 + [2e-5] * 2 + [2e-4] * 2 + [2e-3] * 2 + [1e-3, 1e-2, 1e-5] + [2e-3, 5e-6])
 """Standard deviations of `RIG_PARAMETERS` after an ordinary calibration."""
 
 

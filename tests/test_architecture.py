@@ -273,10 +273,7 @@ def test_the_core_has_no_typedef() -> None:
 
 
 MOST_PARAMETERS = 6
-LONG_STILL = {
-    "vbaa_calib.antenna.rungs.curves",
-    "vbaa_calib.antenna.shape.bend",
-}
+LONG_STILL = {"vbaa_calib.antenna.rungs.curves", "vbaa_calib.antenna.shape.bend"}
 """Those that have more and are still to be mended; none may be added."""
 
 

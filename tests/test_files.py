@@ -23,14 +23,7 @@ from hypothesis import strategies as st
 
 from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError, one_line, sentence_of
-from vbaa_calib.core.files import (
-    json_text,
-    read_yaml,
-    refuse_overwrite,
-    replacing,
-    write_json,
-    write_text,
-)
+from vbaa_calib.core.files import json_text, read_yaml, refuse_overwrite, replacing, write_json, write_text
 from vbaa_calib.core.folders import replacing_folder
 
 

@@ -16,10 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.boards import BOARD, FISHEYE, HD, LONG, MILD, SQUARE, TALL, WIDE, bent_corners, noisy_view
 from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
-from vbaa_calib.calibrate.antenna.session_rig import (
-    bow_std_per_m,
-    nominal_parameters,
-)
+from vbaa_calib.calibrate.antenna.session_rig import bow_std_per_m, nominal_parameters
 from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose

@@ -109,10 +109,7 @@ def clean_pair(seed: tuple[int, int]) -> tuple[tuple[str, Outcome], tuple[str, O
     known = calibrated_rig(kind, own)
     done = motion(kind, frames, rng, free=bool(rng.uniform() < 0.75))
     recording = recorded(known.rig, [drifted(known.world, rng)] * frames, done, own)
-    return (
-        (TAKEN, judged_session(CLEAN, clean_session(kind, own), rng)),
-        (RECORDED, judged(CLEAN, recording, rng)),
-    )
+    return ((TAKEN, judged_session(CLEAN, clean_session(kind, own), rng)), (RECORDED, judged(CLEAN, recording, rng)))
 
 
 def row_of(name: str, mistake: Mistake[Any], rig: str, several: Sequence[Outcome]) -> Row:

@@ -163,10 +163,7 @@ def _session_yaml(taken: Taken) -> dict[str, Any]:
         },
         "gravity_world": GRAVITY_WORLD_M_S2.tolist(),
         "moment_sensor": {"std_Nm": taken.kind.moment_std_Nm},
-        "load_readings": {
-            "distance_std_m": READINGS.distance_std_m,
-            "force_std_relative": READINGS.force_std_relative,
-        },
+        "load_readings": {"distance_std_m": READINGS.distance_std_m, "force_std_relative": READINGS.force_std_relative},
         "drift": "lab",
     }
 
@@ -527,11 +524,7 @@ SESSION = (
         _column("moment_Nm", lambda m, rng: 1e-2 * np.ptp(m) * rng.normal(size=len(m)), loads=False),
     ),
     _row("moment about the other axis", NAMED, "sensor_axis", _rows(_other_axis, loads=False)),
-    _row(
-        "pan and tilt exchanged",
-        *(NAMED, "joint_readings_wrong"),
-        _rows(_joints_exchanged, loads=False),
-    ),
+    _row("pan and tilt exchanged", *(NAMED, "joint_readings_wrong"), _rows(_joints_exchanged, loads=False)),
     _row("tilt's sign", NAMED, "joint_readings_wrong", _column("tilt_rad", lambda t, rng: -t, loads=False)),
     _row("jig off by 1 mm", NOTHING, "", _jig(_moved(1e-3))),
     _row("gravity tilted by 3 to 10°", NAMED, "gravity_tilted gravity_direction", _typed(_gravity((3.5, 10.0)))),

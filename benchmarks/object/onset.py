@@ -117,11 +117,9 @@ def _free_recording(rig: str, motion: str, seed: Sequence[int]) -> ContactTable:
     true = given if rig == "exact" else drawn_truth(given, rng)
     time = np.arange(_FREE_FRAMES) / RATE_HZ
     share = np.clip((time - time[len(time) // 2]) / rng.uniform(0.3, 2.0), 0.0, 1.0)
-    way = {
-        "at rest": 0.0 * time,
-        "steady": 0.3 * time,
-        "rest, move, rest": 0.8 * share**2 * (3.0 - 2.0 * share),
-    }[motion]
+    way = {"at rest": 0.0 * time, "steady": 0.3 * time, "rest, move, rest": 0.8 * share**2 * (3.0 - 2.0 * share)}[
+        motion
+    ]
     start, toward = rng.uniform(-0.8, 0.8, 2), rng.uniform(-1.0, 1.0, 2)
     angles = start + toward * way[:, None]
     far = TouchObject("sphere", np.array([0.0, 0.0, 9.0]), np.zeros(3), 0.01, 0.01)

@@ -278,11 +278,7 @@ _ROUND = [
 CASES = (
     Case("cylinder", lambda stiffness, mu: TouchObject("cylinder", CENTRE, AXIS, 0.02, 0.08, stiffness, mu), _LINE),
     Case("sphere", lambda stiffness, mu: TouchObject("sphere", CENTRE, AXIS, 0.03, 1.0, stiffness, mu), _ROUND),
-    Case(
-        "box edge",
-        lambda k, mu: TouchObject("box_edge", _BESIDE, AXIS, 3e-3, 0.08, k, mu, _INTO_BOX),
-        _EDGE,
-    ),
+    Case("box edge", lambda k, mu: TouchObject("box_edge", _BESIDE, AXIS, 3e-3, 0.08, k, mu, _INTO_BOX), _EDGE),
     Case("free form", lambda k, mu: TouchObject("freeform", CENTRE, AXIS, 0.028, 1.0, k, mu, bumps=BUMPS), _ROUND),
 )
 PIN_M = 2e-3

@@ -8,9 +8,7 @@ from scipy.integrate import solve_ivp
 
 from vbaa_calib.antenna import linear
 
-from ..beam import (
-    deflection_by_contact,
-)
+from ..beam import deflection_by_contact
 
 EI, LENGTH = 3.9e-3, 0.24
 

@@ -30,12 +30,7 @@ from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of, is_monotonic, rational_like
 from vbaa_calib.calibrate.lens.models import _corner_radius as corner_radius
 from vbaa_calib.calibrate.lens.settings import LensSettings
-from vbaa_calib.calibrate.lens.uncertainty import (
-    compensate,
-    pixel_grid,
-    projection_jacobian,
-    projection_uncertainty,
-)
+from vbaa_calib.calibrate.lens.uncertainty import compensate, pixel_grid, projection_jacobian, projection_uncertainty
 from vbaa_calib.calibrate.pipeline import first_solved, next_lenses
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
 

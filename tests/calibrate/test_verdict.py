@@ -20,11 +20,7 @@ from .test_diagnose_views import SIZE, pictures
 
 @pytest.mark.parametrize(("later_focal", "grade"), [(1.0, "trusted"), (1.008, "do not use")])
 def test_file_terminal_and_exit_code_agree(
-    later_focal: float,
-    grade: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    later_focal: float, grade: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A lens that was touched midway must not be used, whatever its residuals."""
     views = pictures(3, np.repeat([1.0, later_focal], 10))

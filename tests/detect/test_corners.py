@@ -86,9 +86,7 @@ def spec_in(message: str) -> BoardSpec:
     ("change", "causes"),
     [
         pytest.param(
-            {"dictionary": "DICT_5X5_100"},
-            ["dictionary: DICT_4X4_50 (not DICT_5X5_100)"],
-            marks=pytest.mark.slow,
+            {"dictionary": "DICT_5X5_100"}, ["dictionary: DICT_4X4_50 (not DICT_5X5_100)"], marks=pytest.mark.slow
         ),
         ({"squares_x": 8}, ["squares_x: 9 (not 8)"]),
         ({"squares_y": 5}, ["squares_y is 6 or more (not 5)"]),

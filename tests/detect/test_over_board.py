@@ -42,10 +42,7 @@ def aside(line: BoardLine, truth: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(
     "spec",
-    [
-        BoardSpec(5, 4, 0.03, 0.0225, "DICT_6X6_250", legacy_pattern=True),
-        BoardSpec(6, 7, 0.02, 0.012, "DICT_5X5_50"),
-    ],
+    [BoardSpec(5, 4, 0.03, 0.0225, "DICT_6X6_250", legacy_pattern=True), BoardSpec(6, 7, 0.02, 0.012, "DICT_5X5_50")],
 )
 def test_the_texture_is_the_board_that_opencv_prints(spec: BoardSpec) -> None:
     ours = _pattern_texture(spec, 96)

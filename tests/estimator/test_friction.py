@@ -331,8 +331,7 @@ def test_unknown_normals_lie_in_the_cone_about_the_force() -> None:
     modes = np.where(vague[:, None, None], 0.0, surface.touched_normal_modes)
     wrong = np.where(vague[:, None], [0.0, 0.6, 0.8], surface.touched_normal)
     found = judged(
-        given,
-        replace(surface, touched_normal=wrong, touched_normal_covariance=covariance, touched_normal_modes=modes),
+        given, replace(surface, touched_normal=wrong, touched_normal_covariance=covariance, touched_normal_modes=modes)
     )
     assert (found.used_as[vague] == "unused").all()
     error = error_rad(given, found.normals.normal)[vague]

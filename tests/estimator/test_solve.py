@@ -201,12 +201,7 @@ def made_and_said(rung: str, std: float, straight: bool) -> tuple[np.ndarray, np
 
 @pytest.mark.parametrize(
     ("rung", "straight", "std"),
-    [
-        ("paper", True, 0.25),
-        ("linear", True, 0.25),
-        ("linear", False, 0.0),
-        ("elastica", False, 0.0),
-    ],
+    [("paper", True, 0.25), ("linear", True, 0.25), ("linear", False, 0.0), ("elastica", False, 0.0)],
 )
 def test_bias_is_what_was_predicted(rung: str, straight: bool, std: float) -> None:
     """Frictionless rods without noise: within a factor of two where it is 0.3 to 10 deviations."""

@@ -149,8 +149,7 @@ def test_rewriting_changes_statuses_alone(
     rewrite_contacts(path, changed, {b"done": b"yes"})
     pairs = [changed(number, row.status, row.reason) for number, row in enumerate(several)]
     write_contacts(
-        direct,
-        [replace(row, status=status, reason=why) for row, (status, why) in zip(several, pairs, strict=True)],
+        direct, [replace(row, status=status, reason=why) for row, (status, why) in zip(several, pairs, strict=True)]
     )
     if suffix == ".csv":
         assert path.read_bytes() == direct.read_bytes()

@@ -361,12 +361,7 @@ def test_friction_that_leans_the_force_does_not_take_from_the_slip() -> None:
 
 
 @pytest.mark.parametrize(
-    ("motion", "phase"),
-    [
-        ((0.0, 0.0, 0.0), "sticking"),
-        ((9e-3, 0.0, 5e-3), "sliding"),
-        ((0, 0, 0.02), "rolling"),
-    ],
+    ("motion", "phase"), [((0.0, 0.0, 0.0), "sticking"), ((9e-3, 0.0, 5e-3), "sliding"), ((0, 0, 0.02), "rolling")]
 )
 def test_steady_motions_have_their_names(motion: tuple[float, float, float], phase: str) -> None:
     _, track = track_of(steady(*motion), along_m=1e-4)

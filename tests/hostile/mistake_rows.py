@@ -72,11 +72,7 @@ WITHOUT_IDS: tuple[Row, ...] = (
         d.content("{type: circles, squares_x: 9, rows: 6, spacing_m: 0.02}"),
         "unknown key squares_x",
     ),
-    (
-        "two rows",
-        d.content("{type: circles, columns: 9, rows: 2, spacing_m: 0.02}"),
-        "rows: 2 is not between 3 and 50",
-    ),
+    ("two rows", d.content("{type: circles, columns: 9, rows: 2, spacing_m: 0.02}"), "rows: 2 is not between 3 and 50"),
 )
 WRONG_BOARD: tuple[Row, ...] = (
     ("another dictionary", d.at("dictionary", "DICT_6X6_250"), "the board spec does not fit", "DICT_4X4"),

@@ -71,10 +71,7 @@ NOTHING_ON_IT: tuple[Row, ...] = (
     ("noise", d.specks, "no antenna found"),
     ("a board", d.copy("../plane/jig_000.png"), "no antenna found"),
 )
-NO_BOARD: tuple[Row, ...] = (
-    ("grey", d.grey, "no board is found"),
-    ("noise", d.specks, "no board is found"),
-)
+NO_BOARD: tuple[Row, ...] = (("grey", d.grey, "no board is found"), ("noise", d.specks, "no board is found"))
 
 CASES: list[Case] = [
     *cases("free.png", "look free.png --rig rig.json", ROWS),

@@ -366,13 +366,7 @@ def of(camera: str, time_s: float, arrived_s: float | None = None) -> Taken:
     return replace(taken(time_s, arrived_s, np.zeros((height, width), np.uint8)), camera=camera)
 
 
-@given(
-    st.integers(0, 2**31),
-    st.floats(0.02, 0.2),
-    st.floats(-0.004, 0.004),
-    st.sampled_from([1, 2, 3]),
-    st.booleans(),
-)
+@given(st.integers(0, 2**31), st.floats(0.02, 0.2), st.floats(-0.004, 0.004), st.sampled_from([1, 2, 3]), st.booleans())
 @settings(max_examples=60, deadline=None)
 def test_pictures_of_one_instant_are_one_frame(
     seed: int, period_s: float, lag_s: float, every: int, live: bool

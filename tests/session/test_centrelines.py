@@ -96,12 +96,7 @@ def test_the_same_numbers_in_any_order(tmp_path: Path, change, monkeypatch: pyte
 @settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(
-        st.tuples(
-            st.integers(0, 2**53 - 1),
-            st.floats(-1e6, 1e6),
-            st.floats(-1e7, 1e7),
-            st.floats(1e-300, 1e7),
-        ),
+        st.tuples(st.integers(0, 2**53 - 1), st.floats(-1e6, 1e6), st.floats(-1e7, 1e7), st.floats(1e-300, 1e7)),
         min_size=1,
         max_size=30,
         unique_by=lambda row: row[:3],

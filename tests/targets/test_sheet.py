@@ -10,14 +10,7 @@ import pypdfium2
 import pytest
 
 from targets.board import BoardSpec, corner_points, opencv_board, spec_line
-from targets.sheet import (
-    PAPERS_MM,
-    Label,
-    SheetLayout,
-    fill_in,
-    lay_out,
-    paper_named,
-)
+from targets.sheet import PAPERS_MM, Label, SheetLayout, fill_in, lay_out, paper_named
 from targets.write_sheet import _board_shapes, _ruler_origin, as_pdf, draw, on_screen
 from vbaa_calib.detect.board.board_file import load_board
 

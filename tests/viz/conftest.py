@@ -51,10 +51,7 @@ def rows(kinematics: Kinematics) -> list[ContactRow]:
     """Ninety contacts on a patch, then a frame without contact and one that failed."""
     angle, height = np.meshgrid(np.linspace(1.0, 2.1, 9), np.linspace(-0.03, 0.03, 10))
     found = touch(
-        *cylinder(angle.ravel(), height.ravel()),
-        np.random.default_rng(0),
-        std_along_m=4e-4,
-        kinematics=kinematics,
+        *cylinder(angle.ravel(), height.ravel()), np.random.default_rng(0), std_along_m=4e-4, kinematics=kinematics
     )
     return [
         *found,

@@ -182,10 +182,7 @@ def test_an_instant_shows_the_contacts_up_to_then_and_its_own_antenna(scene: Sce
 
 
 CENTRE, AXIS, WEDGE = np.array([0.1, 0.2, 0.3]), np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0])
-BUMPS = (
-    Bump(np.array([0.0, -1.0, 0.0]), 0.002, 0.006),
-    Bump(np.array([0.6, 0.0, 0.8]), -0.001, 0.004),
-)
+BUMPS = (Bump(np.array([0.0, -1.0, 0.0]), 0.002, 0.006), Bump(np.array([0.6, 0.0, 0.8]), -0.001, 0.004))
 
 
 @pytest.mark.parametrize("shape", ["cylinder", "sphere", "knife_edge", "box_edge", "freeform"])

@@ -27,12 +27,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_noload
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.wizard import flow, steps
-from vbaa_calib.wizard.against_answers import (
-    antenna_diagnoses,
-    camera_place,
-    draw_axes,
-    entries_that_show_it,
-)
+from vbaa_calib.wizard.against_answers import antenna_diagnoses, camera_place, draw_axes, entries_that_show_it
 from vbaa_calib.wizard.asking import change
 from vbaa_calib.wizard.questions import BY_KEY, QUESTIONS, SOURCES, TABLES, Question
 from vbaa_calib.wizard.session_state import SessionState, still_of
@@ -198,12 +193,7 @@ def until(source: Path, last: str) -> dict[str, Any]:
 
 def test_back_reaches_the_questions_of_a_step_whose_pictures_have_begun(source: Path, tmp_path: Path) -> None:
     """A distance noted wrong is mended without losing a picture; everything else is Enter."""
-    script = [
-        (3, BACK),
-        ("camera_distance_mm", 410),
-        (3, "!enough"),
-        ("plane_way", QUIT),
-    ]
+    script = [(3, BACK), ("camera_distance_mm", 410), (3, "!enough"), ("plane_way", QUIT)]
     store, typist = walked(tmp_path / "session", until(source, "camera_inclination_deg"), script)
     assert store.journal.answers["camera_distance_mm"] == 410
     assert store.journal.answers["camera_inclination_deg"] == 30

@@ -8,15 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard.questions import (
-    UNITS,
-    ReadingsTable,
-    asked,
-    complete,
-    free_pose_deg,
-    in_si,
-    split_line,
-)
+from vbaa_calib.wizard.questions import UNITS, ReadingsTable, asked, complete, free_pose_deg, in_si, split_line
 
 from .small_session import Tiny, call, expect_refused, finished, tiny
 
