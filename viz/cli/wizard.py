@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import difflib
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 from vbaa_calib.cli.lens_file import add_lens_file
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError, VbaaError
-from vbaa_calib.core.files import read_yaml
+from vbaa_calib.core.files import read_json, read_yaml, write_json
 from vbaa_calib.wizard.questions import (
     BOARD_ANSWERS,
+    BY_KEY,
     OF_LENS_FILE,
     PICTURES,
     QUESTIONS,
@@ -26,7 +28,9 @@ from vbaa_calib.wizard.questions import (
 )
 
 if TYPE_CHECKING:
+    from vbaa_calib.wizard.session_state import SessionState
     from vbaa_calib.wizard.store import Store
+    from vbaa_calib.wizard.ui import Ui
 
 _OPTIONS = (*QUESTIONS, *SOURCES, *TABLES)
 _PATHS = {"board", "source"} | {question.key for question in (*SOURCES, *TABLES) if question not in OF_LENS_FILE}
@@ -167,12 +171,78 @@ def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> di
             ui.say(f"stopped; `vbaa wizard {args.session}` goes on here")
             return _result(store, None)
         ui.done(document, str(store.root / REPORT))
+        complete = _further_cameras(state, ui)
         if url:  # the page stays until it was read
             with contextlib.suppress(Interrupted):
                 ui.ask(Question("read", "", "Press Enter when you have read the report", kind="text", default="done"))
-        return _result(store, document)
+        return _result(store, document) | ({} if complete else {"complete": False})
     finally:
         ui.close()
+
+
+def _further_cameras(state: SessionState, ui: Ui) -> bool:
+    """Calibrate the further cameras that are named, each in a session of its own in cameras/NAME of this one, and put
+    them into rig.json. Returns whether nothing stopped it.
+
+    Raises InputError for a name that is none, and for another antenna.
+    """
+    from vbaa_calib.calibrate.check.finding import FAILS
+    from vbaa_calib.rig import Rig
+    from vbaa_calib.wizard.steps import RIG
+    from vbaa_calib.wizard.store import Store
+    from vbaa_calib.wizard.ui import Interrupted
+
+    store, question, name = state.store, BY_KEY["another_camera"], ""
+    names = [name for name in str(store.journal.answers.get(question.key, "")).split(",") if name]
+    rig = Rig.load(store.root / RIG)
+    while True:
+        try:
+            if not names:
+                answer = str(ui.ask(question)) if ui.interactive else "none"
+                if answer == "none":
+                    break
+                names = [answer]
+                store.answer({question.key: ",".join([*list(rig.others), answer])})
+            name = names.pop(0).strip()
+            if not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", name) or name in rig.cameras:
+                remedy = "give each camera its own name of letters and digits, such as right"
+                raise InputError(f"{question.key} is {name!r}", remedy=remedy)
+            with Store(store.root / "cameras" / name) as own:
+                if own.is_new:
+                    own.answer(_of_all_cameras(store))
+                ui.say(f"camera {name}: {own.root} continues")
+                document = _conclusion(own, ui)
+            if document["verdict"] == FAILS:
+                raise InputError(f"camera {name} is not taken into the rig: {document['words']}", where=own.root)
+            rig = rig.with_camera(name, Rig.load(own.root / RIG))
+        except Interrupted:
+            ui.say(f"stopped; the same command goes on with camera {name}")
+            return False
+    if rig.others:
+        data = read_json(store.root / RIG) | rig.to_dict()
+        write_json(store.root / RIG, data, True, readable_as=Rig.from_dict)
+        ui.say(f"{store.root / RIG} has the cameras {', '.join(rig.cameras)}")
+    return True
+
+
+def _conclusion(store: Store, ui: Ui) -> dict[str, Any]:
+    """A session's walk to its verdict. Raises Interrupted where the person stops."""
+    from estimator.budget.budget import next_observations
+    from vbaa_calib.wizard.flow import walk
+    from vbaa_calib.wizard.session_state import SessionState
+    from viz.report import check as report
+
+    return walk(SessionState(store), ui, report.page, next_observations)
+
+
+def _of_all_cameras(store: Store) -> dict[str, Any]:
+    """The answers of a session that hold for a further camera, too: board, jig, antenna and loads."""
+    from vbaa_calib.wizard.session_state import BOARD
+
+    of_one = {"source", "paper", "measure_x_mm", "measure_y_mm", "camera_distance_mm", "camera_inclination_deg"}
+    of_one |= {"another_camera", "camera"} | {question.key for question in (*SOURCES, *TABLES, *OF_LENS_FILE)}
+    kept = {key: value for key, value in store.journal.answers.items() if key not in of_one}
+    return kept | {"board": str((store.root / BOARD).resolve())}
 
 
 def _greeting(store: Store, session: Path, url: str) -> list[str]:

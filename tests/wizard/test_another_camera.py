@@ -1,0 +1,67 @@
+"""A further camera: calibrated like the first, by pictures of its own, and joined with it in one rig."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from vbaa_calib.core.files import read_json, read_yaml
+from vbaa_calib.rig import Rig
+from vbaa_calib.wizard.store import Store
+
+from ..cli.test_several_cameras import _make
+from ..made_once import made_once
+from .small_session import answers_file, answers_with, call
+
+
+def pictures_of(session: Path, camera: str, folder: Path) -> Path:
+    """One camera's pictures and tables of a session of several, as its program would leave them."""
+    for name in ("intrinsics", "plane", "noload", "loads"):
+        shutil.copytree(session / name / camera, folder / name)
+    for name in ("noload", "loads"):
+        with (session / name / f"{name}.csv").open(newline="") as stream:
+            rows = list(csv.DictReader(stream))
+        with (folder / name / f"{name}.csv").open("w", newline="") as stream:
+            others = [key for key in rows[0] if not key.startswith("image_")]
+            writer = csv.DictWriter(stream, ["image", *others])
+            writer.writeheader()
+            for row in rows:
+                own = {"image": Path(row[f"image_{camera}"]).name}
+                writer.writerow(own | {key: row[key] for key in others})
+    return folder
+
+
+def test_two_cameras_come_into_one_rig(tmp_path: Path) -> None:
+    """Without anybody there: the second one's session has board, antenna and loads of the first, and goes on by itself;
+    the antenna is known better than by either, and both cameras are where they are."""
+    made = made_once("two_cameras", _make)
+    board = read_yaml(made / "session" / "session.yaml")["board"]
+    size_m = board["square_m"] * board["squares_x"], board["square_m"] * board["squares_y"]
+    session, right = tmp_path / "session", tmp_path / "session" / "cameras" / "right"
+    files = {}
+    for name in ("left", "right"):
+        source = pictures_of(made / "session", name, tmp_path / name)
+        known = answers_with(made / "session" / "session.yaml", size_m, source)
+        known |= {"jig_translation_mm": [36, 60, -8], "jig_turn_deg": [0, 0, 0], "jig_std_mm": 0.2}
+        files[name] = answers_file(tmp_path / f"{name}.yaml", known)
+    code, said = call(session, "--answers", files["left"], "--another-camera", "left of it")
+    assert (code, "its own name" in said) == (2, True)
+    code, said = call(session, "--another-camera", "right")
+    assert (code, "is not answered" in said) == (2, True), said
+    with Store(right) as own:
+        kept = own.journal.answers
+    assert kept["jig_translation_mm"] == [36, 60, -8]
+    assert kept.get("source") != str(tmp_path / "left")
+    assert call(right, "--answers", files["right"])[0] == 0
+    code, said = call(session)
+    assert code == 0, said
+    rig, truth = Rig.load(session / "rig.json"), read_json(made / "session" / "truth.json")
+    assert list(rig.cameras) == ["camera", "right"]
+    for name, one in zip(("left", "right"), rig.cameras.values(), strict=True):
+        off_m = one.T_antenna_camera.translation_m - truth["cameras"][name]["T_antenna_camera"]["translation_m"]
+        assert (np.abs(off_m) < 4.0 * np.sqrt(np.diag(one.covariance)[3:6])).all(), name
+    alone = Rig.load(right / "rig.json")
+    assert rig.std("log_stiffness_Nm2") <= 1.001 * alone.std("log_stiffness_Nm2")
