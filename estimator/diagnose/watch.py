@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from copy import deepcopy
@@ -79,6 +80,7 @@ class RecordingWatch:
         self._at: dict[float, list[int]] = {}  # rows with the smallest and the largest moment so far
         self._contradicted: list[int] = []
         self._apart_s: deque[float] = deque(maxlen=64)
+        self._axis = _image_of_axis(self.rig)
         self._three: deque[_Pictured] = deque(maxlen=3)
         self._jumps: list[_Jump] = []
 
@@ -98,8 +100,8 @@ class RecordingWatch:
             self._contradicted.append(self.count)
         if before is not None and measured.time_s > before.time_s:
             self._apart_s.append(measured.time_s - before.time_s)
-        sigma_px = float(np.median(measured.sigma_px)) if len(measured.sigma_px) else np.nan
-        self._three.append((self.count, _lateral_px(self.rig, measured.points_px), sigma_px, now))
+        sigma_px = float(measured.sigma_px[len(measured.sigma_px) // 2]) if len(measured.sigma_px) else np.nan
+        self._three.append((self.count, _lateral_px(*self._axis, measured.points_px), sigma_px, now))
         if len(self._three) == 3 and len(self._jumps) < self.settings.most_jumps:
             found = _jump(self._three, self.rig.moment_sensor.std_Nm)
             self._jumps += [] if found is None else [found]
@@ -312,18 +314,24 @@ def _same_picture(measured: Measured, before: Measured) -> bool:
     return len(a) > 0 and a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True))
 
 
-def _lateral_px(rig: Rig, points_px: np.ndarray) -> np.ndarray:
-    """(K,) distances of a line's points (N, 2) from the image of the antenna's x axis, at places along that."""
+def _image_of_axis(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
+    """Images of the antenna's clamp (2,), and of its tip (2,) were it straight."""
     ends = np.array([[0.0, 0.0, 0.0], [rig.antenna.length_m, 0.0, 0.0]])
-    (clamp, tip), valid = rig.camera.project(rig.T_antenna_camera.inverse() @ ends)
-    found = np.full(RecordingSettings.places, np.nan)
-    points = points_px[np.isfinite(points_px).all(axis=1)]
-    if not valid.all() or len(points) < RecordingSettings.fewest_points:
-        return found
-    along = (tip - clamp) / np.linalg.norm(tip - clamp)
-    at, off = (points - clamp) @ along, (points - clamp) @ [-along[1], along[0]]
-    order = np.argsort(at)
-    places = np.linspace(0.0, 1.0, len(found) + 1)[1:] * np.linalg.norm(tip - clamp)
+    clamp, tip = rig.camera.project(rig.T_antenna_camera.inverse() @ ends)[0]
+    return clamp, tip
+
+
+def _lateral_px(clamp: np.ndarray, tip: np.ndarray, points_px: np.ndarray) -> np.ndarray:
+    """(K,) distances of a line's points (N, 2) from the straight one from clamp to tip, at places along that."""
+    settings = RecordingSettings()
+    points = points_px[:: max(len(points_px) // (4 * settings.places), 1)]
+    length = math.hypot(*(tip - clamp))
+    if not length > 0.0 or len(points) < settings.fewest_points:
+        return np.full(settings.places, np.nan)
+    along = (tip - clamp) / length
+    at, off = np.stack([along, [-along[1], along[0]]]) @ (points - clamp).T
+    order = np.argsort(at)  # missing ones come last, and there is nothing
+    places = length * np.linspace(0.0, 1.0, settings.places + 1)[1:]
     return np.interp(places, at[order], off[order], left=np.nan, right=np.nan)
 
 
@@ -356,8 +364,9 @@ def _exchanged(jumps: Sequence[_Jump]) -> list[tuple[int, int]]:
 
 def _unlike(one_px: np.ndarray, other_px: np.ndarray) -> float:
     """Rms distance of two lines where both are seen; NaN where that is hardly anywhere."""
-    off = (one_px - other_px)[np.isfinite(one_px - other_px)]
-    return float(np.sqrt(np.mean(off**2))) if len(off) >= RecordingSettings.fewest_places else float("nan")
+    off = [each for each in (one_px - other_px).tolist() if each == each]
+    enough = len(off) >= RecordingSettings.fewest_places
+    return math.hypot(*off) / math.sqrt(len(off)) if enough else math.nan
 
 
 def recording_verdict(rig: Rig, several: Sequence[Measured], contacts: Sequence[Contact]) -> Verdict:
