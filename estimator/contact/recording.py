@@ -176,6 +176,14 @@ def _same_paths_m_s2(rig: Rig) -> float:
     )
 
 
+TURNED = {
+    "the pictures are mirrored left to right": (1, -1),
+    "the pictures are mirrored top to bottom": (-1, 1),
+    "the pictures are turned by 180°": (-1, -1),
+}
+"""How pictures may have been changed after the camera, and the steps through their rows and columns that undo it."""
+
+
 def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]) -> list[Detection]:
     """The antenna of each picture, measured once more along the shape that the first look led to unless that was sure.
 
@@ -299,12 +307,30 @@ def subtracted(
     return evened(image, behind, line, looking.corridor.width_px), line
 
 
-def _in_order(firsts: Iterable[_FirstDetection]) -> Iterator[_FirstDetection]:
-    """The same; where two lines could be the antenna, the frame before tells whether the first one is."""
-    before = np.empty((0, 2))
+def _in_order(estimator: ContactEstimator, firsts: Iterable[_FirstDetection]) -> Iterator[_FirstDetection]:
+    """The same; where two lines could be the antenna, the frame before tells whether the first one is. As long as none
+    was seen, some are also looked at mirrored and turned."""
+    before, left = np.empty((0, 2)), ContactSettings.turned_looks
     for first in firsts:
         decided_one, before = after(first, before)
+        left = 0 if len(before) else left
+        if left and first.looking is not None and first.picture is not None:
+            decided_one, left = _turned(estimator, decided_one), left - 1
         yield decided_one
+
+
+def _turned(estimator: ContactEstimator, first: _FirstDetection) -> _FirstDetection:
+    """A look at a picture that shows no antenna, with how it shows one otherwise in the reason."""
+    paint, looking, picture = estimator.rig.image.paint, first.looking, first.picture
+    assert looking is not None
+    assert picture is not None
+    for words, (rows, columns) in TURNED.items():
+        other, image = (np.ascontiguousarray(each[::rows, ::columns]) for each in (picture, paint.plane(picture)))
+        line = explained(paint.find(looking, other, image), image, looking.corridor, first.bright)
+        if line.found:
+            reason = f"{first.line.reason}; there is one if {words}"
+            return replace(first, line=replace(first.line, reason=reason))
+    return first
 
 
 def after(first: _FirstDetection, before: np.ndarray) -> tuple[_FirstDetection, np.ndarray]:
@@ -366,7 +392,7 @@ def detected(
             parts.append(detected(one, _of_camera(each, name), ground if name == rig.camera_name else None))
         return (Detection.together(rig, several) for several in zip(*parts, strict=True))
     firsts = (first_look(estimator, frame, cast("np.ndarray | None", one), ground) for frame, one in taken)
-    return _detections(estimator, _in_order(firsts))
+    return _detections(estimator, _in_order(estimator, firsts))
 
 
 def _of_camera(taken: Iterable[tuple[Frame, FramePictures]], name: str) -> Iterator[tuple[Frame, FramePictures]]:

@@ -53,6 +53,9 @@ class ContactSettings:
     least_noise_changing: float = 1.0  # and where the polarity may change: one picture does not show common errors
     at_once_px: int = 16_000_000  # pixels of pictures that are kept for a second detection
     pictures_ahead: int = 3  # pictures that are read while one is searched
+    turned_looks: int = (
+        4  # pictures without an antenna that are looked at mirrored and turned, where none has shown one
+    )
 
     # what lies behind it
     sampled_pictures: int = 48  # of a bag or video that show what is static behind it

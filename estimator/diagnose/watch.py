@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from estimator.contact.inputs import Batch, OutlierSettings, point_scatter, shared_share
+from estimator.contact.recording import TURNED
 from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import Diagnosis, Verdict
 from vbaa_calib.diagnose.decision import explained, joined
@@ -79,6 +80,8 @@ class RecordingWatch:
         self._limits = (np.inf, -np.inf)
         self._at: dict[float, list[int]] = {}  # rows with the smallest and the largest moment so far
         self._contradicted: list[int] = []
+        self._seen = 0  # rows in which there is an antenna
+        self._turned: Counter[str] = Counter()  # pictures that show one only otherwise, by how
         self._apart_s: deque[float] = deque(maxlen=64)
         self._axis = _image_of_axis(self.rig)
         self._three: deque[_Pictured] = deque(maxlen=3)
@@ -98,6 +101,8 @@ class RecordingWatch:
             self._count_limits(measured.moment_Nm)
         if contact is not None and contact.status == "failed" and "picture and moment contradict" in contact.reason:
             self._contradicted.append(self.count)
+        if contact is not None and contact.status == "no_antenna":
+            self._turned.update(words for words in TURNED if words in contact.reason)
         if before is not None and measured.time_s > before.time_s:
             self._apart_s.append(measured.time_s - before.time_s)
         sigma_px = float(measured.sigma_px[len(measured.sigma_px) // 2]) if len(measured.sigma_px) else np.nan
@@ -106,6 +111,7 @@ class RecordingWatch:
             found = _jump(self._three, self.rig.moment_sensor.std_Nm)
             self._jumps += [] if found is None else [found]
         if len(measured.points_px) >= self.settings.fewest_points:
+            self._seen += 1
             around = np.full((2, 8), np.nan)
             if before is not None:
                 around[0] = _readings(before)
@@ -209,6 +215,10 @@ class RecordingWatch:
             words = f"{count} rows, first row {start}, repeat the picture before them, while the readings go on"
             remedy = "look why the camera stopped, and leave these rows out"
             found.append(Diagnosis("camera_frozen", words, remedy, "wrong"))
+        [(words, count)] = self._turned.most_common(1) or [("", 0)]
+        if count > 1 and self._seen < self.settings.unexplained * self.count:
+            name = "picture_turned" if "turned" in words else "picture_mirrored"
+            found.append(Diagnosis(name, words, "record the pictures as the camera takes them", "wrong"))
         if rows := self._exchanged:
             words = f"the pictures of rows {rows[0]} and {rows[1]} fit better in each other's row"
             remedy = "look at their time stamps and names, and exchange them"
