@@ -176,14 +176,6 @@ def _same_paths_m_s2(rig: Rig) -> float:
     )
 
 
-TURNED = {
-    "the pictures are mirrored left to right": (1, -1),
-    "the pictures are mirrored top to bottom": (-1, 1),
-    "the pictures are turned by 180°": (-1, -1),
-}
-"""How pictures may have been changed after the camera, and the steps through their rows and columns that undo it."""
-
-
 def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]) -> list[Detection]:
     """The antenna of each picture, measured once more along the shape that the first look led to unless that was sure.
 
@@ -309,7 +301,7 @@ def subtracted(
 
 def _in_order(estimator: ContactEstimator, firsts: Iterable[_FirstDetection]) -> Iterator[_FirstDetection]:
     """The same; where two lines could be the antenna, the frame before tells whether the first one is. As long as none
-    was seen, some are also looked at mirrored and turned."""
+    was seen, some are searched mirrored and turned, too."""
     before, left = np.empty((0, 2)), ContactSettings.turned_looks
     for first in firsts:
         decided_one, before = after(first, before)
@@ -324,7 +316,7 @@ def _turned(estimator: ContactEstimator, first: _FirstDetection) -> _FirstDetect
     paint, looking, picture = estimator.rig.image.paint, first.looking, first.picture
     assert looking is not None
     assert picture is not None
-    for words, (rows, columns) in TURNED.items():
+    for words, rows, columns in ContactSettings.turned:
         other, image = (np.ascontiguousarray(each[::rows, ::columns]) for each in (picture, paint.plane(picture)))
         line = explained(paint.find(looking, other, image), image, looking.corridor, first.bright)
         if line.found:

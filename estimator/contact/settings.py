@@ -53,8 +53,11 @@ class ContactSettings:
     least_noise_changing: float = 1.0  # and where the polarity may change: one picture does not show common errors
     at_once_px: int = 16_000_000  # pixels of pictures that are kept for a second detection
     pictures_ahead: int = 3  # pictures that are read while one is searched
-    turned_looks: int = (
-        4  # pictures without an antenna that are looked at mirrored and turned, where none has shown one
+    turned_looks: int = 4  # first pictures without an antenna that are searched mirrored and turned, too:
+    turned: tuple[tuple[str, int, int], ...] = (  # how, and the steps through rows and columns that undo it
+        ("the pictures are mirrored left to right", 1, -1),
+        ("the pictures are mirrored top to bottom", -1, 1),
+        ("the pictures are turned by 180°", -1, -1),
     )
 
     # what lies behind it

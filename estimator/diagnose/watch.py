@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from estimator.contact.inputs import Batch, OutlierSettings, point_scatter, shared_share
-from estimator.contact.recording import TURNED
+from estimator.contact.settings import ContactSettings
 from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import Diagnosis, Verdict
 from vbaa_calib.diagnose.decision import explained, joined
@@ -102,7 +102,7 @@ class RecordingWatch:
         if contact is not None and contact.status == "failed" and "picture and moment contradict" in contact.reason:
             self._contradicted.append(self.count)
         if contact is not None and contact.status == "no_antenna":
-            self._turned.update(words for words in TURNED if words in contact.reason)
+            self._turned.update(words for words, *_ in ContactSettings.turned if words in contact.reason)
         if before is not None and measured.time_s > before.time_s:
             self._apart_s.append(measured.time_s - before.time_s)
         sigma_px = float(measured.sigma_px[len(measured.sigma_px) // 2]) if len(measured.sigma_px) else np.nan
@@ -219,6 +219,10 @@ class RecordingWatch:
         if count > 1 and self._seen < self.settings.unexplained * self.count:
             name = "picture_turned" if "turned" in words else "picture_mirrored"
             found.append(Diagnosis(name, words, "record the pictures as the camera takes them", "wrong"))
+        elif self.count >= self.settings.fewest and self._seen < self.settings.unexplained * self.count:
+            words = f"no antenna is seen in {self.count - self._seen} of {self.count} frames where the rig expects it"
+            remedy = "look with vbaa look whether size, part and place of the pictures are those of the calibration"
+            found.append(Diagnosis("antenna_unseen", words, remedy))
         if rows := self._exchanged:
             words = f"the pictures of rows {rows[0]} and {rows[1]} fit better in each other's row"
             remedy = "look at their time stamps and names, and exchange them"
