@@ -232,14 +232,3 @@ def test_a_session_of_other_cameras_is_refused(
     assert main(["estimate", str(session), "--rig", str(made / "rig.json"), "-o", str(out), "--no-report"]) == 2
     assert words in capsys.readouterr().err
     assert not out.exists()
-
-
-def test_another_antenna_is_no_further_camera(made: Path) -> None:
-    rig = Rig.load(made / "rig.json")
-    left, right = rig.cameras.values()
-    again = left.with_camera("right", right)
-    np.testing.assert_allclose(again.covariance_with_tip, rig.covariance_with_tip, rtol=1e-3, atol=1e-14)
-    step = np.zeros(len(right.covariance))
-    step[12] = 0.2
-    with pytest.raises(InputError, match="finds another antenna than left, most of all log_stiffness"):
-        left.with_camera("right", right.moved(step))

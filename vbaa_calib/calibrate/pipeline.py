@@ -42,7 +42,7 @@ class Calibration:
     ----------
     stills : static frames, without a load and with one, in the order of bundle adjustment.
     given : the initial lens, where it was not solved from intrinsics/.
-    others : calibrations of further cameras, by name; `rig` has all cameras.
+    others : calibrations of further cameras, by name, each by itself; `rig` is of all cameras in one solve.
     still_diagnoses : mistakes that the static frames reveal; those of the lens' pictures are in its verdict.
     """
 
@@ -135,7 +135,8 @@ def _lens_folder(session: Session, given: GivenLens | None) -> list[str]:
 
 
 def _every_camera(session: Session, lens_model: str, given: GivenLens | None) -> Calibration:
-    """Each camera by itself, on the same loads, and then as one rig (`Rig.with_camera`). Raises as `calibrate` does."""
+    """Each camera by itself, for what is wrong with its pictures, and then all in one solve. Raises as `calibrate`
+    does."""
     if given is not None:
         names = ", ".join(session.cameras)
         raise InputError("--camera is one lens", remedy=f"take pictures of the board with each: {names}")
@@ -144,12 +145,16 @@ def _every_camera(session: Session, lens_model: str, given: GivenLens | None) ->
         alone = replace(session.of_camera(name), cameras={name: session.cameras[name]})
         each[name] = calibrate(alone, lens_model)
     (first, made), *rest = each.items()
-    rig = replace(made.rig, camera_name=first)
     findings = list(made.rig.verdict.findings)
     for name, one in rest:
-        rig = rig.with_camera(name, one.rig)
         findings += [replace(finding, words=f"{name}: {finding.words}") for finding in one.rig.verdict.findings]
-    return replace(made, session=session, rig=replace(rig, verdict=Verdict.of(findings)), others=dict(rest))
+    joint = BundleAdjustment.together({name: one.joint for name, one in each.items()})
+    rigs = {
+        name: replace(make_rig(session, made.plane.kinematics, joint[name], one.noted), image=each[name].rig.image)
+        for name, one in joint.items()
+    }
+    main = replace(rigs.pop(first), camera_name=first, others=rigs, verdict=Verdict.of(findings))
+    return replace(made, session=session, rig=main, others=dict(rest))
 
 
 @gate

@@ -153,7 +153,7 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
     # both rulers say which side of a stretched print is right
     unruled = board.scale_doubt if session.board.stretch_std is None else 0.0
     scale_std = float(np.hypot(session.print_scale_std, unruled))
-    estimates = [inflated(estimate, *_print_doubt(estimate, session, scale_std)) for estimate in estimates]
+    estimates = [inflated(estimate, *_print_doubt(estimate, session, scale_std), common=True) for estimate in estimates]
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
     _require_agreement(apart, session, camera, jig, [one for one in estimates if one.way != "jig"])
     return PlaneC(

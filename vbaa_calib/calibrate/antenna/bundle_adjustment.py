@@ -2,31 +2,36 @@
 
 Everything is solved at once: a tilted clamp looks like a tilted camera, a bowed wire like a heavier one. What the
 pictures cannot separate is constrained by priors, and shows in the covariance. The posterior of the board's pictures,
-of lens and camera pose, is the prior here.
+of lens and camera pose, is the prior here. Several cameras are first solved each by itself, for what is wrong with its
+pictures, and then together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
 from scipy.linalg import block_diag
 from scipy.ndimage import binary_propagation, maximum_filter1d, uniform_filter1d
 
+from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.errors import SolveError
+from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.least_squares import CHANCE_SCATTER, Linearised, Rules, disagreement, disagreement_p, minimise
-from vbaa_calib.core.robust import MAD_SCALE, huber_weights, mad_std
+from vbaa_calib.core.robust import MAD_SCALE, chi_square, huber_weights, mad_std
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Tip, WrenchSensor
 from vbaa_calib.rig.reprojection import see
+from vbaa_calib.session import Still
 
-from .inputs import Observation, Prior
-from .problem import GAIN, OFFSET, RIG, Evaluation, LensLost, Problem
+from .inputs import Observation, Prior, ReadingGroups
+from .problem import GAIN, OFFSET, POSE, RIG, Evaluation, LensLost, Problem
 from .settings import AntennaSettings
 
 _RULES = Rules(iterations=40, takes_last=True, may_rise=1e-3)
@@ -35,11 +40,13 @@ _RULES = Rules(iterations=40, takes_last=True, may_rise=1e-3)
 
 def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, standstill: float) -> Linearised:
     """Minimises the robust cost from a start. evaluated : what `Problem.evaluate` gives at the start."""
-    upper = problem.upper
-    if (start <= upper).all():
-        first = Linearised(start, *problem.residuals(start, evaluated), problem.certain)
-    else:
-        first = problem.linearised(np.minimum(start, upper))
+    if (start <= problem.upper).all():
+        return _minimised(problem, Linearised(start, *problem.residuals(start, evaluated), problem.certain), standstill)
+    return _minimised(problem, problem.linearised(np.minimum(start, problem.upper)), standstill)
+
+
+def _minimised(problem: Problem | _Cameras, first: Linearised, standstill: float) -> Linearised:
+    """Minimises the robust cost from a start."""
 
     def evaluate(parameters: np.ndarray) -> Linearised | None:
         try:
@@ -49,7 +56,7 @@ def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, stand
             return None
         return trial if trial.is_finite else None
 
-    at, promise, exhausted = minimise(evaluate, first, replace(_RULES, standstill=standstill), upper)
+    at, promise, exhausted = minimise(evaluate, first, replace(_RULES, standstill=standstill), problem.upper)
     return replace(at, converged=promise < (AntennaSettings.enough if exhausted else standstill))
 
 
@@ -79,25 +86,48 @@ def _fitting(
     ), rms
 
 
-def _disagreements(
+def _frame_disagreements(
     problem: Problem, solution: Linearised, distances: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """χ² and degrees of freedom (F,) of the disagreement of each static frame with the rest, by line and moment; none
     of those left out. distances : see `Problem.evaluate`.
     """
     kept = np.flatnonzero(problem.kept)
+    bounds = np.cumsum([0, *(len(distances[index]) for index in kept.tolist())])
+    rows = [np.append(np.arange(*ends), bounds[-1] + n) for n, ends in enumerate(pairwise(bounds))]
+    square, freedom = np.zeros((2, len(problem.kept)))
+    square[kept], freedom[kept] = _disagreements(solution, rows)
+    return square, freedom
+
+
+def _disagreements(solution: Linearised, rows: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """χ² and degrees of freedom (G,) of the disagreement of groups of a solution's residuals, by their rows, with all
+    the rest."""
     jacobian, residuals = (solution.jacobian.T * solution.weights).T, solution.residuals * solution.weights
     total, beforehand = jacobian.T @ jacobian, jacobian[len(jacobian) - solution.certain :]
     # in units of what is known beforehand
     unit = 1.0 / np.sqrt(np.maximum((beforehand**2).sum(axis=0), 1e-12 * np.diag(total)))
-    bounds = np.cumsum([0, *(len(distances[index]) for index in kept.tolist())])
-    rows = [np.append(np.arange(*ends), bounds[-1] + n) for n, ends in enumerate(pairwise(bounds))]
     own = [(jacobian[each] * unit, residuals[each]) for each in rows]
     information = np.array([slopes.T @ slopes for slopes, _ in own])
     pull = np.array([-slopes.T @ off for slopes, off in own])
-    square, freedom = np.zeros((2, len(problem.kept)))
-    square[kept], freedom[kept] = disagreement(information, pull, total * np.outer(unit, unit))
-    return square, freedom
+    return disagreement(information, pull, total * np.outer(unit, unit))
+
+
+def _scatter_of(square: np.ndarray, freedom: np.ndarray) -> float:
+    """Ratio, at least 1, of frames' disagreements to what their noise explains."""
+    return float(np.sqrt(max(square.sum() / max(freedom.sum(), 1.0) / CHANCE_SCATTER, 1.0)))
+
+
+def _widened(problem: Problem) -> Problem:
+    """The problem for the covariance: pictures that say no more than one of them count as one."""
+    alike = _alike([one for one, fits in zip(problem.observations, problem.kept, strict=True) if fits])
+    return problem if alike == 1.0 else replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike)))
+
+
+def _scattered(final: Linearised, scatter: float) -> Linearised:
+    """With the measured residuals' deviations so many times larger; priors stay."""
+    trust = np.where(np.arange(len(final.residuals)) < len(final.residuals) - final.certain, 1.0 / scatter, 1.0)
+    return replace(final, residuals=trust * final.residuals, jacobian=trust[:, None] * final.jacobian)
 
 
 def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -195,6 +225,19 @@ class BundleAdjustment:
         kept = [one for one, fits in zip(self.noted, self.kept, strict=True) if fits]
         return _alike(kept)
 
+    @staticmethod
+    def together(cameras: Mapping[str, BundleAdjustment]) -> dict[str, BundleAdjustment]:
+        """Solve several cameras' poses and lenses with antenna, loads and sensors in one problem, from each one's own
+        adjustment by the same static frames, by name: pose, lens, antenna, sensors and tip of each as the common
+        solution has them, with its covariance. What each left out, and how its frames fit, stays.
+
+        Raises
+        ------
+        InputError : they are of different antennas.
+        SolveError : it does not converge.
+        """
+        return _together(cameras)
+
     def forecast(self, rows: np.ndarray) -> np.ndarray:
         """(17 + P, 17 + P) `covariance` with further observations of slopes `rows` (N, size) by all parameters, in
         units of their standard deviations."""
@@ -288,7 +331,7 @@ def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearis
         # stills on the border must not come and go for ever; the last pass leaves none out
         fits = kept if turn == AntennaSettings.passes else fits & kept if turn > AntennaSettings.passes // 2 else fits
         if judged and change < AntennaSettings.exact_from and (fits == kept).all():
-            p = disagreement_p(*_disagreements(problem, solution, evaluated.points))
+            p = disagreement_p(*_frame_disagreements(problem, solution, evaluated.points))
             worst = int(np.argmin(p))
             if p[worst] < AntennaSettings.contradicts:
                 strange[worst] = True
@@ -317,29 +360,15 @@ def _solved(
         if with_tips is not None:
             problem, solution, evaluated = with_tips
             parameters = solution.parameters
-    kept = [one for one, fits in zip(observations, problem.kept, strict=True) if fits]
-    alike, final = _alike(kept), solution
-    if alike > 1.0:
-        final = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike))).linearised(parameters)
-    square, freedom = _disagreements(problem, solution, evaluated.points)
-    scatter = float(np.sqrt(max(square.sum() / max(freedom.sum(), 1.0) / CHANCE_SCATTER, 1.0)))
-    # of what was measured; priors stay
-    trust = np.where(np.arange(len(final.residuals)) < len(final.residuals) - final.certain, 1.0 / scatter, 1.0)
-    final = replace(final, residuals=trust * final.residuals, jacobian=trust[:, None] * final.jacobian)
-    root, axes = _root(problem, final), block_diag(np.eye(RIG), prior.lens_axes)
-    # lens and wrench sensor in their own units
-    scaled, own = axes @ root[: problem.lens.stop], prior.sensor_std[:, None] * root[problem.sensor]
-    covariance, whole = scaled @ scaled.T, root @ root.T
-    sensor = problem.wrench_sensor(parameters)
-    if sensor is not None:
-        sensor = replace(sensor, covariance=own @ np.vstack([scaled, own]).T)
-    camera = problem.camera(parameters)
+    final = solution if (wider := _widened(problem)) is problem else wider.linearised(parameters)
+    scatter = _scatter_of(*_frame_disagreements(problem, solution, evaluated.points))
+    final = _scattered(final, scatter)
+    root = _root(problem, final)
     return BundleAdjustment(
         problem=problem,
         solution=solution,
         final=final,
-        parameters=parameters[:RIG],
-        T_antenna_camera=problem.pose(parameters),
+        **_in_units(problem, parameters, root),
         noted=tuple(
             replace(one, points_px=used.points_px, sigma_px=used.sigma_px)
             for one, used in zip(observations, problem.observations, strict=True)
@@ -348,13 +377,10 @@ def _solved(
             len(one.points_px) - len(used.points_px)
             for one, used in zip(observations, problem.observations, strict=True)
         ),
-        camera=camera if len(covariance) == RIG else replace(camera, covariance=covariance[RIG:, RIG:]),
-        covariance=covariance,
         scatter=scatter,
         point_rms=rms,
         moment_residuals_Nm=problem.moment_residuals_Nm(parameters, evaluated.moments),
-        sensor=sensor,
-        tip=_tip(problem, evaluated, whole, axes),
+        tip=_tip(problem, evaluated, root),
         tip_gap_std=gap_std,
         tip_gap_m=gap_m,
     )
@@ -371,6 +397,28 @@ def _root(problem: Problem, final: Linearised) -> np.ndarray:
     # the lens may be off by all its standard deviation, whatever share the solve had: the solution follows its prior
     rest = root @ root[problem.lens].T * np.sqrt(problem.prior.lens_shares**-2 - 1.0)
     return np.hstack([root, rest])
+
+
+def _in_units(problem: Problem, parameters: np.ndarray, root: np.ndarray) -> dict[str, Any]:
+    """Pose, lens, antenna and sensors of a `BundleAdjustment`, by the problem's parameters (17 + P + K + L + W,) and a
+    root (17 + P + K + L + W, …) of their covariance."""
+    scaled, own = _own_units(problem, root)
+    covariance, camera, sensor = scaled @ scaled.T, problem.camera(parameters), problem.wrench_sensor(parameters)
+    return {
+        "parameters": parameters[:RIG],
+        "T_antenna_camera": problem.pose(parameters),
+        "camera": camera if len(covariance) == RIG else replace(camera, covariance=covariance[RIG:, RIG:]),
+        "covariance": covariance,
+        "sensor": None if sensor is None else replace(sensor, covariance=own @ np.vstack([scaled, own]).T),
+    }
+
+
+def _own_units(problem: Problem, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of a root of the parameters' covariance: `RIG_PARAMETERS` and lens, and a wrench sensor's parameters, both
+    in their own units."""
+    axes = block_diag(np.eye(RIG), problem.prior.lens_axes)
+    own = (problem.prior.sensor_std * root[problem.sensor].T).T
+    return axes @ root[: problem.lens.stop], own
 
 
 def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float, float]:
@@ -414,9 +462,9 @@ def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Lineari
     return (problem, solution, problem.evaluate(solution.parameters)) if solution.converged else None
 
 
-def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: np.ndarray) -> Tip | None:
-    """Where the visible end lies by its pictures, and its covariance with rig and wrench sensor, from that of all
-    parameters; `axes` (17 + P, 17 + P) give the lens its own units."""
+def _tip(problem: Problem, evaluated: Evaluation, root: np.ndarray) -> Tip | None:
+    """Where the visible end lies by its pictures, and its covariance with rig and wrench sensor, from a root of that of
+    all parameters."""
     std_m = problem.prior.tip_std_m
     if not len(problem.tips) or std_m is None:
         return None
@@ -425,8 +473,8 @@ def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: 
     # residual = seen less predicted: an end further out lies by_length · offset off
     offset = -variance * by_length @ evaluated.tips[:, 0]
     by_rig = -variance * by_length @ problem.by_all(evaluated.tips)
-    across = by_rig @ covariance
-    common = np.append(axes @ across[: problem.lens.stop], problem.prior.sensor_std * across[problem.sensor])
+    across = by_rig @ root @ root.T
+    common = np.concatenate(_own_units(problem, across))
     return Tip(float(offset), float(np.sqrt(variance + across @ by_rig)), common)
 
 
@@ -441,3 +489,193 @@ def noise_scale(residuals: Sequence[np.ndarray]) -> float:
     ]
     spread = MAD_SCALE * np.sqrt(AntennaSettings.run) * float(np.median(np.abs(np.concatenate(runs))))
     return float(max(spread, mad_std(np.concatenate(residuals)), 0.2))
+
+
+def _rows_of_table(frames: Sequence[Still]) -> list[tuple[str, int]]:
+    """Keys of static frames that are the same for every camera: what was read, and the number among equal ones."""
+    seen: Counter[str] = Counter()
+    found = []
+    for row in (repr(replace(one, image=None)) for one in frames):
+        found.append((row, seen[row]))
+        seen[row] += 1
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Cameras:
+    """The problems of several cameras as one, in the form that `_minimised` takes.
+
+    Its parameters (Q,) are antenna and moment sensor, errors of the loads' readings, of the taper and of a wrench
+    sensor, in deviations; then of the visible end's distance from the length, and of what the cameras' poses have in
+    common, likewise; and pose, lens and light of each camera.
+
+    problems : each camera's. places : of each one's parameters among all. reads : of each one's kept static frames,
+        whether no earlier camera has its readings. tip, common : where these errors are.
+    """
+
+    problems: Sequence[Problem]
+    places: Sequence[np.ndarray]
+    reads: Sequence[np.ndarray]
+    tip_std_m: float
+    tip: slice
+    common: slice
+    size: int
+
+    @staticmethod
+    def of(alone: Sequence[BundleAdjustment]) -> _Cameras:
+        """From each camera's own bundle adjustment, without what that left out."""
+        first = alone[0].problem
+        with_tip = all(one.tip is not None for one in alone)
+        counts = Counter(estimate.way for one in alone for estimate in one.problem.prior.poses)
+        columns = [e.common.shape[1] for one in alone for e in one.problem.prior.poses if counts[e.way] > 1]
+        groups = ReadingGroups.of([each.still for one in alone for each in one.noted], first.prior.readings)
+        ends = np.cumsum(
+            [(RIG - 6), groups.count, first.taper.stop - first.taper.start, len(first.prior.sensor_std), with_tip]
+        )
+        readings, taper, sensor, tip = (slice(*pair) for pair in pairwise(ends.tolist()))
+        common = slice(tip.stop, size := tip.stop + max(columns, default=0))
+        problems, places, reads, used, at = [], [], [], set[tuple[str, int]](), 0
+        for one in alone:
+            problem = one.problem if with_tip else one.problem.without_tips()
+            place = np.zeros(problem.size, int)
+            place[POSE.stop : RIG] = np.arange(RIG - 6)
+            place[problem.taper], place[problem.sensor] = np.r_[taper], np.r_[sensor]
+            every = slice(at, at := at + len(one.noted))
+            for mine, all_of_them in ((problem.groups.distance, groups.distance), (problem.groups.force, groups.force)):
+                place[problem.readings.start + mine[mine >= 0]] = readings.start + all_of_them[every][mine >= 0]
+            for own in (POSE, problem.lens, problem.light):
+                count = own.stop - own.start
+                place[own] = np.arange(size, size := size + count)
+            rows = _rows_of_table([each.still for each in one.noted])
+            reads.append(np.array([row not in used for row in rows])[problem.kept])
+            used.update(row for row, kept in zip(rows, problem.kept.tolist(), strict=True) if kept)
+            # what estimates of one way have in common is unknown: weights of 1 in all hold for any correlation
+            poses = [
+                replace(estimate, covariance=estimate.covariance - estimate.common @ estimate.common.T)
+                if estimate.common.size and counts[estimate.way] > 1
+                else replace(estimate, covariance=counts[estimate.way] * estimate.covariance, common=np.zeros((6, 0)))
+                for estimate in problem.prior.poses
+            ]
+            prior = replace(problem.prior, poses=poses, tip_std_m=None)
+            noise_Nm = max(each.problem.moment_std_Nm for each in alone)
+            problems.append(replace(problem, prior=prior, moment_std_Nm=noise_Nm))
+            places.append(place)
+        return _Cameras(problems, places, reads, first.prior.tip_std_m or 0.0, tip, common, size)
+
+    @property
+    def upper(self) -> np.ndarray:
+        """(Q,) upper ends of the parameters."""
+        ends = np.full(self.size, np.inf)
+        for problem, place in zip(self.problems, self.places, strict=True):
+            np.minimum.at(ends, place, problem.upper)
+        return ends
+
+    def relinearised(self, parameters: np.ndarray) -> _Cameras:
+        """As each of the problems. Raises LensLost."""
+        each = zip(self.problems, self.places, strict=True)
+        return replace(self, problems=[problem.relinearised(parameters[place]) for problem, place in each])
+
+    def linearised(self, parameters: np.ndarray) -> Linearised:
+        """All residuals and their Jacobian."""
+        return self.with_parts(parameters)[0]
+
+    def with_parts(self, parameters: np.ndarray) -> tuple[Linearised, list[list[np.ndarray]]]:
+        """All residuals, and where those of each camera's static frames are, frame by frame."""
+        measured: list[tuple[np.ndarray, np.ndarray]] = []
+        known: list[tuple[np.ndarray, np.ndarray]] = []
+        found, parts, at = np.zeros(self.size, bool), [], 0
+        for problem, place, reads in zip(self.problems, self.places, self.reads, strict=True):
+            evaluated = problem.evaluate(parameters[place])
+            off, slopes = problem.residuals(parameters[place], evaluated)
+            rows = np.zeros((len(off), self.size))
+            rows[:, place] = slopes
+            first, count = len(off) - problem.certain, len(reads)
+            points = [len(evaluated.points[index]) for index in np.flatnonzero(problem.kept).tolist()]
+            some = np.ones(first, bool)
+            some[sum(points) :] = np.concatenate([reads, np.repeat(reads, (first - sum(points) - count) // count)])
+            measured.append((off[:first][some], rows[:first][some]))
+            moments = at + sum(points) + np.cumsum(reads) - 1
+            bounds = at + np.cumsum([0, *points])
+            parts.append(
+                [
+                    np.append(np.arange(*ends), moment if read else np.zeros(0, int))
+                    for ends, moment, read in zip(pairwise(bounds), moments, reads, strict=True)
+                ]
+            )
+            at += int(some.sum())
+            for estimate in problem.prior.poses:
+                width = estimate.common.shape[1]
+                both = slice(self.common.start, self.common.start + width)
+                shared = np.linalg.inv(np.linalg.cholesky(estimate.covariance)) @ estimate.common
+                off[first : first + 6] += shared @ parameters[both]
+                rows[first : first + 6, both] += shared
+                known.append((off[first : first + 6], rows[first : first + 6]))
+                first += 6
+            tips = slice(first, first + len(problem.tips))
+            by_length = self.tip_std_m * evaluated.by_length[:, None]
+            off[tips] += by_length @ parameters[self.tip]
+            rows[tips, self.tip] += by_length
+            known.append((off[tips], rows[tips]))
+            own = np.flatnonzero(~found[place[POSE.stop :]]) + tips.stop
+            known.append((off[own], rows[own]))
+            found[place] = True
+        last = np.arange(self.tip.start, self.common.stop)
+        known.append((parameters[last], np.eye(self.size)[last]))
+        certain = sum(len(off) for off, _ in known)
+        residuals = np.concatenate([off for off, _ in measured + known])
+        return Linearised(parameters, residuals, np.vstack([rows for _, rows in measured + known]), certain), parts
+
+
+def _together(cameras: Mapping[str, BundleAdjustment]) -> dict[str, BundleAdjustment]:
+    (first_name, first_one), *rest = cameras.items()
+    for name, one in rest:
+        _refuse_other_antenna(first_name, first_one, name, one)
+    alone = list(cameras.values())
+    problem = _Cameras.of(alone)
+    parameters = np.zeros(problem.size)
+    for place, one in reversed(list(zip(problem.places, alone, strict=True))):
+        parameters[place] = one.solution.parameters
+    try:
+        for _ in range(AntennaSettings.passes):
+            first = problem.linearised(np.minimum(parameters, problem.upper))
+            solution = _minimised(problem, first, AntennaSettings.standstill)
+            moved, parameters = np.abs(solution.parameters - parameters), solution.parameters
+            problem = problem.relinearised(parameters)
+            std = np.linalg.norm(solution.covariance_root(), axis=1)
+            if (moved < AntennaSettings.last_change * std).all():
+                break
+    except LensLost as error:
+        raise SolveError(f"all cameras: {error}") from None
+    if not solution.converged:
+        raise SolveError("bundle adjustment of all cameras did not converge")
+    final, frames = problem.with_parts(parameters)
+    scatter = _scatter_of(*_disagreements(final, [rows for each in frames for rows in each]))
+    wider = replace(problem, problems=[_widened(each) for each in problem.problems])
+    root = _scattered(wider.linearised(parameters), scatter).covariance_root()
+    # as each camera's own: the lens may be off by all its standard deviation
+    lenses = [(place[one.lens], one.prior) for place, one in zip(problem.places, problem.problems, strict=True)]
+    root = np.hstack([root, *(root @ root[lens].T * np.sqrt(known.lens_shares**-2 - 1.0) for lens, known in lenses)])
+    own_m, found = problem.tip_std_m * root[problem.tip], {}
+    for (name, one), each, place in zip(cameras.items(), problem.problems, problem.places, strict=True):
+        tip = None
+        if len(own_m):
+            offset_m = problem.tip_std_m * float(parameters[problem.tip][0])
+            common = np.concatenate([rows @ own_m[0] for rows in _own_units(each, root[place])])
+            tip = Tip(offset_m, float(np.linalg.norm(own_m)), common)
+        solved = _in_units(each, parameters[place], root[place])
+        found[name] = replace(one, **solved, tip=tip, scatter=scatter)
+    return found
+
+
+def _refuse_other_antenna(name: str, one: BundleAdjustment, other_name: str, other: BundleAdjustment) -> None:
+    """Raises InputError where two cameras' own adjustments are of different antennas."""
+    antenna = slice(POSE.stop, POSE.stop + len(PARAMETERS))
+    # both rest on the same loads: their difference is smaller than the sum of their covariances says
+    both = one.covariance[antenna, antenna] + other.covariance[antenna, antenna]
+    apart, std = other.parameters[antenna] - one.parameters[antenna], np.sqrt(np.diag(both))
+    square = chi_square(apart, both)
+    if disagreement_p(np.array([square]), np.array([len(apart)]))[0] < AntennaSettings.contradicts:
+        worst = int(np.argmax(np.abs(apart / std)))
+        what = f"camera {other_name} finds another antenna than {name}, most of all {PARAMETERS[worst]}"
+        remedy = "check plane, loads and noload of both cameras, and that both saw the same antenna"
+        raise InputError(f"{what}, {np.abs(apart / std).max():.1f} std off", remedy=remedy)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -168,14 +167,6 @@ def _rms(residual: np.ndarray) -> float:
     return float(np.sqrt(2.0 * np.mean(residual**2)))
 
 
-class _Point(NamedTuple):
-    """A pose, the corners' residuals and their derivatives by its tangent there, and their cost."""
-
-    pose: Pose
-    rows: Linearised
-    cost: float
-
-
 @dataclass(frozen=True, eq=False)
 class _SeenBoard:
     """Points (N, 3) of the board and their observed pixels (N, 2) in a camera."""
@@ -199,18 +190,21 @@ class _SeenBoard:
     def refined(self, T_camera_board: Pose, loss: Loss) -> Pose:
         """Minimises the robust cost from a start: the pose in its local minimum."""
 
-        def linearised(pose: Pose) -> _Point:
-            rows = Linearised(np.zeros(6), self.residual(pose), self.derivatives(pose)[0], 0, loss=loss)
-            return _Point(pose, rows, rows.cost)
+        def pose_of(at: Linearised) -> Pose:
+            return Pose(at.parameters[:, :3], at.parameters[:, 3])
 
-        def step(at: _Point, damping: float) -> tuple[np.ndarray, float]:
-            return at.rows.step(damping)
+        def linearised(pose: Pose) -> Linearised:
+            here = np.column_stack([pose.rotation, pose.translation_m])
+            return Linearised(here, self.residual(pose), self.derivatives(pose)[0], 0, loss=loss)
 
-        def moved(at: _Point, move: np.ndarray) -> _Point:
-            return linearised(at.pose.retract(move))
+        def step(at: Linearised, damping: float) -> tuple[np.ndarray, float]:
+            return at.step(damping)
+
+        def moved(at: Linearised, move: np.ndarray) -> Linearised:
+            return linearised(pose_of(at).retract(move))
 
         rules = Rules(iterations=60, tolerance=1e-12, takes_last=True, may_rise_share=1e-13)
-        return levenberg_marquardt(linearised(T_camera_board), step, moved, rules)[0].pose
+        return pose_of(levenberg_marquardt(linearised(T_camera_board), step, moved, rules)[0])
 
     def second_rms_px(self, first: Pose, others: Sequence[Pose]) -> float | None:
         """Rms error, px, of the next other pose that explains the corners; None without one."""
@@ -235,10 +229,11 @@ def jig_estimate(
     lever = np.cross(rotation @ T_camera_board.translation_m, np.eye(3)).T
     by_board = np.block([[-rotation, np.zeros((3, 3))], [-lever @ rotation, -rotation]])
     by_jig = np.block([[np.eye(3), np.zeros((3, 3))], [lever, np.eye(3)]])
-    jig = np.repeat([rotation_std_rad, translation_std_m], 3) ** 2
+    jig = np.repeat([rotation_std_rad, translation_std_m], 3)
     return PoseEstimate(
         "jig",
         T_antenna_camera,
-        by_board @ board_pose.covariance @ by_board.T + by_jig * jig @ by_jig.T,
+        by_board @ board_pose.covariance @ by_board.T + by_jig * jig**2 @ by_jig.T,
         by_board @ board_pose.lens_sensitivity,
+        by_jig * jig,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
@@ -26,12 +26,15 @@ class PoseEstimate:
         fixed.
     lens_sensitivity : (6, 4 + k) derivative S of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
         lens' covariance C the whole covariance is `covariance + S C Sᵀ`.
+    common : (6, K) the part of it, `common @ common.T`, that estimates of further cameras by the same method share,
+        error by error; none where that is not known.
     """
 
     way: str
     T_antenna_camera: Pose
     covariance: np.ndarray
     lens_sensitivity: np.ndarray
+    common: np.ndarray = field(default_factory=lambda: np.zeros((6, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +116,9 @@ def fused(ways: Sequence[PoseEstimate]) -> Pose:
     return first.retract(np.linalg.solve(np.sum(weights, axis=0), np.sum(weighted, axis=0)))
 
 
-def inflated(estimate: PoseEstimate, directions: np.ndarray, std: np.ndarray) -> PoseEstimate:
-    """The estimate with standard deviations (K,) added along directions (K, 6) of its tangent."""
+def inflated(estimate: PoseEstimate, directions: np.ndarray, std: np.ndarray, common: bool = False) -> PoseEstimate:
+    """The estimate with standard deviations (K,) added along directions (K, 6) of its tangent; `common` : further
+    cameras' estimates by the same method share these errors, where it is known which they share."""
     spread = directions.T * std
-    return replace(estimate, covariance=estimate.covariance + spread @ spread.T)
+    wider = replace(estimate, covariance=estimate.covariance + spread @ spread.T)
+    return replace(wider, common=np.hstack([estimate.common, spread])) if common and estimate.common.size else wider
