@@ -97,7 +97,7 @@ def errors(solved: BundleAdjustment, world: World, lens: np.ndarray, tip_m: floa
 def whole(solved: BundleAdjustment) -> np.ndarray:
     """(26, 26) covariance with the tip."""
     assert solved.tip is not None
-    return solved.tip.beside(solved.covariance)
+    return solved.tip.joint_with(solved.covariance)
 
 
 @pytest.mark.parametrize("draws", [4, pytest.param(40, marks=pytest.mark.slow)])

@@ -556,7 +556,7 @@ _TURN_MORE = "add views with the hand turned by 20° and more about a second axi
 
 
 @dataclass(frozen=True, eq=False)
-class _HandEyeView:
+class HandEyeView:
     """A view and its disagreement with the robot.
 
     distance_m, turn_rad : disagreement of the board's centre and turn, by its corners alone, with the robot's pose; NaN
@@ -601,7 +601,7 @@ class HandEye:
     parts: Mapping[str, np.ndarray]
     board_scale: tuple[float, float]
     noise_px: float | None
-    views: tuple[_HandEyeView, ...]
+    views: tuple[HandEyeView, ...]
 
     @property
     def outliers(self) -> tuple[str, ...]:
@@ -925,12 +925,12 @@ def _result(
     views, index = [], 0
     for one in seen:
         if one.corners is None:
-            views.append(_HandEyeView(one.name, 0, 0, np.nan, np.nan, one.reason))
+            views.append(HandEyeView(one.name, 0, 0, np.nan, np.nan, one.reason))
             continue
         reason = "" if kept[index] else "its robot pose contradicts the others"
         count = 0 if problem.camera is None else len(one.corners.pixels)
         distance, turn = float(off.distance_m[index]), float(off.turn_rad[index])
-        views.append(_HandEyeView(one.name, count, one.left_out, distance, turn, reason))
+        views.append(HandEyeView(one.name, count, one.left_out, distance, turn, reason))
         index += 1
     return HandEye(
         mount="hand" if problem.in_hand else "fixed",
