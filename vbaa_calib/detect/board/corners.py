@@ -91,8 +91,9 @@ def _detect_charuco(image: np.ndarray, spec: BoardSpec, name: str) -> BoardView:
         own = copy.outlines.astype(np.float32)[:, None], copy.ids.astype(np.int32)
         corners, ids, *_ = _arrays(*detector.detectBoard(seen, markerCorners=list(own[0]), markerIds=own[1]))
     ids = ids.ravel().astype(int)
-    smooth = _smoothed(image) if len(ids) else image
-    sharpened, windows = _between_markers(smooth, corners.reshape(-1, 2), markers, spec)
+    corners = corners.reshape(-1, 2)
+    smooth = _smoothed(image, corners) if len(ids) else image
+    sharpened, windows = _between_markers(smooth, corners, markers, spec)
     return BoardView(
         name,
         ids,
@@ -215,9 +216,24 @@ _KINDS: dict[type[Board], Callable[[np.ndarray, Any, str], BoardView]] = {
 """How each kind of board is detected."""
 
 
-def _smoothed(image: np.ndarray) -> np.ndarray:
-    """The picture in which corners are refined."""
-    return cv2.GaussianBlur(image.astype(np.float32), (0, 0), DetectionSettings.smoothing_px) if image.size else image
+def _smoothed(image: np.ndarray, corners: np.ndarray | None = None) -> np.ndarray:
+    """The picture (H, W) in which corners are refined; around these (N, 2) where they are known, zero beyond."""
+    sigma = DetectionSettings.smoothing_px
+    if corners is None or not np.isfinite(corners).all():
+        return cv2.GaussianBlur(image.astype(np.float32), (0, 0), sigma) if image.size else image
+    kernel = int(np.ceil(4.0 * sigma)) + 1
+    room = 2 * DetectionSettings.largest_window_px + int(np.ceil(DetectionSettings.furthest_px)) + 4
+    size = np.array(image.shape[::-1])
+    first = np.clip(np.floor(corners.min(axis=0)).astype(int) - room, 0, size - 1)
+    last = np.clip(np.ceil(corners.max(axis=0)).astype(int) + room, first + 1, size)
+    before = np.minimum(first, kernel)
+    outer = slice(first[1] - before[1], last[1] + kernel), slice(first[0] - before[0], last[0] + kernel)
+    part = cv2.GaussianBlur(image[outer].astype(np.float32), (0, 0), sigma)
+    smooth = np.zeros(image.shape, np.float32)
+    smooth[first[1] : last[1], first[0] : last[0]] = part[
+        before[1] : before[1] + last[1] - first[1], before[0] : before[0] + last[0] - first[0]
+    ]
+    return smooth
 
 
 def _between_markers(

@@ -9,7 +9,6 @@ covariance is J⁻¹ A var(I) Aᵀ J⁻ᵀ. J is near M = −Σ w g gᵀ where t
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 from scipy.special import ndtri
 
 from .settings import DetectionSettings
@@ -85,7 +84,7 @@ def corner_covariances(
     if not len(corners_px):
         return found
     smooth = image if smooth is None else smooth
-    reach = int(np.ceil(4.0 * smoothing_px))  # SciPy's kernel ends there, and OpenCV's
+    reach = int(np.ceil(4.0 * smoothing_px))  # OpenCV's kernel ends there
     (black, white), (in_black, in_white) = (each.tolist() for each in _measure_noise(image, corners_px, windows))
     for window in np.unique(windows).tolist():
         chosen = np.flatnonzero(windows == window)
@@ -97,10 +96,20 @@ def corner_covariances(
         variance = in_black + share * (in_white - in_black)
         by_pixel, by_shift, curvature = _of_one_size(_blocks(smooth, base, -window - 1, window + 2), part, window)
         if reach:
-            padded = np.pad(by_pixel, ((0, 0), (0, 0), (reach, reach), (reach, reach)))
-            by_pixel = gaussian_filter(padded, smoothing_px, mode="constant", axes=(2, 3))
+            spread = _spread(by_pixel.shape[-1], reach, smoothing_px)
+            by_pixel = spread @ by_pixel @ spread.T
         scatter = _products(variance[:, None] * by_pixel, by_pixel)
         found[chosen] = _sandwich(by_shift, curvature, scatter, window)
+    return found
+
+
+def _spread(size: int, reach: int, smoothing_px: float) -> np.ndarray:
+    """(size + 2 reach, size) weights of pixels in smoothed ones; float32."""
+    off = np.arange(-reach, reach + 1)
+    bell = np.exp(-0.5 * (off / smoothing_px) ** 2)
+    found = np.zeros((size + 2 * reach, size), np.float32)
+    for step, weight in zip(off + reach, bell / bell.sum(), strict=True):
+        found[np.arange(size) + step, np.arange(size)] = weight
     return found
 
 

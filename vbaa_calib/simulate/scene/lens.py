@@ -100,7 +100,7 @@ def invertible(lens: Lens, step_px: int = 8) -> bool:
 
 def ray_map(lens: Lens) -> RayMap:
     """The rays of a lens. Raises InputError when the distortion folds back inside the picture."""
-    step_px = 4  # between which a cubic is right to 1e-6 px
+    step_px = 4 if min(lens.image_size) > 16 else 1  # between which a cubic is right to 1e-6 px
     coarse, sound = _inverted(lens, step_px)
     width, height = lens.image_size
     sizes = zip((height + 2, width + 2), coarse.shape, strict=False)
