@@ -131,6 +131,7 @@ def test_what_both_share_counts_once() -> None:
 
 def test_another_antenna_is_no_further_camera() -> None:
     alone, _ = calibrated(1)
+    assert by_name([replace(one, tip=None) for one in alone])[1].tip is None
     step = np.zeros(17)
     step[EI] = 0.2
     other = replace(alone[1], parameters=alone[1].parameters + step)

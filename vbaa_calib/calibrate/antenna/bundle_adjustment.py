@@ -612,7 +612,8 @@ class _Cameras:
                 known.append((off[first : first + 6], rows[first : first + 6]))
                 first += 6
             tips = slice(first, first + len(problem.tips))
-            by_length = self.tip_std_m * evaluated.by_length[:, None]
+            # none where one of the cameras did not see the end
+            by_length = self.tip_std_m * evaluated.by_length[:, None][:, : self.tip.stop - self.tip.start]
             off[tips] += by_length @ parameters[self.tip]
             rows[tips, self.tip] += by_length
             known.append((off[tips], rows[tips]))
