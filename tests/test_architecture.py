@@ -32,7 +32,7 @@ CXX_CONSTANTS = re.compile(r"^(?:inline )?(?:constexpr|const) .*", re.MULTILINE)
 CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 948,
-    "class names used twice": 1,
+    "class names used twice": 0,
     "classes": 483,
     "public names": 1169,
     "private words": 53,

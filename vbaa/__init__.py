@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from vbaa_calib.export.simulators import export
     from vbaa_calib.session import load_session
 
-    from .contact_estimator import ContactEstimator
+    from .contact_estimator import SessionContactEstimator as ContactEstimator
 
 __all__ = [
     "Camera",
@@ -51,7 +51,7 @@ _HOMES = {
     **dict.fromkeys(("Camera", "Rig", "calibrate_lens", "__version__"), "vbaa_calib"),
     **dict.fromkeys(("Contact", "Measured", "View", "next_touch", "refine"), "estimator"),
     **dict.fromkeys(("RecordingVerdict", "RecordingWatch", "RigWatch", "recording_verdict"), "estimator"),
-    "ContactEstimator": "vbaa.contact_estimator",
+    "ContactEstimator": "vbaa.contact_estimator:SessionContactEstimator",
     "ContactLayer": "estimator.torch",
     "InputError": "vbaa_calib.core.errors",
     "calibrate": "vbaa_calib.calibrate.pipeline",
@@ -66,7 +66,8 @@ def __getattr__(name: str) -> Any:
     """Load on first use. Raises ImportError naming the folder that stands in the place of a package of ours."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    top = _HOMES[name].partition(".")[0]
+    module, _, own = _HOMES[name].partition(":")
+    top = module.partition(".")[0]
     package = importlib.import_module("estimator" if top == "vbaa" else top)
     home, place = Path(__file__).parents[1], Path(package.__file__ or "").parent
     if place.parent != home:
@@ -74,4 +75,4 @@ def __getattr__(name: str) -> Any:
             f"the package {package.__name__} is taken from {place}, not from {home}: rename that or leave it out "
             "of PYTHONPATH (`vbaa doctor` says more)"
         )
-    return getattr(importlib.import_module(_HOMES[name]), name)
+    return getattr(importlib.import_module(module), own or name)

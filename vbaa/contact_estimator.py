@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from estimator.contact import estimate
+from estimator.contact.estimate import ContactEstimator, ContactStream
 from estimator.contact.inputs import Batch, FrameOptions
 from estimator.table.contacts import Contact, ContactTable
 from vbaa_calib.core.arrays import as_float
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from vbaa_calib.session import Frame
 
 
-class ContactEstimator(estimate.ContactEstimator):
-    __doc__ = estimate.ContactEstimator.__doc__
+class SessionContactEstimator(ContactEstimator):
+    __doc__ = ContactEstimator.__doc__
     verdict: RecordingVerdict | None = None
     """On the last session: what is wrong with it, and which rows that concerns."""
 
@@ -93,7 +93,7 @@ class ContactEstimator(estimate.ContactEstimator):
 
         source = open_source(Path(path), self.rig, no_moment)
         rig = replace(self.rig, drift=drift_of(None, source.drift, self.rig.drift))
-        own = estimate.ContactEstimator(rig, self.model, friction=self.friction_rad, jobs=self.jobs)
+        own = ContactEstimator(rig, self.model, friction=self.friction_rad, jobs=self.jobs)
         watch, overview, rows = RecordingWatch(rig), Overview(rig.columns), list[ContactRow]()
         for item in estimate_source(own, source):
             watch.push(item.measured, item.contact)
@@ -116,7 +116,7 @@ class ContactEstimator(estimate.ContactEstimator):
         """
         from estimator.contact.recording import Detection, after, detect_again, frame_contact
 
-        stream, before = estimate.ContactStream(self, live=True), [np.empty((0, 2))] * len(self.rig.cameras)
+        stream, before = ContactStream(self, live=True), [np.empty((0, 2))] * len(self.rig.cameras)
         for number, each in enumerate(frames):
             if not isinstance(each, Mapping) or not {"image", "moment", "pan", "tilt"} <= set(each):
                 remedy = "give a mapping with image, moment, pan and tilt for each"
@@ -129,7 +129,7 @@ class ContactEstimator(estimate.ContactEstimator):
             for contact in stream.push(seen.measured):
                 yield frame_contact(looks[0][1].frame, seen, contact).contact
 
-    def _glances(self, number: int, read: Mapping[str, Any]) -> list[tuple[ContactEstimator, _FirstDetection]]:
+    def _glances(self, number: int, read: Mapping[str, Any]) -> list[tuple[SessionContactEstimator, _FirstDetection]]:
         """First looks at each camera's picture, and the estimator of each. Raises InputError."""
         from estimator.contact.recording import first_look
 

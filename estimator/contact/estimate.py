@@ -410,7 +410,7 @@ class ContactStream:
         )
 
     def idle(self) -> Iterator[Contact]:
-        """The contacts that a step of the work gives, if there is any: for who has time before the next frame."""
+        """Contacts from one step of the waiting work, to be called in the time before the next frame."""
         return self._worked(1)
 
     def finish(self) -> Iterator[Contact]:

@@ -74,7 +74,7 @@ class _Stream:
     notes: list[str] = field(default_factory=list)
 
     def opened(self) -> Opened:
-        """For one pass. Raises InputError."""
+        """Opens source and synchronizer for one pass. Raises InputError."""
         readings = self.path.with_suffix(".csv")
         table = readings if readings.is_file() and not is_bag(self.path) else None
         timing = self.options.timing

@@ -88,7 +88,7 @@ class Rod:
 
     @property
     def mass_kg(self) -> float:
-        """Of all of it."""
+        """Mass of the whole rod."""
         return self.mass_per_length_kg_m * self.taper.weight * self.length_m
 
     def yielding_m(self, distance_m: np.ndarray) -> np.ndarray:
@@ -98,7 +98,7 @@ class Rod:
 
     @property
     def numbers(self) -> _RodNumbers:
-        """As the core reads it."""
+        """The rod in the struct that the core reads."""
         curvature_y, curvature_z = self.natural_curvature_per_m
         pose = self.T_antenna_clamp
         return _RodNumbers(

@@ -153,7 +153,7 @@ def _losses(residuals: np.ndarray) -> np.ndarray:
 
 
 def _weights(residuals: np.ndarray) -> np.ndarray:
-    """(F·points,) on squares, that make least squares of the same."""
+    """(F·points,) weights that make the robust loss a least-squares one."""
     freedom, points = SETTINGS.picture_freedom, SETTINGS.points
     return np.repeat((freedom + points) / (freedom + _squares(residuals)), points)
 

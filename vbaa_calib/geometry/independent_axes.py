@@ -36,7 +36,7 @@ def largest_std(covariance: np.ndarray) -> np.ndarray:
 
 
 def is_covariance(matrix: np.ndarray) -> bool:
-    """Symmetric and positive semidefinite, whatever the units of its rows."""
+    """Whether a matrix is symmetric and positive semidefinite, whatever the units of its rows."""
     variance = np.diag(matrix)
     if (variance < 0).any():
         return False

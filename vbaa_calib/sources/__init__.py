@@ -30,7 +30,7 @@ class PictureSource(Protocol):
 
     @property
     def ended(self) -> bool:
-        """No more will come."""
+        """Whether the source has ended."""
 
     def next(self, timeout_s: float) -> Picture | None:
         """The next picture, None where there is nothing new in time. Raises SourceLost."""

@@ -116,7 +116,7 @@ def _pooled(own_std: np.ndarray, other_std: np.ndarray) -> np.ndarray:
 
 
 def _over(difference: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """Differences in deviations: none is none, also of what counts as exact."""
+    """Differences over their standard deviations; 0 where they are equal, of exact quantities, too."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(difference == 0.0, 0.0, difference / std)
 

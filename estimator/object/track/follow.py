@@ -283,7 +283,7 @@ def _change(table: ContactTable, contacting: ContactStates, change: ContactChang
 def _growth(
     table: ContactTable, contacting: ContactStates, change: ContactChange, decisive: np.ndarray
 ) -> _Growth | None:
-    """The informative frames (T,) around a change; of a loss turned round in time."""
+    """The growth of contact over the informative frames (T,) around a change; of a loss in reversed time."""
     state, time = contacting.state, table.time_s
     place = int(np.searchsorted(decisive, change.row))
     if change.begins:

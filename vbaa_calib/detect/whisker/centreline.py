@@ -87,7 +87,7 @@ class Centreline:
 
     @property
     def likely(self) -> float:
-        """How much of it is surely seen."""
+        """Part of the line that is seen with near certainty."""
         return self.seen * self.sure
 
     def stretches(self, visibility: Visibility) -> list[np.ndarray]:

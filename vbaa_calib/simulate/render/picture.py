@@ -58,7 +58,7 @@ class ImagePatch:
 
     @property
     def where(self) -> tuple[slice, slice]:
-        """Its pixels in the picture."""
+        """Slices of the picture that it covers."""
         rows, columns = (length // self.factor for length in self.alpha.shape)
         return slice(self.top, self.top + rows), slice(self.left, self.left + columns)
 
