@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve, solve_triangular
-from scipy.linalg.lapack import dpotri
+from scipy.linalg import LinAlgError, block_diag, cho_solve, cholesky, solve_triangular
+from scipy.linalg.lapack import dpotri, dtrtri
 from scipy.optimize import minimize
 
 from estimator.object.surface.settings import SurfaceSettings
@@ -111,8 +111,10 @@ class PatchModel:
     @property
     def own(self) -> np.ndarray:
         """(M, M) covariance of everything but the common errors."""
-        own = self.seen_by(self.equations.rows) + self.equations.noise
-        return own + np.diag((self.slack_rad * self.equations.slack) ** 2)
+        own = self.seen_by(self.equations.rows)
+        own += self.equations.noise
+        np.einsum("mm->m", own)[:] += (self.slack_rad * self.equations.slack) ** 2
+        return own
 
     def seen_by(self, rows: Functionals) -> np.ndarray:
         """(Q, M) prior covariance of views with the equations."""
@@ -175,15 +177,16 @@ class ShapeSolution:
     @property
     def leave_one_out_residuals(self) -> np.ndarray:
         """(M,) each equation less what all the others predict, in deviations (Rasmussen and Williams, Eq. 5.12)."""
-        half = solve_triangular(self.lower, np.eye(len(self.weights)), lower=True, check_finite=False)
-        return self.weights / np.sqrt(np.sum(half**2, axis=0))
+        half = dtrtri(self.lower, lower=1)[0]
+        return self.weights / np.sqrt(np.einsum("mn,mn->n", half, half))
 
 
 def _factor(matrix: np.ndarray) -> np.ndarray:
-    """Lower Cholesky factor; what rounding takes away is added again, as little as will do."""
+    """Lower Cholesky factor, zeros above; what rounding takes away is added again, as little as will do."""
     for jitter in (0.0, 1e-12, 1e-10, 1e-8):
         try:
-            return cho_factor(matrix + jitter * np.diag(np.diag(matrix)), lower=True, check_finite=False)[0]
+            whole = matrix + jitter * np.diag(np.diag(matrix)) if jitter else matrix
+            return np.asarray(cholesky(whole, lower=True, check_finite=False))
         except LinAlgError:
             continue
     raise LinAlgError("the covariance of the touches is not positive definite")
@@ -234,7 +237,8 @@ def learn_prior(
         prior, turn = prior_of(logs)
         shape, by_log_length = core.surface.covariance(rows, rows, replace(prior, offset_m=0.0, incline=0.0), True)
         doubt = (turn * slack) ** 2
-        whole = shape + fixed + np.diag(doubt)
+        whole = shape + fixed
+        np.einsum("mm->m", whole)[:] += doubt
         try:
             lower = _factor(whole)
         except LinAlgError:
@@ -244,8 +248,9 @@ def learn_prior(
         trend = np.column_stack([prior.offset_m * rows.value, prior.incline * rows.of_lines])
         white = solve_triangular(lower, np.column_stack([trend, y]), lower=True, check_finite=False)
         lines, seen = white[:, :-1], white[:, -1]
-        inverse = np.tril(dpotri(lower, lower=1)[0])
-        inverse += np.tril(inverse, -1).T
+        inverse = dpotri(lower, lower=1)[0]  # zeros above
+        inverse = inverse + inverse.T
+        np.einsum("mm->m", inverse)[:] *= 0.5
         inner = np.linalg.cholesky(np.eye(lines.shape[1]) + lines.T @ lines)
         course = cho_solve((inner, True), lines.T @ seen)
         rest = seen - lines @ course
@@ -253,9 +258,9 @@ def learn_prior(
         unlikely = 0.5 * float(rest @ rest + course @ course)
         unlikely += float(np.log(np.diag(lower)).sum() + np.log(np.diag(inner)).sum())
         along = solve_triangular(inner, trend.T @ inverse, lower=True)
-        left = inverse - along.T @ along - np.outer(weights, weights)
-        by_length = np.sum(left * by_log_length)
-        slopes = np.array([by_length, 2.0 * np.sum(left * shape), 2.0 * np.diag(left) @ doubt])
+        taken = np.vstack([along, weights])
+        left = inverse - taken.T @ taken
+        slopes = np.array([np.vdot(left, by_log_length), 2.0 * np.vdot(left, shape), 2.0 * np.diag(left) @ doubt])
         away = (logs - _BEST[:free]) / _WIDTH[:free]
         return unlikely + 0.5 * float(away @ away), 0.5 * slopes[:free] + away / _WIDTH[:free]
 
