@@ -22,6 +22,7 @@ from .settings import ContactSettings
 from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, statuses
 
 _T = TypeVar("_T")
+_NUMBERS, _RUNGS = tuple(each.name for each in fields(ContactEstimate)), np.array(RUNGS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +62,7 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         if not -len(self) <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         index %= len(self)
-        values = {one.name: getattr(self, one.name)[index] for one in fields(ContactEstimate)}
+        values = {name: getattr(self, name)[index] for name in _NUMBERS}
         numbers = self.numbers if len(self) == 1 else self.numbers.row(index)
         bias, outside = zip(RUNGS, numbers.bias[0].tolist(), strict=True), int(self.outside_points[index])
         words = reason(numbers, str(self.status[index]), self.rig.antenna.length_m, self.requested)
@@ -90,25 +91,30 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
     rotation, translation = rig.kinematics.world_antenna(pan_rad, tilt_rad)
     length = rig.antenna.length_m
 
-    every = bool(located.all())
+    known = numbers.force_determined
+    # of a force that is not known in all directions nothing mixes its components
+    whole = located & known.all(axis=1)
+    every, complete = bool(located.all()), bool(whole.all())
 
     def where_known(values: np.ndarray, where: np.ndarray = located) -> np.ndarray:
-        if every and where is located:
+        if complete or (every and where is located):
             return values
         return np.where(where.reshape((-1,) + (1,) * (values.ndim - 1)), values, np.nan)
 
+    def of_force(values: np.ndarray) -> np.ndarray:
+        if complete:
+            return values
+        return np.where(np.column_stack([whole, located[:, None] & known]), values, np.nan)
+
     with np.errstate(invalid="ignore", over="ignore"):
         deviations = _deviations(numbers.covariance)
-        covariance = rotation @ numbers.covariance[:, :3, :3] @ np.swapaxes(rotation, 1, 2)
+        both = np.stack([numbers.covariance[:, :3, :3], numbers.shared[:, :3, :3]])
+        covariance, shared = rotation @ both @ np.swapaxes(rotation, 1, 2)
         if not rig.kinematics.axes_known:
             covariance = covariance + _by_axes(rig, numbers, rotation, rig.kinematics.by_axes(pan_rad, tilt_rad))
         turned = np.einsum(
             "bij,bnj->bni", rotation, np.stack([numbers.point_m, numbers.force_N, numbers.tangent], axis=1)
         )
-        known = numbers.force_determined
-        # of a force that is not known in all directions nothing mixes its components
-        whole = located & known.all(axis=1)
-        components = np.column_stack([whole, located[:, None] & known])
         moment = numbers.residual[:, 0] * rig.reading_noise[0] / rig.moment_sensor.gain
         return Contacts(
             rig=rig,
@@ -118,28 +124,26 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
             seen=batch.seen,
             status=status,
             in_contact=numbers.finite & (status != NO_ANTENNA) & (status != NO_CONTACT),
-            model=np.array(RUNGS)[numbers.rung],
+            model=_RUNGS[numbers.rung],
             distance_m=where_known(numbers.unknowns[:, 0] * length),
             distance_std_m=where_known(numbers.std[:, 0] * length),
             distance_shared_std_m=where_known(numbers.shared_std * length),
-            point_shared_std_m=where_known(
-                _deviations(rotation @ numbers.shared[:, :3, :3] @ np.swapaxes(rotation, 1, 2))
-            ),
+            point_shared_std_m=where_known(_deviations(shared)),
             force_covariance_yz_N2=where_known(numbers.covariance[:, 4, 5], whole),
             force_shared_std_N=where_known(_deviations(numbers.shared[:, 3:, 3:]), whole),
-            force_N=np.where(components, numbers.force_N, np.nan),
-            force_std_N=np.where(components, deviations[:, 3:], np.nan),
-            deflection_m=np.where(components, numbers.deflection_m, np.nan),
+            force_N=of_force(numbers.force_N),
+            force_std_N=of_force(deviations[:, 3:]),
+            deflection_m=of_force(numbers.deflection_m),
             point_antenna_m=where_known(numbers.point_m),
             point_world_m=where_known(turned[:, 0] + translation),
             covariance_world_m2=where_known(covariance),
             force_world_N=where_known(turned[:, 1], whole),
             tangent_world=where_known(turned[:, 2], whole),
-            moment_residual_Nm=where_known(moment, numbers.sensor_available[:, 0]),
+            moment_residual_Nm=np.where(numbers.sensor_available[:, 0], moment, np.nan),
             friction_angle_rad=where_known(numbers.unknowns[:, 3] * friction_rad),
             friction_angle_std_rad=where_known(numbers.std[:, 3] * friction_rad),
             friction_prior_rad=np.full(len(status), friction_rad),
-            evidence=where_known(numbers.evidence, numbers.finite),
+            evidence=np.where(numbers.finite, numbers.evidence, np.nan),
             condition=numbers.condition,
         )
 

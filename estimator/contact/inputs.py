@@ -499,8 +499,9 @@ def _alone(across_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
 
 def _medians(values: np.ndarray) -> np.ndarray:
     """(N,) median of each of values (N,) and its neighbours in order."""
-    several = OutlierSettings.neighbours
-    return np.asarray(core.search.running_medians(np.pad(values, several // 2, mode="reflect"), several))
+    several, beyond = OutlierSettings.neighbours, OutlierSettings.neighbours // 2
+    mirrored = np.concatenate([values[beyond:0:-1], values, values[-2 : -beyond - 2 : -1]])
+    return np.asarray(core.search.running_medians(mirrored, several))
 
 
 def _stretch(across_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
@@ -514,8 +515,9 @@ def _stretch(across_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
     size = np.abs(jumps)
     least = max(settings.jump_std * float(np.median(sigma_px)), settings.jump_ratio * float(np.median(size)))
     ends = {0, count}
+    nothing = np.full(side, -np.inf)
     for one_way in (jumps, -jumps):
-        highest = core.search.running_maxima(np.pad(one_way, side, constant_values=-np.inf), 2 * side + 1)
+        highest = core.search.running_maxima(np.concatenate([nothing, one_way, nothing]), 2 * side + 1)
         ends |= set((np.flatnonzero((one_way >= least) & (one_way == highest)) + side).tolist())
     # what is off in the middle of a line decides whether it is the middle that is, or an end
     spans = sorted(combinations(sorted(ends), 2), key=lambda span: (span[0] == 0) + (span[1] == count))
@@ -624,10 +626,12 @@ def _in_order(
 
     The initialization takes every n-th point: it must not depend on the order in which the points were listed.
     """
-    lost = outside(points_px, rig.camera.image_size)
-    if lost.any():
-        points_px = np.where(lost[..., None], np.nan, points_px)
-    place, disordered = core.solver.places(np.ascontiguousarray(points_px))
+    size, missing = rig.camera.image_size, np.zeros(len(points_px), int)
+    place, disordered, *extents = core.solver.places(np.ascontiguousarray(points_px))
+    if any(least < 0.0 or most > side for (least, most), side in zip(extents, size, strict=True)):
+        lost = outside(points_px, size)
+        points_px, missing = np.where(lost[..., None], np.nan, points_px), lost.sum(axis=1)
+        place, disordered, *_ = core.solver.places(np.ascontiguousarray(points_px))
     rows, listed = np.flatnonzero(disordered), None
     if len(rows):
         order = np.argsort(place[rows], axis=1)
@@ -639,13 +643,14 @@ def _in_order(
         if shape is not None:
             shape = shape.copy()
             shape[rows] = np.take_along_axis(shape[rows], order[..., None, None], 1)
-    return points_px, _no_less(points_px, sigma_px), shape, lost.sum(axis=1), listed
+    return points_px, _no_less(points_px, sigma_px), shape, missing, listed
 
 
 def _no_less(points_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
     """(B, N) standard deviations of points (B, N, 2), none far below the others of its frame: no one point may decide,
     for it may be a gross error."""
-    if not sigma_px.size or sigma_px.min() >= OutlierSettings.precise * sigma_px.max():
+    one_for_all = not any(sigma_px.strides)
+    if one_for_all or not sigma_px.size or sigma_px.min() >= OutlierSettings.precise * sigma_px.max():
         return sigma_px
     sigma_px = np.array(sigma_px)
     for sigma, there in zip(sigma_px, np.isfinite(points_px).all(axis=2), strict=True):

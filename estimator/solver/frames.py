@@ -86,14 +86,15 @@ def frames_from_pixels(
     `readings_Nm` (B, 6) as `session.READINGS`: NaN where there is none. `tip_px` (B, 3): the antenna's end and its
     deviation along it. `gravity_m_s2` (B, 3) in the antenna frame, of a rig with one camera.
     """
-    if rig_arrays.rig.tip is None:
-        tip_px = np.full_like(tip_px, np.nan)
     points, covariance, usable = _ideal(rig_arrays, points_px, sigma_px)
-    tip, tip_covariance, with_tip = _ideal(rig_arrays, tip_px[:, :2], tip_px[:, 2])
     slots, own = rig_arrays.sensors, readings_Nm[:, : len(rig_arrays.sensors)]
     read = np.isfinite(own) & rig_arrays.exists
     reading, available = np.zeros((2, len(points), len(rig_arrays.std)))
-    reading[:, slots], available[:, slots], available[:, core.solver.END] = np.where(read, own, 0.0), read, with_tip
+    reading[:, slots], available[:, slots] = np.where(read, own, 0.0), read
+    if rig_arrays.rig.tip is None:
+        tip, tip_covariance = np.zeros((len(points), 2)), np.tile([1.0, 0.0, 1.0], (len(points), 1))
+    else:
+        tip, tip_covariance, available[:, core.solver.END] = _ideal(rig_arrays, tip_px[:, :2], tip_px[:, 2])
     gravity = np.ascontiguousarray(gravity_m_s2, float)
     cameras = np.zeros(usable.shape, np.int64), np.zeros(len(usable), np.int64)
     measured = reading, tip, tip_covariance, available, gravity

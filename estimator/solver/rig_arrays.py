@@ -96,12 +96,12 @@ class RigArrays:
         """The same rig as if it were known exactly."""
         return replace(self, axes=self.axes[:, :0], line=self.line[:, :0])
 
-    @property
+    @cached_property
     def sensors(self) -> np.ndarray:
         """(S,) where the readings of `session.READINGS` are among the core's, as far as the rig has room for them."""
         return np.delete(np.arange(len(self.std)), core.solver.END)
 
-    @property
+    @cached_property
     def exists(self) -> np.ndarray:
         """(S,) bool, which of `sensors` the rig has."""
         return np.asarray(self.by_wrench[self.sensors].any(axis=1))

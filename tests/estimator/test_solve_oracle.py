@@ -111,7 +111,7 @@ def test_places_are_those_along_the_longer_side() -> None:
     points = rng.uniform(0.0, 1.0, (3, 50, 2)) * np.array([[[1.0, 9.0]], [[9.0, 1.0]], [[9.0, 1.0]]])
     points[2] = points[2, np.argsort(points[2, :, 0])]
     points[1:, 40:] = np.nan
-    place, disordered = core.solver.places(points)
+    place, disordered, *_ = core.solver.places(points)
     np.testing.assert_allclose(place, [points[0, :, 1], *points[1:, :, 0]], atol=1e-5)
     np.testing.assert_array_equal(disordered, [True, True, False])
 

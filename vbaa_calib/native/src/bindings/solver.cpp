@@ -239,9 +239,13 @@ auto places(InCube points_px) {
     check_last(points_px, 2, "points must be (B, N, 2)");
     auto place = room<double>(points_px.shape(0), points_px.shape(1));
     auto disordered = room<bool>(points_px.shape(0));
-    Released released;
-    solver::places(view(points_px), view(place), view(disordered));
-    return std::make_pair(place, disordered);
+    double extent[2][2];
+    {
+        Released released;
+        solver::places(view(points_px), view(place), view(disordered), extent);
+    }
+    return std::make_tuple(place, disordered, std::make_pair(extent[0][0], extent[0][1]),
+                           std::make_pair(extent[1][0], extent[1][1]));
 }
 
 auto accelerations(InVector time_s, InCube points, InMatrix sigma, Numpy<const std::int64_t, 1> judged,
@@ -278,8 +282,9 @@ void bind_solver(nb::module_& module) {
     room.def("edge_on", &edge_on,
              "Angles (B,) between the deformation plane of unknowns (B, 4) and the line of sight.");
     room.def("ideal_points", &ideal_points, "Ideal points (N, 2) of pixels, covariances (N, 3), and which are usable.");
-    room.def("places", &places,
-             "Places (B, N) along the longer side of points (B, N, 2), and which frames lack order.");
+    room.def(
+        "places", &places,
+        "Places (B, N) along the longer side of points (B, N, 2), which frames lack order, the extents of u and v.");
     room.def("accelerations", &accelerations, "Second derivatives of points in judged frames, their std, response.");
     room.attr("NEAREST") = solver::NEAREST;
     room.attr("EXCESS_SCATTER") = solver::EXCESS_SCATTER;

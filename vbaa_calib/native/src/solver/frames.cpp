@@ -82,17 +82,23 @@ void ideal_points(const lens::Lens& lens, ConstMatrix pixels, ConstVector sigma_
     }
 }
 
-void places(ConstCube points_px, Matrix place, View<bool, 1> disordered) {
+void places(ConstCube points_px, Matrix place, View<bool, 1> disordered, double (&extent)[2][2]) {
+    constexpr double INFINITE = std::numeric_limits<double>::infinity();
+    for (int axis = 0; axis < 2; ++axis) extent[axis][0] = INFINITE, extent[axis][1] = -INFINITE;
     for (int b = 0; b < points_px.shape[0]; ++b) {
         double least[2], most[2];
-        std::fill_n(least, 2, std::numeric_limits<double>::infinity());
-        std::fill_n(most, 2, -std::numeric_limits<double>::infinity());
+        std::fill_n(least, 2, INFINITE);
+        std::fill_n(most, 2, -INFINITE);
         for (int n = 0; n < points_px.shape[1]; ++n) {
             for (int axis = 0; axis < 2; ++axis) {
                 // NaN is neither
                 least[axis] = std::min(least[axis], points_px(b, n, axis));
                 most[axis] = std::max(most[axis], points_px(b, n, axis));
             }
+        }
+        for (int axis = 0; axis < 2; ++axis) {
+            extent[axis][0] = std::min(extent[axis][0], least[axis]);
+            extent[axis][1] = std::max(extent[axis][1], most[axis]);
         }
         const int longer = most[0] - least[0] >= most[1] - least[1] ? 0 : 1;
         disordered[b] = false;

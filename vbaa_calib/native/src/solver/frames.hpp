@@ -33,7 +33,8 @@ Thinned thinned(const Frame& frame, int most);
 void ideal_points(const lens::Lens& lens, ConstMatrix pixels, ConstVector sigma_px, Matrix points, Matrix covariance,
                   Vector usable);
 
-// Where points (B, N, 2) lie along the longer side of their frame's, (B, N), and which frames (B,) are not in order.
-void places(ConstCube points_px, Matrix place, View<bool, 1> disordered);
+// Where points (B, N, 2) lie along the longer side of their frame's, (B, N), which frames (B,) are not in order, and
+// the least and the most of all u and v.
+void places(ConstCube points_px, Matrix place, View<bool, 1> disordered, double (&extent)[2][2]);
 
 }  // namespace vbaa::solver
