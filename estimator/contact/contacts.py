@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import TypeVar, overload
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
@@ -22,7 +24,6 @@ from .settings import ContactSettings
 from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, statuses
 
 _T = TypeVar("_T")
-_NUMBERS, _RUNGS = tuple(each.name for each in fields(ContactEstimate)), np.array(RUNGS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,25 +63,44 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         if not -len(self) <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         index %= len(self)
-        values = {name: getattr(self, name)[index] for name in _NUMBERS}
-        numbers = self.numbers if len(self) == 1 else self.numbers.row(index)
-        bias, outside = zip(RUNGS, numbers.bias[0].tolist(), strict=True), int(self.outside_points[index])
-        words = reason(numbers, str(self.status[index]), self.rig.antenna.length_m, self.requested)
-        far = int(numbers.outliers[0])
+        values = {name: column[index] for name, column in self._columns.items()}
+        bias = zip(RUNGS, self.numbers.bias[index].tolist(), strict=True)
+        status = "" if values["status"] == OK and self._ordinary[index] else values["status"]
+        words = reason(self.numbers, index, status, self.rig.antenna.length_m, self.requested)
+        outside, far = int(self.outside_points[index]), int(self.numbers.outliers[index])
         for count, which in ((outside, "outside the picture"), (far, "far from where the neighbours lie")):
             words += f"; {count} point{'s' * (count > 1)} {which}: left out" if count else ""
         for name, count in zip(self.rig.cameras, () if self.seen is None else self.seen[index].tolist(), strict=False):
             if count < ContactSettings.fewest_points:
                 words += f"; {name} shows only {count} points: left out" if count else f"; {name} shows no antenna"
-        end_std = float(numbers.tip_std[0])
+        end_std = float(self.numbers.tip_std[index])
         return Contact(
             reason=words,
             outside_points=outside,
-            end_used=abs(end_std) <= ContactSettings.outlying_end if np.isfinite(end_std) else None,
-            bias={rung: value for rung, value in bias if np.isfinite(value)},
+            end_used=abs(end_std) <= ContactSettings.outlying_end if math.isfinite(end_std) else None,
+            bias={rung: value for rung, value in bias if math.isfinite(value)},
             jacobian=None if self.jacobian is None else self.jacobian.of(index),
-            **{name: value if value.ndim else value.item() for name, value in values.items()},
+            **values,
         )
+
+    @cached_property
+    def _ordinary(self) -> list[bool]:
+        """(B,) whether surely nothing is noticed about a contact that is ok but its model."""
+        numbers, settings = self.numbers, ContactSettings
+        with np.errstate(invalid="ignore"):
+            noticed = ~numbers.force_determined.all(axis=1) | (numbers.scatter > 1.0)
+            noticed |= np.abs(numbers.tip_std) > settings.disagreement
+            noticed |= numbers.friction_share > settings.friction_share
+            # its mean; what is noticed lies far above
+            noticed |= numbers.rig_chi_square > np.maximum(numbers.rig_axes, 1)
+            noticed |= (np.abs(numbers.residual) > settings.disagreement * numbers.residual_std).any(axis=1)
+        return list((~noticed).tolist())
+
+    @cached_property
+    def _columns(self) -> dict[str, Any]:
+        """What a contact takes its entry of, by name: numbers and texts as Python has them, and arrays."""
+        columns = {name: getattr(self, name) for name in ContactEstimate.__dataclass_fields__}
+        return {name: column.tolist() if column.ndim == 1 else column for name, column in columns.items()}
 
 
 def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch, model: str) -> Contacts:
@@ -124,7 +144,7 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
             seen=batch.seen,
             status=status,
             in_contact=numbers.finite & (status != NO_ANTENNA) & (status != NO_CONTACT),
-            model=_RUNGS[numbers.rung],
+            model=np.array(RUNGS)[numbers.rung],
             distance_m=where_known(numbers.unknowns[:, 0] * length),
             distance_std_m=where_known(numbers.std[:, 0] * length),
             distance_shared_std_m=where_known(numbers.shared_std * length),

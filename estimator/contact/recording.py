@@ -120,7 +120,7 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more:
         frame.moment_Nm,
         frame.pan_rad,
         frame.tilt_rad,
-        **{name: getattr(frame, name) for name in list(READINGS.values())[1:]},
+        **{name: getattr(frame, name) for name in islice(READINGS.values(), 1, None)},
         time_s=frame.time_s,
         moment_errors_Nm=np.array(frame.moment_errors_Nm),
         joint_errors_rad=np.array(frame.joint_errors_rad),

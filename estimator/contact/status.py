@@ -105,8 +105,12 @@ def _disagreement(numbers: FitNumbers) -> np.ndarray:
     return np.max(np.abs(numbers.residual) / numbers.residual_std, axis=1)
 
 
-def reason(numbers: FitNumbers, status: str, length_m: float, requested: str) -> str:
-    """Of one frame: why it is not ok, or which model was taken and why, and what else was noticed."""
+def reason(several: FitNumbers, index: int, status: str, length_m: float, requested: str) -> str:
+    """Of one frame: why it is not ok, or which model was taken and why, and what else was noticed; `status` "" for one
+    that is ok and ordinary."""
+    if not status:
+        return _model(int(several.rung[index]), several.bias[index].tolist(), requested)
+    numbers = several.row(index)
     if status == NO_ANTENNA:
         return f"only {numbers.points[0]} usable centreline points"
     if status == NO_CONTACT:
@@ -117,7 +121,7 @@ def reason(numbers: FitNumbers, status: str, length_m: float, requested: str) ->
         return _unobservable(numbers, length_m)
     if status == LOW:
         return f"the contact distance is known only to {1e3 * numbers.std[0, 0] * length_m:.1f} mm"
-    reasons = [_model(numbers, requested)]
+    reasons = [_model(int(numbers.rung[0]), numbers.bias[0].tolist(), requested)]
     if status == TIP:
         reasons.insert(0, "the contact is indistinguishable from the tip: its distance is the antenna's length")
     return "; ".join(reasons + _remarks(numbers))
@@ -182,9 +186,8 @@ def _unobservable(numbers: FitNumbers, length_m: float) -> str:
     return f"two contacts explain it about equally well: {here}, and {there} from y"
 
 
-def _model(numbers: FitNumbers, requested: str) -> str:
+def _model(rung: int, bias: list[float], requested: str) -> str:
     """Which rung was taken, and why."""
-    rung, bias = int(numbers.rung[0]), numbers.bias[0]
     name = RUNGS[rung]
     if requested != "auto":
         too_low = (

@@ -431,11 +431,19 @@ class Measured:
         if not ((len(sigma) and sigma.min() > 0.0) or (sigma[np.isfinite(points).all(axis=1)] > 0.0).all()):
             raise InputError("sigma_px is not everywhere positive", remedy="give standard deviations in px")
         values: dict[str, np.ndarray | float] = {"points_px": points, "sigma_px": sigma}
-        for name, (most, remedy) in {
-            **dict.fromkeys(READINGS.values(), (PLAUSIBLE.moment_Nm, MOMENT_REMEDY)),
-            **dict.fromkeys(("pan_rad", "tilt_rad"), (PLAUSIBLE.angle_rad, ANGLE_REMEDY)),
-            "time_s": (np.inf, "give seconds"),
-        }.items():
+        numbers = [*self.readings, self.pan_rad, self.tilt_rad, self.time_s]
+        least = min(PLAUSIBLE.moment_Nm, PLAUSIBLE.angle_rad)
+        sound = all(type(each) is float and not abs(each) > least for each in numbers[:-1])
+        limits = (
+            {}
+            if sound and type(self.time_s) is float
+            else {
+                **dict.fromkeys(READINGS.values(), (PLAUSIBLE.moment_Nm, MOMENT_REMEDY)),
+                **dict.fromkeys(("pan_rad", "tilt_rad"), (PLAUSIBLE.angle_rad, ANGLE_REMEDY)),
+                "time_s": (np.inf, "give seconds"),
+            }
+        )
+        for name, (most, remedy) in limits.items():
             number = values[name] = as_float(getattr(self, name), name, remedy)
             if abs(number) > most:
                 raise InputError(f"{name} is {number:g}", remedy=remedy)
