@@ -325,7 +325,7 @@ def _inverse(matrices: np.ndarray) -> np.ndarray:
 
 
 class _ErrorCause(NamedTuple):
-    """Of errors: its name and colour in tables and figures, and what to do about it."""
+    """A cause of errors: its name and colour in tables and figures, and what to do about it."""
 
     name: str
     colour: str

@@ -94,7 +94,8 @@ class _Stream:
         self.notes[:] = [*source.notes, *synchronizer.left_out(), *[clock][: int(std_s > 0.0)]]
 
     def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> _Stream:
-        """With the clocks' offset, if it is to be estimated. Raises InputError where the data do not support it."""
+        """The stream with the clocks' offset, if that is to be estimated. Raises InputError where the data do not
+        support it."""
         if not self.options.estimate_offset:
             return self
         timing = self.options.timing

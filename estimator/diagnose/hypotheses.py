@@ -21,7 +21,7 @@ from .settings import RecordingSettings
 
 
 class _ReadingMistake(NamedTuple):
-    """A row: readings or pictures that are not what they are reported to be.
+    """A row of the table of mistakes: readings or pictures that are not what they are reported to be.
 
     correct : of recorded frames, those with the mistake put right; None where it cannot have happened.
     log_density : by which a correct reading's density in the reported unit exceeds that in its own, per frame.

@@ -156,7 +156,7 @@ def _beginning(problem: RecordingProblem, state: State, strokes: np.ndarray) -> 
 
 
 def _weights(equations: Equations, pull: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """(B,) of frames in the shared steps, by the chance of disagreeing as much with the rest."""
+    """(B,) weights of frames in the shared steps: less where one disagrees with the rest, 0 where it is foreign."""
     square, freedom = disagreement(equations.information, pull, total)
     p = disagreement_p(square, freedom)
     weight = np.where(p < RefineSettings.doubted, freedom / np.maximum(square, 1e-9), 1.0)

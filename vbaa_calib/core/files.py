@@ -150,7 +150,7 @@ class _UniqueKeyLoader(Composer, CParser, SafeConstructor, Resolver):
         return super().construct_scalar(node)
 
     def get_single_node(self) -> yaml.Node | None:
-        """As SafeLoader's, but a small file that its aliases make endless is refused."""
+        """The document's node, as SafeLoader's; a small file that its aliases make endless is refused."""
         node = super().get_single_node()
         if node is not None and _size(node, {}) > FILE_LIMITS.most_values:
             raise ComposerError(None, None, "its aliases never end", node.start_mark)

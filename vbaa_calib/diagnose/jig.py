@@ -114,7 +114,7 @@ class JigEvidence:
         return replace(found, covariance=covariance, lens_sensitivity=np.zeros_like(by_lens))
 
     def by_others(self, case: _JigMistake) -> list[PoseEstimate]:
-        """The camera's pose by the other ways, where a hypothesis holds."""
+        """The camera's pose by the ways other than the jig, under a hypothesis."""
         found = [self._before(case, one) for one in self.others]
         if case.other is not None:
             spread = np.repeat([0.0, case.offset_m], 3) ** 2

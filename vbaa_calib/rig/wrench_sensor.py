@@ -102,7 +102,7 @@ class WrenchSensor:
         return np.block([[covariance, across.T], [across, self.own_covariance]])
 
     def moved(self, step: np.ndarray) -> WrenchSensor:
-        """With its parameters a step (W,) away."""
+        """The sensor with its parameters moved by a step (W,)."""
         turns, count = 3, len(self.components)
         turned = self.T_antenna_sensor.retract(np.append(step[:turns], np.zeros(3)))
         gain, offset = self.gain + step[turns : turns + count], self.offset + step[turns + count :]

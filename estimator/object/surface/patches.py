@@ -108,7 +108,7 @@ class Patch:
         return concatenate(*(slopes_at(x, side) for side in sides))
 
     def value_rows(self, x: np.ndarray) -> Functionals:
-        """Views of the heights over (N, 2), or of v and then h of a curve over (N, 1)."""
+        """Functionals of the shape's values at places: heights over (N, 2), or v and then h of a curve over (N, 1)."""
         return concatenate(*(values_at(x, side) for side in (np.ones((1, 1)) if self.wide else np.eye(2))))
 
 
