@@ -17,7 +17,6 @@ import numpy as np
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import SUFFIXES
-from vbaa_calib.detect.drawing.overlay import corridor_mask
 from vbaa_calib.detect.whisker.background import LEAST_PICTURES, STILL, Background, covered, learn
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.finder import AntennaFinder
@@ -103,6 +102,8 @@ def _background_of(
     images: Sequence[np.ndarray], looking: AntennaFinder, bright: bool | None
 ) -> tuple[Background | None, str]:
     """The static background in pictures (H, W) of the antenna, or why nothing is to be gained by it."""
+    from vbaa_calib.detect.drawing.overlay import corridor_mask
+
     width = looking.corridor.width_px
     lines = [looking.find(image, bright) for image in images]
     ground = _without(lines, images, width)

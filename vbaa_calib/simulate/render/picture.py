@@ -153,7 +153,9 @@ def expose(place: Studio, canvas: np.ndarray, patches: Sequence[ImagePatch] = ()
         picture[patch.where] += core.simulate.blurred_change(
             canvas, patch.brightness, patch.alpha, where, place.spec.blur_px
         )
-    return 255.0 * picture * place.light
+    picture *= 255.0
+    picture *= place.light
+    return picture
 
 
 def blurred(brightness: np.ndarray, sigma_px: float) -> np.ndarray:
