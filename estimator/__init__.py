@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from estimator.diagnose.watch import RecordingVerdict, RecordingWatch, recording_verdict
     from estimator.object.next_touch import NextTouch, next_touch
     from estimator.recording.refined import Refined, refine
-    from estimator.recording.views import View
     from estimator.table.contacts import Contact, Measured
 
 __all__ = [
@@ -23,7 +22,6 @@ __all__ = [
     "RecordingWatch",
     "Refined",
     "RigWatch",
-    "View",
     "next_touch",
     "recording_verdict",
     "refine",
@@ -39,7 +37,6 @@ _HOMES = {
     "next_touch": ".object.next_touch",
     "Refined": ".recording.refined",
     "refine": ".recording.refined",
-    "View": ".recording.views",
 }
 
 

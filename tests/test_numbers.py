@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator import ContactEstimator, Measured, View, next_touch, refine
+from estimator import ContactEstimator, Measured, next_touch, refine
 from estimator.live import LiveEstimator
 from estimator.object.estimate import estimate_object
 from estimator.paper.baselines import Noise, Press, Wire, run_method
@@ -118,7 +118,7 @@ PUBLIC: dict[Callable[..., Any], dict[str, Any]] = {
     estimate_on_plane: {"plane_xy_m": 1e-4 * POINTS, "covariance_m2": None, "moment": 0.0, "pan": 0.1, "tilt": 0.0},
     Measured: {"points_px": POINTS, "sigma_px": np.full(60, 0.1), "moment_Nm": 0.0, "pan_rad": 0.1, "tilt_rad": 0.0},
     **{refine: {"contacts": None, "rig": RIG, "recording": []}, next_touch: {"contacts": None, "rig": RIG}},
-    **{estimate_object: {"table": None, "rig": RIG}, View: {"rig": RIG, "recording": []}},
+    **{estimate_object: {"table": None, "rig": RIG}},
     two_point_contact: {"x_m": LINE["xp_m"], "y_m": LINE["y_m"], "stiffness_Nm2": 0.004},
     **dict.fromkeys(
         (inclined_two_point_contact, eq29_baseline),

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from estimator import RecordingVerdict, RecordingWatch, RigWatch, View, next_touch, recording_verdict, refine
+    from estimator import RecordingVerdict, RecordingWatch, RigWatch, next_touch, recording_verdict, refine
     from estimator.object.estimate import estimate_object
     from estimator.table.contacts import Contact, Measured
     from estimator.table.files import read_contacts
@@ -34,7 +34,6 @@ __all__ = [
     "RecordingWatch",
     "Rig",
     "RigWatch",
-    "View",
     "__version__",
     "calibrate",
     "calibrate_lens",
@@ -49,7 +48,7 @@ __all__ = [
 
 _HOMES = {
     **dict.fromkeys(("Camera", "Rig", "calibrate_lens", "__version__"), "vbaa_calib"),
-    **dict.fromkeys(("Contact", "Measured", "View", "next_touch", "refine"), "estimator"),
+    **dict.fromkeys(("Contact", "Measured", "next_touch", "refine"), "estimator"),
     **dict.fromkeys(("RecordingVerdict", "RecordingWatch", "RigWatch", "recording_verdict"), "estimator"),
     "ContactEstimator": "vbaa.contact_estimator:SessionContactEstimator",
     "ContactLayer": "estimator.torch",

@@ -17,11 +17,12 @@ from benchmarks.figures import GREEN, GREY, INK, label, panels
 from benchmarks.harness import Draws, Findings, Options, column, or_none, picked, rms, row_of, table, timed
 from benchmarks.object.scenes import AXIS, CENTRE, PIN_M, RIGID, SETUP, SOFT, Recorded, contacts, played
 from estimator.object.estimate import estimate_object
-from estimator.recording import View, refine
+from estimator.recording import refine
 from estimator.recording.problem import FrictionPrior
 from estimator.recording.refined import begun
 from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.core.console import progress
+from vbaa_calib.rig import Rig
 from vbaa_calib.session import KnownObject
 
 if TYPE_CHECKING:
@@ -165,14 +166,15 @@ def _true_table(given: ContactTable, recorded: Recorded) -> ContactTable:
 
 
 def bound_m(
-    table: ContactTable, recorded: Recorded, lines: Sequence[Measured], rows: np.ndarray, views: Sequence[View] = ()
+    table: ContactTable, recorded: Recorded, lines: Sequence[Measured], rows: np.ndarray, other: Rig | None = None
 ) -> np.ndarray:
     """(P,) the joint Cramér–Rao bound of the contact points in these rows, their three coordinates together: about the
-    true contacts and the true rig, with the friction angle known. views : of further cameras, with their true rigs."""
+    true contacts and the true rig, with the friction angle known. other : a second camera's true rig, called other."""
     known = FrictionPrior(np.zeros(len(rows)), np.full(len(rows), _KNOWN_ANGLE_RAD))
     at = _true_table(table, recorded)
     prior = replace(recorded.true, covariance=recorded.given.covariance)
-    problem, state = begun(at, prior, lines, rows, None, views)
+    prior = prior if other is None else prior.with_camera("other", other)
+    problem, state = begun(at, prior, lines, rows, None)
     known = FrictionPrior(problem.friction_rad * state.unknowns[:, 3], known.std_rad)
     problem = replace(problem, friction=known)
     equations = problem.equations(state)

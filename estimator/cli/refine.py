@@ -43,7 +43,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar=("RIG", "SESSION"),
-        help="a further camera: its rig.json, of the same antenna, and its session with the same frames",
+        help="a further camera that was calibrated and recorded apart: its rig.json, of the same antenna, and its "
+        "session with the same frames; as if it were a camera of the rig",
     )
     add_accept_rig(parser)
     parser.set_defaults(run=_run)
@@ -51,7 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Solve the recording as one, write refined.csv and, where asked for, the rig."""
-    from estimator.recording import View, refine
+    from estimator.recording import refine
     from estimator.table.files import check_format, read_contacts, write_contacts
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import refuse_measured
@@ -71,9 +72,15 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     rig, session, recording = _recording(table, args.rig, args.session, args.accept_rig)
     # s: pictures of two cameras farther apart are not of one frame
     others = [_recording(table, path, folder, args.accept_rig, 1e-3) for path, folder in args.view]
+    for number, (other, _, seen) in enumerate(others):
+        with about(args.view[number][0]):
+            rig = rig.with_camera(f"view_{number}", other)
+        recording = [
+            replace(each, others={**each.others, f"view_{number}": one})
+            for each, one in zip(recording, seen, strict=True)
+        ]
     with about(args.contacts):
-        views = [View(other, seen) for other, _, seen in others]
-        found = refine(table, rig, recording, session.known_object, views)
+        found = refine(table, rig, recording, session.known_object)
     write_contacts(args.output, found.contacts.rows(), args.force)
     if args.update_rig is not None and not found.reason:
         write_json(args.update_rig, _document(args, found), args.force, Rig.from_dict)

@@ -1,6 +1,5 @@
 """All frames of a recording as one problem."""
 
 from .refined import Refined, refine
-from .views import View
 
-__all__ = ["Refined", "View", "refine"]
+__all__ = ["Refined", "refine"]

@@ -20,13 +20,13 @@ from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
-from vbaa_calib.session import SILENT, KnownObject
+from vbaa_calib.session import KnownObject
 
 from .coulomb import as_estimated, by_coulomb, contradicted
 from .problem import RUNG, FrictionPrior, RecordingProblem, State
 from .settings import RefineSettings
 from .solve import Solution, solved
-from .views import View, completed, pictures_of, relative_to
+from .views import completed, pictures_of
 from .zero import walk_of_zero
 
 if TYPE_CHECKING:
@@ -94,25 +94,22 @@ def refine(
     rig: Rig,
     recording: Sequence[Measured],
     known: KnownObject | None = None,
-    views: Sequence[View] = (),
 ) -> Refined:
     """One maximum a posteriori problem over all frames of a recording.
 
     contacts : of `vbaa estimate` with this rig. recording : what was measured in each of its B frames, in order.
-    rig : as calibrated, with the drift that may have come since. known : the object, where its place is known.
-    views : what further cameras saw of the same frames.
+    rig : as calibrated, with the drift that may have come since; with several cameras, `recording` has what each saw.
+    known : the object, where its place is known.
 
     Raises
     ------
-    InputError : contacts and recording are not of one another, or not of this rig; no frame is located; a further
-        camera's rig has another antenna.
+    InputError : contacts and recording are not of one another, or not of this rig; no frame is located.
     """
-    for each in (recording, *(view.recording for view in views)):
-        _check_frames(contacts, each)
-    came, contacts = contacts, completed(contacts, recording, views)
+    _check_frames(contacts, recording)
+    came, contacts = contacts, completed(contacts, recording, rig)
     _check(contacts, rig)
-    rows = _usable(contacts, recording, views)
-    problem, start = begun(contacts, rig, recording, rows, known, views)
+    rows = _usable(contacts, recording)
+    problem, start = begun(contacts, rig, recording, rows, known)
     strokes = _strokes(contacts, rows)
     found = solved(problem, start, strokes)
     reason = _refusal(found, known is not None) or walk_of_zero(problem.views[0], FRICTION_RAD, RUNG)
@@ -130,7 +127,7 @@ def refine(
             problem, found, note = _with_coulomb(problem, found, prior, strokes)
             notes += note
     # with two cameras the rig is known so well that the frames' errors of second order look like a trend
-    if not reason and not views and found.trend_p < RefineSettings.another_rig:
+    if not reason and not rig.others and found.trend_p < RefineSettings.another_rig:
         found = found.changing()
         size = 2.0 * float(np.linalg.norm(found.trend))
         notes.append(
@@ -200,13 +197,13 @@ def _check(contacts: ContactTable, rig: Rig) -> None:
         )
 
 
-def _usable(contacts: ContactTable, recording: Sequence[Measured], views: Sequence[View]) -> np.ndarray:
+def _usable(contacts: ContactTable, recording: Sequence[Measured]) -> np.ndarray:
     """(P,) rows of located frames with a force and enough points in one camera's picture."""
     points = [
-        [np.isfinite(each.points_px).all(axis=1).sum() for each in seen]
-        for seen in (recording, *(view.recording for view in views))
+        max(np.isfinite(seen.points_px).all(axis=1).sum() for seen in (each, *each.others.values()))
+        for each in recording
     ]
-    enough = np.max(points, axis=0) >= ContactSettings.fewest_points
+    enough = np.array(points) >= ContactSettings.fewest_points
     whole = np.isfinite(contacts.distance_std_m + contacts.force_y_N + contacts.force_z_N)
     rows = np.flatnonzero(contacts.located & whole & enough)
     if not len(rows) and (contacts.located & ~whole & enough).any():
@@ -223,20 +220,10 @@ def begun(
     recording: Sequence[Measured],
     rows: np.ndarray,
     known: KnownObject | None,
-    views: Sequence[View] = (),
 ) -> tuple[RecordingProblem, State]:
-    """The problem, and where it begins: at the contacts as they are, the rigs as calibrated."""
+    """The problem, and where it begins: at the contacts as they are, the rig as calibrated."""
     arrays = RigArrays.from_rig(rig, FRICTION_RAD)
-    placed, several = [(rig, arrays.axes)], [recording]
-    for view in views:
-        other, axes = relative_to(rig, placed[0][1], view.rig)
-        more = ((0, 0), (0, axes.shape[1] - placed[0][1].shape[1]))
-        placed = [(each, np.pad(before, more)) for each, before in placed] + [(other, axes)]
-        several.append([replace(each, **SILENT) for each in view.recording])
-    pictures = tuple(
-        pictures_of(contacts, rows, seen, replace(RigArrays.from_rig(each, FRICTION_RAD), axes=axes), each)
-        for seen, (each, axes) in zip(several, placed, strict=True)
-    )
+    pictures = (pictures_of(contacts, rows, recording, arrays, rig),)
     at = contacts.picked(rows)
     problem = RecordingProblem(
         friction_rad=FRICTION_RAD,

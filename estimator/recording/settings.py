@@ -32,8 +32,6 @@ class RefineSettings:
     largest_excess: float = 5.0  # the same, up to which a known object may recalibrate it
     foreign_share: float = 0.3  # of frames that do not belong to the rest, from which there is no rest
     joints_apart_rad: float = 1e-5  # difference of the contacts' and the recording's joint angles
-    another_antenna: float = 1e-6  # p-value of two cameras' antennas
-    length_log: float = 1e-2  # difference of the logarithms of their lengths
 
     # whether the sensor's zero walks
     zero_frames: int = 6  # free, least

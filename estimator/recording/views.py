@@ -10,34 +10,14 @@ import numpy as np
 from estimator.contact.drift import DriftSettings
 from estimator.contact.estimate import ContactEstimator
 from estimator.contact.inputs import Batch
-from estimator.contact.settings import ContactSettings
 from estimator.solver.linearised import free_antennas
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import LOCATED, ContactRow, ContactTable, Measured
-from vbaa_calib.core.arrays import gate
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.least_squares import disagreement_p
-from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
-from vbaa_calib.session import READINGS, Frame
-
-from .settings import RefineSettings
+from vbaa_calib.session import Frame
 
 _POSE = len(POSE_PARAMETERS)  # of a camera, in front of `RIG_PARAMETERS`
 _ANTENNA = slice(_POSE, len(RIG_PARAMETERS) - 2)  # the antenna's, without its sensor
-
-
-@gate
-@dataclass(frozen=True, eq=False)
-class View:
-    """A further camera's part of a recording.
-
-    rig : of that camera, calibrated with the same antenna. recording : (B,) its frames, in the order of the contacts,
-        without points where it saw nothing; the readings are the first camera's.
-    """
-
-    rig: Rig
-    recording: Sequence[Measured]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,91 +43,23 @@ class Pictures:
         return self.rig.moved(self.axes @ shared[: self.axes.shape[1]])
 
 
-def relative_to(first: Rig, axes: np.ndarray, other: Rig) -> tuple[Rig, np.ndarray]:
-    """A further camera's rig with the first one's antenna, and the axes (17 + Q, R') of its steps: the first rig's R,
-    axes (17 + P, R), then what is left of the camera's pose and lens once the antenna is known.
-
-    What a calibration knows of pose and antenna together moves the pose with the antenna.
-
-    Raises
-    ------
-    InputError : it is another antenna.
-    """
-    wide, near = other.drifted(), first.drifted()
-    apart = first.antenna.parameters - other.antenna.parameters
-    both = near.covariance[_ANTENNA, _ANTENNA] + wide.covariance[_ANTENNA, _ANTENNA]
-    square = float(apart @ _inverse(both) @ apart)
-    length = first.antenna.length_m / other.antenna.length_m - 1.0
-    if (
-        abs(length) > RefineSettings.length_log
-        or disagreement_p(np.array([square]), np.array([len(apart)]))[0] < RefineSettings.another_antenna
-    ):
-        raise InputError(
-            "the cameras' rigs have different antennas",
-            remedy="calibrate both cameras with the antenna of this recording",
-        )
-    covariance = wide.covariance
-    own = np.r_[:_POSE, len(RIG_PARAMETERS) : len(covariance)]
-    across = covariance[own, _ANTENNA]
-    slopes = across @ _inverse(covariance[_ANTENNA, _ANTENNA])
-    left = independent_axes(covariance[np.ix_(own, own)] - slopes @ across.T)
-    left = left[:, np.abs(left).max(axis=0) > 0.0]
-    count, tip, sensor = axes.shape[1], first.tip, first.wrench_sensor
-    # sensor and tip, after pose, antenna and lens, are the first rig's
-    more = axes[len(near.covariance) :]
-    whole = np.zeros((len(covariance) + len(more), count + left.shape[1]))
-    with_sensor = slice(_POSE, len(RIG_PARAMETERS))
-    whole[with_sensor, :count] = axes[with_sensor]
-    whole[own, :count], whole[own, count:] = slopes @ axes[_ANTENNA], left
-    whole[len(covariance) :, :count] = more
-    if sensor is not None:
-        apart_from = np.zeros((len(sensor.covariance), len(covariance)))
-        exact = not len(sensor.covariance)
-        sensor = sensor if exact else replace(sensor, covariance=np.hstack([apart_from, sensor.own_covariance]))
-    if tip is not None:
-        tip = replace(tip, covariance=np.zeros(len(whole) - 1))
-    step = np.zeros(len(covariance))
-    step[own] = slopes @ apart
-    moved = replace(wide, tip=None).moved(step)
-    same = {name: getattr(first, name) for name in ("antenna", "moment_sensor", "kinematics")}
-    return replace(moved, **same, gravity_world_m_s2=first.gravity_world_m_s2, wrench_sensor=sensor, tip=tip), whole
-
-
-def _inverse(covariance: np.ndarray) -> np.ndarray:
-    """Of a covariance (K, K) that may be singular, whatever the units of its rows."""
-    std = np.sqrt(np.diag(covariance))
-    unit = np.where(std > 0.0, std, 1.0)
-    return np.asarray(np.linalg.pinv(covariance / np.outer(unit, unit), 1e-12, True) / np.outer(unit, unit))
-
-
-def completed(contacts: ContactTable, recording: Sequence[Measured], views: Sequence[View]) -> ContactTable:
-    """The contacts, those that the first camera does not locate by the others, frame by frame: edge-on to one camera,
-    the antenna is seen from the side by another."""
+def completed(contacts: ContactTable, recording: Sequence[Measured], rig: Rig) -> ContactTable:
+    """The contacts of a rig with several cameras, those that are not located estimated again with all of them: edge-on
+    to one camera, the antenna is seen from the side by another."""
+    if not rig.others:
+        return contacts
     rows = list(contacts.rows())
-    for view in views:
-        open_rows = [
-            index
-            for index, row in enumerate(rows)
-            if row.status not in (*LOCATED, "not_quasistatic")
-            and len(view.recording[index].points_px) >= ContactSettings.fewest_points
-        ]
-        seen = (
-            replace(
-                view.recording[index],
-                **{name: getattr(recording[index], name) for name in READINGS.values()},
-                time_s=np.nan,
-            )
-            for index in open_rows
-        )
-        estimator = ContactEstimator(view.rig, friction=contacts.assumed_friction_rad)
-        for index, contact in zip(open_rows, estimator.run(seen), strict=True):
-            row = rows[index]
-            # a touch that any of them sees is one, wherever it may be
-            if contact.status in LOCATED or (row.status, contact.in_contact) == ("no_contact", True):
-                reading = recording[index].moment_Nm
-                frame = Frame(None, row.pan_rad, row.tilt_rad, reading, frame=row.frame, time_s=row.time_s)
-                rows[index] = ContactRow.of(frame, contact)
-    return ContactTable.from_rows(rows) if views else contacts
+    open_rows = [index for index, row in enumerate(rows) if row.status not in (*LOCATED, "not_quasistatic")]
+    estimator = ContactEstimator(rig, friction=contacts.assumed_friction_rad)
+    seen = (replace(recording[index], time_s=np.nan) for index in open_rows)
+    for index, contact in zip(open_rows, estimator.run(seen), strict=True):
+        row = rows[index]
+        # a touch that any of them sees is one, wherever it may be
+        if contact.status in LOCATED or (row.status, contact.in_contact) == ("no_contact", True):
+            reading = recording[index].moment_Nm
+            frame = Frame(None, row.pan_rad, row.tilt_rad, reading, frame=row.frame, time_s=row.time_s)
+            rows[index] = ContactRow.of(frame, contact)
+    return ContactTable.from_rows(rows)
 
 
 def pictures_of(

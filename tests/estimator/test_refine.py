@@ -14,7 +14,7 @@ from benchmarks.estimator.setup import ACROSS, LENGTH_M, Setup, drawn_truth
 from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, Recorded, contacts, play
 from benchmarks.recording.recording import CELLS, PIN_M, PIN_STD_M, bound_m, lengthened, measured, played, run
 from estimator.object.estimate import estimate_object
-from estimator.recording import Refined, View, refine
+from estimator.recording import Refined, refine
 from estimator.recording.refined import begun
 from estimator.recording.solve import solved
 from estimator.table.contacts import ContactTable, Measured
@@ -238,7 +238,11 @@ def alone(seed: int) -> Refined:
 @cache
 def together(seed: int) -> Refined:
     both, table, lines = seen(seed)
-    return refine(table, both[0].given, lines[0], views=[View(both[1].given, lines[1])])
+    return refine(table, both[0].given.with_camera("other", both[1].given), joined(*lines))
+
+
+def joined(one: list[Measured], other: list[Measured]) -> list[Measured]:
+    return [replace(each, others={"other": seen_too}) for each, seen_too in zip(one, other, strict=True)]
 
 
 @pytest.mark.parametrize("draws", [3, pytest.param(12, marks=pytest.mark.slow)])
@@ -253,7 +257,7 @@ def test_what_is_edge_on_to_one_camera_is_located_at_the_bound_by_two(draws: int
         rows = blind[found.refined[blind]]
         off = (found.contacts.point_world_m - truth.point_world_m)[rows]
         true = replace(both[1].true, covariance=both[1].given.covariance)
-        bound = bound_m(found.contacts, both[0], lines[0], rows, [View(true, lines[1])])
+        bound = bound_m(found.contacts, both[0], joined(*lines), rows, true)
         std = found.contacts.distance_std_m[rows]
         square.append(np.sum(off**2, axis=1))
         allowed.append(bound**2)
@@ -273,7 +277,7 @@ def test_another_view_of_the_same_frames_tells_more() -> None:
 def test_a_camera_that_saw_nothing_changes_nothing() -> None:
     both, table, lines = seen(0)
     dark = [replace(each, points_px=np.zeros((0, 2)), sigma_px=np.zeros(0)) for each in lines[1]]
-    found = refine(table, both[0].given, lines[0], views=[View(both[1].given, dark)])
+    found = refine(table, both[0].given.with_camera("other", both[1].given), joined(lines[0], dark))
     before, rows = alone(0).contacts, alone(0).refined
     assert (found.refined == rows).all()
     std = before.distance_std_m[rows]

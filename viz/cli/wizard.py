@@ -194,7 +194,7 @@ def _further_cameras(state: SessionState, ui: Ui) -> bool:
 
     store, question, name = state.store, BY_KEY["another_camera"], ""
     names = [name for name in str(store.journal.answers.get(question.key, "")).split(",") if name]
-    rig = Rig.load(store.root / RIG)
+    rig: Rig | None = None
     while True:
         try:
             if not names:
@@ -202,8 +202,8 @@ def _further_cameras(state: SessionState, ui: Ui) -> bool:
                 if answer == "none":
                     break
                 names = [answer]
-                store.answer({question.key: ",".join([*list(rig.others), answer])})
-            name = names.pop(0).strip()
+                store.answer({question.key: ",".join([*list(rig.others if rig else ()), answer])})
+            name, rig = names.pop(0).strip(), rig or Rig.load(store.root / RIG)
             if not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", name) or name in rig.cameras:
                 remedy = "give each camera its own name of letters and digits, such as right"
                 raise InputError(f"{question.key} is {name!r}", remedy=remedy)
@@ -218,7 +218,7 @@ def _further_cameras(state: SessionState, ui: Ui) -> bool:
         except Interrupted:
             ui.say(f"stopped; the same command goes on with camera {name}")
             return False
-    if rig.others:
+    if rig is not None and rig.others:
         data = read_json(store.root / RIG) | rig.to_dict()
         write_json(store.root / RIG, data, True, readable_as=Rig.from_dict)
         ui.say(f"{store.root / RIG} has the cameras {', '.join(rig.cameras)}")
