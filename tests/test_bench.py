@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.coverage.coverage import JUDGED, outcome, run
-from benchmarks.coverage.rigs import coverage_rigs
+from benchmarks.coverage.coverage import JUDGED, coverage_rigs, outcome, run
 from benchmarks.suite import SUBJECTS
 from benchmarks.vision.judge import bound_px
 from benchmarks.vision.scenes import HARDSHIPS, Bend, Shot, good, light

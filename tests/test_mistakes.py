@@ -8,8 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.mistakes.judge import ALARM, CLEAN, NAMED_RIGHT, SILENT, Outcome, judged_pictures
-from benchmarks.mistakes.mistakes import PICTURED, RECORDED, TABLES, TAKEN, clean_pair, drawn
+from benchmarks.mistakes.mistakes import (
+    ALARM,
+    CLEAN,
+    NAMED_RIGHT,
+    PICTURED,
+    RECORDED,
+    SILENT,
+    TABLES,
+    TAKEN,
+    Outcome,
+    clean_pair,
+    drawn,
+    judged_pictures,
+)
 from benchmarks.mistakes.pictures import SCENES, clean_pictures
 from benchmarks.mistakes.recordings import DOUBTED, NAMED, Mistake
 from benchmarks.mistakes.rigs import KINDS

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.coverage import rigs, solve
+from benchmarks.coverage import coverage
 from benchmarks.figures import AMBER, GREEN, GREY, VIOLET, label, panels
 from benchmarks.harness import Draws, Findings, Options, column, rms, table, timed
 from benchmarks.vision.scenes import normals
@@ -116,45 +116,45 @@ class Recording:
     distance_m: np.ndarray
 
 
-def calibrated(given: rigs.Draw) -> Rig:
+def calibrated(given: coverage.Draw) -> Rig:
     """The rig that a draw's pictures and readings lead to."""
-    before = replace(solve.prior_of(given), drift=DRIFTS["lab"])
-    joint = adjust_bundle(solve.observations(given), before, rigs.NOMINAL.length_m, rigs.MOMENT_NM)
+    before = replace(coverage.prior_of(given), drift=DRIFTS["lab"])
+    joint = adjust_bundle(coverage.observations(given), before, coverage.NOMINAL.length_m, coverage.MOMENT_NM)
     gain, offset = joint.sensor_gain_offset
     antenna = joint.parameters[len(POSE_PARAMETERS) : -2]
     return Rig(
         camera=joint.camera,
         T_antenna_camera=joint.T_antenna_camera,
-        antenna=Antenna(rigs.NOMINAL.length_m, rigs.NOMINAL.diameter_m, antenna),
-        moment_sensor=MomentSensor(gain, offset, rigs.MOMENT_NM),
+        antenna=Antenna(coverage.NOMINAL.length_m, coverage.NOMINAL.diameter_m, antenna),
+        moment_sensor=MomentSensor(gain, offset, coverage.MOMENT_NM),
         kinematics=Kinematics(),
-        gravity_world_m_s2=rigs.GRAVITY_WORLD_M_S2,
-        image=AntennaImage(rigs.CENTRELINE_PX * joint.noise_scale, joint.noise_scale, True),
+        gravity_world_m_s2=coverage.GRAVITY_WORLD_M_S2,
+        image=AntennaImage(coverage.CENTRELINE_PX * joint.noise_scale, joint.noise_scale, True),
         covariance=joint.covariance,
         tip=joint.tip,
     )
 
 
-def recorded(given: rigs.Draw, change: Change, seed: tuple[int, ...]) -> Recording:
+def recorded(given: coverage.Draw, change: Change, seed: tuple[int, ...]) -> Recording:
     """A recording of a drawn rig after a change; the same seed gives the same contacts, noise and directions."""
     rng, count = np.random.default_rng(seed), FREE + TOUCHED
     pan, tilt = rng.uniform(-0.5, 0.5, count), rng.uniform(-0.8, 0.8, count)
-    distance, roll = rng.uniform(*_REACH, count) * rigs.NOMINAL.length_m, rng.uniform(-np.pi, np.pi, count)
+    distance, roll = rng.uniform(*_REACH, count) * coverage.NOMINAL.length_m, rng.uniform(-np.pi, np.pi, count)
     deflection = rng.uniform(*_DEFLECTION_M, count) * (distance / 0.16) ** 1.5
     parts = rng.uniform(-1.0, 1.0, 16)
     truth = given.truth.copy()
     truth[6] += change.stiffness * parts[0]
     truth[9] *= 1.0 + change.gain * parts[1]
-    truth[10] += change.zero * rigs.MOMENT_NM * parts[2]
+    truth[10] += change.zero * coverage.MOMENT_NM * parts[2]
     size_N = np.where(np.arange(count) < FREE, 0.0, 3.0 * np.exp(truth[6]) * deflection / distance**3)
     hung = np.stack([distance, np.zeros(count), size_N * np.cos(roll), size_N * np.sin(roll)], axis=1)
     stills = [Still(image=None, pan_rad=p, tilt_rad=t, moment_Nm=0.0) for p, t in zip(pan, tilt, strict=True)]
-    gravity = gravity_antenna(Kinematics(), rigs.GRAVITY_WORLD_M_S2, stills)
-    bent = rigs.Bent.of(truth, gravity, hung)
-    readings = bent.readings_Nm + rigs.MOMENT_NM * rng.normal(size=count)
+    gravity = gravity_antenna(Kinematics(), coverage.GRAVITY_WORLD_M_S2, stills)
+    bent = coverage.Bent.of(truth, gravity, hung)
+    readings = bent.readings_Nm + coverage.MOMENT_NM * rng.normal(size=count)
     step = np.concatenate([change.turn_rad * parts[3:6], change.shift_m * parts[6:9]])
     rig = replace(given.rig, T_antenna_camera=given.rig.T_antenna_camera.retract(step))
-    frames, ends, centre = [], np.random.default_rng((*seed, rigs.ENDS)), rig.lens.matrix[:2, 2]
+    frames, ends, centre = [], np.random.default_rng((*seed, coverage.ENDS)), rig.lens.matrix[:2, 2]
 
     def in_picture(pixels: np.ndarray) -> np.ndarray:
         return (pixels - centre) * (1.0 + change.scale * parts[14]) + centre + change.picture_px * parts[9:11]
@@ -164,10 +164,10 @@ def recorded(given: rigs.Draw, change: Change, seed: tuple[int, ...]) -> Recordi
         off = change.light_px * parts[11:14] + change.line_px * rng.normal(size=3)
         aside = np.polynomial.legendre.legval(np.linspace(-1.0, 1.0, len(exact)), off)  # offset, slope, curvature
         line = exact + normals(exact) * aside[:, None]
-        line = in_picture(line) + rigs.CENTRELINE_PX * rng.normal(size=line.shape)
-        end = bent.tip_px(rig, index, given.tip_m) + rigs.TIP_PX * ends.normal(size=2)
-        tip_px = np.append(in_picture(end), rigs.TIP_PX)
-        sigma = np.full(len(line), rigs.CENTRELINE_PX)
+        line = in_picture(line) + coverage.CENTRELINE_PX * rng.normal(size=line.shape)
+        end = bent.tip_px(rig, index, given.tip_m) + coverage.TIP_PX * ends.normal(size=2)
+        tip_px = np.append(in_picture(end), coverage.TIP_PX)
+        sigma = np.full(len(line), coverage.CENTRELINE_PX)
         angles = float(pan[index]), float(tilt[index])
         frames.append(Measured(line, sigma, float(readings[index]), *angles, tip_px=tip_px))
     return Recording(frames, np.where(size_N > 0.0, distance, np.nan))
@@ -204,9 +204,9 @@ def _judge(rig: Rig, way: str, recording: Recording) -> _Judged:
 def run(options: Options) -> list[Row]:
     """Every change and way over all rigs and draws."""
     judged: dict[tuple[str, str], list[_Judged]] = {}
-    kinds = rigs.coverage_rigs()[: 1 if options.quick else 3]
+    kinds = coverage.coverage_rigs()[: 1 if options.quick else 3]
     for number in progress(range(options.draws), "rigs"):
-        given = rigs.draw(kinds[number % len(kinds)], (options.seed, number))
+        given = coverage.draw(kinds[number % len(kinds)], (options.seed, number))
         rig = calibrated(given)
         for change in CHANGES:
             recording = recorded(given, change, (options.seed, number, 5))

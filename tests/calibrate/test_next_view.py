@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.guided.rigs import Rig, true_error_mm
+from benchmarks.guided.guided import Rig, true_error_mm
 from targets.board import corner_points
 from vbaa_calib.calibrate.guide.next_view import lens_progress
 from vbaa_calib.calibrate.guide.suggestion import _coarse_poses, _view_candidates, best_next

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.coverage.rigs import Draw, coverage_rigs, draw
+from benchmarks.coverage.coverage import Draw, coverage_rigs, draw
 from benchmarks.drift.drift import ALL, FREE, NONE, SEEN, UNSEEN, Change, calibrated, estimated, recorded
 from benchmarks.mistakes.recordings import clean_recording
 from benchmarks.mistakes.rigs import KINDS
