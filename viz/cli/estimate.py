@@ -221,7 +221,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
                 for contact, one in enumerate([row, *(ContactRow.of(item.frame, each) for each in both[1:])]):
                     std_m.append(one.distance_std_m)
                     frame_of.append(overview.frames - 1)
-                    yield replace(one, contact=contact)
+                    yield replace(one, contact=contact) if contact else one
             if watch is not None:
                 verdict = with_unused(watch.verdict(), overview.unused, overview.frames)
             remarks += verdict.verdict.lines
