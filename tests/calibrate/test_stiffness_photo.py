@@ -143,7 +143,7 @@ def test_a_material_that_yields_is_not_given_one_stiffness() -> None:
 def test_a_rod_that_hangs_straight_down_tells_no_stiffness() -> None:
     line = np.column_stack([np.full(300, 0.05), np.linspace(0.0, 0.18, 300)])
     picture = drawn(np.column_stack([line[:, 1], line[:, 0]]), np.random.default_rng(3)).T
-    found = solve_photo([search_rod(picture).line()], PhotoSetting(0.18))
+    found = solve_photo([search_rod(picture).line(1)], PhotoSetting(0.18))
     assert not found.determined or found.interval[1] > 5.0 * found.interval[0]
 
 

@@ -8,6 +8,7 @@ it, are left out. Pixel (0, 0) is the middle of the upper left one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -40,7 +41,10 @@ class _RodPath:
 
     def is_clear(self, settings: RodSettings) -> bool:
         """Whether a rod is likely to be along it."""
-        return self.mean > settings.enough and self.evidence > settings.clear_evidence
+        along, chord = self.path_px - self.path_px[0], self.path_px[-1] - self.path_px[0]
+        sagitta = np.abs(along @ [-chord[1], chord[0]]).max() / max(float(chord @ chord), 1e-9)
+        bent = 8.0 * sagitta > settings.clear_bend
+        return bent and self.mean > settings.enough and self.evidence > settings.clear_evidence
 
 
 def _opponent(picture: np.ndarray, settings: RodSettings) -> np.ndarray:
@@ -287,13 +291,8 @@ class _MeasuredRod:
     holder: tuple[float, float]  # log odds that something else than background is beyond either end
     goes_on_px: np.ndarray | None  # an end beyond which something as wide and of its colour goes on
     gap_px: np.ndarray | None  # the middle of a long piece without evidence
-    evidence: float  # log odds of a rod against background
+    evidence: float  # log odds of a rod, against background between known ends, else against anything
     parts: dict[str, float]
-
-    @property
-    def hangs(self) -> bool:
-        """Whether the rod enters at the picture's border and ends before plain background."""
-        return self.inside[0] != self.inside[1] and self.holder[0 if self.inside[0] else 1] < 0.0
 
     def is_good(self, settings: RodSettings) -> bool:
         """Whether nothing better is to be expected."""
@@ -308,14 +307,12 @@ class _MeasuredRod:
         """Whether most of it has a side's hue in less light."""
         return self.parts["shadow"] > 0.5
 
-    def is_bent(self, settings: RodSettings) -> bool:
-        """Whether it turns, and to one side, as a rod under its load does and edges of things do not."""
-        return self.parts["net"] > max(settings.bent, 0.5 * self.parts["turning"])
-
-    def is_sure(self, settings: RodSettings) -> bool:
-        """Whether it is good all along, and one end of it at least is before plain background."""
-        ends = [odds for odds, inside in zip(self.holder, self.inside, strict=True) if inside]
-        return self.is_good(settings) and min(ends, default=1.0) < 0.0
+    @property
+    def covered_end_px(self) -> np.ndarray | None:
+        """An end (2,) within the picture, where none is before plain background."""
+        ends = [(odds, end) for odds, end in zip(self.holder, (0, -1), strict=True) if self.inside[end]]
+        odds, end = min(ends, default=(-1.0, 0))
+        return self.curve_px[end] if odds > 0.0 else None
 
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
         """Whether a line (N, 2) runs in this rod over such a share of its points."""
@@ -329,16 +326,6 @@ class _MeasuredRod:
         return np.stack(
             [np.median(planes[:, part[:, 1], part[:, 0]], axis=1) for part in (places[:count], places[-count:])]
         )
-
-    def alone(self, settings: RodSettings) -> _MeasuredRod:
-        """Log odds of a rod where nothing is known of its ends: a rod's tip is before the background, within the
-        picture."""
-        tip = min(
-            odds if inside else settings.no_tip_cost for odds, inside in zip(self.holder, self.inside, strict=True)
-        )
-        # straight things that end in the picture are everywhere
-        straight = all(self.inside) and self.parts["net"] < settings.least_turn
-        return replace(self, evidence=(self.evidence - max(0.0, tip)) * (settings.straight_share if straight else 1.0))
 
 
 def _fitted(
@@ -377,9 +364,7 @@ def _fitted(
     cell = max(width, settings.correlation_share * diagonal)
     there, parts = _along(planes, curve, width, cell, seen, settings)
     parts |= {"edges": float(seen.mean()), "wander": mad_std(misses) / width, "length_share": length / diagonal}
-    evidence = parts["ribbon"]
-    if first is None or last is None:  # it may be none, or a shadow
-        evidence = evidence * (1.0 - settings.shadow_cost * parts["shadow"]) + _shape(parts, settings)
+    evidence = parts["ribbon"] if first is not None and last is not None else _rod_odds(parts, inside, settings)
     gap, goes_on = (
         _gap(curve, there, settings.longest_gap * max(cell / length, 0.02)),
         _goes_on(planes, noise, curve, width, inside, settings),
@@ -441,13 +426,13 @@ def _course(
         curve, misses = _robust(points, scale, width, 2.0 * width)
         curve, inside = _to_the_ends(patch, curve, width, ends, settings)
         far, _ = _robust(points, scale, width, (2.0 + settings.bridged_widths) * width)
-        far, _ = _to_the_ends(patch, far, width, ends, settings)
+        far, _ = _to_the_ends(patch, far, width, ends, settings, bridged=True)
         if arc_lengths(far)[-1] > arc_lengths(curve)[-1] + 1.5 * width:  # it goes on behind something
             points, width, _ = _edges(planes, spread, far, width, settings, False)
             if len(points) < settings.least_points:
                 return None
             curve, misses = _robust(points, scale, width, 2.0 * width)
-            curve, inside = _to_the_ends(patch, curve, width, ends, settings)
+            curve, inside = _to_the_ends(patch, curve, width, ends, settings, bridged=True)
     if len(curve) < 10:
         return None
     length = float(arc_lengths(curve)[-1])
@@ -500,9 +485,9 @@ def _along(
     there = (log > 0.5) | ((near > settings.good_edges) & (other < 0.5))
     shading = _shading_of(len(planes), settings)
     shadow = np.maximum(*(_shadowed(middle, side, shading, settings) for side in sides))
-    tangent = np.diff(curve, axis=0)
+    along = max(1, round(2.0 * width / (length / len(curve))))
+    tangent = uniform_filter1d(np.diff(curve, axis=0), along, axis=0, mode="nearest")
     angle = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
-    angle = uniform_filter1d(angle, max(1, round(2.0 * width / (length / len(curve)))), mode="nearest")
     return there, {
         "ribbon": float(log.mean()) * length / cell,
         "mean": float(log.mean()),
@@ -512,7 +497,18 @@ def _along(
         "sharpest": _sharpest(angle, 3.0 * width * len(curve) / length),
         "aspect": length / width,
         "shadow": float(np.mean(shadow)),
+        "sides": _unlike_sides(middle, sides, shading),
     }
+
+
+def _unlike_sides(middle: np.ndarray, sides: Sequence[np.ndarray], shading: np.ndarray) -> float:
+    """By how much both sides' colours (channels, S) differ, as a part of the contrast to the middle: edges of things
+    have one thing on each side."""
+    left, right, across = (
+        np.linalg.norm(each / shading[:, None], axis=0)
+        for each in (middle - sides[0], middle - sides[1], sides[0] - sides[1])
+    )
+    return float(np.median(across / np.maximum(np.minimum(left, right), 1.0)))
 
 
 def _filled(colours: np.ndarray) -> np.ndarray:
@@ -562,18 +558,29 @@ def _goes_on(
         difference = (rod - around) / noise**2
         seen = np.moveaxis(planes[:, v, u], 0, -1) - around
         like = seen @ difference / max(difference @ (rod - around), 1e-9)
-        on_rod = (like[..., 1] > 0.6) & (like[..., 1] < 1.6) & (like[..., [0, 2]] < 0.5).all(axis=-1)
-        if (on_rod.mean(axis=0) > 0.8).any():
+        on_rod = (like[..., 1] > 0.6) & (like[..., 1] < 1.6)
+        apart = (like[..., [0, 2]] < 0.5).all(axis=-1)  # but for what crosses it
+        if ((on_rod.mean(axis=0) > 0.8) & (apart.mean(axis=0) > 0.5)).any():
             return line[-1]
     return None
 
 
-def _shape(parts: dict[str, float], settings: RodSettings) -> float:
-    """Log odds of a rod's shape and colours against a line's of the background, 0 at best."""
-    winding = max(0.0, parts["turning"] - 1.5 * parts["net"] - 1.0)
-    turned = max(0.0, parts["net"] - settings.most_turn)
-    straight = max(0.0, 1.0 - parts["net"] / settings.least_turn)
-    return -settings.winding_cost * winding - settings.turned_cost * turned - settings.straight_cost * straight
+def _rod_odds(parts: dict[str, float], inside: tuple[bool, bool], settings: RodSettings) -> float:
+    """Log odds of a rod against anything else that has two edges, where its ends are not known."""
+    terms = (
+        min(0.0, parts["mean"] - settings.least_mean_alone),
+        parts["edges"],
+        min(parts["net"], settings.bent),
+        max(0.0, parts["turning"] - 1.5 * parts["net"] - 1.0),
+        min(parts["sharpest"], 1.5),
+        float(np.log(parts["length_share"])),
+        min(parts["sides"], 3.0),
+        parts["shadow"],
+        max(0.0, parts["net"] - settings.most_turn),
+        float(not any(inside)),
+        1.0,
+    )
+    return sum(weight * term for weight, term in zip(settings.rod_odds, terms, strict=True))
 
 
 def _gap(curve: np.ndarray, there: np.ndarray, longest_gap: float) -> np.ndarray | None:
@@ -777,9 +784,10 @@ def _to_the_ends(
     width: float,
     ends: tuple[np.ndarray | None, np.ndarray | None],
     settings: RodSettings,
+    bridged: bool = False,
 ) -> tuple[np.ndarray, tuple[bool, bool]]:
     """The part of the curve (M, 2) that is on the rod, or between its ends where they are known, and whether it ends
-    within the picture."""
+    within the picture. It goes on behind what hides it if `bridged`."""
     planes, noise = patch.planes, patch.noise
     step = float(arc_lengths(curve[:2])[-1])
     fit = max(2, round(0.5 * width / step))
@@ -807,10 +815,15 @@ def _to_the_ends(
         on_rod |= difference @ (mark - local) / scale > 0.5
         # between two sides of its own colour there is no rod, but its clamp
         on_rod &= ~np.all([difference @ (each - around[:, None]) / scale > 0.5 for each in grounds], axis=0)
+        apart = np.sum(((mark - rod[:, None]) / noise[:, None]) ** 2, axis=0)
+        alike = apart < settings.alike_colour**2 * np.sum(((rod - around) / noise) ** 2)
         run = order[count // 2 :]
-        off = ~_bridged(on_rod[run], round(width / step), settings.bridged_widths)
-        # a dark ply is not the end
-        gone = off & (np.convolve(off, np.ones(fit), "full")[fit - 1 :][: len(off)] >= fit - 0.5)
+        on = on_rod[run]
+        if bridged:
+            beyond = int(np.argmax(np.append(_gone(on, fit), True)))
+            on[:beyond], on[beyond:] = True, on[beyond:] & alike[run][beyond:]
+            on = _bridged(on, fit, settings.bridged_widths * width / step)
+        gone = _gone(on, fit)
         out = gone | ~inside[run]
         at = max(int(np.argmax(out)) - 1, 0) if out.any() else len(run) - 1
         ahead = min(at + round((0.5 * width + 5.0) / step), len(run) - 1)
@@ -824,13 +837,19 @@ def _to_the_ends(
     return curve[start : end + 1], (seen_first, seen_last)
 
 
-def _bridged(on: np.ndarray, least: int, widths: float) -> np.ndarray:
-    """(M,) `on`, and between two runs of it of at least so many places each, where they are no more widths apart."""
+def _gone(on: np.ndarray, least: int) -> np.ndarray:
+    """(M,) where something is not there over so many places: a dark ply is not the end."""
+    off = ~on
+    return np.asarray(off & (np.convolve(off, np.ones(least), "full")[least - 1 :][: len(off)] >= least - 0.5))
+
+
+def _bridged(on: np.ndarray, least: int, most: float) -> np.ndarray:
+    """(M,) `on`, and between two runs of it, each of at least so many places, that are no more than `most` apart."""
     steps = np.diff(np.concatenate([[0], on.astype(int), [0]]))
     runs = [(a, b) for a, b in zip(np.flatnonzero(steps > 0), np.flatnonzero(steps < 0), strict=True) if b - a >= least]
     bridged = on.copy()
     for (_, before), (after, _) in pairwise(runs):
-        if after - before <= widths * least:
+        if after - before <= most:
             bridged[before:after] = True
     return bridged
 
@@ -873,7 +892,7 @@ class RodLine:
     wander_px: float  # standard deviation of points about the curve
     tip_inside: bool  # whether the rod ends within the picture
     centre_px: np.ndarray  # (2,) middle of the picture
-    evidence: float = 0.0  # log odds of a rod against background alone
+    evidence: float = 0.0  # log odds of a rod, against background between known ends, else against anything
     clamp_supposed: bool = False  # nothing but that it is higher tells which of both ends is clamped
 
     @property
@@ -904,39 +923,31 @@ class RodSearch:
             return self._directed(self.candidates[candidate - 1])
         best = self.candidates[0] if self.candidates else None
         known = (self.clamp is not None) + (self.tip is not None)
-        least = self.settings.least_evidence_known if known == 2 else self.settings.least_evidence_alone
-        if known < 2 and best is not None and best.is_bent(self.settings) and not best.may_be_shadow:
-            if known == 0 and best.is_sure(self.settings):
-                least = self.settings.least_evidence_sure
-            elif best.hangs:
-                least = self.settings.least_evidence_hanging
+        settings = self.settings
+        least = settings.least_evidence_known if known == 2 else settings.least_odds - known * settings.end_odds
         if best is None or best.evidence < least:
             where = " between clamp and tip" if known == 2 else ""
             remedy = "check --clamp and --tip" if known == 2 else _END_REMEDY
             raise InputError(f"no rod can be made out{where}: nothing stands out like one", remedy=remedy)
-        least_mean = self.settings.least_mean if known == 2 else self.settings.least_mean_alone
-        if known == 2 and best.gap_px is None and best.has_edges(self.settings) and not best.may_be_shadow:
-            least_mean = self.settings.least_mean_edged
-        if best.parts["mean"] < least_mean:
+        edged = best.gap_px is None and best.has_edges(settings) and not best.may_be_shadow
+        if known == 2 and best.parts["mean"] < (settings.least_mean_edged if edged else settings.least_mean):
             what = "no rod can be made out: the likeliest line is one only in parts"
-            raise InputError(what, remedy="check --clamp and --tip" if known == 2 else _END_REMEDY)
-        if known == 2 and best.gap_px is not None:
+            raise InputError(what, remedy="check --clamp and --tip")
+        if best.gap_px is not None:
             u, v = best.gap_px
-            what = f"the line between clamp and tip is interrupted near {u:.0f},{v:.0f}"
+            what = f"the likeliest line is interrupted near {u:.0f},{v:.0f}"
             raise InputError(what, remedy="clear what hides, touches or crosses it, and check --clamp and --tip")
-        if known == 0 and best.goes_on_px is not None:
-            u, v = best.goes_on_px
+        if known == 0 and (end := best.goes_on_px if best.goes_on_px is not None else best.covered_end_px) is not None:
+            u, v = end
             what = f"the likeliest line goes on beyond {u:.0f},{v:.0f}, where it cannot be followed"
             raise InputError(what, remedy=f"{_END_REMEDY}, or choose with --candidate N")
         if known == 2:
-            least_mean = best.parts["mean"] - self.settings.alike
+            least_mean = best.parts["mean"] - settings.alike
             alike = [line.parts["mean"] > least_mean and not best.contains(line.curve_px) for line in self.candidates]
         else:
+            least = max(settings.rival_odds, best.evidence - settings.rival_lead)
             alike = [
-                line.evidence > self.settings.rival_share * best.evidence
-                and line.parts["mean"] > self.settings.least_mean_alone
-                and (best.may_be_shadow or not line.may_be_shadow)
-                for line in self.candidates
+                line.evidence > least and (best.may_be_shadow or not line.may_be_shadow) for line in self.candidates
             ]
         rivals = [number for number, is_one in enumerate(alike[1:], start=2) if is_one]
         if rivals:
@@ -995,8 +1006,6 @@ def search_rod(
             paths += _paths_at(level, width_px, (clamp, tip), settings, settings.most_cost_alone)
         paths.sort(key=lambda path: -path.evidence)
         found = _lines(planes, _grouped(paths, settings), [clamp, tip], settings)
-    if clamp is None and tip is None:
-        found = [fit.alone(settings) for fit in found]
     if clamp is None or tip is None:
         found.sort(key=lambda fit: -fit.evidence)
     return RodSearch(_different(found), 0.5 * (np.array([width, height]) - 1.0), clamp, tip, settings)
@@ -1056,9 +1065,9 @@ def _lines(
         likely: _MeasuredRod | None = None
         for path in group:
             fit = _fitted(planes, path, ends[0], ends[1], settings)
-            if fit is not None and (likely is None or fit.evidence > likely.evidence):
+            if fit is not None and (likely is None or fit.parts["ribbon"] > likely.parts["ribbon"]):
                 likely = fit
-            if likely is not None and 0.6 < likely.width_px / path.width_px < 1.7:
+            if likely is not None and likely.gap_px is None and 0.6 < likely.width_px / path.width_px < 1.7:
                 break
         if likely is not None:
             found.append(likely)
