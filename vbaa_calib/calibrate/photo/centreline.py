@@ -1065,7 +1065,8 @@ def _lines(
         likely: _MeasuredRod | None = None
         for path in group:
             fit = _fitted(planes, path, ends[0], ends[1], settings)
-            if fit is not None and (likely is None or fit.parts["ribbon"] > likely.parts["ribbon"]):
+            gain = 0.0 if fit is None or likely is None else fit.parts["ribbon"] - likely.parts["ribbon"]
+            if fit is not None and (likely is None or gain > settings.least_gain * abs(likely.parts["ribbon"])):
                 likely = fit
             if likely is not None and likely.gap_px is None and 0.6 < likely.width_px / path.width_px < 1.7:
                 break

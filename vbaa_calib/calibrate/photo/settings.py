@@ -46,6 +46,8 @@ class RodSettings:
     """A rod that is clear and so many times as wide ends the search for narrower ones."""
     clear_evidence: float = 80.0
     """Evidence of a path from which a rod is likely to be along it."""
+    least_gain: float = 0.05
+    """Share by which a line found with another width must have more evidence: less is chance."""
     clear_bend: float = 0.15
     """Bend in radians that it must have: edges of sheets are as clear."""
     most_stations: int = 1000
