@@ -1066,7 +1066,9 @@ def _lines(
         for path in group:
             fit = _fitted(planes, path, ends[0], ends[1], settings)
             gain = 0.0 if fit is None or likely is None else fit.parts["ribbon"] - likely.parts["ribbon"]
-            if fit is not None and (likely is None or gain > settings.least_gain * abs(likely.parts["ribbon"])):
+            # a path with less evidence needs more along its line
+            least = settings.least_gain * group[0].evidence * (path.evidence < 0.9 * group[0].evidence)
+            if fit is not None and (likely is None or gain > least):
                 likely = fit
             if likely is not None and likely.gap_px is None and 0.6 < likely.width_px / path.width_px < 1.7:
                 break
