@@ -92,7 +92,7 @@ struct Blur {
     Blur(double sigma, int factor) {
         std::vector<double> bell = {1.0};
         if (sigma > 0.0) {
-            reach = (static_cast<int>(std::rint(8.0 * sigma + 1.0)) | 1) / 2;
+            reach = static_cast<int>(std::rint(8.0 * sigma + 1.0)) / 2;
             bell.clear();
             double whole = 0.0;
             for (int k = -reach; k <= reach; ++k) whole += bell.emplace_back(std::exp(-0.5 * square(k / sigma)));
@@ -317,8 +317,8 @@ Array<float, 2> blurred_change(ConstPicture canvas, ConstPicture brightness, Con
 }
 
 Array<std::uint8_t, 2> digitised(ConstPicture grey, double electrons_per_grey, double read_noise, std::uint32_t seed) {
-    constexpr int bits_each = 12, all = 1 << bits_each;
-    static const std::vector<float> normal = normal_numbers(all);
+    constexpr std::uint32_t bits_each = 12U, all = 1U << bits_each;
+    static const std::vector<float> normal = normal_numbers(static_cast<int>(all));
     const float* const numbers = normal.data();
     const int height = grey.shape[0], width = grey.shape[1];
     const auto per_grey = static_cast<float>(1.0 / electrons_per_grey), read = static_cast<float>(square(read_noise));
@@ -330,12 +330,12 @@ Array<std::uint8_t, 2> digitised(ConstPicture grey, double electrons_per_grey, d
         std::uint8_t* const to = &found(row, 0);
         for (int column = 0; column < width; ++column) {
             const std::uint32_t bits = hashed((first + static_cast<std::uint32_t>(column)) * 0x9e3779b1U ^ second);
-            noise[column] = numbers[bits & (all - 1)] + numbers[bits >> (32 - bits_each)];
+            noise[column] = numbers[bits & (all - 1U)] + numbers[bits >> (32U - bits_each)];
         }
         for (int column = 0; column < width; ++column) {
             const float level = levels[column], sigma = std::sqrt(std::max(level, 0.0F) * per_grey + read);
             const float noisy = std::min(std::max(0.0F, level + sigma * noise[column]), 255.0F);
-            to[column] = static_cast<std::uint8_t>(static_cast<int>(noisy + 0.5F));
+            to[column] = static_cast<std::uint8_t>(static_cast<int>(std::rint(noisy)));
         }
     }
     return found;

@@ -253,7 +253,6 @@ Table appended(const Table& path_px, int rows, const Table& others) {
 Table to_its_end(const Picture& picture, ConstMatrix path_px, const Look& look) {
     Table path = resample(path_px, 1.0).points;
     if (path.shape[0] < 2) return path;
-    const Table own = path;
     constexpr int blurred_px = 2;  // before a line's end in which it is no line, but its blurred tip
     const double farthest_px = (1.0 + MOST_LONGER) * length(path);
     while (true) {
@@ -274,7 +273,7 @@ Table to_its_end(const Picture& picture, ConstMatrix path_px, const Look& look) 
         if (!(least > 0.0) || clear <= first) return path;
         const Flags on = each(all, [&](int n) { return n >= first && n < clear; });
         path = appended(path, path.shape[0], selected(moved(found, fits.shift), on));
-        if (length(path) > farthest_px) return own;
+        if (length(path) > farthest_px) return resample(path_px, 1.0).points;
         if (end < all) return path;
     }
 }
