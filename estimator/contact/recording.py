@@ -21,7 +21,7 @@ from vbaa_calib.core.polyline import arc_lengths
 from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import corridor, finder, free_curve, pixels, same_paths_m_s2, width_px
 from vbaa_calib.detect.whisker.background import Background, evened
-from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
+from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor, less_sure, of_antennas_shape
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import without_other_things
@@ -195,9 +195,13 @@ def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]
 
 
 def _sure(glance: _FirstDetection) -> bool:
-    """Whether a line of one polarity was seen from the clamp to its tip."""
+    """Whether a line of one polarity was seen from the clamp to its tip, with hardly a gap."""
     line = glance.line
-    return glance.bright is not None and line.end == "tip" and line.seen >= ContactSettings.sure_detection
+    if glance.bright is None or line.end != "tip":
+        return False
+    seen = np.asarray(line.visibility) == Visibility.SEEN
+    last = len(seen) - int(seen[::-1].argmax())
+    return float(seen[:last].mean()) >= ContactSettings.sure_detection
 
 
 def _along(rig: Rig, glance: _FirstDetection, rough: RoughFit) -> Detection:

@@ -41,7 +41,7 @@ class ContactSettings:
     # the antenna in a picture
     least_end_px: float = 0.02  # deviation of its end
     same_gravity_m_s2: float = 0.5  # difference up to which a finder is used again: a pixel of sag, more or less
-    sure_detection: float = 0.9  # fraction of a line seen up to its tip, from which it is not measured once more
+    sure_detection: float = 0.99  # fraction seen of a line up to its tip, from which it is not measured once more
     second_detection: float = 0.8  # fraction that a second detection must see of the first,
     farther_widths: float = 6.0  # or all of it, and as far but for so many widths, where the polarity changes
     clamp_px: float = 1.5  # by which a calibrated antenna may be off its clamp,
