@@ -66,6 +66,7 @@ class CoverageRig:
     T_antenna_camera : true pose of the camera.
     sagittas_m : (2,) bend of the board, in the pictures of the lens and in the jig.
     outliers : share of corners that are shifted, in both.
+    T_antenna_jig : of the board in the jig.
     """
 
     name: str
@@ -75,6 +76,7 @@ class CoverageRig:
     T_antenna_camera: Pose
     sagittas_m: tuple[float, float] = (0.0, 0.0)
     outliers: float = 0.0
+    T_antenna_jig: Pose = T_ANTENNA_JIG
 
     @property
     def board_points_m(self) -> np.ndarray:
@@ -132,8 +134,14 @@ def _rig(
     size, (fx, fy, cx, cy, *distortion) = optics
     matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     lens = Lens("fisheye" if model == "fisheye" else "opencv", size, matrix, np.array(distortion))
-    poses = board_poses(lens, BOARD, IntrinsicsSpec(2 * views, distance_m, (0.2, 0.7)), np.random.default_rng(_SEED))
     rig = CoverageRig(name, model, lens, (), camera_pose(*looking[:2], 0.0, looking[2], _LOOKED_AT_M), **spoilt)
+    return with_views(rig, views, distance_m)
+
+
+def with_views(rig: CoverageRig, views: int, distance_m: tuple[float, float]) -> CoverageRig:
+    """With so many pictures of the board by hand, at distances between two, m."""
+    spec = IntrinsicsSpec(2 * views, distance_m, (0.2, 0.7))
+    poses = board_poses(rig.lens, BOARD, spec, np.random.default_rng(_SEED))
     kept = [pose for pose in poses if len(rig.seen_corners(pose)[0]) >= _LEAST_CORNERS]
     return replace(rig, T_camera_board=tuple(kept[:views]))
 
@@ -179,11 +187,11 @@ class Draw:
     tip_m: float
 
 
-def draw(rig: CoverageRig, seed: tuple[int, ...]) -> Draw:
-    """One draw; the same seed gives the same."""
+def draw(rig: CoverageRig, seed: tuple[int, ...], truth: np.ndarray | None = None) -> Draw:
+    """One draw, of an antenna and sensor (11,) or of a drawn one; the same seed gives the same."""
     rng = np.random.default_rng(seed)
-    truth = drawn_truth(rng)
-    T_camera_jig = rig.T_antenna_camera.inverse() @ T_ANTENNA_JIG
+    truth = drawn_truth(rng) if truth is None else truth
+    T_camera_jig = rig.T_antenna_camera.inverse() @ rig.T_antenna_jig
     ends = np.random.default_rng((*seed, ENDS))
     tip_m = (NOMINAL.tip_std_m or 0.0) * float(ends.normal())
 
@@ -319,7 +327,7 @@ def prior_of(given: Draw) -> Prior:
     """Lens from the views, then pose of C from the jig."""
     lens = solve_intrinsics(given.views, BOARD, model=given.rig.lens_model)
     board_pose = solve_board_pose(given.jig_views, lens.board_shape, lens.camera)
-    return prior(NOMINAL, lens.camera, [jig_estimate(board_pose, T_ANTENNA_JIG)])
+    return prior(NOMINAL, lens.camera, [jig_estimate(board_pose, given.rig.T_antenna_jig)])
 
 
 def solve(given: Draw) -> Solved:

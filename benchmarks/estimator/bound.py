@@ -44,6 +44,15 @@ class Bound:
         kept = [0, 2, 3]
         return self.joint[:, kept][:, :, kept]
 
+    def drawn(self, which: np.ndarray, draws: int) -> np.ndarray:
+        """(draws, K, 3) errors of l, f_y and f_z of the picked frames, normally distributed; NaN without a bound."""
+        rng, covariance = np.random.default_rng(0), self.covariance[which]
+        known = np.isfinite(covariance).all(axis=(1, 2))
+        found = np.full((draws, len(covariance), 3), np.nan)
+        root = np.linalg.cholesky(covariance[known])
+        found[:, known] = np.einsum("kij,dkj->dki", root, rng.normal(size=(draws, int(known.sum()), 3)))
+        return found
+
     @property
     def force_std(self) -> np.ndarray:
         """(B,) least root mean square of the force's error as a vector."""
@@ -71,7 +80,7 @@ def _piece(scenes: Scenes, friction_std_rad: float) -> Bound:
     table, force = _slopes(scenes)
     axes = np.diag([1.0, 1.0, 1.0, friction_std_rad])
     if scenes.rig.covariance.any():
-        axes = block_diag(axes, independent_axes(scenes.rig.covariance))
+        axes = block_diag(axes, independent_axes(scenes.rig.covariance_with_tip))
     table, force = table @ axes, force @ axes
     information = np.swapaxes(table, 1, 2) @ table + np.diag(np.arange(axes.shape[1]) >= _CONTACT)
     inverse, condition = _inverse(information)
@@ -93,7 +102,7 @@ def _slopes(scenes: Scenes) -> tuple[np.ndarray, np.ndarray]:
     columns = _differences(data, spans)
     forces = _differences(force, spans)
     if rig.covariance.any():
-        for index in range(len(rig.covariance)):
+        for index in range(len(rig.covariance_with_tip)):
             column, by_force = _by_rig(scenes, index, normal)
             columns.append(column)
             forces.append(by_force)
@@ -130,7 +139,7 @@ def _data(scenes: Scenes, rig: Rig, touches: Touches, normal: np.ndarray) -> tup
 def _seen_as(scenes: Scenes, rig: Rig, shapes: Shapes, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """As `_data`, of shapes that are known already."""
     sensor = rig.moment_sensor
-    pixels = seen(rig.camera, rig.T_antenna_camera, shapes.points_m, anywhere=True)
+    pixels = _pixels(rig, shapes)
     across = (np.where(np.isfinite(pixels), pixels, 0.0) * normal).sum(axis=-1) / scenes.sigma_px
     moment = (sensor.gain * shapes.moment_Nm + sensor.offset_Nm) / sensor.std_Nm
     return np.concatenate([across, moment[:, None]], axis=1), shapes.force_N
@@ -138,8 +147,11 @@ def _seen_as(scenes: Scenes, rig: Rig, shapes: Shapes, normal: np.ndarray) -> tu
 
 def _by_rig(scenes: Scenes, index: int, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Slopes (B, N + 1) and (B, 3) by one of the rig's parameters; of the lens in steps of a tenth deviation."""
-    deviations = np.sqrt(np.diag(scenes.rig.covariance)[len(RIG_PARAMETERS) :])
-    steps = np.append(_RIG_STEPS, np.where(deviations > 0.0, 0.1 * deviations, STEP))
+    rig, steps = scenes.rig, np.zeros(0)
+    for number, one in enumerate(rig.cameras.values()):
+        deviations = np.sqrt(np.diag(one.covariance)[len(RIG_PARAMETERS) :])
+        first = _RIG_STEPS[: len(POSE_PARAMETERS) if number else None]
+        steps = np.concatenate([steps, first, np.where(deviations > 0.0, 0.1 * deviations, STEP)])
     size = steps[index]
     step = np.where(np.arange(len(steps)) == index, size, 0.0)
     bends = len(POSE_PARAMETERS) <= index < len(RIG_STEPS) and index != _GIVE
@@ -153,11 +165,21 @@ def _by_rig(scenes: Scenes, index: int, normal: np.ndarray) -> tuple[np.ndarray,
 
 def _normals(scenes: Scenes) -> np.ndarray:
     """(B, N, 2) unit normals of the true seen curves; 0 where a point is not given."""
-    pixels = seen(scenes.rig.camera, scenes.rig.T_antenna_camera, scenes.shapes.points_m, anywhere=True)
-    along = np.gradient(pixels, axis=1)
+    parts = np.split(_pixels(scenes.rig, scenes.shapes), len(scenes.rig.cameras), axis=1)
+    along = np.concatenate([np.gradient(part, axis=1) for part in parts], axis=1)
     normal = np.stack([-along[..., 1], along[..., 0]], axis=-1) / np.linalg.norm(along, axis=-1, keepdims=True)
-    given = np.isfinite(scenes.points_px).all(axis=-1) & np.isfinite(normal).all(axis=-1)
+    given = np.isfinite(_pixels(scenes.rig, scenes.shapes, False)).all(axis=-1) & np.isfinite(normal).all(axis=-1)
+    if not scenes.rig.others:
+        given &= np.isfinite(scenes.points_px).all(axis=-1)
     return np.where(given[..., None], normal, 0.0)
+
+
+def _pixels(rig: Rig, shapes: Shapes, anywhere: bool = True) -> np.ndarray:
+    """(B, V·N, 2) of all points in each of a rig's V cameras in turn, as `seen`."""
+    cameras = rig.cameras.values()
+    return np.concatenate(
+        [seen(one.camera, one.T_antenna_camera, shapes.points_m, anywhere) for one in cameras], axis=1
+    )
 
 
 def _inverse(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,42 +7,110 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.harness import column, processor_seconds, rms, shares, table
+from benchmarks.coverage.coverage import (
+    MOMENT_NM,
+    NOMINAL,
+    T_ANTENNA_JIG,
+    CoverageRig,
+    draw,
+    drawn_truth,
+    observations,
+    prior_of,
+    with_views,
+)
+from benchmarks.harness import column, concatenated, mean, processor_seconds, rms, table
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
+from vbaa_calib.session import LoadReadings
+from vbaa_calib.simulate.scene.lens import Lens
 
+from .bound import Bound, bound
 from .scenes import Scenes, random_scenes, seen
 from .setup import Setup
 
 SIGMAS_PX = (0.05, 0.5)
 _FRICTION_RAD = 0.2
-_COVERED = 1.96
+_COVERED, _SILENT = 1.96, 5.0
 _RIGS = 20
+_BOUND_DRAWS = 50
+"""Errors of each frame that are drawn from its bound."""
+_READINGS = LoadReadings(5e-4, 5e-3)
 
 
 @dataclass(frozen=True)
-class CamerasRow:
-    """One choice of cameras at one deviation of the points.
+class ContactsRow:
+    """Place and force of contacts by one method, beside the Cramér–Rao bound.
 
-    answered : share of the frames with numbers. l_median_mm, l_rms_mm : of the distance's error. force_median : of the
-        lateral force's error over the force. l_covered, f_covered : errors of the distance, and of f_y and f_z, within
-        1.96 of their deviations. us : one thread's processor time for each frame. ratio : to the first camera alone.
+    answered : share of the frames with a place or a force. place_median_mm, place_rms_mm : of the distances' errors.
+    bound_median_mm, bound_rms_mm : of errors drawn from the bound of the frames with a place, rig and friction with
+        their priors. force, force_bound : median of the lateral force's error over the force, and of errors likewise
+        drawn. covered, force_covered : shares of the errors of the distance, and of f_y and f_z, within 1.96 of their
+        standard deviations. silent : places off by more than 5 of these. ms : processor time a frame. ratio : of it
+        to the first method's on the same contacts.
     """
 
-    rig: str = column("rig")
-    sigma_px: float = column("σ px", ".2f")
-    cameras: str = column("cameras")
+    kind: str = column("contacts")
+    noise_px: float = column("px", ".2f")
+    method: str = column("method")
     answered: float = column("answered %", ".1f", 100)
-    l_median_mm: float = column("l median mm", ".3f")
-    l_rms_mm: float = column("rms", ".3f")
-    force_median: float = column("force %", ".2f", 100)
-    l_covered: float = column("l covered %", ".1f", 100)
-    f_covered: float = column("force covered %", ".1f", 100)
-    us: float = column("µs", ".0f")
+    place_median_mm: float = column("median mm", ".3f")
+    bound_median_mm: float = column("bound", ".3f")
+    place_rms_mm: float = column("rms mm", ".3f")
+    bound_rms_mm: float = column("bound", ".3f")
+    force: float = column("force %", ".2f", 100)
+    force_bound: float = column("bound", ".2f", 100)
+    covered: float = column("covered %", ".1f", 100)
+    force_covered: float = column("force covered %", ".1f", 100)
+    silent: int = column("silent", "d")
+    ms: float = column("ms", ".3f")
     ratio: float = column("ratio", ".2f")
-    statuses: str = column("statuses")
+
+
+Answer = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Contact distances (B,) and forces (B, 2) along y and z, each with its standard deviations; NaN where unknown."""
+
+
+def answer(found: Contacts) -> Answer:
+    """Of an estimator."""
+    return found.distance_m, found.distance_std_m, found.force_N[:, 1:], found.force_std_N[:, 1:]
+
+
+def judged(
+    names: tuple[str, float, str],
+    parts: Sequence[Scenes],
+    answers: Sequence[Answer],
+    least: Bound,
+    ms: float,
+    first_ms: float,
+) -> ContactsRow:
+    """One method's row. names : contacts, noise and method. least : the bound of all frames."""
+    distance, std, force, force_std = (np.concatenate(each) for each in zip(*answers, strict=True))
+    true = np.concatenate([part.force_N[:, 1:] for part in parts])
+    off, missed = distance - np.concatenate([part.distance_m for part in parts]), force - true
+    size = np.linalg.norm(true, axis=1)
+    placed, forced, stated = np.isfinite(off), np.isfinite(missed), np.isfinite(std) & np.isfinite(off)
+    score = np.abs(off[stated]) / std[stated]
+    known = np.isfinite(force_std) & forced
+    drawn = least.drawn(placed | forced.all(axis=1), _BOUND_DRAWS)
+    lateral = np.linalg.norm(drawn[..., 1:], axis=-1) / size[placed | forced.all(axis=1)]
+    return ContactsRow(
+        *names,
+        answered=float((placed | forced.all(axis=1)).mean()),
+        place_median_mm=1e3 * float(np.median(np.abs(off[placed]))) if placed.any() else np.nan,
+        bound_median_mm=1e3 * float(np.nanmedian(np.abs(drawn[..., 0]))),
+        place_rms_mm=1e3 * rms(off[placed]),
+        bound_rms_mm=1e3 * float(np.sqrt(np.nanmean(drawn[..., 0] ** 2))),
+        force=float(np.nanmedian(np.linalg.norm(missed, axis=1) / size)),
+        force_bound=float(np.nanmedian(lateral)),
+        covered=mean(score < _COVERED),
+        force_covered=mean(np.abs(missed[known] / force_std[known]) < _COVERED),
+        silent=int((score > _SILENT).sum()),
+        ms=ms,
+        ratio=ms / first_ms,
+    )
 
 
 def with_second(rig: Rig, angle_rad: float = np.pi / 2) -> Rig:
@@ -73,14 +141,37 @@ def drawn(rig: Rig, rng: np.random.Generator) -> Rig:
     return rig.moved(step)
 
 
-def run(count: int, seed: int) -> list[CamerasRow]:
-    """Rows of a rig that is known exactly, and of rigs that were calibrated."""
+def calibrated(rig: Rig, seed: int) -> Rig:
+    """The rig, known as well as a calibration of all of its cameras together knows it: board by hand and in a jig
+    before each, free antenna and loads, their places and weights known as a session has them by default."""
+    truth, read, alone = drawn_truth(np.random.default_rng((seed, 0))), list[float](), {}
+    truth[8] = 0.0  # the simulated clamps are rigid
+    for number, (name, one) in enumerate(rig.cameras.items(), 1):
+        camera, turn = one.camera, one.T_antenna_camera @ rig.T_antenna_camera.inverse()
+        lens = Lens("opencv", camera.image_size, camera.matrix, np.array(camera.distortion))
+        there = CoverageRig(name, "opencv4", lens, (), one.T_antenna_camera, T_antenna_jig=turn @ T_ANTENNA_JIG)
+        given = draw(with_views(there, 25, (0.14, 0.24)), (seed, number), truth)
+        read = read or [seen.still.moment_Nm for seen in given.stills]
+        lines = [
+            replace(line, still=replace(line.still, moment_Nm=moment), tip_std_px=np.nan)
+            for line, moment in zip(observations(given), read, strict=True)
+        ]
+        before = replace(prior_of(given), readings=_READINGS)
+        alone[name] = adjust_bundle(lines, before, NOMINAL.length_m, MOMENT_NM)
+    solved = BundleAdjustment.together(alone)
+    rigs = {name: one.with_covariance(solved[name].covariance) for name, one in rig.cameras.items()}
+    first = rigs.pop(rig.camera_name)
+    return replace(first, others=rigs)
+
+
+def run(count: int, seed: int) -> list[ContactsRow]:
+    """Rows of a rig that is known exactly, and of rigs as a calibration knows them."""
     rows = []
-    for name, exact in (("exact", True), ("calibrated", False)):
-        rig = with_second(Setup(exact=exact).rig())
+    exact_rig = with_second(Setup(exact=True).rig())
+    for name, rig in (("exact", exact_rig), ("calibrated", calibrated(exact_rig, seed))):
         for sigma_px in SIGMAS_PX:
-            rng = np.random.default_rng((seed, int(1e3 * sigma_px), exact))
-            truths = [rig] if exact else [drawn(rig, rng) for _ in range(_RIGS)]
+            rng = np.random.default_rng((seed, int(1e3 * sigma_px), name == "exact"))
+            truths = [rig] if name == "exact" else [drawn(rig, rng) for _ in range(_RIGS)]
             parts = [_recorded(true, max(count // len(truths), 2), sigma_px, rng) for true in truths]
             rows += _rows(name, rig, parts)
     return rows
@@ -92,18 +183,23 @@ def _recorded(true: Rig, count: int, sigma_px: float, rng: np.random.Generator) 
     return replace(frames, moment_Nm=read), centrelines(true, frames, rng)
 
 
-def _rows(name: str, rig: Rig, parts: Sequence[tuple[Scenes, dict[str, np.ndarray]]]) -> list[CamerasRow]:
-    rows: list[CamerasRow] = []
+def _rows(name: str, rig: Rig, parts: Sequence[tuple[Scenes, dict[str, np.ndarray]]]) -> list[ContactsRow]:
+    rows: list[ContactsRow] = []
     for cameras in (["left"], ["right"], ["left", "right"]):
         estimator = ContactEstimator(
             rig if len(cameras) > 1 else rig.cameras[cameras[0]], friction=_FRICTION_RAD, jobs=1
         )
-        found, seconds = [], 0.0
+        found, seconds, least = [], 0.0, []
         for frames, lines in parts:
             given = {one: lines[one] for one in cameras}
-            found.append(estimated(estimator, frames, given))
+            found.append(answer(estimated(estimator, frames, given)))
             seconds += processor_seconds(lambda: estimated(estimator, frames, given), 3)  # noqa: B023
-        rows.append(_judged(name, " and ".join(cameras), parts, found, seconds, rows))
+            true = frames.rig if len(cameras) > 1 else frames.rig.cameras[cameras[0]]
+            least.append(bound(replace(frames, rig=true, points_px=lines[cameras[0]]), _FRICTION_RAD))
+        every = [frames for frames, _ in parts]
+        ms = 1e3 * seconds / sum(map(len, every))
+        names = (name, every[0].sigma_px, " and ".join(cameras))
+        rows.append(judged(names, every, found, concatenated(least), ms, rows[0].ms if rows else ms))
     return rows
 
 
@@ -114,33 +210,6 @@ def estimated(estimator: ContactEstimator, frames: Scenes, lines: Mapping[str, n
     return estimator.estimate_batch(several, *read, sigma_px=frames.sigma_px)
 
 
-def _judged(
-    name: str,
-    cameras: str,
-    parts: Sequence[tuple[Scenes, dict[str, np.ndarray]]],
-    found: Sequence[Contacts],
-    seconds: float,
-    before: Sequence[CamerasRow],
-) -> CamerasRow:
-    off_m = np.concatenate([one.distance_m - frames.distance_m for one, (frames, _) in zip(found, parts, strict=True)])
-    std_m = np.concatenate([one.distance_std_m for one in found])
-    off_N = np.concatenate([one.force_N - frames.force_N for one, (frames, _) in zip(found, parts, strict=True)])[:, 1:]
-    std_N = np.concatenate([one.force_std_N for one in found])[:, 1:]
-    size_N = np.concatenate([np.linalg.norm(frames.force_N[:, 1:], axis=1) for frames, _ in parts])
-    located, known = np.isfinite(off_m), np.isfinite(off_N)
-    us = 1e6 * seconds / len(off_m)
-    return CamerasRow(
-        *(name, parts[0][0].sigma_px, cameras, float(located.mean())),
-        1e3 * float(np.median(np.abs(off_m[located]))),
-        1e3 * rms(off_m[located]),
-        float(np.nanmedian(np.linalg.norm(off_N, axis=1) / size_N)),
-        float(np.mean(np.abs(off_m / std_m)[located] < _COVERED)),
-        float(np.mean(np.abs(off_N / std_N)[known] < _COVERED)),
-        *(us, us / before[0].us if before else 1.0),
-        shares(np.concatenate([one.status for one in found])),
-    )
-
-
-def cameras_text(rows: Sequence[CamerasRow]) -> str:
+def cameras_text(rows: Sequence[ContactsRow]) -> str:
     """The table."""
-    return table(rows, "one camera and two at right angles: every direction of touch, friction of ± 0.2 rad")
+    return table(rows, "one camera and two at right angles: every direction of touch, friction of ± 0.2 rad", once=2)

@@ -8,15 +8,15 @@ the closed form, which the estimators do not use, with white noise on every poin
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from benchmarks.estimator.baselines import at_shares, one_contact
-from benchmarks.estimator.cameras import cameras_text, run
+from benchmarks.estimator.bound import bound
+from benchmarks.estimator.cameras import Answer, ContactsRow, answer, cameras_text, judged, run
 from benchmarks.estimator.scenes import Scenes, elastica_shapes, push_for_slope, rolled, scenes
 from benchmarks.estimator.setup import Setup
-from benchmarks.harness import Findings, Options, column, mean, rms, table, timed
+from benchmarks.harness import Findings, Options, table, timed
 from estimator.paper.two_point import force_z, two_point_contact
 from vbaa_calib.antenna.elastica import _planar_elastica as planar_elastica
 from vbaa_calib.core.console import progress
@@ -31,37 +31,17 @@ _AT = 0.3
 J. Neurosci. 33 (2013) 6726, and Birdwell et al., J. Neurophysiol. 98 (2007) 2439, do."""
 _SPAN = 0.2
 """How far to both sides the cubic is fitted that the curvature is of, in contact distances."""
-Answer = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Contact distances (B,), their standard deviations (B,), and forces (B, 2) along y and z; NaN where there is none."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One method on one kind of contacts.
-
-    answered : share of the frames with a place (of the neuroscience method, with a force).
-    place_median_mm, place_rms_mm : of the distances' errors. force : median of the force's error over its size.
-    covered : share of the places within 1.96 stated standard deviations. silent : places off by more than 5 of these.
-    ms : processor time a frame.
-    """
-
-    kind: str = column("contacts")
-    noise_px: float = column("px", ".2f")
-    method: str = column("method")
-    answered: float = column("answered %", ".0f", 100)
-    place_median_mm: float = column("median mm", ".3f")
-    place_rms_mm: float = column("rms mm", ".3f")
-    force: float = column("force %", ".2f", 100)
-    covered: float = column("covered %", ".0f", 100)
-    silent: int = column("silent", "d")
-    ms: float = column("ms", ".2f")
 
 
 def ours(frames: Scenes, moment: bool = True) -> Answer:
     """By `ContactEstimator.estimate_batch`, with the moment's reading or without."""
     read = frames.moment_Nm if moment else np.full(len(frames), np.nan)
-    found = frames.estimated(moment_Nm=read)
-    return found.distance_m, found.distance_std_m, found.force_N[:, 1:]
+    return answer(frames.estimated(moment_Nm=read))
+
+
+def _unstated(distance_m: np.ndarray, force_N: np.ndarray) -> Answer:
+    """Of a method that does not say how well it knows."""
+    return distance_m, np.full(len(distance_m), np.nan), force_N, np.full_like(force_N, np.nan)
 
 
 def scipy_loop(frames: Scenes) -> Answer:
@@ -74,7 +54,7 @@ def scipy_loop(frames: Scenes) -> Answer:
             distance[good, None], distance[good], np.hypot(*push)[good], frames.rig.antenna.stiffness_Nm2, 0.0
         )
         force[:, good] = np.cos(shape.theta_rad[:, 0]) * np.array(push)[:, good]
-    return distance, np.full(len(distance), np.nan), force.T
+    return _unstated(distance, force.T)
 
 
 def two_points(frames: Scenes) -> Answer:
@@ -84,7 +64,7 @@ def two_points(frames: Scenes) -> Answer:
     antenna = frames.rig.antenna
     found = two_point_contact(x, y, antenna.stiffness_Nm2, antenna.length_m)
     force = np.column_stack([found.force_y_N, force_z(frames.moment_Nm, found.contact_m)])
-    return np.asarray(found.contact_m), np.full(len(frames), np.nan), force
+    return _unstated(np.asarray(found.contact_m), force)
 
 
 def from_curvature(frames: Scenes) -> Answer:
@@ -103,7 +83,7 @@ def from_curvature(frames: Scenes) -> Answer:
         normal = np.array([-tangent[1], tangent[0]]) * np.sign(tangent[0])
         lever = end.mean(axis=0) - [at, float(along(at))]
         force[index] = moment / (lever[0] * normal[1] - lever[1] * normal[0]) * normal[1], 0.0
-    return np.full(len(frames), np.nan), np.full(len(frames), np.nan), force
+    return _unstated(np.full(len(frames), np.nan), force)
 
 
 METHODS: dict[str, Callable[[Scenes], Answer]] = {
@@ -124,34 +104,24 @@ def contacts(kind: str, count: int, noise_px: float, rng: np.random.Generator) -
     return scenes(rig, distance, rolled(size, roll), made_by=elastica_shapes, sigma_px=noise_px).noisy(rng)
 
 
-def _row(kind: str, noise_px: float, method: str, frames: Scenes) -> Row:
-    METHODS[method](frames.picked(np.arange(2)))  # what is made ready once
-    (distance, std, force), seconds = timed(lambda: METHODS[method](frames))
-    true = frames.force_N[:, 1:]
-    off, missed = distance - frames.distance_m, np.linalg.norm(force - true, axis=1) / np.linalg.norm(true, axis=1)
-    placed, forced, stated = np.isfinite(off), np.isfinite(missed), np.isfinite(std) & np.isfinite(off)
-    score = np.abs(off[stated]) / std[stated]
-    return Row(
-        kind=kind,
-        noise_px=noise_px,
-        method=method,
-        answered=float((placed | forced).mean()),
-        place_median_mm=1e3 * float(np.median(np.abs(off[placed]))) if placed.any() else np.nan,
-        place_rms_mm=1e3 * rms(off[placed]),
-        force=float(np.median(missed[forced])) if forced.any() else np.nan,
-        covered=mean(score < 1.96),
-        silent=int((score > 5.0).sum()),
-        ms=1e3 * seconds / len(frames),
-    )
+def _rows(kind: str, noise_px: float, frames: Scenes) -> list[ContactsRow]:
+    rows: list[ContactsRow] = []
+    least = bound(frames)
+    for name, method in METHODS.items():
+        method(frames.picked(np.arange(2)))  # what is made ready once
+        found, seconds = timed(lambda: method(frames))  # noqa: B023
+        ms = 1e3 * seconds / len(frames)
+        rows.append(judged((kind, noise_px, name), [frames], [found], least, ms, rows[0].ms if rows else ms))
+    return rows
 
 
 def measure(options: Options) -> Findings:
     """All methods on every kind of contacts."""
-    rows: list[Row] = []
+    rows: list[ContactsRow] = []
     cases = [(kind, noise) for noise in NOISES_PX for kind in ("planar", "spatial")]
     for number, (kind, noise) in enumerate(progress(cases, "contacts", len(cases))):
         frames = contacts(kind, options.draws, noise, np.random.default_rng((options.seed, number)))
-        rows += [_row(kind, noise, method, frames) for method in METHODS]
+        rows += _rows(kind, noise, frames)
     best = next(row for row in rows if row.method == "ours" and row.kind == "spatial")
     scipy = next(row for row in rows if row.method == "SciPy least squares" and row.kind == "spatial")
     headline = f"spatial, 0.05 px: {best.place_median_mm:.2f} mm median; {scipy.ms / best.ms:.0f} times SciPy's speed"
