@@ -268,9 +268,9 @@ class Rig:
     def with_camera(self, name: str, other: Rig) -> Rig:
         """With a further camera, from its own calibration with the same antenna, sensors and joints.
 
-        Both calibrations rest on the same loads and readings, so that their errors are not independent: the antenna is
-        their covariance intersection, which holds for any correlation, and each camera moves with it as its own
-        calibration says. Sensors, joints and drift are this rig's.
+        For cameras that were calibrated apart: those of one session are solved together. How far their errors are
+        common is not known: the antenna is their covariance intersection, which holds for any correlation, and each
+        camera moves with it as its own calibration says. Sensors, joints and drift are this rig's.
 
         Raises
         ------
