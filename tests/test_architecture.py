@@ -33,11 +33,11 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 948,
     "class names used twice": 0,
-    "classes": 483,
-    "public names": 1169,
+    "classes": 482,
+    "public names": 1162,
     "private words": 53,
     "type: ignore": 4,
-    "words on pages": 35477,
+    "words on pages": 35470,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

@@ -36,7 +36,7 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS
 from vbaa_calib.session import Load, NominalAntenna, Still, gravity_antenna
-from vbaa_calib.simulate.plan import board_poses
+from vbaa_calib.simulate.plan import _board_poses as board_poses
 from vbaa_calib.simulate.scene.lens import Lens, project
 from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, camera_pose
 

@@ -14,7 +14,8 @@ from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from vbaa_calib.antenna.elastica import _planar_elastica as planar_elastica
 from vbaa_calib.antenna.elastica import normal_load
-from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, sample_shape, shape_of
+from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, sample_shape
+from vbaa_calib.antenna.rod import _shape_of as shape_of
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose

@@ -25,7 +25,7 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS, Load, LoadReadings, NominalAntenna, NominalTip, Session, Still
-from vbaa_calib.simulate.plan import board_poses
+from vbaa_calib.simulate.plan import _board_poses as board_poses
 from vbaa_calib.simulate.scene.lens import Lens, project
 from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, camera_pose
 

@@ -19,7 +19,7 @@ from benchmarks.object.scenes import AXIS, CENTRE, PIN_M, RIGID, SETUP, SOFT, Re
 from estimator.object.estimate import estimate_object
 from estimator.recording import refine
 from estimator.recording.problem import FrictionPrior
-from estimator.recording.refined import begun
+from estimator.recording.refined import _begun as begun
 from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig

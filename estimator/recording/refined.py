@@ -109,7 +109,7 @@ def refine(
     came, contacts = contacts, completed(contacts, recording, rig)
     _check(contacts, rig)
     rows = _usable(contacts, recording)
-    problem, start = begun(contacts, rig, recording, rows, known)
+    problem, start = _begun(contacts, rig, recording, rows, known)
     strokes = _strokes(contacts, rows)
     found = solved(problem, start, strokes)
     reason = _refusal(found, known is not None) or walk_of_zero(problem.views[0], FRICTION_RAD, RUNG)
@@ -214,7 +214,7 @@ def _usable(contacts: ContactTable, recording: Sequence[Measured]) -> np.ndarray
     return rows
 
 
-def begun(
+def _begun(
     contacts: ContactTable,
     rig: Rig,
     recording: Sequence[Measured],

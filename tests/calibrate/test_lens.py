@@ -24,8 +24,7 @@ from vbaa_calib.calibrate.lens.choice import (
     information,
     observations_of,
 )
-from vbaa_calib.calibrate.lens.homography import homography
-from vbaa_calib.calibrate.lens.initialization import rough_lens, unfolded, widened
+from vbaa_calib.calibrate.lens.initialization import homography, rough_lens, unfolded, widened
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of, is_monotonic, rational_like
 from vbaa_calib.calibrate.lens.models import _corner_radius as corner_radius

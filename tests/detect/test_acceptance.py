@@ -15,7 +15,8 @@ from vbaa_calib.calibrate.antenna.learnt_paint import learn
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.polyline import normals, resample
 from vbaa_calib.detect.whisker.acceptance import best_of, decided
-from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH, corridor, find, free_curve, pixels
+from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH, corridor, free_curve, pixels
+from vbaa_calib.detect.whisker.antenna import _find as find
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor, less_sure, of_antennas_shape
 from vbaa_calib.detect.whisker.finder import AntennaFinder

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from vbaa_calib.core.polyline import arc_lengths, normals, offsets_from, resample
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import STARTS, Corridor, of_antennas_shape
-from vbaa_calib.detect.whisker.path_refinement import refine_path
+from vbaa_calib.detect.whisker.profile import refine_path
 from vbaa_calib.native import core
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, trace, tube

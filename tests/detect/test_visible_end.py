@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vbaa_calib.detect.drawing.overlay import centreline_picture
-from vbaa_calib.detect.whisker.antenna import find
+from vbaa_calib.detect.whisker.antenna import _find as find
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.profile import measure

@@ -15,7 +15,7 @@ from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, Recorded
 from benchmarks.recording.recording import CELLS, PIN_M, PIN_STD_M, bound_m, lengthened, measured, played, run
 from estimator.object.estimate import estimate_object
 from estimator.recording import Refined, refine
-from estimator.recording.refined import begun
+from estimator.recording.refined import _begun as begun
 from estimator.recording.solve import solved
 from estimator.table.contacts import ContactTable, Measured
 from estimator.table.files import read_contacts, write_contacts

@@ -9,7 +9,7 @@ import pytest
 from targets.board import BoardSpec, corner_points, opencv_board
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
-from vbaa_calib.simulate.plan import board_poses
+from vbaa_calib.simulate.plan import _board_poses as board_poses
 from vbaa_calib.simulate.render.antenna import tube, tube_patch, visible_centreline
 from vbaa_calib.simulate.render.board import board_patch, outline, print_sheet
 from vbaa_calib.simulate.render.picture import ImagePatch, Studio, digitise, expose, surroundings

@@ -156,7 +156,7 @@ def solve_rod(
     gravity, contact, force = _checked(rod, gravity_m_s2, contact_m, force_N)
     if not rod.clamp_give_m:
         nodes, moment = _rigidly_clamped(rod, gravity, contact, force, guess_moment_Nm)
-        return shape_of(rod, contact, nodes, moment)
+        return _shape_of(rod, contact, nodes, moment)
     from scipy.spatial.transform import Rotation
 
     lever, along = rod.T_antenna_clamp.translation_m, rod.T_antenna_clamp.rotation[:, 0]
@@ -176,7 +176,7 @@ def solve_rod(
         raise SolveError(f"a rod whose clamp gives by {rod.clamp_give_m:.4g} m found no equilibrium")
     nodes = (turned[:, None, None] @ (nodes - [lever, *np.zeros((3, 3))])[..., None])[..., 0]
     nodes[:, :, 0] += lever
-    return shape_of(rod, contact, nodes, at_clamp + np.cross(lever, np.einsum("bij,bj->bi", turned, total_N)))
+    return _shape_of(rod, contact, nodes, at_clamp + np.cross(lever, np.einsum("bij,bj->bi", turned, total_N)))
 
 
 def _rigidly_clamped(
@@ -210,7 +210,7 @@ def _rigidly_clamped(
     return nodes, moment + np.cross(lever, force + weight)
 
 
-def shape_of(rod: Rod, contact_m: np.ndarray, nodes: np.ndarray, clamp_moment_Nm: np.ndarray) -> RodShape:
+def _shape_of(rod: Rod, contact_m: np.ndarray, nodes: np.ndarray, clamp_moment_Nm: np.ndarray) -> RodShape:
     """B solved rods by their nodes (B, N, 4, 3): position, directors d1 and d2, moment."""
     tangents = nodes[:, :, 1] / np.linalg.norm(nodes[:, :, 1], axis=-1, keepdims=True)
     return RodShape(_node_arclength(rod, contact_m).T, nodes[:, :, 0], tangents, clamp_moment_Nm)

@@ -14,7 +14,7 @@ from targets.board import AprilGrid, Board, BoardPoints, BoardSpec, corner_point
 from vbaa_calib.calibrate.lens.board_shape import STRETCH, BoardShape
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, free_directions, rows
 from vbaa_calib.calibrate.lens.choice import kept_observations
-from vbaa_calib.calibrate.lens.homography import homography
+from vbaa_calib.calibrate.lens.initialization import homography
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.camera import Camera

@@ -21,7 +21,7 @@ from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, Joints, KnownLoad, S
 from .joint_paths import Place, sweep_joints
 
 
-def board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.random.Generator) -> list[Pose]:
+def _board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.random.Generator) -> list[Pose]:
     """T_camera_board of every picture: about inside the picture, and reaching its borders and corners."""
     size, middle_m = np.array(board.size_m), board.outline_m.mean(axis=0)
     focal = np.diag(lens.matrix)[:2]
@@ -150,7 +150,7 @@ def plan(scene: SceneSpec, readout: float = 0.0) -> Plan:
     rod = true_rod(scene)
     noise = stream(scene, "moments")
     home = Joints(0.0, 0.0)
-    poses = board_poses(scene.lens, scene.board, scene.intrinsics, stream(scene, "boards"))
+    poses = _board_poses(scene.lens, scene.board, scene.intrinsics, stream(scene, "boards"))
     in_jig = scene.T_antenna_camera.inverse() @ scene.T_antenna_face
     boards = [BoardShot(f"intrinsics/board_{i:03d}.png", home, pose) for i, pose in enumerate(poses)]
     boards += [BoardShot(f"plane/jig_{i:03d}.png", home, in_jig) for i in range(scene.jig_pictures)]
@@ -174,7 +174,7 @@ def _for_cameras(scene: SceneSpec, planned: Plan) -> Plan:
     of_antenna = [shot for shot in planned.shots if isinstance(shot, AntennaShot)]
     for index, name in enumerate(scene.cameras):
         one = scene.of_camera(name)
-        poses = board_poses(one.lens, one.board, one.intrinsics, stream(scene, "boards", index))
+        poses = _board_poses(one.lens, one.board, one.intrinsics, stream(scene, "boards", index))
         in_jig = one.T_antenna_camera.inverse() @ one.T_antenna_face
         named = [(f"intrinsics/{name}/board_{i:03d}.png", pose) for i, pose in enumerate(poses)]
         named += [(f"plane/{name}/jig_{i:03d}.png", in_jig) for i in range(scene.jig_pictures)]

@@ -90,7 +90,7 @@ def same_paths_m_s2(where: Corridor, parameters: np.ndarray, length_m: float, ta
     return 10.0 * float(min(0.5 * spacing_px / max(sag_px, 1e-9), 1.0))
 
 
-def find(image: np.ndarray, where: Corridor, bright: bool | None = True) -> Centreline:
+def _find(image: np.ndarray, where: Corridor, bright: bool | None = True) -> Centreline:
     """The centreline in an (H, W) picture; for many pictures make one `AntennaFinder` and use it for all."""
     if not _shows(where):
         return NOTHING

@@ -17,8 +17,7 @@ from .centreline import Centreline
 from .contrast import coloured
 from .corridor import USUAL_MISFIT, Corridor, better_shaped, less_sure, of_antennas_shape
 from .crossings import too_short
-from .path_refinement import refine_path
-from .profile import ORDINARY_BLUR_PX, measure, measure_in_colour, measure_on
+from .profile import ORDINARY_BLUR_PX, measure, measure_in_colour, measure_on, refine_path
 from .settings import SearchSettings
 
 _OTHER_PATH_SHARE = 0.75

@@ -16,8 +16,17 @@ from vbaa_calib.native import core
 from .acceptance import Evidence, accepted
 from .centreline import NOTHING, Centreline
 from .crossings import too_short
-from .path_refinement import refine_path
 from .settings import RibbonSettings
+
+
+def refine_path(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool) -> np.ndarray:
+    """(K, 2) a path moved by up to `reach_px` across itself onto the antenna.
+
+    Two rounds: over the whole reach with a stiff curve, then near that curve with a supple one.
+    """
+    found: np.ndarray = core.search.refine_path(image, path_px, width_px, reach_px, 1.0 if bright else -1.0)
+    return found
+
 
 _QUIET = 0.4
 """Quantile of the profiles' residuals that the core takes for the picture's noise."""
