@@ -132,6 +132,8 @@ def _quoted(text: str) -> str:
 def read_contacts(path: Path, several: bool = False, antenna: str | None = None) -> ContactTable:
     """Read contacts from a CSV, or from a Parquet file by its suffix.
 
+    Parameters
+    ----------
     several : whether a frame may have several contacts, one row each, with numbers of their own in the column contact;
         else such a frame is one row without contact (`ContactTable.without_pairs`).
     antenna : the one to take of a table of several antennas.
