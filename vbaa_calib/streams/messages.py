@@ -182,7 +182,7 @@ class MessageSource:
         every = [self, *others]
         if len({each.live for each in every}) > 1:
             remedy = "give only cameras, streams and folders, or only what was recorded"
-            raise InputError("some of the cameras are live, others were recorded", where="--camera", remedy=remedy)
+            raise InputError("some of the cameras are live, others were recorded", where="--source", remedy=remedy)
         notes, reported = list[str](), [0] * len(every)
 
         def news() -> None:

@@ -86,7 +86,7 @@ def _of_views(
     every = {name: views.get(name, ("", 0.0)) for name in cameras}
     own = {name: shift_s for name, (text, shift_s) in every.items() if not text}
     if not own and where != "-":
-        remedy = "leave one --camera out: this is its source"
+        remedy = "leave one --source out: this is its source"
         raise InputError(f"each camera, {', '.join(every)}, has another source", where=where, remedy=remedy)
     return own, {name: each for name, each in every.items() if each[0]}
 

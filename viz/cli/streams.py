@@ -87,8 +87,9 @@ def configure(parser: argparse.ArgumentParser, *, readings: bool = True) -> None
     )
     if readings:
         group.add_argument(
-            "--camera",
+            "--source",
             action="append",
+            dest="camera_sources",
             default=[],
             metavar="NAME=SOURCE",
             help="of a rig with several cameras, one that has a source of its own",
@@ -204,9 +205,9 @@ def _topics_of(args: argparse.Namespace) -> Topics:
 
 
 def views_of(args: argparse.Namespace, rig: Rig) -> dict[str, tuple[str, float]]:
-    """Sources and time offsets of the cameras that --camera or --camera-offset name; "" without a source of its own.
+    """Sources and time offsets of the cameras that --source or --camera-offset name; "" without a source of its own.
     Raises InputError."""
-    flags = {"--camera": args.camera, "--camera-offset": args.camera_offset}
+    flags = {"--source": args.camera_sources, "--camera-offset": args.camera_offset}
     sources, offsets = (_by_camera(flag, entries, rig) for flag, entries in flags.items())
     views = {}
     for name in {**sources, **offsets}:
