@@ -37,7 +37,7 @@ MOST = {
     "public names": 1162,
     "private words": 53,
     "type: ignore": 4,
-    "words on pages": 35477,
+    "words on pages": 34100,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 
