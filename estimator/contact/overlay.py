@@ -56,10 +56,6 @@ CONTACT: Colour = (60, 220, 255)  # of contact, ellipse and force
 _PAGE = "index.html"  # of the folder
 _OURS = '<meta name="generator" content="vbaa estimate --overlay">'  # a folder whose page has this line may be replaced
 _THUMBNAILS = "thumbnails"  # their folder
-_JPEG = [
-    *(cv2.IMWRITE_JPEG_QUALITY, 92),
-    *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),  # thin coloured lines stay sharp
-]
 
 
 def _status_colour(status: str) -> tuple[int, int, int]:
@@ -271,8 +267,11 @@ def overlaid(
             rows = round(image.shape[1] * height / width)
             small = (ContactSettings.thumbnail_px, max(1, round(ContactSettings.thumbnail_px * rows / image.shape[1])))
             thumbnail = cv2.resize(image[:rows], small, interpolation=cv2.INTER_AREA)
+            # thin coloured lines stay sharp
+            sharp = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
             for place, picture in ((folder, image), (folder / _THUMBNAILS, thumbnail)):
-                (place / f"{name}.jpg").write_bytes(cv2.imencode(".jpg", picture, _JPEG)[1].tobytes())
+                encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 92, *sharp])[1]
+                (place / f"{name}.jpg").write_bytes(encoded.tobytes())
             words = contact.reason
             if contact.status in LOCATED:
                 where = f"{1e3 * contact.distance_m:.2f} ± {1e3 * contact.distance_std_m:.2f} mm from the clamp"

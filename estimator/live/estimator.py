@@ -185,7 +185,8 @@ class LiveEstimator:
         yield LiveContact(row, item, False, latency_s, each.age_s, each.taken.image, alarms, images)
         if self._later is not None:
             # without its picture, which would fill the memory
-            kept = replace(each, taken=replace(each.taken, image=_NO_PICTURE, arrived_s=0.0), others=())
+            empty = replace(each.taken, image=np.empty((0, 0), np.uint8), arrived_s=0.0)
+            kept = replace(each, taken=empty, others=())
             self._frames.append((kept, seen))
             yield from map(self._finally, self._later.push(seen.measured, each.taken.waiting > 0))
 
@@ -200,9 +201,6 @@ class LiveEstimator:
         contact = item.contact
         status, reason = changed_row(self.verdict.now, number, contact.status, contact.reason)
         return replace(ContactRow.of(item.frame, contact), status=status, reason=reason)
-
-
-_NO_PICTURE = np.empty((0, 0), np.uint8)
 
 
 def _drawn(rig: Rig) -> Iterator[tuple[Frame, np.ndarray]]:

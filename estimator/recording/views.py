@@ -13,11 +13,8 @@ from estimator.contact.inputs import Batch
 from estimator.solver.linearised import free_antennas
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import LOCATED, ContactRow, ContactTable, Measured
-from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
+from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
-
-_POSE = len(POSE_PARAMETERS)  # of a camera, in front of `RIG_PARAMETERS`
-_ANTENNA = slice(_POSE, len(RIG_PARAMETERS) - 2)  # the antenna's, without its sensor
 
 
 @dataclass(frozen=True, eq=False)

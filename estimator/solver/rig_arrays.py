@@ -22,8 +22,6 @@ UNKNOWNS = 4
 """Distance in antenna lengths, lateral force (y, z of the clamp's frame) in `RigArrays.force_unit_N`, friction angle in
 standard deviations of its prior."""
 LINE_ERRORS = 3
-_NEGLIGIBLE = 1e-9
-"""Axes of the joint covariance below this fraction of the largest are dropped."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +56,7 @@ class RigArrays:
         rig = rig.drifted() if drift else replace(rig, tip=None)
         axes = rig.axes
         size = np.abs(axes).max(axis=0)
-        axes = axes[:, size > _NEGLIGIBLE * max(float(size.max()), 1e-300)]
+        axes = axes[:, size > 1e-9 * max(float(size.max()), 1e-300)]  # smaller ones are rounding
         line_px = np.hypot(rig.drift.line_px, rig.drift.light_px) if drift else 0.0
         focal = [_focal_px(one.camera) for one in rig.cameras.values()]
         own = np.array([np.full(LINE_ERRORS if line_px > 0.0 else 0, line_px / each) for each in focal])

@@ -6,14 +6,11 @@ import numpy as np
 
 from vbaa_calib.native import core
 
-NODES_TO_CONTACT: int = core.antenna.NODES_TO_CONTACT
-NODES_BEYOND: int = core.antenna.NODES_BEYOND
-CONTACT = NODES_TO_CONTACT - 1  # the contact's node
-NEAREST_TO_TIP: float = core.antenna.NEAREST_TO_TIP  # contacts are kept this part of the length from the tip
+CONTACT: int = core.antenna.NODES_TO_CONTACT - 1  # the contact's node
 
 
 def aligned_arclength(contact_m: np.ndarray, length_m: float) -> np.ndarray:
     """(B, N) nodes from the clamp to the tip, one of them at the contact: the shape is smooth on either side of it."""
     contact = contact_m[:, None]
-    beyond = contact + (length_m - contact) * np.linspace(0.0, 1.0, NODES_BEYOND + 1)[1:]
-    return np.concatenate([contact * np.linspace(0.0, 1.0, NODES_TO_CONTACT), beyond], -1)
+    beyond = contact + (length_m - contact) * np.linspace(0.0, 1.0, core.antenna.NODES_BEYOND + 1)[1:]
+    return np.concatenate([contact * np.linspace(0.0, 1.0, core.antenna.NODES_TO_CONTACT), beyond], -1)

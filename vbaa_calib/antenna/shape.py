@@ -9,7 +9,7 @@ import numpy as np
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.native import core
 
-from .nodes import CONTACT, NEAREST_TO_TIP, aligned_arclength
+from .nodes import CONTACT, aligned_arclength
 from .taper import UNIFORM, Taper
 
 PARAMETERS = (
@@ -103,5 +103,5 @@ def bend(
 
 def curves_of(contact_m: np.ndarray, length_m: float, bent: tuple[np.ndarray, ...]) -> Curves:
     """What the core has made of contacts (B,)."""
-    contact = np.minimum(contact_m, (1.0 - NEAREST_TO_TIP) * length_m)
+    contact = np.minimum(contact_m, (1.0 - core.antenna.NEAREST_TO_TIP) * length_m)
     return Curves(aligned_arclength(contact, length_m), *bent)

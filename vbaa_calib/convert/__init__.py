@@ -55,16 +55,21 @@ def _write(exchanged: Exchanged) -> str:
     return json.dumps(exchanged.camera.to_dict() | more, indent=2, allow_nan=False) + "\n"
 
 
-_OURS = Format(
-    "vbaa",
-    "file of vbaa-calib",
-    _read,
-    _write,
-    lambda text: text.lstrip().startswith("{") and (f'"{CAMERA_SCHEMA}"' in text or f'"{RIG_SCHEMA}"' in text),
-    with_pose=True,
-    with_covariance=True,
-)
-FORMATS = {each.name: each for each in (_OURS, ROS, OPENCV, KALIBR, MRCAL, COLMAP, NUMBERS, ORB_SLAM, CAHVOR)}
+FORMATS = {
+    each.name: each
+    for each in (
+        Format(
+            "vbaa",
+            "file of vbaa-calib",
+            _read,
+            _write,
+            lambda text: text.lstrip().startswith("{") and (f'"{CAMERA_SCHEMA}"' in text or f'"{RIG_SCHEMA}"' in text),
+            with_pose=True,
+            with_covariance=True,
+        ),
+        *(ROS, OPENCV, KALIBR, MRCAL, COLMAP, NUMBERS, ORB_SLAM, CAHVOR),
+    )
+}
 """Name on the command line → format."""
 
 

@@ -167,8 +167,12 @@ def _write_opencv(exchanged: Exchanged) -> str:
 
 
 _MRCAL_COUNTS = {"LENSMODEL_PINHOLE": 0} | {f"LENSMODEL_OPENCV{count}": count for count in (4, 5, 8, 12)}
-_MRCAL_REFITTED = {"LENSMODEL_SPLINED_STEREOGRAPHIC": "splined", "LENSMODEL_CAHVOR": "cahvor"}
-_MRCAL_REFITTED |= {"LENSMODEL_CAHVORE": "cahvor", "LENSMODEL_STEREOGRAPHIC": "stereographic"}
+_MRCAL_REFITTED = {
+    "LENSMODEL_SPLINED_STEREOGRAPHIC": "splined",
+    "LENSMODEL_CAHVOR": "cahvor",
+    "LENSMODEL_CAHVORE": "cahvor",
+    "LENSMODEL_STEREOGRAPHIC": "stereographic",
+}
 _LARGEST = 100_000_000
 """Bytes; the data of a whole calibration stand in such a file as text."""
 
@@ -308,7 +312,6 @@ _COLMAP_MODELS = {
     "THIN_PRISM_FISHEYE": ("thin_prism_fisheye", 2, 8),
 }
 """Name → our model, or the projection that is refitted; focal lengths, coefficients (filled up with zeros to four)."""
-_HALF = Decimal("0.5")
 
 
 def _read_colmap(path: Path, wanted: Wanted) -> Exchanged:
@@ -333,7 +336,7 @@ def _read_colmap(path: Path, wanted: Wanted) -> Exchanged:
         raise InputError(f"{len(cells)} cells, {model} has {needed}", where=place, remedy="write the line again")
     size = size_of([("the picture's side", _plain(cell, place)) for cell in cells[2:4]], place)
     f = [_plain(cell, place) for cell in cells[4 : 4 + focal]]
-    centre = [float(_decimal(cell, place, -_HALF)) for cell in cells[4 + focal : 6 + focal]]
+    centre = [float(_decimal(cell, place, Decimal("-0.5"))) for cell in cells[4 + focal : 6 + focal]]
     coefficients = [_plain(cell, place) for cell in cells[6 + focal :]]
     if ours in PROJECTIONS:
         values = numbers([f[0], f[-1], *centre, *coefficients], "PARAMS", place, (4 + count,))
@@ -370,7 +373,7 @@ def _write_colmap(exchanged: Exchanged) -> str:
     }
     name, coefficients = stated(camera, written, "COLMAP's FULL_OPENCV")
     fx, fy, cx, cy = camera.parameters[:4].tolist()
-    centre = [str(_decimal(repr(value), None, _HALF)) for value in (cx, cy)]
+    centre = [str(_decimal(repr(value), None, Decimal("0.5"))) for value in (cx, cy)]
     cells = [repr(fx), repr(fy), *centre, *map(repr, coefficients)]
     return (
         "# Camera list with one line of data per camera:\n"

@@ -158,9 +158,6 @@ def _weights(residuals: np.ndarray) -> np.ndarray:
     return np.repeat((freedom + points) / (freedom + _squares(residuals)), points)
 
 
-_PICTURES = Loss(_losses, _weights)
-
-
 def _weighted(now: Linearised, weights: np.ndarray) -> Linearised:
     """Least squares with weights (F·points,) on the pictures' residuals."""
     factor = np.append(np.sqrt(weights), np.ones(now.certain))
@@ -332,7 +329,8 @@ class Witness:
             columns = self._columns(alter, std, at, residuals)
         except (ValueError, LensLost, np.linalg.LinAlgError):
             return None
-        return _with_values(Linearised(at, residuals, jacobian, problem.certain, loss=_PICTURES), columns, values, std)
+        linearised = Linearised(at, residuals, jacobian, problem.certain, loss=Loss(_losses, _weights))
+        return _with_values(linearised, columns, values, std)
 
     def _columns(self, alter: Alteration, std: np.ndarray, at: np.ndarray, misfits: np.ndarray) -> list[np.ndarray]:
         """Slopes (R,) of the misfits by each of the values."""

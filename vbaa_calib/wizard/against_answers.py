@@ -36,9 +36,6 @@ from vbaa_calib.session.jig import jig_alternatives, jig_doubts
 from .questions import DIRECTIONS, keeps_jig, typed
 from .session_state import SessionState
 
-AXES = "jig.jpg"
-"""The session's picture of the board with the axes that were typed."""
-
 
 @dataclass(frozen=True)
 class _ContradictionSettings:
@@ -333,7 +330,7 @@ def draw_axes(state: SessionState, image: np.ndarray, in_jig: bool) -> tuple[Pat
         for (name, end), colour in zip(ends.items(), ((90, 90, 255), (120, 230, 120), (255, 190, 90)), strict=False):
             points = pose @ np.linspace(np.zeros(3), end, 41)
             _draw_axis(canvas, lens.camera, points, f"{what} {name}", colour)
-    path = state.store.root / AXES
+    path = state.store.root / "jig.jpg"
     with replacing(path) as temporary:
         temporary.write_bytes(cv2.imencode(".jpg", canvas.image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes())
     return path, canvas.image

@@ -261,12 +261,18 @@ _JOINTS = (
     Question("pan_deg", "", "Pan angle", unit="degrees", default=0.0, low=-360.0, high=360.0),
     Question("tilt_deg", "", "Tilt angle", unit="degrees", default=0.0, low=-360.0, high=360.0),
 )
-_LOAD = (
-    Question("mass_g", "", "Mass on the antenna", unit="g", low=1e-6, high=1e6),
-    Question("distance_mm", "", "Where it hangs, from the clamp along the antenna", unit="mm", low=0.01, high=10_000.0),
-)
 _FREE_POSES_DEG = ((0.0, 0.0), (0.0, 20.0), (0.0, -20.0), (20.0, 0.0), (-20.0, 0.0))
-_ASKED = {"sweep": _JOINTS, "noload": _JOINTS, "loads": (*_LOAD, *_JOINTS)}
+_ASKED = {
+    "sweep": _JOINTS,
+    "noload": _JOINTS,
+    "loads": (
+        Question("mass_g", "", "Mass on the antenna", unit="g", low=1e-6, high=1e6),
+        Question(
+            "distance_mm", "", "Where it hangs, from the clamp along the antenna", unit="mm", low=0.01, high=10_000.0
+        ),
+        *_JOINTS,
+    ),
+}
 
 
 def _sensed(column: str) -> Question:

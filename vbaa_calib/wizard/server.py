@@ -50,10 +50,11 @@ class _ServerSettings:
 SERVER = _ServerSettings()
 
 
-FILES = {"/": "page.html"} | {
-    f"/{name}": name for name in ("icon.svg", "page.css", "page.js", "dom.js", "picture.js", "question.js")
+FILES = {
+    "/": "page.html",
+    **{f"/{name}": name for name in ("icon.svg", "page.css", "page.js", "dom.js", "picture.js", "question.js")},
+    **{f"/step_{step}.svg": f"step_{step}.svg" for step in ("board", "lens", "plane", "noload", "loads", "sensor")},
 }
-FILES |= {f"/step_{step}.svg": f"step_{step}.svg" for step in ("board", "lens", "plane", "noload", "loads", "sensor")}
 _TYPES = {".html": "text/html", ".svg": "image/svg+xml", ".css": "text/css", ".js": "text/javascript"}
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
@@ -66,12 +67,6 @@ _HEADERS = {
     "Cache-Control": "no-store",
     "Connection": "close",
 }
-# a report may run its own scripts, but without access to this server
-_REPORT_POLICY = (
-    "sandbox allow-scripts allow-popups; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' data: blob:; "
-    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
 _log = logging.getLogger(__name__)
 
 
@@ -289,7 +284,13 @@ class PageServer:
             body = path.read_bytes()
         except (OSError, ValueError):
             raise HTTPException(404, "the report cannot be read") from None
-        return Response(body, media_type="text/html", headers={"Content-Security-Policy": _REPORT_POLICY})
+        # its own scripts may run, but without access to this server
+        policy = (
+            "sandbox allow-scripts allow-popups; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' "
+            "data: blob:; style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; "
+            "worker-src blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        )
+        return Response(body, media_type="text/html", headers={"Content-Security-Policy": policy})
 
     async def _command(self, request: Request) -> Response:
         if request.headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":

@@ -56,7 +56,6 @@ from .store import AcceptedPicture, Store
 _Result = TypeVar("_Result")
 BOARD = "board.yaml"
 _STILLS = ("noload", "loads")
-_ALL = ("lens", "plane", *_STILLS)
 _UNITS = {
     "antenna": {
         "length_m": ("antenna_length_mm", 1e-3),
@@ -388,7 +387,7 @@ class SessionState:
 
             return first_solved(first, others, solve, causes)
 
-        return self.cached("joint", self.inputs(*_ALL), made)
+        return self.cached("joint", self.inputs("lens", "plane", *_STILLS), made)
 
     def still_diagnoses(self) -> list[Diagnosis]:
         """What is wrong, or looks wrong, with the antenna's pictures and their readings."""
@@ -403,7 +402,7 @@ class SessionState:
             ]
             return [*against_plane, *found]
 
-        return self.cached("diagnoses", self.inputs(*_ALL), made)
+        return self.cached("diagnoses", self.inputs("lens", "plane", *_STILLS), made)
 
 
 def still_of(step: str, path: Path | None, readings: Mapping[str, float]) -> Still:

@@ -30,9 +30,9 @@ from viz.scene.scene import Scene
 
 from .stage import Stage, quiet
 
-_DARKENED, _CLEAR = "max(t2Color,0.01)", "max(t2Color,0.00001)"
-"""In the viewer's shader: the weight below which it draws what is seen through as black. What is far off or nearly
-clear weighs less, and would lose its colour."""
+_CLEAR = "max(t2Color,0.00001)"
+"""In the viewer's shader, in place of 0.01: the weight below which it draws what is seen through as black. What is far
+off or nearly clear weighs less, and would lose its colour."""
 _ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
 """What the viewer would ask for from elsewhere."""
 
@@ -87,7 +87,7 @@ def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", for
     )
     viewer = io.StringIO()
     write_html(packed, viewer)
-    html = viewer.getvalue().replace(_DARKENED, _CLEAR).replace(_ICON, "data:,")
+    html = viewer.getvalue().replace("max(t2Color,0.01)", _CLEAR).replace(_ICON, "data:,")
     # The page stands alone: it loads nothing, and sends nothing anywhere.
     alone = (
         "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' data: blob:; style-src 'unsafe-inline'; "

@@ -11,7 +11,10 @@ import sys
 
 from vbaa_calib.core.errors import VbaaError
 
-_BALL = """
+PROBE = (
+    sys.executable,
+    "-c",
+    """
 import vtkmodules.vtkRenderingOpenGL2
 from vtkmodules.vtkFiltersSources import vtkSphereSource
 from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkRenderer, vtkRenderWindow
@@ -24,9 +27,9 @@ window.SetOffScreenRendering(True)
 window.SetSize(32, 32)
 window.AddRenderer(renderer)
 window.Render()
-"""
-"""VTK alone: pyvista takes a second to load."""
-PROBE = (sys.executable, "-c", _BALL)
+""",
+)
+"""Draws a ball with VTK alone: pyvista takes a second to load."""
 
 
 @functools.cache

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
 MODES = ("force", "time", "uncertainty")
 """What contacts may be coloured by."""
-UNKNOWN = (150, 158, 170)
-"""Grey of what has no number."""
 _RAMPS = {
     "time": "440154 481769 472a7a 433e85 3c4f8a 355f8d 2e6f8e 287d8e 228b8d 1f9a8a 22a884 32b67a 4ec36b 6ece58 95d840 "
     "bddf26 e5e419",
@@ -65,7 +63,7 @@ class _Scale:
     """A colour scale and what it gives N values.
 
     title, unit : what it shows. ticks : round values in that unit, from its low to its high end.
-    rgb : (N, 3) uint8, `UNKNOWN` for a value that is NaN.
+    rgb : (N, 3) uint8, grey for a value that is NaN.
     stops : hex colours from low to high.
     """
 
@@ -131,5 +129,5 @@ def _scale(values: np.ndarray, title: str, unit: str, name: str) -> _Scale:
         ticks = tuple(float(size * index) for index in range(first, first + count + 1, every))
     stops = tuple(f"#{stop}" for stop in _RAMPS[name].split())
     share = (np.where(known, values, ticks[0]) - ticks[0]) / (ticks[-1] - ticks[0])
-    rgb = np.where(known[:, None], on_ramp(stops, share), np.array(UNKNOWN, np.uint8))
+    rgb = np.where(known[:, None], on_ramp(stops, share), np.array((150, 158, 170), np.uint8))
     return _Scale(title, unit, ticks, rgb, stops)

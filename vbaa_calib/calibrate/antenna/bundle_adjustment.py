@@ -34,9 +34,6 @@ from .inputs import Observation, Prior, ReadingGroups
 from .problem import GAIN, OFFSET, POSE, RIG, Evaluation, LensLost, Problem
 from .settings import AntennaSettings
 
-_RULES = Rules(iterations=40, takes_last=True, may_rise=1e-3)
-"""The slopes are finite differences, zero a little beside the minimum: a smaller rise is none."""
-
 
 def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, standstill: float) -> Linearised:
     """Minimises the robust cost from a start. evaluated : what `Problem.evaluate` gives at the start."""
@@ -56,7 +53,9 @@ def _minimised(problem: Problem | _Cameras, first: Linearised, standstill: float
             return None
         return trial if trial.is_finite else None
 
-    at, promise, exhausted = minimise(evaluate, first, replace(_RULES, standstill=standstill), problem.upper)
+    # The slopes are finite differences, zero a little off the minimum: a smaller rise is none.
+    rules = Rules(iterations=40, standstill=standstill, takes_last=True, may_rise=1e-3)
+    at, promise, exhausted = minimise(evaluate, first, rules, problem.upper)
     return replace(at, converged=promise < (AntennaSettings.enough if exhausted else standstill))
 
 

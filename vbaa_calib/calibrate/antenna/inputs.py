@@ -18,8 +18,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import WrenchSensor
 from vbaa_calib.session import Drift, Load, LoadReadings, Still
 
-DISTANCE_STEP_M = 1e-4  # towards the clamp, finite difference of a load's place
-LOG_FORCE_STEP = 1e-3  # finite difference of the logarithm of its force
+from .settings import AntennaSettings
 
 EXACT = LoadReadings()  # loads whose places and forces are exact
 
@@ -125,7 +124,7 @@ class Observation:
         load."""
         if not isinstance(self.still, Load):
             return self, self
-        nearer, heavier = -DISTANCE_STEP_M, float(np.exp(LOG_FORCE_STEP))
+        nearer, heavier = -AntennaSettings.load_step_m, float(np.exp(AntennaSettings.log_force_step))
         return replace(self, still=_read(self.still, nearer, 1.0)), replace(self, still=_read(self.still, 0.0, heavier))
 
 

@@ -29,7 +29,8 @@ from vbaa_calib.rig.reprojection import (
 )
 from vbaa_calib.session import READINGS, Drift, Load
 
-from .inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, Prior, ReadingGroups
+from .inputs import EXACT, Observation, Prior, ReadingGroups
+from .settings import AntennaSettings
 
 
 def _unevenly_bent(curves: Curves, parameters: np.ndarray, profile: np.ndarray) -> Curves:
@@ -49,6 +50,7 @@ def _unevenly_bent(curves: Curves, parameters: np.ndarray, profile: np.ndarray) 
 
 POSE = slice(0, 6)  # places among `RIG_PARAMETERS`: steps of the camera's pose,
 ANTENNA = slice(6, 6 + len(PARAMETERS))  # the antenna's parameters,
+LOG_STIFFNESS = ANTENNA.start + 6  # among them that of EI,
 GAIN = ANTENNA.stop  # the moment sensor's gain
 OFFSET = GAIN + 1  # and offset
 _BENT = 1 + len(PARAMETERS)  # curves in each still: the antenna, and one a step further along each of its parameters
@@ -572,7 +574,7 @@ def _wrenches_of(curves: Curves, observations: Sequence[Observation], antennas: 
 
 def _by_step(three: np.ndarray) -> np.ndarray:
     """(R, 2) slopes by a load's place, per m, and the logarithm of its force, from values (R, 3) with each altered."""
-    return (three[:, 1:] - three[:, :1]) / [-DISTANCE_STEP_M, LOG_FORCE_STEP]
+    return (three[:, 1:] - three[:, :1]) / [-AntennaSettings.load_step_m, AntennaSettings.log_force_step]
 
 
 assert RIG == OFFSET + 1

@@ -26,6 +26,8 @@ class AntennaSettings:
     passes: int = 12  # with the points' scatter about the one before, most
     exact_from: float = 0.1  # change of the points' scatter below which passes are exact
     last_change: float = 1e-5  # change of it with which they end
+    load_step_m: float = 1e-4  # finite difference of a load's place, towards the clamp
+    log_force_step: float = 1e-3  # finite difference of the logarithm of its force
     lens_shares: tuple[float, ...] = (1.0, 0.3, 0.1, 0.01)  # of its prior deviations, in turn, where more make it fold
     sees_less: float = 1e-3  # part of the picture that a moved lens may see less of
 

@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior, reading_keys
-from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, Problem
+from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, LOG_STIFFNESS, OFFSET, Problem
 from vbaa_calib.calibrate.antenna.problem import RIG as LENS
 from vbaa_calib.core.least_squares import ScoreTest, change_test, products
 from vbaa_calib.core.robust import finite_or_none, mad_std
@@ -23,10 +23,8 @@ from vbaa_calib.session import Drift, Load, LoadReadings, Still
 from .finding import HOLDS, Checked, Discrepancy, Finding, judged, plus_minus, unanswered
 from .settings import CheckSettings
 
-_POINTS = slice(-1)  # rows of a `CheckedStill` by its points,
-_MOMENT = slice(-1, None)  # and by its moment
+_POINTS = slice(-1)  # rows of a `CheckedStill` by its points; the last is its moment's
 _FREE_SHAPE = ANTENNA.start + np.arange(6)  # places among `RIG_PARAMETERS`: the clamp's four, the bow's two
-_STIFFNESS = ANTENNA.start + 6  # and that of EI
 _SCALE = np.array([0.01] * 3 + [1e-3] * 3 + [1e-3] * 2 + [0.01] * 2 + [0.1] * 2 + [0.05, 0.2, 1e-3, 0.05])
 """Noticeable changes of pose, antenna and gain; the offset's is ten times the sensor's noise."""
 _NO_FREE = "no picture of the free antenna (noload/)"  # why a question is left open
@@ -143,16 +141,16 @@ def check_antenna(rig: Rig, frames: Sequence[CheckedStill], camera_known: bool) 
         rig, free, [change(data, which) for which in (_FREE_SHAPE, _FREE_SHAPE[:4], _FREE_SHAPE[4:])], camera_known
     )
     changed += _FREE_SHAPE.tolist() if shape.is_bad else []
-    by_load = [change(data + _information([one], _POINTS, count), [_STIFFNESS]) for one in loaded]
+    by_load = [change(data + _information([one], _POINTS, count), [LOG_STIFFNESS]) for one in loaded]
     # the points of the loads come in again with their readings, of which they share the errors
     bent = data + _information(loaded, _POINTS, count)
     remedy = "check the loads' mass and place first; then the clamp; then calibrate again"
-    stiffness = _number_finding("stiffness", change(bent, [_STIFFNESS]) if loaded else _NO_LOADS, _NO_LOADS, remedy)
+    stiffness = _number_finding("stiffness", change(bent, [LOG_STIFFNESS]) if loaded else _NO_LOADS, _NO_LOADS, remedy)
     if stiffness.evidence is not None:
         stiffness = replace(stiffness, words=f"{stiffness.words}, by {len(loaded)} load{'s' * (len(loaded) > 1)}")
-    changed += [_STIFFNESS] if stiffness.is_bad else []
+    changed += [LOG_STIFFNESS] if stiffness.is_bad else []
     read = [one for one in free if one.has_moment]
-    zero = _information(read, _MOMENT, count)
+    zero = _information(read, slice(-1, None), count)  # by the moments
     document = {
         "noload": [_free_row(rig.antenna.length_m, one) for one in free],
         "loads": [

@@ -17,7 +17,7 @@ import numpy as np
 from targets.board import BoardWithIds, corner_points
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, ReadingGroups, reading_keys
-from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, POSE, Problem
+from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, LOG_STIFFNESS, POSE, Problem
 from vbaa_calib.calibrate.lens.models import pose_slopes, projected
 from vbaa_calib.calibrate.pipeline import Calibration
 from vbaa_calib.calibrate.pose.board_pose import jig_estimate
@@ -39,8 +39,6 @@ from vbaa_calib.session import (
 
 from .settings import GuideSettings
 from .suggestion import visible_corners
-
-_LOG_STIFFNESS = ANTENNA.start + 6  # place among `RIG_PARAMETERS`
 
 
 def _unseen(frame: Still, gravity_m_s2: np.ndarray) -> Observation:
@@ -223,7 +221,7 @@ class _StiffnessForecast:
         for which in (np.zeros_like(of_mass), of_mass, np.ones_like(of_mass)):
             free = np.flatnonzero(np.concatenate([np.ones(len(self.scale), bool), which]))
             inverse = np.linalg.inv(information[:, free[:, None], free])
-            solved.append(np.sqrt(inverse[:, _LOG_STIFFNESS, _LOG_STIFFNESS]) / self.scale[_LOG_STIFFNESS])
+            solved.append(np.sqrt(inverse[:, LOG_STIFFNESS, LOG_STIFFNESS]) / self.scale[LOG_STIFFNESS])
         noise, mass, total = solved
         place = np.sqrt(np.maximum(total**2 - mass**2, 0.0))
         mass = np.sqrt(np.maximum(mass**2 - noise**2, 0.0))

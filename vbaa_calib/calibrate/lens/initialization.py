@@ -64,7 +64,6 @@ def _board_poses(homographies: list[np.ndarray | None]) -> np.ndarray:
 
 _TRIAL = replace(CONVERGED, iterations=15, tolerance=1e-3)
 _FEW_STEPS = replace(_TRIAL, iterations=6)
-_UNFOLDING = replace(CONVERGED, iterations=15, tolerance=1e-5)
 
 
 class Guess(NamedTuple):
@@ -268,7 +267,8 @@ def unfolded(
     for slope in LensSettings.unfolding_slopes:
         unfolding = Unfolding(slope, LensSettings.unfolding_weight * bundle.sigma_px**2, image_size)
         for start in starts:
-            trial = refine(replace(start, unfolding=unfolding), observations, _UNFOLDING)
+            rules = replace(CONVERGED, iterations=15, tolerance=1e-5)
+            trial = refine(replace(start, unfolding=unfolding), observations, rules)
             if trial.rms_px <= at_most and is_monotonic(model, trial.intrinsics, image_size):
                 return trial
     return bundle

@@ -22,7 +22,6 @@ from .settings import SearchSettings
 
 PLACES = 8
 """Places along the antenna at which its colour is learnt."""
-RUN, FOREIGN, MOSTLY_FOREIGN = core.search.RUN, core.search.FOREIGN, core.search.MOSTLY_FOREIGN
 PARTLY_FOREIGN, LEAST_SPREAD = 1.0, (0.08, 3.0)
 """Deviations beyond which a point may show something else in part. The least deviation, relative to the brightness and
 in grey levels, since the light changes as the antenna bends."""
@@ -122,13 +121,13 @@ def without_other_things(
             away = start
             break
     if not other[:away].all():
-        last = np.flatnonzero(sure & (shaded | (off < MOSTLY_FOREIGN)))[-1:]
-        other &= ((hue > MOSTLY_FOREIGN) | ~sure | (not paint.both_edges)) & ~shaded
+        last = np.flatnonzero(sure & (shaded | (off < core.search.MOSTLY_FOREIGN)))[-1:]
+        other &= ((hue > core.search.MOSTLY_FOREIGN) | ~sure | (not paint.both_edges)) & ~shaded
         if line.end != "tip" and len(last) and (paint.both_edges or shaded[last[0]]):
-            other[max(last[0] + 1 - RUN * shaded[last[0]], 0) :] = True
+            other[max(last[0] + 1 - core.search.RUN * shaded[last[0]], 0) :] = True
     other[away:] = True
     hidden = 0.0 if paint.polarity is None else HIDDEN_PART * width_px
-    doubt = hidden * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
+    doubt = hidden * np.clip((off - PARTLY_FOREIGN) / (core.search.FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
     if line.odds >= SearchSettings.likely_odds:
         # what it shows there may be something else next to it or before a part of it, but it is there
         return line.doubted(np.where(other, SearchSettings.strange_doubt * width_px, doubt))
