@@ -15,6 +15,7 @@ RESULT_NAMES = {
     "force_N": "lateral force",
     "point_m": "world point",
 }
+TABLES = ("distance_m", "force_y_N", "force_z_N", "point_m")
 SCHEMA = "vbaa.budget/1"
 
 
@@ -22,7 +23,7 @@ def table(budget: Budget) -> str:
     """The budget of distance, force and point for people."""
     many = "contact" if budget.asked == 1 else "contacts"
     lines = [f"{len(budget.touches)} of {budget.asked} {many} would come with numbers; deviations are rms over them."]
-    for name in ("distance_m", "force_y_N", "force_z_N", "point_m"):
+    for name in TABLES:
         lines += ["", *_table(budget, name)]
     if budget.exact:
         lines += ["", "counted as exact: " + ", ".join(CAUSES[cause].name for cause in budget.exact)]

@@ -4,11 +4,15 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <limits>
 #include <new>
 #include <utility>
 #include <vector>
 
 namespace vbaa {
+
+constexpr double INFINITE = std::numeric_limits<double>::infinity();
+constexpr double NOT_KNOWN = std::numeric_limits<double>::quiet_NaN();
 
 // A window on numbers that somebody else keeps.
 template <class T, int N>

@@ -10,7 +10,7 @@
 namespace vbaa::bundle {
 namespace {
 
-constexpr double PI = 3.14159265358979323846, LEAST_DAMPING = 1e-15, MOST_DAMPING = 1e12, SINGULAR = 1e-15;
+constexpr double LEAST_DAMPING = 1e-15, MOST_DAMPING = 1e12, SINGULAR = 1e-15;
 constexpr int REWEIGHTINGS = 12, FEW = 2;  // times that weights follow residuals, and steps at each after the first
 constexpr double CONVERGED_WEIGHTS = 1e-2, ROUGH = 1e-4, FURTHEST_PER_CORNER = 4.0, LEAST_VARIANCE = 0.05;
 // Scale of Cauchy's loss for 95 % efficiency on normal noise, over the median length; and its least, px.
@@ -292,7 +292,7 @@ double Problem::reweight(ConstMatrix residuals) {
 
 int unfolding_rows(ConstVector lens, bool fisheye, const Priors& priors, Vector lacking, Matrix by_lens) {
     const double reach = corner_radius(lens, priors.width, priors.height);
-    const double furthest = fisheye ? std::min(FURTHEST_PER_CORNER * reach, PI) : FURTHEST_PER_CORNER * reach;
+    const double furthest = fisheye ? std::min(FURTHEST_PER_CORNER * reach, M_PI) : FURTHEST_PER_CORNER * reach;
     const double scale = priors.stiffness_px / priors.least_slope;
     const int distortions = lens.shape[0] - 4;
     const ConstVector distortion(lens.data + 4, {distortions});

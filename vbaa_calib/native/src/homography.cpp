@@ -1,7 +1,6 @@
 // Homographies of a flat board to its picture, of which less than half of the corners may be wrong.
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "bundle.hpp"
 #include "lanes.hpp"
@@ -13,7 +12,6 @@ namespace {
 constexpr double LEAST_SIZE = 1e-300, RAYLEIGH_MEDIAN = 1.1774;
 constexpr double BELOW_MEDIAN = 5.0 / RAYLEIGH_MEDIAN;  // distance over the median one up to which points are fitted
 constexpr int LEAST_CORNERS = 4;                        // they fix a homography
-constexpr double NONE = std::numeric_limits<double>::quiet_NaN();
 
 struct Homography {
     double m[3][3] = {};
@@ -92,8 +90,8 @@ Homography least_median(ConstMatrix points, ConstMatrix image, const Columns& co
                         View<const std::int64_t, 2> picks) {
     const int count = points.shape[0];
     Homography best;
-    best.m[0][0] = best.m[2][2] = NONE;
-    double least = std::numeric_limits<double>::infinity();
+    best.m[0][0] = best.m[2][2] = NOT_KNOWN;
+    double least = INFINITE;
     std::vector<double> distances(whole_lanes(count)), sorted;
     for (int pick = 0; pick < picks.shape[0]; ++pick) {
         const std::int64_t* own = &picks(pick, 0);
@@ -154,14 +152,14 @@ double homography(ConstMatrix points, ConstMatrix image, View<const std::int64_t
         return total;
     };
     for (int turn = 0; turn < 2; ++turn) {
-        if (!std::isfinite(measure())) return NONE;
+        if (!std::isfinite(measure())) return NOT_KNOWN;
         std::vector<double> sorted(distances.begin(), distances.begin() + count);
         const double middle = median(sorted);
         // the smallest distances that four points have, those that are equal counted once
         std::sort(sorted.begin(), sorted.end());
         const auto unique = std::unique(sorted.begin(), sorted.end());
-        const auto fourth = unique - sorted.begin() < LEAST_CORNERS ? NONE : sorted[LEAST_CORNERS - 1];
-        const double limit = fourth == fourth ? fourth : std::numeric_limits<double>::infinity();
+        const auto fourth = unique - sorted.begin() < LEAST_CORNERS ? NOT_KNOWN : sorted[LEAST_CORNERS - 1];
+        const double limit = fourth == fourth ? fourth : INFINITE;
         best = least_squares(board, ideal, distances, std::max(BELOW_MEDIAN * middle, limit));
     }
     measure();

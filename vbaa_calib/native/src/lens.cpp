@@ -14,7 +14,6 @@ constexpr int STEPS = 5;
 constexpr double LEAST_DEPTH = 1e-12;      // Z of a unit vector from which on X/Z counts as a number
 constexpr double GRAZING = 9.99999833e-4;  // sine of 1e-3 rad: rays at a smaller angle to the plane are not intersected
 constexpr double NEAREST_M = 1e-9;         // a plane closer to the camera than this passes through it
-constexpr double NAN_ = std::numeric_limits<double>::quiet_NaN();
 
 template <class T>
 using Mask = decltype(T{} < T{});
@@ -49,7 +48,7 @@ void put(S* rows, int width, int column, int begin, int some, T values) {
 
 template <class T>
 T known(Mask<T> valid, T values) {
-    return choose(valid, values, T(Number<T>(NAN_)));
+    return choose(valid, values, T(Number<T>(NOT_KNOWN)));
 }
 
 template <class T>

@@ -3,14 +3,12 @@
 // The radial map ρ(r) = r·g(r²) is followed from the axis to its fold, its pole or the chart's end, and tabled there: a
 // table gives start and bracket, and Newton the digits.
 #include <algorithm>
-#include <limits>
 
 #include "lens_maps.hpp"
 
 namespace vbaa::lens {
 namespace {
 
-constexpr double INFINITE = std::numeric_limits<double>::infinity(), PI = 3.14159265358979323846;
 constexpr double FARTHEST = 1e3;  // ideal radius at which a distorted perspective lens is cut off: 89.94° off the axis
 constexpr double BEYOND = 1e6;    // squared radius beyond which folds and poles are of no concern
 constexpr double TO_THE_END = 1.0 - 1e-12;  // at a pole there is no value
@@ -74,7 +72,8 @@ double smallest_root(std::vector<double> c, double limit) {
 // Smallest radius at which the radial map stops growing or has a pole; may be infinite.
 double fold_radius(const Model& model) {
     const auto& c = model.coefficients;
-    if (model.fisheye) return std::sqrt(smallest_root({1.0, 3.0 * c[0], 5.0 * c[1], 7.0 * c[2], 9.0 * c[3]}, PI * PI));
+    if (model.fisheye)
+        return std::sqrt(smallest_root({1.0, 3.0 * c[0], 5.0 * c[1], 7.0 * c[2], 9.0 * c[3]}, M_PI * M_PI));
     const std::vector<double> top = {1.0, c[0], c[1], c[4]}, bottom = {1.0, c[5], c[6], c[7]};
     std::vector<double> growth(7);  // N D + 2 s (N' D − N D'): d(r g)/dr has its sign
     for (int i = 0; i < 4; ++i)
@@ -100,7 +99,7 @@ double bracketed(const Model& model, double distorted_radius, double low, double
     return radius;
 }
 
-double chart_limit(const Model& model) { return model.fisheye ? PI : INFINITE; }
+double chart_limit(const Model& model) { return model.fisheye ? M_PI : INFINITE; }
 
 RadialTable radial_table(const Model& model) {
     const double end = std::atan(std::min({fold_radius(model), chart_limit(model), FARTHEST})) * TO_THE_END;
@@ -155,7 +154,7 @@ void trust(Lens& lens) {
         return at.definite() && std::isfinite(at.x) && std::isfinite(at.y);
     };
     for (int i = 0; i < DIRECTIONS; ++i) {
-        const double angle = -PI + 2.0 * PI * i / DIRECTIONS;
+        const double angle = -M_PI + 2.0 * M_PI * i / DIRECTIONS;
         cosine[i] = std::cos(angle), sine[i] = std::sin(angle);
         int end = 1;
         while (end < RADII && good(i, radius[end])) ++end;
@@ -172,7 +171,7 @@ void trust(Lens& lens) {
     for (int i = 0; i < DIRECTIONS; ++i) {
         const auto put = [&](double r) {
             const Mapped<double> at = distorted(lens, r * cosine[i], r * sine[i]);
-            const double place = (std::atan2(at.y, at.x) + PI) * (DIRECTIONS / (2.0 * PI)),
+            const double place = (std::atan2(at.y, at.x) + M_PI) * (DIRECTIONS / (2.0 * M_PI)),
                          size = std::hypot(at.x, at.y);
             if (!std::isfinite(place)) return size;
             double& kept = reached[static_cast<int>(std::rint(place)) % DIRECTIONS];
@@ -267,7 +266,7 @@ bool Rim::encloses(double x, double y) const {
     if (square < inner * inner) return true;
     if (!std::isfinite(square)) return false;
     const int count = static_cast<int>(radii.size()) - 1;
-    const double place = (std::atan2(y, x) + PI) * (count / (2.0 * PI));
+    const double place = (std::atan2(y, x) + M_PI) * (count / (2.0 * M_PI));
     const int index = std::min(static_cast<int>(place), count - 1);
     return std::sqrt(square) < radii[index] + (place - index) * (radii[index + 1] - radii[index]);
 }

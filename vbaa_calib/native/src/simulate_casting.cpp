@@ -2,17 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace vbaa::simulate {
 
 namespace {
 
 constexpr int STEPS = 100;
-constexpr double HIT_M = 1e-6, INF = std::numeric_limits<double>::infinity();
+constexpr double HIT_M = 1e-6;
 
 struct Hit {
-    double depth = INF;
+    double depth = INFINITE;
     Point normal = {};
     int face = -1;
 };
@@ -24,7 +23,7 @@ struct Interval {
 // Where a ray is in a convex quadric, a·t² + 2·half_b·t + c < 0 inside; (∞, −∞) when it passes by.
 Interval quadric(double a, double half_b, double c) {
     double root = half_b * half_b - a * c;
-    if (root < 0.0 || a <= 0.0) return {INF, -INF};
+    if (root < 0.0 || a <= 0.0) return {INFINITE, -INFINITE};
     return {(-half_b - std::sqrt(root)) / a, (-half_b + std::sqrt(root)) / a};
 }
 
@@ -32,7 +31,7 @@ Point side_of(const Body& body, int k) { return read<Point>(&body.sides(k, 0)); 
 
 // A convex body: behind all of its planes and inside its quadric.
 Hit meet(const Body& body, const Point& start, const Point& ray) {
-    Interval inside = {-INF, INF};
+    Interval inside = {-INFINITE, INFINITE};
     int face = 0, round_sides = 0;
     Point across = ray, offset = start;
     double radius = body.object.radius_m;
@@ -109,7 +108,7 @@ Array<double, 1> shade(const Point& center_m, const Point& origin_m, ConstMatrix
     Array<double, 1> shades(depths.shape[0]);
     Point start = origin_m - center_m;
     for (int i = 0; i < depths.shape[0]; ++i) {
-        if (!(depths[i] < INF)) continue;
+        if (!(depths[i] < INFINITE)) continue;
         Point point = start + depths[i] * read<Point>(&directions(i, 0));
         double stains = std::sin(dot(point, Point{310.0, 120.0, -90.0}));
         stains += std::sin(dot(point, Point{-70.0, 210.0, 260.0}) + 1.0);

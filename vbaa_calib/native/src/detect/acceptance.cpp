@@ -1,6 +1,8 @@
 // Evidence for and against a fitted line.
 #include "detect/acceptance.hpp"
 
+#include "order.hpp"
+
 namespace vbaa::detect {
 
 namespace {
@@ -12,7 +14,6 @@ constexpr int NEARBY = 41;               // so many profiles have the light in c
 constexpr double VARIES = 0.25;          // least variation of the line over its height, for its transparency to show
 constexpr double BEHIND_VARIES = 0.15;   // and of its background
 constexpr double ALIKE_PROFILES = 15.0;  // so many neighbouring profiles lie in front of the same thing
-constexpr double MAD_SCALE = 1.4826;     // standard deviation over median absolute deviation
 
 // Grey levels at either end of a profile (T,): what lies behind the line.
 std::array<double, 2> flanks(ConstVector profile) {

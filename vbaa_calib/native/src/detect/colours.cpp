@@ -8,7 +8,6 @@
 namespace vbaa::detect {
 namespace {
 
-constexpr double NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();
 // The fewest points from which the light follows.
 constexpr int LEAST_POINTS = 20;
 // Limits of its brightness, over that in the light, where an antenna may lie in a shadow; a quantile of how far its hue
@@ -26,7 +25,7 @@ int nearest_pixel(double place, int size) {
 double middle(std::vector<double> values) {
     const int count = static_cast<int>(values.size());
     if (count == 0 || std::any_of(values.begin(), values.end(), [](double each) { return each != each; }))
-        return NOT_A_NUMBER;
+        return NOT_KNOWN;
     const auto half = values.begin() + count / 2;
     std::nth_element(values.begin(), half, values.end());
     return count % 2 ? *half : 0.5 * (*half + *std::max_element(values.begin(), half));

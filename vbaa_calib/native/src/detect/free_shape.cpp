@@ -3,14 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 
 #include "smooth.hpp"
 
 namespace vbaa::detect {
 namespace {
 
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 // Steps of the fit; one that leaves more than this part of the misfit is the last. Floor of its damping.
 constexpr int SHAPE_STEPS = 14;
 constexpr double CONVERGED = 0.95, LEAST_DAMPING = 1e-3;

@@ -7,34 +7,27 @@ namespace vbaa::detect {
 
 namespace {
 
-constexpr int LEAST_PROFILES = 8;  // for there to be a line, and for its noise to be measured
 // Least height over its standard deviation for a profile to count as seen; and where the line changes along its length:
 // what its neighbours show tells its sign and shape.
 constexpr double SEEN_RATIO = 4.5, SEEN_CHANGING = 3.5;
-constexpr double QUIET = 0.4;      // quantile of the residuals taken for the noise: most may lie next to an object
 constexpr double DISTURBED = 1.8;  // profiles with residuals so many times the noise show something else, too
 constexpr double LEAST_CLEAN =
     0.3;                      // with fewer undisturbed, disturbed ones are kept, with the deviations they deserve
 constexpr int MARGIN_PX = 2;  // dropped on either side of a gap: they show part of what hides the antenna
-constexpr double STRAY = 5.0, STRAY_PX = 0.12;  // deviations, and px, off a smooth curve: another thing's point
-constexpr int TRAINING_PROFILES = 160;          // that the cross-section is learned from, about
-constexpr double ALIKE = 0.8;       // length of the mean phase on the pixel grid above which profiles lie alike
-constexpr double LOPSIDED = 0.012;  // difference of its sides, over its height, that is too much for a broad line
-constexpr double FLANKED_PX = 5.0;  // that is broader than this: it is measured by its own reflectance
-constexpr double PULLED = 0.05;     // part of the width by which a faint highlight pulls it, half of it as deviation
-constexpr double FAINTER = 0.7;     // where less of the usual height is left, the same highlight pulls it more
-constexpr int END_PROFILES = 40;    // before the visible end, that show what the antenna looks like there
+constexpr int TRAINING_PROFILES = 160;  // that the cross-section is learned from, about
+constexpr double ALIKE = 0.8;           // length of the mean phase on the pixel grid above which profiles lie alike
+constexpr double LOPSIDED = 0.012;      // difference of its sides, over its height, that is too much for a broad line
+constexpr double FLANKED_PX = 5.0;      // that is broader than this: it is measured by its own reflectance
+constexpr double PULLED = 0.05;  // part of the width by which a faint highlight pulls it, half of it as deviation
+constexpr double FAINTER = 0.7;  // where less of the usual height is left, the same highlight pulls it more
 // An object's edge next to the antenna shifts about so many neighbouring points alike: what a step of the background
-// behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations. A wrong
-// cross-section shifts about so many alike.
-constexpr int EDGE_RUN = 21, SHARED_RUN = 100;
+// behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations.
+constexpr int EDGE_RUN = 21;
 constexpr double EDGE_NOTICED = 3.0;
-constexpr int STRAY_PIECES = 24;  // of the curve that strays are detected by
-constexpr int CURVE_PIECES = 12;  // of the one that points scatter about: it must not follow what neighbours share
-constexpr int NEAR_POINTS = 41;   // neighbours: their scatter is compared with their deviations
-constexpr int RUN = 16;           // neighbours: their mean is their common error
-constexpr double LIKELY_POINTS = 20.0, LIKELY_RUNS = 4.0;  // that scatter as predicted are added to those that are seen
-constexpr double ORDINARY_BLUR_PX = 0.8;                   // of a lens in focus, standard deviation
+constexpr int STRAY_PIECES = 24;          // of the curve that strays are detected by
+constexpr int RUN = 16;                   // neighbours: their mean is their common error
+constexpr double LIKELY_RUNS = 4.0;       // that scatter as predicted are added to those that are seen
+constexpr double ORDINARY_BLUR_PX = 0.8;  // of a lens in focus, standard deviation
 
 // The fitted lines.
 struct Lines {

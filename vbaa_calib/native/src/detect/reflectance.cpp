@@ -24,7 +24,6 @@ constexpr int PASSES = 4;
 // What the shape cannot follow is alike in many neighbours. A whole line counts as so many profiles for where it is;
 // once that is about right, as so many; and for its width and blur each profile as one part in so many.
 constexpr double INDEPENDENT = 8.0, WELL_BEGUN = 60.0, ALIKE = 30.0;
-constexpr double QUIET = 0.4;            // quantile of the residuals taken for what noise and a wrong shape leave
 constexpr double START_STEP_PX = 0.5;    // steps of the first search for the line
 constexpr int START_BENDS = 9;           // places tried at either end and in the middle
 constexpr int START_PROFILES = 24;       // profiles that these are tried on

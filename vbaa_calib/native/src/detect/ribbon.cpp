@@ -21,7 +21,6 @@ constexpr int SOME = 100;            // profiles that are enough until the last 
 constexpr int LAST_ROUNDS = 1;       // with all profiles
 constexpr int GIVEN = 2;             // rounds with the initial priors of the shades
 constexpr double FREED = 6.0;        // unknowns of a profile
-constexpr double QUIET = 0.4;        // quantile of residuals taken for the noise
 constexpr double LEAST_NOISE = 0.3;  // grey levels: their rounding
 constexpr double DISTURBED = 3.0;    // times the noise at which a profile counts half
 // Log odds that a profile loses by squares of residuals where the ribbon is, over the noise's, that are more than so

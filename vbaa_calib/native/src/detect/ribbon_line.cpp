@@ -7,22 +7,15 @@ namespace vbaa::detect {
 
 namespace {
 
-constexpr int LEAST_PROFILES = 8;   // for there to be a line
 constexpr double SEEN = 0.5;        // least probability
 constexpr double DISTURBED = 25.0;  // a profile with residuals so many times the noise shows something else
 constexpr int MARGIN_PX = 1;        // dropped on either side of a gap: they show part of what hides the antenna
-constexpr double STRAY = 5.0, STRAY_PX = 0.12;  // deviations, and px, off the smooth course: another thing's point
 // Part of the width by which the line may be pulled in any case; deviations of a profile by which what is left alike
 // all along the line may pull it, were its variance the noise's.
 constexpr double PULLED = 0.0002, LEFT = 2.5, MOST_LEFT = 0.08;
 // Light, width and blur are never quite as the model has them. How far that moves the whole line shows in what
 // neighbours share of their scatter about it: so many deviations, where that power is more than that of noise alone.
 constexpr double MISFIT = 6.0, NOISE_ALONE = 0.6, LEAST_MISFIT = 0.25;
-constexpr int SHARED_RUN = 100;   // so many neighbours share that
-constexpr int NEAR_POINTS = 41;   // neighbours: their scatter is compared with their deviations
-constexpr int CURVE_PIECES = 12;  // of the curve that points scatter about: it must not follow what neighbours share
-constexpr double LIKELY_POINTS = 20.0;  // that scatter as predicted are added to those that are seen
-constexpr int END_PROFILES = 40;        // before the visible end, that show what the antenna looks like there
 
 // What in a ribbon's profiles is kept of a line.
 Flags kept_of(const Crossings& found, const Ribbon& ribbon) {

@@ -13,6 +13,9 @@ using Numbers = Array<double, 1>;       // (N,) one a profile
 using Table = Array<double, 2>;         // (N, T) one a profile's pixel
 using Flags = Array<unsigned char, 1>;  // (N,) which profiles are chosen
 
+// Quantile of profiles' residuals taken for the noise: most may lie next to an object.
+constexpr double QUIET = 0.4;
+
 inline double square(double value) { return value * value; }
 
 // The value, but no less than `low`, also where it is NaN, and no more than `high`.

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "linear_algebra.hpp"
 #include "solver/normal_equations.hpp"
@@ -20,7 +19,6 @@ constexpr double FREE = 0.5;       // the free antenna is a contact here without
 constexpr double LARGEST_LOAD =
     3.0;                        // F·l²/EI of a start: far bends ask small deflections for a force many times too large
 constexpr int REST = 2 * GRID;  // the column of `crossed` with the residuals
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 double grid_distance(int g) { return NEAREST + (1.0 - NEAREST) * g / (GRID - 1); }
 

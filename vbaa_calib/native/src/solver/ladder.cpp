@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <utility>
 
@@ -25,7 +24,6 @@ constexpr double FAINT = 5.0;
 constexpr double SIGNIFICANT_FORCE = 3.0;
 // A minimum that costs this many times the lowest one, and this much more, is dropped.
 constexpr double HOPELESS = 50.0, HOPELESS_FACTOR = 4.0;
-constexpr double NEVER = std::numeric_limits<double>::infinity(), NOT_KNOWN = std::numeric_limits<double>::quiet_NaN();
 
 // One frame on its way: what is searched with, and rough minima, lowest first, their costs infinite where there is
 // none.
@@ -47,7 +45,7 @@ void coarse_minima(Search& search) {
     for (int k = 0; k < STARTS; ++k) {
         const Unknowns& start = search.starts[k];
         const bool finite = std::all_of(start.begin(), start.end(), [](double each) { return std::isfinite(each); });
-        const double cost = std::exchange(search.costs[k], NEVER);
+        const double cost = std::exchange(search.costs[k], INFINITE);
         if (!std::isfinite(cost) || !finite) continue;
         Fit& fit = *search.rough[k];
         // feet near the right ones
@@ -65,7 +63,7 @@ void coarse_minima(Search& search) {
     }
     for (int k = 1; k < STARTS; ++k) {
         const bool apart = different(search.starts[k], search.starts[0]);
-        if (!(apart && search.costs[k] < HOPELESS_FACTOR * search.costs[0] + HOPELESS)) search.costs[k] = NEVER;
+        if (!(apart && search.costs[k] < HOPELESS_FACTOR * search.costs[0] + HOPELESS)) search.costs[k] = INFINITE;
     }
 }
 
@@ -196,7 +194,7 @@ bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative
         best.foot_m = work.free.foot_m;
     }
     if (distinct || !converge_there(rig, frame, rung, best, work)) converge(rig, frame, rung, rough, best, work, true);
-    other = {best.unknowns, NEVER};
+    other = {best.unknowns, INFINITE};
     if (distinct) {
         for (int k = 1; k < STARTS; ++k) {
             if (!std::isfinite(search.costs[k])) continue;
@@ -261,7 +259,7 @@ void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model
     const bool ended = std::isfinite(left);
     if (ended) {
         work.best.unknowns = findings.other.unknowns;
-        findings.other.cost = NEVER;
+        findings.other.cost = INFINITE;
         coarse_minimum(rig, frame, rung, work.best, work, false, MOST_SCATTER, 0);
         uncertainty(work.best, found, work);
     } else {

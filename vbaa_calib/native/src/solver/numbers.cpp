@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "linear_algebra.hpp"
 #include "solver/initialization.hpp"
@@ -13,7 +12,6 @@ namespace {
 
 // No place is known better: near the clamp the model's own errors are all there is.
 constexpr double LEAST_STD_M = 1e-6;
-constexpr double NOT_KNOWN = std::numeric_limits<double>::quiet_NaN();
 
 // The point of the predicted antenna at an arc length, antenna frame.
 std::array<double, 3> point_at(const Fit& fit, double length_m, double arclength_m) {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "linear_algebra.hpp"
 #include "solver/convergence.hpp"
@@ -22,7 +21,6 @@ constexpr double PROFILE_STEPS[] = {3.0, 6.0, -3.0, -6.0};
 constexpr double BEYOND_DOUBT = 100.0;
 // Condition number of the scaled information beyond which the covariance is infinite.
 constexpr double SINGULAR = 1e14;
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 // Changes of what is observed and found: along the normals (M, ·), of the readings in σ (READINGS, ·), of contact point
 // and force (6, ·); a column for each row of Errors.
