@@ -67,8 +67,10 @@ def _clamp_mm() -> tuple[float, float, float]:
 
 
 def _clamp(wire_mm: float, screws_mm: float = 8.0, pilot_mm: float = 2.5) -> dict[str, np.ndarray]:
-    """The block that carries the antenna in a groove half as deep as it is thick, and its cap, which presses on it;
-    with pilot holes of two screws, so far off the antenna."""
+    """Meshes of the clamp: a block with a groove half as deep as the antenna is thick, and the cap that presses on it.
+
+    screws_mm : from the antenna to either of two pilot holes, pilot_mm wide.
+    """
     length, width, height = _clamp_mm()
     sides = (-length, 0.0), (-0.5 * width, 0.5 * width)
     groove = (-length, 0.0), (-0.5 * wire_mm - 0.05, 0.5 * wire_mm + 0.05)

@@ -83,7 +83,8 @@ class BudgetContacts(Rows):
 
 
 def ordinary_touches(rig: Rig, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> BudgetContacts:
-    """A grid over distance, force by the slope that it makes, and direction of the force around the antenna."""
+    """Contacts for a budget where none are named: a grid over distance, the slope that the force makes, and its
+    direction around the antenna."""
     around = 2.0 * np.pi * (np.arange(BudgetSettings.directions) + 0.5) / BudgetSettings.directions
     grid = np.meshgrid(
         np.array(BudgetSettings.distances) * rig.antenna.length_m,

@@ -121,8 +121,8 @@ def _moved(
 
 
 def unknowns_of(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.ndarray:
-    """(B, 4) `rig_arrays.UNKNOWNS` of contacts: the push that, with its friction, makes the forces of the table, as far
-    as they are known."""
+    """The solver's unknowns (B, 4), see `rig_arrays.UNKNOWNS`, of a table's contacts: their pushes are such that, with
+    friction, they make the table's forces, as far as these are known."""
     rig_arrays = frames.rig_arrays
     force = np.nan_to_num(np.stack([table.force_y_N[rows], table.force_z_N[rows]], axis=1))
     unknowns = np.zeros((len(rows), UNKNOWNS))

@@ -108,7 +108,8 @@ class Inertia:
 
     @property
     def significant(self) -> np.ndarray:
-        """(R,) whether noise alone would hardly ever show as much (`motion_false_alarm`); False where undetermined."""
+        """Whether the inertial load of each frame (R,) is more than noise: that would reach it in a share
+        `motion_false_alarm` of frames. False where undetermined."""
         return np.asarray((abs(self.load_N_m) > _threshold() * self.load_std_N_m).any((-1, -2)))
 
 

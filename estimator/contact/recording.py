@@ -316,7 +316,7 @@ def _in_order(estimator: ContactEstimator, firsts: Iterable[_FirstDetection]) ->
 
 
 def _turned(estimator: ContactEstimator, first: _FirstDetection) -> _FirstDetection:
-    """A look at a picture that shows no antenna, with how it shows one otherwise in the reason."""
+    """A detection without an antenna, with the turn of the picture in which one is found, if any, in its reason."""
     paint, looking, picture = estimator.rig.image.paint, first.looking, first.picture
     assert looking is not None
     assert picture is not None

@@ -155,7 +155,7 @@ class RecordingProblem:
 
     @property
     def lines(self) -> int:
-        """L, how many errors the lines of a frame have."""
+        """L, the number of errors that the detected lines of one frame have in all views."""
         return sum(map(self.lines_of, self.views))
 
     @property

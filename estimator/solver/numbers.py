@@ -114,7 +114,7 @@ class FitNumbers:
 
     @staticmethod
     def empty(count: int) -> FitNumbers:
-        """Of frames without a fit: NaN, 0 and False."""
+        """The numbers of `count` frames without a fit: NaN, 0 and False."""
 
         def none(f: Field[np.ndarray]) -> np.ndarray:
             dtype = f.metadata["dtype"]

@@ -165,7 +165,7 @@ class Camera:
 
     @gate
     def part(self, binning: tuple[int, int] = (1, 1), roi: tuple[int, int, int, int] | None = None) -> Camera:
-        """That of pictures which are a part of its own (left, top, width, height; px), then binned across and down.
+        """The camera of cropped and binned pictures: `roi` (left, top, width, height; px), then binned across and down.
 
         Raises InputError for a part that is not inside its pictures.
         """

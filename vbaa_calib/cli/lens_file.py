@@ -36,7 +36,7 @@ def add_lens_file(parser: argparse.ArgumentParser) -> None:
 
 
 def wanted_of(args: argparse.Namespace, *files: Path | None) -> Wanted:
-    """What of a lens file is wanted. files : those that may be one.
+    """What the options ask for of a lens file: camera, size, binning, part. files : those that may be one.
 
     Raises InputError for what is no size, binning or part, and where there is no file.
     """

@@ -130,7 +130,7 @@ def _hinges(chain: _Chain) -> list[tuple[Pose, list[tuple[str, str, float]]]]:
 
 
 def _tilt_in_pan(joints: Kinematics) -> Pose:
-    """The tilt joint's place at pan 0, turned by its zero: about the same axis as it turns."""
+    """Pose of the tilt joint in the pan link's frame; its zero is a turn about its own axis, y."""
     skew = Pose.from_rotvec(np.array([joints.axis_skew_rad, 0.0, 0.0]), np.array([joints.axis_offset_m, 0.0, 0.0]))
     return skew @ Pose.from_rotvec(np.array([0.0, -joints.tilt_zero_rad, 0.0]), np.zeros(3))
 

@@ -446,7 +446,10 @@ class Rig:
 
     @gate
     def drifted(self, part: float = 1.0) -> Rig:
-        """With this part of what may have changed in the covariance, and the lens in it, too."""
+        """The rig with what may have changed since its calibration in the covariance, the lens' included.
+
+        part : factor on the drift's deviations. Raises InputError for one below 0.
+        """
         if not 0.0 <= part < np.inf:
             raise InputError(f"part is {part}", remedy="give a share, 0 or more")
         if part == 0.0 or not self.drift.of_rig:

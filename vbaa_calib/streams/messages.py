@@ -228,7 +228,7 @@ class MessageSource:
         )
 
     def without_moments(self) -> MessageSource:
-        """The same for vision alone."""
+        """This source without the moment sensor's readings, for vision alone."""
 
         def messages() -> Messages:
             for each in self.messages():

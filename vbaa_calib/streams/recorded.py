@@ -119,7 +119,7 @@ def open_running(
 
 
 def _opened(text: str, idle_s: float) -> MessageSource:
-    """One that runs. Raises InputError."""
+    """A live source from what names it: lines on stdin (-), a folder, a camera or a stream. Raises InputError."""
     if text == "-":
         return _open_lines(sys.stdin.buffer, idle_s)
     if os.path.isdir(text):

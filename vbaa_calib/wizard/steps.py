@@ -436,8 +436,8 @@ _PROGRESS = {
 
 
 def _open_while_wrong(progress: Callable[[SessionState], Progress], state: SessionState) -> Progress:
-    """A step's progress, in which nothing is enough and no further picture is the next thing while something is wrong
-    that more pictures do not mend."""
+    """A step's progress, kept open while something is wrong that more pictures do not mend: what is to be done next is
+    then its remedy, not another picture."""
     now = progress(state)
     wrong = next((one for one in now.diagnoses if one.grave), None)
     if wrong is None or now.target is not None:

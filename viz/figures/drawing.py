@@ -306,7 +306,7 @@ def _groups(count: int) -> list[np.ndarray]:
 
 
 def limits(*values: np.ndarray | Sequence[float]) -> tuple[float, float]:
-    """Range of the finite ones of all values, a little wider to both sides; never empty."""
+    """An axis' limits for all finite values: their range, a little wider to both sides; never empty."""
     joined = np.concatenate([np.ravel(value) for value in values])
     finite = joined[np.isfinite(joined)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)

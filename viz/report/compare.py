@@ -92,7 +92,7 @@ def _spread(deviations: np.ndarray, differences: np.ndarray, frames: np.ndarray)
 
 
 def compare_contacts(a: ContactTable, b: ContactTable) -> ComparedContacts:
-    """Two tables, frame by frame."""
+    """Differences b − a of two contact tables in the frames that both have."""
     frames, at_a, at_b = np.intersect1d(a.frame, b.frame, return_indices=True)
     one, other = a.picked(at_a), b.picked(at_b)
     differ = one.status != other.status

@@ -227,7 +227,7 @@ def _std(table: ContactTable, name: str) -> np.ndarray:
 
 
 def _contacts(report: Report) -> dict[str, Any]:
-    """Map, forces, friction cone and indentation; nothing without a located contact."""
+    """Pictures of the located contacts: maps, forces, friction cone and indentation; none without such a contact."""
     table, estimate, truth = report.table, report.estimate, report.truth
     if not table.located.any():
         return {"maps": [], "indentation": None}

@@ -230,7 +230,7 @@ def _profile(evidence: _FrictionAngles, mu: np.ndarray, start: np.ndarray | None
 
 @dataclass(frozen=True, eq=False)
 class _Coefficient:
-    """What the touches say of μ; before, all μ up to `FrictionSettings.largest_mu` count alike."""
+    """Posterior of the friction coefficient μ by the touches; its prior is even up to `FrictionSettings.largest_mu`."""
 
     mu: float  # mean of the posterior
     std: float  # of the posterior
@@ -584,13 +584,13 @@ class _Axes:
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
-    """(..., 3) of length 1; NaN in place of nothing."""
+    """Vectors (..., 3) scaled to length 1; NaN where they are zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > 1e-9, length, np.nan)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(P,) of vectors (P, 3)."""
+    """Dot products (P,) of vectors (P, 3)."""
     return np.sum(a * b, axis=1)
 
 

@@ -83,7 +83,7 @@ class SurfaceFit:
 
 
 def deviations_along(side: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(N,) of vectors with covariances (N, D, D), along directions (N, D)."""
+    """Standard deviations (N,), along directions (N, D), of vectors with covariances (N, D, D)."""
     return np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0))
 
 

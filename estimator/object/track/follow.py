@@ -207,7 +207,8 @@ def _by_evidence(growth: _Growth, at: np.ndarray) -> np.ndarray:
 
 
 def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
-    """(A,) log-likelihood of t₀ by forces on a line from zero, its slope free, a bend and a common error allowed."""
+    """Log-likelihood (A,) of a contact's first instants t₀ (A,), s, by its forces, which grow on a line from zero: its
+    slope free, a bend and a common error allowed."""
     if len(growth.force_N) < 2 or not growth.force_time_s[-1] > at[-1]:
         return np.zeros(len(at))
     late = growth.force_time_s - at[:, None]  # (A, F)

@@ -83,7 +83,10 @@ class _PhotoView:
 
 
 def _linear_law(views: Sequence[_PhotoView], straight: bool = False) -> list[np.ndarray]:
-    """(K, 2) per view: curvature by the moment over EI and by the rod's own bow; (K, 1) for a rod without bow."""
+    """Columns (K, 2) of each view's linear law of curvature: for 1/EI the moment, for the rod's own bow ones.
+
+    straight : a rod without bow, (K, 1).
+    """
     return [np.stack([view.moment, np.ones(RodSettings.pieces)], axis=1)[:, : 2 - straight] for view in views]
 
 

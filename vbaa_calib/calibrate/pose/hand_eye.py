@@ -101,9 +101,10 @@ class _Start:
 def _consensus(
     known: Sequence[Pose], seen: Sequence[Sequence[Pose]], points_m: np.ndarray, subsets: int = HandEyeSettings.subsets
 ) -> _Start:
-    """The start that fits best by its better 60 % of the views, from all views and many small subsets
-    of them; seen
-    : of each view one or two poses of the board, points_m (K, 3)."""
+    """The start that fits best by the better 60 % of the views, of those that all views and many small subsets give.
+
+    seen : of each view one or two poses of the board. points_m : (K, 3).
+    """
     count, first = len(known), [poses[0] for poses in seen]
     good = max(min(count, HandEyeSettings.fewest_good), int(np.ceil(HandEyeSettings.good_share * count)))
     centred = points_m - points_m.mean(axis=0)

@@ -39,7 +39,10 @@ def with_ids(board: object, where: object, key: str = "", remedy: str = _REMEDY)
 
 
 def load_lens_board(path: Path) -> Board:
-    """As `load_board`, a board of any kind, for the lens."""
+    """The board of any kind, with ids or without, that a file describes: the lens can be calibrated with each.
+
+    Raises InputError naming file and key.
+    """
     board, key, where = _keys(path)
     return board_from(board, where, key)
 

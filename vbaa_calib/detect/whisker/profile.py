@@ -68,7 +68,10 @@ def measure_on(
     blurred_px: float = 0.0,
     taper: float = 0.0,
 ) -> Centreline:
-    """As `measure`, along a path (K, 2) on the antenna; blurred_px : by how much broader the line may be."""
+    """Measure the centreline as `measure` does, along a path (K, 2) that lies on the antenna already.
+
+    blurred_px : by how much broader the line may be.
+    """
     half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
     path_px = np.ascontiguousarray(path_px, np.float64)
     if bright is None:
