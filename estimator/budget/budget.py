@@ -23,6 +23,7 @@ from estimator.solver.linearised import edge_on, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.antenna.rungs import REFERENCE
 from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
 from vbaa_calib.calibrate.guide.next_observation import further_observations
 from vbaa_calib.calibrate.guide.settings import GuideSettings
@@ -30,8 +31,6 @@ from vbaa_calib.calibrate.pipeline import Calibration
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
-
-_RUNG = "rod"  # what a fit on a lower rung would say is as good as the same where that rung would be taken
 
 
 @dataclass(frozen=True)
@@ -115,12 +114,12 @@ def touch_of_force(
     unknowns = _unknowns_of(rig_arrays, touch)
     with np.errstate(all="ignore"):
         for _ in range(BudgetSettings.force_steps):
-            there = linearised(empty, _RUNG, unknowns)
+            there = linearised(empty, REFERENCE, unknowns)
             slopes = there.columns[:, 4:6, 1:3]
             if not np.isfinite(slopes).all():
                 break
             unknowns[:, 1:3] += np.linalg.solve(slopes, (force_N - there.point_force[:, 4:6])[..., None])[..., 0]
-        there = linearised(empty, _RUNG, unknowns)
+        there = linearised(empty, REFERENCE, unknowns)
         found = np.abs(there.point_force[0, 4:6] - force_N).max() <= BudgetSettings.force_tolerance * np.hypot(*force_N)
         ordinary = there.tangents[0, :, CONTACT] @ there.tangents[0, :, 0] >= np.cos(BudgetSettings.steepest_rad)
     return replace(touch, push_N=unknowns[:, 1:3] * (rig_arrays.force_unit_N if found and ordinary else np.nan))
@@ -223,8 +222,8 @@ def _linearize(
     """Linearise contacts about their noise-free frames."""
     available = np.full(len(touches), with_moment)
     unknowns = _unknowns_of(rig_arrays, touches)
-    frames = noise_free_frames(_empty(rig_arrays, touches), _RUNG, unknowns, available, point_per_px=True)
-    there = linearised(frames, _RUNG, unknowns)
+    frames = noise_free_frames(_empty(rig_arrays, touches), REFERENCE, unknowns, available, point_per_px=True)
+    there = linearised(frames, REFERENCE, unknowns)
     prior, moved, touch = there.prior, there.readings, there.columns
     by_readings = np.swapaxes(moved, 1, 2) @ moved
     points = there.information - np.eye(prior.shape[1]) * prior[:, None] - by_readings

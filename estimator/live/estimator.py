@@ -37,9 +37,6 @@ from vbaa_calib.session import Frame
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams.synchronize import Synchronized
 
-_TILTS_RAD = np.linspace(-1.2, 1.2, 97)
-"""Joint angles within which a search is prepared before the first picture."""
-
 
 @dataclass(frozen=True, eq=False)
 class LiveContact:
@@ -106,7 +103,8 @@ class LiveEstimator:
         """Load and prepare what the first pictures would wait for: drawn ones go the way that theirs will go, and what
         depends on the direction of gravity is made for many."""
         rig, own = self.estimator.rig, self.estimator
-        for one, tilt_rad in product(rig.cameras.values(), _TILTS_RAD):
+        # a search is prepared for the usual tilts
+        for one, tilt_rad in product(rig.cameras.values(), np.linspace(-1.2, 1.2, 97)):
             prepared(one, Frame(None, 0.0, float(tilt_rad), 0.0, frame=0, time_s=0.0))
         trial = LiveEstimator(
             ContactEstimator(rig, own.model, friction=own.friction_rad, jobs=1),

@@ -28,8 +28,6 @@ from vbaa_calib.streams.devices import udp_address
 
 from .estimator import LiveContact
 
-_KEEP_S = 0.5
-"""After so long what a bag holds is written out: a kill loses no more than a second."""
 _KINDS = (
     "std_msgs/msg/String",
     *(f"geometry_msgs/msg/{name}" for name in ("PointStamped", "WrenchStamped", "PoseWithCovarianceStamped")),
@@ -158,7 +156,7 @@ class ContactBag:
         with disk_errors_named(self._path):
             for logged in contact_messages(contact):
                 self._writer.write(logged)
-            if time.monotonic() > self._kept_s + _KEEP_S:
+            if time.monotonic() > self._kept_s + 0.5:  # a kill loses no more than a second
                 self._writer.flush()
                 self._kept_s = time.monotonic()
 

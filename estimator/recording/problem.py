@@ -17,6 +17,7 @@ from estimator.contact.settings import ContactSettings
 from estimator.solver.linearised import LinearisedFrames, free_antennas, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.antenna.rungs import REFERENCE
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.robust import huber_weights
 from vbaa_calib.native import core
@@ -64,9 +65,6 @@ def known_equations(
     return np.swapaxes(rows, 1, 2) @ rows, -np.einsum(
         "bqk,bq->bk", rows, off @ across.T / RefineSettings.object_round_m
     )
-
-
-RUNG = "rod"  # the highest: what a lower rung leaves out is the same in neighbours and adds up
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +235,7 @@ class RecordingProblem:
         seen, trusted = [], np.empty((len(unknowns), len(views), 2))
         for index, (pictures, (arrays, split)) in enumerate(zip(self.views, views, strict=True)):
             taken = pictures.touching.picked(rows)
-            one = linearised(taken.frames(arrays), RUNG, unknowns)
+            one = linearised(taken.frames(arrays), REFERENCE, unknowns)
             trusted[:, index] = _trust(taken, one)
             by_state, kept = trusted[:, index], None if trust is None else trust[rows, index]
             scale, ends = (by_state if kept is None else np.where(np.isnan(kept), by_state, kept)).T

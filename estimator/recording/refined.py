@@ -16,6 +16,7 @@ from estimator.solver.linearised import bend
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import COLUMNS, FRICTION_RAD, ContactTable, Measured, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.antenna.rungs import REFERENCE
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import finite_or_none
@@ -23,7 +24,7 @@ from vbaa_calib.rig import POSE_PARAMETERS, Rig
 from vbaa_calib.session import KnownObject
 
 from .coulomb import as_estimated, by_coulomb, contradicted
-from .problem import RUNG, FrictionPrior, RecordingProblem, State
+from .problem import FrictionPrior, RecordingProblem, State
 from .settings import RefineSettings
 from .solve import Solution, solved
 from .views import completed, pictures_of
@@ -112,7 +113,7 @@ def refine(
     problem, start = _begun(contacts, rig, recording, rows, known)
     strokes = _strokes(contacts, rows)
     found = solved(problem, start, strokes)
-    reason = _refusal(found, known is not None) or walk_of_zero(problem.views[0], FRICTION_RAD, RUNG)
+    reason = _refusal(found, known is not None) or walk_of_zero(problem.views[0], FRICTION_RAD, REFERENCE)
     touched: ObjectEstimate | None = None
     notes: list[str] = []
     if not reason and known is not None and found.offness > RefineSettings.allowed_excess:
@@ -321,7 +322,7 @@ def _table(contacts: ContactTable, problem: RecordingProblem, found: Solution, r
     arrays = problem.arrays_at(found.state.shared)
     gravity = np.einsum("bji,j->bi", rotation, rig.gravity_world_m_s2)
     lying = unknowns * np.array([1.0, 0.0, 0.0, 0.0])
-    free = bend(empty_frames(arrays, gravity), RUNG, lying[:, None]).points_m[:, CONTACT]
+    free = bend(empty_frames(arrays, gravity), REFERENCE, lying[:, None]).points_m[:, CONTACT]
     sensor = rig.moment_sensor
     std = np.sqrt(np.einsum("bii->bi", whole))
     shared_std = np.sqrt(np.einsum("bii->bi", shared))
@@ -351,7 +352,7 @@ def _table(contacts: ContactTable, problem: RecordingProblem, found: Solution, r
         "deflection_y_m": (equations.touch[:, :3] - free)[:, 1],
         "deflection_z_m": (equations.touch[:, :3] - free)[:, 2],
         "bias_std": np.zeros(len(rows)),
-        "model": np.full(len(rows), RUNG),
+        "model": np.full(len(rows), REFERENCE),
         "reason": np.array([_refined_reason(each) for each in contacts.reason[rows]], dtype=object),
     }
     columns = {}

@@ -19,6 +19,8 @@ from .taper import UNIFORM, Taper
 
 RUNGS = ("paper", "linear", "elastica", "rod")
 """Lowest first, in the order of the core's."""
+REFERENCE = "rod"
+"""What the other rungs are compared with, as in the core: what they leave out is alike in neighbours and adds up."""
 
 
 @gate

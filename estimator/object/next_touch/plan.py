@@ -28,11 +28,10 @@ from estimator.solver.linearised import bend, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.antenna.rungs import REFERENCE
 from vbaa_calib.core.arrays import Rows, gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
-
-RUNG = "rod"
 
 
 @dataclass(frozen=True)
@@ -122,7 +121,7 @@ class _Bent:
 
 def _bent(arrays: RigArrays, joints_rad: np.ndarray, unknowns: np.ndarray) -> _Bent:
     rotation, translation = arrays.rig.kinematics.world_antenna(*joints_rad.T)
-    shapes = bend(_frames(arrays, joints_rad), RUNG, unknowns[:, None])
+    shapes = bend(_frames(arrays, joints_rad), REFERENCE, unknowns[:, None])
     nodes = np.einsum("bij,bmj->bmi", rotation, shapes.points_m) + translation[:, None]
     tangent, force = (np.einsum("bij,bj->bi", rotation, each) for each in (shapes.tangents[:, CONTACT], shapes.force_N))
     return _Bent(nodes[:, CONTACT], tangent, force, nodes)
@@ -466,8 +465,8 @@ def _offered(contacts: ContactTable, arrays: RigArrays, made: np.ndarray, reach:
     """The touches that the estimator would locate, and how well."""
     empty = reach.frames(arrays)
     available = np.ones(len(reach)) * np.isfinite(contacts.moment_residual_Nm[made]).any()
-    frames = noise_free_frames(empty, RUNG, reach.unknowns, available, point_per_px=True)
-    there = linearised(frames, RUNG, reach.unknowns)
+    frames = noise_free_frames(empty, REFERENCE, reach.unknowns, available, point_per_px=True)
+    there = linearised(frames, REFERENCE, reach.unknowns)
     length = arrays.length_m
     own = np.linalg.inv(there.information[:, :UNKNOWNS, :UNKNOWNS])
     distance_std = length * np.sqrt(np.linalg.inv(there.information)[:, 0, 0])
