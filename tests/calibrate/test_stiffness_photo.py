@@ -120,7 +120,7 @@ def test_a_rod_beside_hairs_is_followed_to_the_border_that_cuts_it_aslant() -> N
     for u, v in true[90:130]:
         # a tangle of hairs that lets half of the ground through
         picture[int(v) - 12 : int(v) - 4, int(u)] = np.maximum(picture[int(v) - 12 : int(v) - 4, int(u)], 122)
-    found = search_rod(picture[:, 60:]).line()
+    found = search_rod(picture[:, 60:]).line(1)
     _, apart = offsets_from(true - [60.0, 0.0], found.curve_px)
     assert found.curve_px[0, 0] < 1.0
     assert np.abs(apart).max() < 0.8

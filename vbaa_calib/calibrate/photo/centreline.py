@@ -309,7 +309,11 @@ class _MeasuredRod:
 
     @property
     def covered_end_px(self) -> np.ndarray | None:
-        """An end (2,) within the picture, where none is before plain background."""
+        """An end (2,) within the picture that has a side's hue in less light, or where none is before plain
+        background."""
+        for name, end in (("first_shadow", 0), ("last_shadow", -1)):
+            if self.inside[end] and self.parts[name] > 0.5 and not self.may_be_shadow:
+                return self.curve_px[end]
         ends = [(odds, end) for odds, end in zip(self.holder, (0, -1), strict=True) if self.inside[end]]
         odds, end = min(ends, default=(-1.0, 0))
         return self.curve_px[end] if odds > 0.0 else None
@@ -497,6 +501,8 @@ def _along(
         "sharpest": _sharpest(angle, 3.0 * width * len(curve) / length),
         "aspect": length / width,
         "shadow": float(np.mean(shadow)),
+        "first_shadow": float(shadow[0]),
+        "last_shadow": float(shadow[-1]),
         "sides": _unlike_sides(middle, sides, shading),
     }
 
@@ -939,7 +945,7 @@ class RodSearch:
             raise InputError(what, remedy="clear what hides, touches or crosses it, and check --clamp and --tip")
         if known == 0 and (end := best.goes_on_px if best.goes_on_px is not None else best.covered_end_px) is not None:
             u, v = end
-            what = f"the likeliest line goes on beyond {u:.0f},{v:.0f}, where it cannot be followed"
+            what = f"the likeliest line cannot be followed near {u:.0f},{v:.0f}: it goes on there, or into a shadow"
             raise InputError(what, remedy=f"{_END_REMEDY}, or choose with --candidate N")
         if known == 2:
             least_mean = best.parts["mean"] - settings.alike
