@@ -96,7 +96,7 @@ def test_pictures_are_judged_for_motion_too(monkeypatch: pytest.MonkeyPatch) -> 
     )
     monkeypatch.setattr(recording, "read_own", lambda _, path: path)
     monkeypatch.setattr(recording, "first_look", lambda _, frame, picture, ground: SimpleNamespace(frame=frame))
-    monkeypatch.setattr(recording, "_in_order", lambda glances: glances)
+    monkeypatch.setattr(recording, "_in_order", lambda _, glances: glances)
     monkeypatch.setattr(recording, "_detections", lambda _, glances: (seen[each.frame.frame] for each in glances))
     frames = [Frame(None, 0.0, 0.0, 0.0, frame=index, time_s=index / RATE_HZ) for index in range(COUNT)]
     found = list(recording.estimate_pictures(ContactEstimator(RIG), frames))

@@ -52,7 +52,7 @@ class _ContradictionSettings:
     other_material: float = 1.5  # ratio of Young's moduli from which on the sag tells materials apart
     sag_std: float = 4.0  # of the logarithm of EI over mass by the sag
     hidden_std: float = 0.03  # share of the free antenna that is not seen
-    alike_std: float = 0.5  # entries between which the picture cannot decide
+    alike_std: float = 0.8  # entries between which the picture cannot decide
 
 
 _LIMITS = _ContradictionSettings()

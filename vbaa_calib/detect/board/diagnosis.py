@@ -233,6 +233,8 @@ def _proposed(
         if isinstance(found, AprilGrid) and isinstance(spec, AprilGrid):
             close = abs(found.spacing - spec.spacing) <= 2.0 * DetectionSettings.gap
             found = dataclasses.replace(found, spacing=spec.spacing) if close else found
+            if found == spec and not sighting.turned:
+                return None  # the described board fits: what others seem to fit is no news
         if found is not None and (causes := _causes(sighting, grid, found, spec)):
             name = "mirrored_picture" if causes == (MIRRORED,) else "wrong_board"
             return Diagnosis(name, ", ".join(causes), f"this board fits: {spec_line(found)}", "wrong")
