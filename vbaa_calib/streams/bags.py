@@ -8,7 +8,7 @@ import json
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -198,6 +198,12 @@ class Topics:
     wrench: bool = False
     images: Mapping[str, str] = field(default_factory=dict)
 
+    def check_cameras(self, cameras: Collection[str]) -> None:
+        """Raises InputError for a topic of a camera that is none of these."""
+        if unknown := [name for name in self.images if name not in cameras]:
+            has = f"cameras {', '.join(cameras)}" if len(cameras) > 1 else "one camera, whose role is image"
+            raise InputError(f"--topic is '{unknown[0]}={self.images[unknown[0]]}'", remedy=f"the rig has {has}")
+
     @staticmethod
     def of(named: Mapping[str, str], *, degrees: bool = False) -> Topics:
         """Topics, joints and axis by their names here."""
@@ -320,10 +326,8 @@ def _image_topics(
     path: Path, topics: Topics, cameras: Mapping[str, Camera | None], kinds: Mapping[str, str | None]
 ) -> dict[str, str]:
     """Topic of pictures → its camera's name; "" of the only one. Raises InputError where there is none, or several."""
+    topics.check_cameras(cameras)
     named = dict(topics.images)
-    if unknown := [name for name in named if name not in cameras]:
-        has = f"cameras {', '.join(cameras)}" if len(cameras) > 1 else "one camera, whose role is image"
-        raise InputError(f"--topic is {unknown[0]}={named[unknown[0]]}", remedy=f"the rig has {has}")
     if len(cameras) > 1 and not topics.image:
         groups = [sorted(name for name, kind in kinds.items() if kind in group) for group in _ROLES["image"]]
         for name in cameras.keys() - named.keys():

@@ -256,6 +256,7 @@ def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> 
         table = path
     known_s = None if args.clock_offset == ESTIMATE and timing.offset_std_s == 0.0 else timing.offset_s
     topics = replace(_topics_of(args), wrench=rig.wrench_sensor is not None)
+    topics.check_cameras(rig.cameras if rig.others else ())
     source = open_recorded(path, rig.lenses, table, known_s, topics, views_of(args, rig))
     return source.without_moments() if args.no_moment else source
 
