@@ -37,7 +37,7 @@ MOST = {
     "public names": 1162,
     "private words": 53,
     "type: ignore": 4,
-    "words on pages": 30002,
+    "words on pages": 29995,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 
