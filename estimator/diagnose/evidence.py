@@ -144,14 +144,6 @@ class _Fitted:
         sound &= np.isfinite(self.cost[rows]) & (self.free[rows] | ~self.numbers.ambiguous[rows])
         return -std * found.residual[:, 0] / weak, np.where(sound, std * np.sqrt(np.maximum(variance, 0.0)), np.inf)
 
-    @property
-    def plain(self) -> np.ndarray:
-        """(F,) bool, frames that a contact, or none, explains with a rig and readings as they are thought to be."""
-        numbers = self.numbers
-        off = np.max(np.abs(numbers.residual), axis=1)
-        moved = numbers.rig_chi_square < numbers.rig_axes + 4.0 * np.sqrt(2.0 * np.maximum(numbers.rig_axes, 1))
-        return np.asarray(np.isfinite(self.cost) & (numbers.scatter <= 1.0) & moved & (off < 4.0))
-
     def shared(self, more: np.ndarray, as_free: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(F, S, S) information and (F, S) score of each frame about the rig's R axes and `more` (17 + P, Q) ones,
         without prior; the frame's own unknowns eliminated. as_free : (F,) which frames count as free."""

@@ -21,7 +21,7 @@ from vbaa_calib.session import Drift
 
 from .changes import CHANGES, axes_of
 from .evidence import Case, Recorded
-from .hypotheses import TABLE, unseen_joints
+from .hypotheses import READINGS, TABLE, unseen_joints
 from .settings import RecordingSettings
 
 
@@ -153,18 +153,19 @@ class RecordingWatch:
         drift = self.rig.drift
         # what may have changed is in the covariance from here on
         rig = replace(self.rig.drifted(), drift=Drift(line_px=drift.line_px, light_px=drift.light_px))
-        period_s = float(np.median(self._apart_s)) if self._apart_s else np.nan
-        found = Recorded(rig, batch, around.reshape(-1, 2, 8), order, period_s)
+        found = Recorded(rig, batch, around.reshape(-1, 2, 8), order, self._period_s)
         seen = np.isfinite(batch.points_px).all(axis=-1).sum(axis=-1)
         return found.picked(np.flatnonzero(seen >= self.settings.fewest_points))
 
     def verdict(self) -> RecordingVerdict:
         """What is wrong, by all rows so far."""
-        found, rows, first, log_odds = self._of_series(), [*self._repeated, *self._exchanged], None, 0.0
+        exchanged = self._exchanged()
+        elsewhere = [*self._repeated, *exchanged]  # rows with pictures that are not theirs
+        found, rows, first, log_odds = self._of_series(exchanged), list(elsewhere), None, 0.0
         if self._first and len(recorded := self.recorded()) >= self.settings.fewest:
-            frozen = np.isin(recorded.order, [*self._repeated, *self._exchanged])
-            if (~frozen).sum() >= self.settings.fewest:
-                recorded = recorded.picked(np.flatnonzero(~frozen))
+            own = ~np.isin(recorded.order, elsewhere)
+            if own.sum() >= self.settings.fewest:
+                recorded = recorded.picked(np.flatnonzero(own))
             saturated, recorded = self._saturated(recorded)
             rows += [row for _, own in saturated for row in own]
             found += [one for one, _ in saturated]
@@ -207,8 +208,8 @@ class RecordingWatch:
         off = (expected - value) * (1.0 if largest else -1.0) / np.hypot(std, self.rig.moment_sensor.std_Nm)
         return bool((off[np.isfinite(std)] > self.settings.beyond_std).any())
 
-    def _of_series(self) -> list[Diagnosis]:
-        """What the series of readings, times and pictures alone show."""
+    def _of_series(self, exchanged: Sequence[int]) -> list[Diagnosis]:
+        """What the series of readings, times and pictures alone show; `exchanged` as from `_exchanged`."""
         found = []
         if len(self._repeated) >= self.settings.repeated:
             count, start = len(self._repeated), self._repeated[0]
@@ -217,23 +218,26 @@ class RecordingWatch:
             found.append(Diagnosis("camera_frozen", words, remedy, "wrong"))
         [(words, count)] = self._turned.most_common(1) or [("", 0)]
         if count > 1 and self._seen < self.settings.unexplained * self.count:
-            name = "picture_turned" if "turned" in words else "picture_mirrored"
-            found.append(Diagnosis(name, words, "record the pictures as the camera takes them", "wrong"))
+            row = next(one for one in READINGS if one.words == words)
+            found.append(Diagnosis(row.name, row.words, row.remedy, row.severity))
         elif self.count >= self.settings.fewest and self._seen < self.settings.unexplained * self.count:
             words = f"no antenna is seen in {self.count - self._seen} of {self.count} frames where the rig expects it"
             remedy = "look with vbaa look whether size, part and place of the pictures are those of the calibration"
             found.append(Diagnosis("antenna_unseen", words, remedy))
-        if rows := self._exchanged:
-            words = f"the pictures of rows {rows[0]} and {rows[1]} fit better in each other's row"
+        if exchanged:
+            words = f"the pictures of rows {exchanged[0]} and {exchanged[1]} fit better in each other's row"
             remedy = "look at their time stamps and names, and exchange them"
             found.append(Diagnosis("pictures_exchanged", words, remedy, "wrong"))
-        apart = float(np.median(self._apart_s)) if self._apart_s else 0.0
-        if apart > self.settings.apart_s:
-            words = f"the frames are {apart:.4g} s apart: their times may be in milliseconds or nanoseconds"
+        if self._period_s > self.settings.apart_s:
+            words = f"the frames are {self._period_s:.4g} s apart: their times may be in milliseconds or nanoseconds"
             found.append(Diagnosis("time_unit", words, "give time_s in seconds"))
         return found
 
     @property
+    def _period_s(self) -> float:
+        """Median time between the last rows; NaN where they have none."""
+        return float(np.median(self._apart_s)) if self._apart_s else math.nan
+
     def _exchanged(self) -> list[int]:
         """Rows with pictures that belong to each other's readings, in pairs."""
         seldom = len(self._jumps) <= max(self.settings.seldom * self.count, 2)
