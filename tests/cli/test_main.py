@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import errno
-import itertools
 import json
 import os
 import shlex
@@ -12,7 +11,7 @@ import signal
 import subprocess
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ import pytest
 import vbaa_calib
 from vbaa_calib.cli import schema as schema_cli
 from vbaa_calib.cli.main import VERBS, _verb_parser
-from vbaa_calib.core import console
 from vbaa_calib.core.errors import InputError, SolveError
 
 from .conftest import Call, refused
@@ -163,16 +161,6 @@ def test_stdout_that_is_closed_or_full(redirected: str, code: int, said: str) ->
     assert done.stderr == f"{said}{code}\n"
 
 
-def test_a_folder_that_is_gone_is_said(tmp_path: Path) -> None:
-    """Libraries that look for it end the process, or say that no such file is there."""
-    (tmp_path / "gone").mkdir()
-    call = f"cd {tmp_path}/gone && rmdir ../gone && {shlex.quote(sys.executable)} -m vbaa_calib check a"
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
-    done = subprocess.run(["bash", "-c", call], capture_output=True, text=True, check=False, env=environment)
-    assert done.returncode == 2, done.stderr
-    assert done.stderr == "vbaa: the folder that this runs in is gone; change to one that is there\n"
-
-
 UNITS = {"M", "RAD", "N", "NM", "DEG", "S", "M4", "KG", "HZ"}
 TAKES = {
     "--board": Path,
@@ -218,18 +206,6 @@ def test_no_length_force_or_angle_in_other_than_si() -> None:
     assert all(name.endswith("-mm") for name in small)
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (("estimat",), "do you mean estimate?"),
-        (("estimate", "session", "--rig", "rig.json", "-o", "c.csv", "--no-momnet"), "do you mean --no-moment?"),
-        (("estimate", "--centerlines", "pixels.csv"), "do you mean --centrelines?"),
-    ],
-)
-def test_a_slip_is_named(vbaa: Call, call: tuple[str, ...], words: str) -> None:
-    refused(vbaa(*call), words)
-
-
 def test_what_begins_with_a_minus_may_be_a_value(vbaa: Call) -> None:
     """A number of any notation and an axis, after a space as after =; a slip in an option is one as before."""
     for words in (["--force-z", "-4e-2"], ["--force-z=-4e-2"], ["--force-z", "-.04"]):
@@ -237,14 +213,6 @@ def test_what_begins_with_a_minus_may_be_a_value(vbaa: Call) -> None:
     for words in (["--moment-axis", "-y"], ["--moment-axis=-y"]):
         refused(vbaa("live", "none.json", "none.mcap", *words), "none.json: no such file")
     refused(vbaa("live", "none.json", "none.mcap", "--moment-axis", "--lines"), "expected one argument")
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_names_verbs_and_options(vbaa: Call, shell: str) -> None:
-    said = vbaa("completion", shell)
-    assert said.code == 0
-    assert all(verb in said.out for verb in VERBS)
-    assert "no-moment" in said.out
 
 
 def test_bash_completes(vbaa: Call, tmp_path: Path) -> None:
@@ -273,12 +241,3 @@ def test_json_is_utf8_whatever_the_locale(rig: Path, tmp_path: Path) -> None:
     environment = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONPATH": str(Path.cwd())}
     done = subprocess.run(call, env=environment, capture_output=True, check=True)
     assert json.loads(done.stdout.decode("utf-8"))["output"] == str(output)
-
-
-def test_without_a_terminal_long_work_says_how_far_it_is(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    clock: Iterator[float] = itertools.count(0.0, 4.0)
-    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
-    assert list(console.progress(range(6), "pictures", 6)) == list(range(6))
-    assert capsys.readouterr().err.count("pictures: ") == 2

@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.core.errors import Diagnosis, SolveError, Verdict
-from vbaa_calib.core.files import write_json
+from vbaa_calib.core.errors import Diagnosis, Verdict
 from vbaa_calib.rig import Rig
 
 from .conftest import PICTURES, Call, grey, noise, refused, repaint
@@ -177,33 +176,6 @@ def test_a_wrong_rig_is_refused_unless_accepted(
         assert "pan and tilt were exchanged" in named["PAGE"].read_text()
 
 
-def test_other_verbs_use_a_wrong_rig_and_say_so(vbaa: Call, session: Path, rig: Path) -> None:
-    finding = Diagnosis("joints", "pan and tilt were exchanged", "exchange the columns", "wrong")
-    rig.write_text(json.dumps(json.loads(rig.read_text()) | {"verdict": Verdict.of([finding]).to_dict()}))
-    seen = vbaa("look", session / "noload" / "noload_001.png", "--rig", rig)
-    assert seen.code == 0
-    assert "pan and tilt were exchanged" in seen.err
-
-
-def test_the_verdict_survives_reading_and_writing(rig: Path) -> None:
-    """And a rig.json of an older version, without one, has none."""
-    findings = [Diagnosis("a", "b", "c"), Diagnosis("d", "e", "f", "note"), Diagnosis("g", "h", "i", "wrong")]
-    verdict = Verdict.of(findings)
-    assert (verdict.severity, verdict.findings[0].name) == ("wrong", "g")
-    document = json.loads(rig.read_text())
-    assert Rig.from_dict(document | {"verdict": verdict.to_dict()}).verdict == verdict
-    del document["verdict"]
-    assert Rig.from_dict(document).verdict == Verdict()
-
-
-def test_nothing_is_written_that_cannot_be_read_again(rig: Path, tmp_path: Path) -> None:
-    document, out = json.loads(rig.read_text()), tmp_path / "out.json"
-    document["joint"]["covariance"][0][0] = 1e13
-    with pytest.raises(SolveError, match="not written"):
-        write_json(out, document, readable_as=Rig.from_dict)
-    assert not out.exists()
-
-
 def left(folder: Path) -> set[str]:
     """What is in a folder, hidden files too."""
     return {path.name for path in folder.iterdir()}
@@ -257,17 +229,3 @@ def test_look_says_what_is_seen(vbaa: Call, session: Path, rig: Path, tmp_path: 
     end = np.rint(2 * np.array(result["end_px"])).astype(int)
     ring = drawn[end[1] - 8 : end[1] + 9, end[0] - 8 : end[0] + 9]
     assert (ring.min(axis=-1) > 200).sum() > 20
-
-
-def test_look_with_the_empty_scene_taken_off(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
-    image, clutter = session / PICTURES["noload"], tmp_path / "clutter.png"
-    picture = cv2.imread(str(image), cv2.IMREAD_GRAYSCALE)
-    stripes = np.zeros(picture.shape, np.int32)
-    for row in range(4, len(stripes), 11):  # bars all along the antenna
-        cv2.line(stripes, (0, row), (picture.shape[1], row + 6), 70, 2)
-    cv2.imwrite(str(clutter), np.clip(stripes + 60, 0, 255).astype(np.uint8))
-    cv2.imwrite(str(image), np.clip(stripes + picture, 0, 255).astype(np.uint8))
-    bare = vbaa("look", image, "--rig", rig, "--json").result
-    helped = vbaa("look", image, "--rig", rig, "--background", clutter, "--json").result
-    assert helped["verdict"] == "ok"
-    assert helped["seen"] > bare["seen"] + 0.1

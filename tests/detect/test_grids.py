@@ -137,9 +137,6 @@ def test_light_circles_on_dark_are_circles_too() -> None:
     assert np.abs(view.corners_px - truth[view.ids]).max() < 0.1
 
 
-CHARUCO = BoardSpec(9, 6, 0.02, 0.015)
-
-
 @pytest.mark.skipif(not ENDOSCOPE.is_dir(), reason="the real endoscope pictures are not here")
 def test_a_chessboard_inset_among_markers_is_found_in_real_pictures() -> None:
     paths = sorted(ENDOSCOPE.glob("*.jpg"))[3::20]

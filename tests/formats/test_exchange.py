@@ -25,7 +25,7 @@ from vbaa_calib.convert.values import Exchanged, Wanted
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.streams.bags import BagWriter, Logged
 
-from .files import COLMAP, MRCAL, POSE, READ_ONLY, SAMPLES, WHICH, camera, fisheye, points
+from .files import COLMAP, POSE, READ_ONLY, SAMPLES, WHICH, camera, fisheye, points
 
 HELD = {"ros": (0, 4, 5, 8), "opencv": (0, 4, 5, 8, 12, 14), "kalibr": (0, 4), "mrcal": (0, 4, 5, 8, 12)}
 HELD |= {"colmap": (0, 4, 5, 8), "vbaa": (0, 4, 5, 8, 12, 14)}
@@ -161,17 +161,6 @@ def test_files_as_the_other_programs_write_them() -> None:
         assert [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]] == core
         assert found.camera.distortion.tolist() == coefficients
         assert not found.notes
-
-
-def test_mrcals_file_with_its_pose() -> None:
-    found = read("mrcal", MRCAL)
-    assert found.camera.image_size == (4000, 2200)
-    assert found.camera.distortion.size == 8
-    turn = cv2.Rodrigues(np.array([2e-2, -3e-1, -1e-2]))[0]
-    # the camera's own place is where points of the reference frame come to lie at zero
-    np.testing.assert_allclose(found.T_reference_camera.translation_m, -turn.T @ [1.0, 2.0, -3.0], atol=1e-12)
-    old = MRCAL.replace("'lens_model'", "'lensmodel'").replace("rt_fromref", "rt_cam_ref")
-    assert read("mrcal", old).camera.distortion.size == 8
 
 
 @pytest.mark.parametrize("name", sorted(SAMPLES | READ_ONLY))
@@ -334,27 +323,6 @@ def test_colmaps_binary_file(tmp_path: Path) -> None:
         read_files(tmp_path / "cameras.bin")
 
 
-ASKED: list[tuple[str, str, Any, str]] = [
-    ("no size", "a.json", {"mtx": K.tolist(), "dist": [D.tolist()]}, "--size"),
-    (
-        "a size that may be turned",
-        "a.json",
-        {"K": K.tolist(), "D": D.tolist(), "image_size": SIZE[::-1]},
-        "--size 1280x960",
-    ),
-    ("four coefficients", "a.json", {"K": K.tolist(), "D": D[:4].tolist(), "width": 1280, "height": 960}, "--fisheye"),
-    ("two cameras", "a.yaml", ORB + ORB.replace("Camera1", "Camera2"), "--camera-name"),
-    ("not calibrated", "a.yaml", echo(k=np.zeros((3, 3))), "not calibrated"),
-]
-
-
-@pytest.mark.parametrize(("name", "content", "words"), [pytest.param(*row[1:], id=row[0]) for row in ASKED])
-def test_two_readings_are_asked_about(tmp_path: Path, name: str, content: Any, words: str) -> None:
-    text(content)(tmp_path / name)
-    with pytest.raises(InputError, match=words):
-        read_files(tmp_path / name)
-
-
 def test_the_lens_of_binned_and_cropped_pictures(tmp_path: Path) -> None:
     """A point's pixel in the part is its pixel in the whole, moved and binned; as CameraInfo says, or as asked for."""
     path, more = (
@@ -448,53 +416,6 @@ def test_another_model_is_refitted_and_its_error_stated(
     assert np.linalg.norm(seen - pixels, axis=1).max() < most_px
     (note,) = lens.doubts
     assert ("px rms" in note.words, note.severity) == (True, "note")
-
-
-def test_mrcals_splines_carry_what_they_can_carry(tmp_path: Path) -> None:
-    """Control points that lie on a plane shift stereographic points by just that; the region bounds the fit."""
-    x, y = np.meshgrid((np.arange(12) - 5.5), (np.arange(9) - 4.0))
-    per_unit = (12 - 1 - 2) / (4.0 * np.tan(np.radians(100.0) / 4.0))
-    shifts = np.stack([0.05 * x / per_unit, -0.02 * y / per_unit], axis=-1).ravel().tolist()
-    text_of = "{{'lens_model': 'LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=12_Ny=9_fov_x_deg=100', 'intrinsics': {},"
-    text_of += " 'extrinsics': [0,0,0,0,0,0], 'imagersize': [1280, 960],"
-    text_of += " 'valid_intrinsics_region': [[100,100],[1180,100],[1180,860],[100,860],[100,100]]}}"
-    path = tmp_path / "a.cameramodel"
-    path.write_text(text_of.format([700.0, 700.0, 639.5, 479.5, *shifts]))
-    found = read_files(path)
-    angle, around = np.meshgrid(np.linspace(0.02, 0.5, 9), np.linspace(0.0, 6.0, 11))
-    rays = np.stack([np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around), np.cos(angle)], -1).reshape(-1, 3)
-    plane = 2.0 * rays[:, :2] / (1.0 + rays[:, 2:])
-    np.testing.assert_allclose(found.camera.project(rays)[0], 700.0 * plane * [1.05, 0.98] + [639.5, 479.5], atol=0.05)
-    assert "in its valid_intrinsics_region" in found.notes[-1]
-
-
-@pytest.mark.parametrize(
-    ("model", "down", "most_px"), [("CAHVOR", "0 900 479.5", 0.02), ("CAHVORE1, general", "0.9 900 479.5", 1.0)]
-)
-def test_cahvor_about_its_axis_is_a_radial_lens(tmp_path: Path, model: str, down: str, most_px: float) -> None:
-    path = tmp_path / "a.cahvor"
-    vectors = f"C = 0.1 0.2 0.3\nA = 0 0 1\nH = 900 0 639.5\nV = {down}\nO = 0 0 1\nR = 0.0 -0.2 0.05\n"
-    path.write_text(f"Model = {model} = perspective\nDimensions = 1280 960\n{vectors}")
-    found = read_files(path)
-    assert found.T_reference_camera is not None
-    np.testing.assert_allclose(found.T_reference_camera.translation_m, [0.1, 0.2, 0.3])
-    points = np.column_stack([np.random.default_rng(1).uniform(-0.5, 0.5, (50, 2)), np.ones(50)])
-    square = (points[:, :2] ** 2).sum(axis=1, keepdims=True)
-    expected = points[:, :2] * (1.0 - 0.2 * square + 0.05 * square**2)
-    expected = expected @ np.array([[900.0, float(down.split()[0])], [0.0, 900.0]]) + [639.5, 479.5]
-    np.testing.assert_allclose(found.camera.project(points)[0], expected, atol=most_px)
-
-
-def test_a_skew_is_refitted_and_its_error_stated(tmp_path: Path) -> None:
-    path = tmp_path / "a.yaml"
-    text(echo(k=K + np.array([[0.0, 0.5, 0.0], [0.0] * 3, [0.0] * 3])))(path)
-    found = read_files(path)
-    points = np.column_stack([np.random.default_rng(2).uniform(-0.4, 0.4, (60, 2)), np.ones(60)])
-    skewed = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, D)[0][:, 0]
-    skewed[:, 0] += 0.5 * (skewed[:, 1] - K[1, 2]) / K[1, 1]
-    assert np.linalg.norm(found.camera.project(points)[0] - skewed, axis=1).max() < 0.3
-    assert "px rms" in found.notes[0]
-    assert found.camera.valid_region().image_fraction == 1.0
 
 
 def test_a_refits_error_goes_with_the_lens(tmp_path: Path) -> None:

@@ -15,9 +15,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from vbaa_calib.core.files import read_json
-from vbaa_calib.geometry import Pose
-
 from . import damage as d
 from .case import Damage, expect_refused, run
 from .conftest import good_files
@@ -41,11 +38,6 @@ def turned(data: bytes) -> bytes:
 QUOTED, TURNED = d.changed(quoted), d.changed(turned)
 
 
-def linked(path: Path) -> None:
-    path.rename(path.with_name("elsewhere"))
-    path.symlink_to("elsewhere")
-
-
 LINED = "estimate lined --rig rig.json --no-report -o {}.csv"
 TRACK = "track contacts.csv --rig rig.json -o {}.csv"
 CONVERT = "convert camera.json --to kalibr -o {}.yaml"
@@ -61,11 +53,8 @@ TEXTS: tuple[tuple[str, str, Damage, str], ...] = (
                          ("colmap.txt", "convert colmap.txt --camera-name 3 --to ros -o {}.yaml"))),
     ("BOM", "lined/session.yaml", BOM, LINED),
     ("BOM", "rig.json", BOM, LINED),
-    ("a link", "rig.json", linked, LINED),
     ("comments", "lined/session.yaml", COMMENT, LINED),
     ("a key of one's own", "lined/session.yaml", d.at("remark", "mine"), LINED),
-    ("JSON for YAML", "lined/session.yaml", lambda path: d.put(path, as_json(path)), LINED),
-    ("a mebibyte of blanks", "rig.json", d.changed(lambda data: data + b" " * 2**20), LINED),
 )  # fmt: skip
 
 
@@ -88,20 +77,6 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], bytes]:
         return place.with_name(f"{place.name}.{line.rpartition('.')[2]}").read_bytes()
 
     return written
-
-
-def test_an_arm_by_its_pictures_and_by_corners(folder: Path) -> None:
-    """The same camera on the same tool, which are one frame here, and the antenna on it as in the rig."""
-    assert run("handeye session/intrinsics --board board.yaml --poses poses.csv --rig rig.json -o pictures.json") == 0
-    TURNED(folder / "poses.csv")
-    QUOTED(folder / "poses.csv")
-    assert run("handeye corners.csv --board board.yaml --poses poses.csv --camera camera.json -o corners.json") == 0
-    for name in ("pictures", "corners"):
-        pose = read_json(folder / f"{name}.json")["T_tool_camera"]
-        assert (np.abs(pose["translation_m"]) < 4.0 * np.array(pose["translation_std_m"])).all()
-    found = Pose.from_dict(read_json(folder / "pictures.json")["T_actuator_antenna"])
-    rig = Pose.from_dict(read_json(folder / "rig.json")["T_antenna_camera"])
-    assert np.abs((found @ rig).translation_m).max() < 5e-3
 
 
 @pytest.mark.parametrize(
@@ -148,14 +123,9 @@ def frames(picture: Image.Image) -> Image.Image:
 BLACK = Image.new("L", (480, 360))
 PICTURES: tuple[tuple[str, Damage, float], ...] = (
     ("16 bits of colour", d.encoded(".png", lambda picture: np.dstack([deep(257)(picture)] * 3)), 0.02),
-    ("12 of 16 bits", d.encoded(".png", deep(16)), 0.02),
     ("alpha", by_pillow("PNG", of_mode("RGBA")), 0.0),
-    ("grey with alpha", by_pillow("PNG", of_mode("LA")), 0.0),
-    ("a palette", by_pillow("PNG", lambda picture: picture.convert("RGB").quantize(256)), 0.1),
     ("a BMP named .png", d.encoded(".bmp"), 0.0),
-    ("a WebP named .png", by_pillow("WEBP", of_mode("RGB"), lossless=True), 0.0),
     ("a TIFF of several pages", by_pillow("TIFF", frames, save_all=True, append_images=[BLACK]), 0.0),
-    ("a PNG that moves", by_pillow("PNG", frames, save_all=True, append_images=[BLACK]), 0.0),
     ("a JPEG that EXIF turns", by_pillow("JPEG", frames, quality=98, exif=turned_by_exif()), 0.2),
     ("a CMYK JPEG", by_pillow("JPEG", of_mode("CMYK"), quality=98), 0.3),
 )
@@ -186,13 +156,6 @@ def test_the_same_antenna_is_seen(
     assert np.abs(np.subtract(after["end_px"], before["end_px"])).max() <= moved_px
     if not moved_px:
         assert after == before
-
-
-def test_one_bit_is_a_picture(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing can be measured on it, and nothing is: a verdict, no error."""
-    by_pillow("PNG", of_mode("1"))(folder / "free.png")
-    assert run(LOOK) == 0
-    assert json.loads(capsys.readouterr().out)["verdict"] in ("ok", "no_antenna", "too_little", "ambiguous")
 
 
 @pytest.mark.parametrize(

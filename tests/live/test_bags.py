@@ -5,9 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import runpy
-import socket
 import struct
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -24,13 +22,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from estimator.live.outputs import contact_messages
-from estimator.table.files import write_contacts
 from vbaa_calib.camera import Camera
-from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.streams import Reading, Taken
+from vbaa_calib.streams import Reading
 from vbaa_calib.streams.bags import BagWriter, Logged, Topics, open_bag, picture_of, readings_of
-from viz.files.rerun_log import RerunLog, _open_viewer
+from viz.files.rerun_log import RerunLog
 
 from ..hostile.case import bounded
 from .recordings import COUNT, frames, messages, rig, shown, write
@@ -123,23 +119,6 @@ def test_brightness_and_colour_apart() -> None:
         np.testing.assert_allclose(picture_of(image_of(encoding, data, 6, 8)), np.clip(expected, 0, 255), atol=2.0)
 
 
-def test_deep_colours_and_mosaics_and_floats() -> None:
-    deep = np.random.default_rng(0).integers(0, 4096, (6, 8, 3)).astype(np.uint16)
-    deep[0, 0] = 4095
-    expected = deep * (255.0 / 4095)
-    np.testing.assert_allclose(picture_of(image_of("bgr16", deep, 6, 8)), expected, rtol=1e-5)
-    np.testing.assert_allclose(picture_of(image_of("rgb16", deep[..., ::-1], 6, 8)), expected, rtol=1e-5)
-    mosaic = np.zeros((8, 8), np.uint16)
-    mosaic[0::2, 0::2] = 4095  # red sites of RGGB
-    blue, green, red = picture_of(image_of("bayer_rggb16", mosaic, 8, 8))[4, 4]
-    assert red > 150 > 50 > max(blue, green)
-    share = np.linspace(0.0, 1.0, 48, dtype=np.float32).reshape(6, 8)
-    np.testing.assert_allclose(picture_of(image_of("32FC1", share, 6, 8)), 255.0 * share, rtol=1e-6)
-    np.testing.assert_allclose(picture_of(image_of("32FC1", 255 * share, 6, 8)), 255.0 * share, rtol=1e-6)
-    with pytest.raises(InputError, match="depths"):
-        picture_of(image_of("32FC1", 2000.0 * share, 6, 8))
-
-
 def small_bag(path: Path, *several: tuple[str, str, dict[str, Any]]) -> Path:
     writer = BagWriter(path)
     for topic, kind, fields in several:
@@ -150,24 +129,6 @@ def small_bag(path: Path, *several: tuple[str, str, dict[str, Any]]) -> Path:
 
 IMAGE = {"encoding": "mono8", "height": 2, "width": 2, "step": 2, "data": np.zeros(4, np.uint8)}
 CAMERA = {"width": 480, "height": 360}
-
-
-def test_several_topics_are_asked_for(tmp_path: Path) -> None:
-    path = small_bag(
-        tmp_path / "two.mcap",
-        ("/left/image", "sensor_msgs/msg/Image", IMAGE),
-        ("/right/image", "sensor_msgs/msg/Image", IMAGE),
-        ("/float", "std_msgs/msg/Float64", {"data": 0.25}),
-    )
-    with pytest.raises(InputError, match=r"/left/image, /right/image; choose: --topic image=/left/image"):
-        read(path)
-    with pytest.raises(InputError, match="no topic /up for image"):
-        read(path, Topics(image="/up"))
-    found, _ = read(path, Topics(image="/right/image"))
-    assert [type(each) for each in found] == [Taken, Reading]
-    assert found[1].value == 0.25
-    found, _ = read(path, Topics(image="/right/image", moment="none"))
-    assert [type(each) for each in found] == [Taken]
 
 
 def test_a_bag_of_another_camera_is_refused(tmp_path: Path) -> None:
@@ -181,19 +142,6 @@ def test_a_bag_of_another_camera_is_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=what):
             read(path, camera=rig().camera)
         assert len(read(path, Topics(camera="none"), rig().camera)[0]) == 1
-
-
-def test_joints_by_name(tmp_path: Path) -> None:
-    joints = {"name": ["gripper", "shoulder", "wrist"], "position": [9.0, 0.25, -0.5]}
-    path = small_bag(
-        tmp_path / "arm.mcap",
-        ("/image", "sensor_msgs/msg/Image", IMAGE),
-        ("/joint_states", "sensor_msgs/msg/JointState", joints),
-    )
-    found, _ = read(path, Topics(pan="shoulder", tilt="wrist"))
-    assert [(each.channel, each.value) for each in found[1:]] == [("pan_rad", 0.25), ("tilt_rad", -0.5)]
-    with pytest.raises(InputError, match="gripper, shoulder, wrist are called pan; name two of them: --pan-joint"):
-        read(path)
 
 
 def test_the_moment_of_a_right_handed_torque(tmp_path: Path) -> None:
@@ -241,32 +189,6 @@ PICTURES = ("/image", "sensor_msgs/msg/Image", [IMAGE], 0.0)
 WRENCH = {"force": {"z": 1.0}, "torque": {"y": 0.25}}
 
 
-@pytest.mark.parametrize(
-    ("kind", "fields"),
-    [
-        ("geometry_msgs/msg/Wrench", WRENCH),
-        ("std_msgs/msg/Float32", {"data": 0.25}),
-        ("std_msgs/msg/Float64", {"data": 0.25}),
-        ("geometry_msgs/msg/WrenchStamped", {"wrench": WRENCH}),
-    ],
-)
-def test_moments_of_every_type(tmp_path: Path, kind: str, fields: dict[str, Any]) -> None:
-    """Those without a stamp have the bag's, which is said of those that a temperature could be, too."""
-    path = small_bag(tmp_path / "a.mcap", ("/image", "sensor_msgs/msg/Image", IMAGE), ("/moment", kind, fields))
-    found, notes = read(path)
-    assert [(each.value, each.time_s) for each in found if isinstance(each, Reading)] == [(0.25, 1.0)]
-    assert bool(notes) == (kind in ("geometry_msgs/msg/Wrench", "std_msgs/msg/Float32"))
-
-
-def test_joints_in_degrees_are_asked_about(tmp_path: Path) -> None:
-    joints = [{"name": ["pan", "tilt"], "position": [45.0 + number, -30.0]} for number in range(8)]
-    path = logged_bag(tmp_path / "a.mcap", PICTURES, ("/joints", "sensor_msgs/msg/JointState", joints, 0.0))
-    with pytest.raises(InputError, match=r"pan at 47 rad, more than a turn: in degrees\?; give --degrees"):
-        read(path)
-    found, _ = read(path, Topics(degrees=True))
-    assert next(each.value for each in found if isinstance(each, Reading)) == pytest.approx(np.radians(45.0))
-
-
 def test_clocks_apart_are_found_and_the_offset_proposed(tmp_path: Path) -> None:
     wrench = ("/ft", "geometry_msgs/msg/WrenchStamped", [{"wrench": WRENCH}], -1000.0)
     path = logged_bag(tmp_path / "a.mcap", PICTURES, wrench)
@@ -275,24 +197,6 @@ def test_clocks_apart_are_found_and_the_offset_proposed(tmp_path: Path) -> None:
     for offset_s in (1000.0, None):
         assert len(list(open_bag(path, Topics(), None, offset_s).messages())) == 16
     assert open_bag(path, Topics(), None, None).readings_ahead_s() == pytest.approx(1000.0)
-
-
-def test_rectified_pictures_are_named(tmp_path: Path) -> None:
-    """By the topic's name, and by a CameraInfo without distortion; a rig of a straight lens takes them."""
-    bent = Camera("opencv", (480, 360), rig().camera.matrix, np.array([-0.3, 0.1, 0.0, 0.0]))
-    straight = Camera("opencv", (480, 360), rig().camera.matrix, np.zeros(0))
-    about = CAMERA | {"k": bent.matrix.ravel(), "d": np.zeros(5)}
-    for name, topics in (
-        ("rect.mcap", [("/camera/image_rect_color", "sensor_msgs/msg/Image", IMAGE)]),
-        (
-            "info.mcap",
-            [("/c/camera_info", "sensor_msgs/msg/CameraInfo", about), ("/c/image", "sensor_msgs/msg/Image", IMAGE)],
-        ),
-    ):
-        path = small_bag(tmp_path / name, *topics)
-        with pytest.raises(InputError, match="rectified"):
-            read(path, camera=bent)
-        assert len(read(path, camera=straight)[0]) == len(read(path, Topics(camera="none"), bent)[0]) == 1
 
 
 def test_which_lens_is_of_raw_and_which_of_rectified_pictures(tmp_path: Path) -> None:
@@ -356,12 +260,6 @@ def test_foxgloves_pictures_in_json_and_protobuf(tmp_path: Path) -> None:
         read(tmp_path / "torn.mcap")
 
 
-def test_a_damaged_picture_is_left_out_and_told(tmp_path: Path) -> None:
-    found, notes = read(write(tmp_path / "bag.mcap", {3: np.arange(100, dtype=np.uint8)}))
-    assert sum(isinstance(each, Taken) for each in found) == COUNT - 1
-    assert "/camera/compressed" in notes[0]
-
-
 TOPIC, KIND = "/image", "sensor_msgs/msg/Image"
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
 
@@ -419,40 +317,6 @@ def test_a_log_holds_picture_scene_and_numbers(tmp_path: Path) -> None:
     log.close()
     paths = {chunk.entity_path for chunk in chunks(path)}
     assert {"/picture", "/picture/antenna", "/contact/distance_mm", "/world/contact/point"} <= paths
-
-
-def test_a_table_is_shown_frame_by_frame(tmp_path: Path) -> None:
-    contacts, path = tmp_path / "contacts.csv", tmp_path / "view.rrd"
-    write_contacts(contacts, [each.row for each in found() if each.final])
-    assert main(["view", str(contacts), "--rerun", str(path)]) == 0
-    frames = [chunk.num_rows for chunk in chunks(path) if chunk.entity_path == "/contact/status"]
-    assert sum(frames) == COUNT
-
-
-VIEWER = f"""#!{sys.executable}
-import socket, sys, time
-place = {{name: sys.argv[sys.argv.index(name) + 1] for name in ("--bind", "--port")}}
-listening = socket.create_server((place["--bind"], int(place["--port"])))
-print("opened at", place["--bind"], flush=True)
-time.sleep(20)
-"""
-
-
-def test_a_viewer_that_is_opened_is_for_this_machine(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    """Opened once, on loopback: Rerun's own default are all addresses. One that ends at once is an error."""
-    stub = tmp_path / "rerun"
-    stub.write_text(VIEWER)
-    stub.chmod(0o755)
-    monkeypatch.setenv("RERUN_CLI_PATH", str(stub))
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    assert {_open_viewer(port), _open_viewer(port)} == {f"rerun+http://127.0.0.1:{port}/proxy"}
-    assert capfd.readouterr().out == "opened at 127.0.0.1\n"
-    stub.write_text("#!/bin/false\n")
-    with pytest.raises(OSError, match="does not open"):
-        _open_viewer(port + 1 if port < 65535 else port - 1)
 
 
 NODE = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "ros2_node.py"), run_name="node")

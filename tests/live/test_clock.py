@@ -19,7 +19,7 @@ from estimator.contact.clock import recorded_clock_offset
 from estimator.table.contacts import Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import Frame
-from vbaa_calib.streams import MessageSource, Reading, Taken, Timing
+from vbaa_calib.streams import MessageSource, Taken, Timing
 
 from ..rod_scenes import RIG_STD, World, camera_pose
 from .pressing import WORLD, Motion, pictures, readings
@@ -107,42 +107,6 @@ def test_no_motion_and_one_that_repeats_itself_are_refused() -> None:
         clock_offset(estimator(), several, times_s, values)
 
 
-FURTHER = [(0.01, False), (-3.3, True), (4.0, False), (-25.0, False)]
-
-
-@pytest.mark.parametrize(
-    ("offset_s", "logged"),
-    [(1000.0, True), (1.7e9, False), *(pytest.param(*row, marks=pytest.mark.slow) for row in FURTHER)],
-)
-def test_clocks_far_apart_are_found_in_a_recording(
-    offset_s: float, logged: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """By when the messages were logged; or, where that is their stamp, about where both begin together."""
-    several, times_s, values = recorded(1, 30.0, 97.0)
-    blank = np.zeros(WORLD.rig(RIG_STD).camera.image_size[::-1], np.uint8)
-
-    def opened() -> MessageSource:
-        taken = [Taken(each.time_s, blank, each.time_s) for each in several]
-        read = [
-            Reading(t - offset_s, "moment_Nm", v, t if logged else t - offset_s)
-            for t, v in zip(times_s.tolist(), values.tolist(), strict=True)
-        ]
-        both: list[Taken | Reading] = sorted([*taken, *read], key=lambda each: each.arrived_s)
-        return MessageSource("recording", lambda: (each for each in both), frozenset({"moment_Nm"}))
-
-    by_time = {each.time_s: each for each in several}
-    seen = SimpleNamespace(found=True)
-
-    def looked(_: object, taken: Iterable[tuple[Frame, object]], __: object) -> Iterator[SimpleNamespace]:
-        return (SimpleNamespace(line=seen, measured=by_time[frame.time_s]) for frame, _ in taken)
-
-    monkeypatch.setattr(clock, "detected", looked)
-    timing = Timing(joints_rad=(0.0, 0.3), moment_std_Nm=(WORLD.sensor.std_Nm, 0.0))
-    one = recorded_clock_offset(estimator(), opened, timing, None)
-    assert abs(one.offset_s - offset_s) < 3.5 * one.std_s + 1e-6 * abs(offset_s)
-    assert one.std_s < 0.01
-
-
 @pytest.mark.parametrize(("offset_s", "rate_Hz"), [(0.137, 24.0), (-2000.0, 30.0)])
 def test_another_cameras_clock_is_found(offset_s: float, rate_Hz: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the bend that both cameras see from different sides, at other rates; also clocks that are far apart."""
@@ -177,11 +141,3 @@ def test_another_cameras_clock_is_found(offset_s: float, rate_Hz: float, monkeyp
     one = recorded_clock_offset(ContactEstimator(rig, jobs=1), opened, timing, None, "side")
     assert abs(one.offset_s - offset_s) < 3.5 * one.std_s
     assert one.std_s < 0.01
-
-
-def test_readings_of_another_motion_are_refused() -> None:
-    """Also where one offset of all that are tried happens to fit far better than the others."""
-    several, times_s, _ = recorded(1, 30.0, 97.0)
-    for seed in (5, 7):
-        with pytest.raises(InputError, match="follow the bend"):
-            clock_offset(estimator(), several, times_s, recorded(seed, 30.0, 97.0)[2][: len(times_s)])

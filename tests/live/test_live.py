@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import resource
 import signal
 import socket
 import subprocess
 import sys
-from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from mcap.exceptions import EndOfFile
-from mcap.reader import NonSeekingReader
 
 from estimator import ContactEstimator
 from estimator.contact.estimate import STREAM
 from estimator.contact.recording import estimate_taken
-from estimator.live import LiveContact, LiveEstimator, outputs
-from estimator.live.outputs import ContactBag, Datagrams, GrowingTable, json_line
+from estimator.live import LiveContact, LiveEstimator
+from estimator.live.outputs import Datagrams, GrowingTable, json_line
 from estimator.table.contacts import ContactRow
 from estimator.table.files import cells_of, read_contacts
 from vbaa_calib.cli.main import main
@@ -77,18 +72,6 @@ def test_the_final_contacts_are_those_of_a_recording() -> None:
     assert same(final, offline())
 
 
-def test_final_contacts_wait_while_pictures_do() -> None:
-    """And are worked out while none comes, the same ones."""
-    estimator = ContactEstimator(replace(rig(), drift=DRIFTS["lab"]), jobs=1)
-    live = LiveEstimator(estimator, Synchronizer(Timing(), image_size=SIZE))
-    for message in messages():
-        hurried = replace(message, waiting=1) if isinstance(message, Taken) else message
-        assert not any(each.final for each in live.push(hurried))
-    idle = [each for _ in range(3 * STREAM) for each in live.push(None)]
-    assert len(idle) >= STREAM // 2
-    assert same(rows([*idle, *live.finish()], True), offline())
-
-
 def test_every_picture_is_answered_at_once() -> None:
     """Before the next message; and without drift, which later frames show, with what is final, too."""
     assert [each.row.frame for each in found() if not each.final] == list(range(COUNT))
@@ -96,40 +79,6 @@ def test_every_picture_is_answered_at_once() -> None:
     assert same(rows(several, False), rows(several, True))
     waits = next(index for index, each in enumerate(found()) if each.final)
     assert waits <= STREAM + STREAM // 8
-
-
-def test_the_contact_has_its_covariance() -> None:
-    located = [each for each in found() if each.row.status == "ok"]
-    assert located
-    for each in located:
-        assert (np.linalg.eigvalsh(each.row.covariance_world_m2) > 0.0).all()
-        assert each.age_s == 0.0
-
-
-def test_without_joint_angles_nothing_is_estimated() -> None:
-    several = [
-        each for each in messages()[:40] if isinstance(each, Taken) or each.channel != "pan_rad" or each.time_s < 2
-    ]
-    answered = live_contacts("lab", several)
-    late = [each.row for each in answered if each.row.time_s > 2.0]
-    assert late
-    assert {row.status for row in late} == {"no_antenna"}
-    assert all("joint angles" in row.reason for row in late)
-
-
-def test_the_table_is_read_while_it_grows(tmp_path: Path) -> None:
-    path = tmp_path / "contacts.csv"
-    table = GrowingTable(path)
-    for number, each in enumerate(found()):
-        table.write(each)
-        if number in (0, 30):
-            assert len(read_contacts(path)) == number + 1
-    table.close()
-    grown = read_contacts(path)
-    assert len(grown) == COUNT
-    assert [path.name for path in tmp_path.iterdir()] == ["contacts.csv"]
-    with pytest.raises(InputError, match="exists already"):
-        GrowingTable(path)
 
 
 def test_a_full_disk_leaves_whole_rows(tmp_path: Path) -> None:
@@ -165,22 +114,6 @@ def test_parquet_grows_as_a_csv_until_it_is_closed(tmp_path: Path) -> None:
             np.testing.assert_array_equal(read_contacts(path).distance_m, expected)
         else:
             assert len(read_contacts(path.with_suffix(".csv"))) == 20
-
-
-def test_a_bag_is_read_up_to_the_last_second_before_a_kill(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is never closed; the clock goes on by half a second with each contact."""
-    clock_s = itertools.count(0.0, 0.5)
-    monkeypatch.setattr(outputs, "time", SimpleNamespace(monotonic=lambda: next(clock_s)))
-    path, some = tmp_path / "contacts.mcap", [each for each in found() if not each.final][:20]
-    sink = ContactBag(path)
-    for each in some:
-        sink.write(each)
-    times_ns = set[int]()
-    with path.open("rb") as stream, suppress(EndOfFile):
-        for *_, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
-            times_ns.add(message.log_time)
-    assert times_ns >= {round(1e9 * each.row.time_s) for each in some[:-2]}
-    sink.close()
 
 
 def test_contacts_by_udp() -> None:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import base64
 import hmac
 import json
-import os
-import signal
 import socket
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -30,7 +28,7 @@ from vbaa_calib.sources import live
 from vbaa_calib.sources.live import LiveSource, StreamSettings
 from vbaa_calib.streams import Reading, Taken, devices, now_s
 from vbaa_calib.streams.bags import BagWriter, Logged
-from vbaa_calib.streams.devices import _datagrams, udp_socket, with_datagrams
+from vbaa_calib.streams.devices import _datagrams, udp_socket
 from vbaa_calib.streams.pictures import BagPictures, thinned
 from vbaa_calib.streams.recorded import _open_folder, _open_lines
 from viz.batch.recordings import BatchRecording
@@ -71,15 +69,6 @@ def test_lines_on_standard_input() -> None:
     assert notes[1] == "5 lines were left out"
 
 
-def test_a_stall_ends_in_a_sentence() -> None:
-    end, begin = os.pipe()
-    with os.fdopen(end, "rb") as stream:
-        source = _open_lines(stream, 0.1)
-        assert [each for each in source.messages() if each is not None] == []
-    os.close(begin)
-    assert source.notes == ["standard input gave nothing for 0.1 s"]
-
-
 def test_a_folder_that_fills(tmp_path: Path) -> None:
     folder = tmp_path / "pictures"
     folder.mkdir()
@@ -115,33 +104,6 @@ def listening_at() -> tuple[socket.socket, int]:
         if first is not None and first.time_s < sent_s + 0.01:
             break
     return listening, port
-
-
-def test_readings_by_udp() -> None:
-    listening, port = listening_at()
-    begun_s = now_s()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        for data in (b'{"time_s": 1.5, "moment_Nm": 0.25}', b"rubbish", b'{"pan_rad": 1}\n{"tilt_rad": 2}'):
-            sender.sendto(data, ("127.0.0.1", port))
-    sent_s = now_s()
-    time.sleep(0.1)
-
-    def nothing() -> Iterator[None]:
-        yield None
-
-    end, begin = os.pipe()
-    os.close(begin)
-    with os.fdopen(end, "rb") as stream:
-        silent = replace(_open_lines(stream, 1.0), messages=nothing)
-        source = with_datagrams(silent, listening)
-        several = [each for each in source.messages() if isinstance(each, Reading)]
-    values = {each.channel: each.value for each in several}
-    assert values == {"moment_Nm": 0.25, "pan_rad": 1.0, "tilt_rad": 2.0}
-    assert several[0].time_s == 1.5
-    # timed by when they came, not by when they were asked for
-    assert all(begun_s - 1e-3 < each.time_s < sent_s + 1e-3 for each in several[1:]) or sys.platform != "linux"
-    assert source.notes[0] == "readings come from 127.0.0.1"
-    assert "rubbish" in source.notes[1]
 
 
 def sent_and_taken(several: list[bytes], key: bytes | None) -> tuple[list[float], list[str]]:
@@ -277,20 +239,6 @@ def test_a_camera_that_breaks_off_and_comes_back(
     assert (other > 0) == any("of another size" in text for text in stage.said)
 
 
-def test_an_interrupt_while_a_camera_is_away(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    stage = Stage(monkeypatch)
-    monkeypatch.setattr(devices, "DEVICES", replace(devices.DEVICES, retries_s=(0.02, 3600.0)))
-
-    def interrupted() -> None:
-        assert stage.broke_off.wait(60.0)
-        os.kill(os.getpid(), signal.SIGINT)
-
-    monkeypatch.setattr(cv2, "VideoCapture", Scripted(stage, [[picture()] * 4, interrupted]))
-    assert "interrupted" in run("camera:0", tmp_path / "contacts.csv", capsys)["notes"]
-
-
 COUNT = 20
 """Pictures in a bag."""
 
@@ -308,14 +256,6 @@ def test_the_sharp_one_of_each_view_is_kept() -> None:
     shown = [(view, blur) for view in range(6) for blur in (3.0, 0.0, 2.0, 4.0)]
     kept = thinned(((each, pattern(*each)) for each in shown), 24)
     assert [each for each, _ in kept] == [(view, 0.0) for view in range(6)]
-
-
-@pytest.mark.parametrize("count", [1, 7, 100, 1000])
-def test_no_more_than_asked_and_from_all_over(count: int) -> None:
-    kept = [number for number, _ in thinned(((n, pattern(n)) for n in range(count)), 20)]
-    assert min(count, 20) <= len(kept) <= 40
-    assert np.diff([0, *kept, count]).max() <= max(2 * count / min(count, 20), 2)
-    assert kept == sorted(kept)
 
 
 def as_bag(path: Path, pictures: list[np.ndarray], topics: tuple[str, ...] = ("/image",)) -> Path:
@@ -342,22 +282,6 @@ def test_the_wizard_takes_a_bag(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="#TOPIC"):
         BagPictures(str(two))
     assert BagPictures(f"{two}#/right").next(0.0) is not None
-
-
-def test_a_lens_from_a_bag_is_that_of_the_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Each view three times, blurred but for one: the views that are used are those of the folder."""
-    session = small_rig() / "session"
-    views = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in sorted((session / "intrinsics").iterdir())]
-    several = [np.asarray(cv2.GaussianBlur(view, (0, 0), b)) if b else view for view in views for b in (2.0, 0.0, 3.0)]
-    bag = as_bag(tmp_path / "board.mcap", several)
-    found = []
-    for given in (bag, session / "intrinsics"):
-        words = ["intrinsics", str(given), "--board", str(session / "session.yaml"), "-o", str(tmp_path / "c.json")]
-        main([*words, "--lens-model", "opencv4", "--json", "--force"])
-        found.append(json.loads(capsys.readouterr().out))
-    assert found[0]["matrix"] == found[1]["matrix"]
-    assert main(["intrinsics", str(bag), "--squares", "5x4", "--square", "0.02", "-o", "x", "--topic", "eyes=/a"]) == 2
-    assert "--topic" in capsys.readouterr().err
 
 
 def test_a_batch_takes_a_bag(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.streams import MessageSource, Reading, Synchronizer, Taken, Timing
-from vbaa_calib.streams import now_s as steady_s
-from vbaa_calib.streams.messages import Messages, line_messages
+from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams.recorded import _open_table, _with_readings
 from vbaa_calib.streams.synchronize import Synchronized
 
@@ -55,15 +52,6 @@ def test_a_line_is_interpolated_exactly(
     assert found.age_s <= max(steps) + 1e-12
 
 
-def test_readings_as_far_apart_as_the_gap_count_however_times_are_rounded() -> None:
-    """Ten readings a second and the usual gap of a tenth; pictures at the same instants, in a video's whole
-    milliseconds: 0.3 lies before 3 · 0.1."""
-    synchronizer = Synchronizer(Timing(), ["moment_Nm"])
-    readings = [moment(number * 0.1, 1e-3 * number) for number in range(40)]
-    found = through(synchronizer, *readings, *(taken(round(number * 0.1, 3)) for number in range(40)))
-    assert [each.frame.moment_Nm for each in found] == pytest.approx([1e-3 * number for number in range(40)], abs=1e-9)
-
-
 def test_nothing_is_made_up() -> None:
     """Before the first reading, after the last, and in a gap a picture has none."""
     synchronizer = Synchronizer(Timing(gap_s=0.1, wait_s=0.0))
@@ -77,59 +65,6 @@ def test_nothing_is_made_up() -> None:
     assert [np.isnan(each.frame.moment_Nm) for each in found] == [True, True, True]
     assert synchronizer.counts["pictures without a moment"] == 3
     assert synchronizer.counts["readings late"] == 0
-
-
-def test_a_picture_waits_for_what_comes_after_it_and_no_longer() -> None:
-    synchronizer = Synchronizer(Timing(wait_s=0.2), ["moment_Nm"])
-    assert not list(synchronizer.push(moment(0.98, 1e-3)))
-    assert not list(synchronizer.push(taken(1.0)))
-    assert not list(synchronizer.ready(1.19))
-    (found,) = synchronizer.push(moment(1.02, 3e-3))
-    assert found.frame.moment_Nm == pytest.approx(2e-3)
-    assert not list(synchronizer.push(taken(1.1)))
-    (found,) = synchronizer.ready(1.31)
-    assert np.isnan(found.frame.moment_Nm)
-    list(synchronizer.push(moment(1.09, 3e-3, 1.4)))
-    assert synchronizer.counts["readings late"] == 1
-
-
-def test_what_is_left_out_is_counted() -> None:
-    synchronizer = Synchronizer(Timing(), image_size=(6, 4))
-    through(
-        synchronizer,
-        *(moment(t, 1e-3) for t in (1.0, 1.1, 1.1, 1.05, np.nan)),
-        moment(1.2, np.inf),
-        moment(1.2, 1e9),
-        *(taken(t) for t in (1.0, 1.1, 1.1, 1.05, np.nan)),
-        taken(1.2, image=np.zeros((5, 6), np.uint8)),
-    )
-    counts = {name: count for name, count in synchronizer.counts.items() if count}
-    assert counts == {
-        "readings": 2,
-        "readings doubled": 1,
-        "readings out of order": 1,
-        "readings that cannot be": 3,
-        "pictures": 2,
-        "pictures doubled": 1,
-        "pictures out of order": 2,
-        "pictures of another size": 1,
-    }
-    assert len(synchronizer.left_out()) == 6
-
-
-def error_of(timing: Timing, at: float, *readings: Reading) -> float:
-    (found,) = through(Synchronizer(timing), *readings, taken(at, 9.0))
-    return found.frame.moment_errors_Nm[0]
-
-
-@given(st.floats(0.01, 0.99), st.floats(-1e-2, 1e-2), st.floats(-1.0, 1.0))
-@settings(max_examples=60, deadline=None)
-def test_a_steady_rate_has_no_error_of_interpolation(share: float, value: float, slope: float) -> None:
-    readings = [moment(t, value + slope * (t - 1.0)) for t in (1.0, 1.05, 1.1)]
-    assert error_of(Timing(), 1.05 + 0.05 * share, *readings) < 1e-9
-    # the clocks' deviation has: as much as the reading changes within it
-    timing = Timing(offset_std_s=0.004)
-    assert error_of(timing, 1.05 + 0.05 * share, *readings) == pytest.approx(0.004 * abs(slope), abs=1e-9)
 
 
 def test_the_error_grows_with_the_gap_and_is_true() -> None:
@@ -150,22 +85,6 @@ def test_the_error_grows_with_the_gap_and_is_true() -> None:
     assert sizes == sorted(sizes)
     assert sizes[0] < 1.2 * std
     assert sizes[-1] > 2.0 * std
-
-
-def test_readings_at_the_pictures_instants_have_no_error() -> None:
-    assert error_of(Timing(), 1.05, moment(1.0, 1e-3), moment(1.05, 5e-3), moment(1.1, 1e-3)) == 0.0
-
-
-def test_a_clock_that_is_set_back_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By an hour, as a day's first synchronization may: lines that name no time are timed on as before."""
-    list(line_messages(b'{"moment_Nm": 0}', None))
-    now_s = time.time()
-    monkeypatch.setattr(time, "time", lambda: now_s - 3600.0)
-    (first,), (second,) = (list(line_messages(b'{"moment_Nm": 0.1}', None)) for _ in range(2))
-    assert now_s - 1.0 <= first.time_s <= second.time_s
-    synchronizer = Synchronizer(Timing(wait_s=0.0), ["moment_Nm"])
-    found = [*synchronizer.push(first), *synchronizer.push(taken(first.time_s)), *synchronizer.ready(steady_s())]
-    assert [each.frame.moment_Nm for each in found] == [0.1]
 
 
 HOUR_S = 3600.0
@@ -288,19 +207,6 @@ def answered(synchronizer: Synchronizer, several: list[Taken | Reading], ticks: 
     return found
 
 
-PAUSES = [10.0, 13.0, 15.0, 23.0, 26.0, 34.0, 60.0, 61.0, 120.0]
-
-
-@pytest.mark.parametrize("ticks", [True, False])
-@pytest.mark.parametrize("channels", [(), ("moment_Nm",), ("moment_Nm", "pan_rad", "tilt_rad")])
-def test_live_messages_stamped_by_their_arrival_are_answered_at_once(channels: tuple[str, ...], ticks: bool) -> None:
-    """One line a touch, whatever the pauses."""
-    several = [each for t in PAUSES for each in (*(Reading(t, name, 1e-3, t) for name in channels), taken(t))]
-    synchronizer = Synchronizer(Timing(), channels)
-    assert answered(synchronizer, several, ticks) == [(t, t) for t in PAUSES]
-    assert not synchronizer.left_out()
-
-
 @given(st.lists(st.tuples(st.floats(0.5, 20.0), st.sampled_from([0.0, 0.0, 0.0, 60.0, -60.0])), max_size=12))
 @settings(max_examples=40, deadline=None)
 def test_live_pictures_never_wait_for_later_ones(steps: list[tuple[float, float]]) -> None:
@@ -330,22 +236,6 @@ def test_a_first_picture_stamped_ahead_shifts_no_time(arrival: str, channels: tu
     assert len(complete(found)) == (59 if channels else 0)
     assert synchronizer.counts["pictures stamped ahead"] == 1
     assert not synchronizer.counts["jumps of a clock"]
-
-
-@pytest.mark.parametrize("by_s", [0.0, HOUR_S, -HOUR_S])
-def test_readings_of_a_table_come_to_pictures_whose_first_stamp_is_wrong(by_s: float, tmp_path: Path) -> None:
-    """Thousands of them, beside pictures that arrived by another clock; a first stamp that is right is kept to."""
-    path = tmp_path / "readings.csv"
-    path.write_text("\n".join(["time_s,moment_Nm", *(f"{number / 1000},0.001" for number in range(20_000))]))
-
-    def messages() -> Messages:
-        for number in range(380):
-            yield taken(0.01 + 0.05 * number + by_s * (number == 0), 5000.0 + 0.05 * number)
-
-    source = _with_readings(MessageSource("bag", messages), path, 0.0)
-    synchronizer = Synchronizer(Timing(), source.channels, live=False)
-    found = through(synchronizer, *(each for each in source.messages() if each is not None))
-    assert sum(np.isfinite(each.frame.moment_Nm) for each in found) == 380 - (by_s != 0.0)
 
 
 def test_recordings_of_two_clocks_are_refused_with_an_offset() -> None:
@@ -404,15 +294,3 @@ def test_a_camera_that_ends_does_not_stop_the_others(live: bool) -> None:
     assert any("40 frames without right" in line for line in synchronizer.left_out())
     alone = [of("right", at) for at in (1.0, 2.0, 3.0)]
     assert len(through(Synchronizer(Timing(), image_size=CAMERAS, live=live), *alone)) == 3
-
-
-def test_cameras_with_two_clocks_are_refused() -> None:
-    """With what lets both begin together; of other cameras than the rig's nothing is taken."""
-    several = [of(name, at + shift_s) for at in (0.0, 0.1, 0.2) for name, shift_s in (("left", 0.0), ("right", 50.0))]
-    with pytest.raises(InputError, match="right=-50"):
-        through(Synchronizer(Timing(), image_size=CAMERAS, live=False), *several)
-    synchronizer = Synchronizer(Timing(), image_size=CAMERAS)
-    assert not through(synchronizer, replace(of("left", 0.0), camera="middle"))
-    assert "1 pictures of a camera that the rig does not have" in synchronizer.left_out()
-    with pytest.raises(InputError, match="of right are 6x4 px, the rig's camera right 3x5"):
-        through(synchronizer, replace(of("left", 0.0), camera="right"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator import RecordingVerdict, RecordingWatch
-from estimator.diagnose.consequences import RunningVerdict, changed_row
-from estimator.table.contacts import Contact, Measured
+from estimator import RecordingVerdict
+from estimator.diagnose.consequences import changed_row
+from estimator.table.contacts import Measured
 from estimator.table.files import read_contacts
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import Diagnosis, Verdict
 
 from ..small_scene import small_rig
-from .recordings import COUNT, rig, write
+from .recordings import COUNT, write
 
 WRONG = RecordingVerdict(Verdict.of([Diagnosis("moment_sign", "wrong sign", "turn it", "wrong")]), 0)
 FRAME = Measured(np.zeros((0, 2)), np.zeros(0), 0.0, 0.0, 0.0)
@@ -54,43 +53,6 @@ def test_a_running_recording_has_the_verdict_that_it_has_afterwards(
     assert found["live"].count("warning, frame ") == 1
     verdicts = [next(line for line in said.splitlines() if line.startswith("wrong: ")) for said in found.values()]
     assert verdicts[0] == verdicts[1]
-
-
-def test_no_frame_waits_for_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Frames pass while it is worked out, of those before; it holds from when it is there; the end waits for it."""
-    go, counts = threading.Event(), list[int]()
-
-    def slow(watch: RecordingWatch) -> RecordingVerdict:
-        counts.append(watch.count)
-        assert go.wait(60.0)
-        return WRONG
-
-    monkeypatch.setattr(RecordingWatch, "verdict", slow)
-    running, contact = RunningVerdict(rig()), Contact(status="no_contact")
-    for _ in range(200):
-        running.push(FRAME, contact)
-    assert running.now.verdict.severity == "none"
-    go.set()
-    assert running.finish() is running.now is WRONG
-    assert counts == [64, 200]
-
-
-@pytest.mark.parametrize("waits", [True, False])
-def test_the_last_verdict_holds(waits: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where an earlier one was another; it is asked for whenever the frames have doubled."""
-    counts = list[int]()
-
-    def by_count(watch: RecordingWatch) -> RecordingVerdict:
-        counts.append(watch.count)
-        return WRONG if watch.count < 500 else RecordingVerdict()
-
-    monkeypatch.setattr(RecordingWatch, "verdict", by_count)
-    running, contact = RunningVerdict(rig(), waits), Contact(status="ok")
-    for _ in range(600):
-        running.push(FRAME, contact)
-    assert running.finish().verdict.severity == "none"
-    assert counts[-1] == 600
-    assert not waits or counts == [64, 128, 256, 512, 600]
 
 
 @pytest.mark.parametrize("status", ["ok", "tip_contact", "no_contact", "low_signal"])

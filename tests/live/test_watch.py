@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -123,48 +121,6 @@ def told(*verdicts: tuple[str, float]) -> Iterator[tuple[RecordingVerdict, float
     for name, log_odds in verdicts:
         found = Verdict.of([replace(KNOCKED, name=name)]) if name else Verdict()
         yield RecordingVerdict(found, 0, frozenset(), log_odds), 0.0
-
-
-@pytest.mark.parametrize(
-    ("verdicts", "named"),
-    [
-        ([("camera_turned", 40.0)] * 2, ["camera_turned"]),
-        ([("camera_turned", 40.0), ("picture_moved", 40.0)], ["picture_moved"]),  # both are of the camera
-        ([("camera_turned", 40.0)] * 5, ["camera_turned"]),  # once
-        ([("camera_turned", 40.0)] * 2 + [("", 0.0)] + [("camera_turned", 40.0)] * 2, ["camera_turned"] * 2),
-        ([("camera_turned", 40.0), ("", 0.0), ("camera_turned", 40.0)], []),  # not confirmed
-        ([("camera_turned", 12.0)] * 4, []),  # not sure enough
-        ([("camera_turned", 40.0), ("antenna_bent", 40.0)], []),  # of another part
-        ([("joints_late", 40.0)] * 3, []),  # not of the rig
-        ([("camera_turned", 40.0)] * 2 + [("moment_dead", 40.0)] * 2, ["camera_turned", "moment_dead"]),
-    ],
-)
-def test_what_is_an_alarm(verdicts: list[tuple[str, float]], named: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    coming, heard = told(*verdicts), list[tuple[int, str]]()
-    monkeypatch.setattr(RigWatch, "_judged", lambda *_: next(coming))
-    watch = RigWatch(Bench(0).rig, lambda frame, one: heard.append((frame, one.name)), waits=True)
-    for _ in range(watch.settings.every * len(verdicts)):
-        watch.push(FRAME, FREE)
-    watch.close()
-    assert [name for _, name in heard] == named
-    assert [(frame, one.name) for frame, one in watch.alarms] == heard
-
-
-def test_no_frame_waits_for_a_judgement(monkeypatch: pytest.MonkeyPatch) -> None:
-    go, counts = threading.Event(), list[int]()
-
-    def slow(_: RigWatch, several: list[Any]) -> tuple[RecordingVerdict, float]:
-        counts.append(len(several))
-        assert go.wait(60.0)
-        return RecordingVerdict(), 0.0
-
-    monkeypatch.setattr(RigWatch, "_judged", slow)
-    watch = RigWatch(Bench(0).rig)
-    for _ in range(200):
-        assert watch.push(FRAME, FREE) == []
-    go.set()
-    watch.close()
-    assert counts == [watch.settings.every]
 
 
 @pytest.fixture

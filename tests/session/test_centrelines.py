@@ -11,8 +11,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
@@ -93,37 +91,12 @@ def test_the_same_numbers_in_any_order(tmp_path: Path, change, monkeypatch: pyte
     assert_same(lines, dict(reversed(expected.items())))
 
 
-@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    st.lists(
-        st.tuples(st.integers(0, 2**53 - 1), st.floats(-1e6, 1e6), st.floats(-1e7, 1e7), st.floats(1e-300, 1e7)),
-        min_size=1,
-        max_size=30,
-        unique_by=lambda row: row[:3],
-    )
-)
-def test_every_bit_of_a_number_comes_back(tmp_path: Path, rows: list[tuple[int, float, float, float]]) -> None:
-    assert_same(read(tmp_path, text(rows)), grouped(rows))
-
-
 def test_a_point_that_stands_twice_was_measured_once(tmp_path: Path) -> None:
     """Wherever it stands; the first is kept, and the order."""
     points = [(0, 5.0, 1.0, 0.1), (0, 2.0, 1.0, 0.2), (1, 2.0, 1.0, 0.3), (0, 5.0, 1.0, 0.4), (0, 2.0, 3.0, 0.5)]
     lines = read(tmp_path, text(points))
     assert lines[0].tolist() == [[5.0, 1.0, 0.1], [2.0, 1.0, 0.2], [2.0, 3.0, 0.5]]
     assert lines[1].tolist() == [[2.0, 1.0, 0.3]]
-
-
-def test_a_file_that_changes_meanwhile_is_noticed(tmp_path: Path) -> None:
-    lines = read(tmp_path, text(ORDERED))
-    path = tmp_path / "recording" / "centrelines.csv"
-    for content in (text([(row[0] + 1, *row[1:]) for row in ORDERED]), text(ORDERED)[:40], "x" * len(text(ORDERED))):
-        path.write_text(content)
-        with pytest.raises(InputError, match="has changed since it was checked"):
-            lines[20]
-    path.unlink()
-    with pytest.raises(InputError, match="has changed since it was checked"):
-        lines[20]
 
 
 FRAMES = (0, 3)
@@ -175,23 +148,6 @@ def whisk_text(path: Path) -> None:
     for frame, points in POINTS.items():
         lines.append(f"{frame},0,{frame},{len(points)}" + "".join(f",{x:g},{y:g},1.5,9" for x, y in points))
     path.write_text("\n".join(lines) + "\n")
-
-
-def whisk_old(path: Path) -> None:
-    """whiskold: frame, id, first and last column, and a row for each column; the points' own in three of them."""
-    rows = [
-        "{},0,{:.0f},{:.0f},{}".format(f, 10 + f, 12 + f, ",".join(f"{y:g}" for y in p[:, 1]))
-        for f, p in POINTS.items()
-    ]
-    path.write_text("\n".join(rows) + "\n")
-
-
-def whisk_polynomials(path: Path) -> None:
-    """whiskpoly1: id, frame, n, score, and x and y as polynomials over the part of the length, 0 to 1."""
-    data = b"bwhiskpoly1\0\0"
-    for frame in FRAMES:
-        data += struct.pack("<3if6d", 0, frame, 3, 9.0, 10.0 + frame, 40.0, 0.0, 20.0, 4.0, 8.0)
-    path.write_bytes(data + struct.pack("<i", len(FRAMES)))
 
 
 def whiskiwrap(path: Path, labels: tuple[int, ...] = (0xFFFF, 0)) -> None:
@@ -258,40 +214,6 @@ def test_its_points_are_read(tmp_path: Path, name: str, make: Callable[[Path], N
     assert lines.note
     for frame, points in POINTS.items():
         np.testing.assert_allclose(lines[frame][:, :2], points, atol=1e-6)
-
-
-def test_unsure_points_are_left_out_and_said(tmp_path: Path) -> None:
-    deeplabcut(tmp_path / "a.csv")
-    lines = centrelines_of(tmp_path / "a.csv")
-    assert (len(lines[0]), len(lines[3])) == (3, 2)
-    assert "1 of 6 points are left out" in lines.note
-
-
-def test_nwb_with_poses(tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(tmp_path / "a.nwb", "w") as file:
-        for at, part in enumerate(PARTS):
-            series = file.create_group(f"processing/behavior/PoseEstimation/{part}")
-            series.attrs["neurodata_type"] = "PoseEstimationSeries"
-            series["data"], series["confidence"] = np.array([POINTS[frame][at] for frame in FRAMES]), np.ones(2)
-    np.testing.assert_allclose(centrelines_of(tmp_path / "a.nwb")[1][:, :2], POINTS[3])
-    ndx_whisk(tmp_path / "ends.nwb", traced=False)
-    with pytest.raises(InputError, match=r"follicle and tip, not lines; put ends\.whiskers"):
-        centrelines_of(tmp_path / "ends.nwb")
-
-
-def test_whisks_other_formats(tmp_path: Path) -> None:
-    """Parabolas, of which it is said what they lose; and a row for each column."""
-    path = tmp_path / "a.whiskers"
-    whisk_polynomials(path)
-    lines = centrelines_of(path)
-    assert list(lines) == list(FRAMES)
-    assert "parabolas" in lines.note
-    np.testing.assert_allclose(lines[3][:, :2], [[13.0, 20.0], [33.0, 24.0], [53.0, 32.0]])
-    whisk_old(path)
-    lines = centrelines_of(path)
-    for frame, points in POINTS.items():
-        np.testing.assert_allclose(lines[frame][:, :2], np.column_stack([10 + frame + np.arange(3), points[:, 1]]))
 
 
 def test_labels_that_tell_no_lines_apart_are_not_taken(tmp_path: Path) -> None:

@@ -13,8 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from vbaa_calib.antenna.materials import MATERIALS, _materials_near
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_yaml
-from vbaa_calib.core.models import json_schema
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import (
     Still,
@@ -26,13 +24,10 @@ from vbaa_calib.session import (
     read_recording,
     recording_of,
     tables,
-    without_moments,
 )
-from vbaa_calib.session.jig import jig_alternatives, jig_doubts
-from vbaa_calib.session.settings import SessionFile
-from vbaa_calib.session.tables import _FrameColumns, numbers_of
+from vbaa_calib.session.jig import jig_alternatives
 
-from .files import GOOD, attempt, changed, complaint, nodes, write
+from .files import changed, complaint, write
 
 
 class TestSessionFile:
@@ -56,23 +51,6 @@ class TestSessionFile:
         pulls = session.gravity_antenna([Still(None, 0.7, angle, 0.0), Still(None, 0.0, 0.0, 0.0)])
         expected = -9.80665 * np.array([math.sin(angle), 0.0, math.cos(angle)])
         np.testing.assert_allclose(pulls, [expected, [0, 0, -9.80665]], atol=1e-12)
-
-    def test_every_missing_key_is_named(self, root: Path) -> None:
-        said = {}
-        for keys in nodes(GOOD):
-            if isinstance(keys[-1], str):
-                write(root, changed(*keys, drop=True))
-                said[".".join(map(str, keys))] = attempt(lambda: load_session(root))[1]
-        assert all(f" {key} is missing" in words for key, words in said.items() if words and key != "schema")
-        optional = {
-            "moment_sensor",
-            "jig",
-            "kinematics",
-            "kinematics.T_actuator_antenna",
-            "kinematics.position_world_m",
-        }
-        optional |= {f"board.{key}" for key in ("type", "dictionary", "legacy_pattern", "thickness_m")}
-        assert {key for key, words in said.items() if not words} == optional
 
 
 SIZE_M = (0.108, 0.072)
@@ -124,24 +102,6 @@ def test_every_slip_is_taken_back_by_an_alternative(slip: str, thickness_m: floa
         assert sum(same(pose, right @ face) for _, pose in alternatives) == 1
 
 
-def test_alternatives_differ_and_are_poses() -> None:
-    for jig in jigs(20):
-        poses = [jig, *(pose for _, pose in jig_alternatives(jig, SIZE_M, 0.003))]
-        assert len({words for words, _ in jig_alternatives(jig, SIZE_M, 0.003)}) == len(poses) - 1
-        assert not any(same(a, b) for i, a in enumerate(poses) for b in poses[:i])
-        for pose in poses:
-            np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-9)
-            assert np.linalg.det(pose.rotation) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("factor", [1e-3, 1e3])
-def test_a_jig_in_metres_or_millimetres_is_doubted_with_its_size(factor: float) -> None:
-    for jig in jigs(20):
-        assert jig_doubts(jig, 0.24) == []
-        (doubt,) = jig_doubts(Pose(jig.rotation, factor * jig.translation_m), 0.24)
-        assert f"{1e3 * np.linalg.norm(jig.translation_m):.3g} mm" in doubt.remedy
-
-
 @pytest.mark.parametrize("name", MATERIALS)
 def test_a_material_is_named_first_by_its_usual_numbers(name: str) -> None:
     one = MATERIALS[name]
@@ -149,15 +109,6 @@ def test_a_material_is_named_first_by_its_usual_numbers(name: str) -> None:
     assert _materials_near(one.youngs_modulus_Pa, one.density_kg_m3)[0] == name
     assert one.has_modulus(one.youngs_modulus_Pa)
     assert one.has_density(one.density_kg_m3)
-
-
-def test_exactly_those_are_named_that_can_have_the_modulus() -> None:
-    rng = np.random.default_rng(5)
-    for modulus_Pa in 10 ** rng.uniform(8.0, 12.0, 200):
-        within = {name for name, one in MATERIALS.items() if one.has_modulus(modulus_Pa)}
-        assert set(_materials_near(modulus_Pa)) == within
-        for density in 10 ** rng.uniform(2.9, 4.3, 5):
-            assert set(_materials_near(modulus_Pa, density)) <= within
 
 
 @pytest.mark.parametrize(("typed", "meant"), [("stainless steel", "nitinol"), ("stainless steel", "nylon")])
@@ -185,26 +136,7 @@ def test_a_session_that_names_its_material_needs_no_numbers(root: Path, name: st
         assert all(other in found[0].remedy for other in _materials_near(modulus_Pa)[:3] if found)
 
 
-def test_another_word_needs_its_numbers(root: Path) -> None:
-    write(root, changed("antenna", "material", to="whale bone"))
-    assert load_session(root).antenna.material == "whale bone"
-    write(root, changed("antenna", to={"length_m": 0.24, "diameter_m": 0.0008, "material": "whale bone"}))
-    assert "youngs_modulus_Pa is missing" in complaint(lambda: load_session(root), root / "session.yaml")
-    schema, jsonschema = json_schema(SessionFile, "session"), pytest.importorskip("jsonschema")
-    for file, right in ((changed("antenna", "material", to="bone"), True), (read_yaml(root / "session.yaml"), False)):
-        assert jsonschema.Draft202012Validator(schema).is_valid(file) == right
-
-
 class TestStills:
-    def test_what_is_read(self, root: Path) -> None:
-        session = load_session(root)
-        first, second = read_noload(session)
-        assert first == Still(root / "noload" / "a.png", 0.1, 0.2, 1e-3)
-        assert (second.image, second.tilt_rad) == (root / "noload" / "b.png", -0.2)
-        load, last = read_loads(session)
-        assert (load.distance_m, load.force_y_N, load.force_z_N) == (0.1, 0.02, 0.0)
-        assert (last.distance_m, last.force_z_N) == (0.24, -0.01)
-
     @pytest.mark.parametrize(("name", "read"), [("noload", read_noload), ("loads", read_loads)])
     def test_when_they_were_taken(self, root: Path, name: str, read: Callable[[Any], list[Still]]) -> None:
         path = root / name / f"{name}.csv"
@@ -254,16 +186,6 @@ class TestRecording:
         first = _frames_or_complaint(path)
         monkeypatch.setattr(tables, "plain_columns", lambda *_: None)
         assert first == _frames_or_complaint(path)
-
-    def test_columns_are_frames(self, tmp_path: Path) -> None:
-        path = tmp_path / "recording.csv"
-        path.write_text("frame,time_s,pan_rad,tilt_rad,moment_Nm\n7,0,0.1,0.2,1e-3\n4,0.5,0,0,-2e-3\n9,1,0,0,0\n")
-        frames = recording_of(path, with_images=False)
-        assert isinstance(frames, _FrameColumns)
-        assert [str(frame) for frame in frames] == [str(frames[at]) for at in range(3)]
-        assert (frames[-1].frame, len(frames[1:]), frames[1:][0].moment_Nm) == (9, 2, -2e-3)
-        assert list(numbers_of(frames)) == list(numbers_of(list(frames))) == [7, 4, 9]
-        assert all(math.isnan(frame.moment_Nm) for frame in without_moments(frames))
 
 
 ODD = ["", " 3", "1 2", "1,2", "'1'", '"2"', "nan", "inf", "1_0", "0x10", "-1", "1e400", "1e-3", "7", "2.5", "+4"]

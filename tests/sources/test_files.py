@@ -50,17 +50,6 @@ def test_pictures_come_by_name_as_their_own_bytes(tmp_path: Path) -> None:
     assert source.notes == ()
 
 
-def test_new_pictures_come_as_they_are_written(tmp_path: Path) -> None:
-    source = FolderSource(tmp_path, wait=True, pace=QUICK)
-    assert source.next(0.0) is None
-    for name in ("z.png", "b.png"):
-        put(tmp_path / name, picture(ord(name[0])), age_s=0)
-        offered = source.next(2.0)
-        assert offered.name == name
-    assert not source.ended
-    assert source.next(0.1) is None
-
-
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tif"])
 def test_a_picture_is_offered_only_when_it_is_written_whole(tmp_path: Path, suffix: str) -> None:
     data, path = picture(5, suffix), tmp_path / f"x{suffix}"
@@ -172,14 +161,6 @@ def test_every_frame_comes_in_order_with_its_time(video: Path) -> None:
     np.testing.assert_allclose(np.diff(grey), 7, atol=1)
     assert source.next(0.0) is None
     assert source.notes == ()
-
-
-def test_two_runs_give_the_same_bytes_and_seen_frames_are_left_out(video: Path) -> None:
-    first = {each.name: each.sha256 for each in frames(open_source(str(video)))}
-    again = {each.name: each.sha256 for each in frames(open_source(str(video), {"frame 0", "frame 7"}))}
-    assert first.keys() - again.keys() == {"frame 0", "frame 7"}
-    assert again.items() <= first.items()
-    assert frames(open_source(str(video), first)) == []
 
 
 def test_a_video_that_is_cut_off_says_so(video: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

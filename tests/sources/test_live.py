@@ -9,7 +9,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -18,9 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.images import read_gray
 from vbaa_calib.sources import PictureSource, SourceLost, live
-from vbaa_calib.sources.files import _without_secrets, frame_picture
+from vbaa_calib.sources.files import _without_secrets
 from vbaa_calib.sources.live import StreamSettings, open_camera, open_stream
 
 QUICK = StreamSettings(open_s=0.6, silence_s=0.4, failures=3)
@@ -263,13 +261,3 @@ def test_a_server_that_never_answers_or_is_not_there_is_refused(capfd: pytest.Ca
 def test_no_password_is_ever_shown(user: str, password: str) -> None:
     secret = f"<{password}>"
     assert secret not in _without_secrets(f"rtsp://{user}:{secret}@host/path")
-
-
-def test_grey_of_a_colour_frame_is_that_of_its_png() -> None:
-    """For 60 000 colours, since a library's grey may truncate, round, or weigh otherwise."""
-    rng = np.random.default_rng(0)
-    pixels = rng.integers(0, 256, (200, 300, 3), dtype=np.uint8)
-    pixels[:16, :16] = np.arange(256, dtype=np.uint8).reshape(16, 16, 1)
-    for frame in (pixels, pixels[..., 1].copy()):
-        offered = frame_picture("x", frame, 0.0)
-        np.testing.assert_array_equal(offered.image, read_gray(Path("x.png"), offered.data))

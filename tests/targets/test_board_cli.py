@@ -15,7 +15,7 @@ import pypdfium2
 import pytest
 import yaml
 
-from targets.board import AprilGrid, BoardSpec, corner_points
+from targets.board import BoardSpec
 from targets.jig import _write_jig
 from targets.print_scale import print_scale, rescaled
 from targets.sheet import lay_out, paper_named
@@ -74,32 +74,6 @@ def test_an_april_grid_is_drawn_as_it_is_found(tmp_path: Path) -> None:
     for wrong in (("--tags", "5x4"), ("--type", "aprilgrid", "--squares", "5x4")):
         with pytest.raises(InputError):
             board(*wrong, "-o", tmp_path / "x.png", "--screen-ppi", 96)
-
-
-def test_an_april_grid_is_drawn_for_a_screen(tmp_path: Path) -> None:
-    """In whole pixels, and described as it is there."""
-    call = ("--type", "aprilgrid", "--tags", "4x3", "--thickness-mm", 2, "-o", tmp_path / "x.png", "--screen-ppi", 96)
-    result = board(*call)
-    spec = load_board(tmp_path / "x.yaml")
-    assert isinstance(spec, AprilGrid)
-    assert result["board"] == spec.to_dict()
-    found = detect_corners(cv2.imread(str(tmp_path / "x.png"), cv2.IMREAD_GRAYSCALE), spec)
-    assert len(found.ids) == spec.corner_count
-    shift = found.corners_px - corner_points(spec)[found.ids, :2] * 1e3 * result["px_per_mm"]
-    np.testing.assert_allclose(shift, np.broadcast_to(shift.mean(axis=0), shift.shape), atol=0.1)
-    assert spec.thickness_m == 0.002
-
-
-def test_a_described_board_is_printed_as_it_is(tmp_path: Path) -> None:
-    """From a board.yaml or a session.yaml; no second description appears."""
-    spec = BoardSpec(9, 6, 0.012, 0.009, legacy_pattern=True, thickness_m=0.002)
-    given = tmp_path / "session.yaml"
-    given.write_text(yaml.safe_dump({"board": spec.to_dict()}))
-    result = board("--spec", given, "-o", tmp_path / "b.svg", "--paper", "Letter")
-    assert result["board"] == spec.to_dict()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["b.svg", "session.yaml"]
-    board("--spec", given, "-o", tmp_path / "c.pdf", "--write-spec", tmp_path / "board.yaml")
-    assert load_board(tmp_path / "board.yaml") == spec
 
 
 def test_a_screen_has_its_own_description(tmp_path: Path) -> None:
@@ -175,13 +149,6 @@ def test_the_boards_pose_is_that_of_the_tray(tmp_path: Path) -> None:
     assert corners[0, 1] == pytest.approx(-corners[1, 1])
 
 
-def test_sizes_that_cannot_be_printed_are_refused(tmp_path: Path) -> None:
-    for wrong in ({"wire_mm": 0.1}, {"thickness_mm": 9.0}):
-        with pytest.raises(ValueError, match="needed"):
-            _write_jig(tmp_path / "none", (108.0, 84.0), **(SIZES | wrong))
-    assert not (tmp_path / "none").exists()
-
-
 SPEC = BoardSpec(11, 7, 0.020, 0.015, thickness_m=0.003)
 
 
@@ -216,11 +183,3 @@ def test_axes_that_differ_are_a_stretched_board() -> None:
     assert not print_scale(*readings).differs
     assert print_scale(*readings, 0.03).differs, "a caliper sees what a ruler does not"
     assert not print_scale(150, 150.0, 150, 149.865, 0.005).differs, "too little to matter"
-
-
-def test_the_board_as_it_was_printed() -> None:
-    """Squares and markers follow the scale, the mount does not; rulers weigh by the square of their length."""
-    board = rescaled(SPEC, print_scale(260, 252.2, 150, 145.5))
-    assert (board.square_m, board.marker_m) == pytest.approx((0.020 * 0.97, 0.015 * 0.97), abs=1e-9)
-    assert (board.thickness_m, board.squares_x, board.dictionary) == (0.003, 11, "DICT_4X4_100")
-    assert print_scale(200, 200.0, 100, 100.3).scale == pytest.approx((4 * 1.0 + 1 * 1.003) / 5)

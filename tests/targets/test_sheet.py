@@ -10,7 +10,7 @@ import pypdfium2
 import pytest
 
 from targets.board import BoardSpec, corner_points, opencv_board, spec_line
-from targets.sheet import PAPERS_MM, Label, SheetLayout, fill_in, lay_out, paper_named
+from targets.sheet import SheetLayout, lay_out, paper_named
 from targets.write_sheet import _board_shapes, _ruler_origin, as_pdf, draw, on_screen
 from vbaa_calib.detect.board.board_file import load_board
 
@@ -132,31 +132,6 @@ def test_nothing_enters_the_quiet_zone() -> None:
         assert (window == 255).all()
 
 
-def test_the_commonest_board_fits_a4() -> None:
-    """9×6 squares of 25 mm, upright or lying, with its quiet zone, rulers and words inside the margins."""
-    for counts in ((9, 6), (6, 9)):
-        spec = BoardSpec(*counts, 0.025, 0.018)
-        layout = lay_out(spec, paper_named("A4"))
-        assert layout.board_y >= layout.margin + layout.header_height + layout.quiet
-        low = layout.board_y + layout.board_height + layout.quiet
-        assert low <= layout.height - layout.margin - layout.ruler + 1e-6
-        assert layout.board_x >= layout.margin + layout.ruler + layout.quiet
-        assert min(mark.size_mm for mark in draw(spec, layout).marks if isinstance(mark, Label)) >= 1.4  # four points
-    # rulers and words give way, and are as large as ever where there is room
-    assert lay_out(BoardSpec(9, 6, 0.025, 0.018), paper_named("A4")).size < 1.0
-    assert lay_out(BoardSpec(9, 6, 0.02, 0.015), paper_named("A4")).size == 1.0
-
-
-def test_every_paper_has_room_and_its_name() -> None:
-    """By name in any case, by size in any order."""
-    for name, (width, height) in PAPERS_MM.items():
-        assert paper_named(name.upper()) == paper_named(name)
-        assert (paper_named(f"{height}x{width}mm").width_mm, paper_named(name).height_mm) == (width, height)
-    for wrong in ("A9", "", "-1x5", "nanxnan", "100", "6000x100", "59x100"):
-        with pytest.raises(ValueError, match="paper is"):
-            paper_named(wrong)
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_every_module_is_whole_pixels(seed: int) -> None:
     """For random boards and densities: reduced to one pixel a module, then enlarged, the picture is the same."""
@@ -184,14 +159,3 @@ def test_corners_are_found_where_the_spec_says() -> None:
     found = (np.reshape(corners, (-1, 2)) + 0.5 - board.margin_px) / density
     assert len(found) == board.spec.corner_count
     assert np.abs(found - 1e3 * corner_points(board.spec)[np.ravel(ids), :2]).max() < 0.02
-
-
-def test_default_boards_fit_their_paper_and_are_odd() -> None:
-    """Whatever the paper: an odd number of rows, for which the legacy flag means nothing, and a round square."""
-    squares = {}
-    for name in [*PAPERS_MM, "100x150", "3000x2000"]:
-        spec = fill_in(paper=paper_named(name))
-        lay_out(spec, paper_named(name))
-        assert spec.squares_y % 2 == 1
-        squares[name] = round(1e3 * spec.square_m, 6)
-    assert (squares["A4"], squares["Letter"], squares["A3"]) == (20.0, 20.0, 32.0)

@@ -10,9 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import psutil
@@ -118,18 +116,6 @@ def test_nobody_without_its_keys_reaches_the_cluster(client: Client, uid: str) -
     assert json.loads(said) == {"tasks": [None, None], "answers": 0, "pages": [], "with keys": os.getuid()}
 
 
-def test_nobody_else_can_write_where_the_cluster_imports_from(client: Client) -> None:
-    """dask puts its folders into `sys.path`; the usual ones, in /tmp, any user may have made before."""
-
-    def places() -> list[str]:
-        return [each for each in sys.path if "dask" in each]
-
-    found = [*places(), *(each for several in client.run(places).values() for each in several)]
-    assert len(found) >= 3
-    for place in map(Path, found):
-        assert any(each.stat().st_mode & 0o077 == 0 for each in (place, *place.parents)), place
-
-
 def test_a_scheduler_that_is_there(client: Client, folder: Path, tmp_path: Path) -> None:
     """With its certificates, by address or file; none without TLS unless that is asked for, before anything is made."""
     address, out = client.scheduler.address, tmp_path / "results"
@@ -213,32 +199,6 @@ def test_rows_are_those_of_estimate(folder: Path, tmp_path: Path) -> None:
         medians = [float(np.median(values[table.located])) for values in (table.distance_m, table.distance_std_m)]
         assert [row["distance_median_m"], row["distance_std_median_m"]] == medians
         assert row["readings"]["frames"] == row["frames"] == len(table)
-
-
-def test_what_fails_or_is_killed_leaves_no_room_taken(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """On a full disk the next recording may find room, and readers of the data set find no half of a file."""
-    results, recording = Results(tmp_path), BatchRecording("s0", folder / "s0", folder / "rig.json")
-    estimated = work.estimate_source
-
-    def full(*given: Any) -> Iterator[Any]:
-        yield from islice(estimated(*given), FRAMES - 1)
-        assert list(results.root.glob("contacts/*/.*"))
-        raise InputError("no space left")
-
-    with monkeypatch.context() as patched:
-        patched.setattr(work, "estimate_source", full)
-        outcome = work.do(recording, BatchSettings(), results)
-    assert (outcome.state, outcome.row["sentence"]) == ("failed", "no space left")
-    assert not list(results.root.glob("contacts/*/*"))
-    assert work.do(recording, BatchSettings(), results).state == "done"
-    whole = results.contacts("s0").read_bytes()
-    half = results.contacts("s0").with_name(".contacts-killed01.parquet")
-    half.write_bytes(whole[:100])
-    with results.locked():
-        assert not half.exists()
-    assert results.contacts("s0").read_bytes() == whole
 
 
 def test_recordings_by_folder_pattern_and_csv(folder: Path, tmp_path: Path) -> None:

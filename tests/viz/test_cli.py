@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,11 +18,7 @@ from estimator.table.files import read_contacts, write_contacts
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
 from vbaa_calib.rig import Rig
-from viz.render import probe
 from viz.report.compare import compare_contacts, compare_rigs
-from viz.scene.layout import LOOK
-
-from ..estimator.test_next_touch import given
 
 
 def outcome(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, Any, str]:
@@ -65,21 +60,6 @@ def test_view_writes_page_and_gltf(files: SimpleNamespace, capsys: pytest.Captur
     code, _, said = outcome(capsys, *argv, "--html", page, "--force")
     assert (code, "96 x 72 pixels, the rig's camera 960 x 720" in said) == (2, True)
     assert page.read_text() == text
-
-
-def test_view_without_opengl_writes_the_page_and_says_what_to_install(
-    files: SimpleNamespace, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(probe, "PROBE", (sys.executable, "-c", "raise SystemExit(139)"))
-    probe.can_render.cache_clear()
-    page, picture = files.folder / "scene.html", files.folder / "scene.png"
-    argv = ["view", files.contacts, "--plain", "--html", page, "--screenshot", picture]
-    code, _, said = outcome(capsys, *argv)
-    probe.can_render.cache_clear()
-    assert code == 1
-    assert "libegl1" in said
-    assert page.exists()
-    assert not picture.exists()
 
 
 def test_a_report_of_files(files: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
@@ -140,17 +120,6 @@ def test_independent_results_differ_by_the_deviations_that_they_state() -> None:
         assert np.mean(found.deviations[name] ** 2) == pytest.approx(expected, rel=0.2)
 
 
-def test_what_is_only_in_one_or_has_another_status_counts() -> None:
-    one = table(1)
-    status = one.status.astype(object)
-    status[3], status[5] = "tip_contact", "no_contact"
-    other = replace(one, status=status.astype(str)).picked(slice(2, None))
-    found = compare_contacts(one, other)
-    assert (found.only_a, found.only_b, found.off(1e-9), found.count) == (2, 0, 4, 400)
-    assert found.changed == {("ok", "tip_contact"): 1, ("ok", "no_contact"): 1}
-    assert compare_contacts(one, one).off(1e-9) == 0
-
-
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], rig: Rig) -> None:
     rng = np.random.default_rng(0)
     a, b, c = (tmp_path / f"{name}.csv" for name in "abc")
@@ -174,18 +143,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], rig: Ri
     assert main(["compare", str(own), str(own), "--html", str(tmp_path / "rigs.html")]) == 0
     for wrong in ([str(a), str(own)], [str(tmp_path), str(tmp_path)], [str(a), str(b), "--tolerance", "nan"]):
         assert main(["compare", *wrong]) == 2
-
-
-def test_rigs_are_compared_in_deviations(rig: Rig) -> None:
-    """A parameter that moves by two of its deviations is two off, and the others are not."""
-    step = np.zeros(len(rig.covariance))
-    step[4], step[7] = 2.0 * np.sqrt(rig.covariance[4, 4]), -5.0 * np.sqrt(rig.covariance[7, 7])
-    found = compare_rigs(rig, rig.moved(step))
-    moved = {name: value for name, value in zip(found.names, found.deviations, strict=True) if abs(value) > 1e-6}
-    assert moved == {found.names[4]: pytest.approx(2.0), found.names[7]: pytest.approx(-5.0)}
-    assert found.beyond(3.0) == [found.names[7]]
-    longer = replace(rig, antenna=replace(rig.antenna, length_m=0.25))
-    assert compare_rigs(rig, longer).settings == ("antenna.length_m",)
 
 
 def test_lenses_of_two_models_are_compared_where_they_show_a_ray(rig: Rig) -> None:
@@ -213,19 +170,3 @@ def test_lenses_of_two_models_are_compared_where_they_show_a_ray(rig: Rig) -> No
     assert off.beyond(3.0) == ["projection_px"]
     assert off.difference[-1] == pytest.approx(middle[2], rel=1e-6)
     assert 3.0 < abs(off.deviations[-1]) <= 6.0
-
-
-@pytest.mark.slow
-def test_both_are_drawn_and_another_recording_is_refused(tmp_path: Path) -> None:
-    table, _ = given("sphere", np.inf, 37)
-    refined = replace(table, distance_std_m=0.6 * table.distance_std_m, point_world_m=table.point_world_m + 5e-4)
-    for name, one in (("contacts", table), ("refined", refined), ("other", table.picked(slice(3, None)))):
-        write_contacts(tmp_path / f"{name}.csv", one.rows())
-    report, scene = tmp_path / "report.html", tmp_path / "scene.html"
-    both = [str(tmp_path / "refined.csv"), "--framewise", str(tmp_path / "contacts.csv")]
-    assert main(["report", *both, "-o", str(report)]) == 0
-    assert "frame by frame" in report.read_text()
-    assert main(["view", *both, "--plain", "--html", str(scene)]) == 0
-    assert LOOK["framewise"][1] in scene.read_text()
-    assert main(["report", *both[:2], str(tmp_path / "other.csv"), "-o", str(tmp_path / "no.html")]) == 2
-    assert not (tmp_path / "no.html").exists()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,10 +11,10 @@ import numpy as np
 import pytest
 
 from estimator.table.contacts import ContactTable
-from viz.figures.contacts import contact_maps, friction_cone, indentation
+from viz.figures.contacts import friction_cone, indentation
 from viz.figures.drawing import Plot
 from viz.figures.settings import STYLE
-from viz.figures.time import TimeAxis, curve, signals
+from viz.figures.time import TimeAxis
 
 from .estimates import STIFFNESS_N_M, object_estimate
 
@@ -41,14 +40,6 @@ def sound(axes: Plot) -> str:
 
 def clock(number: int, step_s: float = 0.1, start_s: float = 0.0) -> TimeAxis:
     return TimeAxis(start_s + step_s * np.arange(number))
-
-
-@pytest.mark.parametrize("value", [np.full(4, np.nan), np.full(4, 3.0), np.zeros(4)])
-def test_a_curve_of_nothing_or_of_one_value_is_still_a_picture(value: np.ndarray) -> None:
-    axes = curve(clock(4), "force, mN", value, np.full(4, np.nan))
-    assert len(points(axes, STYLE.teal)) == np.isfinite(value).sum()
-    sound(axes)
-    sound(signals(clock(4), "slip, mm/s", [("a", "#000000", value)], np.full(4, np.nan), "noise"))
 
 
 def test_the_cone_has_the_slope_that_it_says() -> None:
@@ -85,34 +76,3 @@ def test_indentations_have_the_slope_of_the_compliance(table: ContactTable, dete
     assert len(fit) == determined
     if fit:
         np.testing.assert_allclose(np.interp(x, *fit[0][0].T), y)
-
-
-def contacts_at(points_m: np.ndarray, variance: float, table: ContactTable) -> ContactTable:
-    covariance = np.tile(variance * np.diag([4.0, 1.0, 1.0]), (len(points_m), 1, 1))
-    return replace(table.picked(slice(len(points_m))), point_world_m=points_m, covariance_world_m2=covariance)
-
-
-@pytest.mark.parametrize("variance", [1e-6, 1e-8, np.nan])
-def test_a_map_of_equal_scales(table: ContactTable, variance: float) -> None:
-    points_m = np.array([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [0.1, 0.05, 0.1]])
-    surface: Any = SimpleNamespace(
-        points_m=points_m, triangles=np.array([[0, 1, 2], [0, 2, 1]]), lines=np.array([[0, 1]])
-    )
-    (above, *_), factor = contact_maps(contacts_at(points_m, variance, table), surface, points_m[:1])
-    sound(above)
-    assert np.ptp(above.x) == pytest.approx(np.ptp(above.y))
-    assert above.inner[0] == pytest.approx(above.inner[1])
-    np.testing.assert_allclose(points(above), 1e3 * points_m[:, :2])
-    if np.isnan(variance):
-        assert not marks(above, "ellipses")
-    else:
-        # small ones are enlarged by what the key says
-        assert (factor > 1) == (variance < 1e-6)
-        size = 1e3 * factor * np.sqrt(variance) * np.array([8.0, 4.0])
-        middle, *ends = marks(above, "ellipses")[0][0]
-        halves = ends - middle
-        np.testing.assert_allclose(2 * np.linalg.norm(halves, axis=0), size, rtol=0.01)
-    # opposite triangles turn the same way: none cuts a hole into the other
-    for face in marks(above, "object", STYLE.slate)[0]:
-        a, b = face[1] - face[0], face[2] - face[0]
-        assert a[0] * b[1] - a[1] * b[0] >= 0

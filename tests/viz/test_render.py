@@ -14,16 +14,14 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from estimator.table.contacts import ContactTable
 from viz.parts.assemble import all_parts
 from viz.render import probe
 from viz.render.gltf import write_gltf
 from viz.render.screenshot import SHEET, screenshot
 from viz.render.stage import Stage
-from viz.render.turntable import turntable
 from viz.render.window import _Controls
 from viz.scene.layout import LOOK, view_direction
-from viz.scene.scene import Scene, build_scene
+from viz.scene.scene import Scene
 
 
 @pytest.fixture
@@ -77,14 +75,6 @@ def test_the_scale_bar_is_as_long_as_it_says(scene: Scene) -> None:
     dark = (pixels[..., :3] < 40).all(axis=2)
     area = dark.sum() * (2 * half / SHEET.near_size[1]) ** 2
     assert area == pytest.approx(radius**2, rel=0.02)
-
-
-def test_a_view_shows_the_touched_side(table: ContactTable) -> None:
-    scene = build_scene(table)
-    outward = scene.contacts.force_N.sum(axis=0)
-    assert view_direction(scene, height=0.4, liking=0.0)[:2] @ outward[:2] > 0
-    blind = build_scene(replace(table, force_world_N=np.full_like(table.force_world_N, np.nan)))
-    assert np.isfinite(view_direction(blind, height=0.4, liking=0.0)).all()
 
 
 @pytest.mark.parametrize("suffix", [".glb", pytest.param(".gltf", marks=pytest.mark.slow)])
@@ -163,19 +153,3 @@ def test_a_click_takes_the_contact_that_is_drawn_there(scene: Scene, no_opengl: 
         assert controls.contact_at(x, y) == front
         assert close or controls.contact_at(x + 40, y + 400) is None, index
     stage.plotter.close()
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("opengl")
-@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
-def test_a_turntable_turns_once_around(scene: Scene, tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"scene{suffix}"
-    turntable(scene, path)
-    film = cv2.VideoCapture(str(path))
-    frames = []
-    while (read := film.read())[0]:
-        frames.append(cv2.resize(read[1], (72, 54)).astype(float))
-    assert len(frames) == 48
-    steps = [np.abs(one - other).mean() for one, other in zip(frames, frames[1:] + frames[:1], strict=True)]
-    assert max(steps) < 5 * np.median(steps), "the last frame leads back to the first"
-    assert np.abs(frames[0] - frames[24]).mean() > np.median(steps)

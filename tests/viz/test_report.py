@@ -7,7 +7,6 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,12 +23,11 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
 from viz.report.make import Sources, _scene_picture, make_report
 from viz.report.recording import SYMBOLS, Report, page
-from viz.report.words import _facts_of, headline, origin
-from viz.scene.scene import Fact, build_scene
+from viz.report.words import _facts_of, origin
 from viz.scene.truth import true_contacts
 
 from ..small_scene import small_rig
-from .estimates import MU, object_estimate
+from .estimates import object_estimate
 
 VOID = {"meta", "img", "br", "link", "input"}
 
@@ -92,19 +90,6 @@ def test_the_report_stands_alone_and_holds_everything(table: ContactTable, rig: 
     assert goals == {"contact point": ["met"], "force": ["missed"], "focal length": []}
 
 
-@pytest.mark.parametrize("shown", [slice(92), slice(1), slice(90, 91)], ids=["all", "one", "no contact"])
-def test_a_report_of_contacts_alone(table: ContactTable, shown: slice) -> None:
-    why = Fact("The object", "Nothing can be said of it: why.", "undetermined")
-    table = table.picked(shown)
-    html = page(Report("bare", table, facts=(why,)))
-    Balanced().feed(html)
-    assert "<img" not in html
-    assert ">truth<" not in html
-    assert "Nothing can be said of it: why." in html
-    assert headline(table)[0] in html
-    assert ("Map of the contacts" in html) == table.located.any()
-
-
 def test_the_scene_is_drawn_or_a_reason_is_named(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> None:
     free = replace(table, status=np.full(len(table), "no_contact"))
     assert "<svg" not in _scene_picture(free, rig, None, None, None)
@@ -157,25 +142,3 @@ def test_the_recordings_picture_shows_the_tables_contact(tmp_path: Path, monkeyp
         assert one.contact.reason == item.contact.reason
     np.testing.assert_allclose(marks(same_by, same).shape, fitted, atol=0.3)
     assert np.abs(marks(by, other).shape[-1] - fitted[-1]).max() > 3.0
-
-
-def test_truth_is_put_beside_its_frame(table: ContactTable, truth: dict[str, Any]) -> None:
-    shuffled = truth | {"frames": truth["frames"][::-1]}
-    shuffled["object"] = truth["object"] | {"friction": 0.3, "stiffness_N_m": None}
-    true = true_contacts(table, shuffled)
-    np.testing.assert_array_equal(true.distance_m, np.where(table.located, table.distance_m, np.nan))
-    assert true.friction == 0.3
-    assert true.stiffness_N_m == np.inf
-    assert np.isnan(true_contacts(table, truth).friction)
-
-
-def test_vague_normals_are_not_drawn(table: ContactTable) -> None:
-    estimate = object_estimate(table)
-    std = np.where(np.arange(table.located.sum()) % 2, 0.05, 0.8)
-    estimate.normals = SimpleNamespace(normal=estimate.surface.touched_normal, std_rad=std)
-    estimate.friction.row = np.flatnonzero(table.located)
-    scene = build_scene(table, estimate=estimate)
-    assert scene.normals is not None
-    np.testing.assert_array_equal(np.isnan(scene.normals).all(axis=1), std > 0.5)
-    assert scene.cone_rad == pytest.approx(np.arctan(MU))
-    assert [fact.partition(":")[0] for fact in scene.facts] == ["Friction", "Stiffness", "One patch was withheld."]

@@ -23,14 +23,6 @@ from viz.scene.readable import MODES, thinned
 from viz.scene.scene import Scene, _instants_of, build_scene
 
 
-@pytest.mark.parametrize(("column", "value"), [("force_world_N", 1e300), ("point_world_m", -1e6)])
-def test_what_no_antenna_reaches_is_refused(table: ContactTable, column: str, value: float) -> None:
-    numbers = getattr(table, column).copy()
-    numbers[3, 1] = value
-    with pytest.raises(InputError, match="frame 3 has a contact beyond"):
-        _instants_of(replace(table, **{column: numbers}))
-
-
 def test_a_long_recording_is_thinned_but_keeps_the_greatest_force(table: ContactTable) -> None:
     strongest = int(np.nanargmax(np.linalg.norm(table.force_world_N, axis=1)))
     for most in (2, 7, 40):
@@ -46,15 +38,6 @@ def with_joints(table: ContactTable, kinematics: Kinematics) -> ContactTable:
     here = table.located
     angles[here] = np.column_stack(_from_points(kinematics, table.point_antenna_m[here], table.point_world_m[here]))
     return replace(table, pan_rad=angles[:, 0], tilt_rad=angles[:, 1])
-
-
-def test_poses_come_from_the_joints_and_without_them_from_the_contacts(rig: Rig, table: ContactTable) -> None:
-    bare = replace(table, pan_rad=np.full(len(table), np.nan), tilt_rad=np.full(len(table), np.nan))
-    given, found = (build_scene(contacts, rig).rig.poses for contacts in (with_joints(table, rig.kinematics), bare))
-    np.testing.assert_allclose(found[:90], given[:90], atol=1e-9)
-    assert np.isfinite(given).all()
-    # nothing says where the rig stood without contact
-    assert np.isnan(found[90:]).all()
 
 
 def test_contacts_of_another_rig_are_refused(rig: Rig, table: ContactTable) -> None:
@@ -137,48 +120,6 @@ def test_ellipsoids_are_two_deviations_large_times_what_the_legend_says(scene: S
     distance = np.sqrt(np.einsum("kpi,kij,kpj->kp", offset, weight, offset))
     factor = float(part.note.removesuffix("x enlarged")) if part.note else 1.0
     np.testing.assert_allclose(distance, 2 * factor, rtol=1e-3)
-
-
-def test_degenerate_covariances_and_missing_numbers_are_drawn_or_left_out(table: ContactTable) -> None:
-    covariance, force = table.covariance_world_m2.copy(), table.force_world_N.copy()
-    covariance[0], covariance[1], covariance[2] = 0.0, np.diag([1e-8, 0.0, 0.0]), np.nan
-    force[0], force[1] = 0.0, np.nan
-    parts = all_parts(build_scene(replace(table, covariance_world_m2=covariance, force_world_N=force)))
-    assert all(np.isfinite(part.mesh.points).all() for part in parts)
-    assert all(np.isfinite(part.mesh.point_data["Normals"]).all() for part in parts)
-    assert len(named(parts, "forces").contact) == 88
-    nothing = replace(table, covariance_world_m2=0 * covariance, force_world_N=np.full_like(force, np.nan))
-    assert {part.name for part in all_parts(build_scene(nothing))} == {"contacts", "now"}
-
-
-def test_cones_open_by_the_friction_angle_around_the_normals(scene: Scene) -> None:
-    part = named(all_parts(scene), "cones")
-    assert part.note == "half angle 17.2°"
-    chosen = thinned(np.arange(90), 16)
-    offset = pieces(part, len(chosen)) - scene.contacts.points_m[chosen][:, None]
-    tip, rim, hem = np.split(offset, [offset.shape[1] // 4, offset.shape[1] // 2], axis=1)
-    np.testing.assert_allclose(tip, 0.0, atol=1e-7)
-    angle, inner = (
-        np.arccos(np.einsum("kpi,ki->kp", ring, scene.normals[chosen]) / np.linalg.norm(ring, axis=2))
-        for ring in (rim, hem)
-    )
-    np.testing.assert_allclose(angle, 0.3, atol=1e-4)
-    assert (inner < 0.3001).all()
-
-
-def test_an_instant_shows_the_contacts_up_to_then_and_its_own_antenna(scene: Scene) -> None:
-    parts = all_parts(scene)
-    contacts, now, antenna = (named(parts, name) for name in ("contacts", "now", "antenna"))
-    each = contacts.mesh.n_cells // 90
-    np.testing.assert_array_equal(contacts.span[:, 1] // each, np.minimum(np.arange(92) + 1, 90))
-    np.testing.assert_array_equal((now.span[:, 1] - now.span[:, 0]) // each, [1] * 90 + [0, 0])
-    for instant in (0, 37):
-        first, last = antenna.span[instant]
-        points = antenna.mesh.points[np.unique(antenna.mesh.regular_faces[first:last])]
-        off = np.linalg.norm(points[:, None] - scene.rig.bent_m[instant][None], axis=2).min(axis=1)
-        assert off.max() < 0.006  # nodes are up to 9 mm apart
-    # nothing says where the antenna was then
-    np.testing.assert_array_equal(antenna.span[90:], 0)
 
 
 CENTRE, AXIS, WEDGE = np.array([0.1, 0.2, 0.3]), np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0])

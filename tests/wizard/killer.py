@@ -21,13 +21,8 @@ from unittest import mock
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import sha256
 from vbaa_calib.wizard import flow
-from viz.cli import wizard as _wizard
-from viz.report import check as _check
 
 from .small_session import tree, unseen_conclude, unseen_steps
-
-LOADED = _wizard, _check
-"""Loaded before a wizard is born: nearly all of its life goes into what is kept."""
 
 
 def life(root: Path, argv: Sequence[str], killed_after_s: float = 600.0) -> tuple[int, float, str]:

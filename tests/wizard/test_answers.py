@@ -14,7 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -22,12 +21,12 @@ from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
-from vbaa_calib.core.images import read_gray, read_picture
+from vbaa_calib.core.images import read_picture
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_noload
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.wizard import flow, steps
-from vbaa_calib.wizard.against_answers import antenna_diagnoses, camera_place, draw_axes, entries_that_show_it
+from vbaa_calib.wizard.against_answers import antenna_diagnoses, camera_place, entries_that_show_it
 from vbaa_calib.wizard.asking import change
 from vbaa_calib.wizard.questions import BY_KEY, QUESTIONS, SOURCES, TABLES, Question
 from vbaa_calib.wizard.session_state import SessionState, still_of
@@ -66,18 +65,6 @@ def test_a_unit_may_be_typed(key: str, unit: str, per_unit: float) -> None:
         for text in (f"{' '.join(numbers)} {unit}", f"{', '.join(numbers)}{unit}", f"{unit}; ".join(numbers) + unit):
             assert question.read(text) == pytest.approx(value.tolist(), rel=1e-12)
         assert replace(question, kind="number").read(numbers[0] + unit) == pytest.approx(value[0])
-
-
-def test_answers_can_be_kept() -> None:
-    """Whatever is read goes into JSON and comes back the same, and reads the same again."""
-    for question in QUESTIONS:
-        value = question.read(
-            {"number": question.low, "choice": (question.choices or ("",))[0], "yesno": "yes"}.get(
-                question.kind,
-                [max(question.low, 1.0)] * (question.length or 2) if question.kind == "numbers" else "text",
-            )
-        )
-        assert question.read(json.loads(json.dumps(value))) == value
 
 
 EVERY = (*QUESTIONS, *SOURCES, *TABLES)
@@ -215,19 +202,6 @@ def test_without_a_moment_sensor_no_moment_is_asked_for(source: Path, tmp_path: 
     assert SessionState.answers_of(tmp_path / "session" / "session.yaml")["moment_sensor"] is False
 
 
-def test_a_sensor_of_several_axes_is_asked_for_all_its_channels(source: Path, tmp_path: Path) -> None:
-    (source / "noload" / "noload.csv").unlink()
-    answers = until(source, "antenna_diameter_mm") | {"sensor_axes": "wrench"}
-    script: list[tuple[str | int, Any]] = [(3, "!enough"), (1, "!enough"), ("moment_sensor", ENTER)]
-    script += [("readings", "0 0 1 2 3 4 5 6"), ("readings", "0 20 1 2 3 4 5 6"), (2, QUIT)]
-    walked(tmp_path / "session", answers, script)
-    session = load_session(tmp_path / "session")
-    assert session.wrench_sensor is not None
-    assert session.wrench_sensor.std_N == pytest.approx(3e-3)
-    first, _ = read_noload(session)
-    assert first.readings == pytest.approx([1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3])
-
-
 MADE_OF, OTHER = "stainless steel", "nylon"
 RIGHT = {"jig_translation_mm": [28.0, 61.0, -9.0], "jig_board_x": "x", "jig_board_y": "-y"}
 
@@ -295,12 +269,6 @@ def test_a_slip_in_the_jig_is_named_with_the_entry_that_fits(slip: dict[str, Any
     expect_named(slip, state)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("slip", SLIPS)
-def test_every_slip_in_the_jig_is_named(slip: dict[str, Any], state: SessionState) -> None:
-    expect_named(slip, state)
-
-
 def test_another_material_is_named_and_nothing_is_enough_before(state: SessionState) -> None:
     """And once it is right, the step goes on: the numbers that follow from the material are others, too."""
     right = state.session.antenna
@@ -314,24 +282,6 @@ def test_another_material_is_named_and_nothing_is_enough_before(state: SessionSt
     assert change(state, Ui(), "material", MADE_OF)
     assert state.session.antenna == right
     assert antenna_diagnoses(state) == []
-
-
-def test_the_axes_are_drawn_where_the_answers_put_them(state: SessionState) -> None:
-    """The drawing differs from the picture along the antenna as typed, and there alone beside the board's axes."""
-    image = read_gray(state.store.path(state.taken("plane")[-1]))
-    path, drawn = draw_axes(state, image, in_jig=True)
-    assert path.exists()
-    assert cv2.imread(str(path)).shape == drawn.shape
-    coloured = np.ptp(drawn.astype(int), axis=2) > 60
-    pose = state.plane().estimates[0].T_antenna_camera.inverse()
-    scale = drawn.shape[1] / image.shape[1]
-    along = np.linspace(0.05, 0.9, 12) * state.session.antenna.length_m
-    pixels, _ = state.lens().camera.project(pose @ np.pad(along[:, None], ((0, 0), (0, 2))))
-    inside = pixels[state.lens().camera.in_picture(pixels)]
-    assert len(inside) > 3
-    for u, v in (scale * (inside + 0.5) - 0.5).round().astype(int):
-        assert coloured[max(v - 2, 0) : v + 3, max(u - 2, 0) : u + 3].any()
-    assert coloured.mean() < 0.1
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.session import load_session, read_loads, read_noload
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard.against_answers import camera_place, entries_that_show_it, jig_refusal
+from vbaa_calib.wizard.against_answers import entries_that_show_it, jig_refusal
 from vbaa_calib.wizard.asking import change
 from vbaa_calib.wizard.questions import Question
 from vbaa_calib.wizard.session_state import SessionState, still_of
@@ -187,15 +187,6 @@ def test_a_wrong_thickness_is_named_by_the_first_free_picture(state: SessionStat
     with pytest.raises(InputError):
         state.observe(still, "noload", image)
     assert f"`board_thickness_mm = {right_mm:g}`" in entries_that_show_it(state, still, "noload", image)
-
-
-def test_a_camera_elsewhere_than_typed_is_doubted(state: SessionState) -> None:
-    pose = state.plane().estimates[0].T_antenna_camera
-    words, doubts = camera_place(state, pose)
-    assert "370 mm was typed" in words
-    assert doubts == []
-    state.store.answer({"camera_distance_mm": 250.0})
-    assert [one.name for one in camera_place(state, pose)[1]] == ["camera_distance"]
 
 
 def test_a_load_that_was_typed_wrong_is_typed_again(state: SessionState, walked: tuple[SessionState, Person]) -> None:

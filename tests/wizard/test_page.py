@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import socket
-import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
@@ -19,15 +18,12 @@ import pytest
 
 from vbaa_calib.sources.files import frame_picture
 from vbaa_calib.wizard import server as module
-from vbaa_calib.wizard.capture import GO_ON
-from vbaa_calib.wizard.flow import STEP_BY_NAME
 from vbaa_calib.wizard.page import Page
 from vbaa_calib.wizard.questions import Question
 from vbaa_calib.wizard.server import FILES, SERVER, PageServer, _PageCommand
 from vbaa_calib.wizard.session_state import SessionState
-from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Store
-from vbaa_calib.wizard.ui import LivePicture, Ui, WizardView
+from vbaa_calib.wizard.ui import Ui
 
 from .page_client import ask, command, cookie, jpeg, raw, state, token
 
@@ -89,40 +85,6 @@ def taken(store: Store) -> None:
     store.take("lens", frame_picture("frame 1", np.zeros((4, 4), np.uint8), 0.0), {})
 
 
-def test_only_what_can_be_done_is_offered(led: Dialogue) -> None:
-    led.ui.begin(STEP_BY_NAME["board"])
-    assert led.shown.state["can"] == ["redo", "quit"]
-    led.ui.begin(STEP_BY_NAME["lens"])
-    assert led.shown.state["can"] == ["redo", "back", "quit"]
-    taken(led.store)
-    led.ui.live(LivePicture(np.full((90, 160), 100, np.uint8), PictureCheck(), 0.5))
-    assert led.shown.state["can"] == ["take", "redo", "enough", "drop", "back", "quit"]
-    led.asked(GO_ON)
-    assert "take" not in led.shown.state["can"]
-    assert led.shown.state["question"]["default"] is True
-    doubt = {"question": "Is EI known?", "words": "to 3 %", "remedy": "hang another load"}
-    document = {"verdict": "look at", "headline": "Look at it.", "session_findings": [], "findings": [doubt]}
-    led.ui.done(document, "check.html")
-    assert led.shown.state["can"] == ["quit"]
-    assert led.shown.state["verdict"] == {
-        "level": "look at",
-        "words": "Look at it.",
-        "found": ["Is EI known? to 3 % → hang another load"],
-    }
-    assert {step["status"] for step in led.shown.state["steps"]} == {"done"}
-
-
-def test_a_second_click_before_the_first_was_seen_does_nothing(led: Dialogue) -> None:
-    led.ui.begin(STEP_BY_NAME["lens"])
-    taken(led.store)
-    led.ui.say("took one")
-    seen = led.shown.number
-    commands = [_PageCommand(kind=kind, seen=seen) for kind in ("drop", "drop", "quit")]
-    assert led.clicked(*commands) == [("drop", None), ("quit", None)]
-    led.ui.say("dropped")
-    assert led.clicked(_PageCommand(kind="drop", seen=led.shown.number)) == [("drop", None)]
-
-
 def test_an_answer_is_for_the_question_that_was_seen(led: Dialogue) -> None:
     mass = Question("mass_g", "loads", "Mass?", unit="g")
     first = led.asked(mass)
@@ -131,29 +93,6 @@ def test_an_answer_is_for_the_question_that_was_seen(led: Dialogue) -> None:
     assert led.clicked(_PageCommand(kind="answer", value={"mass_g": 5.0}, seen=first)) == []
     assert led.clicked(_PageCommand(kind="answer", value={"pan_deg": 5.0}, seen=again)) == []
     assert led.clicked(_PageCommand(kind="answer", value={"mass_g": 6.0}, seen=again)) == [("answer", 6.0)]
-
-
-class Clicking(WizardView):
-    """Gives each of these answers once it is asked."""
-
-    def __init__(self, *given: object) -> None:
-        self.given, self.problems = list(given), list[str]()
-
-    def update(self, ui: Ui, change: str) -> None:
-        if change == "problem":
-            self.problems.append(ui.problem)
-
-    def events(self, ui: Ui) -> Iterator[tuple[str, Any]]:
-        if self.given:
-            yield "answer", self.given.pop(0)
-
-
-def test_the_first_answer_counts_wherever_it_is_given() -> None:
-    """A wrong one is told on every view, and a right one on another is waited for."""
-    silent, clicking = Clicking(), Clicking("heavy", 7)
-    question = Question("mass_g", "loads", "Mass?", unit="g")
-    assert Ui(silent, clicking, interactive=True).ask(question) == 7.0
-    assert silent.problems == clicking.problems != []
 
 
 @pytest.fixture(scope="module")
@@ -252,17 +191,6 @@ def test_every_answer_carries_the_policy(server: PageServer) -> None:
         assert "Access-Control-Allow-Origin" not in reply.headers
 
 
-def test_commands_arrive_in_order_and_as_they_are(server: PageServer) -> None:
-    values: list[Any] = [0.125, -3, "120 g", True, None, ""]
-    for number, value in enumerate(values):
-        sent = {"kind": "answer", "value": {"loads.1.mass": value}, "seen": number}
-        assert command(server, json.dumps(sent).encode()).status == 202
-    for kind in ("take", "enough", "back", "redo", "drop", "quit"):
-        assert command(server, json.dumps({"kind": kind}).encode()).status == 202
-    answers = [_PageCommand(kind="answer", value={"loads.1.mass": v}, seen=i) for i, v in enumerate(values)]
-    assert server.take_commands()[: len(values)] == answers
-
-
 WRONG = [
     "", "\xff\xfe", "take", "[]", "null", '"take"', "{}", '{"kind": "shout"}', '{"kind": null}', '{"kind": ["take"]}',
     '{"kind": "take", "value": 1}', '{"kind": "take", "extra": 1}', '{"kind": "take", "seen": -1}',
@@ -305,28 +233,6 @@ def test_a_command_is_small_and_json(server: PageServer) -> None:
         assert raw(server, f"{head}Content-Length: {length}\r\n\r\n".encode()) == 400
     assert raw(server, f"{head}Content-Length: 9000000000\r\n\r\n".encode()) == 413, "and not even read"
     assert server.take_commands() == []
-
-
-def test_state_is_held_until_there_is_news(fresh: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    number = fresh.show(state())
-    assert json.loads(ask(fresh, "/state?after=0").body)["n"] == number
-    got: list[int] = []
-    clients = [
-        threading.Thread(target=lambda: got.append(json.loads(ask(fresh, f"/state?after={number}").body)["n"]))
-        for _ in range(30)
-    ]
-    for client in clients:
-        client.start()
-    while len(fresh._server.server_state.connections) < 30:
-        time.sleep(0.02)
-    assert got == []
-    fresh.show(state(session="news"))
-    for client in clients:
-        client.join(30)
-    assert got == [number + 1] * 30
-    monkeypatch.setattr(module, "SERVER", replace(SERVER, news_s=0.05))
-    reply = ask(fresh, f"/state?after={number + 1}")
-    assert (reply.status, reply.body) == (204, b"")
 
 
 def test_the_report_and_no_other_file(fresh: PageServer, tmp_path: Path) -> None:
@@ -373,18 +279,3 @@ def test_too_many_connections_are_refused_and_leave_room_again(
         fresh.show(state())
         while ask(fresh, "/").status != 200:
             time.sleep(0.1)
-
-
-def test_closing_ends_it_also_twice_and_with_clients_waiting() -> None:
-    server = PageServer()
-    number = server.show(state())
-    waiting = threading.Thread(target=lambda: ask(server, f"/state?after={number}"))
-    waiting.start()
-    while not server._server.server_state.connections:
-        time.sleep(0.02)
-    server.close()
-    server.close()
-    waiting.join(30)
-    assert not waiting.is_alive()
-    with pytest.raises(OSError, match="refused"):
-        socket.create_connection(("127.0.0.1", server.port), timeout=2)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -73,24 +72,6 @@ def test_it_shows_the_state_as_text_and_follows_it(browser: Browser, server: Pag
     assert page.complaints() == []
 
 
-@pytest.mark.parametrize(("typed", "value"), [("0,125", 0.125), ("120 g", "120 g")])
-def test_a_number_is_typed_and_entered(browser: Browser, server: PageServer, typed: str, value: object) -> None:
-    page = opened(browser, server, question=QUESTION)
-    page.until("document.activeElement.id === 'field'")
-    page.press("Enter", 13)
-    page.until("document.getElementById('problem').textContent === 'A number is needed.'")
-    page.type(typed)
-    server.show(state(question=QUESTION, log=["a frame came meanwhile"]))
-    page.until("document.getElementById('log').textContent.includes('meanwhile')")
-    page.press("Enter", 13)
-    assert given(server) == _PageCommand(kind="answer", value={"loads.1.mass": value}, seen=2)
-    page.until("document.getElementById('sent').textContent.startsWith('sent: ')")
-    server.show(state(question={**QUESTION, "problem": "too heavy"}))
-    page.until("document.getElementById('problem').textContent === 'too heavy'")
-    assert page.value("document.getElementById('field').value") == typed
-    assert page.complaints() == []
-
-
 def test_buttons_and_the_space_key(browser: Browser, server: PageServer) -> None:
     page = opened(browser, server, live=LIVE)
     for kind in ("take", "enough", "drop", "back"):
@@ -115,19 +96,3 @@ def test_buttons_and_the_space_key(browser: Browser, server: PageServer) -> None
     assert page.value(shown) == ["enough"]
     assert server.take_commands() == []
     assert page.complaints() == []
-
-
-def test_the_end_has_a_verdict_and_a_report(browser: Browser, server: PageServer, tmp_path: Path) -> None:
-    report = tmp_path / "report.html"
-    report.write_text(
-        "<!doctype html><title>r</title><p id=p>no</p><script>document.getElementById('p').textContent = 'alive';"
-        "fetch('/state?after=0').then(r => r.text()).catch(() => 'refused').then(t => { document.title = t; })</script>"
-    )
-    verdict = {"level": "holds", "words": "This rig can be trusted", "found": []}
-    page = opened(browser, server, finished=True, verdict=verdict, report=str(report))
-    assert page.text("#ended") == "This rig can be trusted"
-    assert page.text("#level") == "✓ holds"
-    assert page.value("document.getElementById('task').hidden")
-    page.open(page.value("document.getElementById('open').href"))
-    page.until("document.title === 'refused'")
-    assert page.text("#p") == "alive"

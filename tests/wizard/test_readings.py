@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard.questions import UNITS, ReadingsTable, asked, complete, free_pose_deg, in_si, split_line
+from vbaa_calib.wizard.questions import UNITS, complete, in_si
 
 from .small_session import Tiny, call, expect_refused, finished, tiny
 
@@ -27,17 +27,6 @@ def test_units_agree(names: dict[str, float]) -> None:
         assert value == pytest.approx(0.25, rel=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("folder", "typed", "pose"), [("noload", [0.4], free_pose_deg(2)), ("loads", [5.0, 120.0, 0.4], (3.0, -7.0))]
-)
-def test_angles_that_are_not_typed(folder: str, typed: list[float], pose: tuple[float, float]) -> None:
-    """Of the free antenna those that the step asks for, else those of the last picture."""
-    last = {"pan_rad": math.radians(3.0), "tilt_rad": math.radians(-7.0), "moment_Nm": 0.0}
-    read = split_line(asked(folder, [last, last]), typed)
-    assert (read["pan_deg"], read["tilt_deg"]) == pytest.approx(pose)
-    assert pose != (0.0, 0.0)
-
-
 def test_a_mass_is_its_weight() -> None:
     """Whatever way gravity lies across the antenna; the part along it, if small, is not in the table."""
     common = {"pan_deg": 0, "tilt_deg": 0, "moment_mNm": 3, "distance_mm": 200}
@@ -51,20 +40,6 @@ def test_a_mass_is_its_weight() -> None:
             [by_force[k] for k in by_mass if "force" in k]
         )
         assert by_mass["distance_m"] == pytest.approx(0.2)
-
-
-def test_rows_by_name_and_in_order(tmp_path: Path) -> None:
-    rows = [{"pan_deg": 1}, {"image": "folder/b.png", "pan_deg": 2}, {"pan_deg": 3}]
-    given = ReadingsTable.written(rows, "answers")
-    assert [given.of(name, taken) for name, taken in (("a.png", 0), ("b.png", 1), ("c.png", 1), ("d.png", 2))] == [
-        {"pan_deg": 1},
-        {"pan_deg": 2},
-        {"pan_deg": 3},
-        None,
-    ]
-    (tmp_path / "t.csv").write_text("image,remark,pan_deg\nsub/a.png,good,1\n\nb.png,,2\n")
-    assert ReadingsTable.read(tmp_path / "t.csv").of("a.png", 7) == {"pan_deg": "1"}
-    assert ReadingsTable().of("a.png", 0) is None
 
 
 __all__ = ["finished", "tiny"]
