@@ -119,15 +119,6 @@ def test_every_picture_is_shown() -> None:
     assert set((ROOT / "docs" / "images").rglob("*.*")) - shown == set()
 
 
-def test_the_drawings_are_those_of_their_code() -> None:
-    """`python docs/drawings.py` would change none."""
-    drawn = runpy.run_path(str(ROOT / "docs" / "drawings.py"))
-    lying = {path.stem: path.read_text(encoding="utf-8") for path in drawn["FOLDER"].glob("*.svg")}
-    assert lying == {name: draw().svg() for name, draw in drawn["DRAWINGS"].items()}
-    steps = {f"step_{name}": draw().svg() for name, draw in drawn["STEPS"].items()}
-    assert {one.stem: one.read_text(encoding="utf-8") for one in drawn["OF_STEPS"].glob("step_*.svg")} == steps
-
-
 def test_troubleshooting_has_the_table_of_hypotheses() -> None:
     """`python docs/quote_hypotheses.py` would change nothing."""
     table = runpy.run_path(str(ROOT / "docs" / "quote_hypotheses.py"))["hypotheses"]()

@@ -7,23 +7,19 @@ import io
 import json
 import math
 import os
-import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.core.csv_rows import number, read_csv
-from vbaa_calib.core.errors import InputError, one_line, sentence_of
-from vbaa_calib.core.files import json_text, read_yaml, refuse_overwrite, replacing, write_json, write_text
+from vbaa_calib.core.errors import InputError, one_line
+from vbaa_calib.core.files import read_yaml, refuse_overwrite, replacing, write_json, write_text
 from vbaa_calib.core.folders import replacing_folder
 
 
@@ -65,34 +61,14 @@ class TestTables:
         ]
         assert [text.splitlines()[int(row["line"]) - 1][0] for row in rows] == ["a", "b"]
 
-    def test_a_header_may_be_a_comment_as_numpy_writes_it(self, path: Path) -> None:
-        np.savetxt(path, [[0, 1.5], [1, 2.5]], delimiter=";", header="a note\nframe;u_px")
-        assert [number(row, "u_px", path) for row in read_csv(path, ("frame", "u_px"))] == [1.5, 2.5]
-        path.write_text("# view, x_m\na, 1\nb, 2\n")
-        assert [(row["view"], number(row, "x_m", path)) for row in read_csv(path, ("view", "x_m"))] == [
-            ("a", 1),
-            ("b", 2),
-        ]
-
 
 class TestYaml:
     def test_numbers_as_people_write_them(self, path: Path) -> None:
         path.write_text("a: 193.0e9\nb: 1e-3\nc: -2E+5\nd: .5e1\ne: 7900\nf: 1.5\ng: 4.e2\n")
         assert read_yaml(path) == {"a": 193e9, "b": 1e-3, "c": -2e5, "d": 5.0, "e": 7900, "f": 1.5, "g": 400.0}
 
-    def test_aliases_and_merges(self, path: Path) -> None:
-        path.write_text("a: &pose {x: 1, y: 2}\nb: *pose\nc: {<<: *pose, y: 3}\n")
-        assert read_yaml(path) == {"a": {"x": 1, "y": 2}, "b": {"x": 1, "y": 2}, "c": {"x": 1, "y": 3}}
-
 
 class TestCsv:
-    def test_rows_know_their_lines(self, path: Path) -> None:
-        path.write_text("\n frame , u_px,more\n1, 2.5 ,x\n\n,,\n3,4.5,y\n")
-        assert read_csv(path, ["frame", "u_px"], ["sigma_px"]) == [
-            {"frame": "1", "u_px": "2.5", "line": "3"},
-            {"frame": "3", "u_px": "4.5", "line": "6"},
-        ]
-
     @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
     def test_line_ends_quotes_and_byte_order_mark(self, path: Path, end: str) -> None:
         path.write_bytes(b"\xef\xbb\xbf" + end.join(["a,b", '"x, y","say ""no"""', "z,"]).encode())
@@ -247,34 +223,3 @@ def test_a_writer_that_was_killed_between_the_two_names_has_lost_nothing(tmp_pat
         raise RuntimeError
     assert (target / "kept").read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["session"]
-
-
-@pytest.mark.parametrize("writing", [replacing, replacing_folder])
-def test_a_folder_that_vanishes_under_its_writer(writing: Callable[..., Any], tmp_path: Path) -> None:
-    """It is one line at the end, whatever came first."""
-    target = tmp_path / "gone" / "out.csv"
-
-    def write() -> None:
-        with writing(target) as temporary:
-            shutil.rmtree(target.parent)
-            (temporary if writing is replacing else temporary / "kept").write_text("new")
-
-    with pytest.raises(OSError) as raised:  # noqa: PT011 - which one is the system's choice
-        write()
-    assert sentence_of(raised.value)
-    assert list(tmp_path.glob("gone/*")) == []
-
-
-def test_of_two_that_write_a_file_one_stands_whole(tmp_path: Path) -> None:
-    target = tmp_path / "out.csv"
-    with replacing(target) as first, replacing(target) as second:
-        first.write_text("first")
-        second.write_text("second")
-    assert target.read_text() == "first"  # it ended last
-    assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
-
-
-def test_names_that_are_no_text_are_json_all_the_same() -> None:
-    """Bytes that are UTF-8 though the locale does not say so, and bytes that are not."""
-    escaped = {"yes": b"\xc3\xa4 \xff".decode("ascii", "surrogateescape"), "pair": "\U0001f600"}
-    assert json.loads(json_text(escaped)) == {"yes": "ä �", "pair": "\U0001f600"}

@@ -106,21 +106,3 @@ def test_the_wheel_is_whole_and_works_by_itself(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(f"Rig {site}")
-
-
-def test_what_is_needed_is_named() -> None:
-    spec = importlib.util.spec_from_file_location("sbom", Path(__file__).parents[1] / "docs" / "sbom.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    plain, whole = (module.sbom(extras) for extras in (frozenset(), frozenset({"dev"})))
-    names = [each["name"] for each in plain["components"]]
-    assert len(set(names)) == len(names)
-    assert {"numpy", "torch", "opencv-contrib-python-headless"} <= set(names)
-    assert "dask" not in names
-    assert {*names, "dask", "rosbags", "pytest"} <= {each["name"] for each in whole["components"]}
-    for each in plain["components"]:
-        assert each["purl"] == f"pkg:pypi/{each['name']}@{each['version']}"
-        assert each["licenses"][0]["license"]["name"]
-    known = {each["bom-ref"] for each in (*plain["components"], plain["metadata"]["component"])}
-    assert known == {each["ref"] for each in plain["dependencies"]}
-    assert all(known.issuperset(each["dependsOn"]) for each in plain["dependencies"])

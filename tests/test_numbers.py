@@ -47,11 +47,6 @@ def test_numbers_of_every_kind_are_taken(values: Any) -> None:
     assert type(found) is np.ndarray
 
 
-def test_what_is_masked_is_missing() -> None:
-    found = as_floats(np.ma.array([[1, 2], [3, 4]], mask=[[0, 1], [0, 0]]), "it", "give numbers")
-    np.testing.assert_array_equal(found, [[1.0, np.nan], [3.0, 4.0]])
-
-
 @pytest.mark.parametrize("values", WRONG, ids=lambda value: type(value).__name__)
 def test_what_is_no_number_is_refused(values: Any) -> None:
     with pytest.raises(InputError, match="it is"):

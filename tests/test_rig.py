@@ -156,23 +156,3 @@ def test_a_tip_is_written_and_read_and_goes_with_the_rig() -> None:
     moved = rig.moved(np.append(np.zeros(SIZE), 2e-4))
     assert moved.tip.offset_m == pytest.approx(3e-4)
     assert moved.camera.parameters.tolist() == rig.camera.parameters.tolist()
-
-
-@pytest.mark.parametrize("covariance", [[0.0] * 3, [1.0] * SIZE])
-def test_a_tip_that_does_not_go_with_the_rig_is_refused(covariance: list[float]) -> None:
-    data = make_rig().to_dict()
-    data["antenna"]["tip"] = {"offset_m": 0.0, "std_m": 3e-4, "covariance": covariance}
-    with pytest.raises(InputError, match=r"antenna\.tip\.covariance"):
-        Rig.from_dict(data)
-
-
-def test_standard_deviations(good: dict[str, Any]) -> None:
-    rig = make_rig()
-    for index, name in enumerate(RIG_PARAMETERS):
-        assert rig.std(name) == pytest.approx(math.sqrt(rig.covariance[index, index]), rel=1e-15)
-    antenna, sensor = good["antenna"], good["moment_sensor"]
-    assert antenna["stiffness_std_Nm2"] == rig.antenna.stiffness_Nm2 * rig.std("log_stiffness_Nm2")
-    assert antenna["mass_per_length_std_kg_m"] == pytest.approx(3.97e-3 * rig.std("log_mass_per_length_kg_m"))
-    assert (sensor["gain_std"], sensor["offset_std_Nm"]) == (rig.std("moment_gain"), rig.std("moment_offset_Nm"))
-    with pytest.raises(InputError, match="no parameter"):
-        rig.std("colour")

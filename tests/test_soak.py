@@ -11,8 +11,6 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.soak import MOST_MB as MOST_RISE_MB
-from benchmarks.soak import rise
 from benchmarks.waiting.recordings import SESSION, write_recording
 from estimator.table.files import read_contacts
 from tests.estimator.drawn_frames import picture, rig_of, shape
@@ -80,14 +78,6 @@ def pictures(folder: Path, count: int) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(("each_MB", "grows"), [(0.0, False), (0.2, True)])
-def test_what_is_loaded_is_no_growth(each_MB: float, grows: bool) -> None:
-    """200 samples that scatter, and rise by 60 MB until a third has passed."""
-    index = np.arange(200.0)
-    samples = 150.0 + np.minimum(index, 66.0) * (60.0 / 66.0) + each_MB * index + np.tile([0.0, 5.0, 0.0, 40.0], 50)
-    assert (rise(samples.tolist()) > MOST_RISE_MB) == grows
-
-
 @pytest.mark.slow
 @needs_proc
 def test_what_is_not_solved_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -105,21 +95,3 @@ def test_some_frames(tmp_path: Path) -> None:
     write_recording(tmp_path, 1_000, POINTS, seed=2)
     assert grown_MB(resident(tmp_path, 50), 300) < MOST_MB
     assert (read_contacts(tmp_path / "contacts.csv").status == "ok").mean() > 0.95
-
-
-@needs_proc
-@pytest.mark.slow
-def test_some_pictures(tmp_path: Path) -> None:
-    assert grown_MB(resident(pictures(tmp_path, 80), 10), 30) < MOST_MB
-
-
-def test_a_wrong_line_at_the_end_leaves_nothing_behind(tmp_path: Path) -> None:
-    from vbaa_calib.cli.main import main
-
-    write_recording(tmp_path, 300, 2, seed=4)
-    with (tmp_path / "recording" / "centrelines.csv").open("a") as stream:
-        stream.write("299,1.0,nan,0.1\n")
-    before = sorted(path.name for path in tmp_path.rglob("*"))
-    argv = ["estimate", str(tmp_path), "--rig", str(tmp_path / "rig.json"), "-o", str(tmp_path / "contacts.csv")]
-    assert main([*argv, "--no-report"]) == 2
-    assert sorted(path.name for path in tmp_path.rglob("*")) == before

@@ -7,7 +7,7 @@ deviation, and no status. A short form here; all scenes, lenses and photo sets a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,10 @@ import yaml
 import vbaa_calib.calibrate.pipeline as calibration
 import vbaa_calib.calibrate.plane_c as session_plane
 from benchmarks.estimator.hard import CASES, Hard
-from benchmarks.processors import WAYS, Report, apart, of_budget, of_contacts, of_lens, of_object, of_rig, simulated
+from benchmarks.processors import WAYS, Report, apart, of_budget, of_contacts, of_lens, of_rig, simulated
 from estimator import ContactEstimator
 from estimator.budget.budget import error_budget
 from estimator.contact.recording import estimate_pictures
-from estimator.object.estimate import estimate_object
 from estimator.table.contacts import ContactRow, ContactTable
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
@@ -176,22 +175,6 @@ def test_pictures_to_contacts_and_the_budget(done: Done) -> None:
     other = moved_rig(done.rig, np.random.default_rng(2))
     held(of_contacts(table(done.rig, done.session)), of_contacts(table(other, done.session)))
     held(of_budget(error_budget(done.rig)), of_budget(error_budget(other)))
-
-
-def test_object(done: Done) -> None:
-    """From contacts moved by nothing."""
-    contacts, rng = table(done.rig, done.session), np.random.default_rng(3)
-    assert contacts.located.sum() > 3
-    numbers = {one.name: getattr(contacts, one.name) for one in fields(contacts)}
-    changed = {
-        name: moved(values, rng)
-        for name, values in numbers.items()
-        if values.dtype.kind == "f" and name not in ("time_s", "covariance_world_m2")
-    }
-    other = replace(contacts, **changed)
-    held(
-        of_object(estimate_object(contacts, done.rig), contacts), of_object(estimate_object(other, done.rig), contacts)
-    )
 
 
 # centrelines to contacts

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import fields
 from functools import cache
-from itertools import islice
 
 import numpy as np
 import pytest
 
 from benchmarks.estimator.scenes import Scenes
 from estimator import Contact, ContactEstimator, Measured
-from estimator.contact.estimate import STREAM
 
 from ..rod_scenes import RIG_STD, SIGMA_PX, World, camera_pose
-from .contact_scenes import RIG, WORLD, answered, deviations, frame, furthest, rubbed
+from .contact_scenes import WORLD, answered, frame, furthest, rubbed
 
 STANDSTILL = 0.015
 """In standard deviations. A descent ends when a step promises less than 1e-4 of the cost, √(2·1e-4) of a deviation: two
@@ -60,17 +57,6 @@ def test_threads_change_no_bit() -> None:
     for other in others:
         for f in fields(first):
             np.testing.assert_array_equal(getattr(other, f.name), getattr(first, f.name), err_msg=f.name)
-
-
-def test_the_columns_of_a_batch_are_its_contacts() -> None:
-    together = answered(scenes())
-    for name in ("distance_m", "force_N", "point_world_m", "covariance_world_m2", "friction_angle_std_rad"):
-        np.testing.assert_array_equal(getattr(together, name), [getattr(contact, name) for contact in together])
-    assert [contact.status for contact in together] == together.status.tolist()
-    assert [contact.distance_m for contact in together[3:9:2]] == together.distance_m[3:9:2].tolist()
-    assert together[-1].distance_m == together[23].distance_m
-    with pytest.raises(IndexError, match="frame 24 of 24"):
-        together[24]
 
 
 def test_ragged_lines_and_rows_of_nan() -> None:
@@ -131,31 +117,3 @@ def test_a_recording_is_a_loop(live: bool) -> None:
     assert len(warm) == 12
     assert {contact.status for contact in warm} >= {"ok", "no_contact"}
     assert max(furthest(a, b) for a, b in zip(cold, warm, strict=True)) < STANDSTILL
-
-
-def test_a_wrong_start_is_recovered_from() -> None:
-    """The warm start is a guess: from the other end of the antenna, the answer is the same."""
-    seen = frame(0.8)
-    measured = Measured(seen.points_px, np.full(300, SIGMA_PX), seen.moment_Nm, 0.0, 0.3)
-    estimator = ContactEstimator(RIG)
-    cold = estimator.measure(measured)
-    for start in ([0.2, 50.0, -80.0, 0.0], [0.95, -1.0, 1.0, 3.0], [0.5, np.nan, 0.0, 0.0]):
-        assert furthest(cold, estimator.measure(replace(measured, start=np.array(start)))) < STANDSTILL
-    assert np.abs(deviations(cold, seen)).max() < 4.0
-
-
-def test_a_recording_is_read_when_it_is_asked_for() -> None:
-    """Nothing before, a chunk at a time, and no more than a chunk ahead."""
-    nothing = Measured(np.empty((0, 2)), np.empty(0), 0.0, 0.0, 0.0)
-    taken: list[int] = []
-
-    def source() -> Iterator[Measured]:
-        for index in range(4 * STREAM):
-            taken.append(index)
-            yield nothing
-
-    found = ContactEstimator(RIG).run(source())
-    assert not taken
-    first = list(islice(found, 5))
-    assert len(first) == 5
-    assert len(taken) <= STREAM

@@ -18,7 +18,6 @@ from benchmarks.estimator.setup import ACROSS, RIG_STD, Setup
 from estimator import ContactEstimator
 from estimator.budget.budget import (
     RIG_CAUSES,
-    Budget,
     BudgetContacts,
     _ErrorSpace,
     _Linearization,
@@ -28,10 +27,7 @@ from estimator.budget.budget import (
     _subsets,
     _variance,
     _variance_by_cause,
-    error_budget,
-    touch_of_force,
 )
-from estimator.contact.common_errors import shared_errors
 from estimator.contact.settings import ContactSettings
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
@@ -40,8 +36,6 @@ from vbaa_calib.geometry import Kinematics
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 from viz.cli.budget import configure
-
-from .test_shared import table_of
 
 LENS_STD = np.array([0.2, 0.2, 0.25, 0.25, 6e-4, 2e-3, 5e-5, 5e-5])
 RIGID = RIG_STD * (np.array(RIG_PARAMETERS) != "clamp_give_m")
@@ -190,30 +184,6 @@ def test_shares_of_correlated_causes_are_shapleys() -> None:
     np.testing.assert_allclose(np.sum(expected), by_error @ by_error, rtol=1e-12)
 
 
-@pytest.mark.parametrize("rig", [RIG_AXES, correlated_rig(lens=False)], ids=["axes", "no lens"])
-def test_shares_are_never_negative_and_make_the_whole(rig: Rig) -> None:
-    space = linearised(rig, three_touches(RIG))[1]
-    np.testing.assert_allclose(space.shares.sum(axis=0), np.eye(space.size), atol=1e-8)
-    assert np.linalg.eigvalsh(space.shares).min() > -1e-8
-    assert ("lens" in space.causes) == rig.with_lens
-    assert ("joint_axes" in space.causes) == (not rig.kinematics.axes_known)
-    assert "clamp_give" not in space.causes
-    np.testing.assert_allclose(space.determined @ space.determined, space.determined, atol=1e-8)
-
-
-def test_a_rig_without_errors_has_no_causes() -> None:
-    exact = replace(RIG, covariance=np.zeros((17, 17)))
-    space = linearised(exact, three_touches(RIG))[1]
-    assert space.causes == ()
-    assert space.size == 0
-    budget = error_budget(exact, three_touches(RIG), friction=0.0)
-    assert set(budget.variances) <= {"pixels", "moment_noise", "force_prior"}
-    assert budget.first_of_rig is None
-    assert budget.results["distance_m"].common_std == 0.0
-    assert "the whole rig is exact" in budget.notes[0]
-    assert {*RIG_CAUSES, "lens", "joint_axes", "friction"} <= set(budget.exact)
-
-
 def test_the_estimator_is_off_as_said_by_every_parameter_and_by_friction() -> None:
     """Rigs off by a third of a deviation in one parameter after the other, contacts that rub: no noise, all weights."""
     touches = three_touches(RIG)
@@ -231,18 +201,6 @@ def test_the_estimator_is_off_as_said_by_every_parameter_and_by_friction() -> No
     missed, whole = (np.linalg.norm(values / scale, axis=(1, 2)) for values in (off - expected, expected))
     assert (missed < 0.1 * whole + 0.03).all(), (missed, whole)
     assert whole[-1] > 1.0
-
-
-def test_common_errors_are_those_of_a_recording() -> None:
-    """Another route to the same: `shared_errors` from the table of contacts."""
-    touches = three_touches(RIG)
-    rig_arrays, space, given = linearised(RIG_AXES, touches, 0.2)
-    seen = seen_of(RIG_AXES, touches)
-    shared = shared_errors(RIG_AXES, table_of(seen)).point_m[..., :-1]
-    said = _propagate(given, space)[2][:, 3:]
-    np.testing.assert_allclose((shared**2).sum(axis=(1, 2)), (said**2).sum(axis=(1, 2)), rtol=0.06)
-    size = rig_arrays.axes.shape[1]
-    np.testing.assert_allclose(shared[..., :size], said[..., :size], atol=0.08 * np.abs(said).max())
 
 
 def known_better(cause: str, factor: float) -> Rig:
@@ -278,35 +236,6 @@ def test_knowing_a_cause_better_is_what_a_rig_with_that_knowledge_has() -> None:
         _, other, there = linearised(rig, touches, friction)
         less = _variance(_propagate(here, space, cause, part))
         np.testing.assert_allclose(less, _variance(_propagate(there, other)), rtol=1e-3, err_msg=cause)
-
-
-@pytest.fixture(scope="module")
-def ordinary() -> Budget:
-    return error_budget(RIG_AXES)
-
-
-def test_knowing_more_never_harms_and_half_lies_between(ordinary: Budget) -> None:
-    budget = ordinary
-    assert budget.asked == 144
-    assert 100 < len(budget.touches) <= 144
-    for name, result in budget.results.items():
-        assert sum(part.share for part in result.parts.values()) == pytest.approx(1.0, abs=1e-9), name
-        assert sum(part.std**2 for part in result.parts.values()) == pytest.approx(result.std**2)
-        for part in result.parts.values():
-            assert part.share >= 0.0
-            assert part.if_exact <= part.if_halved * (1 + 1e-9) <= result.std * (1 + 2e-9)
-    assert budget.results["force_N"].std ** 2 == pytest.approx(
-        budget.results["force_y_N"].std ** 2 + budget.results["force_z_N"].std ** 2
-    )
-    assert sum(budget.leads("distance_m").values()) == len(budget.touches)
-
-
-def test_a_force_is_made_by_its_push() -> None:
-    """Under weight and bow, on a contact that bends much, the force's lateral part is what was asked for."""
-    rig_arrays = RigArrays.from_rig(RIG, 0.2)
-    touch = touch_of_force(rig_arrays, 0.18, np.array([0.05, -0.08]), 0.1, 0.4)
-    np.testing.assert_allclose(seen_of(RIG, touch).force_N[0, 1:], [0.05, -0.08], rtol=1e-4)
-    assert np.isnan(touch_of_force(rig_arrays, 0.18, np.array([50.0, 0.0]), 0.0, 0.0).push_N).all()
 
 
 def sampled(draws: int, seed: int, cause: str, made_by: ShapesOf = rung_shapes) -> tuple[np.ndarray, np.ndarray]:

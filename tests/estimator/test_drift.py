@@ -13,8 +13,7 @@ from benchmarks.drift.drift import ALL, FREE, NONE, SEEN, UNSEEN, Change, calibr
 from benchmarks.mistakes.recordings import clean_recording
 from benchmarks.mistakes.rigs import KINDS
 from estimator import Contact, ContactEstimator
-from estimator.contact.drift import drift_in_words, summary
-from estimator.contact.estimate import STREAM
+from estimator.contact.drift import summary
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Measured
 from vbaa_calib.camera import Camera
@@ -77,23 +76,6 @@ def test_free_frames_tell_what_has_changed(given: Draw, rig: Rig) -> None:
     assert told["beyond"] == []
 
 
-def test_nothing_is_said_of_a_zero_that_was_not_read(given: Draw, rig: Rig) -> None:
-    """The parameters of a calibration are correlated: the zero's estimate moves with the others all the same."""
-    recording = recorded(given, Change("zero and picture", picture_px=0.4, zero=10.0), (1,)).frames[:FREE]
-    told = []
-    for frames in (recording, [replace(one, moment_Nm=np.nan) for one in recording]):
-        estimator = ContactEstimator(replace(rig, drift=LAB))
-        list(estimator.run(frames))
-        told.append(summary(estimator.drift))
-    assert [each["free_frames"] for each in told] == [FREE, FREE]
-    assert [each["moment_zero_std"] is None for each in told] == [False, True]
-    assert [["zero" in words for words in drift_in_words(each)] for each in told] == [[True], [False]]
-    names = [[name for name in each["parameters"] if name.startswith("moment_")] for each in told]
-    assert names == [["moment_gain", "moment_offset_Nm"], []]
-    for each in told:
-        assert {len(past[key]) for past in each["over_time"] for key in ("change", "std")} == {len(each["parameters"])}
-
-
 def test_what_has_changed_is_said_where_the_lens_shows_a_part() -> None:
     """A wide lens close to the antenna shows its first part; how much, depends on the lens, which free frames correct.
     How far the antenna has moved is measured where both show it; where neither does, there is no number, and no end."""
@@ -125,30 +107,6 @@ def test_what_has_changed_is_said_where_the_lens_shows_a_part() -> None:
     assert summary(replace(estimator.drift, calibrated=away))["picture_px"] is None
 
 
-def test_an_end_that_is_another_things_is_not_used(given: Draw, rig: Rig) -> None:
-    recording = recorded(given, Change("nothing"), (1,))
-    wrong = [replace(one, tip_px=one.tip_px + np.array([10.0, 0.0, 0.0])) for one in recording.frames]
-    none = [replace(one, tip_px=np.full(3, np.nan)) for one in recording.frames]
-    estimator = ContactEstimator(replace(rig, drift=LAB))
-    seen, unseen = (estimator.measure_batch(frames) for frames in (wrong, none))
-    assert seen.status.tolist() == unseen.status.tolist()
-    np.testing.assert_allclose(seen.distance_m, unseen.distance_m, atol=1e-6)
-
-
-def test_time_makes_a_learnt_rig_less_certain(given: Draw, rig: Rig) -> None:
-    recording = recorded(given, Change("nothing"), (1,))
-    free, touched = recording.frames[:FREE], recording.frames[FREE]
-    estimator = ContactEstimator(replace(rig, drift=LAB))
-    # as many as are solved at once
-    before = [replace(one, time_s=0.1 * index) for index, one in enumerate((7 * free)[:STREAM])]
-    std = [
-        list(estimator.run([*before, replace(touched, time_s=time_s)]))[-1].distance_std_m
-        for time_s in (10.0, 3600.0, 36000.0)
-    ]
-    assert 1.02 * std[0] < std[1]
-    assert 1.02 * std[1] < std[2]
-
-
 def test_free_frames_give_back_what_drift_costs(given: Draw, rig: Rig) -> None:
     recording = recorded(given, Change("nothing"), (2,))
     ignored, unseen, seen = (
@@ -158,14 +116,6 @@ def test_free_frames_give_back_what_drift_costs(given: Draw, rig: Rig) -> None:
     # they may give more: they tell, too, what the calibration's own lines had in common
     assert ignored < unseen
     assert seen - ignored < 0.7 * (unseen - ignored)
-
-
-def test_how_much_lines_err_is_learnt(given: Draw, rig: Rig) -> None:
-    recording = recorded(given, Change("lines", line_px=0.02), (4,))
-    estimator = ContactEstimator(replace(rig, drift=LAB))
-    error = off(list(estimator.run(recording.frames)), recording.distance_m)
-    assert 0.01 < estimator.drift.now.drift.line_px < 0.04
-    assert np.sqrt(np.nanmean(error**2)) < 1.5
 
 
 def test_what_all_frames_share_is_what_the_rig_moves() -> None:
@@ -193,17 +143,6 @@ def test_drift_widens_the_covariance_and_wanders_on(rig: Rig) -> None:
     later = first.later(3600.0)
     wandered = np.diag(later.now.covariance) - np.diag(first.now.covariance)
     assert wandered[0] == pytest.approx((LAB.hourly * LAB.camera_turn_rad) ** 2, rel=1e-6)
-
-
-def test_a_frame_that_drift_explains_is_said_so(given: Draw, rig: Rig) -> None:
-    recording = recorded(given, Change("picture", picture_px=0.5), (1,))
-    numbers = [recording.frames[FREE + index] for index in range(3)]
-    columns = [[getattr(one, name) for one in numbers] for name in ("points_px", "moment_Nm", "pan_rad", "tilt_rad")]
-    found = ContactEstimator(rig).estimate_batch(*columns, sigma_px=0.1)
-    failed = found.status == "failed"
-    assert failed.any()
-    assert found.numbers.explained_drifted[failed].all()
-    assert (found.numbers.drift_px[failed] < 1.0).all()
 
 
 def written(folder: Path, drift: str) -> None:

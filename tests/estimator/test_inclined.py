@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from estimator.paper import inclined
 from estimator.paper.two_point import Part, two_point_contact
@@ -66,31 +65,6 @@ def test_a_vanishing_tilt_gives_the_upright_formulas(tilt_deg: float) -> None:
     growth = found.condition_contact[good] / upright.condition_contact[good]
     assert growth.min() > 1.9
     assert growth.max() < 3.2
-
-
-@pytest.mark.parametrize("tilt_deg", [10.0, 30.0, 45.0])
-def test_the_case_of_the_physics_page(tilt_deg: float) -> None:
-    """l = 160 mm, Δy = Δz = 10 mm, points at 60 and 120 mm: exact to 1e-13, where the mended sextic is off or lost."""
-    contact, x = 0.16, np.array([0.06, 0.12])
-    force = 0.01 * 3.0 * EI / contact**3
-    y = linear.deflection(x, contact, force, EI)
-    tilt = np.radians(tilt_deg)
-    image = inclined.project(np.stack([x, y, y], axis=-1), tilt)
-    found = seen(image, contact * force, tilt)
-    assert found.contact_m == pytest.approx(contact, rel=1e-13)
-    assert found.solutions == 1
-    baseline = inclined.eq29_baseline(image[:, 0], image[:, 1], contact * force, EI, tilt, LENGTH)
-    if tilt_deg == 10.0:
-        assert baseline == pytest.approx(0.1666, abs=5e-5)
-    else:
-        assert np.isnan(baseline)
-
-
-def test_the_baseline_is_right_where_there_is_nothing_to_mend() -> None:
-    """Upright, Eq. (29) is Eq. (11)."""
-    contact, x = 0.2, np.array([0.07, 0.15])
-    y = linear.deflection(x, contact, -0.3, EI)
-    assert inclined.eq29_baseline(x, y, 0.05, EI, 0.0, LENGTH) == pytest.approx(contact, rel=1e-12)
 
 
 def test_two_straight_points_need_no_moment_for_the_distance() -> None:
@@ -172,19 +146,6 @@ def test_near_the_singular_sets_the_error_is_what_conditioning_predicts(border: 
     assert (force_error <= limit * (1.0 + found.condition_force))[trusted].all()
     assert error[trusted & (found.condition_contact < 1e4)].max() < 1e-9
     assert (found.solutions == 0).mean() < 0.02
-
-
-def test_torch_agrees_with_numpy_and_the_order_of_the_points_does_not_matter() -> None:
-    tilt, contact, _, _, f_z, image = scenes(3000, 8, (-80.0, 80.0))
-    expected = seen(image, contact * f_z, tilt)
-    found = seen(*(torch.from_numpy(value) for value in (image, contact * f_z, tilt)))
-    for name in ("part", "contact_m", "force_y_N", "force_z_N", "x_m", "solutions", "condition_contact"):
-        value = getattr(found, name)
-        assert isinstance(value, torch.Tensor)
-        np.testing.assert_allclose(value.numpy(), getattr(expected, name), rtol=1e-9)
-    backward = seen(image[:, ::-1], contact * f_z, tilt)
-    np.testing.assert_array_equal(backward.contact_m, expected.contact_m)
-    np.testing.assert_array_equal(backward.x_m, expected.x_m)
 
 
 @pytest.mark.parametrize(

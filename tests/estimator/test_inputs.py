@@ -11,18 +11,15 @@ import pytest
 
 from benchmarks.estimator.scenes import Scenes, elastica_shapes, push_for_slope, scenes
 from benchmarks.estimator.setup import Setup
-from estimator import Contact, ContactEstimator
+from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from estimator.contact.recording import estimate_pictures
 from estimator.table.contacts import STATUSES, Measured
 from vbaa_calib.core.arrays import PLAUSIBLE
-from vbaa_calib.detect.whisker.corridor import Corridor
-from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.session import Frame, MomentSensor
 
 from ..fuzz.test_memory import taken
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, World, camera_pose, frames, pushing
-from .contact_scenes import RIG, frame
 from .drawn_frames import frame_of, picture, rig_of, shape
 
 
@@ -176,29 +173,3 @@ def test_no_reading_and_no_joint_angle_costs_memory(tmp_path: Path, bright: bool
     assert most < 3e7
     assert set(found) <= set(STATUSES)
     assert "ok" not in found[:4], "nothing is located by a moment that cannot be"
-
-
-@linux
-def test_a_broad_antenna_is_searched_in_bounded_memory() -> None:
-    """Of either polarity: the number of shapes that are tried does not grow with its width."""
-    image = np.random.default_rng(2).integers(0, 255, (240, 320)).astype(np.uint8)
-    path = np.column_stack([np.linspace(20.0, 300.0, 30), np.full(30, 120.0)])
-    narrow, broad = (
-        AntennaFinder.prepare(Corridor(path, np.full(30, 100.0), width_px), (320, 240)) for width_px in (4.0, 200.0)
-    )
-    narrow.shapes(image)
-    assert taken(lambda: broad.shapes(image)) < 3e8
-
-
-@linux
-def test_one_frame_of_many_points_makes_no_room_for_as_many_in_all() -> None:
-    """A batch is as long as its longest frame; the frames beside it come out as without it."""
-    seen = frame()
-    one = Measured(seen.points_px, np.full(len(seen.points_px), SIGMA_PX), seen.moment_Nm, 0.0, seen.tilt_rad)
-    many = np.tile(seen.points_px, (1000, 1))
-    large = replace(one, points_px=many, sigma_px=np.full(len(many), SIGMA_PX))
-    estimator = ContactEstimator(RIG, jobs=1)
-    alone = estimator.measure(one)
-    found: list[Contact] = []
-    assert taken(lambda: found.extend(estimator.measure_batch([large, *[one] * 40]))) < 3e8
-    assert {contact.distance_m for contact in found[1:]} == {alone.distance_m}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ import torch
 from estimator.contact.contacts import Contacts
 from estimator.contact.estimate import ContactEstimator
 from estimator.torch import ContactLayer
-from vbaa_calib.core.errors import InputError
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, World, camera_pose, frames, pushing
 from .test_uncertainty import another
@@ -126,9 +124,6 @@ class TestWhatIsNotKnown:
         assert not found.jacobian.by_pixels[:, :, [7, 11]].any()
         assert found.jacobian.by_pixels.any(axis=(0, 1, 3)).sum() == 118
 
-    def test_it_is_not_worked_out_unasked(self) -> None:
-        assert ESTIMATOR.estimate_batch(**scene()).jacobian is None
-
 
 class TestLayer:
     def tensors(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -167,47 +162,3 @@ class TestLayer:
         found = layer(None, moments, angles, plane_xy_m=xy, sigma_px=SIGMA_PX)
         (through,) = torch.autograd.grad(found.distance_m.sum(), pixels)
         np.testing.assert_allclose(through.numpy(), direct.numpy(), atol=1e-6 * float(direct.abs().max()))
-
-    def test_filled_up_lines_and_lost_frames_give_no_nan(self) -> None:
-        layer, (pixels, moments, angles) = ContactLayer(ESTIMATOR), self.tensors()
-        lines = pixels.detach().clone()
-        lines[0, 60:] = torch.nan
-        lines[1] = torch.nan
-        lines.requires_grad_()
-        found = layer(lines, moments, angles, sigma_px=SIGMA_PX)
-        assert found.located.tolist() == [True, False, True, True]
-        torch.nansum(found.distance_m).backward()
-        assert lines.grad is not None
-        assert torch.isfinite(lines.grad).all()
-
-    def test_single_precision_stays(self) -> None:
-        pixels, moments, angles = (each.detach().float().requires_grad_() for each in self.tensors())
-        found = ContactLayer(ESTIMATOR)(pixels, moments, angles, sigma_px=SIGMA_PX)
-        found.force_N.sum().backward()
-        assert pixels.grad is not None
-        assert (found.force_N.dtype, pixels.grad.dtype) == (torch.float32, torch.float32)
-
-    @pytest.mark.parametrize(
-        "wrong",
-        [
-            {},
-            {"pixels": torch.zeros(3, 2)},
-            {"pixels": torch.zeros(2, 9, 2), "plane_xy_m": torch.zeros(2, 9, 2)},
-            {"pixels": torch.zeros(2, 9, 2), "moment": torch.zeros(2, 3)},
-            {"pixels": torch.zeros(2, 9, 2), "joints": torch.zeros(2)},
-            {"pixels": torch.zeros(2, 9, 2), "joints": torch.full((2, 2), 99.0)},
-        ],
-        ids=lambda wrong: ",".join(wrong) or "nothing",
-    )
-    def test_what_it_refuses(self, wrong: dict[str, torch.Tensor]) -> None:
-        with pytest.raises(InputError):
-            ContactLayer(ESTIMATOR)(**wrong)
-
-
-def test_without_an_uncertain_rig() -> None:
-    """An exactly known rig has no axes; its derivatives are there all the same."""
-    exact = replace(RIG, covariance=np.zeros_like(RIG.covariance))
-    found = ContactEstimator(exact, jobs=1).estimate_batch(**scene(), jacobian=True)
-    assert found.jacobian is not None
-    assert np.isfinite(found.jacobian.by_rig).all()
-    assert found.jacobian.by_rig.any(axis=(0, 1)).sum() >= 15

@@ -116,15 +116,6 @@ def test_a_shaken_base_bends_the_antenna() -> None:
     assert np.abs(bent - true)[middle].max() < 0.05 * np.abs(true).max()
 
 
-def test_a_turning_base_throws_the_antenna_outwards() -> None:
-    rate, time = 3.0, np.arange(40) / 60.0
-    points = BEAM.pieces_m[:, None] * np.stack([np.cos(rate * time), np.sin(rate * time), 0 * time], -1)[:, None]
-    shapes = Shapes(time, points, np.full((40, 1), STD_M), np.full(40, np.nan))
-    verdict = inertia(shapes, BEAM)
-    np.testing.assert_allclose(verdict.load_N_m[1:-1], DENSITY * rate**2 * points[1:-1], atol=2e-3 * DENSITY)
-    assert verdict.significant[1:-1].all()
-
-
 @pytest.mark.parametrize("rate_hz", [30.0, 240.0])
 def test_rest_is_not_taken_for_motion(rate_hz: float) -> None:
     """Noise in distance, force and direction bends the whole shape; it hardly ever looks like inertia."""
@@ -146,32 +137,6 @@ def by_contact_at(s_m: np.ndarray) -> np.ndarray:
     return np.stack([s_m / LENGTH, (s_m / LENGTH) ** 2], axis=1)
 
 
-def test_coarse_joint_angles_are_no_motion() -> None:
-    """Steps of the encoder beyond the stated deviation raise it, where there are frames enough to see them."""
-    time = np.arange(20_000) / 1000.0
-    angle = np.round(0.05 * time / 2e-4) * 2e-4
-    shapes = swinging(time, angle[:, None] * BEAM.pieces_m)
-    assert inertia(shapes, BEAM).significant.mean() < 1e-3
-
-
-def test_what_cannot_be_told_is_not_told() -> None:
-    (wave,), (coefficients,) = modes(0.0, 1)
-
-    def verdict(time: np.ndarray) -> Inertia:
-        swing = 5e-3 * np.cos(frequency_rad_s(wave) * time)
-        return inertia(swinging(time, swing[:, None] * mode_shape(BEAM.pieces_m, 0.0, wave, coefficients)), BEAM)
-
-    for time in ([0.0], [0.0, 0.03], [0.0, 0.06, 0.12], [0.0, 0.0, 0.0, 0.0], [0.2, 0.1, 0.0], [np.nan] * 4):
-        told = verdict(np.array(time))
-        assert np.isnan(told.load_N_m).all()
-        assert np.isnan(told.response).all()
-        assert not told.significant.any()
-    gap = np.concatenate([np.arange(5), 10 + np.arange(5)]) * 0.03
-    assert np.isnan(verdict(gap).load_N_m[:, 0, 2]).tolist() == [True, False, False, False, True] * 2
-    repeated = np.array([0.0, 1.0, 2.0, 2.0, 3.0, 4.0]) * 0.03
-    assert np.isnan(verdict(repeated).response).tolist() == [True, False, True, True, False, True]
-
-
 def random_recording(count: int) -> Shapes:
     rng = np.random.default_rng(5)
     time = np.cumsum(rng.choice([0.004, 0.01, 0.03, 0.07], count, p=[0.5, 0.2, 0.25, 0.05]))
@@ -190,13 +155,3 @@ def test_in_parts_as_at_once(part: int) -> None:
     together = Inertia(*(np.concatenate([vars(v)[name] for v in [*parts, last]]) for name in vars(last)))
     same(inertia(shapes, BEAM), together)
     assert len(judge.push(shapes.picked(slice(0, 1))).response) <= 1
-
-
-def test_live_looks_back_only() -> None:
-    time = np.arange(100) / 240.0
-    shapes = swinging(time, (0.5 * 7.0 * time**2)[:, None] * np.ones(PIECES))
-    whole = inertia(shapes, BEAM, live=True)
-    now = inertia(shapes.picked(slice(0, 60)), BEAM, slice(59, 60), live=True)
-    np.testing.assert_allclose(now.load_N_m[0, :, 2], -7.0 * DENSITY, rtol=1e-9)
-    np.testing.assert_allclose(now.load_N_m[0], whole.load_N_m[59], rtol=1e-9, atol=1e-15)
-    assert np.isnan(whole.response).tolist() == [True, True] + [False] * 98

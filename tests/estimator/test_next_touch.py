@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.estimator.setup import drawn_truth
-from benchmarks.object.scenes import CASES, RIGID, SETUP, SOFT, Recorded, contacts, play
+from benchmarks.object.scenes import CASES, RIGID, SETUP, Recorded, contacts, play
 from benchmarks.recording.recording import lengthened, played
 from estimator.contact.common_errors import shared_errors
 from estimator.object.estimate import estimate_object
@@ -128,18 +128,6 @@ def test_the_proposed_touch_tells_more_of_the_surface_than_random_ones() -> None
     told_more(before, after, 1.5)
     assert before == pytest.approx(options.std, rel=1e-6)
     assert after[0] == pytest.approx(np.nanmin(options.std_after), rel=0.3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("goal", "name", "stiffness", "frames", "least"),
-    [("stiffness", "cylinder", SOFT, 74, 1.5), ("friction", "sphere", RIGID, 37, 1.0)],
-)
-def test_it_tells_more_of_stiffness_and_friction(
-    goal: str, name: str, stiffness: float, frames: int, least: float
-) -> None:
-    before, after, _ = after_each(goal, name, stiffness, frames, 2)
-    told_more(before, after, least)
 
 
 def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:

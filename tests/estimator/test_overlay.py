@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from estimator.contact.estimate import ContactEstimator
-from estimator.contact.overlay import _ellipse as ellipse
 from estimator.contact.overlay import _marks as marks
 from estimator.contact.overlay import frame_picture
 from estimator.contact.recording import FrameContact, estimate_picture
 from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.detect.drawing.overlay import HIDDEN
-from vbaa_calib.geometry import Kinematics, Pose
 
-from .drawn_frames import contact_of, frame_of, path_px, picture, rig_of, shape
+from .drawn_frames import frame_of, path_px, picture, rig_of, shape
 
 SIZE = (512, 384)
 SCALE = 2
@@ -77,19 +72,3 @@ def test_contact_and_fitted_shape_lie_on_the_true_antenna(
     way = rig.camera.project((rig.T_antenna_camera.inverse() @ ahead)[None])[0][0] - true[39]
     drawn = found.force - found.contact
     assert drawn @ way / np.linalg.norm(drawn) / np.linalg.norm(way) > 0.99
-
-
-def test_ellipse_holds_95_percent_of_contacts_drawn_by_lot(curves: Curves) -> None:
-    kinematics = Kinematics(Pose.from_rotvec(np.array([0.1, -0.2, 0.05]), np.zeros(3)), np.array([0.0, 0.1, 0.2]))
-    rig = replace(rig_of(SIZE), kinematics=kinematics)
-    T_world_antenna = kinematics.T_world_antenna(0.6, -0.3)
-    skew = np.array([[6e-4, 0, 0], [3e-4, 2e-4, 0], [-2e-4, 1e-4, 8e-4]])
-    point = T_world_antenna @ curves.contact_m[0]
-    contact = replace(contact_of("ok", curves), point_world_m=point, covariance_world_m2=skew @ skew.T)
-    lot = point + np.random.default_rng(0).normal(size=(20000, 3)) @ skew.T
-    seen = rig.camera.project(rig.T_antenna_camera.inverse() @ (T_world_antenna.inverse() @ lot))[0]
-    edge = ellipse(rig, contact, T_world_antenna.rotation)
-    middle = 0.5 * (edge[:-1][:24] + edge[:-1][24:]).mean(axis=0)
-    half = np.stack([edge[0] - middle, edge[12] - middle], axis=1)  # conjugate radii
-    inside = (np.linalg.solve(half, (seen - middle).T) ** 2).sum(axis=0) <= 1.0
-    assert abs(inside.mean() - chi2.cdf(2.448**2, 2)) < 0.006

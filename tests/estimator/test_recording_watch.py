@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,8 +10,7 @@ import pytest
 from benchmarks.mistakes.recordings import Recording, clean_recording
 from benchmarks.mistakes.rigs import KINDS
 from estimator.diagnose.changes import CHANGES, axes_of, fitted
-from estimator.diagnose.evidence import Case, Recorded, weighed
-from estimator.diagnose.settings import RecordingSettings
+from estimator.diagnose.evidence import Case, Recorded
 from estimator.diagnose.watch import RecordingWatch
 
 
@@ -71,24 +69,3 @@ def test_a_change_is_found_with_its_value(name: str) -> None:
     std = np.sqrt(np.diag(found.covariance))
     assert found.log_odds > 20.0
     assert (np.abs(found.steps + steps) < 5.0 * std + 0.05).all()
-
-
-def test_frames_weigh_together_what_each_hides() -> None:
-    """All frames with one rig cost more than each with a rig of its own."""
-    recorded = witnesses()
-    case = Case.of(recorded, axes_of(recorded.rig, CHANGES)[0])
-    assert case.sound
-    alone = np.minimum(recorded.fit.cost - case.best, case.settings.most).sum()
-    assert weighed(recorded.fit, case.best, case.scale).cost >= alone - 1e-6
-
-
-def test_few_frames_of_a_long_recording_are_kept() -> None:
-    """Memory does not grow with the recording, and witnesses are spread over all of it."""
-    recording, settings = clean(), RecordingSettings()
-    watch = RecordingWatch(recording.rig)
-    for row in range(3000):
-        watch.push(replace(recording.frames[row % 60], time_s=row / 30.0))
-    kept = watch.recorded().order
-    assert len(kept) <= settings.first + settings.spread
-    assert kept[-1] > 2700
-    assert np.diff(kept[settings.first :]).max() < 300

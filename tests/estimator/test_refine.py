@@ -10,19 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.estimator.setup import ACROSS, LENGTH_M, Setup, drawn_truth
+from benchmarks.estimator.setup import ACROSS, Setup, drawn_truth
 from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, Recorded, contacts, play
 from benchmarks.recording.recording import CELLS, PIN_M, PIN_STD_M, bound_m, lengthened, measured, played, run
-from estimator.object.estimate import estimate_object
 from estimator.recording import Refined, refine
-from estimator.recording.refined import _begun as begun
-from estimator.recording.solve import solved
 from estimator.table.contacts import ContactTable, Measured
 from estimator.table.files import read_contacts, write_contacts
 from vbaa_calib.cli.main import main
 from vbaa_calib.session import KnownObject
 from vbaa_calib.simulate.scene.objects import TouchObject
-from vbaa_calib.simulate.scene.scene import camera_pose
 
 from ..recordings import SESSION
 
@@ -71,48 +67,6 @@ def test_own_and_shared_parts_add_up() -> None:
     assert (shared**2 <= np.einsum("bii->bi", found.contacts.covariance_world_m2[rows]) * (1 + 1e-9)).all()
 
 
-@cache
-def bowed_and_rolled() -> Recorded:
-    """A strongly bowed antenna on a sphere, seen aslant by a rolled camera on a rig that is known three times worse."""
-    rig = replace(SETUP, exact=False).rig()
-    parameters = rig.antenna.parameters.copy()
-    parameters[4:6] = 0.42, -0.31
-    pose = camera_pose(1.05, ACROSS, np.pi / 2, 0.42, np.array([LENGTH_M / 2, 0.0, 0.0]))
-    antenna = replace(rig.antenna, parameters=parameters)
-    rig = replace(rig, T_antenna_camera=pose, antenna=antenna, covariance=9.0 * rig.covariance)
-    sphere = next(case for case in CASES if case.name == "sphere")
-    return replace(lengthened(play(rig, sphere.make(RIGID, 0.0), sphere.strokes[:2], points=500), 20), sigma_px=0.03)
-
-
-@pytest.mark.parametrize("seed", [1, 11])
-def test_steps_come_to_an_end_where_lines_err_more_than_stated(seed: int) -> None:
-    """Neighbouring points err alike, so that frames scatter about as much as makes them trusted less."""
-    played, rng = bowed_and_rolled(), np.random.default_rng(seed)
-    true = drawn_truth(played.given, rng)
-    recorded = played.noisy(rng, true.with_covariance(played.given.covariance))
-    apart = np.subtract.outer(np.arange(500), np.arange(500)) / 15.0
-    root = np.linalg.cholesky(np.exp(-0.5 * apart**2) + 1e-8 * np.eye(500))
-    lines_px = recorded.centrelines_px + 0.016 * root @ rng.normal(size=recorded.centrelines_px.shape)
-    recorded = replace(recorded, centrelines_px=lines_px)
-    table = contacts(recorded)
-    rows = np.flatnonzero(table.located)
-    problem, start = begun(table, recorded.given, measured(recorded), rows, None)
-    found = solved(problem, start, np.zeros(len(rows)))
-    assert found.converged
-
-
-def test_the_order_of_frames_does_not_matter() -> None:
-    recorded, table, lines, _ = given()
-    timeless = replace(table, time_s=np.full(len(table), np.nan))
-    order = np.random.default_rng(0).permutation(len(table))
-    first = refine(timeless, recorded.given, lines)
-    other = refine(timeless.picked(order), recorded.given, [lines[row] for row in order])
-    rows = np.flatnonzero(first.refined)
-    back = other.contacts.picked(np.argsort(order))
-    assert off_in_deviations(first.contacts, back, rows).max() < 0.05
-    assert back.distance_std_m[rows] == pytest.approx(first.contacts.distance_std_m[rows], rel=1e-2)
-
-
 def test_a_frame_that_does_not_belong_does_not_move_the_rest() -> None:
     recorded, table, lines, found = given()
     row = int(np.flatnonzero(found.refined)[20])
@@ -145,18 +99,6 @@ def test_a_zero_that_walks_is_named_and_the_contacts_come_back() -> None:
     assert not found.refined.any()
 
 
-def test_a_camera_that_turns_while_the_recording_lasts_is_allowed_for() -> None:
-    recorded = recording(9, 111)
-    aside = np.linspace(0.0, 0.03, len(recorded))[:, None, None] * np.array([0.3, 0.95])
-    moved = replace(recorded, centrelines_px=recorded.centrelines_px + aside)
-    still, found = (refine(contacts(each), each.given, measured(each)) for each in (recorded, moved))
-    assert still.trend_p > 1e-3
-    assert (found.trend_p < 1e-4 and found.notes) or found.reason
-    rows = found.refined & recorded.truth.in_contact
-    off = (found.contacts.distance_m - recorded.truth.distance_m)[rows] / found.contacts.distance_std_m[rows]
-    assert np.sqrt(np.mean(off**2)) < 1.3
-
-
 def test_another_rig_is_refused_and_the_contacts_come_back() -> None:
     recorded = recording(7)
     table, lines = contacts(recorded), measured(recorded)
@@ -165,14 +107,6 @@ def test_another_rig_is_refused_and_the_contacts_come_back() -> None:
     assert found.reason
     assert found.contacts is table
     assert not found.refined.any()
-
-
-def test_the_stiffness_is_known_better_than_frame_by_frame() -> None:
-    """A rigid object's compliance is none, within its deviation."""
-    recorded, table, _, found = given()
-    framewise, refined = estimate_object(table, recorded.given, events=False).compliance, found.object.compliance
-    assert refined.std_m_N < framewise.std_m_N
-    assert abs(refined.compliance_m_N) < 3.0 * refined.std_m_N
 
 
 def test_nothing_is_known_better_than_the_rig_allows() -> None:
@@ -264,25 +198,6 @@ def test_what_is_edge_on_to_one_camera_is_located_at_the_bound_by_two(draws: int
         held.append(np.abs(found.contacts.distance_m[rows] - truth.distance_m[rows]) < 1.96 * std)
     assert np.sqrt(np.concatenate(square).mean() / np.concatenate(allowed).mean()) < 1.15
     assert np.concatenate(held).mean() > 0.9
-
-
-def test_another_view_of_the_same_frames_tells_more() -> None:
-    """Of frames that the first camera locates, too: no deviation grows, most shrink."""
-    rows = np.flatnonzero(alone(0).refined & together(0).refined)
-    ratio = together(0).contacts.distance_std_m[rows] / alone(0).contacts.distance_std_m[rows]
-    assert ratio.max() < 1.05
-    assert np.median(ratio) < 0.8
-
-
-def test_a_camera_that_saw_nothing_changes_nothing() -> None:
-    both, table, lines = seen(0)
-    dark = [replace(each, points_px=np.zeros((0, 2)), sigma_px=np.zeros(0)) for each in lines[1]]
-    found = refine(table, both[0].given.with_camera("other", both[1].given), joined(lines[0], dark))
-    before, rows = alone(0).contacts, alone(0).refined
-    assert (found.refined == rows).all()
-    std = before.distance_std_m[rows]
-    assert np.abs(found.contacts.distance_m - before.distance_m)[rows] / std == pytest.approx(0.0, abs=1e-3)
-    assert found.contacts.distance_std_m[rows] == pytest.approx(std, rel=1e-3)
 
 
 def written(recorded: Recorded, lines: list[Measured], folder: Path) -> tuple[Path, Path]:

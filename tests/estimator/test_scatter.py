@@ -41,19 +41,6 @@ def test_the_scatter_is_what_the_points_really_have(along: float) -> None:
         assert scatter(mixed) == pytest.approx(factor)
 
 
-def test_gross_points_do_not_count() -> None:
-    several, rng = recording(KINDS[0], 1).frames, np.random.default_rng(1)
-    spoilt = []
-    for one in several:
-        points = one.points_px.copy()
-        points[rng.choice(len(points), 5, replace=False)] = rng.uniform(0.0, 700.0, (5, 2))
-        points[rng.integers(len(points))] = rng.choice([np.nan, 65535.0])
-        spoilt.append(replace(one, points_px=points))
-    assert scatter(spoilt) == pytest.approx(scatter(several), rel=0.15)
-    assert np.isnan(point_scatter([], []))
-    assert np.isnan(point_scatter([several[0].points_px[:8]], [several[0].sigma_px[:8]]))
-
-
 def tabled(was: Recording, stated: float | None) -> tuple[list[Frame], Mapping[int, np.ndarray]]:
     """The same as a tracker's table, with so much of each standard deviation, or none."""
     frames, lines = [], {}

@@ -86,22 +86,6 @@ def test_joint_axes_that_are_off_move_contacts_as_said_and_widen_the_covariance(
     np.testing.assert_allclose(wider, own @ np.swapaxes(own, 1, 2), atol=1e-6 * np.abs(table.covariance_world_m2).max())
 
 
-def test_axes_that_follow_the_pose_are_not_counted_twice() -> None:
-    """A sweep that misjudges the tilt's zero turns the camera the other way: what the camera sees stays where it is."""
-    by_pose = np.zeros((3, 6))
-    by_pose[2, 1] = 1.0  # true tilt = reading + zero turns about −y, the pose about +y
-    follows = replace(RIG, kinematics=Kinematics(axes_by_pose=by_pose))
-    alone = replace(RIG, kinematics=Kinematics(axes_std=np.array([0.0, 0.0, RIG.std("camera_about_y_rad")])))
-    scenes = scenes_of(RIG, RIG)
-    joint, apart = (table_of(replace(scenes, rig=rig)).covariance_world_m2 for rig in (follows, alone))
-    assert (np.abs(joint - apart).max(axis=(1, 2)) > 1e-12).any()
-    for rig, covariance in ((follows, joint), (alone, apart)):
-        table = table_of(replace(scenes, rig=rig))
-        shared = shared_errors(rig, table)
-        whole = shared.own_m2 + shared.point_m @ np.swapaxes(shared.point_m, 1, 2)
-        np.testing.assert_allclose(whole, covariance, atol=2e-3 * np.abs(covariance).max())
-
-
 def test_own_and_shared_make_the_whole() -> None:
     table = table_of(scenes_of(RIG, RIG).noisy(np.random.default_rng(2)))
     shared = shared_errors(RIG, table)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -58,12 +56,6 @@ def test_named_where_points_are_off_by_more_than_their_deviations_carry(curves: 
     assert "global shutter" in words
     blurred = list(marked_by_shutter(frames(curves, [0.0, 3.0, 6.0]), Shutter(exposure_s=0.03), SIZE[0]))
     assert all("expose shorter" in item.contact.reason for item in blurred)
-
-
-def test_frames_without_points_or_time_pass(curves: Curves) -> None:
-    items = frames(curves, [0.0, 1.0, 2.0])
-    items[1] = replace(items[1], measured=Measured(np.empty((0, 2)), np.empty(0), 0.0, 0.0, 0.0))
-    assert [item.frame.frame for item in marked_by_shutter(items, Shutter(readout_s=0.02), SIZE[0])] == [0, 1, 2]
 
 
 def test_a_drawn_rolling_shutter_puts_points_off_by_as_much_as_is_said() -> None:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from benchmarks.estimator.scenes import Scenes, elastica_shapes
+from benchmarks.estimator.scenes import Scenes
 from estimator import Contact, ContactEstimator
 from estimator.contact.contacts import Contacts
 from estimator.contact.settings import ContactSettings
@@ -25,12 +25,9 @@ from ..beam import superposed_deflection
 from ..rod_scenes import LENGTH_M, RIG_STD, STIFFNESS_NM2, World, camera_pose
 from ..rod_scenes import seen as pictured
 from .contact_scenes import (
-    RIG,
     STRAIGHT,
     WORLD,
     answered,
-    deviations,
-    estimated,
     fitted_std,
     frame,
     rubbed,
@@ -137,47 +134,6 @@ LIGHT = World(camera_pose(0.6, 1.0), STRAIGHT).rig(np.zeros(17), np.zeros(3))
 HEAVY = WORLD.rig(np.zeros(17))
 
 
-def test_each_rung_on_request() -> None:
-    seen = frame()
-    found = {model: estimated(seen, model=model) for model in (*RUNGS, "auto")}
-    assert [found[rung].model for rung in RUNGS] == list(RUNGS)
-    for rung in ("elastica", "rod"):
-        assert found[rung].status == "ok"
-        assert found[rung].reason.startswith(f"{rung} was asked for")
-        assert np.abs(deviations(found[rung], seen)).max() < 3.5
-    assert found["auto"].model == "elastica"
-    assert found["auto"].reason.startswith("elastica: linear would be")
-    assert found["auto"].distance_m == pytest.approx(found["rod"].distance_m, abs=1e-4)
-    # what knows nothing of this antenna's weight and bow must not pass for an answer
-    assert found["paper"].status == "failed"
-
-
-def test_auto_climbs_as_the_antenna_bends() -> None:
-    """Straight and weightless: the paper's beam while the slope is small, then the elastica, which is exact for it."""
-    slopes = [0.6, 1.0, 4.0, 8.0, 16.0, 32.0]
-    found = answered(rubbed(LIGHT, [0.6] * 6, slopes, made_by=elastica_shapes))
-    assert [contact.status for contact in found] == ["ok"] * 6
-    assert [contact.model for contact in found] == ["paper"] * 2 + ["elastica"] * 4
-    assert found[0].reason.startswith("paper: its bias is 0.0")
-    climbing = [contact.bias["linear"] for contact in found]
-    assert climbing == sorted(climbing)
-    assert climbing[-1] > 50.0
-
-
-def test_noise_and_an_unsure_rig_keep_auto_low() -> None:
-    scenes = rubbed(HEAVY, [0.6], [32.0], sigma_px=0.02)
-    assert answered(scenes)[0].model == "rod"
-    assert answered(rubbed(HEAVY, [0.6], [32.0], sigma_px=0.5))[0].model == "elastica"
-    assert answered(rubbed(WORLD.rig(3.0 * RIG_STD), [0.6], [32.0], sigma_px=0.02))[0].model == "elastica"
-
-
-@pytest.mark.parametrize("rung", ["linear", "elastica"])
-def test_friction_is_counted_among_the_biases_of_what_does_not_know_it(rung: str) -> None:
-    scenes = rubbed(LIGHT, [0.6], [10.0], made_by=elastica_shapes)
-    slippery, rough = (answered(scenes, rung, friction)[0].bias[rung] for friction in (0.0, 0.3))
-    assert (rough > slippery + 0.3) == (rung == "linear")
-
-
 def made_and_said(rung: str, std: float, straight: bool) -> tuple[np.ndarray, np.ndarray]:
     """(K,) biases really made without noise on a rung, and those that it predicts; in deviations of noise and rig."""
     rng, high = np.random.default_rng(3), rung == "elastica"
@@ -263,17 +219,6 @@ def test_an_upright_camera_alone_does_not_know_the_side_at_small_slopes(slope: f
     assert sure.mean() < 0.2
 
 
-def test_mirror_images_that_fit_alike_leave_the_distance() -> None:
-    """Only the force along the line of sight is empty, and the reason says so; distance and seen force are right."""
-    given = touched(UPRIGHT, 9.0, 80)
-    found = answered(given, blind=True)
-    twins = np.flatnonzero([np.isfinite(one.distance_m) and "f_z not determined" in one.reason for one in found])
-    assert len(twins) > 10
-    assert np.isnan(found.force_N[twins][:, [0, 2]]).all()
-    off = scene_deviations(found, given)[twins, :2]
-    assert np.abs(off).max() < 4.5
-
-
 @pytest.mark.parametrize(
     ("rig", "slope"), [(UPRIGHT, 15.0), (UPRIGHT, 20.0), (TOWARDS_CLAMP, 8.0), (TOWARDS_CLAMP, 20.0)]
 )
@@ -302,19 +247,6 @@ def test_vision_alone_is_never_confident_and_wrong(rig: Rig, slope: float) -> No
     assert np.nanmax(off) < 6.0
     assert (found.status == "failed").mean() <= 0.05
     assert np.isnan(found.moment_residual_Nm).all()
-
-
-@pytest.mark.parametrize(
-    ("rig", "least"), [(RIG, 0.93), (World(camera_pose(1.1, 1.0)).rig(0.25 * RIG_STD), 0.8)], ids=["usual", "inclined"]
-)
-def test_an_antenna_that_is_bent_far_is_found_from_small_deflections(rig: Rig, least: float) -> None:
-    rng, count = np.random.default_rng(4), 60
-    contact, slope = rng.uniform(0.3, 0.95, count), rng.uniform(60.0, 80.0, count)
-    given = rubbed(rig, contact, slope, 0.0, rng.uniform(-np.pi, np.pi, count)).noisy(rng)
-    found = answered(given)
-    good = found.status == "ok"
-    assert good.mean() > least
-    assert np.abs(scene_deviations(found, given)[good]).max() < 4.5
 
 
 def about_z(given: Scenes, rig: Rig) -> np.ndarray:
@@ -377,13 +309,6 @@ def test_friction_is_covered(friction: float, rig) -> None:
     assert off.max() < 3.5**2
     assert off[:, 0].mean() < 2.25  # the angle itself lies 1.5 deviations off
     assert squares(answered(given, friction=0.0), given)[:, 0].mean() > 6.0 * off[:, 0].mean() + 6.0
-
-
-@pytest.mark.parametrize("slope", [3.0, 10.0])
-def test_the_angle_is_not_claimed_where_it_is_not_seen(slope: float) -> None:
-    found = answered(rubbing(USUAL, 0.3, slope))
-    assert (found.friction_angle_std_rad > 0.12).all()
-    assert (found.friction_angle_std_rad <= 0.2 * (1 + 1e-9)).all()
 
 
 @pytest.mark.parametrize(("friction", "slope"), [(-0.3, 25.0), (0.0, 30.0), (0.3, 30.0)])
@@ -462,22 +387,6 @@ def test_two_contacts_are_named(first: float, second: float, share: float, rig: 
     assert 0.0 < near < far <= 1e3 * LENGTH_M
     assert near < 1e3 * LENGTH_M * second
     assert far > 1e3 * LENGTH_M * first
-
-
-@pytest.mark.parametrize("share", [-0.5, pytest.param(-0.3, marks=pytest.mark.slow)])
-def test_opposed_contacts_are_no_contact_either(share: float) -> None:
-    contact = twice_touched(0.33, 0.83, share, 10.0)
-    assert contact.status == "failed"
-    assert withheld(contact)
-
-
-@pytest.mark.parametrize(("first", "second", "share"), [(0.5, 0.6, 0.5), (0.7, 0.8, 1.0)])
-def test_what_cannot_be_told_apart_lies_in_between(first: float, second: float, share: float) -> None:
-    """Stated as a limit: a tenth of the length apart at small slopes, two look like one."""
-    contact = twice_touched(first, second, share, 5.0)
-    assert contact.status == "ok"
-    slack = 3.0 * contact.distance_std_m
-    assert first * LENGTH_M - slack < contact.distance_m < second * LENGTH_M + slack
 
 
 def once_touched(count: int, seed: int, incline: float, azimuth: float, std: float) -> Contacts:

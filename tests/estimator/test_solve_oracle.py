@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
-from estimator.solver.linearised import linearised
 from vbaa_calib.antenna.rod import RodShape
 from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.core.robust import HUBER
@@ -33,7 +31,7 @@ from ..rod_scenes import (
     pushing,
     seen,
 )
-from .test_uncertainty import framed, solved
+from .test_uncertainty import solved
 
 WORLD, STD, UNIT_N = World(camera_pose(0.7, 0.8)), 0.3 * RIG_STD, 0.05
 
@@ -90,32 +88,6 @@ def test_scipy_ends_at_the_same_minimum(contact: float, roll: float, tip_m: floa
     assert numbers.cost[0] == pytest.approx(cost, rel=0.01)
 
 
-def test_accelerations_are_polynomials_second_derivatives() -> None:
-    """Least-squares parabolas over uneven times by NumPy, the standard deviations by its covariance."""
-    rng = np.random.default_rng(8)
-    time_s = np.cumsum(rng.uniform(0.8, 1.2, 12)) / 120.0
-    points, sigma, mode = rng.normal(size=(12, 2, 3)), np.full((12, 1), 1e3), np.full(12, 0.5 * np.pi / 0.0215)
-    judged, far = np.arange(12), np.abs(time_s - time_s[:, None]) <= 0.0215
-    second, std, _ = core.solver.accelerations(time_s, points, sigma, judged, mode, 1.0, 64, False)
-    assert np.isnan(second[[0, -1]]).all()
-    for frame in range(1, 11):
-        near = far[frame]
-        near[frame - 1 : frame + 2] = True
-        values, covariance = np.polyfit(time_s[near] - time_s[frame], points[near].reshape(-1, 6), 2, cov="unscaled")
-        np.testing.assert_allclose(second[frame].ravel(), 2.0 * values[0], rtol=1e-9)
-        np.testing.assert_allclose(std[frame].ravel(), 2e3 * np.sqrt(covariance[0, 0].ravel()[0]), rtol=1e-9)
-
-
-def test_places_are_those_along_the_longer_side() -> None:
-    rng = np.random.default_rng(9)
-    points = rng.uniform(0.0, 1.0, (3, 50, 2)) * np.array([[[1.0, 9.0]], [[9.0, 1.0]], [[9.0, 1.0]]])
-    points[2] = points[2, np.argsort(points[2, :, 0])]
-    points[1:, 40:] = np.nan
-    place, disordered, *_ = core.solver.places(points)
-    np.testing.assert_allclose(place, [points[0, :, 1], *points[1:, :, 0]], atol=1e-5)
-    np.testing.assert_array_equal(disordered, [True, True, False])
-
-
 def test_ideal_points_are_the_cameras() -> None:
     """Covariances by finite differences of OpenCV's inverse; what is not finite does not count."""
     pixels = np.array([[500.0, 300.0], [12.0, 700.0], [np.nan, 5.0], [900.0, 20.0]])
@@ -134,20 +106,3 @@ def test_ideal_points_are_the_cameras() -> None:
     np.testing.assert_allclose(covariance[:2], whole[:, [0, 0, 1], [0, 1, 1]], rtol=1e-5, atol=1e-14)
     assert np.isfinite(points).all()
     assert np.isfinite(covariance).all()
-
-
-def test_the_core_says_what_it_cannot_read() -> None:
-    """Arrays of another shape or kind are errors, not reads beyond their ends."""
-    one = framed(frames(WORLD, [0.1], [[0.01, 0.0]], [0.0], np.random.default_rng(0)), WORLD.rig())
-    unknowns = np.array([[0.5, 0.1, 0.1, 0.0]])
-    for wrong in (unknowns[:, :3].copy(), np.vstack([unknowns, unknowns])):
-        with pytest.raises(ValueError, match="unknowns"):
-            linearised(one, "rod", wrong)
-    with pytest.raises(ValueError, match="tip"):
-        linearised(replace(one, tip=np.zeros((1, 3))), "rod", unknowns)
-    with pytest.raises(TypeError):
-        linearised(replace(one, points=one.points.astype(np.float32)), "rod", unknowns)
-    with pytest.raises(ValueError, match="frame"):
-        core.solver.accelerations(
-            *np.zeros((1, 3)), np.zeros((3, 2, 3)), np.ones((3, 1)), np.array([3]), np.ones(1), 1.0, 9, False
-        )

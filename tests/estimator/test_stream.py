@@ -66,24 +66,6 @@ def test_a_swing_is_named_where_inertia_is_largest(live: bool) -> None:
     assert moving[np.isclose(phase, 0.0)][1:-1].mean() < 0.3 if not live else moving.any()
 
 
-def test_without_times_nothing_is_judged() -> None:
-    assert {contact.status for contact in run(0.02, timed=False)} == {"ok"}
-
-
-def test_live_nothing_waits() -> None:
-    taken = []
-
-    def watched() -> Iterator[Measured]:
-        for index, frame in enumerate(recorded(touched(0.0))):
-            taken.append(index)
-            yield frame
-
-    answers = ContactEstimator(RIG).run(watched(), live=True)
-    for index in range(5):
-        assert next(answers).status == "ok"
-        assert taken[-1] == index
-
-
 def test_pictures_are_judged_for_motion_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """What was seen in each picture goes through the same stream; a picture without an antenna keeps its own words."""
     lost = 20

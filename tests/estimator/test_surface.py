@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from estimator.object.surface import Surface, Touches, reconstruct, touches_of
 from estimator.object.surface.settings import SurfaceSettings
 from estimator.table.contacts import ContactRow, ContactTable
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 
 from ..viz.touching import ANTENNA_RADIUS_M, cylinder, touch
@@ -208,50 +207,6 @@ def test_an_edge_is_a_line_with_the_normal_of_each_contact() -> None:
     assert (surface.std_across_m > 0).all()
 
 
-def test_touched_all_around_the_patches_stay_height_fields() -> None:
-    rng = np.random.default_rng(3)
-    surface = rebuilt(*cylinder(rng.uniform(0, 2 * np.pi, 150), rng.uniform(-0.03, 0.03, 150)), std_along_m=2e-4)
-    assert 3 <= surface.patch.max() + 1 <= 6
-    normal, _ = face_normals(surface)
-    assert (np.sum(normal * surface.normals[surface.triangles[:, 0]], axis=1) > 0).mean() > 0.99
-    assert np.sqrt(np.mean(off_cylinder(surface.points_m) ** 2)) < 3e-4
-
-
-def test_objects_apart_are_not_joined() -> None:
-    points, normals = grid(1.2, 1.9, 5, 7)
-    far = points * [1, 1, 0.3] + [0.0, 0.0, 0.08]
-    surface = rebuilt(*both((points * [1, 1, 0.3], normals), (far, normals)), std_along_m=1e-4)
-    assert surface.patch.max() == 1
-    assert np.ptp(surface.points_m[surface.triangles][:, :, 2], axis=1).max() < 0.02
-
-
-def test_a_bay_that_was_not_touched_stays_open() -> None:
-    """A ring of contacts is not filled."""
-    rng = np.random.default_rng(0)
-    turn, out = rng.uniform(0, 2 * np.pi, 160), rng.uniform(0.024, 0.03, 160)
-    points = np.column_stack([out * np.cos(turn), np.zeros(160), out * np.sin(turn)])
-    surface = rebuilt(CENTRE + points, np.tile([0.0, -1.0, 0.0], (160, 1)), std_along_m=1e-4)
-    from_centre = np.linalg.norm(surface.points_m - CENTRE, axis=1)
-    assert from_centre.min() > 0.015
-    assert face_normals(surface)[1].sum() > 0.7 * np.pi * (0.03**2 - 0.024**2)
-
-
-def test_a_track_no_wider_than_its_noise_is_a_line() -> None:
-    points, normals = cylinder(1.6 + 0.05 * np.sin(np.arange(60.0)), np.linspace(-0.03, 0.03, 60))
-    surface = rebuilt(points, normals, std_along_m=1e-3, std_across_m=3e-4)
-    assert len(surface.triangles) == 0
-    assert surface.lines.tolist() == [[i, i + 1] for i in range(len(surface.points_m) - 1)]
-    assert np.sqrt(np.mean(off_cylinder(surface.points_m) ** 2)) < 2e-4
-
-
-def test_a_track_with_a_gap_is_a_line_with_a_gap() -> None:
-    height = np.concatenate([np.linspace(-0.03, -0.01, 30), np.linspace(0.004, 0.03, 30)])
-    surface = rebuilt(*cylinder(np.full(60, 1.6), height), std_along_m=1e-3)
-    drawn_m = np.abs(np.diff(surface.points_m[surface.lines][:, :, 2], axis=1)).ravel()
-    assert drawn_m.max() < 0.002
-    assert 0.03 < drawn_m.sum() < 0.055
-
-
 def test_the_result_turns_with_the_world() -> None:
     turn, shift = Rotation.from_rotvec([0.4, -1.1, 0.7]), np.array([0.3, -0.2, 0.5])
     here = drawn(spread_touches(SPHERE, 40, np.random.default_rng(2), common=False), np.random.default_rng(3))
@@ -279,18 +234,6 @@ def test_only_located_contacts_with_a_force_count() -> None:
     assert found.frame.tolist() == [*range(16), 18]
     assert found.row.tolist() == [*range(16), 18]
     assert np.isnan(found.tangent[-1]).all()  # the tip is not tangent to what it touches
-
-
-def test_contacts_of_a_model_that_is_off_are_not_believed() -> None:
-    rows = touch(*grid(0.9, 2.1), np.random.default_rng(0))
-    table = ContactTable.from_rows(
-        [replace(row, bias_std=4.0 if index < 10 else 0.2) for index, row in enumerate(rows)]
-    )
-    surface = reconstruct(table, ANTENNA_RADIUS_M)
-    assert len(surface.touched_m) == len(rows) - 10
-    assert surface.notes[0].startswith("10 contacts")
-    with pytest.raises(InputError, match="all 63 contacts were found with a model that is off"):
-        reconstruct(replace(table, bias_std=np.full(len(rows), 2.0)), ANTENNA_RADIUS_M)
 
 
 SOFT_M_N = 0.01
@@ -392,14 +335,6 @@ def test_a_soft_ball_s_stiffness_and_its_unpressed_shape() -> None:
     assert np.sqrt(np.mean(SPHERE.signed_distance(surface.touched_m)[0] ** 2)) < 1e-4
 
 
-def test_common_errors_widen_the_interval() -> None:
-    """An error of the antenna's stiffness moves points with the forces: that looks like yielding."""
-    true = spread_touches(SPHERE, 60, np.random.default_rng(0), compliance_m_N=0.01)
-    true.modes_m[:, :, 6] = 1.5e-3 * true.force_N
-    soft = reconstruct(drawn(true, np.random.default_rng(1)), RADIUS_M).compliance
-    assert soft.std_m_N > 1.5e-3
-
-
 def test_a_rigid_object_is_stiffer_than_so_much() -> None:
     true = spread_touches(CYLINDER, 60, np.random.default_rng(0), common=False)
     soft = reconstruct(drawn(true, np.random.default_rng(2)), RADIUS_M).compliance
@@ -408,15 +343,6 @@ def test_a_rigid_object_is_stiffer_than_so_much() -> None:
     assert soft.interval_N_m[0] > 300
     assert soft.interval_N_m[1] == np.inf
     assert soft.reason.startswith("the object is stiffer than")
-
-
-def test_forces_that_are_all_alike_tell_nothing() -> None:
-    true = spread_touches(SPHERE, 40, np.random.default_rng(0), common=False)
-    force = 0.03 * true.force_N / np.linalg.norm(true.force_N, axis=1, keepdims=True)
-    surface = reconstruct(drawn(replace(true, force_N=force), np.random.default_rng(1)), RADIUS_M)
-    assert not surface.compliance.determined
-    assert "is undetermined" in surface.compliance.reason
-    assert np.isnan(surface.compliance.interval_N_m).all()
 
 
 def picked(touches: Touches, which: np.ndarray | slice) -> Touches:
@@ -441,28 +367,6 @@ def sound(surface: Surface, count: int) -> None:
     assert ((indices >= 0) & (indices < len(surface.points_m))).all()
     assert len(surface.patch) == len(surface.std_m) == len(surface.points_m) > 0
     assert surface.compliance.reason
-
-
-def test_without_tangents_a_line_does_not_know_its_normals() -> None:
-    height = np.linspace(-0.02, 0.02, 25)
-    points = np.array([0.16, 0.035, 0.0]) + np.outer(height, [0.0, 0.0, 1.0])
-    normal, lean = np.tile([0.0, -1.0, 0.0], (25, 1)), np.tile([1.0, 0.0, 0.0], (25, 1))
-    line = touches_at(points, normal, lean, np.linspace(0.01, 0.05, 25), common=False)
-    surface = reconstruct(replace(line, tangent=np.full((25, 3), np.nan)), RADIUS_M)
-    sound(surface, 25)
-    about_line = surface.touched_normal_covariance[:, 0, 0]
-    np.testing.assert_allclose(about_line, 1.0, atol=0.05)
-
-
-def test_unknown_covariances_are_said_and_give_no_deviations() -> None:
-    touches = noisy(CYLINDER)
-    surface = reconstruct(replace(touches, own_m2=np.full((40, 3, 3), np.nan)), RADIUS_M)
-    sound(surface, 40)
-    assert np.isnan(surface.std_m).all()
-    assert np.isnan(surface.touched_std_m).all()
-    assert "no covariance" in surface.notes[0]
-    assert "is undetermined" in surface.compliance.reason
-    assert np.sqrt(np.mean(CYLINDER.signed_distance(surface.points_m)[0] ** 2)) < 4e-4
 
 
 def senseless() -> dict[str, dict[str, np.ndarray]]:

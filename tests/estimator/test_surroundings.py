@@ -93,14 +93,6 @@ def test_an_antenna_at_rest_and_a_scene_that_moves_are_left_as_they_are(change: 
     assert ("hardly moves" in why) == ("still" in change)
 
 
-def test_a_plain_scene_has_nothing_to_take_off() -> None:
-    rng = np.random.default_rng(3)
-    plain = np.full(SIZE, 60.0)
-    images = [exposed(plain + tube(bent(CLAMP, 0.0, turn), WIDTH_PX, 70.0), rng) for turn in np.linspace(-30, 30, 9)]
-    assert background_of(images, finder(), True)[0] is None
-    assert background_of(images[:3], finder(), True)[0] is None
-
-
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (0.3, -0.2), (1.4, 0.9), (-2.0, 1.5)])
 @pytest.mark.parametrize("gain", [0.8, 1.2])
 def test_a_background_is_moved_and_scaled_onto_a_picture(shift: tuple[float, float], gain: float) -> None:

@@ -85,12 +85,6 @@ def test_columns_of_the_contract_come_first_and_unknown_numbers_are_empty(writte
     assert "nan" not in written.read_text().lower()
 
 
-def test_columns_beyond_the_contract_are_optional(written: Path) -> None:
-    back = read_contacts(rewritten(written, [line[: len(CONTRACT)] for line in cells(written)]))
-    assert np.isnan(back.force_world_N).all()
-    assert np.isnan([back.friction_angle_rad, back.friction_angle_std_rad, back.bias_std, back.condition]).all()
-
-
 def test_a_contact_becomes_a_row() -> None:
     """Every number of the estimator's result has its place."""
     values = {
@@ -105,21 +99,6 @@ def test_a_contact_becomes_a_row() -> None:
     others = {"frame", "status", "in_contact", "model", "reason", "bias_std", "force_y_N", "force_z_N", "contact"}
     others |= {"antenna", "clamp_world_m", "clamp_angle_rad"}
     assert all(np.all(getattr(row, field.name) == 0.125) for field in fields(row) if field.name not in others)
-
-
-def test_a_frame_may_have_several_contacts_where_they_are_asked_for(rows: list[ContactRow], tmp_path: Path) -> None:
-    path = tmp_path / "contacts.csv"
-    write_contacts(path, [rows[0], replace(rows[0], contact=1)])
-    assert read_contacts(path, several=True).contact.tolist() == [0, 1]
-    alone = read_contacts(path)
-    assert (len(alone), alone.status[0], bool(alone.located.any())) == (1, "failed", False)
-    assert "several contacts" in alone.reason[0]
-    write_contacts(path, [replace(rows[0], contact=1)], force=True)
-    with pytest.raises(InputError, match="none that is 0"):
-        read_contacts(path, several=True)
-    write_contacts(path, [replace(rows[0], contact=1)] * 2, force=True)
-    with pytest.raises(InputError, match="stands already in line 2"):
-        read_contacts(path, several=True)
 
 
 def test_the_documented_columns_are_the_declared_ones() -> None:

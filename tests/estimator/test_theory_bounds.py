@@ -21,18 +21,13 @@ from benchmarks.estimator.setup import (
     Setup,
     looking_pose,
 )
-from benchmarks.vision.judge import bound_px
-from benchmarks.vision.scenes import PLAIN, Bend, Shot, light, variance
 from vbaa_calib.antenna import linear
 from vbaa_calib.rig import MomentSensor, Rig
 
 from ..beam import deflection_by_contact
-from .contact_scenes import answered, fitted_std
 
 PAGE = Path(__file__).parents[2] / "docs/theory_bounds.md"
 POINTS, SLOPE_RAD, REACH = 200, 0.03, 0.5
-UNFELT = MomentSensor(1.0, 0.0, 1e6)
-"""A sensor that says nothing."""
 FAR_M = 2.9
 STEEPNESS = 1.5
 """sd(l) = 1.5·K_l·σ/(θ_c·√N): the contact's deflection is 2/3·l·θ_c."""
@@ -90,11 +85,6 @@ class TestClosedForm:
         assert sp.expand(b - (sp.Rational(13, 40) + sp.Rational(3, 4) * inner)) == 0
         assert sp.expand(c - (sp.Rational(9, 20) + sp.Rational(3, 8) * ((2 * far - 1) ** 3 - 1))) == 0
 
-    def test_at_the_tip_and_at_the_clamp(self) -> None:
-        """√528 and √1008 at the tip; 4 and 8 towards the clamp, as of a line's intercept."""
-        np.testing.assert_allclose(factors(1.0)[:2] ** 2, [528.0, 1008.0], rtol=1e-9)
-        np.testing.assert_allclose(factors(1e-3)[:2], [4.0, 8.0], rtol=1e-3)
-
     @pytest.mark.parametrize(
         ("reach", "unsure"), [(0.1, 23.4), (0.25, 16.9), (0.5, 16.1), (0.75, 21.3), (0.9, 31.0), (1.0, 44.5)]
     )
@@ -109,14 +99,6 @@ class TestClosedForm:
         assert covariance[0, 1] / np.prod(found) == pytest.approx(factors(reach)[2], abs=1e-6)
         assert np.sqrt(np.linalg.inv(table @ table.T / len(x))[0, 0]) == pytest.approx(unsure, abs=0.05)
 
-    def test_where_a_contact_is_known_best(self) -> None:
-        """Of one force: in itself at 0.79 L, in mm at 0.58 L; of one slope there, in mm: nearest the clamp."""
-        reach = np.linspace(0.02, 1.0, 2000)
-        factor = factors(reach)[0]
-        assert reach[(factor / reach**2).argmin()] == pytest.approx(0.785, abs=2e-3)
-        assert reach[(factor / reach).argmin()] == pytest.approx(0.583, abs=2e-3)
-        assert (np.diff(factor) > 0).all()
-
 
 class TestAgainstTheNumericalBound:
     @pytest.mark.parametrize("reach", [0.25, 0.5, 0.75, 0.95])
@@ -130,17 +112,6 @@ class TestAgainstTheNumericalBound:
         assert absolute == pytest.approx(
             STEEPNESS * factors(reach)[0] * sigma_m / SLOPE_RAD / np.sqrt(POINTS), rel=5e-3
         )
-
-    def test_it_scales_with_noise_points_load_and_distance(self) -> None:
-        def known(away_m: float = FAR_M, slope: float = SLOPE_RAD, **changes) -> float:
-            given = touched(camera_at(away_m), 0.0, slope, **changes)
-            return float(relative(given, bound(given))[0])
-
-        least = known()
-        assert known(sigma_px=2 * SIGMA_PX) == pytest.approx(2.0 * least, rel=1e-6)
-        assert known(points=4 * POINTS) == pytest.approx(0.5 * least, rel=2e-3)
-        assert known(slope=2 * SLOPE_RAD) == pytest.approx(0.5 * least, rel=1e-2)
-        assert known(away_m=0.5 * FAR_M) == pytest.approx(0.5 * least, rel=1e-3)
 
     @pytest.mark.parametrize("tilt", [0.0, 0.3, 0.7, 1.2])
     def test_the_wall_where_the_camera_lies_in_the_plane(self, tilt: float) -> None:
@@ -173,82 +144,10 @@ class TestAgainstTheNumericalBound:
         assert mean == pytest.approx(1.707, abs=1e-3)
 
 
-class TestWithoutAMoment:
-    def force_z(self, tilt: float, slope: float, away_m: float = 0.4) -> float:
-        given = touched(camera_at(away_m, tilt, TOWARDS_CLAMP, UNFELT), np.pi / 4, slope)
-        return float(relative(given, bound(given))[2])
-
-    def test_depth_is_seen_to_second_order(self) -> None:
-        """Inclined along the antenna: like 1/θ_c² and like σ; upright steeper in both, since perspective fades."""
-        inclined = self.force_z(0.7, 0.05, 0.8) / np.array([self.force_z(0.7, 0.1, 0.8), self.force_z(0.7, 0.05, 0.4)])
-        np.testing.assert_allclose(inclined, [4.0, 2.0], rtol=0.1)
-        upright = self.force_z(0.0, 0.05, 0.8) / np.array([self.force_z(0.0, 0.1, 0.8), self.force_z(0.0, 0.05, 0.4)])
-        assert 4.0 < upright[0] < 8.0
-        assert 3.0 < upright[1] < 4.0
-
-
-class TestTwoPointsInsteadOfAll:
-    """σ/δ_c = 0.025, l = L/2: the best pair of each case."""
-
-    def best(self, first: tuple[float, float], second: tuple[float, float]) -> float:
-        u1, u2 = np.meshgrid(np.linspace(*first, 300), np.linspace(*second, 300), indexing="ij")
-        s1, s2 = (linear.deflection(u, 1.0, 3.0, 1.0) for u in (u1, u2))
-        e1, e2 = (deflection_by_contact(u, 1.0, 3.0, 1.0) / s for u, s in ((u1, s1), (u2, s2)))
-        with np.errstate(divide="ignore"):
-            return float(np.nanmin(np.where(u2 > u1, 0.025 * np.hypot(1 / s1, 1 / s2) / np.abs(e2 - e1), np.nan)))
-
-    def test_the_pages_numbers(self) -> None:
-        assert self.best((0.05, 1.0), (0.05, 1.0)) == pytest.approx(0.25, abs=0.005)
-        assert self.best((1.0, 2.0), (1.0, 2.0)) == pytest.approx(0.090, abs=0.0005)
-        assert self.best((0.05, 1.0), (1.0, 2.0)) == pytest.approx(0.083, abs=0.001)
-        assert factors(0.5)[0] * 0.025 / np.sqrt(480) == pytest.approx(0.0077, abs=5e-5)
-
-
 AWAY_M, ALLOWED = 0.6, 1 / 3
 STEPS = [(0.25, 0.139, 6.1), (0.5, 0.184, 4.9), (0.75, 0.276, 4.4), (0.95, 0.458, 4.2)]
 """l/L, the factor k of Δl/l = k·θ_c², and the slope in degrees at which the beam is a third of a deviation off."""
 
 
-@pytest.mark.parametrize(("reach", "factor", "degrees"), STEPS)
-def test_a_third_of_a_deviation(reach: float, factor: float, degrees: float) -> None:
-    """The distance that the rung `linear` finds in a picture of the elastica without noise, beside the closed form."""
-    rig = camera_at(AWAY_M)
-    sigma_m = SIGMA_PX * AWAY_M / rig.camera.matrix[0, 0]
-    least = STEEPNESS * factors(reach)[0] * sigma_m / np.sqrt(POINTS)
-    slope = (ALLOWED * least / (factor * reach * LENGTH_M)) ** (1 / 3)
-    assert np.degrees(slope) == pytest.approx(degrees, abs=0.06)
-    for times in (0.7, 1.0, 1.5):
-        given = touched(rig, 0.0, times * slope, reach)
-        found = answered(given, "linear", 0.0)
-        off = (found.distance_m[0] - given.distance_m[0]) / fitted_std(found, given, "linear", 0.0)[0, 0]
-        assert off == pytest.approx(ALLOWED * times**3, rel=0.06)
-        assert found[0].bias["linear"] >= 0.95 * off
-
-
 def stated(noise: float, height: float, width: float, blur: float) -> float:
     return float(noise / height * np.sqrt(blur * np.sqrt(np.pi) / -np.expm1(-((width / (2.0 * blur)) ** 2))))
-
-
-@pytest.mark.parametrize(("width", "blur"), [(1.5, 2.0), (3.0, 0.7), (20.0, 1.0)])
-def test_by_summing_over_pixels(width: float, blur: float) -> None:
-    """Level and height free as well: they are even where the place is odd, and cost nothing."""
-    at = np.arange(-40.0, 41.0) + 0.0
-    edge = [np.exp(-(((at + side * width / 2) / blur) ** 2) / 2) / (blur * np.sqrt(2 * np.pi)) for side in (1, -1)]
-    assert 1.0 / np.linalg.norm(edge[0] - edge[1]) == pytest.approx(stated(1.0, 1.0, width, blur), rel=1e-2)
-
-
-@pytest.mark.parametrize(
-    ("width", "blur", "worse", "slack"),
-    [(1.5, 0.6, 1.0, 0.1), (1.5, 1.6, 1.0, 0.1), (8.0, 0.6, 1.0, 0.1), (8.0, 1.6, 1.0, 0.1), (20.0, 0.6, 1.34, 0.04)],
-)
-def test_the_drawn_antenna_is_within_a_tenth_of_it(width: float, blur: float, worse: float, slack: float) -> None:
-    """`bound_px` of drawn pictures: a lit tube with shaded flanks, of which H is the mean height.
-
-    Shading rounds the edges of a tube of 20 px.
-    """
-    spec = replace(PLAIN, blur_px=blur, electrons_per_grey=1e6, read_noise=3.0)
-    shot = Shot((300, 120), Bend((20.0, 60.0), 0.0, 250.0), width, spec)
-    height = (light(shot) - light(shot, antenna=False))[:, 100].sum() / width
-    noise = float(np.sqrt(variance(shot.spec, light(shot))[60, 5]))
-    found = bound_px(shot, np.array([[100.0, 60.0]]))[0]
-    assert found / stated(noise, height, width, np.hypot(blur, 12**-0.5)) == pytest.approx(worse, abs=slack)

@@ -18,8 +18,8 @@ from estimator.cli.track import _run as run
 from estimator.contact.common_errors import CommonErrors
 from estimator.contact.motion import Beam
 from estimator.object.track import Event, Track, follow, smooth
-from estimator.object.track.follow import _frequency, _ringing_events, _ringing_frames
-from estimator.object.track.smooth import _kalman_smooth, _smoothable_pieces, _walk_intensity
+from estimator.object.track.follow import _frequency
+from estimator.object.track.smooth import _kalman_smooth, _smoothable_pieces
 from estimator.table.contacts import ContactRow, ContactTable
 from estimator.table.files import write_contacts
 from vbaa_calib.geometry import Kinematics
@@ -185,19 +185,6 @@ def test_a_slow_approach_is_seen_before_a_single_frame_tells_it(common: np.ndarr
     assert np.mean(early) > (1.0 if noise == 1.0 else 2.0)
 
 
-def test_a_fast_approach_is_told_by_its_first_frame_and_timed_between_frames() -> None:
-    rng = np.random.default_rng(5)
-    x = depth(80, 50.6, 400.0)
-    track = follow(evidence_table(evidence(x, *EXACT, rng), deep=x + rng.normal(size=80)))
-    (event,) = of(track, "first_contact")
-    assert event.frame == 51
-    assert abs(event.time_s - 50.6 / RATE_HZ) < 4.0 * event.time_std_s < 0.02
-    assert event.delay_s == pytest.approx(51 / RATE_HZ - event.time_s)
-    assert "first contact at" in event.words
-    assert set(track.phase[:50]) == {"free"}
-    assert "free" not in track.phase[52:]
-
-
 @pytest.mark.slow
 def test_the_time_of_first_contact_is_worth_what_it_says() -> None:
     """Against sampling, the common error in any direction, the approach a little uneven."""
@@ -214,80 +201,7 @@ def test_the_time_of_first_contact_is_worth_what_it_says() -> None:
     assert np.max(np.abs(off)) < 4.5
 
 
-def test_a_loss_is_timed_backwards() -> None:
-    rng = np.random.default_rng(7)
-    x = depth(120, 40.3, 3.0)
-    x = np.minimum(x, np.clip(80.7 - np.arange(120), 0.0, None) * 3.0)
-    track = follow(evidence_table(evidence(x, *EXACT, rng)))
-    (event,) = of(track, "loss")
-    assert abs(event.time_s - 80.7 / RATE_HZ) < 4.0 * event.time_std_s
-    assert 0.0 <= event.delay_s < 0.15
-    assert set(track.phase[84:]) == {"free"}
-    assert len(of(track, "first_contact")) == 1
-
-
-def with_status(table: ContactTable, rows: slice, status: str) -> ContactTable:
-    return replace(table, status=np.where(np.isin(np.arange(len(table)), np.r_[rows]), status, table.status))
-
-
-@pytest.mark.parametrize("status", ["no_antenna", "not_quasistatic"])
-def test_frames_that_tell_nothing_are_neither_free_nor_in_contact(status: str) -> None:
-    rng = np.random.default_rng(8)
-    table = evidence_table(evidence(np.zeros(90), *EXACT, rng))
-    track = follow(with_status(table, slice(30, 40), status))
-    assert set(track.phase[30:40]) == {"unknown"}
-    assert not of(track, "first_contact") + of(track, "loss")
-
-
-def test_after_a_long_gap_the_beginning_is_not_made_up() -> None:
-    rng = np.random.default_rng(9)
-    x = np.where(np.arange(120) < 80, 0.0, 30.0)
-    track = follow(with_status(evidence_table(evidence(x, *EXACT, rng)), slice(50, 80), "no_antenna"))
-    (event,) = of(track, "first_contact")
-    assert np.isnan(event.time_s)
-
-
-def test_without_evidence_the_instant_lies_between_two_frames() -> None:
-    table = evidence_table(evidence(depth(60, 30.0, 100.0), *EXACT, np.random.default_rng(10)))
-    track = follow(replace(table, evidence=np.full(60, np.nan)))
-    (event,) = of(track, "first_contact")
-    assert event.time_s == pytest.approx(30.5 / RATE_HZ)
-    assert event.time_std_s == pytest.approx(1.0 / RATE_HZ / np.sqrt(12.0))
-    assert any("evidence" in note for note in track.notes)
-
-
-def test_a_base_that_moves_in_steps_lands_between_two_frames() -> None:
-    """Its forces grow slowly afterwards, and run back to a zero that free frames contradict."""
-    noise, common = 1.0, np.zeros(3)
-    x = np.where(np.arange(80) >= 51, 900.0 + 40.0 * (np.arange(80) - 51), 0.0)
-    table = evidence_table(evidence(x, common, noise, np.random.default_rng(7)), deep=x)
-    event = of(follow(table), "first_contact")[0]
-    sound = (table.time_s[50], table.time_s[51])
-    assert sound[0] < event.time_s < sound[1]
-    assert event.time_std_s > 0.2 / RATE_HZ
-
-
 STEEL = Beam(0.24, 3.9e-3, 3.97e-3)
-
-
-def ringing_table(rate_hz: float, pace_hz: float = 7.0, seconds: float = 2.0) -> ContactTable:
-    """A pressed contact that swings from 0.5 s to 1.5 s; the frames near its turning points are flagged."""
-    time = np.arange(int(seconds * rate_hz)) / rate_hz
-    swings = (time > 0.5) & (time < 1.5)
-    phase = np.sin(2.0 * np.pi * pace_hz * time) * swings
-    x = 30.0 + 5.0 * phase + np.random.default_rng(0).normal(size=len(time))
-    table = replace(evidence_table(0.5 * x**2), time_s=time)
-    return replace(table, status=np.where(np.abs(phase) > 0.6, "not_quasistatic", "low_signal"))
-
-
-def test_the_frequency_is_told_where_frames_are_many() -> None:
-    table = ringing_table(60.0)
-    (event,) = _ringing_events(table, _ringing_frames(table), STEEL)
-    assert event.time_s == pytest.approx(0.5, abs=0.1)
-    assert " 7." in event.words or " 6.9" in event.words
-    few = ringing_table(15.0, pace_hz=4.0)
-    (event,) = _ringing_events(few, _ringing_frames(few), STEEL)
-    assert "too fast for 15 frames a second" in event.words
 
 
 @pytest.mark.parametrize("pace_hz", [3.1, 13.0])
@@ -301,11 +215,6 @@ def test_a_line_is_found_within_its_deviation(pace_hz: float) -> None:
         )
         off.append((found[0] - pace_hz) / found[1])
     assert np.sqrt(np.mean(np.square(off))) < 1.5
-
-
-def test_noise_is_not_taken_for_a_line() -> None:
-    found = [_frequency(np.arange(40) / 30.0, np.random.default_rng(seed).normal(size=40), 15.0) for seed in range(200)]
-    assert sum(each is not None for each in found) <= 3
 
 
 COUNT = 60
@@ -345,21 +254,6 @@ def test_velocities_are_worth_what_they_say(shared: bool) -> None:
     assert 0.7 < across < 1.3
 
 
-def test_the_parts_are_along_the_tip_and_along_normal_times_tangent() -> None:
-    _, track = track_of(steady(5e-3, -8e-3, 3e-3))
-    inner = slice(5, -5)
-    assert np.median(track.longitudinal_m_s[inner]) == pytest.approx(5e-3, abs=3e-4)
-    assert np.median(track.lateral_m_s[inner]) == pytest.approx(-8e-3, abs=3e-4)
-    size = np.linalg.norm(track.slip_velocity_m_s, axis=1)
-    np.testing.assert_allclose(size, np.hypot(track.longitudinal_m_s, track.lateral_m_s), rtol=1e-6)
-
-
-def test_friction_that_leans_the_force_does_not_take_from_the_slip() -> None:
-    """μ = 0.6 across the wire leans the force by 31°: the slip itself tells the plane of contact."""
-    _, track = track_of(steady(0.0, 10e-3, 0.0), friction=0.6)
-    assert np.median(np.abs(track.lateral_m_s[5:-5])) == pytest.approx(10e-3, rel=0.02)
-
-
 @pytest.mark.parametrize(
     ("motion", "phase"), [((0.0, 0.0, 0.0), "sticking"), ((9e-3, 0.0, 5e-3), "sliding"), ((0, 0, 0.02), "rolling")]
 )
@@ -368,14 +262,6 @@ def test_steady_motions_have_their_names(motion: tuple[float, float, float], pha
     names, counts = np.unique(track.phase, return_counts=True)
     assert names[np.argmax(counts)] == phase
     assert counts.max() >= 0.9 * COUNT
-
-
-def test_what_is_too_uncertain_is_left_open() -> None:
-    """0.5 mm across, 30 times a second, do not tell a slip of 4 mm/s, nor that there is none."""
-    for aside in (0.0, 4e-3):
-        _, track = track_of(steady(0.0, aside, 0.0), across_m=1e-3)
-        assert np.mean(track.phase == "touching") > 0.9
-        assert np.isfinite(track.slip_std_m_s).all()
 
 
 def stick_slip() -> Rubbed:
@@ -392,24 +278,6 @@ def test_slip_begins_and_ends_where_it_does() -> None:
     assert set(track.phase[:15]) == {"sticking"} == set(track.phase[45:])
     assert start.delay_s > 0.0
     assert "slip" in start.words
-
-
-def test_without_tangents_slip_is_not_made_up() -> None:
-    table, _ = track_of(steady(0.0, 10e-3, 0.0))
-    track = follow(replace(table, tangent_world=np.full((COUNT, 3), np.nan)))
-    assert set(track.phase) == {"touching"}
-    assert np.isnan(track.slip_velocity_m_s).all()
-    assert any("tangents" in note for note in track.notes)
-
-
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_short_contacts_and_clocks_that_stand_still_are_no_trouble(count: int) -> None:
-    table, _ = track_of(steady(0.0, 1e-2, 0.0))
-    track = follow(table.picked(slice(count)))
-    assert len(track.phase) == count
-    assert np.isfinite(track.slip_std_m_s).all() == (count == 3)
-    still = replace(table, force_world_N=np.zeros((COUNT, 3)), time_s=np.zeros(COUNT))
-    assert set(follow(still).phase) == {"touching"}
 
 
 def written(path: Path, table: ContactTable) -> Path:
@@ -481,29 +349,6 @@ def test_smoothed_points_are_nearer_and_worth_what_they_say() -> None:
     assert 0.7 < np.std(distances) < 1.3
 
 
-def test_the_calibrations_part_is_untouched() -> None:
-    table, shared = seen(swaying(), 1)
-    found = smooth(table, RIG, shared)
-    smallest = np.linalg.eigvalsh(found.covariance_world_m2)[:, 0]
-    assert (smallest >= 4e-6 * (1.0 - 1e-9)).all()
-    before, after = (np.trace(each.covariance_world_m2, axis1=1, axis2=2) for each in (table, found))
-    assert (after < before).all()
-
-
-def test_world_and_antenna_frame_stay_one_point() -> None:
-    table, shared = seen(swaying(), 2)
-    found = smooth(table, RIG, shared)
-    rotation, origin = RIG.kinematics.world_antenna(found.pan_rad, found.tilt_rad)
-    np.testing.assert_allclose(
-        np.einsum("bij,bj->bi", rotation, found.point_antenna_m) + origin, found.point_world_m, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        np.einsum("bij,bj->bi", rotation, np.column_stack([np.zeros(COUNT_SMOOTH), found.force_y_N, found.force_z_N])),
-        found.force_world_N,
-        atol=1e-6,
-    )
-
-
 def test_a_break_is_not_smoothed_over() -> None:
     aside = np.where(np.arange(COUNT_SMOOTH) >= 25, 15e-3, 0.0)
     truth = rubbed(np.zeros(COUNT_SMOOTH), aside, np.zeros(COUNT_SMOOTH))
@@ -530,12 +375,3 @@ def test_without_a_walk_the_smoother_is_the_straight_line() -> None:
     expected = design @ covariance @ design.T @ (values / variance)
     np.testing.assert_allclose(found[:, 0], expected, rtol=2e-2, atol=2e-2)
     np.testing.assert_allclose(left[:, 0, 0], np.diag(design @ covariance @ design.T), rtol=2e-2)
-
-
-def test_the_walk_is_found_again() -> None:
-    rng, found = np.random.default_rng(6), []
-    for _ in range(10):
-        speed = np.cumsum(np.sqrt(2.0 * 0.001) * rng.normal(size=10_000))
-        path = np.cumsum(0.001 * speed)[::50]
-        found.append(_walk_intensity(0.05 * np.arange(200), path + 0.02 * rng.normal(size=200), np.full(200, 4e-4)))
-    assert np.median(found) == pytest.approx(2.0, rel=0.35)

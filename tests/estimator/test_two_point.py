@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from estimator.paper import two_point
-from estimator.paper.two_point import Part, straight_line_contact, two_point_contact
+from estimator.paper.two_point import Part, two_point_contact
 from vbaa_calib.antenna import linear
 
 EI, LENGTH = 3.9e-3, 0.24
@@ -72,22 +71,6 @@ def test_near_the_singular_sets_the_error_is_what_conditioning_predicts(border: 
     assert (force_error <= limit * (1.0 + found.condition_force))[trusted].all()
 
 
-def test_torch_agrees_with_numpy_whatever_the_pieces() -> None:
-    x, y, *_ = scenes(200_000, 8)
-    expected = two_point_contact(x, y, EI, LENGTH)
-    found = two_point_contact(torch.from_numpy(x), torch.from_numpy(y), EI, torch.tensor(LENGTH))
-    assert isinstance(found.contact_m, torch.Tensor)
-    np.testing.assert_array_equal(found.part.numpy(), expected.part)
-    good = expected.condition_contact < 1e4
-    for name in ("contact_m", "force_y_N", "condition_contact", "condition_force"):
-        np.testing.assert_allclose(getattr(found, name).numpy()[good], getattr(expected, name)[good], rtol=1e-10)
-    one_by_one = [two_point_contact(*pair, EI, LENGTH).contact_m for pair in zip(x[:50], y[:50], strict=True)]
-    np.testing.assert_array_equal(one_by_one, expected.contact_m[:50])
-    backward = two_point_contact(x[:60, ::-1].reshape(3, 20, 2), y[:60, ::-1].reshape(3, 20, 2), EI, LENGTH)
-    np.testing.assert_array_equal(backward.contact_m, expected.contact_m[:60].reshape(3, 20))
-    assert two_point_contact(x[:0], y[:0], EI).contact_m.shape == (0,)
-
-
 @pytest.mark.parametrize("part", [Part.CURVED, Part.STRAIGHT, Part.MIXED])
 def test_condition_numbers_against_perturbation(part: Part) -> None:
     x, y, *_ = scenes(200, 6, (part,))
@@ -140,23 +123,3 @@ def test_force_z_and_contact_position() -> None:
     np.testing.assert_allclose(two_point.contact_position(contact, f_y, f_z, EI), expected, rtol=1e-14)
     assert np.isnan(two_point.force_z(moment, [0.0, -0.1, np.nan])).all()
     assert two_point.contact_position(np.full((4, 5), contact), f_y, np.full(5, f_z), EI).shape == (4, 5, 3)
-
-
-def test_the_straight_line_beyond_the_contact() -> None:
-    """Exact through straight points whatever holes they have, better with each round, NaN where too little is left."""
-    rng = np.random.default_rng(1)
-    contact, force = rng.uniform(0.05, 0.9, 500) * LENGTH, 0.1 * rng.normal(size=500)
-    x = np.broadcast_to(np.linspace(0.0, LENGTH, 200), (500, 200))
-    y = linear.deflection(x, contact[:, None], force[:, None], EI)
-    holes = np.where(rng.random(y.shape) < 0.4, np.nan, y)
-    for seen in (y, holes):
-        found, found_force = straight_line_contact(x, seen, 1.01 * contact, EI, rounds=1)
-        np.testing.assert_allclose(found, contact, rtol=1e-10)
-        np.testing.assert_allclose(found_force, force, rtol=1e-10)
-    once, often = (straight_line_contact(x, y, 0.7 * contact, EI, rounds)[0] for rounds in (1, 3))
-    assert np.abs(once / contact - 1.0).max() > 1e-3
-    np.testing.assert_allclose(often, contact, rtol=1e-9)
-    tensor, _ = straight_line_contact(torch.from_numpy(x.copy()), torch.from_numpy(y), 0.7 * contact, EI)
-    np.testing.assert_allclose(tensor.numpy(), often, rtol=1e-12)
-    for guess, seen in ((LENGTH, y), (np.nan, y), (0.1, np.full_like(y, np.nan)), (0.1, 0.0 * y)):
-        assert np.isnan(straight_line_contact(x, seen, np.full(500, guess), EI)[0]).all()

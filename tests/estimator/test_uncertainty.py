@@ -157,23 +157,3 @@ def test_evidence_without_contact_follows_its_law() -> None:
     assert 0.6 < np.var(found) < 3.5
     assert min(found) > -0.01
     assert max(found) < 0.7 * ContactSettings.contact_evidence
-
-
-def test_an_upright_camera_leaves_nothing_to_test_the_moment_with() -> None:
-    """Inclined, the picture knows f_z by itself and the moment's misfit is its own; upright, the moment is fitted."""
-    small = 0.05 * RIG_STD
-    inclined, upright = (
-        float(solved([quiet(0.6, 0.8, 0.03, world)], world.rig(small)).residual_std[0, 0])
-        for world in (World(camera_pose(1.0, 0.3)), World(camera_pose(0.0)))
-    )
-    assert inclined > 2 * upright
-    assert upright < 0.1
-
-
-def test_an_unknown_that_nothing_holds_is_infinite() -> None:
-    """Without a picture and a reading nothing tells where the antenna is touched."""
-    held = framed([quiet(0.6, 0.6, 0.02)], WORLD.rig(), 0.2)
-    assert np.isfinite(solve(held, "rod").covariance).all()
-    blind = solve(replace(held, usable=0.0 * held.usable, available=0.0 * held.available), "rod")
-    assert np.isinf(blind.std[:, 0]).all()
-    assert np.isinf(blind.condition).all()
