@@ -100,27 +100,6 @@ def test_dead_force_against_a_boundary_value_solver(lean: float) -> None:
     )
 
 
-def test_dead_forces_of_every_lean_and_load_close_at_the_clamp() -> None:
-    """θ_c = β − α everywhere; the last digits go only where a strong force nearly pulls along the antenna."""
-    lean, load = (value.ravel() for value in np.meshgrid(np.linspace(-1.5, 1.56, 60), np.geomspace(1e-6, 60.0, 60)))
-    at_contact = elastica._inclination_at_contact(load, lean)
-    theta = elastica.normal_load([1.0], load, at_contact).theta_rad[:, 0]
-    assert np.abs(theta + at_contact - lean).max() < 1e-9
-    assert np.abs(theta + at_contact - lean)[load < 10.0].max() < 1e-13
-
-
-@pytest.mark.parametrize("rows", [1, 3])
-def test_rows_do_not_see_each_other(rows: int) -> None:
-    """Small, large and invalid loads in one batch give what each gives alone."""
-    s = np.linspace(0.0, 1.4, 15)
-    loads, leans = np.array([0.0, 0.2, 5.0, np.nan, 1.9, 12.0]), np.array([0.1, 0.0, 0.2, 0.0, -0.3, 0.0])
-    together = elastica.normal_load(s, loads, leans)
-    for start in range(0, 6, rows):
-        part = slice(start, start + rows)
-        alone = elastica.normal_load(s, loads[part], leans[part])
-        np.testing.assert_allclose(together.w_m[part], alone.w_m, atol=1e-15)
-
-
 def test_small_loads_meet_the_linear_beam() -> None:
     """To first order the beam; the next term is of relative order a², and there is no floor of rounding under it."""
     s = np.linspace(0.02, LENGTH, 40)
@@ -130,15 +109,6 @@ def test_small_loads_meet_the_linear_beam() -> None:
         beam = linear.deflection(s, 0.15, force, EI)
         np.testing.assert_allclose(exact.w_m[0], beam, rtol=load**2 + 1e-12)
         np.testing.assert_allclose(exact.theta_rad[0], linear.slope(s, 0.15, force, EI), rtol=load**2 + 1e-12)
-
-
-def test_beyond_the_contact_it_continues_along_the_tangent() -> None:
-    s = np.array([0.12, 0.17, 0.24])
-    shape = elastica._planar_elastica(s, [0.12], [0.5], EI)
-    theta = shape.theta_rad[0]
-    np.testing.assert_allclose(theta, theta[0], rtol=1e-15)
-    np.testing.assert_allclose(np.diff(shape.x_m[0]), np.diff(s) * np.cos(theta[0]), rtol=1e-12)
-    np.testing.assert_allclose(np.diff(shape.w_m[0]), np.diff(s) * np.sin(theta[0]), rtol=1e-12)
 
 
 def contact_force(force: float, theta: float, friction: float) -> np.ndarray:

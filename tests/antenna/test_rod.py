@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from vbaa_calib.antenna import rod as rod_module
 from vbaa_calib.antenna.elastica import planar_elastica_dead
-from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
+from vbaa_calib.antenna.rod import Rod, RodShape, solve_rod
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
 
@@ -77,15 +77,6 @@ def test_small_point_load_is_the_linear_beam() -> None:
     np.testing.assert_allclose(-shape.clamp_moment_Nm[0, 1], contact * force, rtol=1e-6)
 
 
-def test_small_weight_is_the_linear_beam() -> None:
-    light = Rod(L, EI, GJ, 1e-5)
-    shape = solve_rod(light, np.array([[0.0, 0.0, -G]]), np.array([L / 2]), np.zeros((1, 3)))
-    s, load = shape.arclength_m[0], 1e-5 * G
-    z = -load * s**2 * (6 * L**2 - 4 * L * s + s**2) / (24 * EI)
-    np.testing.assert_allclose(shape.points_m[0, :, 2], z, atol=1e-6 * load * L**4 / (8 * EI))
-    np.testing.assert_allclose(shape.clamp_moment_Nm[0], [0.0, load * L**2 / 2, 0.0], rtol=1e-6, atol=1e-15)
-
-
 def test_natural_curvature_is_a_circle() -> None:
     for curvature, y_sign, z_sign in (([0.0, 1.5], 1.0, 0.0), ([1.5, 0.0], 0.0, -1.0)):
         rod = Rod(L, EI, GJ, 0.0, natural_curvature_per_m=np.array(curvature))
@@ -147,18 +138,6 @@ def test_boundary_value_solver_agrees_on_a_case_with_everything() -> None:
     np.testing.assert_allclose(shape.clamp_moment_Nm[0], about_origin, rtol=1e-7)
 
 
-def test_clamp_moment_is_that_of_all_external_loads() -> None:
-    rod, (gravity, contact, force) = full_rod(), random_loads(30)
-    shape = solve_rod(rod, gravity, contact, force)
-    width = np.diff(shape.arclength_m, axis=1)[..., None]
-    points, tangents = shape.points_m, shape.tangents
-    # the trapezoid with its end-slope correction: exact for cubics
-    pieces = width / 2 * (points[:, 1:] + points[:, :-1]) - width**2 / 12 * (tangents[:, 1:] - tangents[:, :-1])
-    at = sample_shape(shape, contact[:, None])[0][:, 0]
-    moment = np.cross(at, force) + np.cross(pieces.sum(axis=1), rod.mass_per_length_kg_m * gravity)
-    np.testing.assert_allclose(shape.clamp_moment_Nm, moment, atol=1e-7 * np.abs(moment).max())
-
-
 def test_work_of_the_force_is_the_stored_energy() -> None:
     nodes, weights = np.polynomial.legendre.leggauss(12)
     shares, weights = (nodes + 1) / 2, weights / 2
@@ -209,20 +188,6 @@ def test_batch_is_its_elements_and_a_guess_changes_nothing() -> None:
     for i in range(5):
         alone = solve_rod(rod, gravity[i : i + 1], contact[i : i + 1], force[i : i + 1])
         np.testing.assert_allclose(alone.points_m[0], together.points_m[i], atol=1e-10)
-
-
-def test_samples_lie_on_the_shape() -> None:
-    gravity, contact, force = random_loads(6)
-    shape = solve_rod(full_rod(), gravity, contact, force)
-    points, tangents = sample_shape(shape, shape.arclength_m)
-    np.testing.assert_allclose(points, shape.points_m, atol=1e-15)
-    np.testing.assert_allclose(tangents, shape.tangents, atol=1e-12)
-    assert (np.abs(shape.arclength_m - contact[:, None]).min(axis=1) < 1e-15).all()
-    dense = np.tile(np.linspace(0.0, L, 4001), (6, 1))
-    points, tangents = sample_shape(shape, dense)
-    length = np.linalg.norm(np.diff(points, axis=1), axis=-1).sum(axis=1)
-    np.testing.assert_allclose(length, L, rtol=1e-6)
-    np.testing.assert_allclose(np.gradient(points, dense[0], axis=1)[:, 5:-5], tangents[:, 5:-5], atol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -139,14 +139,3 @@ def test_a_uniform_antenna_is_the_special_case() -> None:
     stated = bend(*given, sweeps=6, taper=Taper.of([[0.0, 8e-4], [LENGTH, 8e-4]], None, LENGTH))
     assert np.abs(uniform.points_m - stated.points_m).max() < 1e-7
     assert stated.moment_Nm == pytest.approx(uniform.moment_Nm, rel=1e-6)
-
-
-def test_stiffness_and_diameter_may_change_apart() -> None:
-    """A stated stiffness is taken as it is; the diameter still gives the weight."""
-    same = Taper.of([[0.0, 8e-4], [LENGTH, 4e-4]], [[0.0, 5.0], [0.1, 5.0], [0.1, 1.0], [LENGTH, 1.0]], LENGTH)
-    places = np.array([0.0, 0.4, 0.42, 1.0])
-    assert same.stiffness(places) == pytest.approx([1.0, 1.0, 0.2, 0.2])
-    assert same.diameter(places) == pytest.approx([1.0, 0.8, 0.79, 0.5])
-    assert same.weight == pytest.approx(7.0 / 12.0)
-    thin = Taper().thinned(np.log(0.5))
-    assert thin.stiffness(np.ones(1)) == pytest.approx(1.0 / 16.0)

@@ -169,17 +169,6 @@ def test_a_check_names_rectified_pictures_and_knows_how_corners_in_the_jig_scatt
         assert check_lens(camera, small, shape, 0.07, in_jig_px).findings[0].is_bad == bad
 
 
-@pytest.mark.parametrize("count", [6, 7, 9, 30])
-def test_few_corners_accuse_no_lens(count: int) -> None:
-    """So few that a change of the lens explains all of them, whatever they scatter by."""
-    camera, shape = known(INTRINSICS, 0.5).camera, BoardShape.unseen(SPEC)
-    rng = np.random.default_rng(9)
-    for seed in range(10):
-        (view,) = pictures(80 + seed, np.ones(1), sigma_px=0.2)
-        few = view.picked(np.sort(rng.permutation(len(view.ids))[:count]))
-        assert not any(one.is_bad for one in check_lens(camera, [("plane", few)], shape, None).findings)
-
-
 def test_the_board_in_the_jig_contradicts_the_lens_of_another_camera(bare: Path) -> None:
     """A file for the same sensor with another lens: nothing else in the session tells."""
     session, true = load_session(bare), true_camera()
@@ -189,12 +178,3 @@ def test_the_board_in_the_jig_contradicts_the_lens_of_another_camera(bare: Path)
         camera = replace(true, matrix=matrix, covariance=np.diag(np.array([1, 1, 1, 1, 1e-3, 3e-3, 1e-4, 1e-4]) ** 2))
         found = given_solution(GivenLens(camera, Path("c.json"), "", (), ""), [], session.board, placed).verdict
         assert ("given_lens_contradicted" in {one.name for one in found.diagnoses}) == wrong
-
-
-def test_what_a_file_says_against_its_own_lens_is_kept(tmp_path: Path) -> None:
-    """A camera.json whose verdict was not to use it does not become trusted on its way into a rig."""
-    true, file = true_camera(), tmp_path / "camera.json"
-    covariance = np.diag(np.full(8, 1e-8)).tolist()
-    for grade, words in (("trusted", "fine"), ("look at", "halves differ"), ("do not use", "the focus changed")):
-        file.write_text(json.dumps(true.to_dict() | {"covariance": covariance, "grade": grade, "verdict": words}))
-        assert given_solution(read_lens(file), [], SPEC).verdict.grade == grade

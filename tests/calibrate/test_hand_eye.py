@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -21,12 +20,8 @@ from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import chi_square
 from vbaa_calib.detect.board.corners import BoardView
-from vbaa_calib.detect.board.parts import place_part
 from vbaa_calib.geometry import Pose
 
-from ..detect.drawn_grids import CHESSBOARD, DISTORTION, MATRIX, drawn, picture
-from ..detect.drawn_grids import SIZE as GRID_SIZE
-from ..detect.drawn_grids import pose as drawn_pose
 from .synthetic_views import CENTRE, SPEC, board_view, pose_towards, project_board
 
 SIZE = (1280, 960)
@@ -174,16 +169,6 @@ def test_the_robots_own_error_is_found() -> None:
     assert solved.robot_share[1] > 0.5
 
 
-def test_a_print_of_another_size_is_told() -> None:
-    """By the robot's lengths, within the deviation; and a print of the right size is not accused."""
-    views, poses = views_and_poses(Arm("fixed"), 2)
-    for true, warnings in ((1.0, 0), (1.02, 1)):
-        solved = solve_hand_eye(views, poses, POINTS / true, lens(Arm()), "fixed")
-        larger, std = solved.board_scale
-        assert abs(larger - (true - 1.0)) < 3.0 * std
-        assert len(solved.warnings) == warnings
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -219,21 +204,6 @@ def test_motions_that_leave_the_camera_open_are_refused() -> None:
     bare = [replace(view, ids=view.ids[:3], corners_px=view.corners_px[:3]) for view in views]
     with pytest.raises(InputError, match=r"0 of 10 views.*3 corners"):
         solve_hand_eye(bare, poses, POINTS, lens(arm), "hand")
-
-
-def test_gross_corners_are_left_out() -> None:
-    """One in ten, 10 to 40 px off, in every view: the poses move by less than their deviations."""
-    arm, rng = Arm("hand", 10), np.random.default_rng(0)
-    views, poses = views_and_poses(arm)
-    spoilt = []
-    for view in views:
-        pixels = view.corners_px.copy()
-        pixels[rng.choice(len(pixels), 4, replace=False)] += rng.choice([-1, 1], (4, 2)) * rng.uniform(10, 30, (4, 2))
-        spoilt.append(replace(view, corners_px=pixels))
-    good, found = (solve_hand_eye(each, poses, POINTS, lens(arm), "hand") for each in (views, spoilt))
-    assert all(view.left_out >= 4 for view in found.views)
-    step = found.camera_pose.tangent_from(good.camera_pose)
-    assert (np.abs(step) < 0.5 * np.sqrt(np.diag(good.covariance)[:6])).all()
 
 
 def test_the_antenna_on_the_arm_follows_from_a_rig() -> None:
@@ -294,84 +264,6 @@ class TestPosesAlone:
             solve_hand_eye([(name, pose.inverse()) for name, pose in seen], robot)
         with pytest.raises(InputError, match="view 03 is none"):
             solve_hand_eye([*seen[:3], (name, Pose(2.0 * np.eye(3), np.zeros(3))), *seen[4:]], robot)
-
-    def test_two_tables_are_all_that_is_needed(self, tmp_path: Path) -> None:
-        seen, robot = poses_seen(Arm("hand", 10))
-        for name, rows, between in (("seen", [pose for _, pose in seen], ";"), ("poses", robot, ",")):
-            lines = ["# taken at noon", between.join(("view", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"))]
-            for index, pose in enumerate(rows):
-                turn = Rotation.from_matrix(pose.rotation).as_quat()
-                lines.append(between.join(map(str, (f"{index:02d}", *pose.translation_m.tolist(), *turn.tolist()))))
-            (tmp_path / f"{name}.csv").write_text("\n".join(lines) + "\n")
-        call = ["handeye", f"{tmp_path}/seen.csv", "--poses", f"{tmp_path}/poses.csv", "-o", f"{tmp_path}/out.json"]
-        assert main(call) == 0
-        out = json.loads((tmp_path / "out.json").read_text())
-        assert np.abs(np.array(out["T_tool_camera"]["translation_m"]) - X.translation_m).max() < 2e-3
-        assert "camera" not in out
-        assert main([*call, "--force", "--board", "board.yaml"]) == 2
-
-
-def moved_by_a_square(image: np.ndarray, *about: Any) -> tuple[np.ndarray, np.ndarray] | None:
-    """A part of a chessboard with the number of its neighbour."""
-    part = place_part(image, *about)
-    if part is None:
-        return None
-    ids, corners_px = part
-    lines, columns = np.divmod(ids, CHESSBOARD.corner_columns)
-    for step, ends, last in ((1, columns, CHESSBOARD.squares_x - 2), (CHESSBOARD.corner_columns, lines, 4)):
-        if np.ptp(ends) < last:
-            return ids + (step if ends.max() < last else -step), corners_px
-    raise AssertionError("it is the whole board")
-
-
-def test_a_chessboard_that_shows_which_way_it_is_turned_will_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Even by odd squares, 9 x 6, the camera known; also a part of it, where a picture of the whole tells which."""
-    camera, rows = Camera("opencv", GRID_SIZE, MATRIX, DISTORTION[:4]), []
-    (tmp_path / "camera.json").write_text(json.dumps(camera.to_dict()))
-    for seed in (0, 1, 2, 3, 4, 5, 11, 14):
-        rvec, shift = drawn_pose(seed, CHESSBOARD, 0.5 if seed < 10 else 0.4)
-        if seed > 10:  # in part, its number told by a picture of the whole
-            way = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi)
-            shift = shift + np.array([0.09 * np.cos(way), 0.07 * np.sin(way), 0.0])
-        turn = Pose.from_rotvec(np.array([0.0, 0.0, np.pi * (seed % 2 * (seed < 10))]), np.zeros(3))  # also upside down
-        T_camera_board = turn @ Pose.from_rotvec(rvec, shift)
-        grey, _ = drawn(CHESSBOARD, T_camera_board.vector[:3], T_camera_board.translation_m)
-        cv2.imwrite(str(tmp_path / f"{seed}.png"), picture(grey, seed=seed))
-        tool = Z @ T_camera_board.inverse() @ X.inverse()
-        rows.append([f"{seed}", *tool.translation_m, *Rotation.from_matrix(tool.rotation).as_quat()])
-    lines = ["view,x_m,y_m,z_m,qx,qy,qz,qw", *(",".join(map(str, row)) for row in rows)]
-    (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n")
-    (tmp_path / "board.yaml").write_text(json.dumps(CHESSBOARD.to_dict()))
-    line = f"handeye {tmp_path} --board {tmp_path}/board.yaml --poses {tmp_path}/poses.csv -o {tmp_path}/out.json"
-    assert main([*line.split(), "--camera", f"{tmp_path}/camera.json"]) == 0
-    out = json.loads((tmp_path / "out.json").read_text())
-    assert [view["name"] for view in out["views"] if view["reason"]] == []
-    assert len(out["views"]) == 8
-    assert np.abs(np.array(out["T_tool_camera"]["translation_m"]) - X.translation_m).max() < 1e-3
-    with monkeypatch.context() as patched:  # numbered by one square wrong: the robot tells
-        patched.setattr("vbaa_calib.detect.board.corners.place_part", moved_by_a_square)
-        assert main([*line.split(), "--camera", f"{tmp_path}/camera.json", "--force"]) == 0
-    wrong = json.loads((tmp_path / "out.json").read_text())
-    assert [view["name"] for view in wrong["views"] if view["reason"]] == ["11", "14"]
-    assert np.abs(np.array(wrong["T_tool_camera"]["translation_m"]) - X.translation_m).max() < 1e-3
-    whole = replace(camera, image_size=(2 * GRID_SIZE[0], 2 * GRID_SIZE[1]), matrix=binned_from(MATRIX))
-    (tmp_path / "camera.json").write_text(json.dumps(whole.to_dict()))
-    assert main([*line.split(), "--force", "--camera", f"{tmp_path}/camera.json"]) == 2
-    assert main([*line.split(), "--force", "--camera", f"{tmp_path}/camera.json", "--binning", "2"]) == 0
-    binned = json.loads((tmp_path / "out.json").read_text())
-    np.testing.assert_allclose(binned["T_tool_camera"]["translation_m"], out["T_tool_camera"]["translation_m"])
-    assert main([*line.split(), "--force", "--binning", "2"]) == 2
-    assert "there is none" in capsys.readouterr().err
-    (tmp_path / "board.yaml").write_text(json.dumps(replace(CHESSBOARD, squares_y=5).to_dict()))
-    assert main([*line.split(), "--force"]) == 2
-    assert "looks the same when turned" in capsys.readouterr().err
-
-
-def binned_from(matrix: np.ndarray) -> np.ndarray:
-    """The camera matrix (3, 3) of pictures of which two by two pixels are one; (0, 0) is the first one's centre."""
-    return np.array([[2.0, 0.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]]) @ matrix
 
 
 class TestTables:

@@ -11,7 +11,6 @@ import pytest
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
-from vbaa_calib.calibrate.antenna.residual_checks import check
 from vbaa_calib.calibrate.antenna.session_rig import prior, solve_antenna
 from vbaa_calib.calibrate.doubts import _row_doubts as row_doubts
 from vbaa_calib.calibrate.doubts import prior_doubts
@@ -19,7 +18,6 @@ from vbaa_calib.calibrate.lens.uncertainty import compensate, linear_axes, pixel
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.robust import chi_square
-from vbaa_calib.detect.whisker.locking import LINE_MODES, locking_std
 from vbaa_calib.diagnose.session import still_diagnoses
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS
@@ -122,32 +120,6 @@ def test_the_antennas_end_tells_where_the_camera_is_along_it() -> None:
     assert np.sqrt(np.mean(np.square(offsets))) < 2.2
 
 
-def test_ends_that_contradict_the_length_are_not_used() -> None:
-    alone, both = with_tips(8e-3, 3)
-    assert both.tip is None
-    assert both.tip_gap_std > 4
-    np.testing.assert_allclose(both.parameters, alone.parameters, rtol=1e-9, atol=1e-12)
-
-
-def test_an_end_that_lies_off_the_others_is_left_out() -> None:
-    rng = np.random.default_rng(4)
-    observations = observed(TRUE, rng, tip_m=0.0)
-    hidden = replace(observations[5], tip_px=observations[5].tip_px + np.array([12.0, 3.0]))
-    joint = adjusted([*observations[:5], hidden, *observations[6:]], jig_prior(TRUE.T_antenna_camera))
-    assert joint.problem.tips.tolist() == [index for index in range(len(observations)) if index != 5]
-
-
-def test_a_still_whose_points_lie_within_their_deviations_stays() -> None:
-    """Ten times further off than the others' points, but by half of what is stated for each."""
-    rng = np.random.default_rng(14)
-    observations = [replace(one, shared=True) for one in observed(TRUE, rng, claimed=20.0)]
-    off = 0.5 * observations[6].sigma_px[:, None] * rng.normal(size=observations[6].points_px.shape)
-    rough = replace(observations[6], points_px=observations[6].points_px + off)
-    joint = solved([*observations[:6], rough, *observations[7:]], rng)
-    assert joint.point_rms[6] > 5.0 * np.median(joint.point_rms)
-    assert joint.kept.all()
-
-
 @pytest.mark.parametrize("shared", ["line_px", "light_px"])
 def test_errors_that_lines_share_are_in_the_covariance(shared: str) -> None:
     """Lines off by a hundredth of a pixel all along, each of them or all alike: white noise alone claims too much."""
@@ -160,19 +132,6 @@ def test_errors_that_lines_share_are_in_the_covariance(shared: str) -> None:
             found.append(statistic(errors(joint), joint.covariance))
     assert np.mean(whole[0.0]) > 1.2 * np.mean(whole[0.01])
     assert 0.4 < np.mean(whole[0.01]) < 2.0
-
-
-def test_a_line_along_a_row_keeps_what_pixels_do_to_it() -> None:
-    """Elsewhere the errors average out: against those of a periodic error with every phase."""
-    x, phases = np.linspace(100.0, 900.0, 801), 2.0 * np.pi * np.arange(16) / 16
-    for rows in (0.0, 0.3, 1.5, 40.0):
-        points = np.column_stack([x, 200.0 + rows * np.linspace(0.0, 1.0, len(x)) ** 2])
-        errors = np.sqrt(2.0) * np.sin(2.0 * np.pi * points[:, 1] + phases[:, None])
-        modes = np.polynomial.legendre.legfit(np.linspace(-1.0, 1.0, len(x)), errors.T, LINE_MODES - 1)
-        expected = np.sqrt((modes**2).mean(axis=1))
-        for turned in (points, points[:, ::-1]):
-            np.testing.assert_allclose(locking_std(turned), expected, atol=0.01 + 0.05 * expected.max())
-    assert locking_std(points).max() < 0.3
 
 
 def errors(joint: BundleAdjustment) -> np.ndarray:
@@ -252,13 +211,6 @@ def test_a_lens_that_is_off_is_put_right_by_what_the_antenna_shows() -> None:
     assert statistic(errors(stubborn), stubborn.covariance) > 2.0
 
 
-def test_the_sag_tells_the_mass_where_nothing_else_does(good) -> None:
-    joint, _ = good
-    mass = check(joint).mass_per_length_kg_m
-    assert mass.value == pytest.approx(np.exp(TRUE.parameters[7]), abs=4 * mass.std)
-    assert mass.std < 0.02 * mass.value
-
-
 @pytest.mark.parametrize("seed", [1, 15, pytest.param(4, marks=pytest.mark.slow)])
 def test_a_load_that_contradicts_the_others_is_left_out_though_its_points_fit(seed: int) -> None:
     """Points stated ten times less well than they are do not show it, nor does one load's shape: the stiffness does."""
@@ -277,20 +229,6 @@ def test_a_load_that_contradicts_the_others_is_left_out_though_its_points_fit(se
     assert np.flatnonzero(~found.kept).tolist() == [wrong]
     off = found.parameters[RIG_PARAMETERS.index("log_stiffness_Nm2")] - drawn.world.parameters[6]
     assert abs(off) < 3.0 * np.hypot(np.sqrt(found.covariance[12, 12]), 0.005)  # and the weights' own error
-
-
-def test_stills_whose_points_share_errors_tell_no_more_than_one() -> None:
-    """Taken three times over they are still what one light shows; points with errors of their own tell more."""
-    drawn, which = clean_session(1), RIG_PARAMETERS.index("bow_about_z_per_m")
-    before = replace(drawn.before, drift=Drift())
-
-    def deviation(shared: bool, times: int) -> float:
-        seen = [replace(one, shared=shared, sigma_px=np.full_like(one.sigma_px, 0.3)) for one in drawn.observations]
-        return float(np.sqrt(solve_antenna(drawn.session, seen * times, before).covariance[which, which]))
-
-    assert deviation(shared=True, times=3) > 0.85 * deviation(shared=True, times=1)
-    assert deviation(shared=False, times=3) < 0.75 * deviation(shared=False, times=1)
-    assert deviation(shared=True, times=1) > 1.5 * deviation(shared=False, times=1)
 
 
 def wide_lens(part: float) -> Camera:

@@ -15,7 +15,7 @@ from benchmarks.boards import BOARD, Rig, draw, error_mm, rigs
 from benchmarks.calibration.methods import kept_corners, screening, solve_oracle, solve_ours
 from targets.board import corner_points
 from vbaa_calib import calibrate_lens
-from vbaa_calib.calibrate.lens.board_shape import SHAPE, ShapePrior
+from vbaa_calib.calibrate.lens.board_shape import SHAPE
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, polished, refine
 from vbaa_calib.calibrate.lens.choice import (
     _compare_split_half,
@@ -24,20 +24,17 @@ from vbaa_calib.calibrate.lens.choice import (
     information,
     observations_of,
 )
-from vbaa_calib.calibrate.lens.initialization import homography, rough_lens, unfolded, widened
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of, is_monotonic, rational_like
-from vbaa_calib.calibrate.lens.models import _corner_radius as corner_radius
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.lens.settings import LensSettings
 from vbaa_calib.calibrate.lens.uncertainty import compensate, pixel_grid, projection_jacobian, projection_uncertainty
 from vbaa_calib.calibrate.pipeline import first_solved, next_lenses
-from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
+from vbaa_calib.core.errors import Diagnosis, InputError
 
 from .synthetic_views import projection
 
 RIGS, POINTS = rigs(), corner_points(BOARD)
 SPOILT = RIGS[4]
-WIDE_PRIOR = ShapePrior(np.zeros(5), np.array([0.1, 0.1, 0.1, 1.0, 1.0]))
 
 
 @pytest.mark.parametrize(
@@ -80,103 +77,8 @@ def test_outliers_and_bend_are_reported() -> None:
     assert solution.rms_inliers_px == pytest.approx(0.15 * np.sqrt(2), rel=0.05)
 
 
-def test_the_shape_scatters_as_predicted() -> None:
-    given, rng = draw(RIGS[0], 35), np.random.default_rng(36)
-    start = Bundle.start(RIGS[0].model, RIGS[0].intrinsics, given.poses)
-    clean = observations_of(given.views, POINTS)
-    exact = refine(start.poses_only, clean)
-    base = [v.pixels - r for v, r in zip(clean, exact.residuals_px, strict=True)]
-    found, predicted = [], []
-    for _ in range(60):
-        noisy = [
-            BoardCorners(v.points_m, pixels + 0.15 * rng.normal(size=pixels.shape), v.deformation)
-            for v, pixels in zip(clean, base, strict=True)
-        ]
-        bundle = refine(start.freed(square_pixels=False, prior=WIDE_PRIOR), noisy)
-        known = information(bundle, noisy)
-        found.append(bundle.shape)
-        predicted.append(np.diag(known.covariance)[-5:])
-    assert np.std(found, axis=0) / np.sqrt(np.mean(predicted, axis=0)) == pytest.approx(np.ones(5), abs=0.3)
-
-
-def test_a_lens_that_folds_among_the_corners_stays() -> None:
-    """No pull is strong enough to hide that a model is wrong."""
-    given = draw(RIGS[2], 2)
-    model, observations = LENS_MODELS["opencv5"], observations_of(given.views, POINTS)
-    bundle = refine(rough_lens(model, observations, RIGS[2].image_size), observations)
-    assert not is_monotonic(model, bundle.intrinsics, RIGS[2].image_size)
-    again = unfolded(bundle, observations, RIGS[2].image_size)
-    assert again is bundle
-
-
 WIDE = rigs()[2]
 FISHEYE = np.array([520.0, 521.0, 641.0, 358.0, 0.05, -0.01, 0.003, -0.001])
-
-
-def test_a_homography_is_found_under_outliers() -> None:
-    rng = np.random.default_rng(4)
-    points = POINTS[:, :2]
-    truth = np.array([[0.9, 0.1, 0.02], [-0.2, 1.1, 0.05], [0.3, -0.4, 1.0]])
-    image = np.column_stack([points, np.ones(len(points))]) @ truth.T
-    image = image[:, :2] / image[:, 2:]
-    image[rng.permutation(len(points))[: int(0.4 * len(points))]] += rng.uniform(0.05, 0.2, 2)
-    found = homography(points, image)
-    np.testing.assert_allclose(found[0] / found[0][2, 2], truth, atol=1e-9)
-    assert homography(points[:3], image[:3]) is None
-
-
-def test_a_rational_lens_follows_a_fisheye_over_the_picture() -> None:
-    size = (1280, 720)
-    alike = rational_like(LENS_MODELS["fisheye"], FISHEYE, size)
-    assert alike is not None
-    assert is_monotonic(LENS_MODELS["rational"], alike, size)
-    # richer ones begin as that, although their next simpler lens is a rational one
-    wide = widened(LENS_MODELS["fisheye"], FISHEYE, LENS_MODELS["tilted"], size)
-    np.testing.assert_array_equal(wide, [*alike, *np.zeros(6)])
-    given, like = camera_of(LENS_MODELS["fisheye"], FISHEYE, size), camera_of(LENS_MODELS["rational"], alike, size)
-    corners = np.array([[0.0, 0.0], [1279.0, 719.0], [640.0, 0.0], [900.0, 500.0]])
-    rays, valid = given.unproject(corners)
-    assert valid.all()
-    assert np.abs(like.project(rays)[0] - corners).max() < 3.0
-    assert corner_radius(FISHEYE, size) > np.hypot(640.0, 360.0) / 521.0
-    too_wide = FISHEYE * np.array([0.4, 0.4, 1, 1, 1, 1, 1, 1])
-    assert rational_like(LENS_MODELS["fisheye"], too_wide, size) is None
-
-
-@pytest.mark.parametrize(
-    "seed", [1, 102, pytest.param(104, marks=pytest.mark.slow), pytest.param(115, marks=pytest.mark.slow)]
-)
-def test_draws_whose_plain_fit_folds_are_solved_without(seed: int) -> None:
-    given = draw(WIDE, seed)
-    assert solve_oracle(given).valid_region().image_fraction < 1.0
-    solution = solve_ours(given)
-    assert solution.camera.valid_region().image_fraction == 1.0
-    # as good as the fit that folds, but for what a few parameters explain
-    assert solution.rms_px < 0.15 * np.sqrt(2.0) * 1.02
-
-
-def test_a_homography_is_the_least_squares_one() -> None:
-    rng, points = np.random.default_rng(5), POINTS[:, :2]
-    image = np.column_stack([points, np.ones(len(points))]) @ np.array(
-        [[0.9, 0.1, 0.0], [-0.2, 1.1, 0.1], [0.3, -0.4, 1]]
-    )
-    image = image[:, :2] / image[:, 2:] + 1e-4 * rng.uniform(-1.0, 1.0, (len(points), 2))
-
-    def normalised(where: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        scale = np.sqrt(2.0 / np.mean(np.sum((where - where.mean(axis=0)) ** 2, axis=1)))
-        by = np.array([[scale, 0.0, 0.0], [0.0, scale, 0.0], [0.0, 0.0, 1.0]])
-        by[:2, 2] = -scale * where.mean(axis=0)
-        return np.column_stack([where, np.ones(len(where))]) @ by.T, by
-
-    (board, by_board), (seen, by_image) = normalised(points), normalised(image)
-    zero = np.zeros_like(board)
-    design = np.vstack(
-        [np.hstack([board, zero, -seen[:, :1] * board]), np.hstack([zero, board, -seen[:, 1:2] * board])]
-    )
-    expected = np.linalg.inv(by_image) @ np.linalg.svd(design)[2][-1].reshape(3, 3) @ by_board
-    found = homography(points, image)
-    assert found is not None
-    np.testing.assert_allclose(found[0] / found[0][2, 2], expected / expected[2, 2], rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["opencv5", "fisheye"])
@@ -250,14 +152,6 @@ def test_predicted_uncertainty_is_that_of_repeated_noise(samples, compensated: b
     assert sampled / expected == pytest.approx(1.0, abs=0.15)
     each = np.sqrt(np.var(shifts, axis=0).sum(axis=-1) / np.trace(covariance_px2, axis1=-2, axis2=-1))
     assert np.all(np.abs(each - 1.0) < 0.3), "nowhere far off"
-
-
-def test_pixels_without_a_ray_have_no_uncertainty() -> None:
-    folding = np.array([898.7, 901.5, 640.0, 360.0, 0.0101, 0.7388, 0.0005, -0.0005, -2.503])
-    camera = dataclasses.replace(camera_of(LENS_MODELS["opencv5"], folding, (1280, 720)), covariance=1e-4 * np.eye(9))
-    std = projection_uncertainty(camera)[2]
-    assert np.isnan(std[0, 0])
-    assert np.isfinite(std[6, 8])
 
 
 def halves_of(views: list[BoardCorners], poses: np.ndarray) -> tuple[float | None, float | None]:
@@ -382,31 +276,5 @@ def lenses() -> tuple[LensSolution, ...]:
     return first, *next_lenses(first, VIEWS, BOARD)
 
 
-def test_other_models_follow_by_expected_error_and_say_so() -> None:
-    first, *others = lenses()
-    expected = {one.model: one.expected_error_px for one in first.comparison if one.monotonic}
-    assert first.model not in [one.model for one in others]
-    errors = [expected[one.model] for one in others]
-    assert errors == sorted(errors)
-    assert len(errors) >= 2
-    assert max(errors) < 3.0
-    for other in others:
-        (named,) = [one for one in other.verdict.diagnoses if one.name == "lens_passed_over"]
-        assert first.model in named.words
-        assert other.model in named.words
-        assert "was given" not in other.verdict.words
-
-
 def first(solve: Callable[[LensSolution], str], *causes: Diagnosis) -> str:
     return first_solved(lenses()[0], lambda: lenses()[1:], solve, lambda: causes)
-
-
-def test_the_first_lens_that_converges_is_taken() -> None:
-    failing = {one.model for one in lenses()[:2]}
-
-    def solve(lens: LensSolution) -> str:
-        if lens.model in failing:
-            raise SolveError("no common solution")
-        return lens.model
-
-    assert first(solve) == lenses()[2].model

@@ -19,9 +19,8 @@ from vbaa_calib.calibrate.guide.view_uncertainty import (
     mean_square,
     plane_sensitivity,
 )
-from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, deformations
-from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle
-from vbaa_calib.calibrate.lens.choice import information
+from vbaa_calib.calibrate.lens.board_shape import BoardShape, deformations
+from vbaa_calib.calibrate.lens.bundle import BoardCorners
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.geometry import Pose
@@ -47,30 +46,6 @@ def views(count: int, seed: int = 0, sigma_px: float = 0.1):
 
 def design(sigma_px: float = 0.1) -> LensDesign:
     return _design_about("opencv4", INTRINSICS, SIZE, sigma_px, BoardShape.flat(corner_points(SPEC)))
-
-
-def test_functional_is_what_a_wrong_lens_does_after_the_jig_is_solved_again():
-    made = design()
-    functional = plane_sensitivity(made, PLANE, SPEC)
-    rig = Rig("", "opencv5", SIZE, INTRINSICS, SPEC, 0.0)
-    for column in range(functional.shape[-1] - SHAPE):
-        step = 1e-3 * made.scale[:-SHAPE, column]
-        wrong = camera_of(MODEL, INTRINSICS + step, SIZE)
-        predicted_mm = 1e3 * 1e-3 * np.sqrt(np.mean(np.sum(functional[..., column] ** 2, axis=1)))
-        assert true_error_mm(wrong, rig) == pytest.approx(predicted_mm, rel=0.03, abs=1e-6), column
-
-
-def test_blocks_are_the_information_of_the_solve():
-    made, poses = views(6)
-    own = design()
-    own = replace(own, scale=own.scale[:, :-SHAPE])
-    observations = [BoardCorners(corner_points(SPEC)[view.ids], view.corners_px) for view in made]
-    bundle = Bundle.start(MODEL, INTRINSICS, np.array([pose.vector for pose in poses]))
-    solved = information(bundle, observations)
-    blocks, _ = own.view_blocks(bundle.poses, observations)
-    ours = own.scale @ np.linalg.inv(blocks.sum(axis=0)) @ own.scale.T
-    theirs = own.sigma_px**2 * solved.half @ solved.half.T
-    assert np.allclose(np.sqrt(np.diag(ours)), np.sqrt(np.diag(theirs)), rtol=1e-4)
 
 
 def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():

@@ -57,17 +57,6 @@ def test_projection_derivatives(name):
     assert gradcheck(function, (rays.requires_grad_(), K, c), eps=1e-6, atol=1e-4)
 
 
-def test_on_the_axis_of_a_fisheye_the_gradient_is_finite():
-    camera = LENSES["fisheye 200"]
-    pixels = torch.tensor(camera.matrix[:2, 2]).requires_grad_()
-    rays, _ = camera.unproject(pixels)
-    rays.sum().backward()
-    torch.testing.assert_close(pixels.grad, torch.full((2,), 1 / 430.0, dtype=torch.float64))
-    points = torch.tensor([0.0, 0.0, 2.0], dtype=torch.float64, requires_grad=True)
-    camera.project(points)[0].sum().backward()
-    torch.testing.assert_close(points.grad, torch.tensor([215.0, 215.0, 0.0], dtype=torch.float64))
-
-
 @pytest.mark.parametrize("name", ["barrel folding", "realsense author"])
 def test_invalid_points_leave_the_gradients_of_the_others_alone(name):
     camera, (_, K, c) = differentiable(name)

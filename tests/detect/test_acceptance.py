@@ -14,7 +14,7 @@ from vbaa_calib.antenna.shape import bend
 from vbaa_calib.calibrate.antenna.learnt_paint import learn
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.polyline import normals, resample
-from vbaa_calib.detect.whisker.acceptance import best_of, decided
+from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH, corridor, free_curve, pixels
 from vbaa_calib.detect.whisker.antenna import _find as find
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
@@ -213,11 +213,6 @@ def test_where_it_is_as_bright_as_what_lies_behind_it_an_antenna_is_seen_by_its_
         assert finder.along(grey, path, 4.0, None, colourless).seen == line.seen
 
 
-def test_of_two_lines_the_one_that_an_edge_explains_is_less_likely() -> None:
-    line = Centreline(np.zeros((2, 2)), np.ones(2), 0.9, 30.0, 1.0, verdict="ok")
-    assert best_of([replace(line, sure=0.5), replace(line, seen=0.7)], 4.0).seen == 0.7
-
-
 WIDTH_PX_PAINT = 3.0
 
 
@@ -232,13 +227,6 @@ def picture(rng: np.random.Generator, turn_deg: float, height: float = 90.0) -> 
     """(H, W) float grey levels and the drawn path."""
     path = bent((40.0, 120.4), 0.0, turn_deg)
     return background(rng, 2.0) + tube(path, WIDTH_PX_PAINT, height), path
-
-
-def test_bright_and_dark_are_told_by_themselves(finder_paint: AntennaFinder) -> None:
-    rng = np.random.default_rng(0)
-    bright, _ = picture(rng, 3.0)
-    assert learn([finder_paint], [exposed(bright, rng).astype(np.uint8)]) == Paint(True)
-    assert learn([finder_paint], [exposed(230.0 - bright, rng).astype(np.uint8)]) == Paint(False)
 
 
 def test_a_colour_is_found_where_the_grey_level_shows_nothing(finder_paint: AntennaFinder) -> None:
@@ -459,9 +447,3 @@ def test_light_from_one_side_does_not_pull_the_line(name: str) -> None:
     off = _off(picture, line.points_px)
     assert np.sqrt(np.mean(off**2)) < 0.04 * picture.width_px
     assert np.sqrt(np.mean((off / line.sigma_px) ** 2)) < 2.0
-
-
-def test_the_set_has_every_kind() -> None:
-    kinds = {(picture.material, picture.bench) for picture in PICTURES}
-    assert {material for material, _ in kinds} >= {"steel", "nitinol", "nylon", "paint"}
-    assert {bench for _, bench in kinds} >= {"plain", "cluttered", "patchwork"}

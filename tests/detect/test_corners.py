@@ -15,8 +15,7 @@ from scipy.special import erf
 from targets.board import BoardSpec, corner_points, opencv_board
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import detect_corners, detect_folder
-from vbaa_calib.detect.board.covariance import QUANTISATION, corner_covariances
-from vbaa_calib.detect.board.covariance import _measure_noise as measure_noise
+from vbaa_calib.detect.board.covariance import corner_covariances
 from vbaa_calib.detect.board.markers import Markers, marker_cells, marker_grids
 from vbaa_calib.simulate.render.board import print_sheet
 
@@ -206,15 +205,6 @@ def test_they_agree_at_every_noise_blur_and_size(square_px: float, blur_px: floa
     assert np.sqrt((bias**2).sum(axis=1).mean()) < 0.05
 
 
-def test_bias_outweighs_noise_in_sharp_pictures() -> None:
-    """What the covariance leaves out, as its docstring says: corners are off by the same in every picture."""
-    predicted, _, bias = sampled(Conditions(60, 0.5, 1.0), 8)
-    std_px = np.sqrt(np.trace(predicted, axis1=1, axis2=2).mean())
-    bias_px = np.sqrt((bias**2).sum(axis=1).mean())
-    assert 0.008 < bias_px < 0.02
-    assert std_px < bias_px
-
-
 def crossing(angle_rad: float, turn_rad: float, centre: np.ndarray, blur_px: float) -> np.ndarray:
     """(81, 81) grey levels where two straight edges cross at an angle, drawn without the simulator."""
     grid = np.stack(np.meshgrid(np.arange(81.0), np.arange(81.0)), axis=-1) - centre
@@ -241,34 +231,3 @@ def test_an_acute_corner_is_uncertain_along_its_point(turn_rad: float) -> None:
     longest = np.linalg.eigh(mean)[1][:, 1]
     assert abs(longest @ [np.cos(turn_rad), np.sin(turn_rad)]) > 0.98
     assert np.linalg.eigvalsh(mean)[1] > 2.5 * np.linalg.eigvalsh(mean)[0]
-
-
-def test_noise_is_measured_in_black_and_in_white() -> None:
-    rng, centre = np.random.default_rng(0), np.array([[40.3, 39.8]])
-    grey = crossing(np.radians(85.0), 0.4, centre[0], 1.0)
-    variance = 1.0 + 0.08 * grey
-    noisy = (grey + rng.normal(size=grey.shape) * np.sqrt(variance) for _ in range(12))
-    pictures = [np.clip(np.rint(each), 0, 255).astype(np.uint8) for each in noisy]
-    measured = [measure_noise(picture, centre, np.array([10])) for picture in pictures]
-    levels, variances = np.mean(measured, axis=0)
-    assert levels == pytest.approx([40.0, 200.0], abs=2.5)
-    assert variances == pytest.approx(1.0 + 0.08 * np.array([40.0, 200.0]) + QUANTISATION, rel=0.25)
-
-
-def test_a_picture_without_noise_is_still_rounded() -> None:
-    centre = np.array([[40.3, 39.8]])
-    picture = np.rint(crossing(np.radians(85.0), 0.4, centre[0], 1.0)).astype(np.uint8)
-    assert measure_noise(picture, centre, np.array([8]))[1] == pytest.approx(QUANTISATION, rel=0.5)
-    covariance = corner_covariances(picture, centre, np.array([8]))[0]
-    assert 0.0 < np.sqrt(np.trace(covariance)) < 0.01
-
-
-def test_windows_without_a_corner_give_their_own_size() -> None:
-    flat = np.full((60, 60), 90, np.uint8)
-    edge = flat.copy()
-    edge[:, 30:] = 200
-    for picture in (flat, edge):
-        covariance = corner_covariances(picture, np.array([[29.5, 30.0], [0.0, 59.0]]), np.array([6, 3]))
-        assert np.isfinite(covariance).all()
-        assert np.linalg.eigvalsh(covariance)[:, 1] == pytest.approx([36.0, 9.0], rel=1e-6)
-    assert corner_covariances(flat, np.zeros((0, 2)), np.zeros(0, int)).shape == (0, 2, 2)

@@ -116,27 +116,6 @@ def test_parts_go_into_the_lens_and_wrong_ones_do_not(tmp_path: Path) -> None:
     assert elsewhere.ids.max() < CHESSBOARD.corner_count
 
 
-@pytest.mark.slow
-def test_a_picture_of_a_part_is_a_view_only_beside_one_of_the_whole(tmp_path: Path) -> None:
-    image, truth = seen(CHESSBOARD, 0)
-    middle = round(float(truth[:, 0].mean()))
-    part = np.where(np.arange(image.shape[1]) < middle, image, np.uint8(120))  # something covers it
-    assert not len(detect_corners(part, CHESSBOARD).ids)
-    cv2.imwrite(str(tmp_path / "part.png"), part)
-    with pytest.raises(InputError, match="without ids"):
-        detect_folder(tmp_path, CHESSBOARD)
-    cv2.imwrite(str(tmp_path / "whole.png"), image)
-    view, other = detect_folder(tmp_path, CHESSBOARD)
-    assert len(other.ids) == CHESSBOARD.corner_count
-    assert not len(view.ids) or np.abs(view.corners_px - truth[view.ids]).max() < 0.3
-
-
-def test_light_circles_on_dark_are_circles_too() -> None:
-    image, truth = seen(CIRCLES, 0)
-    view = detect_corners(255 - image, CIRCLES)
-    assert np.abs(view.corners_px - truth[view.ids]).max() < 0.1
-
-
 @pytest.mark.skipif(not ENDOSCOPE.is_dir(), reason="the real endoscope pictures are not here")
 def test_a_chessboard_inset_among_markers_is_found_in_real_pictures() -> None:
     paths = sorted(ENDOSCOPE.glob("*.jpg"))[3::20]
@@ -208,21 +187,6 @@ def test_a_charuco_board_of_other_ids_is_taken_and_proposed(tmp_path: Path, spec
         assert f"{spec.marker_ids.max()}" in message
 
 
-def test_of_several_boards_the_one_described_is_found(tmp_path: Path) -> None:
-    other = charuco_sheet(replace(CHARUCO_BOARDS, first_id=17))
-    for index, sheets in enumerate(([charuco_sheet(CHARUCO_BOARDS), other], [charuco_sheet(CHARUCO_BOARDS)] * 2)):
-        folder = tmp_path / str(index)
-        folder.mkdir()
-        views = detect_folder(written(folder, sheets), CHARUCO_BOARDS)
-        assert all(len(one.ids) == CHARUCO_BOARDS.corner_count for one in views)
-        image, plane = view(sheets, 0)
-        corners = detect_corners(image, CHARUCO_BOARDS).corners_px
-        near = cv2.perspectiveTransform(corners[None], np.linalg.inv(plane))[0] / CHARUCO_BOARDS.square_m
-        # of two copies it is one of them: whole squares, one next to the other
-        steps = np.diff(near.reshape(-1, CHARUCO_BOARDS.squares_x - 1, 2), axis=1)
-        np.testing.assert_allclose(steps, np.broadcast_to([1.0, 0.0], steps.shape), atol=0.05)
-
-
 GRIDS = {
     "Kalibr's": (GRID, 2),
     "upright tags": (GRID, 0),
@@ -250,14 +214,6 @@ def test_an_april_grid_is_found_and_proposed(tmp_path: Path, spec: AprilGrid, tu
         assert isinstance(proposed, AprilGrid)
         assert abs(proposed.spacing - spec.spacing) < 0.011
         assert replace(proposed, spacing=spec.spacing, tag_m=spec.tag_m) == spec
-
-
-def test_a_part_of_an_april_grid_is_a_view() -> None:
-    image, plane = view([grid_sheet(GRID)], 0, zoom=2.0)
-    found = detect_corners(image, GRID)
-    truth = cv2.perspectiveTransform(corner_points(GRID)[None, :, :2], plane)[0]
-    assert 8 <= len(found.ids) < GRID.corner_count
-    assert np.abs(found.corners_px - truth[found.ids]).max() < 0.2
 
 
 def test_kalibrs_targets_are_boards(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 import pytest
-from numpy.polynomial.legendre import legval
 
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor
@@ -201,45 +200,6 @@ def at(table: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     return lambda distance: np.interp(distance, AT, table)
 
 
-@pytest.mark.parametrize("kind", [np.float64, np.float32, np.uint16, np.uint8])
-def test_a_line_is_fitted_by_least_squares(image: np.ndarray, kind: type) -> None:
-    picture = np.clip(image, 0.0, 255.0).astype(kind)
-    centre = np.random.default_rng(4).uniform(-1.0, 1.0, 200)
-    found, distance = across(picture, centre)
-    value, slope = at(section()), at(np.gradient(section(), 1.0 / PER_PX))
-    centre = centre[: len(distance)]
-    fits = core.profile.fit(core.profile.expected(WIDTH_PX_FIT, BLUR_PX, HALF + 2), found, centre)
-    for n, grey in enumerate(found.profiles):
-        shape, moved = value(distance[n]), -slope(distance[n]) / found.stretch[n]
-        columns = np.stack([np.ones(grey.size), np.arange(grey.size), shape, moved], axis=1)
-        solved, squares, *_ = np.linalg.lstsq(columns, grey, rcond=None)
-        unit = np.sqrt(np.linalg.inv(columns.T @ columns)[2, 2])
-        meant = np.clip(solved[3] / solved[2], -HALF, HALF), solved[2], unit, np.sqrt(squares[0] / (grey.size - 4))
-        assert [each[n] for each in fits] == pytest.approx(meant, rel=1e-8)
-
-
-def test_normal_equations_are_products_of_columns_without_background(image: np.ndarray) -> None:
-    rng, reach = np.random.default_rng(5), HALF + 2
-    centre = rng.uniform(-1.0, 1.0, 200)
-    found, distance = across(image, centre)
-    coefficients = rng.normal(0.0, 30.0, (len(distance), 4))
-    made = core.profile.normal_equations(found, centre[: len(distance)], WIDTH_PX_FIT, BLUR_PX, coefficients, reach)
-    plain, wider, softer = (
-        core.profile.blurred_polynomials(WIDTH_PX_FIT * a, BLUR_PX * b, reach)
-        for a, b in ((1, 1), (1.02, 1), (1, 1.02))
-    )
-    q, _ = np.linalg.qr(np.stack([np.ones(2 * HALF + 1), np.arange(2 * HALF + 1)], axis=1))
-    for n, own in enumerate(coefficients):
-        alone = np.stack([at(column)(distance[n]) for column in plain.T])
-        width, blur = (at((changed - plain) @ own / 0.02)(distance[n]) for changed in (wider, softer))
-        place = at(np.gradient(plain @ own, 1.0 / PER_PX))(distance[n]) / -found.stretch[n]
-        share = found.along[n] / found.along[-1] - 0.5
-        columns = np.stack([*alone, width, blur, share * width, place, found.profiles[n]])
-        columns -= columns @ q @ q.T
-        meant = columns @ columns.T
-        assert np.allclose(made[n], meant, rtol=1e-8, atol=1e-8 * np.sqrt(np.outer(meant.diagonal(), meant.diagonal())))
-
-
 FINE = 5
 Brightness = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Shares of the way (M,), places across from −1 to 1 (M,) → grey levels (M,)."""
@@ -268,16 +228,6 @@ def bright_to_dark(share: np.ndarray, across: np.ndarray) -> np.ndarray:
 def at_its_side(share: np.ndarray, across: np.ndarray) -> np.ndarray:
     """Grey, with a highlight at one side all along it."""
     return 30.0 + 0.0 * share + 150.0 * np.exp(-0.5 * ((across - 0.5) / 0.3) ** 2)
-
-
-def test_blurred_polynomials_are_what_convolution_gives() -> None:
-    width, blur, fine = 4.3, 0.7, 7 * 32
-    at = np.arange(-12 * fine, 12 * fine + 1) / fine
-    inside = np.where(np.abs(at) < 0.5 * width, 1.0, 0.0)
-    bell = np.exp(-0.5 * at**2 / (blur**2 + 0.29**2))
-    for k, column in enumerate(core.profile.blurred_polynomials(width, blur, 12).T):
-        sharp = inside * legval(2.0 * at / width, np.eye(4)[k])
-        assert np.allclose(column, np.convolve(sharp, bell / bell.sum(), mode="same")[::7], atol=3e-3)
 
 
 @pytest.mark.parametrize(
@@ -320,15 +270,6 @@ def test_filters_of_a_camera_are_in_the_deviations(width_px: float) -> None:
     assert 0.5 < np.sqrt(np.mean(together)) < 1.25
 
 
-def test_white_noise_is_not_taken_for_shared() -> None:
-    rng, path = np.random.default_rng(6), straight(9.0, 200.0)
-    shares = []
-    for _ in range(8):
-        line = measure(exposed(60.0 + tube(path, WIDTH_PX, 110.0), rng, 2.0), dense(path) + 0.5, WIDTH_PX)
-        shares.append(np.mean(line.effective_px / line.sigma_px))
-    assert np.mean(shares) < 1.15
-
-
 def test_the_edge_of_what_hides_its_end_is_not_the_antenna() -> None:
     """An object whose edge lies along the antenna's further half, there in its stead."""
     rng, path = np.random.default_rng(7), straight(10.0, 220.0)
@@ -345,29 +286,6 @@ def test_the_edge_of_what_hides_its_end_is_not_the_antenna() -> None:
         assert np.quantile(np.diff(np.sort(reached[reached < -10.0])), 0.99) < 3.0
         assert reached.min() < -100.0
         assert reached.max() < 12.0
-
-
-def test_shades_are_what_convolution_gives() -> None:
-    """The backgrounds, and the series in the angle of a round surface, blurred; and their derivatives."""
-    width, blur, fine = 4.3, 0.7, 7 * 32
-    at = np.arange(-12 * fine, 12 * fine + 1) / fine
-    inside, angle = np.abs(at) < 0.5 * width, np.arcsin(np.clip(2.0 * at / width, -1.0, 1.0))
-    sharp = [at < -0.5 * width, at > 0.5 * width]
-    for k in (1, 2, 3):
-        sharp += [np.where(inside, wave(k * angle), 0.0) for wave in (np.sin, np.cos)]
-    bell = np.exp(-0.5 * at**2 / (blur**2 + 0.29**2))
-    tabled, wider, softer = (core.profile.shades(width * a, blur * b, 12) for a, b in ((1, 1), (1.001, 1), (1, 1.001)))
-    for k, shape in enumerate(sharp):
-        shade = np.asarray(shape, float)
-        if k > 1:
-            shade[inside] -= shade[inside].mean()
-            shade[inside] /= np.sqrt((shade[inside] ** 2).mean())
-        meant = np.convolve(shade, bell / bell.sum(), mode="same")[::7]
-        middle = slice(7 * 32, -7 * 32)  # beyond, the convolution ends
-        assert np.allclose(tabled[middle, k], meant[middle], atol=5e-3)
-        assert np.allclose(tabled[:, 8 + k], np.gradient(tabled[:, k], 1.0 / 32.0), atol=4e-3)
-        assert np.allclose(tabled[:, 16 + k], (wider - tabled)[:, k] / 0.001, atol=4e-3)
-        assert np.allclose(tabled[:, 24 + k], (softer - tabled)[:, k] / 0.001, atol=4e-3)
 
 
 def in_colour(cover: np.ndarray, ground: np.ndarray, rng: np.random.Generator, noise: float = 1.5) -> np.ndarray:

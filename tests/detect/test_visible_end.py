@@ -13,7 +13,7 @@ from vbaa_calib.detect.whisker.antenna import _find as find
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.profile import measure
-from vbaa_calib.detect.whisker.stretches import Cause, explained, stretches, why_lost
+from vbaa_calib.detect.whisker.stretches import Cause, stretches, why_lost
 
 from .drawn_lines import SIZE, background, bent, exposed, straight, tube
 
@@ -63,17 +63,6 @@ def test_a_bent_line_ends_where_it_ends() -> None:
     assert abs((line.end_px - path[-1]) @ ahead) < 0.4
 
 
-@pytest.mark.parametrize("short_px", [0.0, 25.0])
-def test_a_guide_that_ends_before_the_line_does_is_drawn_on(short_px: float) -> None:
-    rng = np.random.default_rng(3)
-    path = straight(12.0)
-    guide = path.copy()
-    guide[1] -= short_px * (path[1] - path[0]) / 180.0
-    line = end_of(exposed(background(rng, 3.0) + tube(path, 2.9, 90.0, cut=True), rng), guide, 2.9)
-    assert line.end == "tip"
-    assert np.linalg.norm(line.end_px - path[1]) < 0.4
-
-
 def hidden_by(picture: np.ndarray, end_px: np.ndarray, reach_px: float, level: float, fade_px: float) -> np.ndarray:
     """A box of one grey level in front of the antenna's last part."""
     box = np.zeros(picture.shape, np.float32)
@@ -91,15 +80,6 @@ def test_what_an_object_hides_is_no_tip(level: float, reach_px: float) -> None:
     whole = background(rng, 3.0) + tube(path, 2.9, 90.0, cut=True)
     line = end_of(exposed(hidden_by(whole, path[1], reach_px, level, 0.8), rng), longer(path), 2.9)
     assert line.end in ("hidden", "unsure")
-
-
-def test_a_hidden_end_behind_what_looks_like_the_background_is_unsure() -> None:
-    rng = np.random.default_rng(5)
-    path = straight(3.0)
-    seen = path.copy()
-    seen[1] -= 40.0 * (path[1] - path[0]) / 180.0
-    line = end_of(exposed(background(rng, 3.0) + tube(seen, 2.9, 90.0, cut=True), rng), longer(path), 2.9)
-    assert line.end == "unsure"
 
 
 @pytest.mark.parametrize("radius_px", [3.5, 6.0])
@@ -185,21 +165,3 @@ def test_the_stretch_that_fails_is_named_at_its_place(draw: Callable, cause: Cau
     plain, marked = (centreline_picture(image, line, WHERE, ("",), each) for each in ((), parts))
     changed = np.abs(plain[: 3 * SIZE[0]].astype(int) - marked[: 3 * SIZE[0]]).max(axis=-1) > 25
     assert changed.any() == (cause is not Cause.HIDDEN)
-
-
-def test_parts_cover_the_antenna_and_a_whole_one_has_nothing_to_explain() -> None:
-    rng = np.random.default_rng(5)
-    image = exposed(drawn(background(rng, 1.0)), rng)
-    line = find(image, WHERE)
-    (whole,) = stretches(image, line, WHERE)
-    assert (whole.cause, whole.start) == (Cause.SEEN, 0.0)
-    assert why_lost([whole]) == ("", "")
-    assert explained(line, image, WHERE) is line
-
-
-def test_an_antenna_that_does_not_show_at_all_is_explained() -> None:
-    rng = np.random.default_rng(6)
-    image = exposed(drawn(np.full(SIZE, BRIGHT)), rng)
-    line = explained(find(image, WHERE), image, WHERE)
-    assert not line.found
-    assert "0–100 % of its length: not there, or as bright as what lies behind it" in line.reason

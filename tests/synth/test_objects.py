@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.geometry import Pose
-from vbaa_calib.simulate.render.object import _cast, object_patch, obstacle, pressed_in
-from vbaa_calib.simulate.scene.objects import BOX_FACE_M, Bump, TouchObject, surface_radius
+from vbaa_calib.simulate.render.object import _cast, object_patch, pressed_in
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, Bump, TouchObject
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
 
@@ -79,35 +78,6 @@ def test_distance_has_the_normal_as_gradient_and_ends_on_the_surface(shape: str)
     np.testing.assert_allclose(np.sign(obj.rough_distance(points)), np.sign(distance))
 
 
-def test_no_point_of_the_free_form_is_nearer() -> None:
-    """Against a dense cloud of its surface, made by rays from the centre."""
-    rng = np.random.default_rng(5)
-    rays = rng.normal(size=(60000, 3))
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    cloud = CENTRE + surface_radius(rays, 0.03, BUMPS)[:, None] * rays
-    np.testing.assert_allclose(freeform().signed_distance(cloud)[0], 0.0, atol=1e-12)
-    points = CENTRE + 0.04 * rng.normal(size=(200, 3))
-    nearest = cKDTree(cloud).query(points)[0]
-    distance = np.abs(freeform().signed_distance(points)[0])
-    assert (nearest >= distance - 1e-12).all()
-    # the cloud's points lie some 0.6 mm apart
-    assert (nearest**2 - distance**2).max() < 8e-4 * (nearest.max() + 8e-4)
-
-
-def test_the_box_is_two_planes_that_meet_in_a_rounding() -> None:
-    into = box().into_faces
-    np.testing.assert_allclose(into @ into.T, np.eye(2), atol=1e-12)
-    np.testing.assert_allclose(into @ WEDGE, math.sqrt(0.5))
-    deep = CENTRE + 0.02 * into[1] - 0.007 * into[0]
-    distance, normal = box().signed_distance(deep)
-    np.testing.assert_allclose(distance, 0.003)
-    np.testing.assert_allclose(normal, -into[0])
-    np.testing.assert_allclose(box().signed_distance(CENTRE - 0.01 * WEDGE)[0], 0.006)
-    np.testing.assert_array_equal(box().within(CENTRE + np.array([[-0.049], [0.051]]) * AXIS), [True, False])
-    for into in box().into_faces:
-        np.testing.assert_array_equal(box().within(CENTRE + np.array([[0.029], [0.031]]) * into), [True, False])
-
-
 @pytest.mark.parametrize("shape", ["cylinder", "sphere", "box_edge", "freeform"])
 def test_rays_end_on_the_surface_and_missing_ones_never_touch_it(shape: str) -> None:
     obj, exact = EVERY[shape], shape in ("cylinder", "sphere")
@@ -129,28 +99,6 @@ def test_rays_end_on_the_surface_and_missing_ones_never_touch_it(shape: str) -> 
     assert bodies.min() > -1e-5
 
 
-def test_the_cylinder_ends_at_its_caps() -> None:
-    obj = solid("cylinder", half_length_m=0.01)
-    directions = rays(4000, 0.05)
-    depth, _, face = _cast(obj, ORIGIN, directions)
-    on = np.isfinite(depth)
-    along = (ORIGIN + depth[on, None] * directions[on] - CENTRE) @ AXIS
-    assert np.abs(along).max() < 0.01 + 1e-12
-    np.testing.assert_allclose(np.abs(along[face[on] > 0]), 0.01, atol=1e-12)
-
-
-def test_the_blade_reaches_to_its_edge_and_no_further() -> None:
-    obj = EVERY["knife_edge"]
-    directions = rays(40000, 0.05)
-    depth, _, _ = _cast(obj, ORIGIN, directions)
-    on = np.isfinite(depth)
-    inward = (ORIGIN + depth[on, None] * directions[on] - CENTRE) @ WEDGE
-    assert on.sum() > 200
-    assert inward.min() > -0.0002 - 1e-12
-    assert inward.min() < 0.002
-    assert inward.max() < 0.025 + 1e-12
-
-
 def test_the_picture_of_a_sphere_covers_its_cone_of_sight() -> None:
     scene, obj = place("pinhole"), EVERY["sphere"]
     patch = object_patch(scene, obj, CAMERA)
@@ -167,16 +115,6 @@ def test_the_picture_of_a_sphere_covers_its_cone_of_sight() -> None:
     centre = np.array([(columns * patch.alpha).sum(), (rows * patch.alpha).sum()]) / patch.alpha.sum()
     aim = toward[:2] / np.hypot(*toward[:2]) * middle
     np.testing.assert_allclose(centre, aim * [fx, fy] + scene.rays.lens.matrix[:2, 2], atol=0.05)
-
-
-def test_depth_counts_along_the_cameras_axis() -> None:
-    scene, obj = place("brown"), EVERY["sphere"]
-    depth = obstacle(scene, obj, CAMERA)
-    toward = CAMERA.inverse() @ CENTRE
-    pixel = scene.rays.lens.matrix[:2, :2] @ (toward[:2] / toward[2]) + scene.rays.lens.matrix[:2, 2]
-    found = depth(np.array([pixel, [5.0, 5.0]]))
-    assert found[0] == pytest.approx(toward[2] - 0.02, abs=2e-4)
-    assert np.isinf(found[1])
 
 
 @pytest.mark.parametrize("shape", EVERY)

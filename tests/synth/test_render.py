@@ -8,16 +8,14 @@ import pytest
 
 from targets.board import BoardSpec, corner_points, opencv_board
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.plan import _board_poses as board_poses
 from vbaa_calib.simulate.render.antenna import tube, tube_patch, visible_centreline
-from vbaa_calib.simulate.render.board import board_patch, outline, print_sheet
-from vbaa_calib.simulate.render.picture import ImagePatch, Studio, digitise, expose, surroundings
-from vbaa_calib.simulate.render.settings import PAINT
+from vbaa_calib.simulate.render.board import board_patch, print_sheet
+from vbaa_calib.simulate.render.picture import Studio, digitise, expose, surroundings
 from vbaa_calib.simulate.scene.lens import Lens, invertible, normalise, project, ray_map
 from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, camera_pose
 
-from .studios import LENSES, MATRIX, place, spec
+from .studios import LENSES, place, spec
 
 
 @pytest.mark.parametrize("lens", sorted(LENSES))
@@ -30,17 +28,6 @@ def test_rays_lead_back_to_their_pixels(lens: str) -> None:
     np.testing.assert_allclose(exact, pixels, atol=1e-7)
 
 
-@pytest.mark.parametrize("corner", [(0, 0), (955, 715)])
-def test_subpixel_rays_are_those_of_their_places(corner: tuple[int, int]) -> None:
-    rays, (left, top) = ray_map(LENSES["brown"]), corner
-    block = rays.block(left, top, left + 5, top + 5, 3)
-    assert block.shape == (15, 15, 2)
-    steps = (np.arange(15) + 0.5) / 3 - 0.5
-    u, v = np.meshgrid(left + steps, top + steps)
-    exact = normalise(rays.lens, np.stack([u, v], axis=-1).reshape(-1, 2)).reshape(15, 15, 2)
-    np.testing.assert_allclose(block, exact, atol=2e-7)
-
-
 def test_a_lens_that_folds_inside_the_picture_is_refused() -> None:
     matrix = np.array([[500.0, 0.0, 480.0], [0.0, 500.0, 360.0], [0.0, 0.0, 1.0]])
     folding = Lens("opencv", (960, 720), matrix, np.array([-0.6, 0.1, 0.0, 0.0]))
@@ -50,31 +37,12 @@ def test_a_lens_that_folds_inside_the_picture_is_refused() -> None:
         ray_map(folding)
 
 
-def test_points_behind_the_camera_have_no_pixel() -> None:
-    pixels = project(LENSES["brown"], np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
-    assert np.isnan(pixels[0]).all()
-    np.testing.assert_allclose(pixels[1], MATRIX[:2, 2])
-
-
 def test_noise_has_the_variance_of_shot_and_read_noise() -> None:
     noisy = spec(read_noise=2.0, electrons_per_grey=20.0)
     grey = np.full((600, 800), 120.0, np.float32)
     picture = digitise(noisy, grey, np.random.default_rng(4)).astype(float)
     assert picture.mean() == pytest.approx(120.0, abs=0.02)
     assert picture.var() == pytest.approx(2.0**2 + 120.0 / 20.0 + 1 / 12, rel=0.02)
-
-
-def test_a_patch_is_blurred_before_it_is_sampled() -> None:
-    scene = place("pinhole", blur_px=1.0, background=0.2)
-    canvas = np.full((720, 960), 0.2, np.float32)
-    square = np.zeros((160, 160), np.float32)
-    square[60:100, 70:90] = 1.0
-    grey = expose(scene, canvas, [ImagePatch(100, 50, 4, 0.8 * square, square)]) / 255 - 0.2
-    # what it adds in all, and where its middle is: sub-pixel i of pixel p lies at p + (i + 0.5)/4 - 0.5
-    assert grey.sum() == pytest.approx(0.6 * 40 * 20 / 16, rel=1e-4)
-    rows, columns = np.mgrid[:720, :960]
-    assert (grey * columns).sum() / grey.sum() == pytest.approx(100 + 80 / 4 - 0.5, abs=1e-3)
-    assert (grey * rows).sum() / grey.sum() == pytest.approx(50 + 80 / 4 - 0.5, abs=1e-3)
 
 
 @pytest.mark.parametrize(("inclination", "azimuth"), [(0.0, 0.0), (0.6, np.pi), (0.8, 2.0), (0.3, -1.0)])
@@ -135,12 +103,6 @@ def test_the_centroid_across_the_tube_is_the_projected_centreline(lens: str, slo
     assert np.sqrt((offsets**2).mean()) < 0.003
 
 
-def test_asymmetric_shading_pulls_the_centroid() -> None:
-    scene = place("brown")
-    offsets = _centroid_offsets(scene, _picture(scene, *_curve(), asymmetry=0.5), *_curve())
-    assert np.abs(offsets).mean() > 0.05
-
-
 def test_coverage_is_the_tubes_silhouette() -> None:
     scene = place("pinhole")
     points = np.stack([np.linspace(-0.1, 0.1, 50), np.full(50, 0.013), np.full(50, 0.35)], axis=1)
@@ -169,13 +131,6 @@ def test_what_is_nearer_hides_the_tube() -> None:
     assert not ((visible[:, 0] > 401) & (visible[:, 0] < 499)).any()
     assert len(visible) > 300
     np.testing.assert_allclose(np.linalg.norm(visible[:, 2:], axis=1), 1.0)
-
-
-def test_a_tube_outside_the_picture_is_not_drawn() -> None:
-    scene = place("pinhole")
-    arclength, points = _curve()
-    seen = tube(scene.rays.lens, arclength, points + np.array([0.0, 1.0, 0.0]), RADIUS_M, LAMP)
-    assert tube_patch(scene, seen, 0.9) is None
 
 
 BOARD = BoardSpec(11, 8, 0.015, 0.011)
@@ -212,41 +167,6 @@ def test_detected_corners_lie_on_the_projected_ones(lens: str, nearness: float, 
     assert len(errors) > 250
     assert np.linalg.norm(errors, axis=1).mean() < 0.05
     assert np.abs(errors.mean(axis=0)).max() < 0.03
-
-
-@pytest.mark.parametrize(
-    "spec", [BOARD, BoardSpec(9, 6, 0.012, 0.009, "DICT_5X5_250"), BoardSpec(5, 8, 0.02, 0.0147, legacy_pattern=True)]
-)
-def test_squares_begin_at_whole_texels(spec: BoardSpec) -> None:
-    sheet = print_sheet(spec)
-    square, margin = spec.square_m * sheet.texels_per_m, sheet.margin_m * sheet.texels_per_m
-    assert square == pytest.approx(round(square), abs=1e-9)
-    assert margin == pytest.approx(round(margin), abs=1e-9)
-    step = round(square)
-    # the ink of a whole black square ends exactly at its border
-    corner = (0, 0) if sheet.texture[round(margin) + 1, round(margin) + 1, 0] < 30000 else (0, 1)
-    top, left = round(margin) + corner[0] * step, round(margin) + corner[1] * step
-    black = sheet.texture[top : top + step, left : left + step, 0]
-    assert (black == black[0, 0]).all()
-    assert black[0, 0] < 0.1 * 65535
-    assert sheet.texture[top - 1, left + 5, 0] == pytest.approx(PAINT.paper * 65535, abs=1)
-
-
-def test_the_sheet_covers_the_pixels_inside_its_outline() -> None:
-    scene, sheet = place("brown"), print_sheet(BOARD)
-    pose = Pose.from_rotvec(np.array([0.4, -0.3, 0.2]), np.array([-0.08, -0.05, 0.32]))
-    patch = board_patch(scene, sheet, pose, DOWNWARD)
-    border = project(scene.rays.lens, pose @ outline(sheet))
-    area = cv2.contourArea(border.astype(np.float32).reshape(-1, 1, 2))
-    assert patch.alpha.sum() / patch.factor**2 == pytest.approx(area, rel=1e-3)
-
-
-def test_the_back_of_the_board_is_not_drawn() -> None:
-    scene, sheet = place("brown"), print_sheet(BOARD)
-    turned = Pose.from_rotvec(np.array([0.0, np.pi, 0.0]), np.array([0.08, -0.05, 0.3]))
-    assert board_patch(scene, sheet, turned, DOWNWARD) is None
-    beside = Pose.from_rotvec(np.zeros(3), np.array([3.0, 0.0, 0.3]))
-    assert board_patch(scene, sheet, beside, DOWNWARD) is None
 
 
 @pytest.mark.parametrize("lens", sorted(LENSES))

@@ -114,34 +114,6 @@ def test_both_sides_mirror_each_other() -> None:
     np.testing.assert_allclose(right.contact_m, left.contact_m, atol=1e-9)
 
 
-def test_one_recording_touches_one_side_lifts_off_and_touches_the_other() -> None:
-    """Over the cylinder's end (at z = 20 mm) and down again behind it."""
-    obj = TouchObject("cylinder", 0.16 * X, Z, 0.01, 0.02)
-    path = [(-6, 0), (-3, 0), (-1, 0), (-3, 0), (-6, 0), (-6, 12), (0, 12), (6, 12), (6, 0), (3, 0), (1, 0), (6, 0)]
-    poses = [Kinematics().T_world_antenna(math.radians(pan), math.radians(tilt)) for pan, tilt in path]
-    result = touch(bare_rod(), RADIUS, obj, poses, NONE)
-    np.testing.assert_array_equal(np.flatnonzero(result.in_contact), [1, 2, 3, 9, 10])
-    assert (result.force_antenna_N[[1, 2, 3], 1] < 0.0).all()
-    assert (result.force_antenna_N[[9, 10], 1] > 0.0).all()
-
-
-def test_a_thin_object_still_holds_an_antenna_whose_rest_line_is_beyond_it() -> None:
-    thin = cylinder(0.16, 0.0, 2e-4)
-    result = touch(bare_rod(), RADIUS, thin, panned(-1.0, 12.0, 6), NONE)
-    np.testing.assert_array_equal(result.in_contact, [False, True, True, True, True, True])
-    assert (np.diff(result.force_antenna_N[:, 1]) < 0.0).all()
-    back = touch(bare_rod(), RADIUS, thin, panned(12.0, -1.0, 6), NONE)
-    np.testing.assert_array_equal(back.in_contact, [False, False, False, False, False, True])
-    assert back.force_antenna_N[-1, 1] > 0.0
-
-
-def test_side_of_a_recording_that_starts_in_contact() -> None:
-    for y, sign in ((0.004, -1.0), (-0.004, 1.0)):
-        result = touch(bare_rod(), RADIUS, cylinder(0.16, y), shifted(NONE), NONE)
-        assert result.in_contact[0]
-        assert np.sign(result.force_antenna_N[0, 1]) == sign
-
-
 def test_tip_contact_need_not_push_across_the_antenna() -> None:
     obj = cylinder(L + 0.004, 0.0085, 0.01)
     result = touch(bare_rod(), RADIUS, obj, shifted(NONE, 5e-4 * Y), NONE)
@@ -154,27 +126,11 @@ def test_tip_contact_need_not_push_across_the_antenna() -> None:
     np.testing.assert_allclose(result.force_antenna_N / size, normal, atol=1e-6)
 
 
-def test_a_push_runs_from_the_inside_to_the_tip() -> None:
-    result = touch(bare_rod(), RADIUS, cylinder(0.2395, 0.0, 0.005), panned(-1.0, 14.0, 16), NONE)
-    assert result.contact_m[0] < L
-    assert result.contact_m[-1] == L
-    assert (np.diff(result.contact_m[3:]) >= 0.0).all()
-
-
 def test_no_slip_no_friction() -> None:
     """Two equal poses: between them nothing moves; nor does anything come before the first frame."""
     poses = shifted(0.01 * Y, 0.01 * Y)
     _, tangent, force = in_world(poses, touch(bare_rod(), RADIUS, knife(0.16, 0.0, friction=0.5), poses, NONE))
     assert np.abs((force * tangent).sum(axis=1)).max() < 1e-9
-
-
-def test_no_contact_leaves_the_weight_alone() -> None:
-    result = touch(real_rod(), RADIUS, cylinder(0.16, 0.1), panned(-3.0, 3.0, 4), WEIGHT)
-    assert not result.in_contact.any()
-    short = touch(bare_rod(), RADIUS, cylinder(0.3, 0.0), panned(-3.0, 3.0, 4), NONE)
-    assert not short.in_contact.any()
-    aside = TouchObject("cylinder", np.array([0.16, 0.0, 0.05]), Z, 0.01, 0.02)
-    assert not touch(bare_rod(), RADIUS, aside, panned(-3.0, 3.0, 4), NONE).in_contact.any()
 
 
 def test_frames_without_an_answer_are_named() -> None:

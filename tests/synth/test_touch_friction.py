@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from vbaa_calib.core.errors import SolveError
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.native import core
 from vbaa_calib.simulate.contact.stick_slip import Bases, Setting
 from vbaa_calib.simulate.contact.strokes import follow
-from vbaa_calib.simulate.contact.touch import touch, touch_strokes
+from vbaa_calib.simulate.contact.touch import touch
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 
 from .rods import EI, NONE, RADIUS, WEIGHT, X, Y, Z, bare_rod, in_world, real_rod
@@ -157,31 +156,8 @@ def test_laws_of_a_contact_with_friction(name: str) -> None:
     assert (miss < 3e-5 + size**2 / 0.02).all()
 
 
-def test_strokes_together_are_strokes_one_by_one() -> None:
-    poses = pressed_and_swept(1)
-    both = touch_strokes(real_rod(), RADIUS, cylinder(friction=0.3), [poses, poses[:4]], WEIGHT)
-    alone = touch(real_rod(), RADIUS, cylinder(friction=0.3), poses[:4], WEIGHT)
-    assert len(both[0].contact_m) == len(poses)
-    np.testing.assert_allclose(both[1].force_antenna_N, alone.force_antenna_N, atol=1e-7)
-    np.testing.assert_allclose(both[0].force_antenna_N[:4], alone.force_antenna_N, atol=1e-7)
-
-
 def test_lifting_off_ends_the_contact_and_forgets_its_grip() -> None:
     poses = swept(np.array([1.0, 4.0, 7.0, 4.0, 1.0, 4.0, 7.0]), np.zeros(7))
     result = touch(real_rod(), RADIUS, cylinder(friction=0.4), poses, WEIGHT)
     np.testing.assert_array_equal(result.in_contact, [False, True, True, True, False, True, True])
     np.testing.assert_allclose(result.force_antenna_N[5:], result.force_antenna_N[1:3], atol=1e-6)
-
-
-def test_a_contact_that_is_not_found_says_so() -> None:
-    """Driven beyond the end of the antenna: nothing there to touch."""
-    thin = TouchObject("cylinder", np.array([0.236, 0.0, 0.0]), Z, 0.002, 0.1, friction=0.2)
-    with pytest.raises(SolveError, match=r"frame \d: .*slipped off"):
-        touch(bare_rod(), RADIUS, thin, swept(np.array([-2.0, 5.0, 45.0]), np.zeros(3)), NONE)
-
-
-def test_over_the_end_of_an_object_the_contact_is_lost() -> None:
-    obj = TouchObject("cylinder", np.array([0.15, 0.018, 0.0]), Z, 0.01, 0.008, friction=0.2)
-    poses = swept(np.array([1.0, 4.0, 6.0, 6.0, 6.0]), np.array([0.0, 0.0, 0.0, 2.0, 5.0]))
-    result = touch(bare_rod(), RADIUS, obj, poses, NONE)
-    np.testing.assert_array_equal(result.in_contact, [False, True, True, True, False])

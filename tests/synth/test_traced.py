@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,19 +11,15 @@ import yaml
 from scipy.interpolate import CubicSpline
 
 from vbaa_calib.antenna.rod import solve_rod
-from vbaa_calib.cli.main import main
 from vbaa_calib.simulate.plan import AntennaShot, Plan, plan
 from vbaa_calib.simulate.render.antenna import tube
-from vbaa_calib.simulate.render.board import print_sheet
 from vbaa_calib.simulate.render.meshes import Triangles, object_mesh, tube_mesh
 from vbaa_calib.simulate.render.picture import studio
 from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, SceneSpec, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
-from vbaa_calib.simulate.shots import seen_antenna, wires_of
 from vbaa_calib.simulate.traced.tracer import Exposure, Tracer, _load_mitsuba
-from vbaa_calib.simulate.traced_shots import TracedPictures
 
 from ..small_scene import small_scene
 
@@ -80,32 +74,6 @@ def test_an_objects_surface_is_the_one_that_is_touched(obj: TouchObject) -> None
     assert np.abs(distance[touched]).max() < 2e-5
 
 
-def test_labels_show_what_was_drawn(tmp_path: Path) -> None:
-    data = small_scene(noload=1, loads=(1,)) | {
-        "picture": {"blur_px": 0.0, "read_noise": 0.0, "electrons_per_grey": 1e9}
-    }
-    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(data))
-    assert main(["simulate", str(tmp_path / "scene.yaml"), "-o", str(tmp_path / "s"), "--labels"]) == 0
-    labels = tmp_path / "s" / "labels"
-    rows = list(csv.DictReader((labels / "centrelines.csv").open()))
-    contacts = {row["image"]: row for row in csv.DictReader((labels / "contacts.csv").open())}
-    assert {row["image"] for row in rows} == set(contacts)
-    assert {row["in_contact"] for row in contacts.values()} == {"0", "1"}
-    for image, contact in contacts.items():
-        mine = [row for row in rows if row["image"] == image]
-        line = np.array([[float(row[name]) for name in ("s_m", "u_px", "v_px", "width_px")] for row in mine])
-        seen = np.array([row["visible"] == "1" for row in mine])
-        mask = cv2.imread(str(labels / image), cv2.IMREAD_UNCHANGED) / 255.0
-        step = np.linalg.norm(np.gradient(line[:, 1:3], axis=0), axis=1)
-        assert mask.sum() == pytest.approx((step * line[:, 3])[seen].sum(), rel=0.03)
-        # where the mask says that all of a pixel is antenna, the picture is as bright as paint
-        picture = cv2.imread(str(tmp_path / "s" / image), cv2.IMREAD_UNCHANGED)
-        assert np.median(picture[mask > 0.99]) > 2 * np.median(picture[mask == 0])
-        if contact["in_contact"] == "1":
-            at = np.array([np.interp(float(contact["distance_m"]), line[:, 0], line[:, k]) for k in (1, 2)])
-            assert at == pytest.approx([float(contact["u_px"]), float(contact["v_px"])], abs=0.05)
-
-
 def _small(folder: Path, traced: dict[str, object]) -> SceneSpec:
     (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(1, (3,)) | {"traced": traced}))
     return load_scene(folder / "scene.yaml")
@@ -114,22 +82,6 @@ def _small(folder: Path, traced: dict[str, object]) -> SceneSpec:
 def _recorded(planned: Plan) -> list[AntennaShot]:
     shots = [shot for shot in planned.shots if isinstance(shot, AntennaShot)]
     return [shot for shot in shots if shot.path.startswith("recording/")]
-
-
-def test_the_parts_of_an_antenna_make_up_the_whole(tmp_path: Path) -> None:
-    scene = _small(tmp_path, {})
-    shot = _recorded(plan(scene))[2]
-    s = shot.arclength_m
-    parts = wires_of(scene, s, shot.points_m)[0].cut(np.array([s[0], 0.1201, 0.13, s[-1]]))
-    assert [(part.arclength_m[0], part.arclength_m[-1]) for part in parts] == [
-        (s[0], 0.1201),
-        (0.1201, 0.13),
-        (0.13, s[-1]),
-    ]
-    for part in parts:
-        between = (part.arclength_m[1:] + part.arclength_m[:-1]) / 2
-        curve = CubicSpline(part.arclength_m, part.points_m)
-        assert curve(between) == pytest.approx(CubicSpline(s, shot.points_m)(between), abs=1e-8)
 
 
 def test_each_row_shows_the_antenna_when_it_is_read(tmp_path: Path) -> None:
@@ -146,36 +98,6 @@ def test_each_row_shows_the_antenna_when_it_is_read(tmp_path: Path) -> None:
 
 
 # --- what mitsuba shows
-
-
-def test_each_stretch_has_its_own_surface(tmp_path: Path) -> None:
-    pytest.importorskip("mitsuba", reason="the extra `render` is not installed")
-    stretches = [[0.03, 0.07, "paint", [0.9, 0.9, 0.9], 2e-4], [0.16, 1.0, "none", None, 0.0]]
-    stretches += [[0.0, 0.03, "clear", None, 0.0]]
-    lit = {"light": "side", "bench_roughness": 0.1, "bench_below_m": 0.3, "exposure": 2.0, "samples": 64}
-    scene = _small(tmp_path, lit | {"material": "rubber", "stretches": stretches})
-    rng, place = np.random.default_rng(0), studio(scene.lens, scene.picture, np.random.default_rng(0))
-    shot = plan(scene).shots[-1]
-    assert isinstance(shot, AntennaShot)
-    free = replace(shot, indentation_m=None)
-    camera = TracedPictures(scene, place, print_sheet(scene.board), rng)
-    picture = camera.shot(free, None, rng).astype(np.float32)
-    seen = seen_antenna(scene, free)
-
-    def brightness(aside_px: float) -> np.ndarray:
-        at = (seen.pixels + aside_px * seen.normals)[:, None].astype(np.float32)
-        return cv2.remap(picture, at, np.empty(0), cv2.INTER_LINEAR).ravel()
-
-    s, bench = np.linspace(0.0, shot.arclength_m[-1], len(seen.pixels)), (brightness(9.0) + brightness(-9.0)) / 2
-    painted, rubber, gone = (
-        float(np.median((brightness(0.0) / bench)[(s > low) & (s < high)]))
-        for low, high in ((0.035, 0.065), (0.08, 0.15), (0.17, 1.0))
-    )
-    assert painted > 1.5
-    assert rubber < 0.8
-    assert gone == pytest.approx(1.0, abs=0.15)
-    # a picture of the board has no antenna
-    assert camera.shot(plan(scene).shots[0], None, rng).shape == picture.shape
 
 
 @pytest.fixture
