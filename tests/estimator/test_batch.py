@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cache
 
 import numpy as np
@@ -12,7 +12,7 @@ from benchmarks.estimator.scenes import Scenes
 from estimator import Contact, ContactEstimator, Measured
 
 from ..rod_scenes import RIG_STD, SIGMA_PX, World, camera_pose
-from .contact_scenes import WORLD, answered, frame, furthest, rubbed
+from .contact_scenes import RIG, WORLD, answered, deviations, frame, furthest, rubbed
 
 STANDSTILL = 0.015
 """In standard deviations. A descent ends when a step promises less than 1e-4 of the cost, √(2·1e-4) of a deviation: two
@@ -117,3 +117,14 @@ def test_a_recording_is_a_loop(live: bool) -> None:
     assert len(warm) == 12
     assert {contact.status for contact in warm} >= {"ok", "no_contact"}
     assert max(furthest(a, b) for a, b in zip(cold, warm, strict=True)) < STANDSTILL
+
+
+def test_a_wrong_start_is_recovered_from() -> None:
+    """The warm start is a guess: from the other end of the antenna, the answer is the same."""
+    seen = frame(0.8)
+    measured = Measured(seen.points_px, np.full(300, SIGMA_PX), seen.moment_Nm, 0.0, 0.3)
+    estimator = ContactEstimator(RIG)
+    cold = estimator.measure(measured)
+    for start in ([0.2, 50.0, -80.0, 0.0], [0.95, -1.0, 1.0, 3.0], [0.5, np.nan, 0.0, 0.0]):
+        assert furthest(cold, estimator.measure(replace(measured, start=np.array(start)))) < STANDSTILL
+    assert np.abs(deviations(cold, seen)).max() < 4.0

@@ -67,6 +67,24 @@ def test_a_vanishing_tilt_gives_the_upright_formulas(tilt_deg: float) -> None:
     assert growth.max() < 3.2
 
 
+@pytest.mark.parametrize("tilt_deg", [10.0, 30.0, 45.0])
+def test_the_case_of_the_physics_page(tilt_deg: float) -> None:
+    """l = 160 mm, Δy = Δz = 10 mm, points at 60 and 120 mm: exact to 1e-13, where the mended sextic is off or lost."""
+    contact, x = 0.16, np.array([0.06, 0.12])
+    force = 0.01 * 3.0 * EI / contact**3
+    y = linear.deflection(x, contact, force, EI)
+    tilt = np.radians(tilt_deg)
+    image = inclined.project(np.stack([x, y, y], axis=-1), tilt)
+    found = seen(image, contact * force, tilt)
+    assert found.contact_m == pytest.approx(contact, rel=1e-13)
+    assert found.solutions == 1
+    baseline = inclined.eq29_baseline(image[:, 0], image[:, 1], contact * force, EI, tilt, LENGTH)
+    if tilt_deg == 10.0:
+        assert baseline == pytest.approx(0.1666, abs=5e-5)
+    else:
+        assert np.isnan(baseline)
+
+
 def test_two_straight_points_need_no_moment_for_the_distance() -> None:
     """Eq. (30): whatever the moment is said to be, l stays; the forces do not."""
     contact, x, tilt = 0.1, np.array([0.14, 0.22]), 0.6

@@ -6,6 +6,7 @@ Everything follows from the beam of Eqs. (6) and (7) and from the projection of 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import sympy as sp
 
 from estimator.paper import inclined
@@ -115,6 +116,30 @@ class TestInclined:
         assert vanishes(equation(self.mended_26).subs(ell, formula))
         assert not vanishes(equation(printed).subs(ell, formula))
 
+    def sextic(self, g, p1, p2, y1, y2):
+        """Eq. (29) with γ = g."""
+        a0, a1, a2, a3 = (p1**k * y2 - p2**k * y1 for k in range(4))
+        high = 8 * g**3 * a0 * ell**6 + 3 * g**2 * a0 * ell**5 + 15 * g**2 * a1 * ell**4 + 6 * g * a1 * ell**3
+        return high + 6 * g * a2 * ell**2 + 3 * a2 * ell - a3
+
+    def test_29_has_the_coefficients_of_gamma_over_6EI(self) -> None:
+
+        def substituted(position):
+            first, second = position(xp1), position(xp2)
+            return 3 * ell * (first**2 * yp2 - second**2 * yp1) - (first**3 * yp2 - second**3 * yp1)
+
+        from_mended = substituted(self.mended_26) * (1 + 3 * self.gamma * ell) ** 3
+        assert vanishes(from_mended - self.sextic(self.gamma, xp1, xp2, yp1, yp2))
+        assert not vanishes(from_mended - self.sextic(tau * self.tan / (2 * EI), xp1, xp2, yp1, yp2))
+
+    def test_29_is_not_solved_by_the_curved_points_it_is_for(self) -> None:
+        """Put in what camera B really sees of two curved points: no zero; at zero tilt there is one."""
+        first, second = (at + curved(at, force=f_z) * self.tan for at in (x1, x2))  # Eq. (24)
+        sextic = self.sextic(ell * f_z * self.tan / (6 * EI), first, second, curved(x1), curved(x2))
+        numbers = {x1: sp.Rational(6, 100), x2: sp.Rational(12, 100), ell: sp.Rational(16, 100), EI: 1, f_y: 1, f_z: 1}
+        assert sp.simplify(sextic.subs(numbers).subs(phi, sp.pi / 6)) != 0
+        assert sp.simplify(sextic.subs(phi, 0)) == 0
+
     def test_kappa_undoes_the_projection_on_both_parts(self) -> None:
         shift = self.tan * f_z / f_y
         for part in (curved, straight):
@@ -146,3 +171,49 @@ class TestInclined:
         left = 2 * 3.9e-3 * shift * (second**3 * y1 - first**3 * y2)
         right = moment * np.tan(0.6) * first**2 * second**2 * (second - first)
         np.testing.assert_allclose(left, right, rtol=1e-9)
+
+
+class TestOneUnknownOfTheInclinedCamera:
+    """`estimator.inclined_roots`: with x2 = r·x1 − d the left side (P − v)·g(v) crosses a moment once, folded twice."""
+
+    a, b, r, far = sp.symbols("a b r L", positive=True)
+
+    def case(self, part: str):
+        """x2 and l written in positive symbols, y2/y1, and ∂ln y/∂ln l at both points; in units of d everything."""
+        contact = {"curved": x2 + self.b, "mixed": x1 + self.a}[part]
+        second = {"curved": x1 + self.a, "mixed": contact + self.b}[part]
+        y1, y2 = curved(x1), (curved if part == "curved" else straight)(x2)
+        e1, e2 = (sp.simplify(ell * sp.diff(y, ell) / y) for y in (y1, y2))
+        return {x2: second}, contact, y2 / y1, e1, e2
+
+    def growth(self, e1, e2):
+        """d ln g/dx2 and dl/dx2 while x1 = (x2 + d)/r follows; s = 3 − e is ∂ln y/∂ln x."""
+        longer = ((3 - e1) / (self.r * x1) - (3 - e2) / x2) / (e2 - e1)
+        return (1 - e2) * longer - (3 - e2) / x2, ell * longer
+
+    def sign(self, expression, where, contact, ratio) -> set[int]:
+        """Signs of all coefficients in positive symbols: one sign is one sign of the expression."""
+        value = expression.subs(self.r, ratio).subs(ell, contact).subs(where)
+        numerator, denominator = sp.fraction(sp.cancel(sp.together(value)))
+        top, bottom = ({int(sp.sign(c)) for c in sp.Poly(sp.expand(p)).coeffs()} for p in (numerator, denominator))
+        return {x * y for x in top for y in bottom}
+
+    @pytest.mark.parametrize("part", ["curved", "mixed"])
+    def test_g_falls_so_one_root_where_the_moment_pushes_on(self, part: str) -> None:
+        where, contact, ratio, e1, e2 = self.case(part)
+        assert self.sign(self.growth(e1, e2)[0], where, contact, ratio) == {-1}
+
+    @pytest.mark.parametrize("part", ["curved", "mixed"])
+    def test_one_root_where_the_picture_is_not_folded(self, part: str) -> None:
+        """x_p2 > x_p1 bounds 1/(v − P) from below by (r − 1)/(r·(x2 − x1)): more than g falls."""
+        where, contact, ratio, e1, e2 = self.case(part)
+        bound = (self.r - 1) / (self.r * (x2 - x1))
+        assert self.sign(self.growth(e1, e2)[0] + bound, where, contact, ratio) == {1}
+
+    @pytest.mark.parametrize("part", ["curved", pytest.param("mixed", marks=pytest.mark.slow)])
+    def test_at_most_two_roots_in_a_folded_picture(self, part: str) -> None:
+        """(v − P)·g turns where v + 1/(ln g)′ = P, and that grows with v."""
+        where, contact, ratio, e1, e2 = self.case(part)
+        g, longer = self.growth(e1, e2)
+        change = sp.diff(g, x2) + sp.diff(g, x1) / self.r + sp.diff(g, ell) * longer
+        assert self.sign(1 - change / g**2, where, contact, ratio) == {1}

@@ -10,10 +10,11 @@ import pytest
 import sympy as sp
 
 from benchmarks.estimator.bound import Bound, bound
-from benchmarks.estimator.scenes import Scenes, push_for_slope, rolled, scenes
+from benchmarks.estimator.scenes import Scenes, elastica_shapes, push_for_slope, random_scenes, rolled, scenes
 from benchmarks.estimator.setup import (
     ACROSS,
     LENGTH_M,
+    RIG_STD,
     SENSOR,
     SIGMA_PX,
     STIFFNESS_NM2,
@@ -25,6 +26,7 @@ from vbaa_calib.antenna import linear
 from vbaa_calib.rig import MomentSensor, Rig
 
 from ..beam import deflection_by_contact
+from .contact_scenes import answered, fitted_std
 
 PAGE = Path(__file__).parents[2] / "docs/theory_bounds.md"
 POINTS, SLOPE_RAD, REACH = 200, 0.03, 0.5
@@ -99,6 +101,14 @@ class TestClosedForm:
         assert covariance[0, 1] / np.prod(found) == pytest.approx(factors(reach)[2], abs=1e-6)
         assert np.sqrt(np.linalg.inv(table @ table.T / len(x))[0, 0]) == pytest.approx(unsure, abs=0.05)
 
+    def test_where_a_contact_is_known_best(self) -> None:
+        """Of one force: in itself at 0.79 L, in mm at 0.58 L; of one slope there, in mm: nearest the clamp."""
+        reach = np.linspace(0.02, 1.0, 2000)
+        factor = factors(reach)[0]
+        assert reach[(factor / reach**2).argmin()] == pytest.approx(0.785, abs=2e-3)
+        assert reach[(factor / reach).argmin()] == pytest.approx(0.583, abs=2e-3)
+        assert (np.diff(factor) > 0).all()
+
 
 class TestAgainstTheNumericalBound:
     @pytest.mark.parametrize("reach", [0.25, 0.5, 0.75, 0.95])
@@ -149,5 +159,30 @@ STEPS = [(0.25, 0.139, 6.1), (0.5, 0.184, 4.9), (0.75, 0.276, 4.4), (0.95, 0.458
 """l/L, the factor k of Δl/l = k·θ_c², and the slope in degrees at which the beam is a third of a deviation off."""
 
 
+@pytest.mark.parametrize(("reach", "factor", "degrees"), STEPS)
+def test_a_third_of_a_deviation(reach: float, factor: float, degrees: float) -> None:
+    """The distance that the rung `linear` finds in a picture of the elastica without noise, beside the closed form."""
+    rig = camera_at(AWAY_M)
+    sigma_m = SIGMA_PX * AWAY_M / rig.camera.matrix[0, 0]
+    least = STEEPNESS * factors(reach)[0] * sigma_m / np.sqrt(POINTS)
+    slope = (ALLOWED * least / (factor * reach * LENGTH_M)) ** (1 / 3)
+    assert np.degrees(slope) == pytest.approx(degrees, abs=0.06)
+    for times in (0.7, 1.0, 1.5):
+        given = touched(rig, 0.0, times * slope, reach)
+        found = answered(given, "linear", 0.0)
+        off = (found.distance_m[0] - given.distance_m[0]) / fitted_std(found, given, "linear", 0.0)[0, 0]
+        assert off == pytest.approx(ALLOWED * times**3, rel=0.06)
+        assert found[0].bias["linear"] >= 0.95 * off
+
+
 def stated(noise: float, height: float, width: float, blur: float) -> float:
     return float(noise / height * np.sqrt(blur * np.sqrt(np.pi) / -np.expm1(-((width / (2.0 * blur)) ** 2))))
+
+
+def test_what_is_known_less_well_widens_the_bound() -> None:
+    exact = random_scenes(Setup("brown", 0.5, swing_m=0.1).rig(), 12, np.random.default_rng(5), made_by=elastica_shapes)
+    least = bound(exact).std
+    assert (bound(exact, friction_std_rad=0.2).std >= least * (1 - 1e-9)).all()
+    assert (bound(exact, friction_std_rad=0.2).std[:, 0] > 1.01 * least[:, 0]).any()
+    rough = replace(exact, rig=replace(exact.rig, covariance=np.diag(RIG_STD**2)))
+    assert (bound(rough).std[:, :2] > least[:, :2]).all()
