@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +27,6 @@ from vbaa_calib.rig import MomentSensor, Rig
 from ..beam import deflection_by_contact
 from .contact_scenes import answered, fitted_std
 
-PAGE = Path(__file__).parents[2] / "docs/theory_bounds.md"
 POINTS, SLOPE_RAD, REACH = 200, 0.03, 0.5
 FAR_M = 2.9
 STEEPNESS = 1.5

@@ -1,4 +1,4 @@
-"""What friction that is not known costs, and what a wrong stiffness hides, as benchmarks/limits.md and the pages say."""
+"""What friction that is not known costs, and what a wrong stiffness hides, as limits.md and the pages say."""
 
 from __future__ import annotations
 
