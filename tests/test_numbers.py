@@ -137,7 +137,6 @@ PERHAPS: tuple[Any, ...] = (
     *(np.ma.array([1.0, 2.0], mask=[True, False]), np.matrix([[1.0, 2.0]]), np.array([True]), [[1.0], [1.0, 2.0]]),
 )
 LISTS = ("recording", "rows", "views", "robot_poses", "channels", "image_size", "joints_rad", "moment_std_Nm")
-NAMES = ("path", "root", "name", "channel", "model", "parameter", "rung")
 
 
 @pytest.mark.parametrize("call", PUBLIC, ids=lambda call: call.__qualname__)

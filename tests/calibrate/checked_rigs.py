@@ -77,12 +77,6 @@ def scene() -> SceneSpec:
     )
 
 
-def leaning() -> SceneSpec:
-    """The same with the camera, and the jig, of the demo: it leans by 30° from the normal of plane C."""
-    demo = load_scene(bundled_scene("demo"))
-    return replace(scene(), T_antenna_camera=demo.T_antenna_camera, T_antenna_board=demo.T_antenna_board)
-
-
 def rig_of(scene: SceneSpec, seed: int = 3) -> Rig:
     """The rig that a calibration of the scene could have found: its truth, off as its deviations say."""
     rng, true = np.random.default_rng(seed), scene.true
@@ -154,26 +148,6 @@ def with_sensor(scene: SceneSpec, gain: float = 1.0, offset_Nm: float = 0.0) -> 
     """The moment sensor's gain by a factor and its offset by an amount."""
     sensor = scene.moment
     return replace(scene, moment=replace(sensor, gain=gain * sensor.gain, offset_Nm=sensor.offset_Nm + offset_Nm))
-
-
-def with_antenna(scene: SceneSpec, diameter: float = 1.0, length: float = 1.0) -> SceneSpec:
-    """Another wire of the same steel, its diameter and length by factors."""
-    wire = scene.antenna
-    other = replace(wire, diameter_m=diameter * wire.diameter_m, length_m=length * wire.length_m)
-    return replace(scene, antenna=other)
-
-
-def with_board(scene: SceneSpec, scale: float = 1.0, dictionary: str | None = None) -> SceneSpec:
-    """Another board in the jig: printed at another scale, or with other markers."""
-    board = scene.board
-    spec = replace(board, square_m=scale * board.square_m, marker_m=scale * board.marker_m)
-    return replace(scene, board=replace(spec, dictionary=dictionary or board.dictionary))
-
-
-def with_jig_shifted(scene: SceneSpec, shift_m: tuple[float, float, float]) -> SceneSpec:
-    """The board does not sit in the jig as it did."""
-    old = scene.T_antenna_board
-    return replace(scene, T_antenna_board=replace(old, translation_m=old.translation_m + np.array(shift_m)))
 
 
 @cache

@@ -5,10 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import re
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +17,6 @@ import yaml
 
 from vbaa_calib.calibrate.check.assessment import Assessment, _plane_map, assess
 from vbaa_calib.calibrate.check.finding import Checked, Discrepancy, Finding
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.least_squares import change_test, products
 from vbaa_calib.geometry import Pose
@@ -31,7 +28,6 @@ from .checked_rigs import (
     QUALITY,
     answers,
     changed_answers,
-    leaning,
     month_later,
     one_picture_each,
     only,
@@ -39,11 +35,8 @@ from .checked_rigs import (
     rig_of,
     scene,
     unchanged,
-    with_antenna,
-    with_board,
     with_camera_moved,
     with_clamp_turned,
-    with_jig_shifted,
     with_lens,
     with_sensor,
     with_stiffness,
@@ -269,66 +262,3 @@ def test_a_difference_counts_only_when_improbable_and_large() -> None:
     assert level(100.0, 0.09) == level(2.0, 5.0) == "holds"
     assert level(100.0, 0.15) == level(5.5, 5.0) == "look at"
     assert level(100.0, 0.3) == "does not hold"
-
-
-TIP_BOW_PER_M = 2e-3 / 0.24**2
-"""Curvature that takes the tip of the wire 1 mm away."""
-
-
-def turned(angle_rad: float, old: SceneSpec) -> SceneSpec:
-    """The camera turned about the axis that its picture's rows run along: it nods."""
-    return with_camera_moved(old, np.concatenate([angle_rad * old.T_antenna_camera.rotation[:, 0], np.zeros(3)]))
-
-
-def moved_power(shift_m: float, axis: int, old: SceneSpec) -> SceneSpec:
-    """The camera moved along one of its own axes: 0 across, 2 along its line of sight."""
-    return with_camera_moved(old, np.concatenate([np.zeros(3), shift_m * old.T_antenna_camera.rotation[:, axis]]))
-
-
-SCENES: dict[str, Callable[[], SceneSpec]] = {"upright": scene, "leaning 30°": leaning}
-CHANGES_POWER: dict[str, Callable[[SceneSpec], SceneSpec]] = {
-    "nothing": lambda old: old,
-    **{f"camera turned by {angle} mrad": partial(turned, 1e-3 * angle) for angle in (1, 2, 5)},
-    **{f"camera moved {shift} mm across": partial(moved_power, 1e-3 * shift, 0) for shift in (0.2, 0.5, 1)},
-    **{
-        f"camera moved {shift} mm along its line of sight": partial(moved_power, 1e-3 * shift, 2)
-        for shift in (0.2, 0.5, 1)
-    },
-    "focal length +0.2 %": lambda old: with_lens(old, 1.002),
-    "focal length +0.5 %": lambda old: with_lens(old, 1.005),
-    "wire bent, 1 mm at the tip, in plane C": lambda old: with_wire_bent(old, TIP_BOW_PER_M),
-    "wire bent, 1 mm at the tip, out of plane C": lambda old: with_wire_bent(old, 0.0, TIP_BOW_PER_M),
-    "clamp turned by 5 mrad in plane C": lambda old: with_clamp_turned(old, 5e-3),
-    "clamp turned by 5 mrad out of plane C": lambda old: with_clamp_turned(old, 0.0, 5e-3),
-    "sensor's offset +0.05 mN·m": lambda old: with_sensor(old, offset_Nm=5e-5),
-    "sensor's offset +0.1 mN·m": lambda old: with_sensor(old, offset_Nm=1e-4),
-    "sensor's gain +5 %": lambda old: with_sensor(old, gain=1.05),
-    "wire of 1.0 mm for 0.8 mm": lambda old: with_antenna(old, diameter=1.25),
-    "wire 5 % shorter": lambda old: with_antenna(old, length=0.95),
-    "board printed 0.5 % larger": lambda old: with_board(old, scale=1.005),
-    "board of another dictionary": lambda old: with_board(old, dictionary="DICT_5X5_100"),
-    "board 0.5 mm out of its jig, sideways": lambda old: with_jig_shifted(old, (5e-4, 0.0, 0.0)),
-}
-
-
-def outcome(change: Callable[[SceneSpec], SceneSpec], name: str, seed: int, folder: Path) -> dict[str, str]:
-    """Levels by finding for one drawn rig and one pair of pictures; `refused` where a picture was."""
-    old = replace(SCENES[name](), seed=1000 + seed)
-    (folder / "rig.json").write_text(json.dumps(rig_document(old, seed)))
-    pictures = one_picture_each(change(old), folder)
-    try:
-        found = assess(folder / "rig.json", None, pictures)
-    except InputError as error:
-        return {"verdict": "refused", "refused": "refused: " + error.what}
-    return {one.name: one.level for one in found.session.findings} | {"verdict": found.verdict}
-
-
-def row(what: str, name: str, draws: int, folder: Path) -> tuple[Counter[str], Counter[str]]:
-    """How often each verdict was given, and each finding was not `holds`."""
-    verdicts: Counter[str] = Counter()
-    blamed: Counter[str] = Counter()
-    for seed in range(draws):
-        found = outcome(CHANGES_POWER[what], name, seed, folder)
-        verdicts[found.pop("verdict")] += 1
-        blamed.update(key for key, level in found.items() if level not in ("holds", "not given"))
-    return verdicts, blamed

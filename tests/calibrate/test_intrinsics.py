@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,12 +15,10 @@ from vbaa_calib.calibrate.lens.choice import information, observations_of
 from vbaa_calib.calibrate.lens.initialization import rough_lens
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
-from vbaa_calib.camera import Camera
-from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView
 
-from .photo_sets import detected, photo_set
+from .photo_sets import detected
 from .synthetic_views import SPEC, pose_towards, views_of
 
 SIZE = (1280, 960)
@@ -197,27 +193,3 @@ def test_opencv_ends_in_the_same_minimum() -> None:
     assert flat.rms_px == pytest.approx(rms, rel=1e-6)
     np.testing.assert_allclose(flat.intrinsics[:4], matrix[[0, 1, 0, 1], [0, 1, 2, 2]], atol=0.02)
     np.testing.assert_allclose(flat.intrinsics[4:], distortion.ravel(), atol=2e-3)
-
-
-def test_camera_json_holds_the_lens_and_its_evidence(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    photos = photo_set("realsense")
-    output, board = tmp_path / "camera.json", "--squares 7x5 --square 0.03 --marker 0.022 --dict DICT_4X4_50"
-    call = ["intrinsics", str(photos.folder), *board.split(), "-o", str(output), "--json"]
-    code = main(call)
-    result = json.loads(capsys.readouterr().out)
-    document = json.loads(output.read_text())
-    assert result == {"output": str(output), **document, "exit_code": code}
-    assert code == (document["grade"] == "do not use")
-    assert document["schema"] == "vbaa.camera/1"
-    assert document["board"] == photos.spec.to_dict()
-    chosen = LENS_MODELS[document["lens_model"]]
-    assert document["parameters"] == list(chosen.parameter_names)
-    assert document["model"] == chosen.camera_model
-    assert np.shape(document["covariance"]) == (len(chosen.parameter_names),) * 2
-    assert len(document["views"]) == 28
-    assert document["dropped"] == []
-    assert {row["model"] for row in document["model_comparison"]} >= {"none", "radial", "opencv5", "fisheye"}
-    camera = Camera.load(output)
-    assert camera.matrix[0, 0] == pytest.approx(898.7, rel=0.008)
-    assert main(call) == 2, "nothing is overwritten without --force"
-    assert "--force" in capsys.readouterr().err

@@ -12,17 +12,15 @@ from targets.board import corner_points
 from vbaa_calib.calibrate.guide.next_view import lens_progress
 from vbaa_calib.calibrate.guide.suggestion import _coarse_poses, _view_candidates, best_next
 from vbaa_calib.calibrate.guide.view_uncertainty import (
-    LensDesign,
     LensInformation,
     WorkPlane,
-    _design_about,
     mean_square,
     plane_sensitivity,
 )
-from vbaa_calib.calibrate.lens.board_shape import BoardShape, deformations
+from vbaa_calib.calibrate.lens.board_shape import deformations
 from vbaa_calib.calibrate.lens.bundle import BoardCorners
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
-from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
+from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.geometry import Pose
 
 from .synthetic_views import SPEC, board_view, pose_towards, project_board
@@ -30,7 +28,6 @@ from .synthetic_views import SPEC, board_view, pose_towards, project_board
 SIZE = (1280, 720)
 MODEL = LENS_MODELS["opencv5"]
 INTRINSICS = np.array([900.0, 902.0, 645.0, 352.0, -0.12, 0.04, 4e-4, -3e-4, 0.0])
-CAMERA = camera_of(MODEL, INTRINSICS, SIZE)
 PLANE = WorkPlane.about(0.4, float(np.radians(35.0)), 0.24)
 
 
@@ -42,10 +39,6 @@ def views(count: int, seed: int = 0, sigma_px: float = 0.1):
         for index, pose in enumerate(poses)
     ]
     return made, poses
-
-
-def design(sigma_px: float = 0.1) -> LensDesign:
-    return _design_about("opencv4", INTRINSICS, SIZE, sigma_px, BoardShape.flat(corner_points(SPEC)))
 
 
 def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 import pytest
 import yaml
@@ -107,36 +106,6 @@ def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_board() -> None:
     moved = solve_board_pose(views, FLAT, camera_of("rational", WIDE + change))
     step = moved.T_camera_board.tangent_from(solved.T_camera_board)
     np.testing.assert_allclose(step, solved.lens_sensitivity @ change, atol=0.02 * np.abs(step).max())
-
-
-def bent_picture(true: Pose, sagittas_m: np.ndarray, rng: np.random.Generator, sigma_px: float) -> BoardView:
-    """A board that is a parabola along x and along y about its mean plane, seen by `WIDE`; straight from OpenCV."""
-    points = corner_points(SPEC)
-    x, y = (points[:, :2] - CENTRE[:2]).T / (CENTRE[:2] - points[0, :2])[:, None]
-    points = points + np.outer(sagittas_m[0] * (x**2 - 1 / 3) + sagittas_m[1] * (y**2 - 1 / 3), [0, 0, 1])
-    matrix = camera_of("rational", WIDE).matrix
-    pixels, _ = cv2.projectPoints(points, true.rotvec_rad, true.translation_m, matrix, WIDE[4:])
-    return board_view("bent.png", pixels.reshape(-1, 2), SIZE, rng, sigma_px)
-
-
-def bent_board(sagittas_m: np.ndarray, spread: np.ndarray | None = None) -> BoardShape:
-    covariance = np.zeros((5, 5))
-    covariance[:2, :2] = 0.0 if spread is None else spread
-    return BoardShape(corner_points(SPEC), np.array([*sagittas_m, 0.0, 0.0, 0.0]), covariance)
-
-
-def test_the_covariance_carries_how_well_the_bend_is_known() -> None:
-    """What it gains is what the pose moves by when the bend is told wrong."""
-    rng, camera, true = np.random.default_rng(12), camera_of("rational", WIDE), facing([0.5, 0.2, 0.1], 0.15)
-    sagittas, spread = np.array([8e-4, -3e-4]), np.array([[4.0, 1.0], [1.0, 9.0]]) * 1e-10
-    view = bent_picture(true, sagittas, rng, 0.02)
-    known, exact = (solve_board_pose([view], bent_board(sagittas, share * spread), camera) for share in (1.0, 0.0))
-    moved = [solve_board_pose([view], bent_board(sagittas + step), camera) for step in np.eye(2) * 1e-6]
-    by_sagitta = np.stack([other.T_camera_board.tangent_from(known.T_camera_board) / 1e-6 for other in moved], axis=1)
-    gained = known.covariance - exact.covariance
-    expected = by_sagitta @ spread @ by_sagitta.T
-    np.testing.assert_allclose(gained, expected, atol=0.02 * np.abs(expected).max())
-    assert np.trace(gained[3:, 3:]) > np.trace(exact.covariance[3:, 3:]), "here the bend is most of it"
 
 
 @pytest.mark.parametrize(("name", "model"), [("gopro", "fisheye"), ("realsense", "radial")])
@@ -365,9 +334,3 @@ def test_each_way_alone_will_do(rendered: Rendered) -> None:
     # the antenna's own frame: its clamp is 14 mrad and 0.2 mm off the base's
     assert np.abs(away[3:]).max() < 5e-3
     assert np.abs(away[:3]).max() < 0.03
-
-
-def _turned(matrix: np.ndarray, about: list[float]) -> np.ndarray:
-    """Homography of a camera that turned by 0.3°."""
-    turn = Pose.from_rotvec(np.radians(0.3) * np.array(about), np.zeros(3)).rotation
-    return matrix @ turn @ np.linalg.inv(matrix)

@@ -77,24 +77,6 @@ def test_a_background_is_taken_off_every_picture(vbaa: Call, session: Path, rig:
     assert "use the resolution of the calibration" in said.err
 
 
-def test_a_background_that_cannot_be_learnt_is_left_alone(vbaa: Call, session: Path, rig: Path) -> None:
-    """The bench turns with the joints; bars that are carried along with the camera hide behind a resting antenna."""
-    call = ("estimate", session, "--rig", rig, "--no-report", "--background", "auto", "--json", "--force", "-o")
-    out = session.parent / "contacts.csv"
-    plain = vbaa(*call, out)
-    assert "background: nothing is taken off: " in plain.err
-    bars = np.zeros(Rig.load(rig).camera.image_size[::-1], np.uint8)
-    for row in range(20, len(bars), 37):
-        cv2.line(bars, (0, row), (bars.shape[1], row + 15), 40, 3)
-    for name in ("noload", "recording"):
-        repaint(f"{name}/*.png", lambda picture: cv2.add(picture, bars))(session)
-    barred = vbaa(*call, out)
-    assert "the antenna hardly moves" in barred.result["background"]
-    for said in (plain, barred):
-        assert said.code == 0, said.err
-        assert said.result["status"] == {"no_contact": 2, "ok": 2}
-
-
 def test_a_frame_without_an_antenna_stays_in_the_table(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
     repaint("recording/frame_0001.png", grey)(session)
     repaint("recording/frame_0002.png", noise)(session)

@@ -15,7 +15,7 @@ import yaml
 from vbaa import ContactEstimator, InputError, Rig, load_session
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import read_yaml
-from vbaa_calib.session import read_centrelines, read_noload, read_recording
+from vbaa_calib.session import read_noload, read_recording
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.streams.bag_of_session import BagLens, write_recording
 
@@ -177,41 +177,6 @@ def test_a_camera_without_a_picture_drops_out_of_the_frame(made: Path, tmp_path:
     assert "right: there is no picture" in row["reason"]
     _edited(table, lambda lines: [*lines[:3], lines[3].replace("left/frame_0002.png", ""), *lines[4:]])
     assert main(call) == 2
-
-
-def test_centrelines_of_both(tmp_path: Path, made: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """In one table, whose column camera says whose each point is."""
-    from vbaa_calib.simulate.scene.scene_file import load_scene
-    from vbaa_calib.simulate.write import write_session
-
-    session, out = tmp_path / "session", tmp_path / "contacts.csv"
-    write_session(load_scene(made / "scene.yaml"), session, recording_pictures=False)
-    lines = session / "recording" / "centrelines.csv"
-    assert {row["camera"] for row in _rows(lines)} == set(CAMERAS)
-    found = read_centrelines(load_session(session))
-    assert len(found) == len(found.others["right"]) == 6
-    call = ["estimate", str(session), "--rig", str(made / "rig.json"), "-o", str(out), "--no-report", "--force"]
-    assert main(call) == 0
-    for row, frame in zip(_rows(out), _truth(made)["frames"], strict=True):
-        assert row["status"] == ("ok" if frame["in_contact"] else "no_contact")
-        if frame["in_contact"]:
-            assert abs(float(row["distance_m"]) - frame["distance_m"]) < 4.5 * float(row["distance_std_m"])
-    rows, readings = _rows(out), str(lines.parent / "recording.csv")
-    apart = ["estimate", "--centrelines", str(lines), "--readings", readings, "-o", str(out), "--no-report", "--force"]
-    assert main([*apart, "--rig", str(made / "rig.json")]) == 0
-    assert [row["distance_m"] for row in _rows(out)] == [row["distance_m"] for row in rows]
-    Rig.load(made / "rig.json").cameras["left"].save(tmp_path / "left.json")
-    assert main([*apart, "--rig", str(tmp_path / "left.json")]) == 2
-    assert "lines of several cameras: left, right" in capsys.readouterr().err
-    text = lines.read_text()
-    for wrong, words in (
-        (text.replace(",right,", ",middle,"), "no camera middle"),
-        (text.replace(",right,", ",,"), "camera is empty"),
-        (text.replace("frame,camera,", "frame,which,"), "has no column camera"),
-    ):
-        lines.write_text(wrong)
-        assert main(call) == 2
-        assert words in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

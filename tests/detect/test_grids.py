@@ -16,7 +16,6 @@ from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.board_file import board_from, load_board, load_lens_board
-from vbaa_calib.detect.board.circles import circle_centres
 from vbaa_calib.detect.board.corners import BoardView, detect_corners, detect_files, detect_folder
 from vbaa_calib.detect.board.grids import find_grid
 from vbaa_calib.detect.board.parts import place_part
@@ -48,20 +47,6 @@ def test_marks_are_found_where_they_are_and_no_less_surely_than_stated(spec: _Pl
         covariances = np.concatenate([view.covariance_px2 for view, _ in views if view.covariance_px2 is not None])
         squares = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances), errors)
         assert 0.6 < squares.mean() / 2.0 < 2.0
-
-
-@pytest.mark.parametrize(
-    "spec", [CIRCLES, pytest.param(ASYMMETRIC, marks=pytest.mark.slow)], ids=lambda spec: spec.type
-)
-def test_large_tilted_circles_have_their_centres_where_these_are_projected(spec: CircleGrid) -> None:
-    grey, truth = drawn(spec, *pose(0, spec, 0.8), radius=0.4)
-    image = picture(grey)
-    found = find_grid(image, spec)
-    assert found is not None
-    ids, centres, _, bias = circle_centres(image, found, spec)
-    left, taken_off = (np.sqrt((vectors**2).sum(axis=1).mean()) for vectors in (centres - truth[ids], bias))
-    assert taken_off > 0.15
-    assert left < 0.15 * taken_off
 
 
 @pytest.mark.parametrize("spec", [CHESSBOARD, CIRCLES, ASYMMETRIC], ids=lambda spec: spec.type)

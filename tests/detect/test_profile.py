@@ -123,16 +123,6 @@ def test_a_bent_thick_line_is_not_drawn_to_the_inside_of_its_bend() -> None:
         assert abs(aside(path, line.points_px).mean()) < 0.008
 
 
-def test_one_phase_on_the_pixel_grid_does_not_shift_the_line() -> None:
-    """Every profile alike: a free shape could explain any shift."""
-    rng = np.random.default_rng(9)
-    for offset in (0.0, 0.2, 0.4, 0.6, 0.8):
-        path = straight(0.0, middle=(158.0, 119.0 + offset))
-        picture = background(rng, 0.0) + tube(path, WIDTH_PX, 110.0, blur_px=1.2)
-        line = measure(exposed(picture, rng), dense(path) + np.array([0.0, 0.4]), WIDTH_PX)
-        assert abs(aside(path, line.points_px).mean()) < 0.02
-
-
 @pytest.mark.parametrize("beside_px", [-1.0, 2.0])
 def test_an_objects_edge_along_the_antenna_is_doubt(beside_px: float) -> None:
     """It draws all points along it the same way, which the profiles' residuals hardly show."""
@@ -180,14 +170,6 @@ def image() -> np.ndarray:
     v, u = np.mgrid[:90, :200]
     ridge = 90.0 * np.exp(-0.5 * ((v - 40.0 - 0.1 * u) / 1.6) ** 2)
     return rng.normal(0.0, 3.0, v.shape) + 40.0 + 0.2 * u - 0.3 * v + ridge
-
-
-def section() -> np.ndarray:
-    """(R,) of a round, evenly painted antenna, blurred by lens and pixel."""
-    inside = np.abs(AT) < 0.5 * WIDTH_PX_FIT
-    body = np.where(inside, 0.4 + 0.6 * np.sqrt(np.clip(1.0 - (2.0 * AT / WIDTH_PX_FIT) ** 2, 0.0, None)), 0.0)
-    line = np.convolve(body, np.exp(-0.5 * AT**2 / (BLUR_PX**2 + 0.29**2)), mode="same")
-    return line / line.max()
 
 
 def across(image: np.ndarray, centre: np.ndarray) -> tuple[core.search.Crossings, np.ndarray]:
@@ -268,24 +250,6 @@ def test_filters_of_a_camera_are_in_the_deviations(width_px: float) -> None:
         assert (line.effective_px >= line.sigma_px).all()
     assert np.sqrt(np.mean(alone)) == pytest.approx(1.0, abs=0.15)
     assert 0.5 < np.sqrt(np.mean(together)) < 1.25
-
-
-def test_the_edge_of_what_hides_its_end_is_not_the_antenna() -> None:
-    """An object whose edge lies along the antenna's further half, there in its stead."""
-    rng, path = np.random.default_rng(7), straight(10.0, 220.0)
-    middle, along = path.mean(axis=0), (path[1] - path[0]) / np.linalg.norm(path[1] - path[0])
-    lit = metal(path, 5.0, lambda share, across: 130.0 - 70.0 * share + 30.0 * across)
-    v, u = np.mgrid[: SIZE[0], : SIZE[1]]
-    ahead = (u - middle[0]) * along[0] + (v - middle[1]) * along[1]
-    beside = (v - middle[1]) * along[0] - (u - middle[0]) * along[1]
-    object_ = 80.0 + 50.0 / (1.0 + np.exp(-2.0 * beside))
-    hidden = 1.0 / (1.0 + np.exp(-2.0 * ahead))
-    for _ in range(4):
-        line = measure(exposed(lit + hidden * (object_ - lit), rng), dense(path) + 0.5, 5.0, None)
-        reached = (line.points_px - middle) @ along
-        assert np.quantile(np.diff(np.sort(reached[reached < -10.0])), 0.99) < 3.0
-        assert reached.min() < -100.0
-        assert reached.max() < 12.0
 
 
 def in_colour(cover: np.ndarray, ground: np.ndarray, rng: np.random.Generator, noise: float = 1.5) -> np.ndarray:

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import Rotation
 
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor, of_antennas_shape
@@ -16,8 +15,6 @@ from vbaa_calib.detect.whisker.profile import refine_path
 from vbaa_calib.native import core
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, trace, tube
-
-RNG = np.random.default_rng(0)
 
 
 @pytest.mark.parametrize("bright", [True, False])
@@ -28,24 +25,6 @@ def test_a_path_moves_onto_a_curved_line(bright: bool) -> None:
     rough = truth + np.outer(np.linspace(0.0, 5.0, len(truth)), [0.0, 1.0])
     found = refine_path(picture.astype(np.float32), rough, 3.0, 12.0, bright)[2:-6]
     assert np.abs(aside(truth, found)).max() < 0.15
-
-
-def _free() -> SimpleNamespace:
-    axes = Rotation.from_euler("xyz", [0.1, 0.2, -0.3]).as_matrix()
-    segments = np.tile([0.005, 0.0, 0.0], (48, 1)) + np.outer(np.linspace(0.0, 1.0, 48), [0.0, 0.0003, -0.0002])
-    return SimpleNamespace(clamp_m=np.array([-0.1, 0.02, 0.4]), axes=axes, segments_m=segments)
-
-
-def _curve(free: SimpleNamespace, unknowns: np.ndarray) -> np.ndarray:
-    """The bent antenna's points, its segments turned one by one."""
-    offset, turn, lateral, depth, place = unknowns
-    left = np.maximum(1.0 - (np.arange(48) + 0.5) / (48 * np.exp(place)), 0.0)
-    turned = 1.0 - left**2 - (lateral**2 + depth**2) / 30.0 * (left**2 - left**6)
-    steps = Rotation.from_rotvec(turned[:, None] * [0.0, -depth, lateral]).apply(free.segments_m)
-    steps[:, :2] += turn * np.stack([-steps[:, 1], steps[:, 0]], axis=1)
-    own = np.array([0.0, offset, 0.0]) + np.insert(steps.cumsum(axis=0), 0, 0.0, axis=0)
-    points = free.clamp_m + own @ free.axes
-    return points[:, :2] / points[:, 2:]
 
 
 WIDTH_PX = 2.3

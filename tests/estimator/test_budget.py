@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -35,7 +34,6 @@ from vbaa_calib.antenna.rungs import curves
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
-from viz.cli.budget import configure
 
 LENS_STD = np.array([0.2, 0.2, 0.25, 0.25, 6e-4, 2e-3, 5e-5, 5e-5])
 RIGID = RIG_STD * (np.array(RIG_PARAMETERS) != "clamp_give_m")
@@ -262,16 +260,6 @@ def test_sampled_errors_are_as_large_as_predicted(cause: str, draws: int) -> Non
     drawn, said = sampled(draws, 3, cause)
     ratio = np.sqrt((drawn**2 / said**2).mean(axis=0))
     assert ((ratio > 0.83) & (ratio < 1.2)).all(), ratio
-
-
-ONE = ("--distance", "0.14", "--force-y", "0.06", "--force-z", "-0.04")
-
-
-def arguments(*words: str | Path) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(allow_abbrev=False)
-    parser.add_argument("--force", action="store_true")
-    configure(parser)
-    return parser.parse_args([str(word) for word in words])
 
 
 def written(path: Path, rig: Rig | None = None) -> Path:

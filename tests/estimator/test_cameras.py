@@ -22,7 +22,6 @@ from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import DRIFTS
 
 EXACT, CALIBRATED = (with_second(Setup(exact=exact, real=not exact).rig()) for exact in (True, False))
-READ = ("moments", "moments_z"), ("pans", "tilts")
 
 
 def touched(rig: Rig, count: int, seed: int, sigma_px: float = 0.1) -> tuple[Scenes, dict[str, np.ndarray]]:

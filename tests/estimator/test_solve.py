@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -18,8 +17,7 @@ from estimator.contact.settings import ContactSettings
 from estimator.table.contacts import LOCATED, STATUSES
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.native import core
-from vbaa_calib.rig import Rig, WrenchSensor
-from vbaa_calib.session import MomentSensor
+from vbaa_calib.rig import Rig
 
 from ..beam import superposed_deflection
 from ..rod_scenes import LENGTH_M, RIG_STD, STIFFNESS_NM2, World, camera_pose
@@ -129,8 +127,6 @@ test_any_points_get_an_answer = pytest.mark.slow(MANY(POINTS(any_points)))
 test_any_contact_gets_an_answer = pytest.mark.slow(MANY(CONTACT(any_contact)))
 
 
-LIGHT = World(camera_pose(0.6, 1.0), STRAIGHT).rig(np.zeros(17), np.zeros(3))
-"""A straight antenna without weight, known exactly: the paper's, but for how far it bends."""
 HEAVY = WORLD.rig(np.zeros(17))
 
 
@@ -219,20 +215,6 @@ def test_an_upright_camera_alone_does_not_know_the_side_at_small_slopes(slope: f
     assert sure.mean() < 0.2
 
 
-@pytest.mark.parametrize(
-    ("rig", "slope"), [(UPRIGHT, 15.0), (UPRIGHT, 20.0), (TOWARDS_CLAMP, 8.0), (TOWARDS_CLAMP, 20.0)]
-)
-def test_vision_alone_knows_the_side_at_large_slopes_or_inclined_along_the_antenna(rig: Rig, slope: float) -> None:
-    given = touched(rig, slope)
-    found = answered(given, blind=True)
-    good = found.status == "ok"
-    assert good.mean() > 0.85
-    off = scene_deviations(found, given)[good]
-    assert np.abs(off).max() < 4.5
-    assert not wrong_side(found, given).any()
-    assert (np.abs(found.force_N[good, 2]) > 2.5 * found.force_std_N[good, 2]).mean() >= 0.8
-
-
 @pytest.mark.parametrize("rig", [UPRIGHT, TOWARDS_CLAMP, ACROSS], ids=["upright", "clamp", "across"])
 @pytest.mark.parametrize("slope", [4.0, pytest.param(10.0, marks=pytest.mark.slow), 20.0])
 def test_vision_alone_is_never_confident_and_wrong(rig: Rig, slope: float) -> None:
@@ -247,38 +229,6 @@ def test_vision_alone_is_never_confident_and_wrong(rig: Rig, slope: float) -> No
     assert np.nanmax(off) < 6.0
     assert (found.status == "failed").mean() <= 0.05
     assert np.isnan(found.moment_residual_Nm).all()
-
-
-def about_z(given: Scenes, rig: Rig) -> np.ndarray:
-    """(B,) noise-free readings about z of straight parts and force: x·f_y − y·f_x, with the weight's share."""
-    contact, force = given.shapes.contact_m, given.force_N
-    weight = rig.antenna.mass_per_length_kg_m * given.touches.gravity_m_s2
-    centre = given.shapes.points_m.mean(axis=1) * rig.antenna.length_m
-    by_weight = centre[:, 0] * weight[:, 1] - centre[:, 1] * weight[:, 0]
-    return contact[:, 0] * force[:, 1] - contact[:, 1] * force[:, 0] + by_weight
-
-
-def test_a_second_sensor_does_what_the_first_one_would() -> None:
-    """Camera from the side, 𝒟 near the xz plane: only the sensor about z tells which way the antenna leans to the
-    camera."""
-    second = MomentSensor(0.98, 1e-4, 2e-5)
-    side = replace(
-        World(camera_pose(np.pi / 2, np.pi / 2)).rig(np.zeros(17)), wrench_sensor=WrenchSensor.about_z(second)
-    )
-    rng, count = np.random.default_rng(2), 24
-    roll = np.where(np.arange(count) % 2 == 0, 1.0, np.pi - 1.0) + rng.uniform(-0.3, 0.3, count)
-    given = rubbed(side, rng.uniform(0.4, 0.85, count), [5.0] * count, 0.0, roll).noisy(rng)
-    readings = second.gain * about_z(given, side) + second.offset_Nm + rng.normal(0.0, second.std_Nm, count)
-    estimator, zeros = ContactEstimator(side), np.zeros(count)
-    # the sensor about y feels f_z, which this camera sees by itself
-    without = estimator.estimate_batch(given.points_px, given.moment_Nm, zeros, zeros, sigma_px=0.1)
-    assert not (np.abs(without.force_N[:, 1]) > 20.0 * without.force_std_N[:, 1]).any()
-    for moments in (given.moment_Nm, None):
-        found = estimator.estimate_batch(given.points_px, moments, zeros, zeros, sigma_px=0.1, moments_z=readings)
-        assert (found.status == "ok").all()
-        off = scene_deviations(found, given)
-        assert np.abs(off).max() < 4.0
-        assert (np.abs(found.force_N[:, 1]) > 20.0 * found.force_std_N[:, 1]).all()
 
 
 EXACT = WORLD.rig(np.zeros(17))
@@ -309,23 +259,6 @@ def test_friction_is_covered(friction: float, rig) -> None:
     assert off.max() < 3.5**2
     assert off[:, 0].mean() < 2.25  # the angle itself lies 1.5 deviations off
     assert squares(answered(given, friction=0.0), given)[:, 0].mean() > 6.0 * off[:, 0].mean() + 6.0
-
-
-@pytest.mark.parametrize(("friction", "slope"), [(-0.3, 25.0), (0.0, 30.0), (0.3, 30.0)])
-def test_the_angle_is_seen_at_large_slopes(friction: float, slope: float) -> None:
-    rng = np.random.default_rng(1)
-    given = rubbed(EXACT, rng.uniform(0.6, 0.9, 12), [slope] * 12, friction, rng.uniform(-0.5, 0.5, 12)).noisy(rng)
-    found = answered(given)
-    assert (found.status == "ok").all()
-    std = found.friction_angle_std_rad
-    assert (std < 0.1).all()
-    off = (found.friction_angle_rad - friction) / std
-    assert np.abs(off).max() < 3.5
-    assert (off**2).mean() < 2.2
-    # the force's third component, along the antenna, is then known as well
-    along = (found.force_N - given.force_N)[:, 0] / found.force_std_N[:, 0]
-    assert np.abs(along).max() < 3.5
-    assert np.median(found.force_std_N[:, 0] / np.linalg.norm(given.force_N, axis=1)) < 0.1
 
 
 @pytest.mark.slow

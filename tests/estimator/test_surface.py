@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.object.surface import Surface, Touches, reconstruct, touches_of
+from estimator.object.surface import Surface, Touches, reconstruct
 from estimator.object.surface.settings import SurfaceSettings
-from estimator.table.contacts import ContactRow, ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 
 from ..viz.touching import ANTENNA_RADIUS_M, cylinder, touch
@@ -223,19 +223,6 @@ def test_the_result_turns_with_the_world() -> None:
     np.testing.assert_allclose(other.touched_std_m, one.touched_std_m, rtol=0.05)
 
 
-def test_only_located_contacts_with_a_force_count() -> None:
-    rows = touch(*grid(1.2, 1.9, 4, 4), np.random.default_rng(0))
-    lost = ContactRow(frame=len(rows), time_s=99.0, status="low_signal", in_contact=True)
-    limp = replace(rows[0], frame=len(rows) + 1, time_s=99.1, force_world_N=np.zeros(3))
-    again = replace(
-        rows[1], frame=len(rows) + 2, time_s=99.2, status="tip_contact", tangent_world=np.array([1.0, 0, 0])
-    )
-    found = touches_of(ContactTable.from_rows([*rows, lost, limp, again]))
-    assert found.frame.tolist() == [*range(16), 18]
-    assert found.row.tolist() == [*range(16), 18]
-    assert np.isnan(found.tangent[-1]).all()  # the tip is not tangent to what it touches
-
-
 SOFT_M_N = 0.01
 
 
@@ -343,12 +330,6 @@ def test_a_rigid_object_is_stiffer_than_so_much() -> None:
     assert soft.interval_N_m[0] > 300
     assert soft.interval_N_m[1] == np.inf
     assert soft.reason.startswith("the object is stiffer than")
-
-
-def picked(touches: Touches, which: np.ndarray | slice) -> Touches:
-    """Some of the touches."""
-    arrays = {f.name: getattr(touches, f.name)[which] for f in fields(Touches) if f.name != "notes"}
-    return Touches(**arrays)
 
 
 def noisy(obj: TouchObject, count: int = 40, seed: int = 0) -> Touches:

@@ -16,9 +16,7 @@ from benchmarks.estimator.setup import Setup
 from estimator.cli.track import COLUMNS, configure
 from estimator.cli.track import _run as run
 from estimator.contact.common_errors import CommonErrors
-from estimator.contact.motion import Beam
 from estimator.object.track import Event, Track, follow, smooth
-from estimator.object.track.follow import _frequency
 from estimator.object.track.smooth import _kalman_smooth, _smoothable_pieces
 from estimator.table.contacts import ContactRow, ContactTable
 from estimator.table.files import write_contacts
@@ -199,22 +197,6 @@ def test_the_time_of_first_contact_is_worth_what_it_says() -> None:
         off.append((event.time_s - first / RATE_HZ) / event.time_std_s)
     assert 0.4 < np.sqrt(np.mean(np.square(off))) < 1.4
     assert np.max(np.abs(off)) < 4.5
-
-
-STEEL = Beam(0.24, 3.9e-3, 3.97e-3)
-
-
-@pytest.mark.parametrize("pace_hz", [3.1, 13.0])
-def test_a_line_is_found_within_its_deviation(pace_hz: float) -> None:
-    off = []
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        time = np.sort(rng.uniform(0.0, 1.2, 50))
-        found = _frequency(
-            time, np.sin(2.0 * np.pi * pace_hz * time + seed) + 0.3 * rng.normal(size=50) + 5.0 * time, 15.0
-        )
-        off.append((found[0] - pace_hz) / found[1])
-    assert np.sqrt(np.mean(np.square(off))) < 1.5
 
 
 COUNT = 60

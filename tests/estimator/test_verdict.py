@@ -9,13 +9,11 @@ import pytest
 
 from ..rod_scenes import LENGTH_M, RIG_STD, Frame, World, blunt, camera_pose, frames
 from . import contact_scenes
-from .contact_scenes import STRAIGHT as PLAIN
 from .contact_scenes import estimated as judged
 from .contact_scenes import estimated_together, withheld
 
 STD = 0.25 * RIG_STD
 INCLINED, UPRIGHT = World(camera_pose(0.9, 0.4)), World(camera_pose(0.0))
-STRAIGHT = World(camera_pose(0.6, 1.0), PLAIN)
 
 
 def frame(contact: float, roll: float, tip_m: float, world: World = INCLINED, seed: int = 0) -> Frame:

@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 
 from vbaa_calib.calibrate.given_lens import read_lens
 from vbaa_calib.camera import Camera
-from vbaa_calib.cli.main import main
 from vbaa_calib.convert import FORMATS, guessed
 from vbaa_calib.convert.values import Exchanged, Wanted
 from vbaa_calib.core.errors import InputError
@@ -416,14 +415,3 @@ def test_another_model_is_refitted_and_its_error_stated(
     assert np.linalg.norm(seen - pixels, axis=1).max() < most_px
     (note,) = lens.doubts
     assert ("px rms" in note.words, note.severity) == (True, "note")
-
-
-def test_a_refits_error_goes_with_the_lens(tmp_path: Path) -> None:
-    """Of any file with a skew; from the file that convert writes, too, and into what a calibration says."""
-    skewed = K + np.array([[0.0, 1.5, 0.0], [0.0] * 3, [0.0] * 3])
-    text({"mtx": skewed.tolist(), "dist": D.tolist(), "image_size": SIZE})(tmp_path / "a.json")
-    assert main(["convert", str(tmp_path / "a.json"), "-o", str(tmp_path / "camera.json")]) == 0
-    for name in ("a.json", "camera.json"):
-        (note,) = read_lens(tmp_path / name).doubts
-        assert "skew of 1.5 px" in note.words
-        assert "px rms" in note.words

@@ -58,12 +58,6 @@ TEXTS: tuple[tuple[str, str, Damage, str], ...] = (
 )  # fmt: skip
 
 
-def as_json(path: Path) -> bytes:
-    from vbaa_calib.core.files import read_yaml
-
-    return json.dumps(read_yaml(path)).encode()
-
-
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], bytes]:
     """What a command writes of files as they were."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
 import runpy
 import struct
 from collections.abc import Callable, Iterator
@@ -168,37 +166,6 @@ def test_the_moment_of_a_right_handed_torque(tmp_path: Path) -> None:
         read(number, Topics(moment_axis="-y"))
 
 
-def logged_bag(path: Path, *streams: tuple[str, str, list[dict[str, Any]], float], count: int = 8) -> Path:
-    """Topics with messages of 10 a second, in turn; each stamped so many seconds off."""
-    writer = BagWriter(path)
-    for number in range(count):
-        for topic, kind, fields, off_s in streams:
-            time_ns = 10**9 + number * 10**8
-            stamp_ns = time_ns + round(1e9 * off_s)
-            header = {"header": {"stamp": {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}, "frame_id": ""}}
-            writer.write(
-                Logged(
-                    topic, kind, fields[number % len(fields)] | (header if "/msg/Float" not in kind else {}), time_ns
-                )
-            )
-    writer.close()
-    return path
-
-
-PICTURES = ("/image", "sensor_msgs/msg/Image", [IMAGE], 0.0)
-WRENCH = {"force": {"z": 1.0}, "torque": {"y": 0.25}}
-
-
-def test_clocks_apart_are_found_and_the_offset_proposed(tmp_path: Path) -> None:
-    wrench = ("/ft", "geometry_msgs/msg/WrenchStamped", [{"wrench": WRENCH}], -1000.0)
-    path = logged_bag(tmp_path / "a.mcap", PICTURES, wrench)
-    with pytest.raises(InputError, match="--clock-offset 1000 "):
-        read(path)
-    for offset_s in (1000.0, None):
-        assert len(list(open_bag(path, Topics(), None, offset_s).messages())) == 16
-    assert open_bag(path, Topics(), None, None).readings_ahead_s() == pytest.approx(1000.0)
-
-
 def test_which_lens_is_of_raw_and_which_of_rectified_pictures(tmp_path: Path) -> None:
     """K of image_raw, P of image_rect: each is compared with the rig's lens, and named; a topic that does not say which
     it is of is asked about."""
@@ -227,37 +194,11 @@ def test_which_lens_is_of_raw_and_which_of_rectified_pictures(tmp_path: Path) ->
 JPEG = bytes(cv2.imencode(".png", np.arange(12, dtype=np.uint8).reshape(3, 4))[1])
 
 
-def foxglove_bag(path: Path, encoding: str, schema: bytes, data: bytes) -> None:
-    with path.open("wb") as stream:
-        writer = McapWriter(stream)
-        writer.start()
-        kind = "jsonschema" if encoding == "json" else encoding
-        number = writer.register_schema("foxglove.CompressedImage", kind, schema)
-        writer.add_message(writer.register_channel("/camera", encoding, number), 10**9, data, 10**9)
-        writer.finish()
-
-
 def field(number: int, data: bytes) -> bytes:
     return (
         bytes([number << 3 | 2, *([len(data)] if len(data) < 128 else [len(data) % 128 + 128, len(data) // 128])])
         + data
     )
-
-
-def test_foxgloves_pictures_in_json_and_protobuf(tmp_path: Path) -> None:
-    said = {"timestamp": {"sec": 7, "nsec": 500_000_000}, "frame_id": "c", "format": "png"}
-    said["data"] = base64.b64encode(JPEG).decode()
-    stamp = b"\x08\x07" + b"\x10\x80\xca\xb5\xee\x01"
-    packed = field(1, stamp) + field(2, JPEG) + field(3, b"png") + field(4, b"c")
-    foxglove_bag(tmp_path / "json.mcap", "json", b"{}", json.dumps(said).encode())
-    foxglove_bag(tmp_path / "proto.mcap", "protobuf", b"\x0a\xff\xfe", packed)
-    for name in ("json.mcap", "proto.mcap"):
-        ((picture,), _) = read(tmp_path / name)
-        assert picture.time_s == 7.5
-        np.testing.assert_array_equal(picture.image, np.arange(12).reshape(3, 4))
-    foxglove_bag(tmp_path / "torn.mcap", "protobuf", b"", packed[:30])
-    with pytest.raises(InputError, match="/camera"):
-        read(tmp_path / "torn.mcap")
 
 
 TOPIC, KIND = "/image", "sensor_msgs/msg/Image"

@@ -98,24 +98,6 @@ def test_a_full_disk_leaves_whole_rows(tmp_path: Path) -> None:
     assert read_contacts(path).frame.tolist() == [rows[0].row.frame]
 
 
-def test_parquet_grows_as_a_csv_until_it_is_closed(tmp_path: Path) -> None:
-    """With the final rows in the end, to the last digit; cut short, the .csv stays."""
-    for count, name in ((len(found()), "contacts.parquet"), (20, "contacts.csv")):
-        path = tmp_path / str(count) / "contacts.parquet"
-        path.parent.mkdir()
-        table = GrowingTable(path)
-        for each in found()[:count]:
-            table.write(each)
-        assert [each.name for each in path.parent.iterdir()] == ["contacts.csv"]
-        table.close()
-        assert [each.name for each in path.parent.iterdir()] == [name]
-        if name == "contacts.parquet":
-            expected = [each.row.distance_m for each in found() if each.final]
-            np.testing.assert_array_equal(read_contacts(path).distance_m, expected)
-        else:
-            assert len(read_contacts(path.with_suffix(".csv"))) == 20
-
-
 def test_contacts_by_udp() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
         listening.bind(("127.0.0.1", 0))

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +11,6 @@ from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
-from vbaa_calib.streams.recorded import _open_table, _with_readings
 from vbaa_calib.streams.synchronize import Synchronized
 
 PICTURE = np.zeros((4, 6), np.uint8)
@@ -175,27 +172,6 @@ def test_stamps_that_grow_are_never_left_out(steps: list[float], pauses: list[fl
     assert not [name for name in synchronizer.counts if "stamped" in name]
 
 
-@pytest.mark.parametrize("wrong", ["pictures", "readings"])
-def test_one_wrong_row_of_a_table_costs_one_frame(wrong: str, tmp_path: Path) -> None:
-    """However many readings there are: they come to their pictures all the same."""
-    cv2.imwrite(str(tmp_path / "a.png"), PICTURE)
-    lines = {"pictures": ["time_s,image"], "readings": ["time_s,moment_Nm"]}
-    for number in range(60):
-        off_s = HOUR_S * (number == 20)
-        lines["pictures"].append(f"{1.0 + number + off_s * (wrong == 'pictures')},a.png")
-        for part in range(200):
-            off_s = HOUR_S * (number == 20 and part == 0 and wrong == "readings")
-            lines["readings"].append(f"{1.0 + number + part / 200 + off_s},{1e-6 * number}")
-    for name, rows in lines.items():
-        (tmp_path / f"{name}.csv").write_text("\n".join(rows))
-    source = _with_readings(_open_table(tmp_path / "pictures.csv"), tmp_path / "readings.csv", 0.0)
-    synchronizer = Synchronizer(Timing(), source.channels, notes=source.notes)
-    found = through(synchronizer, *(each for each in source.messages() if each is not None))
-    assert len(found) >= 59
-    assert sum(np.isfinite(each.frame.moment_Nm) for each in found) >= 59
-    assert len(source.notes) == 1
-
-
 def answered(synchronizer: Synchronizer, several: list[Taken | Reading], ticks: bool) -> list[tuple[float, float]]:
     """When each picture arrived, and when its frame came out, with or without a tick every 20 ms."""
     found = []
@@ -221,21 +197,6 @@ def test_live_pictures_never_wait_for_later_ones(steps: list[tuple[float, float]
         lost = synchronizer.counts["pictures out of order"] + synchronizer.counts["pictures doubled"]
         assert len(out) + lost + synchronizer.counts["pictures stamped ahead"] >= len(times_s)
         assert not list(synchronizer.finish())
-
-
-@pytest.mark.parametrize("channels", [(), ("moment_Nm", "pan_rad")])
-@pytest.mark.parametrize("arrival", ["arrival", "stamp", "file"])
-def test_a_first_picture_stamped_ahead_shifts_no_time(arrival: str, channels: tuple[str, ...]) -> None:
-    """Of a recording: it is left out, and all others have their own times and readings."""
-    wrong = restamped(recording(60, arrival), "pictures", range(1), HOUR_S)
-    several = [each for each in wrong if channels or isinstance(each, Taken)]
-    synchronizer = Synchronizer(Timing(), channels, live=False)
-    found = through(synchronizer, *several)
-    assert [each.frame.time_s for each in found] == [50.0 + 0.05 * number for number in range(1, 60)]
-    assert [each.frame.frame for each in found] == list(range(59))
-    assert len(complete(found)) == (59 if channels else 0)
-    assert synchronizer.counts["pictures stamped ahead"] == 1
-    assert not synchronizer.counts["jumps of a clock"]
 
 
 def test_recordings_of_two_clocks_are_refused_with_an_offset() -> None:

@@ -7,12 +7,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from estimator import RecordingVerdict
 from estimator.diagnose.consequences import changed_row
-from estimator.table.contacts import Measured
 from estimator.table.files import read_contacts
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import Diagnosis, Verdict
@@ -21,7 +19,6 @@ from ..small_scene import small_rig
 from .recordings import COUNT, write
 
 WRONG = RecordingVerdict(Verdict.of([Diagnosis("moment_sign", "wrong sign", "turn it", "wrong")]), 0)
-FRAME = Measured(np.zeros((0, 2)), np.zeros(0), 0.0, 0.0, 0.0)
 
 
 def test_a_running_recording_has_the_verdict_that_it_has_afterwards(

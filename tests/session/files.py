@@ -80,11 +80,3 @@ def nodes(data: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, 
     """Paths to everything in a file, mappings and lists included."""
     items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
     return [*([path] if path else []), *(found for key, value in items for found in nodes(value, (*path, key)))]
-
-
-def attempt(action: Callable[[], Any]) -> tuple[Any, str]:
-    """What came of it, or None and what was said. Only an InputError is let through."""
-    try:
-        return action(), ""
-    except InputError as error:
-        return None, str(error)

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from vbaa_calib.core.files import read_yaml
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.object import _cast, object_patch, pressed_in
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, Bump, TouchObject
-from vbaa_calib.simulate.scene.scene import bundled_scene
-from vbaa_calib.simulate.scene.scene_file import load_scene
 
 from .studios import place
 
@@ -133,12 +127,3 @@ def test_the_camera_sees_it_unless_it_is_outside_the_picture(shape: str) -> None
     assert np.isfinite(patch.brightness).all()
     away = Pose(CAMERA.rotation, CAMERA.translation_m + np.array([3.0, 0.0, 0.0]))
     assert object_patch(place(), EVERY[shape], away) is None
-
-
-def _read(folder: Path, **changes: Any) -> TouchObject:
-    """The object of a scene file; None takes a key out."""
-    values = {"shape": "freeform", "center_world_m": [0.15, 0.0, 0.0], "radius_m": 0.03}
-    bumps = [{"direction_world": [0, 2, 0], "height_m": 0.002, "width_m": 0.01}]
-    scene = read_yaml(bundled_scene("demo")) | {"object": values | {"bumps": bumps} | changes}
-    (folder / "scene.yaml").write_text(json.dumps(scene))
-    return load_scene(folder / "scene.yaml").object

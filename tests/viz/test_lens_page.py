@@ -14,7 +14,6 @@ from viz.report.lens import _maps
 
 from ..small_scene import small_rig
 
-WIDE = np.array([420.0, 424.0, 322.0, 236.0, 0.02, -0.01, 0.004, -0.001])
 BARREL = np.array([460.0, 458.0, 318.0, 243.0, -0.28, 0.09, 7e-4, -5e-4])
 
 

@@ -210,9 +210,3 @@ IMAGE = np.zeros((2, 3), np.uint8)
 
 def picture(name: str, content: bytes | None = None, suffix: str = ".png") -> Picture:
     return Picture(name, IMAGE, suffix, name.encode() if content is None else content)
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Store:
-    with Store(tmp_path / "session") as store:
-        return store

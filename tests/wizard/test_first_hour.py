@@ -20,7 +20,7 @@ from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.session import load_session, read_loads, read_noload
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard.against_answers import entries_that_show_it, jig_refusal
+from vbaa_calib.wizard.against_answers import entries_that_show_it
 from vbaa_calib.wizard.asking import change
 from vbaa_calib.wizard.questions import Question
 from vbaa_calib.wizard.session_state import SessionState, still_of
@@ -205,10 +205,3 @@ def test_a_load_that_was_typed_wrong_is_typed_again(state: SessionState, walked:
     assert change(state, person, "loads_2", line)
     assert (state.store.root / "loads" / "loads.csv").read_text().splitlines()[0] == table.splitlines()[0]
     assert not change(state, person, "loads_9", line)
-
-
-def test_a_jig_that_puts_the_antenna_out_of_the_picture_is_refused(state: SessionState) -> None:
-    view = state.views("plane")[0]
-    assert not jig_refusal(state, view, fast=False)
-    state.store.answer({"jig_translation_mm": [280.0, 610.0, -90.0]})
-    assert "jig_translation_mm" in jig_refusal(state, view, fast=False)
