@@ -82,6 +82,8 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("next within no limits", "next contacts.csv --rig rig.json --tilt 1 -1", ("--tilt",)),
     ("completion of another shell", "completion tcsh", ("tcsh",)),
     ("an object in another format", "reconstruct contacts.csv -o object.stl", ("is not a .vtp, .ply or .glb",)),
+    ("a batch of nothing", "batch none --rig rig.json -o out", ("none: no such recording",)),
+    ("a page by another name", "report contacts.csv -o report.pdf", ("report.pdf: is not a .html",)),
     ("a session without its rig", "report contacts.csv --session session -o out.html", ("--session needs --rig",)),
     ("a picture without a rig", "view contacts.csv --picture free.png --html out.html", ("give --rig, too",)),
     ("a contact beyond the tip", "budget rig.json --distance 0.9 --force-y 0.01 --force-z 0.005", ("0.9",)),

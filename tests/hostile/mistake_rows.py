@@ -102,6 +102,7 @@ GLB: tuple[Row, ...] = (
     ("a version of tomorrow", d.changed(lambda data: data[:4] + b"\x09\0\0\0" + data[8:]), "holds no mesh"),
 )
 NOLOAD: tuple[Row, ...] = (
+    ("degrees", d.cell(2, "tilt_rad", "20"), "line 2", "give radians"),
     ("a moment in another unit", d.text("moment_Nm", "moment_mNm"), "column moment_Nm is missing"),
 )
 LOADS: tuple[Row, ...] = (

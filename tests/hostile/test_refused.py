@@ -22,7 +22,7 @@ from . import damage as d
 from .case import Case, expect_refused, run, tree
 
 CASES: list[Case] = [case for table in (every_file, mistake_rows, picture_rows, call_rows) for case in table.CASES]
-HEAVY = ("calibrate", "check", "intrinsics", "report", "view", "simulate", "estimate")
+HEAVY = ("calibrate", "check", "intrinsics", "view", "simulate", "estimate")
 """Verbs that work for a while before they come to what is wrong: of these, all but mistakes run with the slow tests."""
 MISTAKES = {case.id for case in mistake_rows.CASES}
 SLOW = {case.id for number, case in enumerate(CASES) if case.verb in HEAVY and case.id not in MISTAKES and number % 3}
