@@ -106,7 +106,7 @@ def measured(rig: Rig, frame: Frame, line: Centreline, **more: Any) -> Measured:
     changing = rig.image.paint.polarity is None
     share = ContactSettings.least_noise_changing if changing else ContactSettings.least_noise
     least = share * rig.image.noise_px
-    sigma = np.maximum(line.effective_px * rig.image.noise_scale, least)
+    sigma = np.hypot(np.maximum(line.effective_px * rig.image.noise_scale, least), line.row_px)
     if line.end == "tip":
         more["tip_px"] = np.array([*line.end_px, line.end_std_px])
     return _measured(frame, line.points_px, sigma, **more)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from vbaa_calib.session import KnownObject
 
 
-def known_equations(
+def _known_equations(
     known: KnownObject,
     found: LinearisedFrames,
     columns: np.ndarray,
@@ -246,7 +246,7 @@ class RecordingProblem:
         if self.known is not None:
             place = self.rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
             radius_m = 0.5 * self.rig.antenna.diameter_m
-            more = known_equations(self.known, found, touch_columns, place, radius_m, state.shared[-3:])
+            more = _known_equations(self.known, found, touch_columns, place, radius_m, state.shared[-3:])
             whole, side = whole + more[0], side + more[1]
         diagonal = np.arange(UNKNOWNS + self.lines)
         weight, pull = np.zeros((2, len(unknowns), len(diagonal)))

@@ -297,3 +297,18 @@ def test_what_hides_it_leaves_a_gap() -> None:
     u = measure_in_colour(picture, dense(path) + 0.5, 4.0).points_px[:, 0]
     assert not ((u > 142) & (u < 173)).any()
     assert ((u < 135).sum() > 50) & ((u > 180).sum() > 50)
+
+
+@pytest.mark.parametrize("transposed", [False, True])
+def test_noise_of_whole_rows_is_in_the_deviations_of_a_line_along_them(transposed: bool) -> None:
+    """A row's noise moves all points on it alike: the mean of a line is as far off as its deviations say, no less."""
+    rng, ratios = np.random.default_rng(8), []
+    for index in range(16):
+        path = straight(0.25 * (index % 9), 200.0)
+        noise = rng.normal(0.0, 1.5, SIZE) + rng.normal(0.0, 1.5, (SIZE[0], 1))
+        light, guide = np.rint(60.0 + tube(path, WIDTH_PX, 110.0) + noise), dense(path) + 0.2
+        line = measure(light.T.copy() if transposed else light, guide[:, ::-1] if transposed else guide, WIDTH_PX)
+        error = aside(path, line.points_px[:, ::-1] if transposed else line.points_px)
+        weight = np.hypot(line.effective_px, line.row_px) ** -2.0
+        ratios.append(error @ weight / np.sqrt(weight.sum()))
+    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.5

@@ -165,7 +165,7 @@ def _without_disturbed(problem: Problem, parameters: np.ndarray, evaluated: Eval
     undisturbed = _undisturbed([block[:, 0] / problem.noise_scale for block in evaluated.points])
     for index, (one, good) in enumerate(zip(problem.observations, undisturbed, strict=True)):
         if len(good) == len(one.points_px) and not good.all():
-            observations[index] = replace(one, points_px=one.points_px[good], sigma_px=one.sigma_px[good])
+            observations[index] = one.only(good)
     return replace(problem, observations=observations, seen_at_lens=()).relinearised(parameters)
 
 
@@ -310,7 +310,7 @@ def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearis
     evaluated, disturbed = problem.evaluate(parameters), True
     for turn in range(AntennaSettings.passes + 1):
         kept = problem.kept
-        left = [problem.without_line(i, evaluated.points[i][:, 0]) for i in np.flatnonzero(kept).tolist()]
+        left = [problem.in_own_std(i, evaluated.points[i][:, 0]) for i in np.flatnonzero(kept).tolist()]
         scale = max(noise_scale(left), least)
         change = abs(scale / problem.noise_scale - 1.0)
         problem = replace(problem, noise_scale=scale)
@@ -369,7 +369,7 @@ def _solved(
         final=final,
         **_in_units(problem, parameters, root),
         noted=tuple(
-            replace(one, points_px=used.points_px, sigma_px=used.sigma_px)
+            replace(one, points_px=used.points_px, sigma_px=used.sigma_px, row_px=used.row_px)
             for one, used in zip(observations, problem.observations, strict=True)
         ),
         disturbed=tuple(

@@ -103,11 +103,21 @@ class Observation:
     # whether neighbouring points share most of their errors, as other stills do: no shape that follows them shows these
     shared: bool = False
     look: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))  # (PLACES, C) mean colour from clamp to tip
+    row_px: np.ndarray = field(default_factory=lambda: np.zeros(1))  # (N,) or (1,) as `Centreline.row_px`
 
     @cached_property
     def locking(self) -> np.ndarray:
         """(3,) as `locking_std` of its points."""
         return locking_std(self.points_px)
+
+    def only(self, points: np.ndarray) -> Observation:
+        """The same with some of its points (N,) alone."""
+        own, row = self.sigma_px[points], np.broadcast_to(self.row_px, points.shape)[points]
+        return replace(self, points_px=self.points_px[points], sigma_px=own, row_px=row)
+
+    def std_px(self, noise_scale: float) -> np.ndarray:
+        """(N,) `sigma_px`, with the noise of rows, which the others' scatter does not scale."""
+        return np.hypot(self.sigma_px, self.row_px / noise_scale)
 
     @property
     def load_N(self) -> np.ndarray:

@@ -188,7 +188,7 @@ class Problem:
         camera = self.camera(parameters)
         here = replace(self._loaded(parameters), readings_at=parameters[self.readings])
         images = image_curves(here.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse())
-        seen = see_each(camera, [(one.points_px, one.sigma_px) for one in self.observations])
+        seen = see_each(camera, [(one.points_px, one.std_px(self.noise_scale)) for one in self.observations])
         seen = with_slopes_on_curves(seen, camera, images)
         if self.seen_at_lens and sum(map(len, seen)) < sum(map(len, self.seen_at_lens)):
             raise LensLost("the lens that the pictures require folds inside the picture")
@@ -392,6 +392,12 @@ class Problem:
             return rows
         axes, shrunk = self._line_axes[index]
         return rows - shrunk @ (axes.T @ rows)
+
+    def in_own_std(self, index: int, whitened: np.ndarray) -> np.ndarray:
+        """Residuals (N,) of an observation's points, without their line's common errors, in `Observation.sigma_px`."""
+        one, left = self.observations[index], self.without_line(index, whitened)
+        wider = one.std_px(self.noise_scale) / one.sigma_px
+        return left * wider if len(wider) == len(left) else left
 
     @cached_property
     def _line_axes(self) -> list[tuple[np.ndarray, np.ndarray]]:

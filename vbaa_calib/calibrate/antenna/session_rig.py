@@ -104,6 +104,7 @@ class ExpectedAntenna:
             tip_std_px,
             shared,
             look_of(image, line),
+            line.row_px,
         )
 
     def course_of(self, seen: Observation) -> np.ndarray:
@@ -118,7 +119,7 @@ class ExpectedAntenna:
         if near.all() or near.mean() < AntennaSettings.least_seen_free:
             return seen
         ends = seen if near[-1] else replace(seen, tip_std_px=np.nan)
-        return replace(ends, points_px=seen.points_px[near], sigma_px=seen.sigma_px[near])
+        return ends.only(near)
 
     def _aside(self, seen: Observation) -> tuple[np.ndarray, np.ndarray]:
         """Where points (N,) of a free antenna lie along and across the expected one, in lengths of its picture."""

@@ -43,6 +43,7 @@ class Centreline:
     sigma_px : (N,) standard deviation across the antenna.
     effective_px : (N,) the deviation that a fit must give each point to count points as independent: larger than
         `sigma_px` where neighbours share their errors.
+    row_px : (N,) or (1,) what noise of whole rows or columns of pixels adds to that, where the antenna follows some.
     seen : fraction of the guide where the antenna was seen.
     amplitude : median height of the line above its background, grey levels.
     breadth : width of the line over that expected from the antenna's width and an ordinary lens.
@@ -79,6 +80,7 @@ class Centreline:
     sure: float = 1.0
     odds: float = np.nan
     effective_px: np.ndarray = field(default_factory=_no_numbers)
+    row_px: np.ndarray = field(default_factory=lambda: np.zeros(1))
 
     @property
     def found(self) -> bool:
@@ -107,6 +109,7 @@ class Centreline:
             points_px=self.points_px[own],
             sigma_px=self.sigma_px[own],
             effective_px=self.effective_px[own],
+            row_px=np.broadcast_to(self.row_px, own.shape)[own],
             seen=self.seen * float(own.mean()),
             visibility=visibility,
             end=self.end if own[-1] else "hidden",

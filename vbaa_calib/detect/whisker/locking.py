@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
+
+from vbaa_calib.core.robust import MAD_SCALE
+
+from .settings import SearchSettings
 
 LINE_MODES = 3  # offset, slope and curvature: the first Legendre polynomials of the place along a line
 
@@ -22,3 +27,41 @@ def locking_std(points_px: np.ndarray) -> np.ndarray:
     modes = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, count), LINE_MODES - 1)
     parts = (2.0 * np.arange(LINE_MODES) + 1.0)[:, None] / count * (modes.T @ waves)
     return np.asarray(np.linalg.norm(parts, axis=1))
+
+
+def _row_noise(image: np.ndarray) -> float:
+    """Standard deviation of the noise that all pixels of a row share in a picture (H, W[, C]), grey levels.
+
+    From second differences of neighbouring rows, averaged in blocks along them: only what the blocks share makes the
+    products of different ones positive. The median over rows leaves out the few in which an edge runs along them.
+    """
+    blocks = SearchSettings.row_blocks
+    picture = image if image.dtype in (np.uint8, np.uint16) else image.astype(np.float32)
+    parts = np.array_split(np.arange(picture.shape[1]), blocks)
+    means = [cv2.reduce(picture[:, one[0] : one[-1] + 1], 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F) for one in parts]
+    each = np.array(means).reshape(blocks, len(picture), -1).mean(axis=2)
+    bend = each[:, 1:-1] - 0.5 * (each[:, :-2] + each[:, 2:])
+    shared = (bend.sum(axis=0) ** 2 - (bend**2).sum(axis=0)) / (blocks * (blocks - 1))
+    return float(MAD_SCALE * np.sqrt(max(np.median(shared), 0.0) / 1.5))
+
+
+def row_errors(image: np.ndarray, points_px: np.ndarray, sigma_px: np.ndarray, noise: float) -> np.ndarray:
+    """(N,) deviations that noise of whole rows and columns of a picture adds to those of a line's points (N, 2) px in
+    its order, where these count as independent; sigma_px : (N,) of each by a pixel's own `noise`, grey levels.
+
+    All points on a row share its error, so that a line along rows keeps it, and one across them has none.
+    """
+    found, step = np.zeros(len(points_px)), SearchSettings.row_run
+    if len(points_px) <= step:
+        return found
+    along = points_px[step:] - points_px[:-step]
+    for axis, rows in ((1, image), (0, np.swapaxes(image, 0, 1))):
+        places = np.sort(points_px[:, axis])
+        alike = np.searchsorted(places, points_px[:, axis] + 0.5) - np.searchsorted(places, points_px[:, axis] - 0.5)
+        if alike.max() < step:
+            continue
+        across = np.abs(along[:, 1 - axis]).mean() / np.linalg.norm(along, axis=1).mean()
+        shared = _row_noise(rows)
+        own = max(noise**2 - shared**2, 0.25 * noise**2) ** 0.5
+        found = np.hypot(found, sigma_px * across * shared / max(own, 1e-9) * np.sqrt(alike))
+    return found

@@ -7,7 +7,9 @@ ones share their noise, and shift a thin line with its phase on the pixel grid.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from vbaa_calib.native import core
 from .acceptance import Evidence, accepted
 from .centreline import NOTHING, Centreline
 from .crossings import too_short
+from .locking import row_errors
 from .settings import RibbonSettings
 
 
@@ -98,7 +101,16 @@ def _measured(
         _quiet_part(2 * half - 3),
         _shapes(width_px, ORDINARY_BLUR_PX, half + 2),
     )
-    return NOTHING if found is None else accepted(Centreline(**found[0]), Evidence(**found[1]))
+    return _judged(image, found)
+
+
+def _judged(image: np.ndarray, found: tuple[dict[str, Any], dict[str, Any]] | None) -> Centreline:
+    """What the core measured in a picture, with its verdict and what the noise of rows adds."""
+    if found is None:
+        return NOTHING
+    line = Centreline(**found[0])
+    more = row_errors(image, line.points_px, line.sigma_px, line.noise)
+    return accepted(replace(line, row_px=more), Evidence(**found[1]))
 
 
 def measure_in_colour(
@@ -111,7 +123,7 @@ def measure_in_colour(
     path_px = np.ascontiguousarray(path_px, np.float64)
     picture = np.ascontiguousarray(picture[..., :3])
     found = core.profile.measured_ribbon(picture, path_px, float(width_px), how.blur_px, half, how)
-    return NOTHING if found is None else accepted(Centreline(**found[0]), Evidence(**found[1]))
+    return _judged(picture, found)
 
 
 @lru_cache(maxsize=32)

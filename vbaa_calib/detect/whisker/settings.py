@@ -13,6 +13,10 @@ class SearchSettings:
     a plain one) unless a line says otherwise.
     """
 
+    row_blocks: int = 16  # in which pixels of a row are averaged to see what they share: many, and each of many pixels
+    row_run: int = (
+        12  # points of a line on one row, from which noise of rows matters: as long as other errors are shared
+    )
     surface_spread: float = 50.0  # grey levels: deviation of the luma of different surfaces
     colour_spread: float = 15.0  # grey levels: the same of differences of colour
     edge_rate: float = 0.1  # share of a background's places at which there is an edge: limits what one edge says
