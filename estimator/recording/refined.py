@@ -12,6 +12,10 @@ from estimator.contact.common_errors import empty_frames, unknowns_of
 from estimator.contact.drift import parameter_changes
 from estimator.contact.settings import ContactSettings
 from estimator.object.estimate import estimate_object
+from estimator.recording.problem import FrictionPrior, RecordingProblem, State
+from estimator.recording.settings import RefineSettings
+from estimator.recording.solve import Solution, solved
+from estimator.recording.views import completed, pictures_of
 from estimator.solver.linearised import bend
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import COLUMNS, FRICTION_RAD, ContactTable, Measured, joint_angles
@@ -23,16 +27,21 @@ from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 from vbaa_calib.session import KnownObject
 
-from .coulomb import as_estimated, by_coulomb, contradicted
-from .problem import FrictionPrior, RecordingProblem, State
-from .settings import RefineSettings
-from .solve import Solution, solved
-from .views import completed, pictures_of
-from .zero import walk_of_zero
-
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
     from estimator.object.friction import Friction
+
+
+from typing import TYPE_CHECKING
+
+from estimator.object.friction import Friction, steady_slides
+
+if TYPE_CHECKING:
+    from estimator.object.track import Track
+
+
+from estimator.recording.views import Pictures
+from estimator.solver.linearised import linearised
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +122,7 @@ def refine(
     problem, start = _begun(contacts, rig, recording, rows, known)
     strokes = _strokes(contacts, rows)
     found = solved(problem, start, strokes)
-    reason = _refusal(found, known is not None) or walk_of_zero(problem.views[0], FRICTION_RAD, REFERENCE)
+    reason = _refusal(found, known is not None) or _walk_of_zero(problem.views[0], FRICTION_RAD, REFERENCE)
     touched: ObjectEstimate | None = None
     notes: list[str] = []
     if not reason and known is not None and found.offness > RefineSettings.allowed_excess:
@@ -157,7 +166,7 @@ def _with_coulomb(
     second = solved(again, found.state, strokes)
     angle = again.friction_rad * second.state.unknowns[:, 3]
     std = again.friction_rad * np.sqrt(second.equations.own_covariance[:, 3, 3])
-    wrong, broken = contradicted(prior, angle, std)
+    wrong, broken = _contradicted(prior, angle, std)
     if broken:
         note = f"{wrong.sum()} frames see a friction that is not Coulomb's with one coefficient: not used"
         return problem, found, [note]
@@ -230,7 +239,7 @@ def _begun(
         friction_rad=FRICTION_RAD,
         views=pictures,
         fixed_at_tip=at.status == "tip_contact",
-        friction=as_estimated(at, FRICTION_RAD),
+        friction=_as_estimated(at, FRICTION_RAD),
         time_s=at.time_s,
         known=known,
     )
@@ -271,7 +280,7 @@ def _friction_prior(
     table: ContactTable, touched: ObjectEstimate, problem: RecordingProblem, rows: np.ndarray
 ) -> FrictionPrior | None:
     """What the object's friction says of the frames (P,), by contacts that are refined already."""
-    whole = by_coulomb(table, touched.track, touched.friction, as_estimated(table, problem.friction_rad))
+    whole = _by_coulomb(table, touched.track, touched.friction, _as_estimated(table, problem.friction_rad))
     return None if whole is None else whole.picked(rows)
 
 
@@ -364,3 +373,88 @@ def _table(contacts: ContactTable, problem: RecordingProblem, found: Solution, r
             column = column.astype(str) if name in ("reason", "model") else column
         columns[name] = column
     return ContactTable(**columns)
+
+
+def _as_estimated(table: ContactTable, unit_rad: float) -> FrictionPrior:
+    """What frames were estimated with, one by one."""
+    known = np.where(np.isfinite(table.friction_prior_rad), table.friction_prior_rad, unit_rad)
+    return FrictionPrior(np.zeros(len(table)), np.maximum(known, 1e-4))
+
+
+def _by_coulomb(table: ContactTable, track: Track, friction: Friction, before: FrictionPrior) -> FrictionPrior | None:
+    """The friction angles (B,) by the recording's coefficient; None where it has none.
+
+    All lie in the cone. Where the shape determines the object's normal, the force's direction λ about the antenna says
+    how much of the cone is left along it: tan²α ≤ μ² − tan²λ, with equality where the contact slides, and along the
+    antenna the slip's sign is the angle's. At the tip nothing is known.
+    """
+    if friction.determined:
+        mu, std = friction.mu, friction.std
+    elif np.isfinite(friction.interval[1]):
+        mu, std = float(friction.interval[1]), 0.0
+    else:
+        return None
+    cone = np.hypot(np.arctan(mu + std), RefineSettings.least_friction_rad)
+    mean, spread = np.zeros(len(table)), np.full(len(table), cone / np.sqrt(2.0))
+    if not friction.determined:
+        spread = np.minimum(spread, before.std_rad)
+    else:
+        rows, across = friction.row, np.tan(np.clip(friction.lateral_rad, -1.0, 1.0)) / mu if mu > 0.0 else None
+        known = friction.lateral_std_rad < RefineSettings.lateral_known_rad
+        if across is not None:
+            unsure = friction.lateral_std_rad / mu
+            left = np.maximum(1.0 - across**2, 0.0) + 2.0 * np.abs(across) * unsure + unsure**2
+            rim = np.hypot(np.arctan(mu) * np.sqrt(np.minimum(left, 1.0)), RefineSettings.least_friction_rad)
+            spread[rows[known]] = np.minimum(rim, spread[rows])[known]
+        speed = np.linalg.norm(track.slip_velocity_m_s, axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            along, turn = track.longitudinal_m_s / speed, track.slip_std_m_s / speed
+            slides = (
+                steady_slides(track, table.time_s)
+                & (np.abs(along) > RefineSettings.slip_along)
+                & (turn < RefineSettings.slip_turn)
+            )
+            sliding_rad = np.arctan(mu * along)
+            doubt = np.sqrt((std * along) ** 2 + (RefineSettings.rim * mu) ** 2 + RefineSettings.least_friction_rad**2)
+        mean, spread = np.where(slides, sliding_rad, mean), np.where(slides, doubt, spread)
+    at_tip = table.status == "tip_contact"
+    return FrictionPrior(np.where(at_tip, before.mean_rad, mean), np.where(at_tip, before.std_rad, spread))
+
+
+def _contradicted(prior: FrictionPrior, angle_rad: np.ndarray, std_rad: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Which frames (B,) see another angle than the law's, and whether so many do that it does not hold; angle_rad,
+    std_rad : (B,) with the prior."""
+    reduction = prior.std_rad**2 - std_rad**2
+    tells = reduction > RefineSettings.informative * prior.std_rad**2
+    off = np.abs(angle_rad - prior.mean_rad) / np.sqrt(np.maximum(reduction, 1e-12))
+    wrong = tells & (off > RefineSettings.law_contradicted)
+    return wrong, bool(wrong.sum() > max(3, RefineSettings.law_share * tells.sum()))
+
+
+def _walk_of_zero(pictures: Pictures, friction_rad: float, rung: str) -> str:
+    """How far the zero walks from the first to the last frame of `pictures.straight`, in words; "" where that is within
+    what readings and rig leave open."""
+    arrays = RigArrays.from_rig(pictures.rig, friction_rad)
+    read = np.isfinite(pictures.straight.readings_Nm[:, 0]) & np.isfinite(pictures.straight_s)
+    time_s = pictures.straight_s[read]
+    if len(time_s) < RefineSettings.zero_frames or not np.ptp(time_s) > 0.0:
+        return ""
+    frames = pictures.straight.picked(read).frames(arrays)
+    found = linearised(frames, rung, np.tile(np.array([0.5, 0.0, 0.0, 0.0]), (len(time_s), 1)))
+    off, by_rig = found.residual[:, 0], found.readings[:, 0, UNKNOWNS:]
+    when = (time_s - time_s.mean()) / np.ptp(time_s)
+    # every two frames' slope, the median: frames that are pushed along the line of sight are few, or scatter
+    first, second = np.triu_indices(len(when), 1)
+    apart = when[second] - when[first]
+    far = np.abs(apart) > 0.1
+    slope = float(np.median((off[second] - off[first])[far] / apart[far]))
+    rest = off - slope * when
+    scatter = max(1.0, 1.4826 * float(np.median(np.abs(rest - np.median(rest)))))
+    of_rig = float(np.linalg.norm(when @ by_rig) / (when @ when))
+    std = np.hypot(scatter * np.sqrt(np.pi / 2.0 / (when @ when)), of_rig)
+    if abs(slope) < RefineSettings.zero_walks * std:
+        return ""
+    return (
+        f"the moment sensor's zero walks by {slope:+.0f} deviations of its noise while the recording lasts, or "
+        "something pushes along the line of sight: forces would be off by as much; look at `vbaa estimate --track-zero`"
+    )

@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
+from vbaa_calib import doctor
 from vbaa_calib.cli import doctor as verb
-from vbaa_calib.doctor import HealthFinding, machine, packages
-from vbaa_calib.doctor.machine import _EndedProcess
+from vbaa_calib.doctor import CHECKS, HealthFinding, _EndedProcess
 
 
 def names(found: HealthFinding) -> list[str]:
@@ -43,7 +43,7 @@ def installed(*asked: str, **known: str) -> HealthFinding:
             raise metadata.PackageNotFoundError(name)
         return known[name]
 
-    return packages.packages(list(asked), version)
+    return CHECKS["packages"](list(asked), version)
 
 
 def cv2(
@@ -57,25 +57,25 @@ def cv2(
         aruco = SimpleNamespace(CharucoDetector=object) if charuco else SimpleNamespace()
         return SimpleNamespace(__version__=version, aruco=aruco, getBuildInformation=lambda: "  GUI:      NONE\n")
 
-    return packages.opencv(wheels, load)
+    return CHECKS["opencv"](wheels, load)
 
 
 def camera(devices: Sequence[str], readable: bool, attempt: Any) -> HealthFinding:
     """The check for cameras with everything replaced."""
-    return machine.cameras(devices, lambda path: readable, attempt, "linux")
+    return CHECKS["cameras"](devices, lambda path: readable, attempt, "linux")
 
 
 RIGHT = {"opencv-contrib-python-headless": "4.14.0.94"}
 TWO = RIGHT | {"opencv-python": "4.10.0.84"}
 WEBCAM, TWO_CAMERAS = ["/dev/video0"], ["/dev/video0", "/dev/video1"]
-threads = partial(machine.computing, lambda: 2**40)
+threads = partial(CHECKS["computing"], lambda: 2**40)
 
 
 @pytest.mark.parametrize(
     ("check", "status", "problems", "words"),
     [
-        (partial(packages.python_version, (3, 11, 0)), "ok", [], ""),
-        (partial(packages.python_version, (3, 9, 2)), "fails", ["python_too_old"], "3.11"),
+        (partial(CHECKS["python"], (3, 11, 0)), "ok", [], ""),
+        (partial(CHECKS["python"], (3, 9, 2)), "fails", ["python_too_old"], "3.11"),
         (partial(installed, "numpy>=2.0,<3", "tqdm", numpy="2.4.6", tqdm="1"), "ok", [], ""),
         (partial(installed, "numpy>=2,<3", numpy="1.26"), "fails", ["package_version"], "numpy is 1.26, and <3,>=2"),
         (partial(installed, "scipy>=1.13,<2"), "fails", ["package_missing"], "scipy is not installed"),
@@ -85,30 +85,40 @@ threads = partial(machine.computing, lambda: 2**40)
         (partial(cv2, {"opencv-python-headless": "4.14.0.94"}, charuco=False), "fails", ["opencv_without_charuco"], ""),
         (partial(cv2, RIGHT, "4.10.0"), "fails", ["opencv_other"], "opencv-contrib-python-headless>=4.14,<5"),
         (partial(cv2, RIGHT, error=ImportError("libGL.so.1")), "fails", ["opencv_broken"], "libGL.so.1"),
-        (partial(machine.computing, lambda: 2**30, {}), "look", ["memory_low"], ""),
-        (partial(machine.computing, lambda: None, {"OMP_NUM_THREADS": "1"}), "ok", [], ""),
+        (partial(CHECKS["computing"], lambda: 2**30, {}), "look", ["memory_low"], ""),
+        (partial(CHECKS["computing"], lambda: None, {"OMP_NUM_THREADS": "1"}), "ok", [], ""),
         (partial(threads, {"OMP_NUM_THREADS": "two"}), "look", ["threads_wrong"], ""),
         (partial(threads, {"OMP_NUM_THREADS": "99999"}), "look", ["threads_many"], ""),
-        (partial(machine.disk, free_bytes=10**12), "ok", [], ""),
-        (partial(machine.disk, free_bytes=10**9), "look", ["disk_low"], ""),
-        (partial(machine.disk, free_bytes=10**7), "fails", ["disk_low"], ""),
-        (partial(machine.terminal, {"stdout": SimpleNamespace(encoding=None)}), "look", ["not_utf8"], "PYTHONUTF8=1"),
-        (partial(machine.drawing, ends(0)), "ok", [], ""),
-        (partial(machine.drawing, ends(1)), "look", ["no_drawing"], "found no OpenGL that works"),
-        (partial(machine.drawing, ends(1, err="Traceback\nImportError: no vtk")), "look", ["no_drawing"], "no vtk"),
-        (partial(machine.drawing, ends(1, err="No module named 'vtkmodules'")), "look", ["no_drawing"], "calib[view]"),
-        (partial(machine.drawing, ends(-11)), "look", ["no_drawing"], "was ended by signal 11"),
-        (partial(machine.drawing, ends(None)), "look", ["no_drawing"], "took longer than 90 s"),
+        (partial(CHECKS["disk"], free_bytes=10**12), "ok", [], ""),
+        (partial(CHECKS["disk"], free_bytes=10**9), "look", ["disk_low"], ""),
+        (partial(CHECKS["disk"], free_bytes=10**7), "fails", ["disk_low"], ""),
+        (partial(CHECKS["terminal"], {"stdout": SimpleNamespace(encoding=None)}), "look", ["not_utf8"], "PYTHONUTF8=1"),
+        (partial(CHECKS["drawing"], ends(0)), "ok", [], ""),
+        (partial(CHECKS["drawing"], ends(1)), "look", ["no_drawing"], "found no OpenGL that works"),
+        (partial(CHECKS["drawing"], ends(1, err="Traceback\nImportError: no vtk")), "look", ["no_drawing"], "no vtk"),
+        (
+            partial(CHECKS["drawing"], ends(1, err="No module named 'vtkmodules'")),
+            "look",
+            ["no_drawing"],
+            "calib[view]",
+        ),
+        (partial(CHECKS["drawing"], ends(-11)), "look", ["no_drawing"], "was ended by signal 11"),
+        (partial(CHECKS["drawing"], ends(None)), "look", ["no_drawing"], "took longer than 90 s"),
         (partial(camera, [], True, ends(1)), "ok", [], ""),
         (partial(camera, WEBCAM, False, ends(0)), "look", ["camera_not_readable"], "usermod -aG video"),
         (partial(camera, TWO_CAMERAS, True, ends(0, "[0, [640, 480]]\n[1, null]\n")), "ok", [], ""),
         (partial(camera, WEBCAM, True, ends(0, "[0, null]\n")), "look", ["camera_silent"], ""),
         (partial(camera, TWO_CAMERAS, True, ends(None, "[0, [640, 480]]\n")), "look", ["camera_stuck"], "camera 1"),
         (partial(camera, WEBCAM, True, ends(-11)), "look", ["camera_stuck"], ""),
-        (partial(machine.torch, ends(0, "1.5 2.13.0 2 False\n")), "ok", [], ""),
-        (partial(machine.torch, ends(0, "55.0 2.13.0 2 False\n")), "look", ["torch_slow"], ""),
-        (partial(machine.torch, ends(1, err="OSError: [WinError 126] c10.dll")), "fails", ["torch_broken"], "c10.dll"),
-        (partial(machine.torch, ends(None)), "fails", ["torch_broken"], ""),
+        (partial(CHECKS["torch"], ends(0, "1.5 2.13.0 2 False\n")), "ok", [], ""),
+        (partial(CHECKS["torch"], ends(0, "55.0 2.13.0 2 False\n")), "look", ["torch_slow"], ""),
+        (
+            partial(CHECKS["torch"], ends(1, err="OSError: [WinError 126] c10.dll")),
+            "fails",
+            ["torch_broken"],
+            "c10.dll",
+        ),
+        (partial(CHECKS["torch"], ends(None)), "fails", ["torch_broken"], ""),
     ],
 )
 def test_what_is_well_and_what_is_not(
@@ -122,21 +132,21 @@ def test_what_is_well_and_what_is_not(
 def test_a_folder_that_takes_a_packages_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`targets` of the user's own on the path is fatal, in the current folder a warning; an empty folder is neither."""
     (tmp_path / "targets").mkdir()
-    assert packages.shadows(tmp_path).status == "ok"
+    assert CHECKS["shadows"](tmp_path).status == "ok"
     (tmp_path / "targets" / "__init__.py").write_text("")
     (tmp_path / "yaml.py").write_text("")
-    waiting = packages.shadows(tmp_path)
+    waiting = CHECKS["shadows"](tmp_path)
     assert (waiting.status, names(waiting)) == ("look", ["name_taken", "name_taken"])
     monkeypatch.syspath_prepend(tmp_path)
     for name in ("targets", "yaml"):
         monkeypatch.delitem(sys.modules, name)
-    taken = packages.shadows(tmp_path)
+    taken = CHECKS["shadows"](tmp_path)
     assert (taken.status, names(taken)) == ("fails", ["package_shadowed", "package_shadowed"])
     assert f"targets is taken from {tmp_path / 'targets'}" in taken.problems[0].words
 
 
 def test_a_package_that_overwrote_ours(tmp_path: Path) -> None:
-    found = packages.shadows(tmp_path, lambda: {"estimator": ["vbaa-calib", "other-estimator"]})
+    found = CHECKS["shadows"](tmp_path, lambda: {"estimator": ["vbaa-calib", "other-estimator"]})
     (problem,) = (one for one in found.problems if one.name == "package_overwritten")
     assert problem.grave
     assert "other-estimator has installed a package estimator, too" in problem.words
@@ -145,8 +155,8 @@ def test_a_package_that_overwrote_ours(tmp_path: Path) -> None:
 
 def test_a_process_may_crash_or_hang() -> None:
     """Real ones: the doctor outlives them, and keeps what they had said."""
-    crashed = machine._try_python(["-c", "import os; os.abort()"], 20)
+    crashed = doctor._try_python(["-c", "import os; os.abort()"], 20)
     assert crashed.code is not None
     assert crashed.code != 0
-    hung = machine._try_python(["-c", "import time; print('[0, null]', flush=True); time.sleep(60)"], 1.5)
+    hung = doctor._try_python(["-c", "import time; print('[0, null]', flush=True); time.sleep(60)"], 1.5)
     assert (hung.code, hung.out.strip()) == (None, "[0, null]")

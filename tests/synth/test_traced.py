@@ -19,7 +19,7 @@ from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, SceneSpec, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
-from vbaa_calib.simulate.traced.tracer import Exposure, Tracer, _load_mitsuba
+from vbaa_calib.simulate.traced import Exposure, Tracer, _load_mitsuba
 
 from ..small_scene import small_scene
 

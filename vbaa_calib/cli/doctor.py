@@ -9,22 +9,8 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.doctor import HealthFinding, machine, packages
+from vbaa_calib.doctor import CHECKS, HealthFinding
 
-CHECKS: dict[str, Callable[[], HealthFinding]] = {
-    "python": packages.python_version,
-    "packages": packages.packages,
-    "shadows": packages.shadows,
-    "opencv": packages.opencv,
-    "torch": machine.torch,
-    "drawing": machine.drawing,
-    "cameras": machine.cameras,
-    "folders": machine.writable,
-    "disk": machine.disk,
-    "computing": machine.computing,
-    "terminal": machine.terminal,
-}
-"""In the order of the table; what may end the process comes last."""
 _WIDTH = 118
 
 

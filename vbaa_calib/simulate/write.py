@@ -32,7 +32,7 @@ from .scene.scene import SceneSpec
 from .shots import free_wires, obstacle_of, render_over, render_shot, seen_antenna, seen_centreline
 
 if TYPE_CHECKING:
-    from .traced_shots import TracedPictures
+    from .traced import TracedPictures
 
 
 def _antenna_mask(scene: SceneSpec, place: Studio, shot: AntennaShot) -> np.ndarray:
@@ -122,7 +122,7 @@ def write_session(
     place, sheet = studio(scene.lens, scene.picture, stream(scene, "bench")), print_sheet(scene.board)
     photographer = None
     if traced:
-        from .traced_shots import TracedPictures
+        from .traced import TracedPictures
 
         photographer = TracedPictures(scene, place, sheet, stream(scene, "bench"))
     take = photographer.shot if photographer else _drawn_pictures(scene, place, sheet)

@@ -1,1 +1,0 @@
-"""Path-traced pictures of a simulated rig, by mitsuba 3."""
