@@ -12,11 +12,12 @@ from estimator.contact.common_errors import empty_frames, unknowns_of
 from estimator.contact.drift import parameter_changes
 from estimator.contact.settings import ContactSettings
 from estimator.object.estimate import estimate_object
+from estimator.object.friction import Friction, steady_slides
 from estimator.recording.problem import FrictionPrior, RecordingProblem, State
 from estimator.recording.settings import RefineSettings
 from estimator.recording.solve import Solution, solved
-from estimator.recording.views import completed, pictures_of
-from estimator.solver.linearised import bend
+from estimator.recording.views import Pictures, completed, pictures_of
+from estimator.solver.linearised import bend, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import COLUMNS, FRICTION_RAD, ContactTable, Measured, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
@@ -29,19 +30,7 @@ from vbaa_calib.session import KnownObject
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
-    from estimator.object.friction import Friction
-
-
-from typing import TYPE_CHECKING
-
-from estimator.object.friction import Friction, steady_slides
-
-if TYPE_CHECKING:
     from estimator.object.track import Track
-
-
-from estimator.recording.views import Pictures
-from estimator.solver.linearised import linearised
 
 
 @dataclass(frozen=True, eq=False)
@@ -432,8 +421,12 @@ def _contradicted(prior: FrictionPrior, angle_rad: np.ndarray, std_rad: np.ndarr
 
 
 def _walk_of_zero(pictures: Pictures, friction_rad: float, rung: str) -> str:
-    """How far the zero walks from the first to the last frame of `pictures.straight`, in words; "" where that is within
-    what readings and rig leave open."""
+    """How far the moment sensor's zero drifts over the frames with the free antenna (`pictures.straight`), in words;
+    "" where the drift is within the noise of the readings and the rig's uncertainty.
+
+    What such frames read in addition to the free antenna's weight is the zero, unless something pushes along the line
+    of sight: that comes and goes with the strokes, and the zero does not.
+    """
     arrays = RigArrays.from_rig(pictures.rig, friction_rad)
     read = np.isfinite(pictures.straight.readings_Nm[:, 0]) & np.isfinite(pictures.straight_s)
     time_s = pictures.straight_s[read]
