@@ -167,13 +167,3 @@ def profiles_to_dict(antenna: Any) -> dict[str, Any]:
     """The keys `profile` and `stiffness_profile` of an antenna in session.yaml or rig.json, as far as it has them."""
     profiles = {name: getattr(antenna, name) for name in ("profile", "stiffness_profile")}
     return {name: [list(row) for row in rows] for name, rows in profiles.items() if rows is not None}
-
-
-def thinned_profiles(antenna: Any, log_tip: float) -> tuple[Profile | None, Profile | None]:
-    """The profiles of an antenna in session.yaml with the tip's diameter changed as `Taper.thinned` does."""
-
-    def changed(rows: Profile | None, power: float) -> Profile | None:
-        by_m = power * log_tip / antenna.length_m
-        return None if rows is None else tuple((s, value * float(np.exp(by_m * s))) for s, value in rows)
-
-    return changed(antenna.profile, 1.0), changed(antenna.stiffness_profile, 4.0)

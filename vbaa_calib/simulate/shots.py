@@ -11,13 +11,12 @@ import numpy as np
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
-
-from .plan import AntennaShot, BoardShot
-from .render.antenna import DepthOfObstacle, Tube, tube, tube_patch, visible_centreline
-from .render.board import Sheet, board_patch
-from .render.object import object_patch, obstacle, pressed_in
-from .render.picture import LAMP_WORLD, ImagePatch, Studio, digitise, expose, surroundings
-from .scene.scene import Joints, OverSpec, SceneSpec, true_rod
+from vbaa_calib.simulate.plan import AntennaShot, BoardShot
+from vbaa_calib.simulate.render.antenna import DepthOfObstacle, Tube, tube, tube_patch
+from vbaa_calib.simulate.render.board import Sheet, board_patch
+from vbaa_calib.simulate.render.object import object_patch, obstacle, pressed_in
+from vbaa_calib.simulate.render.picture import LAMP_WORLD, ImagePatch, Studio, digitise, expose, surroundings
+from vbaa_calib.simulate.scene.scene import Joints, OverSpec, SceneSpec, true_rod
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +95,6 @@ def seen_antenna(scene: SceneSpec, shot: AntennaShot) -> Tube:
     """The antenna of this shot in the camera's picture."""
     antenna = wires_of(scene, shot.arclength_m, shot.points_m)[0]
     return antenna.seen(scene, scene.T_world_camera(shot.joints).rotation.T @ LAMP_WORLD)
-
-
-def seen_centreline(scene: SceneSpec, place: Studio, shot: AntennaShot) -> np.ndarray:
-    """(M, 4) pixels and unit normals of the antenna's centreline where this shot shows it, about one per pixel."""
-    return visible_centreline(scene.lens, seen_antenna(scene, shot), obstacle_of(scene, place, shot))
 
 
 def obstacle_of(scene: SceneSpec, place: Studio, shot: AntennaShot) -> DepthOfObstacle | None:

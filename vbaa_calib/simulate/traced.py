@@ -1,7 +1,7 @@
 """Path-traced pictures of a plan by mitsuba 3: bench, clutter, lights, board, object and antenna.
 
 Mitsuba renders a larger and finer pinhole or thin-lens picture, which is resampled through our lens. It works in
-millimetres about the rig, whose bench is z = 0: its ray offsets grow with the coordinates.
+millimetres about the rig (the bench is z = 0): its ray offsets grow with the coordinates.
 """
 
 from __future__ import annotations

@@ -21,18 +21,17 @@ from vbaa_calib.core.files import refuse_folder_of, write_json
 from vbaa_calib.core.folders import replacing_folder
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import SCHEMA
-
-from .joint_paths import sweep_of_the_board
-from .plan import AntennaShot, BoardShot, Plan, plan, stream
-from .render.antenna import tube_patch, visible
-from .render.board import Sheet, outline, print_sheet
-from .render.picture import Studio, studio
-from .scene.lens import project
-from .scene.scene import SceneSpec
-from .shots import free_wires, obstacle_of, render_over, render_shot, seen_antenna, seen_centreline
+from vbaa_calib.simulate.joint_paths import sweep_of_the_board
+from vbaa_calib.simulate.plan import AntennaShot, BoardShot, Plan, plan, stream
+from vbaa_calib.simulate.render.antenna import tube_patch, visible, visible_centreline
+from vbaa_calib.simulate.render.board import Sheet, outline, print_sheet
+from vbaa_calib.simulate.render.picture import Studio, studio
+from vbaa_calib.simulate.scene.lens import project
+from vbaa_calib.simulate.scene.scene import SceneSpec
+from vbaa_calib.simulate.shots import free_wires, obstacle_of, render_over, render_shot, seen_antenna
 
 if TYPE_CHECKING:
-    from .traced import TracedPictures
+    from vbaa_calib.simulate.traced import TracedPictures
 
 
 def _antenna_mask(scene: SceneSpec, place: Studio, shot: AntennaShot) -> np.ndarray:
@@ -122,7 +121,7 @@ def write_session(
     place, sheet = studio(scene.lens, scene.picture, stream(scene, "bench")), print_sheet(scene.board)
     photographer = None
     if traced:
-        from .traced import TracedPictures
+        from vbaa_calib.simulate.traced import TracedPictures
 
         photographer = TracedPictures(scene, place, sheet, stream(scene, "bench"))
     take = photographer.shot if photographer else _drawn_pictures(scene, place, sheet)
@@ -272,7 +271,7 @@ def _centrelines(scene: SceneSpec, place: Studio, planned: Plan) -> Iterator[dic
     at = list(scene.cameras).index(scene.camera) if scene.cameras else 0
     std_px = 0.1
     for row, shot in zip(frames, own, strict=True):
-        points = seen_centreline(scene, place, shot)
+        points = _seen_centreline(scene, place, shot)
         noise = stream(scene, "centrelines", int(row["frame"]) + at * len(frames)).standard_normal(len(points))
         for u, v in points[:, :2] + std_px * noise[:, None] * points[:, 2:]:
             pixel = {"u_px": round(float(u), 4), "v_px": round(float(v), 4)}
@@ -312,3 +311,8 @@ def _session_yaml(scene: SceneSpec) -> str:
         "load_readings": {"distance_std_m": 0.0, "force_std_relative": 0.0},
     }
     return yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110)
+
+
+def _seen_centreline(scene: SceneSpec, place: Studio, shot: AntennaShot) -> np.ndarray:
+    """(M, 4) pixels and unit normals of the antenna's centreline where this shot shows it, about one per pixel."""
+    return visible_centreline(scene.lens, seen_antenna(scene, shot), obstacle_of(scene, place, shot))

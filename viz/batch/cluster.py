@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 from vbaa_calib.core.errors import InputError, VbaaError, clipped, require_extra
 from vbaa_calib.core.files import require_file
 from vbaa_calib.core.threads import cores
-
-from . import work
-from .recordings import BatchRecording
-from .results import Results
-from .work import BatchSettings, Outcome
+from viz.batch import work
+from viz.batch.recordings import BatchRecording
+from viz.batch.results import Results
+from viz.batch.work import BatchSettings, Outcome
 
 if TYPE_CHECKING:
     from distributed import Client, Future, Security
@@ -209,17 +207,3 @@ def _workers(client: Client) -> list[str]:
         return list(client.nthreads())
     except Exception as error:
         raise Lost(_LOST) from error
-
-
-def with_progress(outcomes: Iterable[Outcome], count: int) -> Iterator[tuple[Outcome, str]]:
-    """Recordings as they end, each with a line: how many are done of all, frames a second, time left."""
-    begun, frames = time.monotonic(), 0
-    for done, outcome in enumerate(outcomes, 1):
-        seconds = time.monotonic() - begun
-        frames += int(outcome.row["frames"]) if outcome.state == "done" else 0
-        rate = f", {frames / seconds:.0f} frames/s" if frames else ""
-        counts = f"{outcome.row['frames']} frames, {outcome.row['ok']} ok" if outcome.state != "failed" else ""
-        what = {"done": counts, "unchanged": f"unchanged ({counts})"}.get(
-            outcome.state, str(outcome.row.get("sentence"))
-        )
-        yield outcome, f"[{done}/{count}{rate}, {(count - done) * seconds / done:.0f} s left] {outcome.name}: {what}"

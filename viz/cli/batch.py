@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import streams
-from .estimate import add_estimator_options
+from viz.batch.work import Outcome
+from viz.cli import streams
+from viz.cli.estimate import add_estimator_options
 
 if TYPE_CHECKING:
     from viz.batch.cluster import Where
@@ -54,7 +57,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import require_file
-    from viz.batch.cluster import Lost, client_of, run, with_progress
+    from viz.batch.cluster import Lost, client_of, run
     from viz.batch.recordings import recordings_of
     from viz.batch.results import Results
     from viz.batch.work import BatchSettings
@@ -91,7 +94,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
             with client_of(where) as client:
                 say(f"{len(recordings)} recording{'s' * (len(recordings) != 1)} on {_described(client, where)}")
                 ended = run(client, recordings, settings, results)
-                for outcome, line in with_progress(ended, len(recordings)):
+                for outcome, line in _with_progress(ended, len(recordings)):
                     say(line)
                     outcomes.append(outcome)
         except Lost as error:
@@ -209,3 +212,24 @@ def _described(client: Any, where: Where) -> str:
     kernels = f" of {where.threads} threads" if where.threads > 1 else ""
     dashboard = f"; dashboard: {client.dashboard_link}" if where.address and find_spec("bokeh") else ""
     return f"{len(workers)} workers{kernels}{each}{dashboard}"
+
+
+def _changed_options(args: argparse.Namespace) -> list[str]:
+    """The options about streams that are not as by default."""
+    usual = {"clock_offset": "0", "gap": 0.1, "wait": 0.25, "moment_axis": "y", "pan_joint": "", "tilt_joint": ""}
+    usual |= {"topic": [], "pan": None, "tilt": None, "degrees": False, "together": 0.01}
+    return ["--" + name.replace("_", "-") for name, value in usual.items() if getattr(args, name) != value]
+
+
+def _with_progress(outcomes: Iterable[Outcome], count: int) -> Iterator[tuple[Outcome, str]]:
+    """Recordings as they end, each with a line: how many are done of all, frames a second, time left."""
+    begun, frames = time.monotonic(), 0
+    for done, outcome in enumerate(outcomes, 1):
+        seconds = time.monotonic() - begun
+        frames += int(outcome.row["frames"]) if outcome.state == "done" else 0
+        rate = f", {frames / seconds:.0f} frames/s" if frames else ""
+        counts = f"{outcome.row['frames']} frames, {outcome.row['ok']} ok" if outcome.state != "failed" else ""
+        what = {"done": counts, "unchanged": f"unchanged ({counts})"}.get(
+            outcome.state, str(outcome.row.get("sentence"))
+        )
+        yield outcome, f"[{done}/{count}{rate}, {(count - done) * seconds / done:.0f} s left] {outcome.name}: {what}"

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import re
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from vbaa_calib.cli.lens_file import add_lens_file, wanted_of
 from vbaa_calib.core.console import say
@@ -14,8 +19,8 @@ from vbaa_calib.core.csv_rows import read_csv
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.files import read_json, refuse_overwrite, sha256, write_json, write_text
 from vbaa_calib.core.folders import make_folder
-
-from .intrinsics import MODELS
+from vbaa_calib.rig.over_time import OverTime
+from viz.cli.intrinsics import MODELS
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -89,7 +94,7 @@ def _one(args: argparse.Namespace) -> dict[str, Any]:
 def _over_time(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) -> dict[str, Any]:
     from vbaa_calib.rig import Rig
     from vbaa_calib.rig.over_time import over_time
-    from viz.report.over_time import page, table_csv, words
+    from viz.report.over_time import page, words
 
     root = args.output
     if root.suffix == ".json" or (root.exists() and not root.is_dir()):
@@ -118,7 +123,7 @@ def _over_time(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) 
     found = over_time(rigs, days)
     dates = [f"{date:%Y-%m-%d %H:%M}" for (date, _), name in zip(sessions, names, strict=True) if name not in failed]
     lines = [*words(found), *wrong, *(f"{name} was left out: {why}" for name, why in failed.items())]
-    write_text(root / "over_time.csv", table_csv(found, dates))
+    write_text(root / "over_time.csv", _table_csv(found, dates))
     write_text(root / "over_time.html", page(str(root), found, dates, lines))
     for line in lines:
         say(line)
@@ -174,3 +179,17 @@ def _dated(known: list[Path]) -> list[tuple[datetime, Path]]:
             remedy = "put its date into its name (2026-11-24), or give a CSV with the columns session and date"
             raise InputError("its date is not known", where=path, remedy=remedy) from None
     return sorted(found, key=lambda each: each[0])
+
+
+def _table_csv(found: OverTime, dates: Sequence[str]) -> str:
+    """A row for each parameter and calibration: how far it is from what it was at first."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["parameter", "date", "days", "change", "std", "deviations_from_mean"])
+    for column, name in enumerate(found.names):
+        for row, date in enumerate(dates):
+            value, std = found.values[row, column], found.std[row, column]
+            off = (value - found.mean[column]) / std if std > 0.0 else np.nan
+            cells = (found.days[row], value, std, off)
+            writer.writerow([name, date, *(f"{cell:.9g}" if np.isfinite(cell) else "" for cell in cells)])
+    return text.getvalue()

@@ -115,13 +115,6 @@ def configure(parser: argparse.ArgumentParser, *, readings: bool = True) -> None
 ESTIMATE = "estimate"
 
 
-def changed_options(args: argparse.Namespace) -> list[str]:
-    """The options about streams that are not as by default."""
-    usual = {"clock_offset": "0", "gap": 0.1, "wait": 0.25, "moment_axis": "y", "pan_joint": "", "tilt_joint": ""}
-    usual |= {"topic": [], "pan": None, "tilt": None, "degrees": False, "together": 0.01}
-    return ["--" + name.replace("_", "-") for name, value in usual.items() if getattr(args, name) != value]
-
-
 def options_of(args: argparse.Namespace) -> StreamOptions:
     """How bags and videos are read. Raises InputError as `timing_of` and `_topics_of` do."""
     from estimator.contact.source import StreamOptions

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 
 import numpy as np
@@ -30,20 +28,6 @@ def words(found: OverTime) -> list[str]:
     if len(found.days) < FEWEST_FOR_TREND:
         lines.append(f"fewer than {FEWEST_FOR_TREND} calibrations show no trend")
     return lines or [f"all {len(found.names)} parameters stay within their deviations"]
-
-
-def table_csv(found: OverTime, dates: Sequence[str]) -> str:
-    """A row for each parameter and calibration: how far it is from what it was at first."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["parameter", "date", "days", "change", "std", "deviations_from_mean"])
-    for column, name in enumerate(found.names):
-        for row, date in enumerate(dates):
-            value, std = found.values[row, column], found.std[row, column]
-            off = (value - found.mean[column]) / std if std > 0.0 else np.nan
-            cells = (found.days[row], value, std, off)
-            writer.writerow([name, date, *(f"{cell:.9g}" if np.isfinite(cell) else "" for cell in cells)])
-    return text.getvalue()
 
 
 def page(title: str, found: OverTime, dates: Sequence[str], lines: Sequence[str]) -> str:

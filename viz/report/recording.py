@@ -16,10 +16,9 @@ from viz.figures.contacts import contact_maps, forces_across, friction_cone, ind
 from viz.figures.settings import STYLE
 from viz.figures.time import TimeAxis, curve, lanes, signals, with_framewise
 from viz.pages.page import Table, fixed, render, with_std
+from viz.report.words import frame_facts, headline
 from viz.scene.readable import thinned
 from viz.scene.scene import Fact
-
-from .words import first_facts, frame_facts, headline
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
@@ -125,7 +124,7 @@ def page(report: Report) -> str:
         title=report.title,
         headline=verdict,
         colour=colour,
-        facts=first_facts(table, [*frame_facts(table, report.rig), *_refined_fact(report), *report.facts]),
+        facts=_first_facts(table, [*frame_facts(table, report.rig), *_refined_fact(report), *report.facts]),
         pictures=report.pictures,
         times=_over_time(report),
         crowded=len(table) > STYLE.most_dots,
@@ -319,3 +318,14 @@ def _report_unit(column: str) -> tuple[str, float]:
 def _dotted(colour: str, name: str) -> Markup:
     """A name behind a dot of its colour."""
     return Markup('<i class="dot" style="background:{}"></i>{}').format(colour, name)
+
+
+def _first_facts(table: ContactTable, facts: Sequence[Fact]) -> list[Fact]:
+    """All facts, behind those that one asks for first: whether to trust it, and why not, and what was touched."""
+    doubts = [fact.label for fact in facts if fact.kind == "look"]
+    named = f": see {', '.join(doubts)} below" if doubts else ""
+    words = f"Look first{named}." if doubts else "No frame was lost, and no check of these frames failed."
+    if not table.located.any():
+        words = f"No contact to trust or doubt{named}."
+    first = sorted(facts, key=lambda fact: fact.label not in ("Verdict", "Shape"))
+    return [Fact("Trust", words, "look" if doubts else ""), *first]

@@ -66,17 +66,6 @@ def _facts_of(estimate: ObjectEstimate) -> tuple[Fact, ...]:
     return _event_fact(estimate.track), *object_facts(estimate), shape
 
 
-def first_facts(table: ContactTable, facts: Sequence[Fact]) -> list[Fact]:
-    """All facts, behind those that one asks for first: whether to trust it, and why not, and what was touched."""
-    doubts = [fact.label for fact in facts if fact.kind == "look"]
-    named = f": see {', '.join(doubts)} below" if doubts else ""
-    words = f"Look first{named}." if doubts else "No frame was lost, and no check of these frames failed."
-    if not table.located.any():
-        words = f"No contact to trust or doubt{named}."
-    first = sorted(facts, key=lambda fact: fact.label not in ("Verdict", "Shape"))
-    return [Fact("Trust", words, "look" if doubts else ""), *first]
-
-
 def _contacts(count: int) -> str:
     return f"{count} contact{'s' * (count != 1)}"
 

@@ -10,12 +10,11 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
+from estimator.object.surface.patches import LocalTouches, Patch, curve, facing, group, height_field
 from estimator.object.surface.settings import SurfaceSettings
+from estimator.object.surface.solution import PatchModel, ShapeSolution, SmoothnessPrior, learn_prior, solve
+from estimator.object.surface.touches import Touches
 from vbaa_calib.geometry.independent_axes import largest_std
-
-from .patches import LocalTouches, Patch, curve, facing, group, height_field, tangent_frame
-from .solution import PatchModel, ShapeSolution, SmoothnessPrior, learn_prior, solve
-from .touches import Touches
 
 _Turned = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Normals (N, 3) of a patch's touches in its frame, (N, 3, 2) how slopes turn them, own covariance (N, 3, 3)."""
@@ -98,7 +97,7 @@ def begin(touches: Touches, antenna_radius_m: np.ndarray | float) -> tuple[tuple
     slope, patches = np.zeros((count, 2)), []
     for members in group(points, normal):
         clear = members[~vague[members]] if not vague[members].all() else members
-        patch = Patch(members, *tangent_frame(points[clear], normal[clear], touches.own_m2[clear]))
+        patch = Patch(members, *_tangent_frame(points[clear], normal[clear], touches.own_m2[clear]))
         patches.append(patch)
         if patch.wide:
             local = normal[members] @ patch.frame.T
@@ -359,3 +358,30 @@ def _tangent_variance(seen: LocalTouches, normal: np.ndarray) -> np.ndarray:
     """(N,) rad², of the tangent's turn towards the normal."""
     common = np.einsum("ni,nis->ns", normal, seen.tangent_modes)
     return SurfaceSettings.tangent_std_rad**2 + np.sum(common**2, axis=1)
+
+
+def _tangent_frame(
+    points_m: np.ndarray, normals: np.ndarray, own_m2: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Centre (3,) of a patch; rows (3, 3) its long direction, its short one, its mean normal; whether it is an area.
+    Points (N, 3) are weighted by their own scatter (N, 3, 3), which is taken off."""
+    up = normals.sum(axis=0)
+    up = up / np.linalg.norm(up)
+    first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    first = first / np.linalg.norm(first)
+    plane = np.stack([first, np.cross(up, first)])
+    own = plane @ own_m2 @ plane.T
+    variance = np.trace(own, axis1=1, axis2=2)
+    weight = 1.0 / (variance + max(float(np.median(variance)), 1e-16))
+    weight = weight / weight.sum()
+    center = weight @ points_m
+    flat = (points_m - center) @ plane.T
+    spread, noise = np.einsum("n,ni,nj->ij", weight, flat, flat), np.einsum("n,nij->ij", weight, own)
+    axes = np.linalg.eigh(spread - noise)[1].T[::-1]
+    (length, width), scatter = np.einsum("ai,ij,aj->a", axes, spread, axes), float(axes[1] @ noise @ axes[1])
+    wide = (
+        width > max(SurfaceSettings.resolved**2 * scatter, SurfaceSettings.narrow**2 * length, 1e-18)
+        and len(points_m) >= SurfaceSettings.fewest_touches
+    )
+    along = axes[0] @ plane
+    return center, np.stack([along, np.cross(up, along), up]), bool(wide)

@@ -13,8 +13,7 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
 from estimator.object.surface.settings import SurfaceSettings
-
-from .solution import Functionals, ShapeEquations, concatenate, slopes_at, values_at
+from estimator.object.surface.solution import Functionals, ShapeEquations, concatenate, values_at
 
 
 def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np.ndarray:
@@ -63,31 +62,6 @@ def _facing_alike(members: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
     return [part for side in (0, 1) for part in _facing_alike(members[half == side], normals)]
 
 
-def tangent_frame(points_m: np.ndarray, normals: np.ndarray, own_m2: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Centre (3,) of a patch; rows (3, 3) its long direction, its short one, its mean normal; whether it is an area.
-    Points (N, 3) are weighted by their own scatter (N, 3, 3), which is taken off."""
-    up = normals.sum(axis=0)
-    up = up / np.linalg.norm(up)
-    first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    first = first / np.linalg.norm(first)
-    plane = np.stack([first, np.cross(up, first)])
-    own = plane @ own_m2 @ plane.T
-    variance = np.trace(own, axis1=1, axis2=2)
-    weight = 1.0 / (variance + max(float(np.median(variance)), 1e-16))
-    weight = weight / weight.sum()
-    center = weight @ points_m
-    flat = (points_m - center) @ plane.T
-    spread, noise = np.einsum("n,ni,nj->ij", weight, flat, flat), np.einsum("n,nij->ij", weight, own)
-    axes = np.linalg.eigh(spread - noise)[1].T[::-1]
-    (length, width), scatter = np.einsum("ai,ij,aj->a", axes, spread, axes), float(axes[1] @ noise @ axes[1])
-    wide = (
-        width > max(SurfaceSettings.resolved**2 * scatter, SurfaceSettings.narrow**2 * length, 1e-18)
-        and len(points_m) >= SurfaceSettings.fewest_touches
-    )
-    along = axes[0] @ plane
-    return center, np.stack([along, np.cross(up, along), up]), bool(wide)
-
-
 @dataclass(frozen=True, eq=False)
 class Patch:
     """Touches that hang together, as a height field or a curve."""
@@ -105,7 +79,7 @@ class Patch:
     def slope_rows(self, x: np.ndarray) -> Functionals:
         """Views of the slopes at places (N, D): ∂h/∂u of all, then ∂h/∂v; of a curve dv/du, then dh/du."""
         sides = np.eye(2)[:, None] if self.wide else np.eye(2)[:, :, None]
-        return concatenate(*(slopes_at(x, side) for side in sides))
+        return concatenate(*(_slopes_at(x, side) for side in sides))
 
     def value_rows(self, x: np.ndarray) -> Functionals:
         """Functionals of the shape's values at places: heights over (N, 2), or v and then h of a curve over (N, 1)."""
@@ -144,7 +118,7 @@ def height_field(seen: LocalTouches) -> ShapeEquations:
     turn = np.zeros((len(directed), 3))
     turn[:, :2] = -np.einsum("ni,nij->nj", tangent[:, :2], seen.bend_per_m[directed])
     tangents_own = _project(tilt, seen.tangent_modes[directed])
-    points, slopes = seen.point_m[:, :2], slopes_at(seen.point_m[directed, :2], tangent[:, None, :2])
+    points, slopes = seen.point_m[:, :2], _slopes_at(seen.point_m[directed, :2], tangent[:, None, :2])
     noise = _noise(
         [up, turn],
         [np.arange(count), directed],
@@ -212,3 +186,9 @@ def _noise(sides: list[np.ndarray], owners: list[np.ndarray], own_m2: np.ndarray
         if a != b:
             result[starts[b] + there, starts[a] + here] += own
     return result
+
+
+def _slopes_at(x: np.ndarray, slope: np.ndarray) -> Functionals:
+    """Sums of the functions' slopes at places (N, D) along directions (N, C, D), which need not have length 1."""
+    slope = np.ascontiguousarray(np.broadcast_to(slope, (len(x), *np.shape(slope)[-2:])))
+    return Functionals(np.ascontiguousarray(x), np.zeros(slope.shape[:2]), slope)

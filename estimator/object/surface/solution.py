@@ -60,12 +60,6 @@ def values_at(x: np.ndarray, value: np.ndarray) -> Functionals:
     return Functionals(np.ascontiguousarray(x), value, np.zeros((*value.shape, x.shape[1])))
 
 
-def slopes_at(x: np.ndarray, slope: np.ndarray) -> Functionals:
-    """Sums of the functions' slopes at places (N, D) along directions (N, C, D), which need not have length 1."""
-    slope = np.ascontiguousarray(np.broadcast_to(slope, (len(x), *np.shape(slope)[-2:])))
-    return Functionals(np.ascontiguousarray(x), np.zeros(slope.shape[:2]), slope)
-
-
 def concatenate(*parts: Functionals) -> Functionals:
     """One after the other."""
     return Functionals(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))

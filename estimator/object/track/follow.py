@@ -20,13 +20,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.contact.motion import Beam
-from estimator.table.contacts import LOCATED, ContactTable
-from vbaa_calib.core.robust import NORMAL_QUARTILE
-from vbaa_calib.geometry import Kinematics
-from vbaa_calib.geometry.independent_axes import largest_std
-from vbaa_calib.rig import Rig
-
-from .onset import (
+from estimator.object.track.onset import (
     ContactChange,
     ContactStates,
     Event,
@@ -34,8 +28,12 @@ from .onset import (
     TrackSettings,
     baseline_candidates,
     contact_states,
-    median_step,
 )
+from estimator.table.contacts import LOCATED, ContactTable
+from vbaa_calib.core.robust import NORMAL_QUARTILE
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.geometry.independent_axes import largest_std
+from vbaa_calib.rig import Rig
 
 
 def _ringing_frames(table: ContactTable) -> np.ndarray:
@@ -52,7 +50,7 @@ def _ringing_frames(table: ContactTable) -> np.ndarray:
 def _ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) -> tuple[Event, ...]:
     """One for each run of swinging frames."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], ringing, [False]]).astype(int)))
-    step = median_step(table.time_s)
+    step = _median_step(table.time_s)
     std = step / np.sqrt(12.0) if np.isfinite(step) else np.nan
     # a frame without a time stands where the one before it does
     clock = np.nan_to_num(np.fmax.accumulate(table.time_s), nan=-np.inf)
@@ -437,7 +435,7 @@ def runs(table: ContactTable, rows: np.ndarray, free: np.ndarray, breaks_s: np.n
     time = table.time_s[rows]
     steps = np.diff(time)
     ends = (
-        (steps > TrackSettings.gap_frames * median_step(table.time_s))
+        (steps > TrackSettings.gap_frames * _median_step(table.time_s))
         | (np.diff(np.cumsum(free)[rows]) > 0)
         | ~(steps > 0.0)
     )
@@ -593,3 +591,10 @@ def _tilted_axes(
         turn = inclination * TrackSettings.friction_rad**2 / (TrackSettings.friction_rad**2 + variance)
     turn = np.where(np.abs(inclination) < TrackSettings.inclined_rad, turn, 0.0)[:, None]
     return np.cos(turn) * across + np.sin(turn) * upward, np.cos(turn) * upward - np.sin(turn) * across
+
+
+def _median_step(time_s: np.ndarray) -> float:
+    """Median time from frame to frame; infinite where there is none."""
+    steps = np.diff(time_s[np.isfinite(time_s)])
+    steps = steps[steps > 0.0]
+    return float(np.median(steps)) if len(steps) else np.inf

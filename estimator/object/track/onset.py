@@ -226,10 +226,3 @@ def _exceeds(late: np.ndarray, base: np.ndarray, deviations: float) -> bool:
 @lru_cache(maxsize=TrackSettings.baseline_frames)
 def _threshold(freedom: int) -> float:
     return -float(stdtrit(freedom, TrackSettings.false_alarm))
-
-
-def median_step(time_s: np.ndarray) -> float:
-    """Median time from frame to frame; infinite where there is none."""
-    steps = np.diff(time_s[np.isfinite(time_s)])
-    steps = steps[steps > 0.0]
-    return float(np.median(steps)) if len(steps) else np.inf

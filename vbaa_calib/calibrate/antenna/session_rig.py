@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from vbaa_calib.antenna.shape import bend
-from vbaa_calib.antenna.taper import thinned_profiles
+from vbaa_calib.antenna.taper import Profile
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
+from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
+from vbaa_calib.calibrate.antenna.learnt_paint import learn
+from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET
+from vbaa_calib.calibrate.antenna.residual_checks import check
+from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.calibrate.pose.board_pose import require_size
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate, fused
 from vbaa_calib.camera import Camera
@@ -36,13 +43,6 @@ from vbaa_calib.session import (
     read_loads,
     read_noload,
 )
-
-from .bundle_adjustment import BundleAdjustment, adjust_bundle
-from .inputs import EXACT, Observation, Prior
-from .learnt_paint import learn
-from .problem import ANTENNA, GAIN, OFFSET
-from .residual_checks import check
-from .settings import AntennaSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -367,7 +367,7 @@ def make_rig(
             session.antenna.length_m,
             session.antenna.diameter_m,
             joint.parameters[ANTENNA],
-            *thinned_profiles(session.antenna, joint.log_tip),
+            *_thinned_profiles(session.antenna, joint.log_tip),
         ),
         moment_sensor=sensor,
         kinematics=kinematics,
@@ -385,3 +385,13 @@ def make_rig(
         drift=session.possible_drift,
         tip=joint.tip,
     )
+
+
+def _thinned_profiles(antenna: Any, log_tip: float) -> tuple[Profile | None, Profile | None]:
+    """The profiles of an antenna in session.yaml with the tip's diameter changed as `Taper.thinned` does."""
+
+    def changed(rows: Profile | None, power: float) -> Profile | None:
+        by_m = power * log_tip / antenna.length_m
+        return None if rows is None else tuple((s, value * float(np.exp(by_m * s))) for s, value in rows)
+
+    return changed(antenna.profile, 1.0), changed(antenna.stiffness_profile, 4.0)
