@@ -1,4 +1,4 @@
-"""The lens from views of a board, without those that contradict the others, and judged by what the views show."""
+"""The lens from views of a board: views that contradict the others are removed, and the set of views is diagnosed."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def solve_lens(
     min_corners: int = LensSettings.min_corners,
     square_pixels: bool = False,
 ) -> LensSolution:
-    """`solve_intrinsics` without the views that contradict the others, if they are few, and `view_set_diagnoses` in its
-    verdict; views : in the order of capture.
+    """`solve_intrinsics` without the views that contradict the others, provided they are few; its verdict includes
+    `view_set_diagnoses`. views : in the order of capture.
 
     A view contradicts the others where its corners miss the lens by far more than theirs, or its own focal length or
     centre differs. None is left out so where many contradict, or where the first or the last of them agree on another
@@ -74,7 +74,7 @@ def solve_lens(
 
 
 def _unused(usable: Sequence[BoardView], solution: LensSolution) -> list[str]:
-    """Names of the usable views that took no part in a solution."""
+    """Names of usable views that a solution does not use."""
     used = {view.name for view in solution.views}
     return [view.name for view in usable if view.name not in used]
 
@@ -82,7 +82,7 @@ def _unused(usable: Sequence[BoardView], solution: LensSolution) -> list[str]:
 def _outlier_view(
     views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints, rules: LensSettings
 ) -> DroppedView | None:
-    """The view that contradicts the others most, and how; None without one, or where views share names."""
+    """The view that contradicts the others most, with the diagnosis; None without one, or where views share names."""
     if len({view.name for view in views}) < len(views):
         return None
     # a pose takes up the errors of three corners
@@ -111,7 +111,7 @@ def _outlier_view(
 def _bending_view(
     views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints, rules: LensSettings
 ) -> DroppedView | None:
-    """The one of a few contradicting views without which the others agree far better, if there is one alone."""
+    """The single view, among a few contradicting ones, without which the others agree far better; None otherwise."""
     scattered = any(one.name == "views_scatter" for one in solution.verdict.diagnoses)
     if not scattered or len(solution.views) > rules.solved_without:
         return None
@@ -140,8 +140,8 @@ def _changed_at_an_end(
     spec: Board | BoardPoints,
     rules: LensSettings,
 ) -> Diagnosis | None:
-    """Whether the first or the last views, two at least, contradict the others and fit the lens at another focal length
-    and centre: so large a change that a robust fit does without them."""
+    """Whether the first or the last views (two or more) contradict the others but fit the lens with another focal
+    length and principal point: a change of the lens so large that the robust fit drops them."""
     out = [view.name in contradicting for view in usable]
     first, last = (out.index(False), out[::-1].index(False)) if not all(out) else (0, 0)
     model, count = LENS_MODELS[solution.model], len(usable)

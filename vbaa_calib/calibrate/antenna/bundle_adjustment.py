@@ -36,14 +36,16 @@ from .settings import AntennaSettings
 
 
 def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, standstill: float) -> Linearised:
-    """Minimises the robust cost from a start. evaluated : what `Problem.evaluate` gives at the start."""
+    """Minimises the robust cost from a start, moved within the bounds. evaluated : the result of `Problem.evaluate`
+    at the start."""
     if (start <= problem.upper).all():
         return _minimised(problem, Linearised(start, *problem.residuals(start, evaluated), problem.certain), standstill)
     return _minimised(problem, problem.linearised(np.minimum(start, problem.upper)), standstill)
 
 
 def _minimised(problem: Problem | _Cameras, first: Linearised, standstill: float) -> Linearised:
-    """Minimises the robust cost from a start."""
+    """Minimises the robust cost from its linearisation at a start. standstill : the largest step, in standard
+    deviations, at which it has converged."""
 
     def evaluate(parameters: np.ndarray) -> Linearised | None:
         try:
@@ -62,10 +64,10 @@ def _minimised(problem: Problem | _Cameras, first: Linearised, standstill: float
 def _fitting(
     problem: Problem, solution: Linearised, distances: Sequence[np.ndarray], kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which static frames fit (F,), and the rms of each one's points, in scaled standard deviations (F,), by a
-    solution of the kept ones. A frame is judged with its own readings free, those that no other kept frame has: nothing
-    else determines their errors; the rest moves within its uncertainty.
-    """
+    """Inlier mask (F,) of the static frames, and the rms residual (F,) of each one's points in scaled standard
+    deviations, by a solution from the kept frames. Each frame is tested with its own readings free where no other
+    kept frame shares them, because nothing else determines their errors; the other parameters vary within their
+    covariance."""
     groups, readings = problem.groups, problem.lens.stop
     rms, needed, root = np.empty(len(distances)), np.zeros(len(distances)), solution.covariance_root()
     for index, block in enumerate(distances):
@@ -88,9 +90,8 @@ def _fitting(
 def _frame_disagreements(
     problem: Problem, solution: Linearised, distances: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """χ² and degrees of freedom (F,) of the disagreement of each static frame with the rest, by line and moment; none
-    of those left out. distances : see `Problem.evaluate`.
-    """
+    """χ² and degrees of freedom, both (F,), of each static frame's disagreement with the others, by line and moment;
+    0 for excluded frames. distances : see `Problem.evaluate`."""
     kept = np.flatnonzero(problem.kept)
     bounds = np.cumsum([0, *(len(distances[index]) for index in kept.tolist())])
     rows = [np.append(np.arange(*ends), bounds[-1] + n) for n, ends in enumerate(pairwise(bounds))]
@@ -100,8 +101,8 @@ def _frame_disagreements(
 
 
 def _disagreements(solution: Linearised, rows: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """χ² and degrees of freedom (G,) of the disagreement of groups of a solution's residuals, by their rows, with all
-    the rest."""
+    """χ² and degrees of freedom, both (G,), of the disagreement between each group of residuals (by its rows) and all
+    other residuals of a solution."""
     jacobian, residuals = (solution.jacobian.T * solution.weights).T, solution.residuals * solution.weights
     total, beforehand = jacobian.T @ jacobian, jacobian[len(jacobian) - solution.certain :]
     # in units of what is known beforehand
@@ -113,24 +114,26 @@ def _disagreements(solution: Linearised, rows: Sequence[np.ndarray]) -> tuple[np
 
 
 def _scatter_of(square: np.ndarray, freedom: np.ndarray) -> float:
-    """Ratio, at least 1, of frames' disagreements to what their noise explains."""
+    """Scale factor, at least 1, by which the frames' disagreements exceed what noise explains: the root of the total
+    χ² over its degrees of freedom and `CHANCE_SCATTER`."""
     return float(np.sqrt(max(square.sum() / max(freedom.sum(), 1.0) / CHANCE_SCATTER, 1.0)))
 
 
 def _widened(problem: Problem) -> Problem:
-    """The problem for the covariance: pictures that say no more than one of them count as one."""
+    """The problem for the covariance: a group of correlated pictures counts as one picture."""
     alike = _alike([one for one, fits in zip(problem.observations, problem.kept, strict=True) if fits])
     return problem if alike == 1.0 else replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike)))
 
 
 def _scattered(final: Linearised, scatter: float) -> Linearised:
-    """With the measured residuals' deviations so many times larger; priors stay."""
+    """The linearised problem with the measured residuals' standard deviations multiplied by `scatter`; priors
+    unchanged."""
     trust = np.where(np.arange(len(final.residuals)) < len(final.residuals) - final.certain, 1.0 / scatter, 1.0)
     return replace(final, residuals=trust * final.residuals, jacobian=trust[:, None] * final.jacobian)
 
 
 def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Masks (N,) of each line's points outside disturbed stretches, by their residuals (N,)."""
+    """Masks (N,) of the points of each line that lie outside disturbed stretches, from their residuals (N,)."""
     means = list[np.ndarray]()
     for off in residuals:
         basis, weights = (
@@ -160,7 +163,7 @@ def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def _without_disturbed(problem: Problem, parameters: np.ndarray, evaluated: Evaluation) -> Problem:
-    """The same problem without the stretches of lines that something disturbs."""
+    """The problem without the disturbed stretches of its lines (a reflection, a crossing cable)."""
     observations = list(problem.observations)
     undisturbed = _undisturbed([block[:, 0] / problem.noise_scale for block in evaluated.points])
     for index, (one, good) in enumerate(zip(problem.observations, undisturbed, strict=True)):
@@ -210,25 +213,26 @@ class BundleAdjustment:
 
     @property
     def noise_scale(self) -> float:
-        """Scatter of the centreline points about the model over what their own deviations predict."""
+        """Ratio of the centreline points' scatter about the model to their stated standard deviations."""
         return self.problem.noise_scale
 
     @property
     def kept(self) -> np.ndarray:
-        """(F,) whether the observation took part; others lie far off what the rest agree on."""
+        """(F,) mask of the static frames that were used; the others are outliers."""
         return self.problem.kept
 
     @property
     def alike(self) -> float:
-        """How many pictures of a kind, with a load or without, say no more than one of them."""
+        """Number of correlated pictures of a kind (with a load, without) that carry the information of one."""
         kept = [one for one, fits in zip(self.noted, self.kept, strict=True) if fits]
         return _alike(kept)
 
     @staticmethod
     def together(cameras: Mapping[str, BundleAdjustment]) -> dict[str, BundleAdjustment]:
-        """Solve several cameras' poses and lenses with antenna, loads and sensors in one problem, from each one's own
-        adjustment by the same static frames, by name: pose, lens, antenna, sensors and tip of each as the common
-        solution has them, with its covariance. What each left out, and how its frames fit, stays.
+        """Solve several cameras in one problem that shares antenna, loads and sensors. Starts from each camera's own
+        adjustment (by name, of the same static frames); returns one `BundleAdjustment` a camera with its pose and
+        lens and the common antenna, sensors and tip, with their covariance. Outliers and fit statistics are those of
+        the separate adjustments.
 
         Raises
         ------
@@ -238,21 +242,21 @@ class BundleAdjustment:
         return _together(cameras)
 
     def forecast(self, rows: np.ndarray) -> np.ndarray:
-        """(17 + P, 17 + P) `covariance` with further observations of slopes `rows` (N, size) by all parameters, in
-        units of their standard deviations."""
+        """Predicted `covariance` (17 + P, 17 + P) after N further observations. rows : (N, size) their Jacobian by
+        all parameters, in units of the observations' standard deviations."""
         axes = block_diag(np.eye(RIG), self.problem.prior.lens_axes)
         root = axes @ _root(self.problem, self._condensed.with_rows(rows))[: self.problem.lens.stop]
         return np.asarray(root @ root.T)
 
     @cached_property
     def _condensed(self) -> Linearised:
-        """`final` in as many rows as parameters, which say the same."""
+        """`final` reduced by QR to as many rows as parameters, with the same normal equations."""
         triangle, count = np.linalg.qr(self.final.jacobian * self.final.weights[:, None])[1], self.problem.size
         return replace(self.final, residuals=np.zeros(count), jacobian=triangle, certain=count)
 
     @property
     def log_tip(self) -> float:
-        """Logarithm of the tip's diameter over the one that session.yaml states."""
+        """Logarithm of the ratio of the solved tip diameter to the one in session.yaml."""
         return self.problem.log_tip(self.solution.parameters)
 
     @property
@@ -288,7 +292,7 @@ def adjust_bundle(
 
 
 def _too_few(fits: np.ndarray, loaded: np.ndarray) -> bool:
-    """Whether so many static frames (F,) do not fit that the model is wrong rather than they."""
+    """Whether so few of the static frames fit (F,) that the model must be wrong, not the frames."""
     kinds = [fits[loaded == kind] for kind in (False, True)]
     return any(
         (~own).sum() > max(1, int(AntennaSettings.most_contradict * len(own)))
@@ -298,8 +302,9 @@ def _too_few(fits: np.ndarray, loaded: np.ndarray) -> bool:
 
 
 def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearised, Evaluation, np.ndarray] | None:
-    """Solved in passes, each with the points' scatter about the one before and without the frames that do not fit it:
-    the problem, its solution, what that predicts, and how far each picture's points lie off, in deviations (F,).
+    """Solves in passes, each with the points' scatter measured by the previous pass and without the frames that did
+    not fit it. Returns the problem, its solution, the prediction there, and each frame's rms residual (F,) in
+    standard deviations.
 
     judged : leave out frames that contradict the others, too; None where these are too many.
     """
@@ -386,12 +391,12 @@ def _solved(
 
 
 def _alike(observations: Sequence[Observation]) -> float:
-    """How many pictures of a kind say no more than one of them."""
+    """Number of correlated pictures of a kind that carry the information of one."""
     return max(sum(one.shared for one in observations) / max(len({one.loaded for one in observations}), 1), 1.0)
 
 
 def _root(problem: Problem, final: Linearised) -> np.ndarray:
-    """(size, size + P) that times its transpose is the covariance of all parameters."""
+    """Square root R (size, size + P) of the covariance of all parameters: R·Rᵀ."""
     root = final.covariance_root()
     # the lens may be off by all its standard deviation, whatever share the solve had: the solution follows its prior
     rest = root @ root[problem.lens].T * np.sqrt(problem.prior.lens_shares**-2 - 1.0)
@@ -399,8 +404,8 @@ def _root(problem: Problem, final: Linearised) -> np.ndarray:
 
 
 def _in_units(problem: Problem, parameters: np.ndarray, root: np.ndarray) -> dict[str, Any]:
-    """Pose, lens, antenna and sensors of a `BundleAdjustment`, by the problem's parameters (17 + P + K + L + W,) and a
-    root (17 + P + K + L + W, …) of their covariance."""
+    """Pose, lens, antenna and sensors of a `BundleAdjustment` in SI units, from the problem's parameters (17 + P + K
+    + L + W,) and a square root (17 + P + K + L + W, …) of their covariance."""
     scaled, own = _own_units(problem, root)
     covariance, camera, sensor = scaled @ scaled.T, problem.camera(parameters), problem.wrench_sensor(parameters)
     return {
@@ -413,17 +418,16 @@ def _in_units(problem: Problem, parameters: np.ndarray, root: np.ndarray) -> dic
 
 
 def _own_units(problem: Problem, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of a root of the parameters' covariance: `RIG_PARAMETERS` and lens, and a wrench sensor's parameters, both
-    in their own units."""
+    """Two square roots of covariances in SI units, from one (size, …) of the parameters': rows of `RIG_PARAMETERS`
+    and lens, and rows of a wrench sensor's parameters."""
     axes = block_diag(np.eye(RIG), problem.prior.lens_axes)
     own = (problem.prior.sensor_std * root[problem.sensor].T).T
     return axes @ root[: problem.lens.stop], own
 
 
 def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float, float]:
-    """The problem with the antenna's visible ends, as far as they agree and do not contradict the rest; and by how many
-    deviations and metres all of them together lie off the length.
-    """
+    """The problem with the antenna's visible ends, where they agree with each other and with the rest; and the
+    distance of their common end from the stated length, in standard deviations and in metres."""
     std_m = problem.prior.tip_std_m
     seen = np.array([bool(np.isfinite([*one.tip_px, one.tip_std_px]).all()) for one in problem.observations])
     camera = problem.camera(solution.parameters)
@@ -452,7 +456,8 @@ def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float, 
 
 
 def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Linearised, Evaluation] | None:
-    """Solves again with the antenna's ends, from the solution without; None where it does not converge."""
+    """Solves again with the antenna's visible ends, starting from the solution without; None where it does not
+    converge."""
     try:
         solution = _descended(problem, parameters, problem.evaluate(parameters), AntennaSettings.standstill)
         problem = problem.relinearised(solution.parameters)
@@ -462,8 +467,8 @@ def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Lineari
 
 
 def _tip(problem: Problem, evaluated: Evaluation, root: np.ndarray) -> Tip | None:
-    """Where the visible end lies by its pictures, and its covariance with rig and wrench sensor, from a root of that of
-    all parameters."""
+    """Position of the antenna's end from the pictures that show it, and its joint covariance with rig and wrench
+    sensor, from a square root of the covariance of all parameters."""
     std_m = problem.prior.tip_std_m
     if not len(problem.tips) or std_m is None:
         return None
@@ -478,7 +483,7 @@ def _tip(problem: Problem, evaluated: Evaluation, root: np.ndarray) -> Tip | Non
 
 
 def noise_scale(residuals: Sequence[np.ndarray]) -> float:
-    """Ratio of the points' effective deviations, when many are averaged, to the stated ones.
+    """Ratio of the points' effective standard deviation, when many are averaged, to the stated one.
 
     Measured on means of runs of neighbours, which also sees errors that neighbours share.
     """
@@ -491,7 +496,7 @@ def noise_scale(residuals: Sequence[np.ndarray]) -> float:
 
 
 def _rows_of_table(frames: Sequence[Still]) -> list[tuple[str, int]]:
-    """Keys of static frames that are the same for every camera: what was read, and the number among equal ones."""
+    """Keys that identify a static frame in every camera: its readings, and its number among equal ones."""
     seen: Counter[str] = Counter()
     found = []
     for row in (repr(replace(one, image=None)) for one in frames):
@@ -522,7 +527,7 @@ class _Cameras:
 
     @staticmethod
     def of(alone: Sequence[BundleAdjustment]) -> _Cameras:
-        """From each camera's own bundle adjustment, without what that left out."""
+        """The joint problem of several cameras, from each one's own bundle adjustment and without its outliers."""
         first = alone[0].problem
         with_tip = all(one.tip is not None for one in alone)
         counts = Counter(estimate.way for one in alone for estimate in one.problem.prior.poses)
@@ -563,14 +568,14 @@ class _Cameras:
 
     @property
     def upper(self) -> np.ndarray:
-        """(Q,) upper ends of the parameters."""
+        """(Q,) upper bounds of the parameters."""
         ends = np.full(self.size, np.inf)
         for problem, place in zip(self.problems, self.places, strict=True):
             np.minimum.at(ends, place, problem.upper)
         return ends
 
     def relinearised(self, parameters: np.ndarray) -> _Cameras:
-        """As each of the problems. Raises LensLost."""
+        """The problem with each camera's part relinearised at the parameters. Raises LensLost."""
         each = zip(self.problems, self.places, strict=True)
         return replace(self, problems=[problem.relinearised(parameters[place]) for problem, place in each])
 
@@ -579,7 +584,7 @@ class _Cameras:
         return self.with_parts(parameters)[0]
 
     def with_parts(self, parameters: np.ndarray) -> tuple[Linearised, list[list[np.ndarray]]]:
-        """All residuals, and where those of each camera's static frames are, frame by frame."""
+        """The linearised residuals, and by camera the slices of each static frame's residuals."""
         measured: list[tuple[np.ndarray, np.ndarray]] = []
         known: list[tuple[np.ndarray, np.ndarray]] = []
         found, parts, at = np.zeros(self.size, bool), [], 0
@@ -668,7 +673,7 @@ def _together(cameras: Mapping[str, BundleAdjustment]) -> dict[str, BundleAdjust
 
 
 def _refuse_other_antenna(name: str, one: BundleAdjustment, other_name: str, other: BundleAdjustment) -> None:
-    """Raises InputError where two cameras' own adjustments are of different antennas."""
+    """Raises InputError where two cameras' adjustments solved significantly different antennas."""
     antenna = slice(POSE.stop, POSE.stop + len(PARAMETERS))
     # both rest on the same loads: their difference is smaller than the sum of their covariances says
     both = one.covariance[antenna, antenna] + other.covariance[antenna, antenna]

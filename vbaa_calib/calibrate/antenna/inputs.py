@@ -24,20 +24,22 @@ EXACT = LoadReadings()  # loads whose places and forces are exact
 
 
 def reading_keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:
-    """Keys of a load's place and weight: equal numbers share one error; a weight's parts to y and z are rounded."""
+    """Keys of a load's distance and weight: loads with equal keys share one reading error. The components of a force
+    are rounded, so that one weight along y and along z has one key."""
     force = float(np.hypot(load.force_y_N, load.force_z_N))
     return ("distance", f"{load.distance_m:.6f}"), ("mass", f"{force:.3g}")
 
 
 def _read(load: Load, further_m: float, heavier: float) -> Load:
-    """The load with its place moved outwards, m, and its force multiplied by a factor."""
+    """The load with its distance increased by `further_m` and its force multiplied by `heavier`."""
     y_N, z_N = heavier * load.force_y_N, heavier * load.force_z_N
     return replace(load, distance_m=load.distance_m + further_m, force_y_N=y_N, force_z_N=z_N)
 
 
 @dataclass(frozen=True, eq=False)
 class ReadingGroups:
-    """The unknown errors of the readings of F static frames, K in all, each in its standard deviations."""
+    """The K unknown reading errors of F static frames, in units of their standard deviations; equal readings share
+    one."""
 
     std: np.ndarray  # (K,) m of a place, relative of a weight
     distance: np.ndarray  # (F,) which of the K a still's place is; −1 for none
@@ -50,7 +52,7 @@ class ReadingGroups:
 
     @staticmethod
     def of(stills: Sequence[Still], known: LoadReadings) -> ReadingGroups:
-        """The uncertain readings of these static frames."""
+        """Groups the uncertain readings of static frames."""
         stds: Mapping[str, float] = {"distance": known.distance_std_m, "mass": known.force_std_relative}
         numbers: dict[tuple[str, str], int] = {}
         found = {"distance": np.full(len(stills), -1), "mass": np.full(len(stills), -1)}
@@ -61,7 +63,7 @@ class ReadingGroups:
         return ReadingGroups(np.array([stds[kind] for kind, _ in numbers]), found["distance"], found["mass"])
 
     def corrected(self, stills: Sequence[Still], errors: np.ndarray) -> list[Still]:
-        """The static frames with their loads moved and made heavier by errors (K,)."""
+        """The static frames with their loads' distances and forces corrected by errors (K,)."""
         # the last one, of index −1, is nobody's
         steps = np.append(errors * self.std, 0.0)
         further, heavier = steps[self.distance].tolist(), np.exp(steps[self.force]).tolist()
@@ -71,7 +73,7 @@ class ReadingGroups:
         ]
 
     def ends(self, stills: Sequence[Still], at: np.ndarray, farthest_m: float) -> np.ndarray:
-        """(K,) largest errors of the readings for which no load, corrected by errors `at`, hangs beyond the end."""
+        """(K,) upper bounds of the errors: with the other errors at `at`, no load lies beyond the end."""
         ends = np.full(self.count, np.inf)
         for still, place in zip(stills, self.distance, strict=True):
             if isinstance(still, Load) and place >= 0:
@@ -80,7 +82,8 @@ class ReadingGroups:
         return ends
 
     def columns(self, index: int, by_distance: np.ndarray, by_log_force: np.ndarray) -> np.ndarray:
-        """(..., K) slopes by the errors, from those (...) of a frame by its distance (per m) and log force."""
+        """(..., K) Jacobian by the errors, from a frame's derivatives (...) by its load's distance (per m) and log
+        force."""
         slopes = np.zeros((*np.shape(by_distance), self.count))
         for group, slope in ((self.distance[index], by_distance), (self.force[index], by_log_force)):
             if group >= 0:
@@ -90,7 +93,7 @@ class ReadingGroups:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """One static frame of the antenna: what was seen, what was read, and the load on it, if any."""
+    """One static frame: the measured centreline, the readings, and the load on the antenna, if any."""
 
     still: Still
     points_px: np.ndarray  # (N, 2) on the centreline
@@ -107,7 +110,7 @@ class Observation:
 
     @cached_property
     def locking(self) -> np.ndarray:
-        """(3,) as `locking_std` of its points."""
+        """(3,) systematic errors of the line due to the pixel grid, see `locking_std`."""
         return locking_std(self.points_px)
 
     def only(self, points: np.ndarray) -> Observation:
@@ -130,8 +133,8 @@ class Observation:
         return bool(self.load_N.any())
 
     def with_readings_altered(self) -> tuple[Observation, Observation]:
-        """The frame with its load a step nearer to the clamp, and with its force a step larger; itself without a
-        load."""
+        """The frame with its load one difference step nearer to the clamp, and with its force one step larger, for
+        numerical derivatives; without a load the frame itself."""
         if not isinstance(self.still, Load):
             return self, self
         nearer, heavier = -AntennaSettings.load_step_m, float(np.exp(AntennaSettings.log_force_step))
@@ -140,7 +143,7 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Priors of bundle adjustment, before the static frames."""
+    """Prior distribution of pose, lens, antenna and sensors, before the static frames are used."""
 
     poses: Sequence[PoseEstimate]  # the camera's pose by one or several methods
     start: Pose  # camera pose from which the solution's steps are counted
@@ -160,14 +163,14 @@ class Prior:
 
     @cached_property
     def lens_shares(self) -> np.ndarray:
-        """(P,) parts of the lens' standard deviations that `lens_axes` stand for: less than `lens_share` along those by
-        which the picture does not follow linearly."""
+        """(P,) lengths of `lens_axes` in standard deviations of the lens: below `lens_share` along axes that move the
+        picture nonlinearly."""
         return np.zeros(0) if self.camera.covariance is None else self.lens_share * linear_axes(self.camera)[1]
 
     @cached_property
     def lens_axes(self) -> np.ndarray:
-        """(P, P): along its columns the lens varies independently, by `lens_shares` of its standard deviations; (0, 0)
-        for an exact one."""
+        """(P, P) independent directions of the lens's covariance as columns, each `lens_shares` standard deviations
+        long; (0, 0) for an exact lens."""
         if self.fixed_axes is not None:
             return self.fixed_axes
         return np.zeros((0, 0)) if self.camera.covariance is None else linear_axes(self.camera)[0] * self.lens_shares

@@ -1,4 +1,5 @@
-"""Which paint sets the antenna off from its surroundings, as pictures show."""
+"""The antenna's paint (bright or dark, by colour or by one edge) that separates it best from its surroundings in
+pictures."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ from .settings import AntennaSettings
 
 
 def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
-    """The paint that shows the antenna best in pictures (H, W[, 3]); None where none finds it.
+    """The paint with which the antenna is found most clearly in pictures (H, W[, 3]); None where none finds it.
 
     In colours by its edges, of whatever polarity. In grey, and where it is too thin to have two edges, brighter or
     darker than its surroundings, which is measured best; a polarity that changes along the antenna where that sees
@@ -40,7 +41,7 @@ def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Pai
 
 @dataclass(frozen=True)
 class _Tried:
-    """A paint, the lines that it finds in pictures, and how much of the antenna is seen in the mean."""
+    """A candidate paint, the lines found with it, and the mean share of the antenna that is visible."""
 
     paint: Paint
     lines: tuple[Centreline, ...]
@@ -57,12 +58,12 @@ class _Tried:
         return _Tried(paint, lines, float(np.mean(np.multiply(seen, clear))))
 
     def clearness(self) -> float:
-        """Mean height over noise of the lines found, weighted by what was seen of them."""
+        """Mean signal-to-noise ratio of the lines found, weighted by their visible share."""
         heights = [line.found * line.seen * line.amplitude / max(line.noise, 1e-6) for line in self.lines]
         return float(np.mean(heights))
 
     def pulled(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
-        """The same, measured by both edges where its lines lie off their middle."""
+        """The same paint measured by both edges, where a one-sided measurement lies off the middle between them."""
         if self.paint.bright is None:
             return self
         where, offsets = finders[0].corridor, []
@@ -81,7 +82,7 @@ class _Tried:
 
 
 def _seen_between(line: Centreline, width_px: float) -> float:
-    """Share of a line that is seen away from its ends."""
+    """Visible share of a line, its ends excluded."""
     if len(line.guide_px) < 2:
         return line.seen
     along = arc_lengths(line.guide_px)

@@ -1,4 +1,5 @@
-"""Camera pose, antenna, moment sensor and lens against everything that was seen of the free and the loaded antenna."""
+"""Residuals and Jacobian of camera pose, antenna, moment sensor and lens for all static frames of the free and the
+loaded antenna."""
 
 from __future__ import annotations
 
@@ -34,8 +35,9 @@ from .settings import AntennaSettings
 
 
 def _unevenly_bent(curves: Curves, parameters: np.ndarray, profile: np.ndarray) -> Curves:
-    """Curves of antennas (B, 9) of compliance 1 + `profile` (2,) times the first Legendre polynomials, to first
-    order: what bends them stays."""
+    """Shapes of B antennas (parameters (B, 9)) with a compliance that varies along them, to first order. profile :
+    (2,) coefficients of the first two Legendre polynomials by which the relative compliance differs from 1; the
+    bending moments stay."""
     step = np.diff(curves.arclength_m)[..., None]
     middle = (curves.arclength_m[:, 1:] + curves.arclength_m[:, :-1]) / curves.arclength_m[:, -1:] - 1.0
     softer = np.polynomial.legendre.legval(middle, [0.0, *profile])[..., None]
@@ -62,7 +64,7 @@ class LensLost(SolveError):
 
 
 class Evaluation(NamedTuple):
-    """Predictions at a problem's parameters, and their slopes."""
+    """Predictions of a problem at its parameters, with derivatives."""
 
     # per observation (N, 16 + P + K + L) whitened distances, slopes by pose, antenna, lens, readings, light
     points: list[np.ndarray]
@@ -74,10 +76,9 @@ class Evaluation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """All residuals, for parameters (17 + P + K + L + W,): `RIG_PARAMETERS`, steps along `lens_axes`, errors of the
-    loads' readings and (one of the K, where it has a deviation) of the antenna's taper, errors that the lines of all
-    pictures share, and those of a wrench sensor's parameters, each in deviations.
-    """
+    """The residuals as functions of the parameters (17 + P + K + L + W,): `RIG_PARAMETERS`; P steps along
+    `lens_axes`; K errors of the loads' readings, one of which may be the antenna's taper; L errors common to the
+    lines of all pictures; W of a wrench sensor. All but the first 17 are in standard deviations."""
 
     observations: Sequence[Observation]  # F, with the loads as the parameters had them at the last `relinearised`
     prior: Prior
@@ -101,7 +102,7 @@ class Problem:
 
     @staticmethod
     def of(observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float) -> Problem:
-        """The problem with all observations, their points' standard deviations as stated, and the lens as it is."""
+        """The problem with all observations, the points' stated standard deviations, and the prior's lens."""
         count = len(observations)
         groups = ReadingGroups.of([one.still for one in observations], prior.readings)
         kept, at = np.ones(count, bool), np.zeros(groups.count)
@@ -109,7 +110,8 @@ class Problem:
         return blank.relinearised(blank.begin)
 
     def over(self, observations: Sequence[Observation]) -> Problem:
-        """The same rig over other static frames, their loads and lines exact, none seen yet."""
+        """The same rig's problem for other static frames, for forecasts: loads and lines are exact and nothing is
+        measured yet."""
         kept, groups = np.ones(len(observations), bool), ReadingGroups.of([], EXACT)
         return replace(
             self.without_tips(),
@@ -128,7 +130,7 @@ class Problem:
 
     @property
     def upper(self) -> np.ndarray:
-        """(17 + P + K + L,) upper ends of the parameters: no load hangs beyond the tip."""
+        """(17 + P + K + L,) upper bounds of the parameters, so that no load lies beyond the tip."""
         ends = np.full(self.size, np.inf)
         ends[self.readings] = self.groups.ends(
             [one.still for one in self.observations], self.readings_at, (1.0 - 1e-5) * self.length_m
@@ -137,37 +139,37 @@ class Problem:
 
     @property
     def begin(self) -> np.ndarray:
-        """(17 + P + K + L,) parameters before anything was seen."""
+        """(17 + P + K + L,) initial parameters: the prior's mean."""
         return np.concatenate([np.zeros(6), self.prior.mean, np.zeros(self.size - RIG)])
 
     @property
     def lens(self) -> slice:
-        """Where the lens' steps are among the parameters; the readings come after them."""
+        """Slice of the lens's parameters; the readings' follow."""
         return slice(RIG, RIG + len(self.prior.lens_axes))
 
     @property
     def readings(self) -> slice:
-        """Where the errors of the loads' readings are among the parameters."""
+        """Slice of the errors of the loads' readings."""
         return slice(self.lens.stop, self.lens.stop + self.groups.count)
 
     @property
     def light(self) -> slice:
-        """Where the errors that all lines share are among the parameters."""
+        """Slice of the errors common to all lines."""
         shared = self.prior.drift.light_px > 0.0 or self.prior.drift.lock_px > 0.0
         return slice(self.taper.stop, self.taper.stop + LINE_MODES * shared)
 
     @property
     def taper(self) -> slice:
-        """Where the error of the antenna's taper is among the parameters, if it has one."""
+        """Slice of the antenna's taper error; empty where it has no standard deviation."""
         return slice(self.readings.stop, self.readings.stop + (self.prior.log_tip_std > 0.0))
 
     def log_tip(self, parameters: np.ndarray) -> float:
-        """Logarithm of the tip's diameter over the stated one."""
+        """Logarithm of the ratio of the tip's diameter to the stated one."""
         return self.prior.log_tip_std * float(parameters[self.taper].sum())
 
     @property
     def sensor(self) -> slice:
-        """Where the errors of a wrench sensor's parameters are among the parameters, the last ones."""
+        """Slice of the wrench sensor's parameters, the last ones."""
         return slice(self.light.stop, self.light.stop + len(self.prior.sensor_std))
 
     @property
@@ -176,12 +178,13 @@ class Problem:
         return self.sensor.stop
 
     def wrench_sensor(self, parameters: np.ndarray) -> WrenchSensor | None:
-        """The wrench sensor of these parameters."""
+        """The wrench sensor with the errors in these parameters."""
         known = self.prior.sensor
         return None if known is None else known.moved(self.prior.sensor_std * parameters[self.sensor])
 
     def relinearised(self, parameters: np.ndarray) -> Problem:
-        """The same problem, relinearised at these parameters: points through their lens, loads as they have them.
+        """The problem linearised at these parameters: points back-projected through their lens, loads as corrected by
+        them.
 
         Raises LensLost where that lens folds before points that the prior's lens sees.
         """
@@ -195,7 +198,8 @@ class Problem:
         return replace(here, seen_at_lens=seen, lens_at=parameters[self.lens], tips_at_lens=here._tips_seen(camera))
 
     def _tips_seen(self, camera: Camera) -> SeenPoints | None:
-        """The antenna's ends, where it has any. Raises LensLost where the lens folds before them."""
+        """Image points of the antenna's visible ends, through a lens. Raises LensLost where the lens folds before
+        them."""
         some = [self.observations[index] for index in self.tips]
         if not some:
             return None
@@ -212,7 +216,7 @@ class Problem:
 
     @property
     def certain(self) -> int:
-        """Number of the priors' residuals, the last ones, which no robust loss weights."""
+        """Number of prior residuals, which come last and are not weighted by the robust loss."""
         return len(self.tips) + 6 * len(self.prior.poses) + len(self.prior.mean) + self.size - RIG
 
     def pose(self, parameters: np.ndarray) -> Pose:
@@ -220,12 +224,13 @@ class Problem:
         return self.prior.start.retract(parameters[POSE])
 
     def seen(self, parameters: np.ndarray) -> list[SeenPoints]:
-        """The points of every observation through the lens of these parameters, to first order."""
+        """Back-projected points of every observation at the lens of these parameters, to first order."""
         step = self.prior.lens_axes @ (parameters[self.lens] - self.lens_at)
         return [points.with_lens_moved(step) for points in self.seen_at_lens]
 
     def curves(self, antennas: np.ndarray) -> Curves:
-        """Shapes of A antennas (A, 9) in each of F observations, one by one: (F·A) curves."""
+        """Shapes of A antennas (A, 9) under the load of each of F observations: F·A curves, observation by
+        observation."""
         count, each = len(self.observations), len(antennas)
         parameters = np.tile(antennas, (count, 1))
         if self.changes is not None:
@@ -252,7 +257,7 @@ class Problem:
         return _unevenly_bent(replace(curves, moment_Nm=curves.moment_Nm / factor[1]), parameters, uneven[1:])
 
     def evaluate(self, parameters: np.ndarray) -> Evaluation:
-        """Predictions at these parameters, and their slopes."""
+        """Predictions at these parameters, with derivatives."""
         here = self._loaded(parameters)
         antennas = np.repeat(parameters[None, ANTENNA], _BENT, axis=0)
         antennas[1:] += np.diag(RIG_STEPS[6:])
@@ -300,7 +305,8 @@ class Problem:
         )
 
     def _wrenches(self, curves: Curves, parameters: np.ndarray) -> np.ndarray:
-        """(F, 10 + K, 6) as in an `Evaluation`; curves : of F observations, with a step along each parameter."""
+        """(F, 10 + K, 6) clamp wrenches for an `Evaluation`. curves : those of F observations at the parameters and
+        with a step along each."""
         antennas = np.repeat(parameters[None, ANTENNA], _BENT, axis=0)
         antennas[1:] += np.diag(RIG_STEPS[6:])
         every = range(len(self.observations))
@@ -315,19 +321,20 @@ class Problem:
         return np.concatenate([found, by_readings], axis=1)
 
     def _with_slopes(self, residuals: np.ndarray, by_lens: np.ndarray) -> np.ndarray:
-        """(N, 16 + P) residuals, and their slopes by pose, antenna and lens, from those (N, 16) of all steps."""
+        """(N, 16 + P) residuals and their Jacobian by pose, antenna and lens, from the residuals (N, 16) at all
+        difference steps."""
         slopes = (residuals[:, 1:] - residuals[:, :1]) / RIG_STEPS
         return np.hstack([residuals[:, :1], slopes, by_lens @ self.prior.lens_axes])
 
     def _ends(self, parameters: np.ndarray) -> dict[int, SeenPoints]:
-        """The antenna's end through the lens of these parameters, by observation."""
+        """The antenna's end, by observation, seen through the lens of these parameters."""
         if self.tips_at_lens is None:
             return {}
         moved = self.tips_at_lens.with_lens_moved(self.prior.lens_axes @ (parameters[self.lens] - self.lens_at))
         return {int(index): moved.picked(np.array([row])) for row, index in enumerate(self.tips)}
 
     def _loaded(self, parameters: np.ndarray) -> Problem:
-        """Observations with the loads of these parameters."""
+        """The observations with their loads corrected by these parameters."""
         errors = parameters[self.readings] - self.readings_at
         if self.thinner != (thinner := float(parameters[self.taper].sum())):
             return replace(self, thinner=thinner)._loaded(parameters)
@@ -338,8 +345,8 @@ class Problem:
         return replace(self, observations=loaded)
 
     def slopes_by_load(self, parameters: np.ndarray, seen: Sequence[SeenPoints]) -> list[np.ndarray]:
-        """Per observation (N + 1, 2): slopes of the whitened distances, and of the moment, by its own load: by its
-        place, per m, and by its log force; zero for a free one."""
+        """Per observation the derivatives (N + 1, 2) of its N whitened distances and its moment by its load's
+        distance (per m) and log force; zero without a load."""
         curves, view = self._by_load(parameters, range(len(seen)))
         projected, three = image_curves(curves, view), [slice(3 * index, 3 * index + 3) for index in range(len(seen))]
         every = [whitened_residuals(one, projected.picked(own)) for one, own in zip(seen, three, strict=True)]
@@ -354,8 +361,8 @@ class Problem:
         ends: Mapping[int, SeenPoints],
         tips: Mapping[int, np.ndarray],
     ) -> tuple[list[np.ndarray], dict[int, np.ndarray]]:
-        """Per observation (N + 1, 1) slopes of the whitened distances and of the moment by the taper's error, and
-        (1, 1) of the antenna's end along it, from what they are without more of it."""
+        """Derivatives by the taper's error: per observation (N + 1, 1) of the whitened distances and the moment, and
+        (1, 1) of the antenna's end along itself. The other arguments are the predictions without it."""
         step = 0.01
         curves = replace(self, thinner=self.thinner + step).curves(parameters[None, ANTENNA])
         images, found = image_curves(curves, self.pose(parameters).inverse()), []
@@ -367,7 +374,8 @@ class Problem:
         return found, {index: moved / step for index, moved in along.items()}
 
     def _modes(self, index: int) -> np.ndarray:
-        """(N, 3) how an observation's whitened distances move with offset, slope and curvature of its line, per px."""
+        """(N, 3) derivatives of an observation's whitened distances by offset, slope and curvature of its line, per
+        px."""
         seen, matrix = self.seen_at_lens[index], self.prior.camera.matrix
         std = np.sqrt(0.5 * matrix[0, 0] * matrix[1, 1] * np.trace(seen.covariance, axis1=1, axis2=2))
         places = self.places
@@ -376,18 +384,19 @@ class Problem:
         return np.polynomial.legendre.legvander(places, LINE_MODES - 1) / std[:, None]
 
     def line_modes(self, index: int) -> np.ndarray:
-        """(N, 3) how an observation's residuals move with its line's own errors, each in its deviation."""
+        """(N, 3) derivatives of an observation's residuals by its own line's offset, slope and curvature errors, each
+        in its standard deviation."""
         std_px = np.hypot(self.prior.drift.line_px, self.observations[index].locking * self.prior.drift.lock_px)
         return self._modes(index) * std_px / self.noise_scale
 
     def light_modes(self, index: int) -> np.ndarray:
-        """(N, 3) how an observation's whitened distances move with the errors that all lines share, each in its
-        deviation."""
+        """(N, 3) derivatives of an observation's whitened distances by the errors common to all lines, each in its
+        standard deviation."""
         std_px = np.hypot(self.prior.drift.light_px, self.observations[index].locking * self.prior.drift.lock_px)
         return self._modes(index) * std_px
 
     def without_line(self, index: int, rows: np.ndarray) -> np.ndarray:
-        """Rows (N, ...) of an observation's points, whitened of their common errors."""
+        """Rows (N, ...) of an observation's points, with their line's common errors marginalised (whitened)."""
         if self.prior.drift.line_px == 0.0:
             return rows
         axes, shrunk = self._line_axes[index]
@@ -404,19 +413,21 @@ class Problem:
         return self.line_axes() if self.known_axes is None else self.known_axes
 
     def line_axes(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Per observation (N, 3) axes of `line_modes`, and what whitening takes away along each."""
+        """Per observation the orthonormal axes (N, 3) of `line_modes`, and the fraction that whitening removes along
+        each."""
         modes = [np.linalg.svd(self.line_modes(i), full_matrices=False) for i in range(len(self.seen_at_lens))]
         return [(axes, axes * (1.0 - 1.0 / np.hypot(1.0, std))) for axes, std, _ in modes]
 
     def tips_by_load(self, parameters: np.ndarray, ends: Mapping[int, SeenPoints]) -> dict[int, np.ndarray]:
-        """(1, 2) as `slopes_by_load`, of the antenna's end along it, for each of them."""
+        """Derivatives (1, 2) of each antenna end's distance along the antenna, as `slopes_by_load`."""
         curves, view = self._by_load(parameters, list(ends))
         projected = image_curves(curves, view)
         at = {index: projected.picked(slice(3 * n, 3 * n + 3)) for n, index in enumerate(ends)}
         return {index: _by_step(whitened_along(ends[index], images)[0]) for index, images in at.items()}
 
     def _by_load(self, parameters: np.ndarray, which: Sequence[int]) -> tuple[Curves, Pose]:
-        """Three curves of each of some observations: as its load is, and with each of its readings altered."""
+        """Three curves for each of the selected observations: with its load as read, and with each of its two
+        readings altered."""
         some = [self.observations[index] for index in which]
         three = [each for one in some for each in (one, *one.with_readings_altered())]
         changes = None if self.changes is None else np.repeat(self.changes[list(which)], 3, axis=0)
@@ -432,7 +443,7 @@ class Problem:
         ]
 
     def by_still(self, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Per observation the residuals (N + 1,) of points and moment, and their slopes (N + 1, 17 + P + K + L)."""
+        """Per observation the residuals (N + 1,) of points and moment, and their Jacobian (N + 1, 17 + P + K + L)."""
         distances, moments, wrenches, *_ = self.evaluate(parameters)
         read = -self.moment_residuals_Nm(parameters, moments) / self.moment_std_Nm
         rows = self.moment_slopes(parameters, moments, wrenches) / self.moment_std_Nm
@@ -441,9 +452,8 @@ class Problem:
         return [(np.append(off, own), np.vstack([slopes, row])) for (off, slopes), own, row in together]
 
     def residuals(self, parameters: np.ndarray, evaluated: Evaluation | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """All residuals (R,) and their Jacobian (R, 17 + P + K + L + W): points, whitened of their lines' common
-        errors, moments, a wrench sensor's other readings, poses, tips, antenna to sensor. evaluated : `evaluate` there,
-        if known."""
+        """All residuals (R,) and their Jacobian (R, 17 + P + K + L + W): whitened points, moments, a wrench sensor's
+        other readings, poses, tips, antenna to sensor, priors. evaluated : the result of `evaluate` there, if known."""
         evaluated = self.evaluate(parameters) if evaluated is None else evaluated
         moments = evaluated.moments
         points = np.vstack([self.without_line(i, evaluated.points[i]) for i in np.flatnonzero(self.kept).tolist()])
@@ -463,7 +473,7 @@ class Problem:
         return np.concatenate([part for part, _ in parts]), np.vstack([rows for _, rows in parts])
 
     def misfits(self, parameters: np.ndarray) -> np.ndarray:
-        """`residuals` without those of the sensors' readings, and without slopes."""
+        """`residuals` without the sensors' readings and without the Jacobian."""
         here = self._loaded(parameters)
         images = image_curves(here.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse())
         seen, ends = self.seen(parameters), self._ends(parameters)
@@ -482,11 +492,11 @@ class Problem:
         return np.concatenate(parts)
 
     def linearised(self, parameters: np.ndarray) -> Linearised:
-        """All residuals and their Jacobian, as the solver takes them."""
+        """All residuals and their Jacobian, in the form that `minimise` takes."""
         return Linearised(parameters, *self.residuals(parameters), self.certain)
 
     def _tip_rows(self, evaluated: Evaluation) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (T,) of the antenna's ends and their Jacobian; their common distance from the length is
+        """Residuals (T,) of the antenna's ends and their Jacobian, with their common distance from the length
         marginalised."""
         if not len(self.tips):
             return np.zeros(0), np.zeros((0, self.size))
@@ -494,12 +504,12 @@ class Problem:
         return whiten @ evaluated.tips[:, 0], whiten @ self.by_all(evaluated.tips)
 
     def _common_whitening(self, by_length: np.ndarray) -> np.ndarray:
-        """(T, T) that whitens the ends' distances of what the length makes of all of them."""
+        """(T, T) matrix that whitens the ends' distances, which share the error of the antenna's length."""
         common = (self.prior.tip_std_m or 0.0) * by_length
         return np.asarray(np.linalg.inv(np.linalg.cholesky(np.eye(len(common)) + np.outer(common, common))))
 
     def by_all(self, rows: np.ndarray) -> np.ndarray:
-        """Slopes by all parameters, of rows of an `Evaluation`; those of the sensors move no point."""
+        """Derivatives by all parameters of rows of an `Evaluation`; sensor errors do not move points."""
         none = np.zeros((len(rows), 2)), np.zeros((len(rows), len(self.prior.sensor_std)))
         return np.hstack([rows[:, 1 : 1 + GAIN], none[0], rows[:, 1 + GAIN :], none[1]])
 
@@ -516,8 +526,7 @@ class Problem:
         return rows
 
     def other_readings(self, parameters: np.ndarray, wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (F·C,) of a wrench sensor's readings other than the moment about y, of the kept observations,
-        and their slopes."""
+        """Residuals (F·C,) and Jacobian of the kept observations' wrench components other than the moment about y."""
         sensor = self.wrench_sensor(parameters)
         if sensor is None:
             return np.zeros(0), np.zeros((0, len(parameters)))
@@ -538,12 +547,12 @@ class Problem:
         return off.ravel(), (rows / sensor.std[:, None]).reshape(-1, len(parameters))
 
     def moment_residuals_Nm(self, parameters: np.ndarray, moments: np.ndarray) -> np.ndarray:
-        """(F,) the sensor's readings less what the parameters predict; NaN without a sensor."""
+        """(F,) measured moments less the predicted ones; NaN without a sensor."""
         readings = np.array([obs.still.moment_Nm for obs in self.observations])
         return readings - parameters[GAIN] * moments[:, 0] - parameters[OFFSET]
 
     def _in_std(self, misfit_Nm: np.ndarray) -> np.ndarray:
-        """Residuals of the moments over the sensor's noise; 0 without a sensor."""
+        """Moment residuals in standard deviations of the sensor's noise; 0 without a sensor."""
         return misfit_Nm / self.moment_std_Nm if np.isfinite(self.moment_std_Nm) else np.zeros_like(misfit_Nm)
 
     def _pose_prior(self, estimate: PoseEstimate, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -102,12 +102,12 @@ def _radial_curve(
 
 
 def _corner_radius(intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
-    """Distorted radius of the picture's furthest corner from the axis, and 2 % more; intrinsics (4 + k,)."""
+    """Distorted radius of the picture corner farthest from the principal point, plus 2 %. intrinsics : (4 + k,)."""
     return float(core.bundle.corner_radius(np.array(intrinsics, float), *image_size))
 
 
 def _poles(model: DistortionModel, intrinsics: np.ndarray) -> np.ndarray:
-    """Complex squares (m,) of the ideal radii at which the distorted one is infinite."""
+    """Squared complex ideal radii (m,) of the poles of a rational distortion."""
     bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]
     # in one over the squared radius, so that small coefficients do no harm
     inverses = np.roots([1.0, *intrinsics[4:][bottom]])
@@ -115,8 +115,8 @@ def _poles(model: DistortionModel, intrinsics: np.ndarray) -> np.ndarray:
 
 
 def is_monotonic(model: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
-    """Whether every pixel of the picture has one ray (`Camera.valid_region`), and none lies next to a pole. A lens that
-    folds can fit its corners well, but beyond them maps two directions to one pixel."""
+    """Whether the distortion is monotonic over the picture: every pixel has one ray (`Camera.valid_region`) and none
+    lies near a pole. A lens that folds can fit its corners well, but beyond them maps two directions to one pixel."""
     # A pole with a zero beside it is narrower than any sampling of the curve, and which comes first often depends on
     # the last digits of the corners: one counts that lies before the curve has, all but, left the picture.
     if not np.isfinite(intrinsics).all():
@@ -131,8 +131,8 @@ def is_monotonic(model: DistortionModel, intrinsics: np.ndarray, image_size: tup
 
 
 def pole_distance(model: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
-    """Distance of the nearest pole, in the complex plane of the ideal radius, from the radii of a monotonic lens's
-    picture, over the largest of them.
+    """Distance, in the complex plane of the ideal radius, between the nearest pole and the interval of radii in the
+    picture, relative to the largest of these.
 
     Small where numerator and denominator are large and nearly cancel, too: coefficients are the sums and products of
     what the poles are the inverses of.
@@ -147,10 +147,9 @@ def pole_distance(model: DistortionModel, intrinsics: np.ndarray, image_size: tu
 
 
 def rational_like(fisheye: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray | None:
-    """(12,) intrinsics of a rational lens without a pole that follows a fisheye's curve over the picture; None where
-    that sees more than 86° off its axis or folds. From other starts a rational lens often has a pole just beyond the
-    corners.
-    """
+    """(12,) intrinsics of a pole-free rational lens that approximates a fisheye over the picture, as an initial
+    value; None for a fisheye that sees more than 86° off its axis or folds. From other initial values a rational lens
+    often has a pole just beyond the corners."""
     reach = _corner_radius(intrinsics, image_size)
     angles = np.linspace(0.0, LensSettings.widest_rad, LensSettings.radii)
     curve, slope, _ = _radial_curve(fisheye, intrinsics[4:], angles)
@@ -171,7 +170,8 @@ def rational_like(fisheye: DistortionModel, intrinsics: np.ndarray, image_size: 
 
 
 def division_like(model: DistortionModel, division: float, reach: float) -> np.ndarray:
-    """(k,) distortion like that of an ideal radius r / (1 + λr²), r being the distorted one, up to `reach`."""
+    """(k,) distortion coefficients that approximate the division model, ideal radius r / (1 + λr²) of a distorted
+    radius r, up to `reach`."""
     distortion = np.zeros(model.distortion_count)
     free = [index for index in _NUMERATOR[model.camera_model][:2] if index in model.free]
     if (division == 0.0 and model.camera_model != "fisheye") or not free:

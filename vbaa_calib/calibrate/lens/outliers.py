@@ -1,4 +1,4 @@
-"""Corners that are wrong: found under a robust fit, judged by the spread of the others, taken back when they fit."""
+"""Outlier corners: detected by a robust fit, judged by the spread of the other corners, taken back when they fit."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ class DroppedView:
 def usable_views(
     views: Sequence[BoardView], nominal_m: np.ndarray, min_corners: int
 ) -> tuple[list[BoardView], list[DroppedView]]:
-    """Views that fix the pose of a board of corners (C, 3), and the others with the reason."""
+    """Views with corners enough to determine the pose of a board of corners (C, 3), and the other views with the
+    reason."""
     least = max(min_corners, 4)
     usable, dropped = [], []
     for view in views:
@@ -44,7 +45,7 @@ def usable_views(
 
 @dataclass(frozen=True, eq=False)
 class Inliers:
-    """The good views, as indices (V,), for each a mask (N,) of its good corners, and its weight (`BoardCorners`)."""
+    """The good views: indices (V,), a mask (N,) of good corners for each, and its weight (see `BoardCorners`)."""
 
     views: np.ndarray
     masks: tuple[np.ndarray, ...]
@@ -57,7 +58,7 @@ class Inliers:
 
 
 def _outlier_limit(distances: np.ndarray) -> float:
-    """Distance beyond which one good corner in a million lies, from distances (N,) of which less than half are wrong.
+    """Distance exceeded by one good corner in a million, from distances (N,) of which fewer than half are outliers'.
 
     The tail is a Weibull's through the median and the 90 % quantile of what lies within the limit. Normal noise has the
     exponent 2 and is cut at 5.3 standard deviations; noise with long tails, as real pictures have it, is cut later. The
@@ -78,15 +79,15 @@ def _outlier_limit(distances: np.ndarray) -> float:
 def _standardised(
     bundle: Bundle, observations: Sequence[BoardCorners], masks: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """Per view (N,) px, length of each corner's residual over its standard deviation: 1 where the view's pose is known,
-    less for corners that the pose is solved from, by `masks` (N,), more for the others."""
+    """Per view the lengths (N,) px of the corners' residuals, corrected for leverage as if the view's pose were
+    known: corners from which the pose is solved (`masks` (N,)) have smaller residuals, others larger ones."""
     residuals, _, by_pose, bounds = rows(bundle, observations)
     lengths = core.bundle.standardised(residuals, np.ascontiguousarray(by_pose), np.concatenate(masks), bounds)
     return list(of_views(lengths, bounds))
 
 
 def inlier_masks(distances: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Per view (N,), which corners are good, by the lengths (N,) of their residuals, or of standardised ones.
+    """Per view the mask (N,) of good corners, from the lengths (N,) of their residuals or standardised residuals.
 
     A view with more noise than the median view has a larger limit.
     """
@@ -98,7 +99,7 @@ def inlier_masks(distances: Sequence[np.ndarray]) -> list[np.ndarray]:
 def fit_without_outliers(
     start: Bundle, observations: Sequence[BoardCorners], min_corners: int, masks: tuple[np.ndarray, ...] | None = None
 ) -> tuple[Inliers, Bundle]:
-    """Which views and corners are good, and the solution over the good ones alone.
+    """The good views and corners, and the solution from these alone.
 
     Least squares over the corners within the limit of the start, and all corners of the remaining views are judged anew
     by it, until none changes sides. A view goes only where half its corners are wrong or the good ones fix no pose.
@@ -123,8 +124,8 @@ def fit_without_outliers(
 
 
 def _weights(lengths: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.ndarray:
-    """Weights (V,) of views by their noise, from the lengths (N,) px of their standardised residuals and masks of good
-    ones.
+    """Weights (V,) of views by their noise, from the lengths (N,) px of the standardised residuals of their good
+    corners.
 
     1, but for views that are clearly noisier than the median view. A view of few corners is taken for a usual one.
     """
@@ -139,12 +140,12 @@ def _weights(lengths: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.n
 
 
 def _nearest(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Per view (N,), the corners that a robust fit rests on."""
+    """Per view a mask (N,) of the corners with the smallest residuals, from which a robust fit starts."""
     lengths = [np.linalg.norm(residual, axis=1) for residual in residuals]
     return [own <= LensSettings.first_limit * np.median(own) for own in lengths]
 
 
 def _fixes_pose(good: np.ndarray, view: BoardCorners, min_corners: int) -> bool:
-    """Whether the good corners (N,) of a view are most of them and fix its pose; all its corners are taken to."""
+    """Whether the good corners (N,) of a view are most of its corners and determine its pose."""
     most = good.mean() > 0.5 and good.sum() >= max(min_corners, 4)
     return bool(most and (good.all() or fixes_homography(view.points_m[good, :2])))

@@ -1,4 +1,4 @@
-"""What a lens is solved from, what decides between lens models, and what is reported about a lens."""
+"""Thresholds for solving a lens, choosing its model and judging it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LensSettings:
-    """Thresholds of a lens calibration. Costs are ratios of cross-validated errors up to which a lens that is better
-    otherwise is taken; deviations are standard deviations."""
+    """Thresholds of a lens calibration. A cost is the largest ratio of cross-validated errors at which a model that
+    is preferable otherwise is taken."""
 
     # what a lens is solved from
     min_corners: int = 6  # of a view, least

@@ -1,4 +1,8 @@
-"""What the covariance of a lens means in the picture: how far each pixel's ray may be off.
+"""Uncertainty of a lens in the picture: covariance of the projection of each pixel's ray.
+
+Errors of the lens and of the camera's rotation look much the same in the picture, and whoever solves for the camera
+pose with this lens, as every rig does, absorbs that part in the pose. `compensated` removes from the uncertainty what a
+rotation explains.
 
 A lens that is a little wrong and a camera that is a little turned look much the same. Who solves for the camera's pose
 with this lens, as every rig does, has that part taken up by the pose. `compensated` leaves out of the uncertainty what
@@ -24,8 +28,8 @@ from .settings import LensSettings
 def projection_uncertainty(
     camera: Camera, compensated: bool = True, grid: tuple[int, int] = LensSettings.uncertainty_grid
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels (R, C, 2) over the whole picture, on `grid` = (columns, rows), covariances (R, C, 2, 2) px² of the
-    projection of each one's fixed ray, and standard deviations (R, C) px in the worst direction; NaN without a ray.
+    """Pixels (R, C, 2) on a grid over the picture, the covariances (R, C, 2, 2) px² of the projections of their fixed
+    rays, and the standard deviations (R, C) px in the worst direction; NaN without a ray. grid : (columns, rows).
 
     compensated : without what a turn of the camera explains. Raises InputError when the camera has no covariance.
     """
@@ -40,13 +44,14 @@ def projection_uncertainty(
 
 
 def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int] = LensSettings.uncertainty_grid) -> np.ndarray:
-    """(rows, columns, 2) pixels from border to border of a (width, height) picture, for `grid` = (columns, rows)."""
+    """(rows, columns, 2) pixels on a regular grid, borders included, of a (width, height) picture. grid : (columns,
+    rows)."""
     columns, rows = (np.linspace(-0.5, size - 0.5, count) for size, count in zip(image_size, grid, strict=True))
     return np.stack(np.meshgrid(columns, rows), axis=-1)
 
 
 def is_covered(pixels: np.ndarray, corners_px: np.ndarray) -> np.ndarray:
-    """(M,) which pixels (M, 2) lie among corners (N, 2)."""
+    """(M,) mask of the pixels (M, 2) that lie among corners (N, 2)."""
     hull = cv2.convexHull(corners_px.astype(np.float32))
     return np.array([cv2.pointPolygonTest(hull, one.tolist(), False) >= 0 for one in pixels], bool)
 
@@ -54,9 +59,9 @@ def is_covered(pixels: np.ndarray, corners_px: np.ndarray) -> np.ndarray:
 def expected_errors_px(
     cameras: Mapping[str, Camera], reference: str, corners_px: np.ndarray, left_out: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Expected error (1 + V,) of each lens, from all views and without each in turn, by the focused information
-    criterion (Claeskens & Hjort 2003): its variance, and the square of its bias, the difference from the reference less
-    twice the mean of what noise makes of it.
+    """Expected errors (1 + V,) px of the lens from all views and of the lens with each view left out, by the focused
+    information criterion (Claeskens & Hjort 2003): variance plus squared bias, where the bias is estimated by the
+    difference from the reference less twice the mean that noise causes.
 
     cameras : by name, from the same corners (N, 2), with covariances. reference : one without bias. left_out : by how
     much the parameters (V, 4 + k) change without each view. What a turn of the camera explains among the corners is
@@ -93,8 +98,8 @@ def expected_errors_px(
 
 @lru_cache(maxsize=4)
 def linear_axes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Independent axes (P, P) of a lens' covariance, by unit standard deviations, and the share (P,) of each within
-    which the picture follows the lens linearly and is seen as far as before.
+    """Independent axes (P, P) of a lens's covariance, one standard deviation long, and the share (P,) of each within
+    which the projection is linear and the visible region unchanged.
 
     Where the board's views leave a rational or wide lens open the covariance is an extrapolation: a small part of a
     standard deviation along one axis leads to a lens that folds inside the picture.
@@ -122,13 +127,13 @@ def linear_axes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 def projection_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """(..., 2, 4 + k) how the projection of each pixel's fixed ray moves with the lens; NaN without a ray."""
+    """(..., 2, 4 + k) derivatives of the projection of each pixel's fixed ray by the intrinsics; NaN without a ray."""
     return _slopes(camera, pixels)[0]
 
 
 def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray, where: np.ndarray | bool = True) -> np.ndarray:
-    """(..., 2, p) what derivatives by p causes leave when the camera turns to meet each best, in mean square over the
-    pixels `where` (...)."""
+    """Derivatives (..., 2, p) of projections with the best-fitting camera rotation removed from each of the p
+    columns, by least squares over the pixels `where` (...)."""
     turn = _slopes(camera, pixels)[1]
     known = where & np.isfinite(jacobian).all(axis=(-1, -2)) & np.isfinite(turn).all(axis=(-1, -2))
     if not known.any():
@@ -138,7 +143,8 @@ def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray, where: 
 
 
 def _slopes(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How the projections of pixels' rays move with the lens (..., 2, 4 + k), and per rad with a turn (..., 2, 3)."""
+    """Derivatives of the projections of pixels' fixed rays: (..., 2, 4 + k) by the intrinsics, (..., 2, 3) per rad of
+    camera rotation."""
     pixels = np.asarray(pixels, float)
     return _slopes_at(camera, pixels.shape, pixels.tobytes())
 

@@ -1,4 +1,4 @@
-"""Whether a lens may be used, and why: one object behind the terminal, camera.json, pages and exit codes."""
+"""Verdict on a lens, used by the terminal, camera.json, pages and exit codes alike."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _Grade = Literal["trusted", "look at", "do not use"]
 
 @dataclass(frozen=True)
 class LensVerdict:
-    """The verdict on a lens: it is as good as the worst that was found."""
+    """Verdict on a lens: its grade is that of the worst diagnosis."""
 
     diagnoses: tuple[Diagnosis, ...] = ()  # what is wrong, or looks wrong, the grave ones first
     # sentences: why this lens model, whether halves of the views agree, whether the board is flat
@@ -37,12 +37,12 @@ class LensVerdict:
 
     @property
     def trusted(self) -> bool:
-        """Whether nothing was found that is, or looks, wrong."""
+        """Whether there is no diagnosis against the lens."""
         return self.grade == "trusted"
 
     @property
     def headline(self) -> str:
-        """What the grade means, in a sentence."""
+        """The grade in a sentence."""
         return {
             "trusted": "This lens can be trusted.",
             "look at": "Look at the warnings before you trust this lens.",
@@ -60,7 +60,7 @@ class LensVerdict:
         return int(self.grade == "do not use")
 
     def with_diagnoses(self, found: Iterable[Diagnosis]) -> LensVerdict:
-        """The same verdict with these diagnoses besides."""
+        """The verdict with further diagnoses."""
         return replace(self, diagnoses=_grave_first((*self.diagnoses, *found)))
 
     def to_dict(self) -> dict[str, Any]:
@@ -75,7 +75,7 @@ class LensVerdict:
 
 
 def judge(solution: LensSolution, views_px: Sequence[np.ndarray], view_scatter: float) -> LensVerdict:
-    """The verdict on a lens by its solve alone; what the set of views shows is added with `with_diagnoses`.
+    """The verdict on a lens from its solution alone; `with_diagnoses` adds what the set of views shows.
 
     views_px : corners (N, 2) of each view used. view_scatter : as `Information` has it.
     """
@@ -88,7 +88,7 @@ def _grave_first(found: Iterable[Diagnosis]) -> tuple[Diagnosis, ...]:
 
 
 def _diagnoses(solution: LensSolution, views_px: Sequence[np.ndarray], view_scatter: float) -> Iterator[Diagnosis]:
-    """Diagnoses against the lens, in no order."""
+    """Diagnoses against the lens, unordered."""
     chosen, count = solution.chosen, len(views_px)
     if solution.rms_inliers_px > LensSettings.most_rms_px:
         words = f"the corners miss the lens by {solution.rms_inliers_px:.1f} px rms, outliers left out"
@@ -129,7 +129,7 @@ def _diagnoses(solution: LensSolution, views_px: Sequence[np.ndarray], view_scat
 
 
 def _why(solution: LensSolution) -> list[str]:
-    """Sentences on why this lens model was taken."""
+    """Sentences that explain the choice of the lens model."""
     chosen = solution.chosen
     if chosen is None:
         return []

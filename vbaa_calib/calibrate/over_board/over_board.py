@@ -40,7 +40,7 @@ from vbaa_calib.session import NominalAntenna
 
 @dataclass(frozen=True)
 class _OverBoardFitSettings:
-    """Thresholds of the fit of a free antenna over a board; deviations are standard deviations."""
+    """Thresholds of the fit of a free antenna over a board."""
 
     # what a nominal antenna is trusted with besides the priors of bundle adjustment
     length_std_m: float = 3e-4  # of its length: a ruler's reading
@@ -70,7 +70,7 @@ _STEPS = np.array([1e-5, 1e-5, 1e-5, *[0.02] * (_UNKNOWNS - 3)])  # finite diffe
 
 @dataclass(frozen=True, eq=False)
 class _FreeAntenna:
-    """Prior of the free antenna, before the picture."""
+    """Prior distribution of the free antenna's shape."""
 
     length_m: float  # from the clamp to the tip
     length_std_m: float
@@ -82,7 +82,7 @@ class _FreeAntenna:
     taper: Taper = UNIFORM
 
     def curves(self, parameters: np.ndarray) -> Curves:
-        """The free antenna with each of K parameter vectors (K, 9)."""
+        """Shapes of the free antenna for each of K parameter vectors (K, 9)."""
         count = len(parameters)
         gravity = np.repeat(self.gravity_m_s2[None], count, axis=0)
         half = np.full(count, 0.5 * self.length_m)
@@ -93,7 +93,8 @@ class _FreeAntenna:
 
 
 def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> _FreeAntenna:
-    """A straight antenna of nominal stiffness and mass, clamped in the frame that is solved for; gravity (3,) in it."""
+    """Prior of a straight antenna of nominal stiffness and mass. gravity_m_s2 : (3,) in the antenna frame that is
+    solved for."""
     bow = bow_std_per_m(antenna.length_m)
     shape = [
         bow,
@@ -131,7 +132,7 @@ its place along the antenna is known, m."""
 
 
 def _along(mark: _Mark, curves: ImageCurves) -> np.ndarray:
-    """(1, 2) the first curve's direction at a mark over the mark's standard deviation along it."""
+    """(1, 2) direction of the first curve at a marked point, divided by the mark's standard deviation along it."""
     end, seen, std_m = mark
     slope = curves.slopes[0, end]
     unit = slope / np.linalg.norm(slope)
@@ -141,7 +142,7 @@ def _along(mark: _Mark, curves: ImageCurves) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _OverProblem:
-    """Problem of the camera's pose: what was seen, and the priors."""
+    """Least-squares problem of the camera's pose over the board: observations and priors."""
 
     setup: OverSetup
     board: BoardPose
@@ -151,7 +152,7 @@ class _OverProblem:
     noise_scale: float = 1.0  # scatter of the points over the stated one
 
     def T_camera_antenna(self, unknowns: np.ndarray) -> Pose:
-        """Pose of the antenna frame."""
+        """Pose of the antenna frame in the camera's, from the unknowns."""
         angle, x, y = unknowns[_IN_PLANE]
         cos, sin, up = np.cos(angle), np.sin(angle), self.toward
         rotation = np.array([[cos, up * sin, 0.0], [sin, -up * cos, 0.0], [0.0, 0.0, -up]])
@@ -160,13 +161,13 @@ class _OverProblem:
         return self.board.T_camera_board.retract(step) @ Pose(rotation, np.array([x, y, -height]))
 
     def curves(self, unknowns: np.ndarray) -> ImageCurves:
-        """The antenna in the picture for each of (K, 19) unknowns."""
+        """The projected antenna for each of (K, 19) unknowns."""
         antenna = self.setup.antenna
         parameters = antenna.parameters + unknowns[:, 10:] @ independent_axes(antenna.covariance).T
         return image_curves(antenna.curves(parameters), [self.T_camera_antenna(row) for row in unknowns])
 
     def linearised(self, unknowns: np.ndarray) -> Linearised:
-        """Whitened residuals (R,), Huber's of the points, then marks and priors; their Jacobian (R, 19)."""
+        """Whitened residuals (R,) and their Jacobian (R, 19): points under Huber's loss, then marks and priors."""
         curves = self.curves(np.vstack([unknowns, unknowns + np.diag(_STEPS)]))
         rows = [whitened_with_lens(self.seen, curves)[0] / self.noise_scale]
         rows += [_along(one, curves) @ (one[1].points.T - curves.nodes[:, one[0]].T) for one in self.marks]
@@ -177,7 +178,7 @@ class _OverProblem:
         return Linearised(unknowns, residuals, np.vstack([jacobian, prior]), certain)
 
     def by_lens(self, curves: ImageCurves) -> np.ndarray:
-        """(R, P) change of the residuals with the lens, board and frame fixed."""
+        """(R, P) derivatives of the residuals by the lens, with board and antenna frame fixed."""
         rows = [whitened_with_lens(self.seen, curves)[1] / self.noise_scale]
         rows += [_along(one, curves) @ one[1].by_lens[0] for one in self.marks if one[1].by_lens is not None]
         points = np.vstack(rows)
@@ -185,8 +186,9 @@ class _OverProblem:
 
 
 def _solve_over(problem: _OverProblem, start: np.ndarray) -> tuple[PoseEstimate, float]:
-    """The camera's pose from a start (angle, x, y) in the board frame, and the scatter of the points over the stated
-    one. Raises SolveError where that does not converge, or too few points lie on the antenna."""
+    """The unknowns solved from an initial angle and position (angle, x, y) in the board frame, and the ratio of the
+    points' scatter to the stated one. Raises SolveError where that does not converge or too few points lie on the
+    antenna."""
     unknowns = np.concatenate([start, np.zeros(_UNKNOWNS - 3)])
     for _ in range(_OverBoardFitSettings.passes):
         unknowns = _descended(problem, unknowns)
@@ -234,7 +236,8 @@ def _descended(problem: _OverProblem, unknowns: np.ndarray) -> np.ndarray:
 def solve_over_board(
     images: Mapping[str, np.ndarray], setup: OverSetup, guess: Pose | None = None
 ) -> tuple[PoseEstimate, BoardPose]:
-    """Pose of the camera from pictures of the free antenna over a board on plane C, and the board's.
+    """Camera poses relative to the antenna and to the board, from pictures of the free antenna over a board on plane
+    C.
 
     The frame is the antenna's own: a jig that holds the same frame differs by the clamp's scatter.
 
@@ -318,7 +321,7 @@ def _line(picture: np.ndarray, board: BoardPose, setup: OverSetup, where: str, b
 
 
 def _refuse_moved(images: Mapping[str, np.ndarray], picture: np.ndarray, line: BoardLine) -> None:
-    """Refuses a picture that does not show the line where the typical one (H, W) does."""
+    """Raises InputError for a picture in which the line is not where the median picture (H, W) has it."""
     along = np.gradient(line.points_px, axis=0)
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
     normal *= (line.width_px + 3.0) / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
@@ -337,7 +340,7 @@ def _refuse_moved(images: Mapping[str, np.ndarray], picture: np.ndarray, line: B
 
 
 def _refuse_other_lines(line: BoardLine, plane: PlaneAbove, setup: OverSetup, where: str) -> None:
-    """Refuses a line longer than the antenna, or a dark one next to its own hard shadow."""
+    """Raises InputError for a line longer than the antenna, or a dark line next to its own hard shadow."""
     if not line.bright and line.shadow > _OverBoardFitSettings.hard_shadow:
         raise InputError(
             f"a band {100 * line.shadow:.0f} % darker runs beside the dark antenna: its shadow",
@@ -354,13 +357,13 @@ def _refuse_other_lines(line: BoardLine, plane: PlaneAbove, setup: OverSetup, wh
 
 
 def _outermost(line: BoardLine) -> np.ndarray:
-    """(2, 2) the two ends of what is seen of the line, px."""
+    """(2, 2) the two ends of the visible part of the line, px."""
     pairs = zip(line.ends, line.points_px[[0, -1]], strict=True)
     return np.stack([point if end is None else end.point_px for end, point in pairs])
 
 
 def _from_clamp(line: BoardLine, plane: PlaneAbove, guess: Pose | None, setup: OverSetup, where: str) -> BoardLine:
-    """The line with its clamped end first. Raises InputError where nothing shows which end that is."""
+    """The line ordered from its clamped end. Raises InputError where the picture does not show which end that is."""
     ends = _outermost(line)
     if setup.clamp is not None:
         near = np.linalg.norm(ends - setup.clamp.point_px, axis=1)

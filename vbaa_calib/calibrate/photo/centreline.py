@@ -31,7 +31,7 @@ _TO_OPPONENT = np.array([[0.114, 0.587, 0.299], [0.0, -0.7071, 0.7071], [-0.8165
 
 @dataclass(frozen=True, eq=False)
 class _RodPath:
-    """A coarse line (N, 2) in pixels of the photograph, the width it was found with, and its evidence."""
+    """A coarse line (N, 2) in the photograph's pixels, with the width at which it was found and its evidence."""
 
     path_px: np.ndarray
     width_px: float
@@ -40,7 +40,7 @@ class _RodPath:
     mean: float = 0.0
 
     def is_clear(self, settings: RodSettings) -> bool:
-        """Whether a rod is likely to be along it."""
+        """Whether the path is bent and its evidence strong enough to end the search."""
         along, chord = self.path_px - self.path_px[0], self.path_px[-1] - self.path_px[0]
         sagitta = np.abs(along @ [-chord[1], chord[0]]).max() / max(float(chord @ chord), 1e-9)
         bent = 8.0 * sagitta > settings.clear_bend
@@ -59,26 +59,26 @@ def _opponent(picture: np.ndarray, settings: RodSettings) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """A reduced picture (channels, H, W), `scale` of its pixels to one of the photograph's."""
+    """A picture (channels, H, W) of a pyramid; `scale` of its pixels make one of the photograph's."""
 
     planes: np.ndarray
     scale: float
 
     def reduced(self, scale: float, shape: tuple[int, int]) -> _Level:
-        """The picture reduced to a shape (H, W) and a scale, which is at most this one's."""
+        """The picture resized to shape (H, W) at a scale that is not larger than this level's."""
         size = (max(8, round(scale * shape[1])), max(8, round(scale * shape[0])))
         if size == self.planes.shape[:0:-1]:
             return self
         return _Level(np.stack([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in self.planes]), scale)
 
     def noise(self, settings: RodSettings) -> np.ndarray:
-        """(channels,) standard deviation of a pixel, from second differences."""
+        """(channels,) standard deviation of the pixel noise, from second differences."""
         rows = self.planes[:, :: max(1, self.planes.shape[1] // settings.sampled_rows)]
         bend = rows[:, :, 2:] - 2.0 * rows[:, :, 1:-1] + rows[:, :, :-2]
         return np.maximum(np.median(np.abs(bend), axis=(1, 2)) / (NORMAL_QUARTILE * np.sqrt(6.0)), settings.least_noise)
 
     def texture(self, apart_px: float, settings: RodSettings) -> np.ndarray:
-        """(channels,) standard deviation between places so far apart, of the usual surface."""
+        """(channels,) standard deviation of the difference between places `apart_px` apart on typical surfaces."""
         smooth = np.stack([cv2.blur(each, (3, 3)) for each in self.planes])
         off, few = max(1, round(apart_px)), max(1, self.planes.shape[1] // settings.sampled_rows)
         differences = [smooth[:, off::few] - smooth[:, :-off:few], smooth[:, ::few, off:] - smooth[:, ::few, :-off]]
@@ -86,12 +86,13 @@ class _Level:
 
 
 def _shading_of(channels: int, settings: RodSettings) -> np.ndarray:
-    """(channels,) usual difference in colour of neighbouring places on one surface."""
+    """(channels,) typical colour difference of neighbouring places on one surface."""
     return np.array([settings.shading[min(channel, 1)] for channel in range(channels)])
 
 
 def _ribbon_evidence(level: _Level, width: float, texture: np.ndarray, settings: RodSettings) -> np.ndarray:
-    """Log odds (steps, directions, columns) of ribbons so wide down a picture of this texture (channels,)."""
+    """Log odds (steps, directions, columns) of ribbons of the given width, from row to row of a picture with this
+    texture (channels,)."""
     shading = np.hypot(_shading_of(len(level.planes), settings), texture)
     shares = (settings.flat, settings.edge, settings.chance)
     return core.search.ribbon_evidence(
@@ -100,12 +101,12 @@ def _ribbon_evidence(level: _Level, width: float, texture: np.ndarray, settings:
 
 
 def _most_scale(planes: np.ndarray, settings: RodSettings) -> float:
-    """Scale at which a picture is searched for the thinnest rods."""
+    """Scale of the pyramid level in which the thinnest rods are searched."""
     return float(min(1.0, np.sqrt(1e6 * settings.most_megapixels / np.prod(planes.shape[1:]))))
 
 
 def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[_Level, float]]:
-    """The picture reduced for ribbons of each width, in pixels of the picture; the widest first."""
+    """Pyramid levels for each ribbon width (in the picture's pixels), the widest first."""
     height, width = planes.shape[1:]
     most = _most_scale(planes, settings)
     widths = [settings.narrowest_px / most]
@@ -126,8 +127,9 @@ def _paths_at(
     bound: float,
     colours: np.ndarray | None = None,
 ) -> list[_RodPath]:
-    """Paths along which ribbons so wide in the photograph's pixels may lie, the best first; from clamp to tip if these
-    are known. They lack no more evidence than `bound`, and have one of the `colours` (K, channels) if there are any."""
+    """Candidate paths of ribbons of one width (in the photograph's pixels), the best first; from clamp to tip where
+    these are known. Their evidence is at least the best's less `bound`, and their colour one of `colours` (K,
+    channels) if any."""
     clamp, tip = ends
     height, columns = level.planes.shape[1:]
     width, diagonal = width_px * level.scale, float(np.hypot(height, columns))
@@ -186,7 +188,7 @@ def _from_clamp(path: _RodPath, clamp: np.ndarray | None, tip: np.ndarray | None
 
 
 def _shared(path: _RodPath, other: _RodPath, settings: RodSettings) -> float:
-    """Part of a path's length that runs along another, nearer than a part of the width."""
+    """Fraction of a path's length that runs along another path, within a fraction of the width."""
     along = arc_lengths(other.path_px)
     at = np.linspace(0.0, along[-1], max(2, int(2.0 * along[-1] / path.width_px)))
     fine = np.stack([np.interp(at, along, each) for each in other.path_px.T], axis=1)
@@ -196,7 +198,8 @@ def _shared(path: _RodPath, other: _RodPath, settings: RodSettings) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _PhotoPatch:
-    """The part of a picture about a path, reduced until the rod is a few pixels wide: `scale` of its pixels to one."""
+    """The part of a picture around a path, reduced until the rod is a few pixels wide; `scale` patch pixels make one
+    of the picture's."""
 
     planes: np.ndarray
     scale: float
@@ -206,7 +209,7 @@ class _PhotoPatch:
 
     @staticmethod
     def about(planes: np.ndarray, path: _RodPath, settings: RodSettings) -> _PhotoPatch:
-        """The patch about a path."""
+        """The patch around a path."""
         size, room = np.array(planes.shape[:0:-1]), settings.patch_widths * path.width_px + 10.0
         times = max(1, int(path.width_px / settings.measured_width_px))
         low = np.clip(np.floor(path.path_px.min(axis=0) - room).astype(int), 0, size - 2 * times)
@@ -218,17 +221,17 @@ class _PhotoPatch:
         return _PhotoPatch(level.planes, level.scale, low, noise, np.hypot(noise, _shading_of(len(planes), settings)))
 
     def here(self, points: np.ndarray) -> np.ndarray:
-        """Places (..., 2) of the picture in the patch."""
+        """Patch coordinates of points (..., 2) of the picture."""
         return (points - self.low + 0.5) * self.scale - 0.5
 
     def back(self, points: np.ndarray) -> np.ndarray:
-        """Places (..., 2) of the patch in the picture."""
+        """Picture coordinates of points (..., 2) of the patch."""
         return (points + 0.5) / self.scale - 0.5 + self.low
 
 
 @dataclass(frozen=True, eq=False)
 class _Strip:
-    """A picture's planes straightened along a curve: (channels, S, A), at stations (S, 2) and places across (A,)."""
+    """A picture's planes resampled along a curve: (channels, S, A), at stations (S, 2) and lateral offsets (A,)."""
 
     values: np.ndarray
     stations_px: np.ndarray
@@ -238,7 +241,7 @@ class _Strip:
 
     @staticmethod
     def along(planes: np.ndarray, curve: np.ndarray, spacing: float, reach: float, fine: float) -> _Strip:
-        """The strip to `reach` on either side of a finely and evenly spaced curve (M, 2)."""
+        """The strip of half width `reach` along a finely and evenly spaced curve (M, 2)."""
         each = max(1, round(spacing / max(arc_lengths(curve[:2])[-1], 1e-9)))
         stations, normal = curve[::each], normals(curve)[::each]
         across = np.arange(-np.ceil(reach / fine), np.ceil(reach / fine) + 1) * fine
@@ -251,7 +254,7 @@ class _Strip:
         return _Strip(values, stations, normal, across, inside)
 
     def colours(self, low: float, high: float, smooth: int = 1) -> np.ndarray:
-        """(channels, S) median colour between two places across, NaN outside the picture; a running one over so many
+        """(channels, S) median colour between two lateral offsets, NaN outside the picture; smoothed over `smooth`
         stations."""
         columns = self._between(low, high)
         found = np.median(self.values[:, :, columns], axis=2)
@@ -265,12 +268,12 @@ class _Strip:
         return found
 
     def _between(self, low: float, high: float) -> np.ndarray:
-        """A few columns of the strip, between two places across."""
+        """A few columns of the strip between two lateral offsets."""
         columns = np.flatnonzero((self.across_px >= low) & (self.across_px <= high))
         return columns[:: max(1, len(columns) // 8)]
 
     def surface(self, low: float, high: float, smooth: int) -> tuple[np.ndarray, np.ndarray]:
-        """(channels, S) median colour between two places across, and (channels,) how much it scatters there."""
+        """(channels, S) median colour between two lateral offsets, and its scatter (channels,)."""
         colours = self.colours(low, high, smooth)
         scatter = np.median(np.abs(self.values[:, :, self._between(low, high)] - colours[..., None]), axis=2)
         known = np.isfinite(scatter[0])
@@ -281,7 +284,7 @@ class _Strip:
 
 @dataclass(frozen=True, eq=False)
 class _MeasuredRod:
-    """A fitted line and what speaks for it; pixels of the photograph."""
+    """A fitted centreline with its evidence, in the photograph's pixels."""
 
     points_px: np.ndarray
     curve_px: np.ndarray
@@ -295,22 +298,22 @@ class _MeasuredRod:
     parts: dict[str, float]
 
     def is_good(self, settings: RodSettings) -> bool:
-        """Whether nothing better is to be expected."""
+        """Whether the line has no gap and so much evidence that no better one is expected."""
         return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.has_edges(settings)
 
     def has_edges(self, settings: RodSettings) -> bool:
-        """Whether all but a few of its places have both edges."""
+        """Whether nearly all its stations have both edges."""
         return self.parts["edges"] > settings.good_edges
 
     @property
     def may_be_shadow(self) -> bool:
-        """Whether most of it has a side's hue in less light."""
+        """Whether most of the line has the background's hue at a lower brightness, as a shadow has."""
         return self.parts["shadow"] > 0.5
 
     @property
     def covered_end_px(self) -> np.ndarray | None:
-        """An end (2,) within the picture that has a side's hue in less light, or where none is before plain
-        background."""
+        """An end (2,) inside the picture that may be covered, by a shadow or a holder: it has the background's hue at
+        a lower brightness, or does not end before plain background; None without one."""
         for name, end in (("first_shadow", 0), ("last_shadow", -1)):
             if self.inside[end] and self.parts[name] > 0.5 and not self.may_be_shadow:
                 return self.curve_px[end]
@@ -319,11 +322,11 @@ class _MeasuredRod:
         return self.curve_px[end] if odds > 0.0 else None
 
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
-        """Whether a line (N, 2) runs in this rod over such a share of its points."""
+        """Whether at least a fraction `share` of a line's points (N, 2) lie in this rod."""
         return float(np.mean(np.abs(offsets_from(self.curve_px, line)[1]) < 0.5 * self.width_px)) > share
 
     def end_colours(self, planes: np.ndarray) -> np.ndarray:
-        """(2, channels) of its first and last eighth."""
+        """(2, channels) colours of the first and the last eighth."""
         size = np.array(planes.shape[:0:-1]) - 1
         places = np.clip(np.rint(self.curve_px).astype(int), 0, size)
         count = max(2, len(places) // 8)
@@ -339,7 +342,7 @@ def _fitted(
     last: np.ndarray | None,
     settings: RodSettings,
 ) -> _MeasuredRod | None:
-    """The line along a path, from its first end to its last where these are known; None where it has no edges."""
+    """The centreline fitted along a path, between its known ends; None where it has no edges."""
     patch = _PhotoPatch.about(picture_planes, path, settings)
     planes, noise = patch.planes, patch.noise
     first, last = (None if each is None else patch.here(each) for each in (first, last))
@@ -398,8 +401,8 @@ def _course(
     ends: tuple[np.ndarray | None, np.ndarray | None],
     settings: RodSettings,
 ) -> _Course | None:
-    """Points, their curve and distances from it, the width, whether the ends are inside, and which stations have two
-    edges, by the edges in some channels; None where there are none. In pixels of the patch."""
+    """Centre points with distances from their smooth curve, that curve, the width, whether the ends are inside the
+    picture, and which stations have two edges, measured in some channels; None without edges. In the patch's pixels."""
     planes, spread = patch.planes[channels], patch.spread[channels]
     first, last = ends
     curve = _smooth(coarse, np.ones(len(coarse)), max(width, settings.least_smoothing_px))
@@ -454,8 +457,8 @@ def _course(
 def _along(
     planes: np.ndarray, curve: np.ndarray, width: float, cell: float, seen: np.ndarray, settings: RodSettings
 ) -> tuple[np.ndarray, dict[str, float]]:
-    """Where (S,) along a curve there is a ribbon, by the search's evidence in the straightened picture or by both its
-    edges; and what that evidence, its mean the log odds, and the line's shape and colours add up to."""
+    """Mask (S,) of the stations along a curve with a ribbon (by the search's evidence in the straightened picture, or
+    by both edges); and the total evidence of log odds, shape and colours."""
     fine = width / settings.level_width_px
     sigma = 0.4 * np.sqrt(max(fine**2 - 1.0, 0.0))
     soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
@@ -508,8 +511,8 @@ def _along(
 
 
 def _unlike_sides(middle: np.ndarray, sides: Sequence[np.ndarray], shading: np.ndarray) -> float:
-    """By how much both sides' colours (channels, S) differ, as a part of the contrast to the middle: edges of things
-    have one thing on each side."""
+    """Difference of the two sides' colours (channels, S) relative to their contrast with the middle: the edge of a
+    thing has that thing on one side only."""
     left, right, across = (
         np.linalg.norm(each / shading[:, None], axis=0)
         for each in (middle - sides[0], middle - sides[1], sides[0] - sides[1])
