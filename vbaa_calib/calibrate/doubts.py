@@ -1,4 +1,5 @@
-"""All findings of a calibration: lens, plane C, the session's hypotheses, and rows that bundle adjustment left out."""
+"""All diagnoses of a calibration: of lens, plane C, the session's hypotheses, and of data that bundle adjustment
+excluded."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
 
 
 def _row_doubts(joint: BundleAdjustment, explained: Sequence[Diagnosis] = ()) -> list[Diagnosis]:
-    """Rows and stretches of lines that bundle adjustment left out, but for those in pictures that a diagnosis names."""
+    """Diagnoses of rows and stretches of lines that bundle adjustment excluded, except in pictures that another
+    diagnosis names."""
     found, named = [], "\n".join(one.words for one in explained)
     for one, kept, disturbed in zip(joint.noted, joint.kept, joint.disturbed, strict=True):
         name = one.still.image.name if one.still.image else "?"
@@ -42,8 +44,8 @@ def _row_doubts(joint: BundleAdjustment, explained: Sequence[Diagnosis] = ()) ->
 def prior_doubts(
     joint: BundleAdjustment, explained: Sequence[Diagnosis] = (), significant_std: float = 4.0
 ) -> list[Diagnosis]:
-    """Diagnoses where the pictures contradict plane C or the clamp, by so many standard deviations; none where a
-    diagnosis may explain it."""
+    """Diagnoses where the pictures contradict the priors of plane C or the clamp by at least `significant_std`
+    standard deviations; none where another diagnosis may explain it."""
     if any(one.severity != "note" for one in explained):
         return []
     problem, found = joint.problem, []
@@ -64,7 +66,7 @@ def prior_doubts(
 
 
 def _weightless(session: Session, sag_m: float = 1e-4) -> list[Diagnosis]:
-    """A session without gravity and an antenna that would sag by more than this."""
+    """Diagnosis of a session without gravity whose antenna would sag by more than `sag_m`."""
     nominal = session.antenna
     own_m = nominal.mass_per_length_kg_m * STANDARD_GRAVITY_M_S2 * nominal.length_m**4 / (8.0 * nominal.stiffness_Nm2)
     if session.gravity_world_m_s2.any() or own_m <= sag_m:
@@ -77,7 +79,7 @@ def _weightless(session: Session, sag_m: float = 1e-4) -> list[Diagnosis]:
 
 
 def _plane_doubts(plane: PlaneC) -> list[Diagnosis]:
-    """Second poses of a board, pictures that were not used, and what the sweep left out or solved for."""
+    """Diagnoses of plane C: ambiguous board poses, unused pictures, and what the sweep excluded or solved for."""
     remedy = "take it from a steeper angle"
     found = [
         Diagnosis("pose_ambiguous", f"the board of {way!r} has a second pose that fits nearly as well", remedy)
@@ -102,7 +104,7 @@ def _plane_doubts(plane: PlaneC) -> list[Diagnosis]:
 
 
 def doubts(calibration: Calibration) -> list[Diagnosis]:
-    """All diagnoses of a calibration, but for those that another one explains."""
+    """All diagnoses of a calibration, except those that another one explains."""
     joint, explained = calibration.joint, calibration.still_diagnoses
     found = [*calibration.lens.verdict.diagnoses, *_plane_doubts(calibration.plane), *explained]
     found += prior_doubts(joint, explained) + _row_doubts(joint, explained)

@@ -1,4 +1,4 @@
-"""Lens calibration from corners found elsewhere: checked, then solved like detected ones."""
+"""Lens calibration from corners that another program detected: checked, then solved like our own."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .lens_from_views import solve_lens
 def calibrate_lens(
     views: Sequence[tuple[Any, Any]], image_size: tuple[int, int], board_points: Any, model: str = "auto"
 ) -> LensSolution:
-    """Solve for a lens from corners of a flat board, some of which may be grossly wrong.
+    """Solve for a lens from corners of a flat board; outliers are found and left out.
 
     Parameters
     ----------

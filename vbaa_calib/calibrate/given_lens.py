@@ -1,4 +1,4 @@
-"""A lens calibrated before: reads its file, assumes a covariance where it states none, tests it on new views."""
+"""A lens from a file: it is read, gets a default covariance where the file has none, and is tested on new views."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class GivenLens:
 
     @property
     def size_words(self) -> str:
-        """Beginning of an error about the picture's size."""
+        """First words of a message about the picture's size."""
         return f"the lens in {self.path.name} is for"
 
     def to_dict(self) -> dict[str, Any]:
@@ -103,7 +103,7 @@ def _model_of(camera: Camera) -> DistortionModel:
 
 
 def _own_doubts(path: Path) -> tuple[Diagnosis, ...]:
-    """Diagnoses of a camera.json or rig.json on its own lens."""
+    """The diagnoses that a camera.json or rig.json records of its lens."""
     data = read_json(path)
     lens = data if at(data, "grade") is not None else at(data, "quality", "lens")
     grade, verdict = at(lens, "grade"), at(lens, "verdict")
@@ -118,9 +118,9 @@ def _own_doubts(path: Path) -> tuple[Diagnosis, ...]:
 
 
 def _with_assumed_covariance(camera: Camera, *, measured: bool = False) -> tuple[Camera, str]:
-    """The camera with the covariance of an ordinary calibration, in words, too. The focal lengths err together, the
-    coefficients each by itself; a camera without any may have some, unless the pictures were rectified with `measured`
-    ones."""
+    """The camera with the covariance of a usual calibration, and a sentence on it. The errors of fx and fy are
+    correlated, those of the coefficients independent; a lens without coefficients may have distortion, unless its
+    pictures were rectified with `measured` ones."""
     measured |= bool(camera.distortion.any())
     corner_px = camera.image_size[0] * (
         LensSettings.corner_per_width if measured else LensSettings.uncorrected_per_width
@@ -152,8 +152,8 @@ def _with_assumed_covariance(camera: Camera, *, measured: bool = False) -> tuple
 def given_solution(
     given: GivenLens, views: Sequence[BoardView], spec: Board, placed: Sequence[tuple[str, BoardView]] = ()
 ) -> LensSolution:
-    """The known lens as the lens step of a calibration. The board's views, if any, and those that show plane C,
-    `placed` with their folders, test the lens; the former show the board's shape, too."""
+    """The known lens in the form of the lens step's solution. It is tested by the board's views, if any, and by the
+    views that show plane C (`placed`, with their folders); the board's shape is solved from the former."""
     found, reasons = list(given.doubts), [f"The lens is the one in {given.path.name} ({given.what})."]
     if given.assumed:
         words = f"{given.path.name} states no uncertainty of its lens: assumed is {given.assumed}"
@@ -186,8 +186,8 @@ def given_solution(
 def focus_changed(
     camera: Camera, placed: Sequence[tuple[str, BoardView]], shape: BoardShape, what: Diagnosis
 ) -> list[Diagnosis]:
-    """Whether views of the board that show plane C, with their folders, contradict a lens: the diagnosis `what`, its
-    words continued."""
+    """The diagnosis `what`, with the evidence added to its words, where views of the board on plane C (with their
+    folders) contradict a lens; empty where they agree."""
     if not placed:
         return []
     focus = next(one for one in check_lens(camera, placed, shape, None).findings if one.name == "lens_focus")
@@ -203,8 +203,8 @@ def focus_changed(
 
 
 def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardView]) -> tuple[Diagnosis | None, str]:
-    """Whether the pictures' own lens agrees with the known one, and a sentence on that: χ² of the
-    difference over the part of the picture that the views cover, without what a turn of the camera explains."""
+    """Whether the lens solved from the pictures contradicts the known one, and a sentence on it: χ² of the difference
+    over the part of the picture that the views cover, net of camera rotation."""
     camera, other = given.camera, own.camera
     corners = np.concatenate([view.corners_px for view in views])
     pixels = pixel_grid(camera.image_size).reshape(-1, 2)

@@ -36,7 +36,7 @@ from .plane_c import PlaneC, because, find_plane, jig_causes, picture_folders, r
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A calibrated rig and the evidence for it.
+    """A calibrated rig, with the evidence for it.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Calibration:
 
 
 def prior_of_session(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
-    """Results of lens and plane C, before bundle adjustment."""
+    """The priors of bundle adjustment, from the results for lens and plane C."""
     readings, drift = session.load_readings, session.possible_drift
     before = prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, readings, drift)
     return read_by(session.wrench_sensor, before)
@@ -71,8 +71,8 @@ _Solved = TypeVar("_Solved")
 def next_lenses(
     lens: LensSolution, views: Sequence[BoardView], board: Board, worst_px: float = 3.0
 ) -> Iterator[LensSolution]:
-    """Solutions by the other lens models that were compared, the least expected error first, each solved when it is
-    asked for. Models that fold, and those of a larger expected error than `worst_px`, make no rig."""
+    """Solutions with the other compared lens models in order of expected error, each solved on demand. Models that
+    fold, or with an expected error above `worst_px`, are left out."""
     errors_px = {one.model: one.expected_error_px or np.inf for one in lens.comparison if one.monotonic}
     for model in sorted(errors_px, key=errors_px.__getitem__):
         if model == lens.model or errors_px[model] > worst_px:
@@ -98,8 +98,8 @@ def first_solved(
     solve: Callable[[LensSolution], _Solved],
     causes: Callable[[], Sequence[Diagnosis]],
 ) -> _Solved:
-    """Result of `solve` for a lens, or for the first of the others with which it converges if nothing else is the
-    cause.
+    """Result of `solve` for a lens, or for the first of the other lenses with which it converges, unless a diagnosis
+    explains the failure.
 
     causes : as `failure_causes` finds them; asked once, after the first failure.
 
@@ -122,7 +122,8 @@ def first_solved(
 
 
 def _lens_folder(session: Session, given: GivenLens | None) -> list[str]:
-    """The folder of the lens' pictures; none where a lens is known and there are no pictures to test it."""
+    """The folder of the lens's pictures, in a list; empty where the lens is known and there are no pictures to test
+    it."""
     folder = session.folder("intrinsics")
     if given is not None and not (
         folder.is_dir() and any(path.suffix.lower() in SUFFIXES for path in folder.iterdir())
@@ -135,8 +136,8 @@ def _lens_folder(session: Session, given: GivenLens | None) -> list[str]:
 
 
 def _every_camera(session: Session, lens_model: str, given: GivenLens | None) -> Calibration:
-    """Each camera by itself, for what is wrong with its pictures, and then all in one solve. Raises as `calibrate`
-    does."""
+    """Calibrates each camera separately, to find errors in its pictures, then all in one solve. Raises as
+    `calibrate`."""
     if given is not None:
         names = ", ".join(session.cameras)
         raise InputError("--camera is one lens", remedy=f"take pictures of the board with each: {names}")
@@ -159,7 +160,7 @@ def _every_camera(session: Session, lens_model: str, given: GivenLens | None) ->
 
 @gate
 def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | None = None) -> Calibration:
-    """Calibrates a rig from a session. Everything that can be wrong with the inputs is checked before the long work.
+    """Calibrates a rig from a session. All inputs are checked before the long computation.
 
     given : the initial lens; pictures in intrinsics/ are optional then, and test it.
 

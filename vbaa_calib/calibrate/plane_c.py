@@ -31,7 +31,7 @@ from vbaa_calib.session import OverBoard, Session, Still, has_over, has_sweep, r
 
 @dataclass(frozen=True, eq=False)
 class PlaneC:
-    """The camera's pose by every method that was measured, and the differences of every pair.
+    """The camera's pose by every available method, and the difference of every pair of them.
 
     jig, sweep, over : what each found, None where the session has no pictures for it.
     kinematics : the session's, with what the sweep found of the joints.
@@ -48,12 +48,12 @@ class PlaneC:
 
     @property
     def by_antenna_alone(self) -> bool:
-        """Whether the antenna alone defines its frame."""
+        """Whether the frame is defined by the antenna alone, without jig or sweep."""
         return [estimate.way for estimate in self.estimates] == ["over board"]
 
     @property
     def boards(self) -> dict[str, BoardPose]:
-        """The boards of which a single pose supports an estimate: each may have a second one that fits nearly as
+        """The single board poses from which an estimate comes: each may have a second solution that fits nearly as
         well."""
         boards = {"jig": self.jig, "over board": self.over}
         return {way: board for way, board in boards.items() if board is not None}
@@ -84,7 +84,7 @@ class PlaneC:
 
 @dataclass(frozen=True, eq=False)
 class PlaneViews:
-    """Views that show plane C; None where the session has no pictures for a method."""
+    """Board views for each method of finding plane C; None where the session has no pictures for it."""
 
     jig: Sequence[BoardView] | None
     sweep: Sequence[BoardView] | None
@@ -106,7 +106,7 @@ def picture_folders(session: Session) -> list[str]:
 
 
 def read_views(session: Session) -> PlaneViews:
-    """Find the boards. Raises InputError where a picture shows none, or not the one described."""
+    """Detects the boards. Raises InputError where a picture contains none, or another than session.yaml describes."""
     folders, spec = picture_folders(session), session.board
     return PlaneViews(
         detect_folder(session.folder("plane"), spec) if "plane" in folders else None,
@@ -116,7 +116,8 @@ def read_views(session: Session) -> PlaneViews:
 
 
 def find_plane(session: Session, camera: Camera, board: BoardShape, views: PlaneViews) -> PlaneC:
-    """Plane C by every method; board : by the lens' views. Raises InputError for contradictions."""
+    """Plane C by every method. board : its shape from the lens's views. Raises InputError where methods contradict
+    each other."""
     jig = sweep = over = None
     estimates: list[PoseEstimate] = []
     unused: list[Diagnosis] = []
@@ -164,7 +165,7 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
 def _require_agreement(
     apart: Sequence[Difference], session: Session, camera: Camera, jig: BoardPose | None, others: Sequence[PoseEstimate]
 ) -> None:
-    """Raises InputError where estimates contradict each other, with what explains it, as far as the jig can."""
+    """Raises InputError where estimates contradict each other, with the likely cause as far as the jig tells it."""
     try:
         require_agreement(apart, session.root)
     except InputError as error:
@@ -177,7 +178,7 @@ def _require_agreement(
 def _jig_evidence(
     session: Session, camera: Camera, jig: BoardPose | None, others: Sequence[PoseEstimate] = ()
 ) -> JigEvidence | None:
-    """Evidence on whether the jig is where session.yaml has it; None without a jig."""
+    """Evidence on whether the jig's pose is as session.yaml states; None without a jig."""
     if jig is None or session.T_antenna_board is None:
         return None
     free: Sequence[Still] = ()
@@ -189,7 +190,8 @@ def _jig_evidence(
 def jig_causes(
     session: Session, camera: Camera, plane: PlaneC, lines: Sequence[Observation] | None = None
 ) -> list[Diagnosis]:
-    """Diagnoses of a jig that is wrong or has moved since its picture, by the antenna's place; none without a jig.
+    """Diagnoses of a jig with a wrong pose, or one that has moved since its picture, from the antenna's place; none
+    without a jig.
 
     lines : of the antenna, with and without loads; None: the free antenna is searched for where each cause puts it.
     """
@@ -198,14 +200,15 @@ def jig_causes(
 
 
 def because(error: VbaaError, found: Sequence[Diagnosis], session: Session) -> VbaaError:
-    """The error, or in its place one of the input with the likely cause."""
+    """The error itself, or in its place an InputError with the likely cause."""
     if not found:
         return error
     return InputError(found[0].words, where=session.root / "session.yaml", remedy=found[0].remedy)
 
 
 def _clamp_doubt(found: PoseEstimate, over: OverBoard, board: BoardWithIds) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (K, 6) and standard deviations (K,) of the antenna's own frame relative to jig and joints."""
+    """Directions (K, 6) and standard deviations (K,) of the antenna's own frame relative to the frame of jig and
+    joints."""
     camera_m = found.T_antenna_camera.translation_m
     turns = np.hstack([np.eye(3), np.cross(np.eye(3), camera_m)])
     across = np.hstack([np.zeros((2, 4)), np.eye(2)])
@@ -217,13 +220,15 @@ def _clamp_doubt(found: PoseEstimate, over: OverBoard, board: BoardWithIds) -> t
 
 
 def _corner_bias(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (2, 6) and deviations (2,): a shift of all corners in the picture is a turn of the camera."""
+    """Directions (2, 6) and standard deviations (2,) of the pose error due to a common shift of all corners, which is
+    a rotation of the camera."""
     turns = np.hstack([estimate.T_antenna_camera.rotation[:, :2].T, np.zeros((2, 3))])
     return turns, PoseSettings.corner_bias_px / np.diag(camera.matrix)[[1, 0]]
 
 
 def _print_doubt(estimate: PoseEstimate, session: Session, scale_std: float) -> tuple[np.ndarray, np.ndarray]:
-    """Direction (1, 6), deviation (1,): a print larger than measured puts the camera further from it."""
+    """Direction (1, 6) and standard deviation (1,) of the pose error due to the print's scale, which changes the
+    distance."""
     camera_m = estimate.T_antenna_camera.translation_m
     origin_m = np.zeros(3)
     if estimate.way == "jig" and session.T_antenna_board is not None:
@@ -236,7 +241,7 @@ def _print_doubt(estimate: PoseEstimate, session: Session, scale_std: float) -> 
 
 
 def _kinematics(session: Session, sweep: SweepSolution | None, estimates: Sequence[PoseEstimate]) -> Kinematics:
-    """The session's kinematics with axes and tilt zero by the sweep and all estimates, and their uncertainty."""
+    """The session's kinematics with axes and tilt zero from the sweep and all estimates, with their uncertainty."""
     if sweep is None:
         return session.kinematics
     swept = next(estimate for estimate in estimates if estimate.way == sweep.estimate.way)

@@ -1,4 +1,4 @@
-"""Reports of a calibration: warnings, the result in a few lines, the evidence for rig.json and camera.json."""
+"""Reports of a calibration: warnings, a summary in a few lines, and the documents rig.json and camera.json."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def report(calibration: Calibration) -> None:
 
 
 def summary(calibration: Calibration) -> dict[str, Any]:
-    """The numbers of the result at a glance, for `--json`."""
+    """The main numbers of the result, for `--json`."""
     joint, jig = calibration.joint, calibration.plane.jig
     return {
         "lens_rms_px": None if calibration.given else float(calibration.lens.rms_px),
@@ -89,8 +89,8 @@ def _evidence(calibration: Calibration, guide: Mapping[str, Any]) -> dict[str, A
 
 
 def rig_document(calibration: Calibration, command: Sequence[str], guide: Mapping[str, Any]) -> dict[str, Any]:
-    """The document rig.json: the rig, the evidence for it, what to observe next (`guide`), and what it was made of by
-    which command line."""
+    """The document rig.json: the rig, the evidence for it, suggested observations (`guide`), the inputs and the
+    command line."""
     session = calibration.session
     files = [session.root / "session.yaml"]
     if isinstance(board := read_yaml(files[0]).get("board"), str):

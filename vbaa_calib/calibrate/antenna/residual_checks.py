@@ -1,4 +1,5 @@
-"""Tests of the assumptions by the residuals: equal compliance, weight, the sensor's noise and drift, to first order."""
+"""Score tests of the model's assumptions on the residuals, to first order: equal compliance in y and z, weight, the
+sensor's noise and drift."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ class _Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Checks:
-    """Results of the checks, assumption by assumption.
+    """Results of the score tests, one field an assumption.
 
     Attributes
     ----------
@@ -61,7 +62,8 @@ def check(joint: BundleAdjustment) -> Checks:
 
 
 def _one_more(joint: BundleAdjustment, points: np.ndarray, moments: np.ndarray) -> _Estimate | None:
-    """Score-test estimate of a further parameter that moves the points' rows and the moments (F,) so."""
+    """Score-test estimate of one further parameter, whose Jacobian by the points' rows and the moments (F,) is
+    `points`, `moments`."""
     own = np.concatenate([points, moments[joint.kept]])
     column = np.append(own, np.zeros(len(joint.solution.residuals) - len(own)))
     # nothing is known of it beforehand
@@ -103,7 +105,8 @@ def _drift(joint: BundleAdjustment, when: np.ndarray) -> _Estimate | None:
 
 
 def _moment_noise(joint: BundleAdjustment) -> tuple[float, tuple[float, float]]:
-    """Noise of one reading and its interval, without the degrees of freedom that the fit took."""
+    """Standard deviation of one moment reading and its 95 % interval, corrected for the degrees of freedom that the
+    fit used."""
     problem, solution = joint.problem, joint.solution
     if np.isinf(problem.moment_std_Nm):
         return np.nan, (np.nan, np.nan)

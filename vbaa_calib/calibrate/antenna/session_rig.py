@@ -62,8 +62,9 @@ class ExpectedAntenna:
     reaches: tuple[float | None, ...] = (1.3, 3.0, None)
 
     def observe(self, still: Still, image: np.ndarray, gravity_m_s2: np.ndarray) -> Observation:
-        """The antenna's seen points in one picture, as `read_picture` gives it; gravity (3,) in the antenna frame. One
-        of a load that the paint does not show is searched with the paint that it shows itself.
+        """Detected points of the antenna in one picture, as `read_picture` returns them. gravity_m_s2 : (3,) in the
+        antenna frame. A loaded antenna that is not found in the expected paint is searched again in the paint which
+        its own picture suggests.
 
         Raises InputError as `observe` does.
         """
@@ -108,11 +109,12 @@ class ExpectedAntenna:
         )
 
     def course_of(self, seen: Observation) -> np.ndarray:
-        """(3,) as `course`, of one free antenna as it was seen."""
+        """(3,) polynomial `course` of one free antenna's detected points."""
         return np.polyfit(*self._aside(seen), AntennaSettings.course_order)
 
     def on_course(self, seen: Observation) -> Observation:
-        """A free antenna without the stretches that leave the course of this rig's other pictures."""
+        """A free antenna's detected points without the stretches that leave the course common to this rig's
+        pictures."""
         assert self.course is not None
         along, aside = self._aside(seen)
         near = np.abs(aside - np.polyval(self.course, along)) < AntennaSettings.leaves_course
@@ -122,7 +124,8 @@ class ExpectedAntenna:
         return ends.only(near)
 
     def _aside(self, seen: Observation) -> tuple[np.ndarray, np.ndarray]:
-        """Where points (N,) of a free antenna lie along and across the expected one, in lengths of its picture."""
+        """Coordinates of a free antenna's points (N,) along and across the expected antenna, relative to its length
+        in the picture."""
         free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2, self.antenna.taper)
         where = corridor(
             self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m, taper=self.antenna.taper
@@ -134,8 +137,7 @@ class ExpectedAntenna:
     def learned(
         self, stills: Sequence[Still], images: Sequence[np.ndarray], gravity_m_s2: Sequence[np.ndarray]
     ) -> Paint:
-        """The paint that distinguishes the antenna from its background in these pictures; the default where none is
-        found."""
+        """The expectation with the paint learnt from these pictures; with the default paint where none is found."""
         for deviations in self.reaches:
             looking = [self._finder(still, pull, deviations) for still, pull in zip(stills, gravity_m_s2, strict=True)]
             paint = learn(looking, images)
@@ -144,7 +146,8 @@ class ExpectedAntenna:
         return Paint()
 
     def _finder(self, still: Still, gravity_m_s2: np.ndarray, deviations: float | None) -> AntennaFinder:
-        """Finder of the antenna within so many standard deviations of its expected place; None: all around."""
+        """Detector of the antenna within so many standard deviations of its expected place; None: in the whole
+        picture."""
         length, reach = self.antenna.length_m, REACH_PER_LENGTH
         shape = free_curve(self.parameters, length, gravity_m_s2, self.antenna.taper)
         if deviations is not None:
@@ -193,9 +196,9 @@ class ExpectedAntenna:
 def observe(
     session: Session, kinematics: Kinematics, stills: Sequence[Still], expected: ExpectedAntenna, what: str
 ) -> tuple[list[Observation], ExpectedAntenna]:
-    """The antenna's points in every static frame, and what is known better after them: its paint, learnt from some of
-    them, and the course that the free antenna has in all. A picture that shows none, or another course than most, is
-    searched again along theirs.
+    """Detected points of the antenna in every static frame, and the expectation updated by them: its paint, learnt
+    from some of the pictures, and the course of the free antenna. A picture in which no antenna is found, or one on
+    another course than most, is searched again along theirs.
 
     Raises InputError naming a picture of another size than the lens was calibrated for, or without an antenna.
     """
@@ -251,7 +254,7 @@ def observe(
 
 
 def observe_stills(session: Session, kinematics: Kinematics, before: Prior) -> list[Observation]:
-    """The antenna in the no-load frames and under the known loads of a session, in this order."""
+    """Observations of the antenna in a session's no-load frames, then under its known loads."""
     noload, loads = read_noload(session), read_loads(session)
     expected = ExpectedAntenna(session.antenna, before.camera, before.start, nominal_parameters(session.antenna))
     free, expected = observe(session, kinematics, noload, expected, "free antenna")
@@ -259,13 +262,14 @@ def observe_stills(session: Session, kinematics: Kinematics, before: Prior) -> l
 
 
 def bow_std_per_m(length_m: float) -> float:
-    """Prior standard deviation of the free antenna's curvature, 1/m: a wire is straight to a hundredth of its length,
-    or better, if it is longer than 250 mm."""
+    """Prior standard deviation of the free antenna's curvature, 1/m: a wire's bow is a hundredth of its length, less
+    if the wire is longer than 250 mm."""
     return 0.3 * max(1.0, 0.25 / length_m)
 
 
 def nominal_parameters(antenna: NominalAntenna) -> np.ndarray:
-    """(9,) antenna parameters before anything was seen: straight, clamped hard and true, nominal stiffness and mass."""
+    """(9,) nominal antenna parameters, the initial value: straight, clamped rigidly along x, nominal stiffness and
+    mass."""
     return np.array([0.0] * 6 + [np.log(antenna.stiffness_Nm2), np.log(antenna.mass_per_length_kg_m), 0.0])
 
 
@@ -277,8 +281,8 @@ def prior(
     readings: LoadReadings = EXACT,
     drift: Drift | None = None,
 ) -> Prior:
-    """Priors of bundle adjustment, before the static frames; own_frame : plane C was found by the antenna alone, so
-    that its clamp lies on and along the x axis by definition."""
+    """Priors of bundle adjustment, before the static frames. own_frame : whether plane C was determined by the
+    antenna alone, so that its clamp is at the origin and along the x axis by definition."""
     in_plane = AntennaSettings.own_frame if own_frame else 1.0
     clamp = [
         AntennaSettings.clamp_offset_std_m * in_plane,
@@ -312,7 +316,7 @@ def prior(
 
 
 def read_by(sensor: NominalWrenchSensor | None, before: Prior) -> Prior:
-    """The prior for a sensor of several axes; None: for one about y."""
+    """The prior with a wrench sensor of several axes; None: the moment about y alone."""
     if sensor is None:
         return before
     mean, names = before.mean.copy(), [name for name in sensor.signs if name != "my"]
@@ -330,8 +334,8 @@ def read_by(sensor: NominalWrenchSensor | None, before: Prior) -> Prior:
 
 
 def solve_antenna(session: Session, observations: Sequence[Observation], before: Prior) -> BundleAdjustment:
-    """Bundle adjustment of a session's static frames. A moment sensor that scatters clearly more than the session says
-    is weighted by its own scatter."""
+    """Bundle adjustment of a session's static frames. Readings of a moment sensor that scatter clearly more than
+    session.yaml states are weighted by their own scatter."""
     joint = adjust_bundle(observations, before, session.antenna.length_m, session.moment_std_Nm)
     sensor = check(joint)
     if sensor.noise_interval_95_Nm[0] > session.moment_std_Nm:
@@ -388,7 +392,7 @@ def make_rig(
 
 
 def _thinned_profiles(antenna: Any, log_tip: float) -> tuple[Profile | None, Profile | None]:
-    """The profiles of an antenna in session.yaml with the tip's diameter changed as `Taper.thinned` does."""
+    """The profiles of session.yaml's antenna with the tip diameter changed as `Taper.thinned` does."""
 
     def changed(rows: Profile | None, power: float) -> Profile | None:
         by_m = power * log_tip / antenna.length_m

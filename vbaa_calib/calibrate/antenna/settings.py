@@ -1,4 +1,4 @@
-"""What bundle adjustment of the rig assumes beforehand and leaves out, and what a bench test of EI is judged by."""
+"""Priors and thresholds of the rig's bundle adjustment, and of a bench test of EI."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class AntennaSettings:
-    """Thresholds and priors of a calibration of the antenna; deviations are standard deviations."""
+    """Thresholds and priors of a calibration of the antenna."""
 
     # priors of bundle adjustment: what a careful builder can be trusted with
     clamp_offset_std_m: float = 1.5e-3  # of the clamp's place, per axis

@@ -1,4 +1,10 @@
-"""EI from measured deflections of a clamped rod under one known load, with an interval that allows for shared errors.
+"""EI from measured deflections of a clamped rod under one known load, with an interval that allows for correlated
+errors.
+
+The deflection that the load adds is y(x) = h(x; EI) + offset: h is the beam's or the elastica's shape, the offset that
+of the gauge, which was set to zero twice. A clamp that turns cannot be separated from bending: its rotation is fixed at
+zero, and its prior enters the standard deviation. Errors that neighbouring readings share widen the interval; force and
+distance count as exact. EI with a free clamp rotation, and with a fixed offset, is reported as well.
 
 The deflection that the load adds is y(x) = h(x; EI) + offset: h the beam's or the elastica's, the offset the gauge's,
 which was set to zero twice. What a table cannot separate is not left to the fit: a clamp that turns is fixed at zero,
@@ -43,12 +49,12 @@ class DeflectionTable:
 
     @property
     def deflection_m(self) -> np.ndarray:
-        """(N,) what the load added: constant errors of the gauge along x, the rod's sag and bow cancel."""
+        """(N,) deflection added by the load: the gauge's constant errors along x, and the rod's sag and bow, cancel."""
         return self.loaded_y_m - self.unloaded_y_m
 
 
 def read_deflections(path: Path, force_N: float, distance_m: float) -> DeflectionTable:
-    """The table of a CSV. Raises InputError naming file, line and remedy for anything that cannot be one."""
+    """The table in a CSV file. Raises InputError naming file, line and remedy."""
     _check_load(force_N, distance_m)
     rows = read_csv(path, _COLUMNS)
     if not AntennaSettings.fewest_rows <= len(rows) <= AntennaSettings.most_rows:
@@ -68,7 +74,7 @@ def read_deflections(path: Path, force_N: float, distance_m: float) -> Deflectio
 
 
 def _check_load(force_N: float, distance_m: float) -> None:
-    """Raises InputError when force or distance cannot be those of a bench test."""
+    """Raises InputError for a force or distance that is impossible in a bench test."""
     if not np.isfinite(force_N) or force_N == 0.0:
         raise InputError(f"the force is {force_N:g}", remedy="give the load in newtons (mass in kg times 9.81)")
     if not 0.0 < distance_m <= AntennaSettings.longest_rod_m:
@@ -119,7 +125,7 @@ def _check_deflections(
 
 @dataclass(frozen=True, eq=False)
 class _ErrorModels:
-    """K models of the readings' errors and the covariance of P least-squares parameters under each."""
+    """K weighted models of the readings' errors, with the covariance of the P least-squares parameters under each."""
 
     weights: np.ndarray  # (K,) probabilities, adding up to 1
     lengths_m: np.ndarray  # (K,) correlation length λ; 0 for plain scatter
@@ -128,18 +134,19 @@ class _ErrorModels:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(P, P) mean over the models."""
+        """(P, P) weighted mean of the models' covariances."""
         return np.einsum("k,kij->ij", self.weights, self.covariances)
 
     @property
     def length_m(self) -> float:
-        """The weighted median of the correlation length."""
+        """Weighted median of the errors' correlation length."""
         order = np.argsort(self.lengths_m)
         at = int(np.searchsorted(np.cumsum(self.weights[order]), 0.5))
         return float(self.lengths_m[order[min(at, len(order) - 1)]])
 
     def half_width(self, direction: np.ndarray, other_std: float) -> float:
-        """Half the 95 % interval of direction @ parameters, with an independent error of known std added.
+        """Half the 95 % interval of direction @ parameters, including an independent error of standard deviation
+        `other_std`.
 
         direction : (P,). Student's t under every model, with Welch and Satterthwaite's degrees of freedom for the sum.
         """
@@ -158,10 +165,9 @@ class _ErrorModels:
 
 
 def _error_models(x_m: np.ndarray, design: np.ndarray, residuals_m: np.ndarray, least_std_m: float) -> _ErrorModels:
-    """Weigh the error models by the residuals (N,) of least squares with the design (N, P), N > P; `least_std_m` bounds
-    the readings' deviation from below. λ runs log-uniformly from half the typical spacing to the span of x (N,), beyond
-    which the parameters absorb it.
-    """
+    """Error models weighted by their restricted likelihood, from the residuals (N,) of least squares with the design
+    (N, P), N > P. least_std_m : lower bound of the readings' standard deviation. The correlation length λ runs
+    log-uniformly from half the typical spacing to the span of x (N,), beyond which the parameters absorb it."""
     count, parameters = design.shape
     inverse = np.linalg.pinv(design)
     lengths = np.geomspace(0.5 * np.median(np.diff(x_m)), np.ptp(x_m), AntennaSettings.correlation_lengths).repeat(
@@ -185,7 +191,7 @@ def _error_models(x_m: np.ndarray, design: np.ndarray, residuals_m: np.ndarray, 
 
 
 def _neighbour_correlation(residuals: np.ndarray) -> float:
-    """Correlation of each residual (N,) with the next; 0 where there are none."""
+    """Correlation of neighbouring residuals; 0 without any."""
     square = float(residuals @ residuals)
     return float(residuals[1:] @ residuals[:-1]) / square if square > 0.0 else 0.0
 
@@ -193,7 +199,8 @@ def _neighbour_correlation(residuals: np.ndarray) -> float:
 def _weigh(
     correlation: np.ndarray, design: np.ndarray, residuals_m: np.ndarray, inverse: np.ndarray, least_std_m: float
 ) -> tuple[float, np.ndarray]:
-    """Restricted log-likelihood of one model, the scale integrated out, and its covariance (P, P) of the estimate."""
+    """Restricted log-likelihood of one error model, with the scale integrated out, and the estimate's covariance (P,
+    P) under it."""
     lower = np.linalg.cholesky(correlation)
     weighted = cho_solve((lower, True), design)
     normal = design.T @ weighted
@@ -206,7 +213,7 @@ def _weigh(
 
 
 def _robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[float, float]:
-    """(slope, intercept) of y (N,) over the regressor (N,) with the least median of squares, of all lines through two
+    """(slope, intercept) of y (N,) over the regressor (N,) by least median of squares over the lines through two
     readings (or one and the origin), at most 780; intercept 0 if fixed."""
     anchors = np.unique(np.linspace(0, len(y) - 1, AntennaSettings.anchors).astype(int))
     apart = 0.2 * np.ptp(regressor)
@@ -224,8 +231,8 @@ def _robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[fl
 
 
 def _outlying(residuals: np.ndarray, least_std: float) -> np.ndarray:
-    """(N,) bool: outliers among residuals from a robust fit, in the order of x; none of fewer than 8. `least_std`
-    bounds their scatter from below: rounded readings may agree too well."""
+    """(N,) mask of the outliers among a robust fit's residuals, in the order of x; none among fewer than 8. least_std
+    : lower bound of their scatter, because rounded readings may agree too well."""
     if len(residuals) < AntennaSettings.fewest_readings:
         return np.zeros(len(residuals), bool)
     index = np.arange(len(residuals))
@@ -246,7 +253,7 @@ Forward = Callable[[float], np.ndarray]  # EI in N·m² → deflections (N,) in 
 
 @dataclass(frozen=True, eq=False)
 class _CompliancePoint:
-    """Minimum of the least squares, and the design matrix there."""
+    """Least-squares minimum, with the design matrix there."""
 
     stiffness_Nm2: float
     offset_m: float
@@ -255,13 +262,13 @@ class _CompliancePoint:
 
 
 def _beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
-    """Deflections (N,) m at places x (N,) by the small-angle formula, as a function of EI."""
+    """Function of EI that gives the small-angle deflections (N,) m at places x (N,)."""
     return lambda stiffness: linear.deflection(x_m, distance_m, force_N, stiffness)
 
 
 def _elastica(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
-    """Large deflections under a hanging weight, read at places x (N,) on the undeflected rod's axis; NaN where the rod
-    is bent so far that it no longer reaches to a reading."""
+    """Function of EI that gives large deflections (N,) m under a hanging weight, at places x (N,) on the undeflected
+    rod's axis; NaN where the bent rod no longer reaches a reading."""
 
     def deflections(stiffness: float) -> np.ndarray:
         shape = planar_elastica_dead(np.linspace(0.0, 1.0, 201) * distance_m, distance_m, force_N, stiffness)
@@ -285,7 +292,7 @@ def _gauss_newton(
     turning: bool = False,
 ) -> _CompliancePoint:
     """Gauss–Newton in the compliance, exact in one step for the beam. All arrays (N,). Raises SolveError when it does
-    not converge, as for a clamp that takes over all of the deflection."""
+    not converge, as where a clamp rotation explains all of the deflection."""
     stiffness, share = start_Nm2, 1e-4  # of the compliance, in central differences
     extra = [column for free, column in ((offset, np.ones_like(x_m)), (turning, x_m)) if free]
     for _ in range(60):
@@ -307,7 +314,7 @@ def _gauss_newton(
 
 
 def _slope_at(model: str, force_N: float, distance_m: float, stiffness_Nm2: float) -> float:
-    """dy/dx of the rod at the load, without sign; "linear" or "elastica"."""
+    """Absolute slope dy/dx of the rod at the load, by the "linear" or the "elastica" model."""
     if model == "linear":
         return float(linear.slope(distance_m, distance_m, abs(force_N), stiffness_Nm2))
     shape = planar_elastica_dead(np.array([distance_m]), distance_m, abs(force_N), stiffness_Nm2)
@@ -316,7 +323,7 @@ def _slope_at(model: str, force_N: float, distance_m: float, stiffness_Nm2: floa
 
 @dataclass(frozen=True)
 class BeamFit:
-    """EI under one set of assumptions; offset and clamp rotation are 0 where they were fixed."""
+    """EI under one set of assumptions; offset and clamp rotation are 0 where fixed."""
 
     stiffness_Nm2: float
     std_Nm2: float
@@ -328,7 +335,7 @@ class BeamFit:
 
 @dataclass(frozen=True, eq=False)
 class StiffnessSolution:
-    """EI of a rod and the evidence for it."""
+    """EI of a rod, with the evidence for it."""
 
     fit: BeamFit  # its std holds the correlated scatter and the clamp's prior
     interval_Nm2: tuple[float, float]  # 95 % of EI
@@ -420,7 +427,7 @@ def solve_stiffness(
 
 @dataclass(frozen=True, eq=False)
 class _Bench:
-    """The table and the load it was measured under."""
+    """A table of deflections and the load under which they were measured."""
 
     table: DeflectionTable
     force_N: float
@@ -431,7 +438,7 @@ class _Bench:
 
     @property
     def least_std_m(self) -> float:
-        """Standard deviation of a difference by rounding two readings to the last decimal, or by float64."""
+        """Standard deviation of a difference of two readings that are rounded to their last decimal, or to float64."""
         table = self.table
         return max(table.resolution_m / np.sqrt(6.0), 1e-12 * float(np.abs(table.deflection_m).max()))
 
@@ -450,7 +457,7 @@ class _Bench:
 
 @dataclass(frozen=True, eq=False)
 class _RodFit:
-    """A model fitted to the readings kept (N,)."""
+    """A model fitted to the readings (N,) that are not outliers."""
 
     bench: _Bench
     model: str
@@ -463,7 +470,7 @@ class _RodFit:
         return self.bench.fitted(self.model, self.kept, self.parameters.stiffness_Nm2, offset, turning)
 
     def judged(self, clamp: float) -> tuple[BeamFit, _ErrorModels, float]:
-        """Standard deviations, the error models behind them, and half the relative interval of 1/EI."""
+        """Standard deviations, the error models from which they come, and half the relative interval of 1/EI."""
         found, table = self.parameters, self.bench.table
         x = table.x_m[self.kept]
         model = self.bench.forward(self.model, self.kept)(found.stiffness_Nm2)
@@ -484,12 +491,12 @@ class _RodFit:
         return _slope_at(self.model, self.bench.force_N, self.bench.distance_m, self.parameters.stiffness_Nm2)
 
     def clamp_effect(self, share_std: float) -> float:
-        """Relative std of EI from the clamp's prior: how a turned clamp leaks into the estimated compliance."""
+        """Relative standard deviation of EI due to the prior of the clamp's rotation."""
         leak = np.linalg.lstsq(self.parameters.design, self.bench.table.x_m[self.kept], rcond=None)[0][0]
         return abs(float(leak)) * share_std * self._slope_at_load()
 
     def linear_error(self) -> tuple[float, float]:
-        """Slope at the load, and by which share the small-angle formula misses EI if the rod is an elastica."""
+        """Slope at the load, and the relative error of EI by the small-angle formula if the rod is an elastica."""
         forwards = (self.bench.forward(model, self.kept) for model in ("linear", "elastica"))
         straight, bent = (forward(self.parameters.stiffness_Nm2) for forward in forwards)
         compliance = 0.0

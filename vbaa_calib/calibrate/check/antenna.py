@@ -39,7 +39,7 @@ _NUMBERS = {
 
 @dataclass(frozen=True, eq=False)
 class CheckedStill:
-    """One picture of the antenna, N points, against its prediction."""
+    """One picture of the antenna with N points, and its prediction by the rig."""
 
     still: Still
     arclength_m: np.ndarray  # (N,) where each point lies along the predicted antenna
@@ -54,23 +54,24 @@ class CheckedStill:
 
     @property
     def has_moment(self) -> bool:
-        """Whether the moment sensor's reading was noted with it."""
+        """Whether the picture has a reading of the moment sensor."""
         return bool(np.isfinite(self.still.moment_Nm))
 
     def common(self) -> dict[str, Any]:
-        """The entry of check.json for any picture: its name, and its points' residuals, rms in deviations."""
+        """The entry of check.json that every picture has: its name, and its points' rms residual in standard
+        deviations."""
         name = self.still.image.name if self.still.image else "?"
         return {"image": name, "rms_std": float(np.sqrt((self.residuals[_POINTS] ** 2).mean()))}
 
 
 def _without_load(one: Observation) -> Observation:
-    """The observation without its load; its node `CONTACT` stays where the load hangs."""
+    """The observation with a load of 0 N; its node `CONTACT` stays at the load's place."""
     bare = replace(one.still, force_y_N=0.0, force_z_N=0.0) if isinstance(one.still, Load) else one.still
     return replace(one, still=bare)
 
 
 def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = EXACT) -> list[CheckedStill]:
-    """Every static frame against the rig's prediction; readings : how well loads' places and weights are known."""
+    """Every static frame with the rig's prediction. readings : uncertainty of the loads' distances and weights."""
     sensor, noise, view = rig.moment_sensor, rig.image.noise_scale, rig.T_antenna_camera.inverse()
     mean = np.concatenate([rig.antenna.parameters, [sensor.gain, sensor.offset_Nm]])
     # steps along its axes are steps of the lens' parameters, of one that counts as exact, too
@@ -123,8 +124,8 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
 
 
 def check_antenna(rig: Rig, frames: Sequence[CheckedStill], camera_known: bool) -> Checked:
-    """Checks free shape, stiffness, offset and gain in this order; what has changed is free in the estimates after it.
-    camera_known : the camera's pose was checked by a board."""
+    """Checks free shape, stiffness, offset and gain, in this order; each estimate uses the changes found before it.
+    camera_known : whether the camera's pose was checked with a board."""
     free = [one for one in frames if not isinstance(one.still, Load)]
     loaded = [one for one in frames if isinstance(one.still, Load)]
     covariance = rig.joint_covariance
@@ -171,8 +172,8 @@ def check_antenna(rig: Rig, frames: Sequence[CheckedStill], camera_known: bool) 
 
 
 def _information(frames: Sequence[CheckedStill], rows: slice, count: int) -> np.ndarray:
-    """Products of some rows of static frames by the rig's parameters, so many: places and weights that loads share are
-    off alike, and the points of a line have errors in common."""
+    """Normal equations of rows of static frames by `count` parameters of the rig; loads that share a distance or
+    weight share its error, and the points of one line share theirs."""
     keys = [reading_keys(one.still) if isinstance(one.still, Load) else () for one in frames]
     names = list(dict.fromkeys(key for own in keys for key in own))
     jacobian, residuals, nuisance = [np.zeros((0, count))], [np.zeros(0)], [np.zeros((0, len(names) + 3 * len(frames)))]
@@ -187,7 +188,7 @@ def _information(frames: Sequence[CheckedStill], rows: slice, count: int) -> np.
 
 
 def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[ScoreTest], camera_known: bool) -> Finding:
-    """The finding on the free shape. changes : of clamp and bow together, and of each with the other fixed."""
+    """The finding on the free shape. changes : of clamp and bow jointly, and of each with the other fixed."""
     shape, clamp, bow = changes
     if shape.freedom == 0:
         return unanswered("free_antenna", _NO_FREE)
@@ -217,7 +218,7 @@ def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[Sco
 
 
 def _tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
-    """Standard deviation of the free tip in its worst direction, mm, by the (6, 6) covariance of clamp and bow."""
+    """Standard deviation in mm of the free tip in its worst direction, from the covariance (6, 6) of clamp and bow."""
     steps = RIG_STEPS[ANTENNA]
     tips = _free_points_m(rig, np.vstack([np.zeros(9), np.diag(steps)[:6]]))[:, -1]
     slopes = ((tips[1:] - tips[0]) / steps[:6, None]).T
@@ -225,7 +226,7 @@ def _tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
 
 
 def _free_points_m(rig: Rig, steps: np.ndarray) -> np.ndarray:
-    """Points (S, nodes, 3) of the weightless free antenna, its parameters off by steps (S, 9)."""
+    """Points (S, nodes, 3) m of the weightless free antenna with its parameters changed by steps (S, 9)."""
     zero, parameters = np.zeros((len(steps), 3)), rig.antenna.parameters + steps
     return bend(
         parameters, rig.antenna.length_m, zero, np.full(len(steps), 0.1), zero[:, 1:], taper=rig.antenna.taper
@@ -235,7 +236,8 @@ def _free_points_m(rig: Rig, steps: np.ndarray) -> np.ndarray:
 def _number_finding(
     name: str, change: ScoreTest | str, hidden: str, remedy: str, floor: float = CheckSettings.number_floor_percent
 ) -> Finding:
-    """The finding on one number. change : of it; or why there is none. hidden : why the data may not show it."""
+    """The finding on one parameter. change : its change, or the reason why there is none. hidden : why the data may
+    not determine it."""
     if isinstance(change, str) or change.freedom == 0:
         return unanswered(name, change if isinstance(change, str) else hidden)
     template, printed, factor, unit = _NUMBERS[name]
@@ -246,7 +248,7 @@ def _number_finding(
 
 
 def _offset_remedy(rig: Rig, frames: Sequence[CheckedStill]) -> str:
-    """Remedy of a changed offset. frames : of the free antenna, with their readings."""
+    """Remedy for a changed offset, from the free antenna's frames and their readings."""
     read = np.array([one.still.moment_Nm for one in frames])
     expected = read - [one.moment_residual_Nm for one in frames]
     noise = 10.0 * rig.moment_sensor.std_Nm + 0.1 * np.abs(expected)
@@ -259,7 +261,7 @@ def _offset_remedy(rig: Rig, frames: Sequence[CheckedStill]) -> str:
 
 
 def _load_row(one: CheckedStill, step: float, std: float) -> dict[str, Any]:
-    """A load in check.json: prediction against observation. step, std : change of log EI by it alone."""
+    """One load's entry of check.json: prediction and observation. step, std : change of log EI from this load alone."""
     load, residual = cast(Load, one.still), one.moment_residual_Nm
     wrong = (
         abs(step) > max(CheckSettings.wrong_row * std, 0.02)
@@ -282,7 +284,7 @@ def _load_row(one: CheckedStill, step: float, std: float) -> dict[str, Any]:
 
 
 def _free_row(length_m: float, one: CheckedStill) -> dict[str, Any]:
-    """A picture of the free antenna in check.json, with its residuals in fifty places along the antenna."""
+    """One no-load picture's entry of check.json, with its residuals at fifty places along the antenna."""
     edges = np.linspace(0.0, length_m, 51)
     place = np.digitize(one.arclength_m, edges)
     bins = [place == index for index in range(1, len(edges)) if (place == index).sum() >= 2]

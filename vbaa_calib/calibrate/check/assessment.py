@@ -43,7 +43,7 @@ from .settings import CheckSettings
 
 
 def _rig_maps(rig: Rig) -> dict[str, Any]:
-    """Maps for check.json: standard deviations of the projection, a turn of the camera taken out, and on plane C."""
+    """Maps of standard deviations for check.json: of the projection, net of camera rotation, and on plane C."""
     camera, projection = rig.camera, None
     if camera.covariance is not None:
         pixels, _, std_px = projection_uncertainty(camera, compensated=True, grid=CheckSettings.map_grid)
@@ -62,7 +62,8 @@ def _rig_maps(rig: Rig) -> dict[str, Any]:
 
 
 def _plane_map(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (R, C, 2), worst deviation (R, C), mm, of the point on plane C that each shows; NaN out of reach."""
+    """Pixels (R, C, 2) on a grid, and the worst-direction standard deviation (R, C) mm of the point on plane C seen
+    there; NaN where that is beyond the antenna's reach."""
     pixels = pixel_grid(rig.camera.image_size, CheckSettings.map_grid)
     points, seen = rig.on_plane_C(pixels)
     near = seen & (np.linalg.norm(np.nan_to_num(points), axis=-1) <= CheckSettings.reach_lengths * rig.antenna.length_m)
@@ -82,7 +83,8 @@ def _map_document(pixels: np.ndarray, std: np.ndarray, unit: str) -> dict[str, A
 
 
 def _along(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Arc lengths (S,) m, pixels (S, 2) of the antenna's axis there, NaN outside the picture, and deviation (S,) m."""
+    """Along the antenna's axis: arc lengths (S,) m, pixels (S, 2), NaN outside the picture, and standard deviations
+    (S,) m."""
     s = rig.antenna.length_m * np.array(CheckSettings.along)
     pixels, seen = rig.camera.project(rig.T_antenna_camera.inverse() @ (s[:, None] * np.array([1.0, 0.0, 0.0])))
     inside = seen & rig.camera.in_picture(pixels)
@@ -101,14 +103,14 @@ def _rounded(value: float) -> float | None:
 
 
 def _number_at(data: Any, *keys: str) -> float | None:
-    """A finite number at a path of keys; None where it is not recorded, or is no number."""
+    """The finite number at a path of keys; None where there is none."""
     value = at(data, *keys)
     usable = isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
     return float(value) if usable else None
 
 
 def _rig_numbers(rig: Rig, nominal_Nm2: float | None) -> dict[str, Any]:
-    """Camera, lens, antenna (EI and the nominal one, where that is known) and sensor, with deviations."""
+    """Numbers of camera, lens, antenna (EI and the nominal EI where known) and sensor, with standard deviations."""
     camera, antenna, sensor = rig.camera, rig.antenna, rig.moment_sensor
     lens_std = None if camera.covariance is None else np.sqrt(np.diag(camera.covariance).clip(0.0)).tolist()
     pose_std = [rig.std(name) for name in POSE_PARAMETERS]
@@ -153,7 +155,7 @@ def _rig_numbers(rig: Rig, nominal_Nm2: float | None) -> dict[str, Any]:
 
 
 def _rig_findings(rig: Rig, quality: Mapping[str, Any], nominal_Nm2: float | None) -> list[Finding]:
-    """The questions that rig.json answers by itself."""
+    """Findings on the questions that rig.json answers without new pictures."""
     # the calibration repeats what its lens' verdict says
     lines = dict.fromkeys(line for at_ in ((), ("lens",)) for line in _listed(at(quality, *at_, "warnings")))
     remedy = "do what they say, then calibrate again"
@@ -179,7 +181,7 @@ def _listed(found: Any) -> list[str]:
 
 
 def _graded(name: str, value: float, limits: tuple[float, float], words: str, remedy: str) -> Finding:
-    """A finding from a deviation and the limits from which it is `LOOK` and `FAILS`."""
+    """A finding that grades a standard deviation by the limits from which it is `LOOK` and `FAILS`."""
     look, fail = limits
     level = HOLDS if value <= look else LOOK if value <= fail else FAILS
     return Finding(name, level, words, None if level == HOLDS else remedy)
@@ -256,7 +258,7 @@ _NO_JIG = "session.yaml does not say where the jig is"  # why the camera's pose 
 
 @dataclass(frozen=True, eq=False)
 class NewPictures:
-    """One new picture of each, with the joints at rest."""
+    """A new picture of the board, a new picture of the free antenna, or both, with the joints at rest."""
 
     board: Path | None  # the board in its jig; None if free is given
     free: Path | None  # the free antenna; None if board is given
@@ -275,7 +277,7 @@ class NewPictures:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """The result of `assess`."""
+    """Result of `assess`: findings, numbers and maps."""
 
     rig: Rig
     path: Path
@@ -309,7 +311,7 @@ class Assessment:
 
     @property
     def words(self) -> str:
-        """The verdict, and the questions that were not answered with "holds"."""
+        """The verdict, and the questions whose answer is not "holds"."""
         sentences = [self.headline]
         for level, start in ((FAILS, "Does not hold"), (LOOK, "Look at")):
             found = [
@@ -323,7 +325,7 @@ class Assessment:
         return " ".join(sentences)
 
     def to_dict(self) -> dict[str, Any]:
-        """The document check.json, from which alone the report is made."""
+        """The document check.json, from which the report is made."""
         session = self.session or Checked((), {})
         return {
             "schema": "vbaa.check/1",
@@ -377,7 +379,7 @@ def assess(path: Path, session_root: Path | None = None, new: NewPictures | None
 
 @dataclass(frozen=True, eq=False)
 class _Inputs:
-    """Pictures to check a rig against, and what must be known to read them."""
+    """The pictures that a rig is checked against, with the session data needed to read them."""
 
     session: Session  # board, jig, antenna and gravity; nothing more is read from its folder
     parts: tuple[str, ...]
@@ -410,7 +412,8 @@ def _from_pictures(session: Session, new: NewPictures, no_jig: str) -> _Inputs:
 
 
 def _recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Session:
-    """Board and jig as rig.json records them, the rest from the rig. The antenna's material is not known here."""
+    """A session with board and jig as rig.json records them and the rest from the rig; the antenna's material is
+    unknown."""
     board, jig = at(document, "quality", "lens", "board"), at(document, "quality", "jig")
     remedy = "name the session that the rig was calibrated from: `vbaa check rig.json SESSION --jig …`"
     if board is None:
@@ -434,8 +437,8 @@ def _recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Sess
 
 
 def _refuse_calibration_pictures(used: Collection[str], new: NewPictures, path: Path) -> None:
-    """Refuses pictures that the rig was calibrated from, which fit whatever has happened since. used : SHA-256 of
-    those."""
+    """Raises InputError for pictures that the rig was calibrated from, because these fit whatever has changed since.
+    used : SHA-256 sums of the calibration's pictures."""
     for picture in (new.board, new.free):
         if picture is not None and picture.is_file() and sha256(picture) in used:
             what = f"is one of the pictures that {path} was calibrated from"
@@ -443,7 +446,7 @@ def _refuse_calibration_pictures(used: Collection[str], new: NewPictures, path: 
 
 
 def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Checked:
-    """Checks the lens, then the camera's pose, then antenna and sensor, each with the results before it."""
+    """Checks the lens, then the camera's pose, then antenna and sensor, each with the changes found before it."""
     session, parts = inputs.session, inputs.parts
     check_pictures(progress(inputs.pictures, "reading the pictures"), rig.camera.image_size, "the rig's lens is")
     # the board's shape as the calibration found it

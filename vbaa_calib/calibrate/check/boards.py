@@ -1,4 +1,4 @@
-"""Lens and camera pose against new pictures of the board, each picture's own pose solved for."""
+"""Checks of lens and camera pose by new pictures of the board, with each picture's board pose solved for."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FOCUS = 4  # parameters that a refocus or a knock changes first: fx, fy, cx, cy
 
 
 class _CheckedView(NamedTuple):
-    """One picture of the board under the rig's lens."""
+    """One picture of the board, fitted with the rig's lens."""
 
     name: str
     folder: str
@@ -44,7 +44,7 @@ class _CheckedView(NamedTuple):
     good: np.ndarray  # (N,) corners that are no outliers
 
     def to_dict(self) -> dict[str, Any]:
-        """The entry of check.json, pixels to thousandths."""
+        """The entry of check.json, with pixels rounded to thousandths."""
         return {
             "name": self.name,
             "folder": self.folder,
@@ -63,9 +63,9 @@ def check_lens(
     recorded_rms_px: float | None,
     in_jig_px: float | None = None,
 ) -> Checked:
-    """Whether pictures of the board, each with its folder's name, fit the lens, and whether its focus has changed;
-    board : its shape by the calibration, recorded_rms_px : the calibration's, in_jig_px : the same of the board in its
-    jig, which is small in the picture where it lies far away: its corners scatter more then."""
+    """Checks whether pictures of the board, by their folders' names, fit the lens, and whether its focus has changed.
+    board : its solved shape. recorded_rms_px : the calibration's rms. in_jig_px : the rms of the board in its jig,
+    whose corners scatter more where it is small in the picture."""
     points_m = board.points_m
     views, dropped = _posed(camera, boards, board) if boards else ([], [])
     if not views:
@@ -123,8 +123,8 @@ def check_lens(
 
 
 def _fit_finding(rms_px: float, expected_px: float | None, freedom: int, views: int) -> Finding:
-    """The finding on the fit of the lens. rms_px : of the good corners, per degree of freedom. expected_px : by the
-    calibration's and the covariance."""
+    """The finding on the fit of the lens. rms_px : of the good corners, per degree of freedom. expected_px : from the
+    calibration's rms and the lens's covariance."""
     words = f"rms {rms_px:.3f} px in {_pictures(views)}"
     if expected_px is None:
         return unanswered("lens_fit", f"{words}; the calibration's is not recorded in rig.json")
@@ -199,8 +199,8 @@ _LENS = slice(len(RIG_PARAMETERS), None)  # places of the lens after `RIG_PARAME
 def check_pose(
     rig: Rig, views: Sequence[BoardView], session: Session, no_jig: str, shape: BoardShape, lens_holds: bool
 ) -> tuple[Checked, Rig]:
-    """Whether the camera has moved, by the board in the jig; and the rig, with the camera where it is now. no_jig : why
-    the jig's place is not known, where it is not.
+    """Checks whether the camera has moved, by the board in the jig; returns the findings, and the rig with the
+    camera's present pose. no_jig : the reason why the jig's pose is unknown, if it is.
 
     Raises InputError for pictures of another size or without a usable board, SolveError where no pose explains it.
     """
@@ -257,7 +257,8 @@ def _with_jig_pose(rig: Rig, jig: PoseEstimate) -> Rig:
 
 
 def _on_plane_m(rig: Rig, T_antenna_camera: Pose) -> float:
-    """Largest distance of the antenna's axis from itself on plane C, seen from this pose and read with the rig's."""
+    """Largest error on plane C of the antenna's axis when it is seen from the pose `T_antenna_camera` but evaluated
+    with the rig's."""
     axis = rig.antenna.length_m * np.linspace(0.0, 1.0, 9)[:, None] * np.array([1.0, 0.0, 0.0])
     pixels, seen = rig.camera.project(T_antenna_camera.inverse() @ axis)
     points, crossed = rig.on_plane_C(pixels)

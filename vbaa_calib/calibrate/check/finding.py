@@ -1,4 +1,4 @@
-"""The questions that a check asks, their answers, and from which difference on an answer is a warning or a failure."""
+"""The questions of a check, their answers, and the sizes from which a change is a warning or a failure."""
 
 from __future__ import annotations
 
@@ -95,19 +95,20 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """What new pictures say of a part of the rig, or of all of it: answers, and entries of check.json's `session`."""
+    """Result of checking a part of the rig, or the rig, by new pictures: findings, and entries of check.json's
+    `session`."""
 
     findings: tuple[Finding, ...]
     document: Mapping[str, Any]
 
 
 def judged(name: str, words: str, remedy: str, evidence: Discrepancy) -> Finding:
-    """The finding that evidence leads to; with a remedy unless it holds."""
+    """A finding graded by its evidence; with the remedy unless it holds."""
     return Finding(name, evidence.level, words, None if evidence.level == HOLDS else remedy, evidence)
 
 
 def unanswered(name: str, why: str) -> Finding:
-    """A question that the data leave open."""
+    """A finding for a question that the data leave open, with the reason."""
     return Finding(name, UNANSWERED, why)
 
 
@@ -125,7 +126,7 @@ def plus_minus(value: float, std: float) -> str:
 
 
 def at(data: Any, *keys: str) -> Any:
-    """Value at a path of keys; None where something else is on the way."""
+    """The value at a path of keys in nested mappings; None where a key is missing."""
     for key in keys:
         data = data.get(key) if isinstance(data, Mapping) else None
     return data

@@ -1,4 +1,4 @@
-"""From which difference on a check warns of a rig or fails it."""
+"""Thresholds of warnings and failures in a check."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class CheckSettings:
-    """Thresholds of `vbaa check`. A floor is a difference up to which nothing follows, however significant it is;
-    deviations are standard deviations."""
+    """Thresholds of `vbaa check`. A change below its floor has no consequence, however significant it is."""
 
     # every question
     look_chance: float = 2.7e-3 / 7  # p-value of a warning: 3 deviations, over the seven questions on new pictures

@@ -1,5 +1,7 @@
-"""What a session could observe besides, and what each observation would tell: the rows that it would add to the joint
-solve. How well EI is known by the loads so far, and which weight to hang where next.
+"""What a session should observe next: each candidate's rows of the joint least-squares problem, and the reduction of
+EI's uncertainty by each load.
+
+The errors of the loads' distances and weights are parameters of the bundle adjustment, and of the forecast.
 
 The readings of places and weights are parameters of the bundle adjustment, and of the forecast.
 """
@@ -42,31 +44,31 @@ from .suggestion import visible_corners
 
 
 def _unseen(frame: Still, gravity_m_s2: np.ndarray) -> Observation:
-    """A static frame of which no picture was taken."""
+    """A static frame without a picture."""
     return Observation(frame, np.zeros((0, 2)), np.zeros(0), gravity_m_s2)
 
 
 def _directions(loads: Sequence[Observation]) -> np.ndarray:
-    """(N, 2) unit vectors, y and z, in which loads pull."""
+    """(N, 2) unit vectors (y, z) of the loads' forces."""
     pulled = np.array([one.load_N for one in loads]).reshape(-1, 2)
     return pulled / np.linalg.norm(pulled, axis=1, keepdims=True)
 
 
 def _over_pulley(load: Observation) -> bool:
-    """Whether a load does not hang straight down."""
+    """Whether a load pulls in another direction than gravity."""
     pull, gravity = load.load_N, load.gravity_m_s2
     down = pull @ gravity[1:] >= GuideSettings.straight * np.linalg.norm(pull) * np.linalg.norm(gravity)
     return not (down and gravity.any())
 
 
 def _mass_kg(load: Observation) -> float:
-    """The weight that makes a load."""
+    """Mass of the weight that exerts a load."""
     return float(np.linalg.norm(load.load_N) / (np.linalg.norm(load.gravity_m_s2) or STANDARD_GRAVITY_M_S2))
 
 
 def _pulls(session: Session, kinematics: Kinematics, observations: Sequence[Observation]) -> list[Observation]:
-    """Possible pulls, as loads of 1 N: straight down at the joints so far, where that is across the antenna; over a
-    pulley to all four sides where the session did so before, or is weightless."""
+    """Possible directions of force, as loads of 1 N: straight down at the joint angles used so far, where that is
+    across the antenna; over a pulley in the four lateral directions, where the session has such loads or no gravity."""
     joints = {(0.0, 0.0), *((one.still.pan_rad, one.still.tilt_rad) for one in observations)}
     home = [Still(None, pan, tilt, 0.0) for pan, tilt in sorted(joints, key=lambda at: (abs(at[0]) + abs(at[1]), at))]
     gravity = gravity_antenna(kinematics, session.gravity_world_m_s2, home)
@@ -92,7 +94,8 @@ def _pulls(session: Session, kinematics: Kinematics, observations: Sequence[Obse
 def _loads(
     joint: BundleAdjustment, session: Session, kinematics: Kinematics, masses_kg: Sequence[float]
 ) -> list[Observation]:
-    """Every weight at every place and pull that the elastica supports, the heaviest last."""
+    """Every weight at every distance and direction that keeps the antenna within the elastica model's range, the
+    heaviest last."""
     length = session.antenna.length_m
     grid = np.arange(GuideSettings.ruler_m, length - GuideSettings.load_to_tip_m + 1e-9, GuideSettings.ruler_m)
     grid = (
@@ -118,8 +121,8 @@ def _loads(
 
 
 def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> dict[int, Observation]:
-    """The static frames in which the antenna stays in the picture, by their index, with the points that would be seen
-    of them."""
+    """The candidate static frames in which the antenna stays in the picture, by their index, with their predicted
+    points."""
     problem, parameters = joint.problem, joint.solution.parameters
     free = Observation(Still(None, 0.0, 0.0, 0.0), np.zeros((0, 2)), np.zeros(0), wanted[0].gravity_m_s2)
     curves = replace(problem, observations=[free, *wanted]).curves(parameters[None, ANTENNA])
@@ -145,7 +148,7 @@ def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> dict[i
 
 @dataclass(frozen=True)
 class _StiffnessStd:
-    """Relative standard deviations of EI: by the pictures' noise, by the places, by the weights, by everything."""
+    """Relative standard deviations of EI: due to noise, distances, weights, and in total."""
 
     noise: float
     distance: float
@@ -155,7 +158,7 @@ class _StiffnessStd:
 
 @dataclass(frozen=True, eq=False)
 class _StiffnessForecast:
-    """Uncertainty of EI now, and after further loads.
+    """Uncertainty of EI at present, and after further loads.
 
     A weight that hangs twice is off by the same both times, and so is a place that is used twice: their errors do not
     average out.
@@ -169,7 +172,7 @@ class _StiffnessForecast:
 
     @staticmethod
     def of(joint: BundleAdjustment, candidates: Sequence[Observation], readings: LoadReadings) -> _StiffnessForecast:
-        """The forecast from a bundle adjustment and the loads that could be hung next, with their lines."""
+        """The forecast from a bundle adjustment, the candidate loads and their predicted lines."""
         solution = joint.problem.linearised(joint.solution.parameters)
         known = {"distance": readings.distance_std_m, "mass": readings.force_std_relative}
         # as noted: corrected numbers cannot be shared with another load
@@ -208,11 +211,11 @@ class _StiffnessForecast:
         return self._std(self.information[None])[0]
 
     def after_each(self) -> list[_StiffnessStd]:
-        """Standard deviations of EI with each candidate besides."""
+        """Standard deviations of EI with each candidate load added."""
         return self._std(self.information + self.added)
 
     def after(self, index: int) -> _StiffnessForecast:
-        """The forecast with this candidate hung."""
+        """The forecast with one candidate load added."""
         return replace(self, information=self.information + self.added[index])
 
     def _std(self, information: np.ndarray) -> list[_StiffnessStd]:
@@ -230,7 +233,7 @@ class _StiffnessForecast:
 
 @dataclass(frozen=True, eq=False)
 class _LoadProgress:
-    """How well EI is known."""
+    """Uncertainty of EI from the loads so far, and the suggested next load."""
 
     now: _StiffnessStd  # EI's deviations
     # what to hang next: joints, distance and force to note, EI's deviations after it, and what a person does; None
@@ -249,10 +252,9 @@ def load_progress(
     kinematics: Kinematics,
     goal_relative: float = 0.01,
 ) -> _LoadProgress:
-    """The uncertainty of EI by the static frames so far, with or without loads, and the load of the weights at hand
-    that lowers it most. A weight that is used twice counts with the same error. kinematics : with the joints' zeros by
-    a sweep; goal_relative : of EI, places and weights included.
-    """
+    """The uncertainty of EI from the static frames so far, with or without loads, and the available load that reduces
+    it most. A weight that is used twice has the same error both times. kinematics : with the joints' zeros from a
+    sweep; goal_relative : of EI, distances and weights included."""
     wanted = _loads(joint, session, kinematics, masses_kg)
     candidates = [*_predicted(joint, wanted).values()] if wanted else []
     forecast = _StiffnessForecast.of(joint, candidates, joint.problem.prior.readings)
@@ -296,7 +298,7 @@ def load_progress(
 
 
 def _load_words(one: Observation) -> str:
-    """Weight, place and pull of a load, for a person."""
+    """Weight, distance and direction of a load in words."""
     load, direction = one.still, _directions([one])[0]
     assert isinstance(load, Load)
     axis = int(np.argmax(np.abs(direction)))
@@ -335,7 +337,7 @@ def _missing(hung: Sequence[Load], gain_std: float, possible: Sequence[Observati
 
 
 def _limit(now: _StiffnessStd) -> str:
-    """The largest part of EI's uncertainty, and what would lower it."""
+    """The largest contribution to EI's uncertainty, and how to reduce it, in words."""
     if now.noise > np.hypot(now.distance, now.mass):
         return "the pictures: a heavier weight bends the antenna more"
     if now.distance > now.mass:
@@ -353,12 +355,13 @@ them."""
 
 
 def further_observations(made: Calibration) -> list[Further]:
-    """Loads, pictures of the free antenna and of boards, a sweep, and a better jig, as far as the session allows."""
+    """Candidate observations: loads, pictures of the free antenna and of boards, a sweep, a more exact jig, as far as
+    the session allows."""
     return [*_of_antenna(made), *_of_boards(made), *_of_jig(made), *_of_sweep(made)]
 
 
 def _of_antenna(made: Calibration) -> Iterator[Further]:
-    """Loads that could be hung, the heaviest at each place, and the free antenna at several tilts."""
+    """Candidate loads, the heaviest at each distance, and the free antenna at several tilts."""
     session, joint, kinematics = made.session, made.joint, made.plane.kinematics
     heaviest = dict[Any, tuple[Observation, dict[str, Any]]]()
     for one in _loads(joint, session, kinematics, _masses_kg(session, joint)):
@@ -384,7 +387,8 @@ def _of_antenna(made: Calibration) -> Iterator[Further]:
 
 
 def _masses_kg(session: Session, joint: BundleAdjustment) -> list[float]:
-    """Weights that were hung so far, and some that bend the antenna as far as is exact, to two digits."""
+    """The weights used so far, and further ones that bend the antenna up to the model's limit, rounded to two
+    digits."""
     stiffness, length = float(np.exp(joint.parameters[ANTENNA][6])), session.antenna.length_m
     places = np.array(GuideSettings.weighty_places)
     steep = GuideSettings.steepest_rad * np.array(GuideSettings.weighty_slopes)[:, None]
@@ -395,8 +399,8 @@ def _masses_kg(session: Session, joint: BundleAdjustment) -> list[float]:
 
 
 def _antenna_rows(joint: BundleAdjustment, observations: Sequence[Observation]) -> list[np.ndarray]:
-    """(N + 1, size) of each static frame: its points and its moment; the errors of its own line and of places and
-    weights that no other load has are marginalised."""
+    """Jacobian rows (N + 1, size) of each static frame: its points and its moment, with the errors of its own line,
+    and of distances and weights that it shares with no other load, marginalised."""
     problem, at = joint.problem, joint.solution.parameters
     known, count = [one.still for one in joint.noted], problem.groups.count
     every = ReadingGroups.of([*known, *(one.still for one in observations)], problem.prior.readings)
@@ -425,7 +429,7 @@ def _antenna_rows(joint: BundleAdjustment, observations: Sequence[Observation]) 
 
 
 def _of_boards(made: Calibration) -> Iterator[Further]:
-    """Pictures of the board that are tilted to all sides near the camera, or in the picture's corners."""
+    """Candidate pictures of the board: near the camera and tilted in all directions, and in the picture's corners."""
     camera, lens, spec = made.joint.camera, made.lens, made.session.board
     before = made.joint.problem.prior.camera.covariance
     if made.given is not None or before is None or not lens.views:
@@ -447,14 +451,14 @@ def _of_boards(made: Calibration) -> Iterator[Further]:
 
 
 def _lens_rows(made: Calibration, T_camera_board: Pose, points: np.ndarray) -> np.ndarray:
-    """(2N, 4 + k) slopes of a picture's corners by the lens, per px; the board's pose follows."""
+    """(2N, 4 + k) derivatives of a picture's corners by the lens, whitened, with the board's pose eliminated."""
     _, by_point, by_lens = projected(made.joint.camera, T_camera_board @ points)
     by_pose = pose_slopes(by_point, points @ T_camera_board.rotation.T)
     return without_own(by_lens, by_pose, np.array([0, len(points)]))[0]
 
 
 def _board_sets(made: Calibration, spec: BoardWithIds) -> Iterator[tuple[str, list[Pose]]]:
-    """Five poses each of the board, before the camera, and what they are called."""
+    """Sets of five board poses in the camera frame, with their names."""
     camera, (width, height) = made.joint.camera, made.joint.camera.image_size
     tilt = GuideSettings.tilt_rad
     middle = (0.5, 0.5)
@@ -482,14 +486,14 @@ def _board_sets(made: Calibration, spec: BoardWithIds) -> Iterator[tuple[str, li
 
 
 def _through_lens(problem: Problem, rows: np.ndarray) -> np.ndarray:
-    """(N, size) of rows (N, 4 + k) by the lens' parameters."""
+    """Rows (N, size) by all parameters, from rows (N, 4 + k) by the lens's."""
     whole = np.zeros((len(rows), problem.size))
     whole[:, problem.lens] = rows @ problem.prior.lens_axes
     return whole
 
 
 def _pose_rows(problem: Problem, estimate: PoseEstimate, information: np.ndarray) -> np.ndarray:
-    """(6, size) of so much more information (6, 6) about the camera's pose by a method."""
+    """Rows (6, size) that add the given information (6, 6) on the camera's pose by one method."""
     values, axes = np.linalg.eigh(information)
     root = (axes * np.sqrt(np.maximum(values, 0.0))).T
     rows = _through_lens(problem, -root @ estimate.lens_sensitivity)
@@ -498,7 +502,7 @@ def _pose_rows(problem: Problem, estimate: PoseEstimate, information: np.ndarray
 
 
 def _of_jig(made: Calibration) -> Iterator[Further]:
-    """The jig, measured with half its standard deviations."""
+    """Candidate: the jig measured with half its standard deviations."""
     session, jig, problem = made.session, made.plane.jig, made.joint.problem
     stds = session.jig_translation_std_m, session.jig_rotation_std_rad
     if jig is None or session.T_antenna_board is None or not all(stds):
@@ -513,7 +517,7 @@ def _of_jig(made: Calibration) -> Iterator[Further]:
 
 
 def _of_sweep(made: Calibration) -> Iterator[Further]:
-    """A sweep of the joints, where there was none: as solved from corners that its pictures would show."""
+    """Candidate: a sweep of the joints, where there was none, simulated by solving its predicted corners."""
     session, joint, spec, kinematics = made.session, made.joint, made.session.board, made.plane.kinematics
     if made.plane.sweep is not None or session.cameras:
         return

@@ -1,4 +1,4 @@
-"""Which picture of board or jig to take next, and whether another one helps, in mm on plane C."""
+"""Which picture of board or jig to take next, and whether another is needed, by the uncertainty in mm on plane C."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .view_uncertainty import LensInformation, WorkPlane, mean_square, plane_sen
 
 @dataclass(frozen=True, eq=False)
 class ViewProgress:
-    """Uncertainty on plane C by the pictures so far."""
+    """Uncertainty on plane C from the pictures so far."""
 
     std_m: float  # predicted, of points on plane C, rms over the work area; without the jig's own; NaN while unknown
     enough: bool  # whether to go on with the next step
@@ -72,8 +72,8 @@ def lens_progress(
 def _lens_judged(
     known: LensInformation, noise_m: float, bias_m: float, goal_m: float, suggestion: Suggestion | None
 ) -> tuple[bool, str]:
-    """Whether the pictures are enough, and why, in words. noise_m : deviation by noise. bias_m : by what a richer lens
-    would move."""
+    """Whether the pictures suffice, and why, in words. noise_m : standard deviation due to noise. bias_m :
+    displacement by a richer lens model."""
     std_m, goal = max(noise_m, bias_m), f"the goal of {1e3 * goal_m:.3f} mm"
     now = f"The lens adds {1e3 * std_m:.3f} mm (one standard deviation) where the antenna moves"
     if known.pictures < GuideSettings.fewest_views:
@@ -99,8 +99,8 @@ def _lens_judged(
 
 
 def plane_progress(views: Sequence[BoardView], shape: BoardShape, camera: Camera, plane: WorkPlane) -> ViewProgress:
-    """Judge the pictures of the board in the jig, at rest in all of them; shape : of the board by the lens
-    solve, camera : with its covariance, plane : in this camera."""
+    """Judge the pictures of the board in the jig, at rest in all of them. shape : of the board, from the lens
+    solution. camera : with its covariance. plane : in this camera."""
     try:
         board = solve_board_pose(views, shape, camera)
     except (InputError, SolveError) as error:
@@ -133,7 +133,8 @@ def plane_progress(views: Sequence[BoardView], shape: BoardShape, camera: Camera
 
 
 def _shares_m(board: BoardPose, camera: Camera, covariance: np.ndarray, plane: WorkPlane) -> tuple[float, float]:
-    """Deviations of points on the plane from the lens and from the board's pose; NaN where too few are in view."""
+    """Standard deviations of points on the plane due to the lens and due to the board's pose; NaN where too few
+    points are in view."""
     space = plane.T_camera_plane @ np.pad(plane.points, ((0, 0), (0, 1)))
     pixels, valid = camera.project(space)
     inside = valid & camera.in_picture(pixels)
@@ -152,7 +153,8 @@ def _shares_m(board: BoardPose, camera: Camera, covariance: np.ndarray, plane: W
 
 
 def _next_share(views: Sequence[BoardView], board: BoardPose) -> float:
-    """Part by which one more picture lowers the variance of the board's pose: of what the pictures do not share."""
+    """Fraction by which one more picture lowers the variance of the board's pose: only the noise that differs between
+    pictures averages out."""
     count = len(views)
     if count < 2:
         return 1.0 - count / (count + 1)

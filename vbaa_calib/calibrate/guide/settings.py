@@ -1,4 +1,4 @@
-"""What a guided calibration asks for: pictures of the board and the jig, and known loads."""
+"""Goals and thresholds of a guided calibration: pictures of the board and the jig, and known loads."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class GuideSettings:
-    """Thresholds of the guide; deviations are standard deviations."""
+    """Thresholds of the guide."""
 
     # when there are enough pictures
     goal_m: float = 1e-4  # deviation of points on plane C that is good enough

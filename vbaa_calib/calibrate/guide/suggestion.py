@@ -25,7 +25,7 @@ from .view_uncertainty import LensDesign, LensInformation, WorkPlane, mean_squar
 
 
 class _BoardPlace(NamedTuple):
-    """How a board is placed before the camera."""
+    """Placement of a board relative to the camera."""
 
     place: tuple[float, float]  # of its middle in the picture, 0 to 1 from the upper left
     distance_m: float  # of its middle
@@ -48,8 +48,8 @@ class Suggestion:
 def best_next(
     known: LensInformation, plane: WorkPlane, spec: BoardWithIds, sensitivity: np.ndarray | None
 ) -> Suggestion | None:
-    """The best of a designed set of poses, then of those near it; None where none shows enough of the board. Without a
-    sensitivity (`plane_sensitivity`) the lens as a whole counts."""
+    """The most informative pose of a designed set, refined among its neighbours; None where no pose shows enough of
+    the board. sensitivity : see `plane_sensitivity`; None: all lens parameters count."""
     aim = np.eye(known.information.shape[0])[None] if sensitivity is None else sensitivity
     # the first pictures find the board and start the lens: all of it has to be seen
     share = GuideSettings.whole_share if known.pictures < GuideSettings.whole_pictures else GuideSettings.least_share
@@ -81,7 +81,7 @@ def best_next(
 
 
 def _coarse_poses(design: LensDesign, spec: BoardWithIds, near_m: float, far_m: float) -> list[_BoardPlace]:
-    """A grid of distances within limits, of places, and of tilts in every direction."""
+    """A grid of poses: distances within limits, places in the picture, tilts in every direction."""
     filled_m = np.max(spec.size_m * design.intrinsics[:2] / np.array(design.image_size))
     distances = sorted({float(np.clip(filled_m / fill, near_m, far_m)) for fill in GuideSettings.fills})
     tilts = [(0.0, 0.0)] + [
@@ -92,7 +92,7 @@ def _coarse_poses(design: LensDesign, spec: BoardWithIds, near_m: float, far_m: 
 
 
 def _finer_poses(best: _BoardPlace, near_m: float, far_m: float) -> list[_BoardPlace]:
-    """Poses near the best so far: other places, distances and tilts, and a quarter turn."""
+    """Poses near the best so far: other places, distances and tilts, and rolled by a quarter turn."""
     places = [(best.place[0] + dx, best.place[1] + dy) for dx in (-0.08, 0.0, 0.08) for dy in (-0.08, 0.0, 0.08)]
     placed = [best._replace(place=place) for place in places]
     for ratio in (0.8, 1.0, 1.25):
@@ -105,8 +105,8 @@ def _finer_poses(best: _BoardPlace, near_m: float, far_m: float) -> list[_BoardP
 def _view_candidates(
     design: LensDesign, spec: BoardWithIds, placed: Sequence[_BoardPlace], share: float = GuideSettings.least_share
 ) -> list[tuple[_BoardPlace, Pose, np.ndarray]]:
-    """Poses that show at least a share of the board's corners large and flat enough to be read, T_camera_board of each,
-    and the ids (N,) of the corners that are visible with all their markers."""
+    """Poses T_camera_board in which at least a share of the board's corners is large and flat enough to be detected,
+    and the ids (N,) of the corners visible with all their markers."""
     places = np.array([one.place for one in placed]) * (np.array(design.image_size) - 1)
     rays, seen = design.camera.unproject(places)
     kept = [one for one, ok in zip(placed, seen.tolist(), strict=True) if ok]
@@ -117,7 +117,8 @@ def _view_candidates(
 
 
 def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardWithIds) -> list[np.ndarray]:
-    """Ids (N,) of the corners with their four squares, or tag, in each picture; none where markers cannot be read."""
+    """Per picture the ids (N,) of the corners visible with their four squares, or their tag; none where the markers
+    are too small to be decoded."""
     if not poses:
         return []
     lattice, around, marker = _lattice(spec)
@@ -142,7 +143,7 @@ def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardWithIds) -
 
 
 def _poses(placed: Sequence[_BoardPlace], rays: np.ndarray, spec: BoardWithIds) -> list[Pose]:
-    """The board's middle on each ray (N, 3), turned to the camera, then tilted and rolled."""
+    """Poses with the board's middle on each ray (N, 3), facing the camera, then tilted and rolled."""
     if not placed:
         return []
     across = np.stack([-rays[:, 1], rays[:, 0], np.zeros(len(rays))], axis=1)
@@ -165,8 +166,8 @@ def _middle(spec: BoardWithIds) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _lattice(spec: BoardWithIds) -> tuple[np.ndarray, np.ndarray, float]:
-    """(m, 3) m all corners of squares; (corner_count, 4) which lie diagonal to each inner corner, of an AprilGrid those
-    of its tag; and a marker's side over the side of what these are around."""
+    """(m, 3) m all corners of squares; (corner_count, 4) indices of those diagonal to each inner corner (for an
+    AprilGrid those of its tag); and the ratio of a marker's side to the side of the quadrilateral around it."""
     if isinstance(spec, AprilGrid):
         line, column = np.divmod(np.arange(spec.corner_count), spec.corner_columns)
         first = (line - line % 2) * spec.corner_columns + column - column % 2
@@ -181,7 +182,7 @@ def _lattice(spec: BoardWithIds) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _observation(ids: np.ndarray, spec: BoardWithIds) -> BoardCorners:
-    """Corners of these ids (N,) for derivatives alone: their pixels are 0."""
+    """Corners of these ids (N,) with pixels 0, for derivatives alone."""
     return BoardCorners(
         corner_points(spec)[ids],
         np.zeros((len(ids), 2)),
@@ -190,7 +191,7 @@ def _observation(ids: np.ndarray, spec: BoardWithIds) -> BoardCorners:
 
 
 def _seen_as(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardPlace:
-    """Place, distance and tilt of a board's pose as the camera sees it."""
+    """Place, distance and tilt of a board's pose relative to the camera."""
     middle = T_camera_board @ _middle(spec)
     distance = float(np.linalg.norm(middle))
     ray = middle / distance
@@ -207,7 +208,8 @@ def _seen_as(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _Board
 
 
 def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardWithIds, corners: int, metric: bool) -> str:
-    """A pose in words, for the terminal; corners : how many are to be seen, metric : whether the distance is known."""
+    """A pose in words, for the terminal. corners : number of corners to be visible. metric : whether the distance is
+    known."""
     seen = _seen_as(camera, T_camera_board, spec)
     across = "left" if seen.place[0] < 0.4 else "right" if seen.place[0] > 0.6 else "middle"
     down = "upper " if seen.place[1] < 0.4 else "lower " if seen.place[1] > 0.6 else ""
@@ -236,8 +238,8 @@ def _tilt_words(placed: _BoardPlace) -> str:
 def pose_match(
     suggestion: Suggestion, view: BoardView, spec: BoardWithIds, camera: Camera | None, image_size: tuple[int, int]
 ) -> tuple[float, str]:
-    """Match of a view with a suggested pose, 0 to 1, and what to change in words ("further left, nearer"). Above about
-    0.6 is as good as the pose itself.
+    """Similarity of a view to the suggested pose, from 0 to 1 (above about 0.6 it is as informative), and what to
+    change, in words ("further left, nearer").
 
     camera : the lens so far; without it a nominal one is known. image_size : (width, height) px of the view.
     """

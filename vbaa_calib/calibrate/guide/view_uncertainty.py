@@ -29,7 +29,7 @@ _RICHER = {"none": "opencv5", "radial": "opencv5", "opencv4": "opencv5", "opencv
 
 @dataclass(frozen=True, eq=False)
 class WorkPlane:
-    """Plane C as far as it is known, and the work area on it."""
+    """Estimate of plane C, and the work area on it."""
 
     T_camera_plane: Pose  # z = 0 is the plane, x runs along the antenna from the clamp
     length_m: float  # of the work area, x from 0 on
@@ -37,14 +37,15 @@ class WorkPlane:
 
     @staticmethod
     def about(distance_m: float, inclination_rad: float, length_m: float) -> WorkPlane:
-        """The plane before the jig was seen: its middle on the camera's axis, turned about the picture's vertical."""
+        """The assumed plane before the jig is seen: its middle on the optical axis, rotated about the picture's
+        vertical."""
         turn = Pose.from_rotvec(np.array([0.0, inclination_rad, 0.0]), np.array([0.0, 0.0, distance_m]))
         to_clamp = Pose(np.eye(3), np.array([-length_m / 2, 0.0, 0.0]))
         return WorkPlane(turn @ to_clamp, length_m, GuideSettings.half_width_per_length * length_m)
 
     @property
     def points(self) -> np.ndarray:
-        """(n, 2) x and y of points all over the work area, m."""
+        """(n, 2) x and y, m, of points evenly spread over the work area."""
         x, y = (
             np.linspace(0.0, self.length_m, GuideSettings.work_grid[0]),
             np.linspace(-1.0, 1.0, GuideSettings.work_grid[1]) * self.half_width_m,
@@ -53,7 +54,7 @@ class WorkPlane:
 
     @property
     def distance_m(self) -> float:
-        """From the camera to the middle of the work area."""
+        """Distance from the camera to the middle of the work area."""
         return float(np.linalg.norm(self.T_camera_plane @ np.array([self.length_m / 2, 0.0, 0.0])))
 
     def board_pose(self, spec: BoardWithIds) -> Pose:
@@ -67,7 +68,7 @@ class WorkPlane:
 
 @dataclass(frozen=True, eq=False)
 class LensDesign:
-    """The lens about which uncertainty is linearised, with more parameters than the lens model that was chosen.
+    """The lens at which uncertainty is linearised, with more parameters than the chosen lens model.
 
     A simple model from few pictures has too small a covariance: it has none for what it cannot describe. Here the lens
     may also be wrong in what the next richer model could describe, within a prior.
@@ -86,16 +87,17 @@ class LensDesign:
 
     @property
     def camera(self) -> Camera:
-        """The camera of this lens, without a covariance."""
+        """The camera with this lens, without a covariance."""
         return camera_of(self.model, self.intrinsics, self.image_size)
 
     @property
     def has_rays(self) -> bool:
-        """Whether most of the picture has rays: a lens from too few pictures may have hardly any."""
+        """Whether most pixels have a ray: a lens solved from too few pictures may have hardly any."""
         return bool(self.camera.unproject(_grid(self.image_size))[1].mean() > GuideSettings.least_rays)
 
     def view_blocks(self, poses: np.ndarray, observations: Sequence[BoardCorners]) -> tuple[np.ndarray, np.ndarray]:
-        """Information of views at poses (V, 6), these eliminated: (V, p, p) in these coordinates, gradient (V, p)."""
+        """Information (V, p, p) and gradient (V, p) of views at poses (V, 6), with the poses eliminated, in these
+        coordinates."""
         residuals, by_shared, by_pose, bounds = rows(self.bundle(np.asarray(poses, float)), observations)
         whole = np.concatenate([by_shared @ self.scale, residuals[..., None]], axis=-1) / self.sigma_px
         count = self.scale.shape[1]
@@ -104,13 +106,13 @@ class LensDesign:
         return blocks[:, :count, :count], blocks[:, :count, count]
 
     def in_picture(self, points: np.ndarray) -> np.ndarray:
-        """(N,) which points (N, 3) m, camera frame, the lens maps into the picture."""
+        """(N,) mask of the points (N, 3) m, camera frame, that project into the picture."""
         pixels, valid = self.camera.project(points)
         return valid & self.camera.in_picture(pixels)
 
 
 def nominal_intrinsics(image_size: tuple[int, int]) -> np.ndarray:
-    """(4,) fx, fy, cx, cy of a camera of which nothing is known."""
+    """(4,) fx, fy, cx, cy of a typical camera, where nothing is known."""
     focal = GuideSettings.nominal_focal_per_width * max(image_size)
     return np.array([focal, focal, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2])
 
@@ -122,7 +124,7 @@ def _design_about(
     sigma_px: float,
     board: BoardShape,
 ) -> LensDesign:
-    """A design one step richer than the lens model `name` at its solution (4 + k,), with a board."""
+    """A design one step richer than the lens model `name`, at its solution (4 + k,) and with a board."""
     chosen = LENS_MODELS[name]
     model = LENS_MODELS[_RICHER.get(name, name)]
     wide = np.zeros(4 + model.distortion_count)
@@ -137,14 +139,14 @@ def _design_about(
 
 
 def _grid(image_size: tuple[int, int]) -> np.ndarray:
-    """(81, 2) pixels all over the picture."""
+    """(81, 2) pixels evenly spread over the picture."""
     return np.stack(np.meshgrid(*(np.linspace(0, length - 1, 9) for length in image_size)), axis=-1).reshape(-1, 2)
 
 
 def _prior(
     model: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int], nominal_m: np.ndarray
 ) -> np.ndarray:
-    """`LensDesign.scale`: how wrong each part of a lens and a board may be, from what they are like."""
+    """Prior standard deviations (`LensDesign.scale`) of the parameters of a typical lens and board."""
     size, unit = len(intrinsics), np.eye(len(intrinsics) + SHAPE)
     fx, fy = intrinsics[:2]
     both, apart = fx * unit[0] + fy * unit[1], fx * unit[0] - fy * unit[1]
@@ -167,8 +169,8 @@ def _prior(
 
 
 def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardWithIds) -> np.ndarray | None:
-    """(n, 2, p) error of points on the plane, m, for a unit of each z, the camera's pose solved again from a board in
-    the jig that is seen exactly. None where plane or board are hardly in the picture."""
+    """(n, 2, p) displacement of points on the plane, m, per unit of each coordinate z, with the camera's pose solved
+    again from an exactly seen board in the jig. None where plane or board are hardly in the picture."""
     space = np.pad(plane.points, ((0, 0), (0, 1)))
     inside = design.in_picture(plane.T_camera_plane @ space)
     board = corner_points(spec)
@@ -193,7 +195,7 @@ def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardWithIds) 
 
 
 def mean_square(sensitivity: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """(...) mean over the points (n, 2, p) of their squared error, m², under information (..., p, p) and the prior."""
+    """(...) mean variance, m², of points with sensitivity (n, 2, p) under information (..., p, p) and the prior."""
     flat = sensitivity.reshape(-1, sensitivity.shape[-1])
     form = flat.T @ flat / len(sensitivity)
     posterior = information + np.eye(form.shape[0])
@@ -202,7 +204,7 @@ def mean_square(sensitivity: np.ndarray, information: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class LensInformation:
-    """Information about the lens in the pictures so far."""
+    """Information on the lens in the pictures so far."""
 
     design: LensDesign  # about which it is linearised
     information: np.ndarray  # (p, p) of all pictures, in the design's coordinates, without the prior
@@ -214,7 +216,7 @@ class LensInformation:
 
     @staticmethod
     def of(solution: LensSolution, views: Sequence[BoardView], spec: BoardWithIds) -> LensInformation:
-        """Information of the views that a lens was solved from, without their outliers."""
+        """Information of the views from which a lens was solved, without their outliers."""
         camera, by_name = solution.camera, {view.name: view for view in views}
         own = [by_name[used.name] for used in solution.views]
         observations = kept_observations(own, [used.outlier_ids for used in solution.views], corner_points(spec))
@@ -235,7 +237,7 @@ class LensInformation:
 
     @staticmethod
     def nominal(views: Sequence[BoardView], spec: BoardWithIds, image_size: tuple[int, int]) -> LensInformation:
-        """Information of views that are too few for a lens, under a nominal one."""
+        """Information of views that are too few to solve a lens, at a nominal one."""
         intrinsics = nominal_intrinsics(image_size)
         design = _design_about(
             "radial", intrinsics, image_size, GuideSettings.nominal_sigma_px, BoardShape.flat(corner_points(spec))
@@ -251,6 +253,7 @@ class LensInformation:
         return LensInformation(design, information, gradient, len(usable), False, 1.0, "")
 
     def bias_square(self, sensitivity: np.ndarray) -> float:
-        """Mean square, m², by which points (n, 2, p) on the plane would move with the richer lens."""
+        """Mean squared displacement, m², of points (sensitivity (n, 2, p)) on the plane from the chosen to the richer
+        lens."""
         step = np.linalg.solve(self.information + np.eye(len(self.information)), self.gradient)
         return float(np.mean(np.sum((sensitivity @ step) ** 2, axis=1)))

@@ -18,7 +18,7 @@ STRETCH = SHAPE_NAMES.index("stretch")
 
 @dataclass(frozen=True, eq=False)
 class BoardShape:
-    """How a board differs from a flat print with square squares.
+    """Deviations of a printed board from a flat print with square squares.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class BoardShape:
 
     @staticmethod
     def flat(nominal_m: np.ndarray) -> BoardShape:
-        """A board that is exactly as drawn."""
+        """The shape of a board exactly as drawn."""
         return BoardShape(nominal_m, np.zeros(SHAPE), np.zeros((SHAPE, SHAPE)))
 
     @staticmethod
@@ -48,8 +48,8 @@ class BoardShape:
 
     @staticmethod
     def solved(nominal_m: np.ndarray, parameters: np.ndarray, covariance: np.ndarray) -> BoardShape:
-        """The shape as solved with a lens, from its parameters (5,) and the covariance (4 + k + 5, 4 + k + 5) of the
-        lens' and these."""
+        """The shape solved with a lens, from its parameters (5,) and the joint covariance (4 + k + 5, 4 + k + 5) of
+        lens and shape."""
         lens, std = covariance[:-SHAPE, :-SHAPE], np.sqrt(np.diag(covariance)[:-SHAPE])
         # coefficients that are held have no variance, and square pixels one focal length
         scale = np.where(std > 0.0, std, 1.0)
@@ -64,12 +64,12 @@ class BoardShape:
 
     @property
     def points_m(self) -> np.ndarray:
-        """(C, 3) the corners as they are, in the board frame."""
+        """(C, 3) corners of the deformed board, in the board frame."""
         return self.nominal_m + deformations(self.nominal_m) @ self.parameters
 
     @property
     def _clear(self) -> np.ndarray:
-        """(5,) which parameters are clear of noise and large enough to matter."""
+        """(5,) mask of the parameters that are significant and large enough to matter."""
         least = np.array(
             [LensSettings.shape_per_extent * _extent_m(self.nominal_m)] * 3 + [LensSettings.shape_share] * 2
         )
@@ -77,7 +77,7 @@ class BoardShape:
 
     @property
     def scale_doubt(self) -> float:
-        """Relative deviation of a stretched print's lengths: which of its sides is as it should be is unknown."""
+        """Relative standard deviation of a stretched print's scale: it is unknown which of its sides is correct."""
         return 0.5 * abs(float(self.parameters[STRETCH])) if self._clear[STRETCH] else 0.0
 
     @property
@@ -102,7 +102,7 @@ class BoardShape:
 
 
 def deformations(nominal_m: np.ndarray) -> np.ndarray:
-    """(C, 3, 5) by how much each corner (C, 3) moves, m, for a unit of each of a shape's parameters."""
+    """(C, 3, 5) displacement of each corner (C, 3), m, per unit of each shape parameter."""
     plane = nominal_m[:, :2]
     low, high = plane.min(axis=0), plane.max(axis=0)
     half = 0.5 * (high - low)
@@ -124,7 +124,7 @@ def _extent_m(nominal_m: np.ndarray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ShapePrior:
-    """Prior of a board's shape: Student's t about means (5,), with scales (5,)."""
+    """Prior of a board's shape: Student's t distributions with means (5,) and scales (5,)."""
 
     mean: np.ndarray
     std: np.ndarray
@@ -139,7 +139,8 @@ class ShapePrior:
         return ShapePrior(mean, std)
 
     def rows(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (5,) as reweighted least squares has them, and their negative derivatives (5,) by the shape."""
+        """Residuals (5,) of the prior as iteratively reweighted least squares uses them, and their negative
+        derivatives (5,) by the shape."""
         off = (shape - self.mean) / self.std
         weights = np.sqrt((LensSettings.shape_tail + 1.0) / (LensSettings.shape_tail + off**2))
         return -weights * off, weights / self.std

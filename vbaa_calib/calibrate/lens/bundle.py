@@ -24,7 +24,7 @@ CONVERGED = Rules(300, 1e-8, may_rise_share=1e-13, damping=1e-3, growth=8.0, aft
 
 @dataclass(frozen=True, eq=False)
 class BoardCorners(Rows):
-    """Corners of one view."""
+    """Detected corners of one view, with their board points."""
 
     points_m: np.ndarray  # (N, 3) board frame
     pixels: np.ndarray  # (N, 2)
@@ -33,7 +33,7 @@ class BoardCorners(Rows):
 
 
 class _Corners(NamedTuple):
-    """Corners of V views: board points (N, 3) m, by how much they move with the board's shape (N, 3, 5), pixels (N, 2).
+    """Corners of V views: board points (N, 3) m, their derivatives by the board's shape (N, 3, 5), pixels (N, 2).
 
     weights : (N,) of their residuals. bounds : (V + 1,), view v has corners bounds[v] to bounds[v + 1].
     """
@@ -46,7 +46,7 @@ class _Corners(NamedTuple):
 
 
 class _LensState(NamedTuple):
-    """Lens (4 + k,), board's shape (5,), poses (V, 6)."""
+    """Unknowns of bundle adjustment: intrinsics (4 + k,), board shape (5,), poses (V, 6)."""
 
     fisheye: bool
     lens: np.ndarray
@@ -55,7 +55,7 @@ class _LensState(NamedTuple):
 
 
 class _Priors(NamedTuple):
-    """Priors of the board's shape and the penalty on the lens, besides the corners.
+    """Priors of the board's shape, and the penalty on a lens that folds.
 
     mean, std : (5,) of the shape's prior, Student's t, weighed by noise_px; zero where there is none.
     least_slope : of the distorted radius by the ideal one, wherever the picture reaches; zero where there is none.
@@ -95,7 +95,7 @@ def rows(bundle: Bundle, observations: Sequence[BoardCorners]) -> tuple[np.ndarr
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """A lens with the poses of its views: a start, or a solution."""
+    """A lens with the board poses of its views: an initial value or a solution."""
 
     model: DistortionModel
     intrinsics: np.ndarray  # (4 + k,) fx, fy, cx, cy, distortion
@@ -114,11 +114,11 @@ class Bundle:
 
     @property
     def poses_only(self) -> Bundle:
-        """The same bundle with the poses as its only unknowns."""
+        """The bundle with the poses as its only unknowns."""
         return replace(self, directions=self.directions[:, :0])
 
     def freed(self, square_pixels: bool, prior: ShapePrior | None = None) -> Bundle:
-        """The same bundle with free intrinsics, and a free board shape where it has a prior."""
+        """The bundle with free intrinsics, and a free board shape where it has a prior."""
         free = free_directions(self.model, square_pixels, prior is not None)
         shape = np.zeros(SHAPE) if prior is None else self.shape
         noise_px = max(self.sigma_px, LensSettings.least_noise_px) if self.residuals_px else self.noise_px
@@ -146,12 +146,13 @@ class Bundle:
         return _Priors(mean, std, float(self.noise_px), unfolding.least_slope, stiffness, *unfolding.image_size)
 
     def unfolding_rows(self) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (m,) px of the radii where the slope is too small, their negative derivatives (m, 4 + k)."""
+        """Penalty residuals (m,) px at radii where the radial curve's slope is too small, and their negative
+        derivatives (m, 4 + k)."""
         lacking, by_lens = core.bundle.unfolding_rows(self.state.lens, self.model.is_fisheye, self.priors)
         return lacking, by_lens
 
     def prior_rows(self) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (m,) px of the shape's prior as IRLS has them, and their negative derivatives (m, 4 + k + 5)."""
+        """Residuals (m,) px of the shape's prior as IRLS uses them, and their negative derivatives (m, 4 + k + 5)."""
         size = len(self.intrinsics)
         if self.prior is None:
             return np.zeros(0), np.zeros((0, size + SHAPE))
@@ -170,13 +171,13 @@ class Bundle:
 
     @property
     def sigma_px(self) -> float:
-        """Noise per axis by the median corner: robust up to half of them."""
+        """Robust noise per axis, px, from the median residual."""
         return radial_std(np.linalg.norm(np.concatenate(self.residuals_px), axis=1))
 
 
 def free_directions(model: DistortionModel, square_pixels: bool = False, shape: bool = False) -> np.ndarray:
-    """Directions (4 + k + 5, p) of the unknowns: intrinsics, fx and fy as one with square pixels, then the board's
-    shape."""
+    """Directions (4 + k + 5, p) in which the unknowns vary: intrinsics (fx and fy together with square pixels), then
+    the board's shape."""
     size = 4 + model.distortion_count
     unit = np.eye(size + SHAPE)
     rest = [2, 3, *(4 + index for index in model.free), *(range(size, size + SHAPE) if shape else ())]
@@ -187,8 +188,8 @@ def free_directions(model: DistortionModel, square_pixels: bool = False, shape: 
 def refine(
     start: Bundle, observations: Sequence[BoardCorners], rules: Rules = CONVERGED, robust: bool = False
 ) -> Bundle:
-    """Minimises the reprojection error by Levenberg–Marquardt; robust : by Cauchy's loss, so gross errors do not
-    pull."""
+    """Minimises the reprojection error by Levenberg–Marquardt. robust : whether by Cauchy's loss, which bounds the
+    influence of outliers."""
     corners, directions = _corners_of(observations), start.directions
     # each number of lens and shape is part of one unknown, or kept
     column = np.where(directions.any(axis=1), directions.argmax(axis=1) if directions.size else 0, -1)
@@ -203,13 +204,13 @@ def refine(
 
 
 def of_views(values: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Per view its own rows of values (N, ...); view v has rows bounds[v] to bounds[v + 1]."""
+    """Per view its rows of values (N, ...): view v has rows bounds[v] to bounds[v + 1]."""
     return tuple(values[first:last] for first, last in pairwise(bounds.tolist()))
 
 
 def polished(bundle: Bundle, observations: Sequence[BoardCorners]) -> Bundle:
-    """Refines a solution to a millionth of its standard deviations, so that results do not depend on where a descent
-    stopped."""
+    """Refines a solution to a millionth of its standard deviations, so that results do not depend on where the
+    iteration stopped."""
     sizes = sum(view.pixels.size for view in observations) - bundle.directions.shape[1] - 6 * len(observations)
     return refine(
         bundle, observations, replace(CONVERGED, iterations=10, damping=1e-8, tolerance=1e-6**2 / max(sizes, 1))
@@ -217,6 +218,6 @@ def polished(bundle: Bundle, observations: Sequence[BoardCorners]) -> Bundle:
 
 
 def residuals_px(bundle: Bundle, observations: Sequence[BoardCorners]) -> tuple[np.ndarray, ...]:
-    """Per view (N, 2), observed minus projected, of any corners of the bundle's views."""
+    """Per view (N, 2) residuals px, observed minus projected, for corners of the bundle's views."""
     residuals, _, _, bounds = rows(bundle, observations)
     return of_views(residuals, bounds)

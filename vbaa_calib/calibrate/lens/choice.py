@@ -1,4 +1,4 @@
-"""Which lens model is taken: the one with the least expected error, unless a simpler one is as good for all we know."""
+"""Choice of the lens model: the one of least expected error, unless a simpler one is not significantly worse."""
 
 from __future__ import annotations
 
@@ -25,9 +25,8 @@ _NEAR = replace(CONVERGED, iterations=20, tolerance=1e-5)  # from a start that i
 @dataclass(frozen=True, eq=False)
 class Information:
     """The reduced least-squares problem at a solution, in coordinates z (p,) in which all views and the prior of the
-    board's shape together have unit information. To first order everything that the views say, alone or in groups,
-    follows from it without a new solve.
-    """
+    board's shape together have unit information. It gives, to first order and without a new solve, the solution from
+    any subset of the views."""
 
     half: np.ndarray  # (4 + k + 5, p) change of intrinsics and shape for a unit of each z
     blocks: np.ndarray  # (V, p, p) information of each view, its own pose eliminated
@@ -42,12 +41,13 @@ class Information:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(4 + k + 5, 4 + k + 5) of intrinsics and shape, scaled by the residual variance and by `view_scatter`."""
+        """(4 + k + 5, 4 + k + 5) covariance of lens and shape, scaled by the residual variance and by
+        `view_scatter`."""
         return self._variance * self.view_scatter**2 * self.half @ self.half.T
 
     @property
     def left_out(self) -> np.ndarray:
-        """(V, 4 + k + 5) change of intrinsics and shape without each view, to first order."""
+        """(V, 4 + k + 5) first-order change of intrinsics and shape when each view is left out."""
         whole = self.blocks.sum(axis=0) + self.prior
         pairs = zip(self.blocks, self.gradients, strict=True)
         steps = [np.linalg.lstsq(whole - block, -gradient, rcond=1e-12)[0] for block, gradient in pairs]
@@ -55,23 +55,22 @@ class Information:
 
     @property
     def _variance(self) -> float:
-        """Variance of the residuals, px²."""
+        """Variance of the residuals per axis, px²."""
         freedom = self.counts.sum() - self.half.shape[1] - 6 * len(self.counts)
         return float(self.squares.sum()) / max(float(freedom), 1.0)
 
     @property
     def view_scatter(self) -> float:
-        """Ratio, at least 1, of the views' contradictions to what the noise of their corners explains, by their
-        gradients (cluster-robust covariance): corners of one picture share errors by motion, blur, and a lens beyond
-        the model.
-        """
+        """Ratio, at least 1, of the scatter between views to what the noise of their corners explains, by their
+        gradients (cluster-robust covariance): the corners of one picture share errors of motion, blur, and of the
+        lens model."""
         expected = np.trace(self.blocks, axis1=1, axis2=2) - np.einsum("vij,vji->v", self.blocks, self.blocks)
         ratio = float((self.gradients**2).sum()) / max(self._variance * float(expected.sum()), 1e-300)
         return float(np.sqrt(max(ratio / CHANCE_SCATTER, 1.0)))
 
 
 def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Information | None:
-    """Information of the corners at a solution over them; None where the views leave a free parameter undetermined."""
+    """Information of the corners at the solution from them; None where the views leave a free parameter undetermined."""
     counts = np.array([view.pixels.size for view in observations])
     if counts.sum() <= bundle.directions.shape[1] + 6 * len(observations):
         return None
@@ -111,10 +110,9 @@ def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Informa
 
 
 def _left_out_squares(bundle: Bundle, observations: Sequence[BoardCorners], known: Information) -> np.ndarray:
-    """(V,) squared distances of each view's corners, px², under a lens fitted without a fifth of the views, the
-    left-out views' poses solved for. One Gauss–Newton step from the solution over all, or where errors are much larger,
-    solved anew.
-    """
+    """(V,) squared distances, px², of each view's corners from their projection by a lens fitted without that view's
+    fold (a fifth of the views), with the view's pose solved for: five-fold cross-validation. The folds' lenses are
+    one Gauss–Newton step from the solution over all views, or are solved anew where errors are much larger."""
     squares = known.squares.copy()
     for fold in _folds(len(squares)):
         rest = known.blocks[~fold].sum(axis=0) + known.prior
@@ -128,13 +126,13 @@ def _left_out_squares(bundle: Bundle, observations: Sequence[BoardCorners], know
 
 
 def _folds(views: int) -> list[np.ndarray]:
-    """(V,) masks of the views left out in turn."""
+    """(V,) masks of the views that each cross-validation fold leaves out."""
     folds = min(LensSettings.folds, views)
     return [np.arange(views) % folds == fold for fold in range(folds)]
 
 
 def _solved_squares(bundle: Bundle, observations: Sequence[BoardCorners]) -> np.ndarray:
-    """(V,) squared distances of `_left_out_squares`, with each fold's lens solved to convergence."""
+    """(V,) squared distances as in `_left_out_squares`, with each fold's lens solved to convergence."""
     squares = np.zeros(len(observations))
     for fold in _folds(len(observations)):
         seen = [view for view, out in zip(observations, fold, strict=True) if not out]
@@ -147,7 +145,7 @@ def _solved_squares(bundle: Bundle, observations: Sequence[BoardCorners]) -> np.
 
 
 def _excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
-    """Excess of squared errors (V,) over those of a reference, in standard errors over views."""
+    """Excess of squared errors (V,) over those of a reference, in standard errors of its mean over views."""
     excess = squares - reference
     standard_error = np.sqrt(len(excess)) * np.std(excess, ddof=1)
     return float(excess.sum() / standard_error) if standard_error > 0.0 else 0.0
@@ -156,8 +154,8 @@ def _excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
 def _compare_split_half(
     model: DistortionModel, intrinsics: np.ndarray, known: Information, image_size: tuple[int, int]
 ) -> tuple[float | None, float | None]:
-    """Rms difference over the picture of the lenses of two halves of the views, in predicted deviations, and its
-    p-value; None with under 6 views, or when a half leaves the lens open.
+    """Rms difference over the picture between the lenses of two halves of the views, in predicted standard
+    deviations, and its p-value; None with under 6 views, or where a half does not determine the lens.
 
     The views are dealt out in turn; each half's lens is one Gauss–Newton step from that of all. What a turn of the
     camera explains is left out, and so is the penalty against folding.
@@ -194,7 +192,7 @@ def _compare_split_half(
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Results of one lens model in the comparison."""
+    """One lens model's results in the comparison."""
 
     model: str
     free_parameters: int  # of the lens, focal lengths and principal point included
@@ -208,14 +206,14 @@ class Candidate:
 
     @property
     def split_half_agrees(self) -> bool:
-        """Whether the halves differ no more than predicted, or cannot be compared."""
+        """Whether the two halves differ by no more than predicted, or cannot be compared."""
         return self.halves_p_value is None or self.halves_p_value >= LensSettings.halves_agree
 
 
 def assess(
     bundle: Bundle, observations: Sequence[BoardCorners], image_size: tuple[int, int], known: Information
 ) -> tuple[Candidate, np.ndarray]:
-    """One lens model's row of the comparison, and its left-out squared errors (V,) px² by view."""
+    """One lens model's row of the comparison, and its cross-validated squared errors (V,) px² by view."""
     squares = _left_out_squares(bundle, observations, known)
     free = int(np.any(bundle.directions[:-SHAPE] != 0.0, axis=0).sum())
     monotonic = is_monotonic(bundle.model, bundle.intrinsics, image_size)
@@ -225,7 +223,7 @@ def assess(
 
 
 def observations_of(views: Sequence[BoardView], nominal_m: np.ndarray) -> list[BoardCorners]:
-    """The corners of views with the board points (C, 3) that they show."""
+    """The corners of views, with their board points from those of the board (C, 3)."""
     moved = deformations(nominal_m)
     return [BoardCorners(nominal_m[view.ids], view.corners_px, moved[view.ids]) for view in views]
 
@@ -240,7 +238,7 @@ def kept_observations(
 
 @dataclass(frozen=True, eq=False)
 class Assessed:
-    """A lens model's solution, as it is compared with others of the same V views."""
+    """A lens model's solution, to be compared with others from the same V views."""
 
     candidate: Candidate
     camera: Camera  # with its covariance
@@ -249,13 +247,13 @@ class Assessed:
 
     @property
     def pole_distance(self) -> float:
-        """Distance of the nearest pole from the picture, as `models.pole_distance`."""
+        """Distance of the nearest pole from the picture, see `models.pole_distance`."""
         camera = self.camera
         return pole_distance(LENS_MODELS[self.candidate.model], camera.parameters, camera.image_size)
 
 
 def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, tuple[Candidate, ...]]:
-    """Name of the lens model to take, and the comparison; corners_px : (N, 2) of all views.
+    """Name of the lens model to use, and the comparison. corners_px : (N, 2) of all views.
 
     Models with a left-out error that is larger by 0.5 % and significantly so (over views), or by 10 %, are wrong. Of
     the others the one of least expected error over the picture is taken, bias and noise together
@@ -271,7 +269,7 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     reasons: dict[str, str] = {}
 
     def preferred(names: Sequence[str], good: Sequence[str], may_cost: float, why: str) -> Sequence[str]:
-        """The good ones, unless all of them are too dear; why the others are passed over."""
+        """The good candidates, unless all of them cost too much; and why the others are not chosen."""
         least = min(every[name].candidate.held_out_rms_px for name in names)
         if all(every[name].candidate.held_out_rms_px > may_cost * least for name in good):
             return names

@@ -20,15 +20,15 @@ from .settings import LensSettings
 
 @lru_cache(maxsize=256)
 def _picks(count: int) -> np.ndarray:
-    """Indices (S, 4) of random samples of four out of `count` corners."""
+    """Indices (S, 4) of random samples of four corners out of `count`."""
     return np.ascontiguousarray(
         np.random.default_rng(0).random((LensSettings.homography_samples, count)).argsort(axis=1)[:, :4]
     )
 
 
 def homography(points: np.ndarray, image: np.ndarray, division: float = 0.0) -> tuple[np.ndarray, float] | None:
-    """Homography (3, 3) of points (N, 2) to their image (N, 2), and the noise per axis as the median corner has it; or
-    None.
+    """Robust homography (3, 3) from points (N, 2) to their image (N, 2), and the noise per axis from the median
+    residual; None without one.
 
     Least median of squares (Rousseeuw 1984), then least squares of the points that it fits. OpenCV's finds none on
     small boards: most of its samples have three points on a line, and it gives up.
@@ -47,7 +47,7 @@ def homography(points: np.ndarray, image: np.ndarray, division: float = 0.0) -> 
 
 def _board_poses(homographies: list[np.ndarray | None]) -> np.ndarray:
     """(V, 6) rotation vectors and translations of a board's plane, from its homographies (3, 3) to ideal image
-    coordinates; ahead of the camera where there is none."""
+    coordinates; in front of the camera where one is missing."""
     poses = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (len(homographies), 1))
     known = [view for view, found in enumerate(homographies) if found is not None]
     if known:
@@ -67,14 +67,14 @@ _FEW_STEPS = replace(_TRIAL, iterations=6)
 
 
 class Guess(NamedTuple):
-    """Focal length, px or NaN, and λ of a distortion by the division model, from the views' homographies."""
+    """Initial focal length (px or NaN) and division-model distortion λ, from the views' homographies."""
 
     focal_px: float
     division: float
 
     @staticmethod
     def of(observations: Sequence[BoardCorners], image_size: tuple[int, int]) -> Guess:
-        """The guess with the λ of least median error, each view by its own homography."""
+        """The initial values with the λ of least median error, where each view has its own homography."""
         division, homographies = _undistorted_homographies(_thinned(observations), image_size)
         return Guess(_focal_length(homographies), division)
 
@@ -86,10 +86,9 @@ def rough_lens(
     known: Mapping[str, Bundle] | None = None,
     guess: Guess | None = None,
 ) -> Bundle:
-    """A robust solution with a flat board, a few steps from the minimum, whatever outliers there are: from a simpler
-    lens in `known`, or a richer one; else from the homographies (`guess`) and other focal lengths, until two lead to
-    the same, the best by the median corner.
-    """
+    """A robust solution with a flat board, a few steps from the minimum and insensitive to outliers. Starts from a
+    simpler or richer lens in `known`, else from the homographies (`guess`) and other focal lengths until two lead to
+    the same solution; the one of least median residual is returned."""
     known = known or {}
     near = known.get(model.simpler or "")
     if near is not None:
@@ -115,7 +114,8 @@ def _begun(model: DistortionModel, simpler: Bundle, image_size: tuple[int, int])
 def _from_homographies(
     model: DistortionModel, observations: Sequence[BoardCorners], image_size: tuple[int, int], guess: Guess
 ) -> Bundle:
-    """Initial bundle of the first lens of a ladder that has a distortion, or of one without."""
+    """Initial bundle from homographies, with the first lens model of the ladder that has distortion, or with one
+    without."""
     some = _thinned(observations)
     others = [ratio * max(image_size) for ratio in LensSettings.focal_per_width]
     tried: list[Bundle] = []
@@ -133,7 +133,7 @@ def _from_homographies(
 
 
 def _thinned(observations: Sequence[BoardCorners]) -> list[BoardCorners]:
-    """Evenly chosen views, and evenly chosen corners of each."""
+    """An evenly spaced subset of the views, and of the corners of each."""
     views = observations[:: -(-len(observations) // LensSettings.start_views)]
     return [
         view.picked(np.arange(0, len(view.pixels), -(-len(view.pixels) // LensSettings.start_corners)))
@@ -144,7 +144,7 @@ def _thinned(observations: Sequence[BoardCorners]) -> list[BoardCorners]:
 def _start(
     model: DistortionModel, guess: Guess, observations: Sequence[BoardCorners], image_size: tuple[int, int]
 ) -> Bundle:
-    """Initial bundle from a focal length and a division model's distortion about the picture's centre."""
+    """Initial bundle from a focal length and division-model distortion about the picture's centre."""
     (width, height), (focal, division) = image_size, guess
     reach = 0.5 * np.hypot(width, height) / focal
     division /= reach**2
@@ -174,8 +174,8 @@ def _undistorted_homographies(
 
 
 def _focal_length(homographies: Sequence[np.ndarray]) -> float:
-    """Focal length, px, from homographies to pixels about the principal point: the weighted median of their values; or
-    NaN."""
+    """Focal length, px, by the weighted median over homographies to pixels relative to the principal point; NaN
+    without one."""
     # the columns of K⁻¹H are orthogonal and as long as each other (Zhang 2000): a / f² = b
     rows = []
     for each in homographies:
@@ -197,7 +197,7 @@ def _focal_length(homographies: Sequence[np.ndarray]) -> float:
 
 
 def robust_poses(model: DistortionModel, intrinsics: np.ndarray, observations: Sequence[BoardCorners]) -> np.ndarray:
-    """(V, 6) poses of the views under a lens, each by the homography of most of its corners."""
+    """(V, 6) board poses of the views under a lens, each from a robust homography of its corners."""
     pixels = np.concatenate([view.pixels for view in observations])
     bounds = np.cumsum([0, *(len(view.pixels) for view in observations)])
     size = np.ceil(pixels.max(axis=0)).astype(int) + 1
@@ -209,12 +209,13 @@ def robust_poses(model: DistortionModel, intrinsics: np.ndarray, observations: S
 
 
 def _posed(start: Bundle, observations: Sequence[BoardCorners], rules: Rules) -> Bundle:
-    """Refines robustly; views with a median corner far off are posed anew, for refining does not bring them back."""
+    """Refines robustly, after reinitialising the poses of views with a large median residual: refining does not
+    recover them."""
     return reposed(refine(start, observations, rules, robust=True), observations, rules)
 
 
 def reposed(bundle: Bundle, observations: Sequence[BoardCorners], rules: Rules = _FEW_STEPS) -> Bundle:
-    """A robust solution in which views with a median corner far off have been posed anew."""
+    """A robust solution in which the poses of views with a large median residual have been reinitialised."""
     median = np.array([np.median(np.linalg.norm(each, axis=1)) for each in bundle.residuals_px])
     bad = np.flatnonzero(median > LensSettings.wrong_pose * np.median(median)).tolist()
     if not bad:
@@ -236,7 +237,7 @@ def _is_physical(bundle: Bundle) -> bool:
 
 
 def _ladder(model: DistortionModel) -> list[DistortionModel]:
-    """The model and those that lead to it, the simplest last."""
+    """The lens model and its simpler predecessors, the simplest last."""
     return [model, *([] if model.simpler is None else _ladder(LENS_MODELS[model.simpler]))]
 
 
@@ -246,7 +247,7 @@ def unfolded(
     image_size: tuple[int, int],
     known: Mapping[str, Bundle] | None = None,
 ) -> Bundle:
-    """A solution that does not fold inside the picture, where the corners leave room for one; otherwise the same
+    """A solution whose lens does not fold inside the picture, where the corners allow one; otherwise the same
     solution.
 
     A penalty keeps up the slope of the radial curve as far as the picture's corner. It may cost 1 % of the squared
@@ -277,7 +278,7 @@ def unfolded(
 def widened(
     simpler: DistortionModel, intrinsics: np.ndarray, model: DistortionModel, image_size: tuple[int, int]
 ) -> np.ndarray:
-    """(4 + k,) intrinsics of a lens model from the solution of a simpler one, the next or another on its ladder."""
+    """(4 + k,) initial intrinsics of a lens model from the solution of a simpler one on its ladder."""
     wide = np.zeros(4 + model.distortion_count)
     if simpler.camera_model != model.camera_model:
         alike = rational_like(simpler, intrinsics, image_size)

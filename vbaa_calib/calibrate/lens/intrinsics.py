@@ -1,4 +1,4 @@
-"""The lens from views of the board: outliers, the board's shape and the lens model are decided together."""
+"""The lens from views of the board: outliers, board shape and lens model are determined together."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class _UsedView:
 
 @dataclass(frozen=True, eq=False)
 class LensSolution:
-    """A lens with its uncertainty and the evidence.
+    """A lens with its uncertainty, its verdict and the evidence for both.
 
     Attributes
     ----------
@@ -70,17 +70,17 @@ class LensSolution:
 
     @property
     def board_points(self) -> np.ndarray:
-        """(C, 3) m the board's corners as solved, in its frame."""
+        """(C, 3) m corners of the board's solved shape, in its frame."""
         return self.board_shape.points_m
 
     @property
     def chosen(self) -> Candidate | None:
-        """The row of the lens model in the comparison; None where it was not assessed."""
+        """The chosen lens model's row of the comparison; None where it was not compared."""
         return next((candidate for candidate in self.comparison if candidate.model == self.model), None)
 
     @property
     def trusted(self) -> bool:
-        """Whether the verdict has no diagnosis."""
+        """Whether the verdict contains no diagnosis."""
         return self.verdict.trusted
 
 
@@ -104,7 +104,7 @@ def solve_intrinsics(
         raise InputError(f"there is no lens model {model!r}", remedy=f"take auto, {', '.join(LENS_MODELS)}")
 
     def rank(view: BoardView) -> tuple[object, ...]:
-        """Sort key of views: by name; without one by their corners."""
+        """Sort key of a view: its name, or without one its corners."""
         return view.name, view.ids.tolist(), view.corners_px.ravel().tolist()
 
     # held-out views, halves and the corners that starts are compared by are dealt out in turn: the lens must not
@@ -189,8 +189,8 @@ class _LensOptions:
 def _screened(
     observations: Sequence[BoardCorners], options: _LensOptions
 ) -> tuple[Inliers, Bundle, Mapping[str, Bundle]]:
-    """The good corners under the chosen lens, or for "auto" the one of `screening` of least median error; its solution
-    over them, and solutions of other lenses to start from."""
+    """The good corners, by the chosen lens model or, for "auto", by the one of `screening` with the least median
+    residual; its solution from them, and solutions of other models as initial values."""
     known: dict[str, Bundle] = {}
     robust, guess = {}, Guess.of(observations, options.image_size)
     for name in ("opencv4", *LensSettings.screening) if options.model == "auto" else (options.model,):
@@ -215,8 +215,8 @@ def _decided(
     options: _LensOptions,
     folding: tuple[str, ...] = (),
 ) -> tuple[Bundle, Inliers, tuple[Candidate, ...], Information | None]:
-    """Lens model and outliers by turns, until neither changes: the lens over the good corners, with one pose for each
-    good view, and the information, None where a parameter is open.
+    """Alternates between choosing the lens model and the outliers until neither changes. Returns the lens from the
+    good corners with one pose for each good view, and the information, None where a parameter is undetermined.
 
     A lens that "auto" chose, and that folds once it has converged, is compared again as one of those that fold.
     """
@@ -253,7 +253,8 @@ def _decided(
 def _fit_lens(
     model: DistortionModel, observations: Sequence[BoardCorners], options: _LensOptions, warm: Mapping[str, Bundle]
 ) -> Bundle:
-    """The solution of a lens model and the board's shape, from `warm` (by name) where it has one."""
+    """The solution of one lens model and the board's shape, from the initial value in `warm` (by name) if there is
+    one."""
     near = warm.get(model.name)
     if near is None:
         near = rough_lens(model, observations, options.image_size, warm)
@@ -264,7 +265,8 @@ def _fit_lens(
 def _choose_lens(
     observations: Sequence[BoardCorners], options: _LensOptions, warm: Mapping[str, Bundle], folding: Sequence[str]
 ) -> tuple[Bundle, tuple[Candidate, ...]]:
-    """The solution of the lens model that `choose` takes, and the comparison; warm : solutions by model name.
+    """The solution of the lens model that `choose` selects, and the comparison. warm : initial solutions by model
+    name.
 
     folding : names of models that fold in the end. Models with an open parameter are left out.
     """

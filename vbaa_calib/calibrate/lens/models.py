@@ -1,4 +1,4 @@
-"""Lens models, their projections, and what keeps a radial curve from folding inside the picture."""
+"""Lens models, their projections, and a penalty against radial curves that fold inside the picture."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .settings import LensSettings
 
 @dataclass(frozen=True)
 class DistortionModel:
-    """A lens model: its distortion, and what of it is solved for."""
+    """A lens model: its distortion polynomial and which of its coefficients are solved for."""
 
     name: str  # as `--lens-model` takes it
     camera_model: str  # "opencv" or "fisheye"
@@ -75,8 +75,8 @@ def projected(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def pose_slopes(by_point: np.ndarray, lever: np.ndarray) -> np.ndarray:
-    """Derivatives by points (N, 2, 3) turned to (N, 2, 6) by the tangent (`Pose.retract`) of a body's pose; lever
-    (N, 3) from its origin to the points."""
+    """(N, 2, 6) derivatives of pixels by the tangent of a body's pose (`Pose.retract`), from those by points (N, 2,
+    3). lever : (N, 3) from the body's origin to the points."""
     return np.concatenate([np.cross(lever[:, None], by_point), by_point], axis=-1)
 
 

@@ -1,4 +1,9 @@
-"""The middle line of a rod in one photograph: the line with the most evidence, if there is enough and no other has.
+"""The centreline of a rod in one photograph: the line of most evidence, if that is enough and no other comes near.
+
+Nothing is assumed about the rod's colour, which may change along it, except that it differs from the background on
+either side. Candidates are ribbons between two backgrounds. Along each, both edges are measured from the inside
+outwards, so that protruding hairs do not count, and points at which the rod is wider or narrower than nearby are left
+out. Pixel (0, 0) is the centre of the upper left one.
 
 Nothing is assumed of the rod's colour, nor that it is one all along, only that it differs from what is on either side
 of it. Candidates are ribbons between two backgrounds; along each both edges are measured, searched from the inside, so
@@ -521,7 +526,7 @@ def _unlike_sides(middle: np.ndarray, sides: Sequence[np.ndarray], shading: np.n
 
 
 def _filled(colours: np.ndarray) -> np.ndarray:
-    """Colours (channels, S) with those of the nearest known place where they are NaN: at the picture's border."""
+    """Colours (channels, S) with NaN (at the picture's border) replaced by the nearest known colour."""
     known = np.flatnonzero(np.isfinite(colours[0]))
     if len(known) == 0:
         return colours
@@ -530,7 +535,7 @@ def _filled(colours: np.ndarray) -> np.ndarray:
 
 
 def _sharpest(angle: np.ndarray, run: float) -> float:
-    """Most by which a direction (M,) changes within so many places."""
+    """Largest change of a direction (M,) within `run` places."""
     by = min(max(1, round(run)), len(angle) - 1)
     return float(np.abs(angle[by:] - angle[:-by]).max())
 
@@ -543,7 +548,8 @@ def _goes_on(
     inside: tuple[bool, bool],
     settings: RodSettings,
 ) -> np.ndarray | None:
-    """An end (2,) of a line ahead of which, to any side, there is more of its colour, about as wide."""
+    """An end (2,) of a line beyond which, in some direction, a line of its colour and width continues; None without
+    one."""
     size = np.array(planes.shape[:0:-1]) - 1.0
     for order, within in ((slice(None, None, -1), inside[0]), (slice(None), inside[1])):
         line = curve[order]
@@ -575,7 +581,7 @@ def _goes_on(
 
 
 def _rod_odds(parts: dict[str, float], inside: tuple[bool, bool], settings: RodSettings) -> float:
-    """Log odds of a rod against anything else that has two edges, where its ends are not known."""
+    """Log odds that a line with unknown ends is a rod and not something else with two edges."""
     terms = (
         min(0.0, parts["mean"] - settings.least_mean_alone),
         parts["edges"],
@@ -593,7 +599,7 @@ def _rod_odds(parts: dict[str, float], inside: tuple[bool, bool], settings: RodS
 
 
 def _gap(curve: np.ndarray, there: np.ndarray, longest_gap: float) -> np.ndarray | None:
-    """The middle of the longest piece where nothing is there, if it is too long."""
+    """The middle of the longest stretch without evidence, if it is longer than `longest_gap`; None otherwise."""
     empty = np.append(np.append(0, ~there), 0)
     starts, ends = np.flatnonzero(np.diff(empty) > 0), np.flatnonzero(np.diff(empty) < 0)
     if len(starts) == 0:
@@ -607,8 +613,8 @@ def _gap(curve: np.ndarray, there: np.ndarray, longest_gap: float) -> np.ndarray
 def _holders(
     planes: np.ndarray, noise: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings
 ) -> tuple[float, float]:
-    """Log odds that what is beyond either end of a line is not the background on a side of it: a rod's shadow may be on
-    the other."""
+    """Log odds, for either end of a line, that what lies beyond it is not the background of one side (the other may
+    be the rod's shadow)."""
     found = []
     size = np.array(planes.shape[:0:-1]) - 1.0
     base = 2.0 * _shading_of(len(planes), settings) ** 2 + noise**2
@@ -640,7 +646,8 @@ def _holders(
 def _centred(
     planes: np.ndarray, spread: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings
 ) -> np.ndarray:
-    """Points (S, 2) in the middles of what is of the rod's usual colour near a coarse curve, by dynamic programming."""
+    """Points (S, 2) in the middle of the region of the rod's usual colour near a coarse curve, by dynamic
+    programming."""
     fine = width / 20.0
     spacing = max(0.2 * min(width, 20.0), arc_lengths(curve)[-1] / settings.most_stations)
     strip = _Strip.along(planes, curve, spacing, 2.0 * width, fine)
@@ -676,8 +683,8 @@ def _centred(
 def _edges(
     planes: np.ndarray, spread: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings, last: bool
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Middles (N, 2) of the rod by its edges, half a width from a single edge; its width; and (S,) whether a station
-    has two edges that far apart. In the last round, edges are searched for next to those of the curve.
+    """Centres (N, 2) between the rod's edges (half a width from a single edge), its width, and the mask (S,) of
+    stations with two edges that far apart. last : whether edges are searched only near those of the curve.
 
     spread : (channels,) deviation of places of one surface.
     """
@@ -737,12 +744,12 @@ def _edges(
 
 
 def _median_width(widths: np.ndarray, before: float) -> float:
-    """Median of the measured widths, which are not NaN; the one before where none was measured."""
+    """Median of the measured widths, NaN ignored; `before` without any."""
     return float(np.nanmedian(widths)) if np.isfinite(widths).any() else before
 
 
 def _smooth(points: np.ndarray, weights: np.ndarray, scale: float) -> np.ndarray:
-    """(M, 2) smooth curve by points (N, 2), evenly spaced, on which bends shorter than the scale are lost."""
+    """(M, 2) evenly spaced smooth curve through points (N, 2), without bends shorter than `scale`."""
     along = arc_lengths(points)
     length = float(along[-1])
     count = max(6, int(np.ceil(length / (0.25 * scale))))
@@ -764,8 +771,8 @@ def _smooth(points: np.ndarray, weights: np.ndarray, scale: float) -> np.ndarray
 
 
 def _robust(points: np.ndarray, scale: float, width: float, beyond: float) -> tuple[np.ndarray, np.ndarray]:
-    """`_smooth` curve by IRLS, and the points' (N, 2) distances from it (N,). It goes on at both ends, so far beyond
-    them, bent as over the last three widths, or as much."""
+    """`_smooth` curve by IRLS, and the distances (N,) of points (N, 2) from it. It is extrapolated by `beyond` at
+    both ends with the curvature of its last three widths."""
     weights, misses = np.ones(len(points)), np.zeros(len(points))
     along = arc_lengths(points)
     on = np.linspace(0.0, beyond, 21)[1:]
@@ -795,8 +802,8 @@ def _to_the_ends(
     settings: RodSettings,
     bridged: bool = False,
 ) -> tuple[np.ndarray, tuple[bool, bool]]:
-    """The part of the curve (M, 2) that is on the rod, or between its ends where they are known, and whether it ends
-    within the picture. It goes on behind what hides it if `bridged`."""
+    """The part of the curve (M, 2) on the rod, or between its ends where these are known, and whether each end is
+    within the picture. bridged : whether it continues behind things that cover it."""
     planes, noise = patch.planes, patch.noise
     step = float(arc_lengths(curve[:2])[-1])
     fit = max(2, round(0.5 * width / step))
@@ -808,7 +815,7 @@ def _to_the_ends(
     count = len(curve)
 
     def run_out(known: np.ndarray | None, order: np.ndarray) -> tuple[int, bool]:
-        """Index of the last place on the rod in this order, and whether it is within the picture."""
+        """Index of the last place on the rod in this order, and whether that is within the picture."""
         if known is not None:
             nearest = int(np.argmin(np.hypot(*(curve - known).T)))
             return nearest, bool(inside[nearest])
@@ -847,13 +854,13 @@ def _to_the_ends(
 
 
 def _gone(on: np.ndarray, least: int) -> np.ndarray:
-    """(M,) where something is not there over so many places: a dark ply is not the end."""
+    """(M,) mask of stretches of at least `least` places without the rod: a single dark ply is not its end."""
     off = ~on
     return np.asarray(off & (np.convolve(off, np.ones(least), "full")[least - 1 :][: len(off)] >= least - 0.5))
 
 
 def _bridged(on: np.ndarray, least: int, most: float) -> np.ndarray:
-    """(M,) `on`, and between two runs of it, each of at least so many places, that are no more than `most` apart."""
+    """(M,) mask `on` with gaps of at most `most` places closed between runs of at least `least`."""
     steps = np.diff(np.concatenate([[0], on.astype(int), [0]]))
     runs = [(a, b) for a, b in zip(np.flatnonzero(steps > 0), np.flatnonzero(steps < 0), strict=True) if b - a >= least]
     bridged = on.copy()
@@ -864,7 +871,7 @@ def _bridged(on: np.ndarray, least: int, most: float) -> np.ndarray:
 
 
 def _other(middle: np.ndarray, sides: list[np.ndarray], least_chroma: float) -> np.ndarray:
-    """(S,) 1 where colours (channels, S) differ from their surroundings by an unusual hue, else 0."""
+    """(S,) 1 where the hue of colours (channels, S) differs unusually from their neighbourhood, else 0."""
     chroma = (middle - 0.5 * (sides[0] + sides[1]))[1:]
     known = np.isfinite(chroma).all(axis=0)
     usual = np.median(chroma[:, known], axis=1) if len(chroma) and known.any() else np.zeros(2)
@@ -877,7 +884,7 @@ def _other(middle: np.ndarray, sides: list[np.ndarray], least_chroma: float) -> 
 
 
 def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray, settings: RodSettings) -> np.ndarray:
-    """(S,) 0 to 1, how much colours (channels, S) look like those on one side in less light; 0 in a grey picture."""
+    """(S,) from 0 to 1: similarity of colours (channels, S) to one side's in less light; 0 in a grey picture."""
     if len(middle) == 1:
         return np.zeros(middle.shape[1])
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -893,7 +900,7 @@ _END_REMEDY = "give --clamp U,V and --tip U,V"  # where the ends are not known
 
 @dataclass(frozen=True, eq=False)
 class RodLine:
-    """A rod's middle line, from clamp to tip."""
+    """A rod's centreline, from clamp to tip."""
 
     points_px: np.ndarray  # (N, 2) measured middles of the rod, in order
     curve_px: np.ndarray  # (M, 2) smooth line through them from clamp to tip, evenly spaced
@@ -912,7 +919,7 @@ class RodLine:
 
 @dataclass(frozen=True, eq=False)
 class RodSearch:
-    """Lines that may be the rod, the likeliest first, and why the first one cannot be taken for it, if it cannot."""
+    """Candidate centrelines of the rod, the likeliest first, and the reason why the first cannot be used, if any."""
 
     candidates: list[_MeasuredRod]
     centre_px: np.ndarray
@@ -921,7 +928,7 @@ class RodSearch:
     settings: RodSettings = field(default_factory=RodSettings)
 
     def line(self, candidate: int | None = None) -> RodLine:
-        """The rod's line; the candidate with this number, from 1, where one is chosen.
+        """The rod's centreline: the likeliest, or the candidate of this number, counted from 1.
 
         Raises InputError where none stands out, or where two may be meant.
         """
@@ -998,7 +1005,8 @@ def search_rod(
     tip: np.ndarray | None = None,
     settings: RodSettings | None = None,
 ) -> RodSearch:
-    """Lines in a picture (H, W) or (H, W, 3) that may be the rod. Raises InputError for ends outside the picture."""
+    """Candidate centrelines of a rod in a picture (H, W) or (H, W, 3). Raises InputError for ends outside the
+    picture."""
     height, width = picture.shape[:2]
     for name, place in (("clamp", clamp), ("tip", tip)):
         if place is not None and not (0 <= place[0] <= width - 1 and 0 <= place[1] <= height - 1):
@@ -1039,7 +1047,7 @@ def _measured(
     colours: np.ndarray | None,
     settings: RodSettings,
 ) -> list[_MeasuredRod]:
-    """Lines from clamp to tip, from the widest ribbons to the narrowest, until one is as good as a rod's."""
+    """Measured lines from clamp to tip, searching from the widest ribbons to the narrowest until one is a good rod."""
     found: list[_MeasuredRod] = []
     bound, mean = settings.most_cost, 0.0
     for level, width_px in levels:
@@ -1060,7 +1068,7 @@ def _measured(
 
 
 def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredRod]:
-    """Lines in order of likelihood: by mean evidence, and by total evidence where that is about the same."""
+    """Lines in order of mean evidence, or of total evidence where the means are about equal."""
     best = max((line.parts["mean"] for line in found), default=0.0)
     return sorted(found, key=lambda line: (line.parts["mean"] < best - settings.alike, -line.evidence))
 
@@ -1068,7 +1076,7 @@ def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredR
 def _lines(
     planes: np.ndarray, groups: list[list[_RodPath]], ends: list[np.ndarray | None], settings: RodSettings
 ) -> list[_MeasuredRod]:
-    """The most likely measured line of each group of paths."""
+    """The likeliest measured line of each group of paths."""
     found = []
     for group in groups:
         likely: _MeasuredRod | None = None
@@ -1087,7 +1095,7 @@ def _lines(
 
 
 def _grouped(paths: list[_RodPath], settings: RodSettings) -> list[list[_RodPath]]:
-    """The best paths, each apart from those before it over half of its length, and with each one of another width."""
+    """The best paths that differ from all better ones over half their length, each with variants of other widths."""
     groups: list[list[_RodPath]] = []
     for path in paths:
         group = next((each for each in groups if _shared(path, each[0], settings) > 0.5), None)
@@ -1100,7 +1108,7 @@ def _grouped(paths: list[_RodPath], settings: RodSettings) -> list[list[_RodPath
 
 
 def _different(found: list[_MeasuredRod]) -> list[_MeasuredRod]:
-    """Lines that do not run along likelier ones."""
+    """Lines without those that run along a likelier one."""
     kept: list[_MeasuredRod] = []
     for line in found:
         if not any(other.contains(line.curve_px, 0.5) for other in kept):

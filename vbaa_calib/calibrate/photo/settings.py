@@ -1,4 +1,4 @@
-"""What a rod in a photograph is taken to be like, how it is found, and how its bending is fitted."""
+"""Settings of the search for a rod in a photograph and of the fit of its bending."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class RodSettings:
-    """Tunable numbers of the search for a rod and of the fit of its bending. Grey levels are of 255, evidence is in
-    natural log odds; "tried" are numbers chosen on 16 photographs of cables and yarns and 31 without a rod."""
+    """Thresholds of the search for a rod and of the fit of its bending. Grey levels are of 255, evidence is in
+    natural log odds; "tried" marks numbers chosen on 16 photographs of cables and yarns and 31 without a rod."""
 
     most_megapixels: float = 0.7
     """Millions of pixels that a photograph is reduced to at most before the search: 2 s of work."""

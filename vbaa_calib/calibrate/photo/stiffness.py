@@ -1,4 +1,5 @@
-"""EI of a rod from its line in one photograph; its uncertainty includes scale, gravity's direction and camera tilt."""
+"""EI of a rod from its centreline in one photograph, with the uncertainty of scale, gravity's direction and camera
+tilt."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ from .settings import RodSettings
 
 @dataclass(frozen=True)
 class _Loading:
-    """Loads of the rod: weight per length and a dead load along `down`."""
+    """Forces on the rod: weight per length and a dead load, both along `down`."""
 
     down: tuple[float, float]  # unit vector in the picture
     weight_N_m: float = 1.0  # 1 for results per weight
@@ -29,7 +30,7 @@ class _Loading:
     load_at: float = 1.0  # the load's place as a share of the length
 
     def moments(self, curve: np.ndarray) -> np.ndarray:
-        """(M,) bending moment at the places of an evenly spaced line (M, 2) in metres, in the sense of u to v."""
+        """(M,) bending moments along an evenly spaced line (M, 2) m, positive from u to v."""
         along = arc_lengths(curve)
         lever = curve[:, 0] * self.down[1] - curve[:, 1] * self.down[0]
         between = 0.5 * (lever[1:] + lever[:-1]) * np.diff(along)
@@ -40,7 +41,7 @@ class _Loading:
 
 @dataclass(frozen=True, eq=False)
 class _PhotoView:
-    """One photograph's line in metres, and what bent the rod in it."""
+    """One photograph's centreline in metres, and the forces that bend the rod in it."""
 
     points_m: np.ndarray  # (N, 2) measured
     curve_m: np.ndarray  # (M, 2) smooth, evenly spaced, clamp to tip
@@ -48,22 +49,23 @@ class _PhotoView:
 
     @cached_property
     def middles_m(self) -> np.ndarray:
-        """(K,) arc lengths in the middles of the pieces."""
+        """(K,) arc lengths of the pieces' middles."""
         return (np.arange(RodSettings.pieces) + 0.5) / RodSettings.pieces * arc_lengths(self.curve_m)[-1]
 
     @cached_property
     def moment(self) -> np.ndarray:
-        """(K,) bending moment in the middles of the pieces."""
+        """(K,) bending moments at the pieces' middles."""
         return np.interp(self.middles_m, arc_lengths(self.curve_m), self.loading.moments(self.curve_m))
 
     def at(self, s_m: np.ndarray) -> np.ndarray:
-        """(N, 2) places on the smooth line at arc lengths (N,)."""
+        """(N, 2) points of the smooth line at arc lengths (N,)."""
         along = arc_lengths(self.curve_m)
         return np.stack([np.interp(s_m, along, each) for each in self.curve_m.T], axis=1)
 
     @cached_property
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Offsets (N,) that curvature explains, its effect on them (N, K), position and direction (N, 3), s/L (N,)."""
+        """Design of the fit: the points' lateral offsets (N,) that curvature explains, their derivatives by curvature
+        (N, K) and by position and direction (N, 3), and s/L (N,)."""
         along = arc_lengths(self.curve_m)
         normal = normals(self.curve_m)
         tangent = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
@@ -83,7 +85,7 @@ class _PhotoView:
 
 
 def _linear_law(views: Sequence[_PhotoView], straight: bool = False) -> list[np.ndarray]:
-    """Columns (K, 2) of each view's linear law of curvature: for 1/EI the moment, for the rod's own bow ones.
+    """Columns (K, 2) of each view's linear law of curvature: the moment for 1/EI, ones for the rod's own bow.
 
     straight : a rod without bow, (K, 1).
     """
@@ -91,7 +93,8 @@ def _linear_law(views: Sequence[_PhotoView], straight: bool = False) -> list[np.
 
 
 def _free_law(views: Sequence[_PhotoView]) -> tuple[list[np.ndarray], np.ndarray]:
-    """(K, P) per view: curvature as any smooth function of the moment; and rows that are 0 for a straight one."""
+    """Per view columns (K, P) of a law in which curvature is any smooth function of the moment; and contrast rows
+    that are 0 where that function is linear."""
     moments = np.concatenate([view.moment for view in views])
     steps = np.linspace(moments.min(), moments.max(), RodSettings.law_steps + 1)
     knots = np.concatenate([steps[[0, 0, 0]], steps, steps[[-1, -1, -1]]])
@@ -103,7 +106,7 @@ def _free_law(views: Sequence[_PhotoView]) -> tuple[list[np.ndarray], np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class _Bending:
-    """What one or two photographs say of a rod's bending, under H error models."""
+    """Posterior of a rod's bending law from one or two photographs, under H error models."""
 
     weights: np.ndarray  # (H,) probabilities
     values: np.ndarray  # (H, P) the law's coefficients
@@ -114,20 +117,21 @@ class _Bending:
     error_std_m: float  # of the points
 
     def moments_of(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (N,) and standard deviation (N,) of combinations of the coefficients (N, P)."""
+        """Means (N,) and standard deviations (N,) of linear combinations (N, P) of the coefficients."""
         each = self.values @ rows.T
         mean = self.weights @ each
         own = np.einsum("np,hpq,nq->hn", rows, self.covariances, rows)
         return mean, np.sqrt(self.weights @ (np.maximum(own, 0.0) + (each - mean) ** 2))
 
     def p_value(self, rows: np.ndarray) -> float:
-        """Probability of combinations (N, P) so far from zero where all of them are zero, by an F test."""
+        """p-value of the hypothesis that linear combinations (N, P) of the coefficients are all zero, by an F test."""
         each, spread = self.values @ rows.T, rows @ self.covariances @ rows.T
         square = np.einsum("hn,hn->h", each, np.linalg.solve(spread, each[..., None])[..., 0]) / len(rows)
         return float(self.weights @ fdtrc(len(rows), self.freedom, square))
 
     def quantiles(self, shares: Sequence[float], relative_std: float) -> np.ndarray:
-        """Quantiles of the first coefficient, with an independent error of this relative standard deviation."""
+        """Quantiles of the first coefficient, including an independent error of relative standard deviation
+        `relative_std`."""
         rng = np.random.default_rng(0)
         model = rng.choice(len(self.weights), RodSettings.samples, p=self.weights)
         noise = np.sqrt(self.covariances[model, 0, 0]) * rng.standard_t(self.freedom, RodSettings.samples)
@@ -136,7 +140,7 @@ class _Bending:
 
 
 def _fit_bending(views: Sequence[_PhotoView], laws: Sequence[np.ndarray]) -> _Bending:
-    """Coefficients of a law of curvature by its columns (K, P) for each view; all views have the same curl."""
+    """Fits a law of curvature with columns (K, P) for each view; all views share the rod's own curl."""
     parts = [view.rows for view in views]
     data, effect, shares = (np.concatenate([part[i] for part in parts]) for i in (0, 1, 3))
     owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
@@ -151,7 +155,8 @@ def _fit_bending(views: Sequence[_PhotoView], laws: Sequence[np.ndarray]) -> _Be
     noise = 5e-4 * length
 
     def weighed(curl: float, curl_length: float, error_length: float) -> tuple[float, np.ndarray, np.ndarray, float]:
-        """Restricted log-likelihood, coefficients, their covariance, and the variance relative to the noise."""
+        """Restricted log-likelihood, coefficients, their covariance, and the variance relative to the noise, under
+        one error model."""
         process = (curl / length) ** 2 * np.exp(-np.abs(np.subtract.outer(pieces, pieces)) / curl_length)
         errors = np.eye(len(data))
         if error_length:
@@ -187,7 +192,7 @@ def _fit_bending(views: Sequence[_PhotoView], laws: Sequence[np.ndarray]) -> _Be
 
 @dataclass(frozen=True)
 class PhotoSetting:
-    """What is known of the photographs besides the rod's line."""
+    """What is known of the photographs apart from the centrelines: scale, loads, gravity."""
 
     length_m: float | None = None  # of the rod, from clamp to tip; None where marks give the scale
     marks_px: np.ndarray | None = None  # two marks (2, 2) in the plane of the rod
@@ -203,13 +208,13 @@ class PhotoSetting:
 
     @property
     def per_weight(self) -> bool:
-        """Whether EI comes out per weight, in m³."""
+        """Whether EI is estimated per weight, in m³."""
         return self.weight_N_m is None and self.load_N == 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class PhotoStiffness:
-    """EI, or EI per weight, and moment against curvature."""
+    """EI, or EI per weight, with the law of moment against curvature."""
 
     inverse: float  # 1/EI
     inverse_std: float  # with all deviations
@@ -225,13 +230,13 @@ class PhotoStiffness:
 
     @property
     def determined(self) -> bool:
-        """Whether the line tells an EI: its interval has two ends."""
+        """Whether the line determines EI: whether its interval is bounded on both sides."""
         return bool(np.isfinite(self.interval[1]))
 
 
 def solve_photo(lines: Sequence[RodLine], setting: PhotoSetting) -> PhotoStiffness:
-    """EI from the line of the bent rod and, if there is a second line, of the unloaded one: hanging as before without
-    its load, or lying flat where there was none but its weight.
+    """EI from the centreline of the bent rod and, optionally, a second one of the unloaded rod: hanging without its
+    load, or lying flat where its weight is the only load.
 
     Raises InputError where no bending is seen, or load and scale are impossible.
     """
@@ -244,7 +249,7 @@ def solve_photo(lines: Sequence[RodLine], setting: PhotoSetting) -> PhotoStiffne
     inverse = float(linear.weights @ linear.values[:, 0])
 
     def again(changed: PhotoSetting, turn: tuple[float, float] = (0.0, 0.0)) -> float:
-        """Relative change of 1/EI."""
+        """Relative change of 1/EI under a changed setting or plane."""
         other = _views(lines, changed, turn)
         fit = _fit_bending(other, _linear_law(other, changed.straight))
         return float(fit.weights @ fit.values[:, 0]) / inverse - 1.0
@@ -279,7 +284,8 @@ def solve_photo(lines: Sequence[RodLine], setting: PhotoSetting) -> PhotoStiffne
 
 
 def _bends(view: _PhotoView, line: RodLine, inverse: float, least_px: float = 0.2) -> bool:
-    """Whether so much 1/EI bends a rod by more than its edges are known to, beyond how it lies and points."""
+    """Whether a compliance 1/EI of `inverse` bends the rod by more than the edges' uncertainty, beyond a shift and
+    rotation."""
     _, effect, free, _ = view.rows
     offsets = effect @ (view.moment * inverse)
     offsets -= free @ np.linalg.lstsq(free, offsets, rcond=None)[0]
@@ -291,7 +297,7 @@ def _rms(values: Sequence[float]) -> float:
 
 
 def _views(lines: Sequence[RodLine], setting: PhotoSetting, turn: tuple[float, float] = (0.0, 0.0)) -> list[_PhotoView]:
-    """The lines in metres, for a rod's plane that is turned about the picture's axes by `turn`, rad."""
+    """The centrelines in metres, for a rod's plane rotated about the picture's axes by `turn`, rad."""
     views = []
     down = (float(np.sin(setting.down_rad)), float(np.cos(setting.down_rad)))
     weight = setting.weight_N_m if setting.weight_N_m is not None else float(setting.per_weight)
@@ -317,8 +323,8 @@ def _views(lines: Sequence[RodLine], setting: PhotoSetting, turn: tuple[float, f
 
 
 def _turned(points: np.ndarray, turn: tuple[float, float], far: float) -> np.ndarray:
-    """(N, 2) places in a plane, turned about its vertical and its level axis, that a camera at a distance sees at
-    points."""
+    """(N, 2) points in a plane, rotated about its vertical and horizontal axes, that a camera at distance `far` sees
+    at `points`."""
     for axis, angle in enumerate(turn):
         if angle:
             place = points[:, axis] * far / (far * np.cos(angle) - points[:, axis] * np.sin(angle))

@@ -1,4 +1,4 @@
-"""Plane C by a board in a jig of known pose on the antenna's base."""
+"""Plane C from a board in a jig with a known pose on the antenna's base."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .settings import PoseSettings
 
 
 def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> None:
-    """Checks that a picture (width, height) has the size that the lens was calibrated for; raises InputError."""
+    """Raises InputError for a picture (width, height) of another size than the lens was calibrated for."""
     if tuple(image_size) != tuple(camera.image_size):
         is_, was = (f"{width}x{height} px" for width, height in (image_size, camera.image_size))
         remedy = "take all pictures at one resolution; of a known lens --binning and --roi tell the difference"
@@ -32,8 +32,9 @@ def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> 
 
 
 def start_poses(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
-    """Poses by every closed form of OpenCV (IPPE alone can be far off or NaN without an error), from points (N, 3) m, z
-    = 0, and their rays' x/z and y/z (N, 2). Raises SolveError without one."""
+    """Initial board poses by every closed-form solution of OpenCV (IPPE alone can be far off or NaN without an
+    error), from points (N, 3) m, z = 0, and their normalised image coordinates (N, 2). Raises SolveError without one.
+    """
     starts: list[Pose] = []
     for method in (cv2.SOLVEPNP_ITERATIVE, cv2.SOLVEPNP_SQPNP, cv2.SOLVEPNP_IPPE):
         try:
@@ -56,7 +57,8 @@ def turn_between(one: Pose, other: Pose) -> float:
 
 
 def mirrored(T_camera_board: Pose, points: np.ndarray) -> Pose:
-    """The board's pose turned about its centre so that its normal is tilted to the other side of the line of sight."""
+    """The board's pose with its normal reflected about the line of sight through the board's centre: the second pose
+    of a planar target."""
     centre_board = points.mean(axis=0)
     centre = T_camera_board @ centre_board
     sight, normal = centre / np.linalg.norm(centre), T_camera_board.rotation[:, 2]
@@ -86,7 +88,7 @@ class BoardPose:
 
     @property
     def is_ambiguous(self) -> bool:
-        """Whether the plane's second pose fits nearly as well as the first, so that either may be right."""
+        """Whether the planar target's second pose fits nearly as well as the first."""
         return self.second_ratio is not None and self.second_ratio < PoseSettings.ambiguous
 
 
@@ -188,7 +190,7 @@ class _SeenBoard:
         return by_pose.reshape(-1, 6), by_lens.reshape(2 * len(self.points), -1)
 
     def refined(self, T_camera_board: Pose, loss: Loss) -> Pose:
-        """Minimises the robust cost from a start: the pose in its local minimum."""
+        """The local minimum of the robust cost, from an initial pose."""
 
         def pose_of(at: Linearised) -> Pose:
             return Pose(at.parameters[:, :3], at.parameters[:, 3])
@@ -207,7 +209,7 @@ class _SeenBoard:
         return pose_of(levenberg_marquardt(linearised(T_camera_board), step, moved, rules)[0])
 
     def second_rms_px(self, first: Pose, others: Sequence[Pose]) -> float | None:
-        """Rms error, px, of the next other pose that explains the corners; None without one."""
+        """Rms residual, px, of the best distinct other pose; None without one."""
         for start in others:
             pose = self.refined(start, SQUARES)
             if (

@@ -39,7 +39,7 @@ class PoseEstimate:
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """The difference of two estimates, by their names.
+    """Difference of two pose estimates, identified by their names.
 
     step : (6,) from the first pose to the second, `Pose.retract`'s tangent. covariance : (6, 6) of it.
     """
@@ -50,12 +50,12 @@ class Difference:
 
     @property
     def statistic(self) -> float:
-        """χ² with 6 degrees of freedom where both are right."""
+        """χ² of the difference, with 6 degrees of freedom if both estimates are right."""
         return chi_square(self.step, self.covariance)
 
     @property
     def p_value(self) -> float:
-        """Chance of a difference this large where both are right."""
+        """Probability of so large a difference if both estimates are right."""
         return chi_square_p(self.statistic, 6)
 
     @property
@@ -80,7 +80,7 @@ class Difference:
 
 
 def differences(ways: Sequence[PoseEstimate], lens_covariance: np.ndarray) -> list[Difference]:
-    """Differences of every pair of estimates; errors that both share through the lens, of covariance (P, P), cancel."""
+    """Differences of every pair of estimates; lens errors (covariance (P, P)) that both share cancel."""
     found = []
     for one, other in combinations(ways, 2):
         covariance = one.covariance + other.covariance
@@ -109,7 +109,7 @@ def require_agreement(found: Sequence[Difference], where: object) -> None:
 
 
 def fused(ways: Sequence[PoseEstimate]) -> Pose:
-    """The weighted mean of all estimates, the lens fixed: where bundle adjustment starts."""
+    """The weighted mean of all estimates with the lens fixed, from which bundle adjustment starts."""
     first = ways[0].T_antenna_camera
     weights = [np.linalg.inv(way.covariance) for way in ways]
     weighted = [weight @ way.T_antenna_camera.tangent_from(first) for weight, way in zip(weights, ways, strict=True)]
@@ -117,8 +117,8 @@ def fused(ways: Sequence[PoseEstimate]) -> Pose:
 
 
 def inflated(estimate: PoseEstimate, directions: np.ndarray, std: np.ndarray, common: bool = False) -> PoseEstimate:
-    """The estimate with standard deviations (K,) added along directions (K, 6) of its tangent; `common` : further
-    cameras' estimates by the same method share these errors, where it is known which they share."""
+    """The estimate with independent errors of standard deviations (K,) added along directions (K, 6) of its tangent.
+    common : estimates of other cameras by the same method that share these errors."""
     spread = directions.T * std
     wider = replace(estimate, covariance=estimate.covariance + spread @ spread.T)
     return replace(wider, common=np.hstack([estimate.common, spread])) if common and estimate.common.size else wider

@@ -47,8 +47,9 @@ from .settings import HandEyeSettings
 def robot_world(
     known: Sequence[Pose], seen: Sequence[Pose], rounds: int = HandEyeSettings.absolute_rounds
 ) -> tuple[Pose, Pose]:
-    """X and Z of X·seen = known·Z by IRLS of distances, so that a few wrong views do not count; one of `rounds` gives
-    least squares. The rotations are by Kronecker products (Shah 2013), then the translations linear."""
+    """X and Z of X·seen = known·Z by iteratively reweighted least absolute distances, which is robust to a few wrong
+    views; rounds = 1 gives least squares. The rotations come from Kronecker products (Shah 2013), then the
+    translations are linear."""
     turned, rotations = (np.array([pose.rotation for pose in poses]) for poses in (known, seen))
 
     def turns(weights: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
@@ -73,7 +74,7 @@ def robot_world(
 def _least_absolute(
     solve: Callable[[np.ndarray], tuple[Any, np.ndarray]], count: int, sharp: float, rounds: int
 ) -> Any:
-    """Minimises the sum of misfits (P,), not of their squares, by IRLS."""
+    """Minimises the sum of the residual norms (P,) instead of their squares, by IRLS."""
     weights = np.ones(count)
     for _ in range(rounds):
         solution, misfit = solve(weights)
@@ -88,7 +89,7 @@ def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Start:
-    """Start of the solve on which most views agree."""
+    """Initial value of the solve, on which most views agree."""
 
     X: Pose  # as in `robot_world`
     Z: Pose
@@ -101,7 +102,8 @@ class _Start:
 def _consensus(
     known: Sequence[Pose], seen: Sequence[Sequence[Pose]], points_m: np.ndarray, subsets: int = HandEyeSettings.subsets
 ) -> _Start:
-    """The start that fits best by the better 60 % of the views, of those that all views and many small subsets give.
+    """The best initial value among those from all views and from many small subsets, judged by the better 60 % of the
+    views.
 
     seen : of each view one or two poses of the board. points_m : (K, 3).
     """
@@ -141,7 +143,7 @@ def _consensus(
 
 
 def _other_orders(known: Sequence[Pose], seen: Sequence[Pose], used: np.ndarray) -> dict[str, np.ndarray]:
-    """How rows of poses may have been mixed up: of each view in use (V,) the row that would be its own, or −1.
+    """Candidate permutations of mixed-up pose rows: for each view in use (V,) the row that would be its own, or −1.
 
     known : of all rows. seen : of the views in use, with their own rows `used` (V,). Shifted by one, reversed, and the
     order in which the angles between the views' turns agree best, which do not depend on X and Z.
@@ -167,14 +169,14 @@ _STD_LOGS = np.log([(1e-7, 1.0), (1e-7, 1.0), (1.0, 1e9)])  # between them the d
 
 @dataclass(frozen=True, eq=False)
 class _ViewCorners:
-    """One view's corners, or points of a board as its measured pose puts them."""
+    """One view's corners, or board points transformed by its measured pose."""
 
     points_m: np.ndarray  # (N, 3) board frame
     pixels: np.ndarray  # (N, 2), or without a camera (N, 3) m in its frame
     weights: np.ndarray  # (N,) on residuals
 
     def linearised(self, camera: Camera | None, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Weighted residuals (2N,) px, observed less predicted, and derivatives of what is predicted by the pose's
+        """Weighted residuals (2N,) px, observed minus predicted, and the prediction's derivatives by the pose's
         tangent (2N, 6) and by the lens (2N, 4 + k); without a camera (3N,) m, (3N, 6) and (3N, 0)."""
         lever = self.points_m @ T_camera_board.rotation.T
         pixels = lever + T_camera_board.translation_m
@@ -189,7 +191,7 @@ class _ViewCorners:
         return residuals.ravel(), weighted, by_lens
 
     def posed(self, camera: Camera, start: Pose) -> tuple[Pose, np.ndarray]:
-        """The pose by IRLS (soft L1) from a start, and the residuals' lengths (N,) px there."""
+        """The board's pose by IRLS (soft L1) from an initial pose, and the residuals' lengths (N,) px there."""
         pose = start
         for _ in range(HandEyeSettings.reweightings):
             residuals, by_pose, _ = self.linearised(camera, pose)
@@ -208,7 +210,7 @@ _HandEyeState = tuple[Pose, ...]
 
 
 class _HandEyeRows(NamedTuple):
-    """A state, and per view the six numbers that its corners determine, in units of their noise."""
+    """A linearisation point, and per view the six whitened numbers that its corners determine."""
 
     state: _HandEyeState
     residuals: np.ndarray  # (V, 6) at the state
@@ -220,7 +222,7 @@ class _HandEyeRows(NamedTuple):
     cost: float  # of all corners and the robot, the lens fixed
 
     def normal(self, std: np.ndarray) -> _Normal:
-        """The normal equations of X, Z and lens, the robot's errors eliminated."""
+        """The normal equations of X, Z and lens, with the robot's errors eliminated."""
         # what would be seen of a robot without errors
         left = self.residuals + np.einsum("vij,vj->vi", self.by_error, self.errors)
         V = std[2] ** 2 * np.eye(6) + (self.by_error * std[:2].repeat(3) ** 2) @ np.swapaxes(self.by_error, 1, 2)
@@ -233,9 +235,8 @@ class _HandEyeRows(NamedTuple):
 
 
 class _Normal(NamedTuple):
-    """A·step = b, and the squares at no step. left : (V, 6), V : (V, 6, 6) its covariance, and the sum of its log
-    determinants.
-    """
+    """Normal equations A·step = b and the sum of squares at step 0. left : (V, 6) residuals, V : (V, 6, 6) their
+    covariances, with the sum of their log determinants."""
 
     A: np.ndarray
     b: np.ndarray
@@ -247,7 +248,7 @@ class _Normal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _HandEyeSolution:
-    """Minimum of a hand-eye problem. log_std : (3,) deviations of the logarithms of `std`."""
+    """Minimum of a hand-eye problem. log_std : (3,) standard deviations of the logarithms of `std`."""
 
     rows: _HandEyeRows
     std: np.ndarray
@@ -258,8 +259,8 @@ class _HandEyeSolution:
         return self.rows.state
 
     def covariance_for(self, std: np.ndarray) -> np.ndarray:
-        """Covariance (12, 12) of the tangents of X and Z at standard deviations `std`, the lens' uncertainty
-        included."""
+        """Covariance (12, 12) of the tangents of X and Z for the standard deviations `std`, with the lens's
+        uncertainty."""
         A = self.rows.normal(std).A
         own = solve_scaled(A[:_SHARED, :_SHARED], np.eye(_SHARED))
         by_lens = own @ A[:_SHARED, _SHARED:]
@@ -267,7 +268,8 @@ class _HandEyeSolution:
 
     @cached_property
     def freedom(self) -> float:
-        """Degrees of freedom of the covariance: the robot's variance is estimated from these few views."""
+        """Degrees of freedom of the covariance, finite because the robot's variance is estimated from these few
+        views."""
         own, variance = self.covariance_for(self.std), 0.0
         for which, log_std in zip(np.eye(3), self.log_std, strict=True):
             more = self.covariance_for(self.std * np.exp(HandEyeSettings.std_step * which)) - own
@@ -277,13 +279,14 @@ class _HandEyeSolution:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance (12, 12) of the tangents, inflated by the ratio of the 95 % quantiles of Fisher's F and χ²."""
+        """Covariance (12, 12) of the tangents, inflated by the ratio of the 95 % quantiles of the F and χ²
+        distributions."""
         return self.covariance_for(self.std) * 6.0 * fdtri(6, self.freedom, 0.95) / chdtri(6, 0.05)
 
 
 @dataclass(frozen=True, eq=False)
 class _Misfits:
-    """Disagreement of each view: the board's pose by its own corners, less that by the robot's readings."""
+    """Difference of each view's board pose by its own corners from that by the robot's readings."""
 
     turn_rad: np.ndarray  # (V,) of the board
     distance_m: np.ndarray  # (V,) of its centre
@@ -304,7 +307,7 @@ class _HandEyeProblem:
     in_hand: bool
 
     def picked(self, which: np.ndarray) -> _HandEyeProblem:
-        """The same problem with the views of a mask (V,) alone."""
+        """The problem with only the views of a mask (V,)."""
         chosen = np.flatnonzero(which)
         return replace(
             self, views=tuple(self.views[i] for i in chosen), readings=tuple(self.readings[i] for i in chosen)
@@ -312,24 +315,24 @@ class _HandEyeProblem:
 
     @property
     def _lens_axes(self) -> np.ndarray:
-        """(4 + k, K) steps of the lens that vary independently by one deviation."""
+        """(4 + k, K) independent directions of the lens's covariance, one standard deviation long."""
         if self.camera is None or self.camera.covariance is None:
             return np.zeros((0 if self.camera is None else len(self.camera.parameters), 0))
         axes = independent_axes(self.camera.covariance)
         return axes[:, np.any(axes != 0.0, axis=0)]
 
     def start(self, X: Pose, Z: Pose) -> _HandEyeState:
-        """The state without robot errors."""
+        """The initial state, without robot errors."""
         return (X, Z, *(Pose.identity(),) * len(self.views))
 
     def predicted(self, state: _HandEyeState) -> list[Pose]:
-        """T_camera_board of each view."""
+        """Predicted T_camera_board of each view."""
         X, Z, *errors = state
         back, both = X.inverse(), zip(self.readings, errors, strict=True)
         return [back @ E @ G.inverse() @ Z if self.in_hand else back @ G @ E @ Z for G, E in both]
 
     def _tangents(self, state: _HandEyeState, T_camera_board: Pose, view: int) -> np.ndarray:
-        """(6, 18) the tangent of a view's board pose by those of X, Z and E."""
+        """(6, 18) derivatives of a view's board pose (tangent) by the tangents of X, Z and E."""
         (X, Z, *errors), G = state, self.readings[view]
         E = errors[view]
         R_camera_base = X.rotation.T
@@ -346,7 +349,7 @@ class _HandEyeProblem:
         return found
 
     def linearised(self, state: _HandEyeState, std: np.ndarray) -> _HandEyeRows:
-        """Linearises the problem at a state: rows of each view, and the cost."""
+        """Each view's rows at a state, and the cost."""
         axes, squares, each = self._lens_axes, 0.0, []
         for index, (view, pose) in enumerate(zip(self.views, self.predicted(state), strict=True)):
             residuals, tangents, by_lens = (part / self.noise_px for part in view.linearised(self.camera, pose))
@@ -382,7 +385,7 @@ class _HandEyeProblem:
         return levenberg_marquardt(self.linearised(state, std), step, moved, rules)[0]
 
     def solved(self, state: _HandEyeState, std: np.ndarray) -> _HandEyeSolution:
-        """Solves for state and standard deviations by turns, the latter from the residuals (REML)."""
+        """Solves for state and standard deviations in turn, the latter from the residuals (REML)."""
         starts = [
             std,
             *(
@@ -401,7 +404,7 @@ class _HandEyeProblem:
         return _HandEyeSolution(self._descended(state, std), std, log_std)
 
     def board_scale(self, solved: _HandEyeSolution) -> tuple[float, float]:
-        """Relative excess of the board's size over the stated one, by the robot's lengths, and its standard
+        """Relative excess of the board's size over the stated one by the robot's translations, with its standard
         deviation."""
         # a larger board that is seen alike is as much further away
         further = np.array([np.append(np.zeros(3), pose.translation_m) for pose in self.predicted(solved.state)])
@@ -415,8 +418,8 @@ class _HandEyeProblem:
     def misfits(
         self, solved: _HandEyeSolution, seen: Sequence[Pose], kept: np.ndarray, centre_m: np.ndarray
     ) -> _Misfits:
-        """Misfits of all views, the board at poses `seen` by their corners alone, by a solution over those kept
-        (V,)."""
+        """Misfits of all views relative to a solution from the views `kept` (V,). seen : the board poses by each
+        view's own corners."""
         state = self.start(*solved.state[:2])
         rows, std = self.linearised(state, solved.std), solved.std
         tangents = np.array(
@@ -441,7 +444,7 @@ class _HandEyeProblem:
         centre = np.concatenate([-levers, unit], axis=-1)
 
         def left(one: np.ndarray) -> np.ndarray:
-            """(V, 6, 6) what the solution leaves of errors (V, 6, 6) that the views do not share."""
+            """(V, 6, 6) covariance of the residuals, from errors (V, 6, 6) that are independent between views."""
             through = fixed @ taken @ one
             both = np.einsum("vij,vjk,vlk->il", taken, one, taken)
             return one - through - np.swapaxes(through, 1, 2) + fixed @ both @ np.swapaxes(fixed, 1, 2)
@@ -467,7 +470,8 @@ def _crossed(vector: np.ndarray) -> np.ndarray:
 
 
 def _deviations(rows: _HandEyeRows, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """(3,) deviations, and those of their logarithms; the best start is taken, for there are flat stretches."""
+    """(3,) REML standard deviations, and those of their logarithms; several initial values are tried because the
+    likelihood has flat stretches."""
 
     def badness(logs: np.ndarray) -> float:
         inside = np.clip(logs, *_STD_LOGS.T)
@@ -495,9 +499,8 @@ def _deviations(rows: _HandEyeRows, starts: Sequence[np.ndarray]) -> tuple[np.nd
 
 @dataclass(frozen=True, eq=False)
 class _SeenView:
-    """A view's good corners, the one or two poses of the board that they allow, the squares (px²) that the better one
-    leaves, how many corners were left out; or the reason why it is not used.
-    """
+    """A view's good corners, the one or two board poses that fit them, the better one's sum of squares (px²), and the
+    number of outliers; or the reason why the view is not used."""
 
     name: str
     reason: str = ""
@@ -508,8 +511,8 @@ class _SeenView:
 
 
 def _seen_view(view: BoardView, points: np.ndarray, camera: Camera) -> _SeenView:
-    """Good corners and possible board poses of one view. Raises InputError for another picture size, or corners that
-    are none of the board's."""
+    """Good corners and possible board poses of one view. Raises InputError for another picture size, or for corners
+    that are not of this board."""
     require_size(view.image_size, camera, view.name)
     ids, pixels = np.asarray(view.ids), np.asarray(view.corners_px, float)
     require_corners(ids, pixels, len(points), view.name)
@@ -544,7 +547,7 @@ def _seen_view(view: BoardView, points: np.ndarray, camera: Camera) -> _SeenView
 
 
 def _weights(view: BoardView, seen: np.ndarray) -> np.ndarray:
-    """Weights (N,) of the corners' residuals: less for corners that are less certain than the median one."""
+    """Weights (N,) of the corners' residuals: below 1 for corners less certain than the median one."""
     if view.covariance_px2 is None:
         return np.ones(int(seen.sum()))
     variance = np.trace(view.covariance_px2[seen], axis1=1, axis2=2)
@@ -558,7 +561,7 @@ _TURN_MORE = "add views with the hand turned by 20° and more about a second axi
 
 @dataclass(frozen=True, eq=False)
 class HandEyeView:
-    """A view and its disagreement with the robot.
+    """A view and its disagreement with the robot's readings.
 
     distance_m, turn_rad : disagreement of the board's centre and turn, by its corners alone, with the robot's pose; NaN
     where not used. reason : why the view counts as an outlier or was not used; empty for a good one.
@@ -611,7 +614,8 @@ class HandEye:
 
     @property
     def robot_share(self) -> np.ndarray:
-        """(2,) share of the robot in the predicted variance of the disagreement: turns, distances."""
+        """(2,) share of the robot's errors in the predicted variance of the disagreement: of rotations, of
+        distances."""
         return self.parts["robot"] ** 2 / np.sum([part**2 for part in self.parts.values()], axis=0)
 
     @property
@@ -638,7 +642,7 @@ class HandEye:
         return tuple(words for holds, words in rules if holds)
 
     def antenna_on_arm(self, T_antenna_camera: Pose, covariance: np.ndarray) -> tuple[Pose, np.ndarray]:
-        """T_tool_antenna, a session's `T_actuator_antenna` on this arm, and its covariance (6, 6).
+        """T_tool_antenna (a session's `T_actuator_antenna` on this arm) and its covariance (6, 6).
 
         T_antenna_camera : of the rig, with its covariance (6, 6); its errors count as independent of these.
         Raises InputError where the camera is not on the arm.
@@ -748,7 +752,8 @@ def solve_hand_eye(
 
 
 def _distance_m(pose: Pose, measured: bool) -> float:
-    """Distance of the board from the camera: along its axis, or of a measured pose the whole distance."""
+    """Distance of the board from the camera: along the optical axis, or for a measured pose the length of its
+    translation."""
     return float(np.linalg.norm(pose.translation_m) if measured else pose.translation_m[2])
 
 
@@ -762,7 +767,7 @@ def _seen_corners(
 
 
 def _seen_poses(views: Sequence[tuple[str, Pose]], count: int) -> tuple[np.ndarray, list[_SeenView]]:
-    """Points of a board about the origin, as large as a tenth of its distance, and the views of it."""
+    """Artificial board points about the origin, a tenth of the board's distance in size, and the views of them."""
     if len(views) < count:
         raise InputError("views are partly poses and partly corners", remedy="give one kind")
     poses = [(name, _checked_pose(pose, f"view {name}")) for name, pose in views]
@@ -799,7 +804,8 @@ def _checked_pose(pose: Pose, name: str) -> Pose:
 
 
 def _turns(poses: Sequence[Pose]) -> tuple[np.ndarray, np.ndarray]:
-    """(3,) rms turns of the tool about their principal axes, rad, largest first, and the axes (3, 3) in the tool."""
+    """(3,) rms rotations of the tool about their principal axes, rad, largest first, and the axes (3, 3) in the tool
+    frame."""
     turns = Rotation.from_matrix(np.array([pose.rotation for pose in poses]))
     middle = turns[int(np.argmin([(turns * one.inv()).magnitude().sum() for one in turns]))]
     vectors = (middle.inv() * turns).as_rotvec()
@@ -831,8 +837,8 @@ def _start(
     in_hand: bool,
     how: tuple[Mapping[str, Sequence[Pose]], bool],
 ) -> _Start:
-    """A start from all rows of poses, of which `used` (V,) are the views'. Raises InputError where they fit far better
-    in another reading, or in none.
+    """An initial value from all rows of poses, of which `used` (V,) belong to the views. Raises InputError where the
+    rows fit far better when read otherwise (another unit, order or inverse), or do not fit at all.
 
     how : other readings of the rows, and whether the board's poses were measured.
     """
@@ -888,7 +894,8 @@ def _start(
 def _consistent(
     problem: _HandEyeProblem, start: _Start, seen: Sequence[Pose], centre_m: np.ndarray
 ) -> tuple[_HandEyeSolution, np.ndarray, _Misfits]:
-    """Solves over the views that agree: the solution, the mask (V,) of these views, and the misfit of every view."""
+    """Solves from the views that agree; returns the solution, the mask (V,) of these views, and the misfit of every
+    view."""
     kept, X, Z = start.good, start.X, start.Z
     std = np.array([max(start.spread_m, 1e-6), max(start.spread_m, 1e-6), 1.0])
     for _ in range(HandEyeSettings.outlier_rounds):

@@ -1,4 +1,4 @@
-"""Tables of a hand-eye calibration: the robot's poses, and corners that somebody else has found."""
+"""Tables for a hand-eye calibration: the robot's poses, and corners that another program has detected."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _rotations(values: np.ndarray, columns: tuple[str, ...], euler: str | None) 
 
 
 def _other_readings(values: np.ndarray, columns: tuple[str, ...], euler: str | None) -> dict[str, Rotation]:
-    """What else the numbers may mean, by the mistake that they stand for."""
+    """Other interpretations of the numbers, by the mistake in the file that each would mean."""
     if columns == _QUATERNION:
         return {"have quaternions with w first": _rotations(np.roll(values, -1, axis=1), columns, None)}
     unit, other = ("degrees", "rad") if columns[0].endswith("_rad") else ("rad", "degrees")

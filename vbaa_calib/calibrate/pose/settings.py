@@ -1,4 +1,4 @@
-"""What a camera's pose is judged by: a board in its jig, the sweep of the joints, and hand-eye calibration."""
+"""Thresholds of the camera pose: a board in its jig, the sweep of the joints, hand-eye calibration."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class PoseSettings:
-    """Thresholds of the camera's pose in the antenna frame, by jig and by sweep. σ is of a corner's distance from where
-    the fit puts it, by the median of all."""
+    """Thresholds of the camera's pose in the antenna frame, by jig and by sweep. σ is the robust standard deviation
+    (from the median) of the corners' residuals."""
 
     # a board in its jig
     same_start_rad: float = 0.02  # turn between two closed-form poses, below which they are one start
@@ -58,8 +58,9 @@ class PoseSettings:
 
 @dataclass(frozen=True)
 class HandEyeSettings:
-    """Thresholds of hand-eye calibration. σ is of a corner's distance from where the fit puts it; the misfit of a start
-    is the distance of the board's points from where the robot puts them."""
+    """Thresholds of hand-eye calibration. σ is the robust standard deviation (from the median) of the corners'
+    residuals; the misfit of an initial value is the distance of the board's points from where the robot's pose puts
+    them."""
 
     # corners of a view
     fewest_corners: int = 6  # of a view that is used

@@ -57,7 +57,7 @@ _RULES = Rules(100, tolerance=1e-14, standstill=1e-18, damping=1e-4)
 
 @dataclass(frozen=True, eq=False)
 class _SweepCorners:
-    """All corners of all pictures, concatenated."""
+    """The corners of all pictures, concatenated."""
 
     points_m: np.ndarray  # (N, 3) board frame
     pixels: np.ndarray  # (N, 2)
@@ -68,7 +68,7 @@ class _SweepCorners:
     def of(
         views: Sequence[BoardView], pictures: Sequence[SweepPicture], points_m: np.ndarray, kinematics: Kinematics
     ) -> _SweepCorners:
-        """From the board (C, 3) seen in every picture, and the joints' readings there."""
+        """The corners of a board (C, 3) detected in every picture, with the joints' readings."""
         return _SweepCorners(
             np.concatenate([points_m[view.ids] for view in views]),
             np.concatenate([view.corners_px for view in views]),
@@ -92,7 +92,7 @@ class _SweepState:
     axis_offset_m: float
 
     def moved(self, step: np.ndarray) -> _SweepState:
-        """The state after a step (14,), split as _CAMERA, _BOARD and _AXES split it."""
+        """The state after a step (14,), with slices _CAMERA, _BOARD and _AXES."""
         return _SweepState(
             self.T_actuator_camera.retract(step[_CAMERA]),
             self.T_foot_board.retract(step[_BOARD]),
@@ -111,13 +111,13 @@ class _SweepRows(NamedTuple):
 
 
 def _turns_actuator_foot(corners: _SweepCorners, axis_skew_rad: float) -> np.ndarray:
-    """(P, 3, 3) Ry(tilt)·Rx(−skew)·Rz(−pan): directions of the world seen from the moving attachment."""
+    """(P, 3, 3) rotations Ry(tilt)·Rx(−skew)·Rz(−pan) from the world's directions to the moving attachment's."""
     pan, tilt = corners.angles_rad.T
     return np.swapaxes(rotation_world_antenna(pan, tilt, axis_skew_rad), -1, -2)
 
 
 def _tilted_x(corners: _SweepCorners) -> np.ndarray:
-    """(P, 3) the panned x axis seen from the moving attachment."""
+    """(P, 3) the panned x axis in the moving attachment's frame."""
     tilt = corners.angles_rad[:, 1]
     return np.stack([np.cos(tilt), np.zeros_like(tilt), -np.sin(tilt)], axis=1)
 
@@ -147,7 +147,7 @@ def _linearise(camera: Camera, state: _SweepState, corners: _SweepCorners) -> _S
 
 
 def _initial_state(camera: Camera, corners: _SweepCorners, kinematics: Kinematics) -> _SweepState:
-    """Initial state from the board's pose in each picture, robust against a few wrong ones."""
+    """Initial state from the board's pose in each picture, robust to a few wrong ones."""
     poses, which = _board_poses(camera, corners)
     if len(which) < 3:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
@@ -158,7 +158,7 @@ def _initial_state(camera: Camera, corners: _SweepCorners, kinematics: Kinematic
 
 
 def _turned_over(state: _SweepState, corners: _SweepCorners) -> _SweepState:
-    """The state with the board tilted to the other side of the line of sight, which looks much alike."""
+    """The state with the board's normal reflected about the line of sight, which looks much alike: the second pose."""
     turn = _turns_actuator_foot(corners, state.axis_skew_rad)[0]
     camera_foot = state.T_actuator_camera.inverse() @ Pose(turn, -state.axis_offset_m * _tilted_x(corners)[0])
     other = mirrored(camera_foot @ state.T_foot_board, corners.points_m)
@@ -166,7 +166,7 @@ def _turned_over(state: _SweepState, corners: _SweepCorners) -> _SweepState:
 
 
 def _board_poses(camera: Camera, corners: _SweepCorners) -> tuple[list[Pose], np.ndarray]:
-    """T_camera_board by homography, picture by picture, and which pictures allow it."""
+    """T_camera_board by homography for each picture, and the mask of pictures that determine one."""
     ideal, valid = camera.unproject_normalized(corners.pixels)
     poses, which = [], []
     for index in range(corners.pictures):
@@ -193,12 +193,12 @@ class _SweepFit:
 
     @property
     def angle_std_rad(self) -> float:
-        """Scatter of the joint angles' readings about what the pictures show."""
+        """Standard deviation of the joint angles' readings relative to the pictures."""
         return float(np.sqrt(self.angle_ratio * self.variance_px2))
 
 
 class _SweepEquations(NamedTuple):
-    """Normal equations A·step = b with the angles eliminated; `cost` is the sum of squares at no step."""
+    """Normal equations A·step = b with the angle errors eliminated; `cost` is the sum of squares at step 0."""
 
     state: _SweepState
     at: _SweepRows
@@ -210,7 +210,7 @@ class _SweepEquations(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _SweepProblem:
-    """The corners of a sweep, seen by a camera; `free` (14,) are the columns of a step that are solved for."""
+    """The corners of a sweep seen by a camera. free : (14,) mask of the columns of a step that are solved for."""
 
     camera: Camera
     corners: _SweepCorners
@@ -224,7 +224,8 @@ class _SweepProblem:
         )
 
     def _blocks(self, at: _SweepRows, weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """(P, m, m) products of columns (N, 2, ...), then the residual, then the picture's own angles."""
+        """(P, m, m) per-picture products of columns (N, 2, ...), then the residual, then the picture's own angle
+        errors."""
         whole = np.concatenate([columns, at.residuals_px[..., None], at.by_angles], axis=-1)
         bounds = np.searchsorted(self.corners.picture, np.arange(self.corners.pictures + 1))
         return view_products(whole * np.sqrt(weights)[:, None, None], bounds)
@@ -248,7 +249,8 @@ class _SweepProblem:
         return levenberg_marquardt(linearised(state), step, moved, rules)[0]
 
     def robust(self, state: _SweepState, used: np.ndarray) -> tuple[_SweepState, np.ndarray]:
-        """A state by IRLS of distances of the corners used (N,), and all residuals (N, 2) px.
+        """A state by iteratively reweighted least absolute distances over the corners used (N,), and all residuals
+        (N, 2) px.
 
         A redescending loss would fit some pictures all but exactly and give up others, where the angles scatter.
         """
@@ -265,7 +267,7 @@ class _SweepProblem:
         return state, residuals
 
     def fit(self, state: _SweepState, used: np.ndarray) -> _SweepFit:
-        """The minimum over the corners used (N,) bool, with the scatter of the joint angles (REML)."""
+        """The minimum over the corners used, a mask (N,), with the scatter of the joint angles (REML)."""
         weights, ratio = used.astype(float), 0.0
         for _ in range(PoseSettings.ratio_rounds):
             system = self._descended(state, weights, ratio, _RULES)
@@ -290,7 +292,8 @@ class _SweepProblem:
         return _SweepFit(system.state, ratio, variance, residuals, covariance, by_lens)
 
     def inlying(self, state: _SweepState, candidates: np.ndarray) -> tuple[_SweepFit, np.ndarray]:
-        """The fit to the candidates (N,) without outliers, judged by the spread of the others; and which are in it."""
+        """The fit to the candidate corners (N,) without outliers relative to the others' spread, and the mask of its
+        corners."""
         used = candidates
         for _ in range(PoseSettings.outlier_rounds):
             found = self.fit(state, used)
@@ -303,7 +306,8 @@ class _SweepProblem:
 
 
 def _without_angles(blocks: np.ndarray, angle_ratio: float) -> np.ndarray:
-    """(m − 2, m − 2) sum of blocks (P, m, m) with the last two columns, the angles, marginalised."""
+    """(m − 2, m − 2) sum of the pictures' blocks (P, m, m) with the last two columns, the angle errors,
+    marginalised."""
     total = blocks[:, :-2, :-2].sum(axis=0)
     if angle_ratio == 0.0:
         return total
@@ -311,7 +315,8 @@ def _without_angles(blocks: np.ndarray, angle_ratio: float) -> np.ndarray:
 
 
 def _angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
-    """(rad/px)² joint angles over corners; blocks (P, m, m) : free steps, residual, angles."""
+    """Ratio of the joint angles' variance to the corners', (rad/px)², by REML. blocks : (P, m, m) of free steps,
+    residual, angles."""
     freedom = rows - (blocks.shape[-1] - 3)
     angles = blocks[:, -2:, -2:]
     per_angle = float(np.mean(np.trace(angles, axis1=1, axis2=2))) / 2
@@ -340,7 +345,7 @@ _CROSS = "take a cross at least: the middle, pan to either side, tilt to either 
 
 @dataclass(frozen=True, eq=False)
 class SweepSolution:
-    """Result of a sweep: the camera's pose, the joints' axes, and the pictures left out."""
+    """Result of a sweep: the camera's pose, the joints' axes, and the outlier pictures."""
 
     estimate: PoseEstimate  # the camera's pose in the antenna frame; its covariance holds the tilt zero's
     kinematics: Kinematics  # as given, with the axes as solved
@@ -360,7 +365,7 @@ class SweepSolution:
 
     @staticmethod
     def why_none(views: Sequence[BoardView], nominal_m: np.ndarray) -> InputError | None:
-        """What refuses a sweep of which too few pictures show the board, of corners (C, 3)."""
+        """The error that refuses a sweep in which too few pictures show the board of corners (C, 3)."""
         count = len(usable_views(views, nominal_m, 0)[0])
         if count >= PoseSettings.fewest_pictures:
             return None
@@ -425,7 +430,8 @@ def solve_sweep(
 def _usable_pictures(
     views: Sequence[BoardView], pictures: Sequence[SweepPicture], nominal_m: np.ndarray, camera: Camera
 ) -> tuple[list[BoardView], list[SweepPicture], list[DroppedView]]:
-    """Splits the views into those that fix the board's pose, with their readings, and the others with the reason."""
+    """Splits the views into those that determine the board's pose, with their readings, and the others with the
+    reason."""
     for view in views:
         require_size(view.image_size, camera, view.name)
     if error := SweepSolution.why_none(views, nominal_m):
@@ -449,8 +455,9 @@ def _refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
 
 
 def _consistent_pictures(problem: _SweepProblem, state: _SweepState) -> tuple[_SweepState, np.ndarray, np.ndarray]:
-    """A robust state, which pictures it explains (P,) bool, and the median error of each (P,) px. Raises InputError
-    when the angles belong to hardly more than half of the pictures, or one row is wrong and which is ambiguous."""
+    """A robust state, the mask (P,) of pictures that it explains, and the median residual (P,) px of each. Raises
+    InputError when the angles fit hardly more than half of the pictures, or when one row is wrong but which one is
+    ambiguous."""
     corners = problem.corners
     # the better of the two in which the board leans to one side or the other
     fixed, every = _SweepProblem.of(problem.camera, corners, axes=False), np.ones(len(corners.pixels), bool)
@@ -496,7 +503,8 @@ def _picture_errors_px(residuals: np.ndarray, corners: _SweepCorners) -> np.ndar
 
 
 def _without_wrong_row(problem: _SweepProblem, state: _SweepState, kept: np.ndarray) -> tuple[_SweepState, np.ndarray]:
-    """Leaves out the one wrong row that, among few pictures, bends the fit so that all seem a little off."""
+    """The state and the mask of kept pictures without the one wrong row that, among few pictures, biases the fit so
+    that all deviate a little."""
     picture = problem.corners.picture
     whole, _ = problem.inlying(state, kept[picture])
     if whole.angle_std_rad < PoseSettings.wrong_row_rad:
@@ -514,7 +522,7 @@ def _without_wrong_row(problem: _SweepProblem, state: _SweepState, kept: np.ndar
 
 
 def _own_angles(problem: _SweepProblem, state: _SweepState, picture: int) -> np.ndarray:
-    """(2,) pan and tilt at which one picture's corners would fit a state best; NaN where no angles near by do."""
+    """(2,) pan and tilt at which one picture's corners fit a state best; NaN where no nearby angles fit."""
     corners, angles = problem.corners, problem.corners.angles_rad[picture]
     mine = corners.picture == picture
     alone = _SweepCorners(corners.points_m[mine], corners.pixels[mine], np.zeros(int(mine.sum()), int), angles[None])
@@ -536,7 +544,7 @@ def _left_out_reason(problem: _SweepProblem, state: _SweepState, index: int, err
 
 
 def _with_axes_prior(problem: _SweepProblem, free: _SweepFit, used: np.ndarray, kinematics: Kinematics) -> _SweepFit:
-    """The fit with a prior on the axes about the stated ones, unless the data contradict it."""
+    """The fit with a prior of the axes about session.yaml's, unless the data contradict it."""
     nominal = np.array([kinematics.axis_skew_rad, kinematics.axis_offset_m])
     off = nominal - [free.state.axis_skew_rad, free.state.axis_offset_m]
     spread = free.covariance[_AXES, _AXES] + np.diag(
@@ -560,7 +568,7 @@ def _with_axes_prior(problem: _SweepProblem, free: _SweepFit, used: np.ndarray, 
 
 
 def _loose(found: _SweepFit) -> InputError | None:
-    """What refuses a fit as too uncertain, where no other way shows the camera's pose."""
+    """The error that refuses a fit as too uncertain where no other method gives the camera's pose."""
     if found.angle_std_rad > PoseSettings.loose_angles_rad:
         raise InputError(
             f"the angles of sweep.csv scatter by {found.angle_std_rad:.2g} rad about what the pictures show",
@@ -578,7 +586,7 @@ def _loose(found: _SweepFit) -> InputError | None:
 
 
 def _estimate(found: _SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: float) -> tuple[PoseEstimate, np.ndarray]:
-    """The camera in the antenna frame, and its covariance (3, 6) with skew, offset and the tilt's zero."""
+    """The camera's pose in the antenna frame, and its covariance (3, 6) with skew, offset and the tilt's zero."""
     T_actuator_camera = found.state.T_actuator_camera
     to_antenna = np.kron(np.eye(2), T_actuator_antenna.rotation.T)
     # another zero of the tilt turns the camera about the tilt axis
