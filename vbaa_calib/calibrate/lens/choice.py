@@ -70,7 +70,8 @@ class Information:
 
 
 def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Information | None:
-    """Information of the corners at the solution from them; None where the views leave a free parameter undetermined."""
+    """Information of the corners at the solution from them; None where the views leave a free parameter
+    undetermined."""
     counts = np.array([view.pixels.size for view in observations])
     if counts.sum() <= bundle.directions.shape[1] + 6 * len(observations):
         return None
