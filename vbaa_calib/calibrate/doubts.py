@@ -66,7 +66,7 @@ def prior_doubts(
 
 
 def _weightless(session: Session, sag_m: float = 1e-4) -> list[Diagnosis]:
-    """Diagnosis of a session without gravity whose antenna would sag by more than `sag_m`."""
+    """Diagnosis of a session without gravity in which the antenna would sag by more than `sag_m`."""
     nominal = session.antenna
     own_m = nominal.mass_per_length_kg_m * STANDARD_GRAVITY_M_S2 * nominal.length_m**4 / (8.0 * nominal.stiffness_Nm2)
     if session.gravity_world_m_s2.any() or own_m <= sag_m:

@@ -62,7 +62,7 @@ def check(joint: BundleAdjustment) -> Checks:
 
 
 def _one_more(joint: BundleAdjustment, points: np.ndarray, moments: np.ndarray) -> _Estimate | None:
-    """Score-test estimate of one further parameter, whose Jacobian by the points' rows and the moments (F,) is
+    """Score-test estimate of one further parameter, of Jacobian by the points' rows and the moments (F,) is
     `points`, `moments`."""
     own = np.concatenate([points, moments[joint.kept]])
     column = np.append(own, np.zeros(len(joint.solution.residuals) - len(own)))

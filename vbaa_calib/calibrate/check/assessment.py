@@ -311,7 +311,7 @@ class Assessment:
 
     @property
     def words(self) -> str:
-        """The verdict, and the questions whose answer is not "holds"."""
+        """The verdict, and the questions with another answer than "holds"."""
         sentences = [self.headline]
         for level, start in ((FAILS, "Does not hold"), (LOOK, "Look at")):
             found = [

@@ -65,7 +65,7 @@ def check_lens(
 ) -> Checked:
     """Checks whether pictures of the board, by their folders' names, fit the lens, and whether its focus has changed.
     board : its solved shape. recorded_rms_px : the calibration's rms. in_jig_px : the rms of the board in its jig,
-    whose corners scatter more where it is small in the picture."""
+    where the corners scatter more if it is small in the picture."""
     points_m = board.points_m
     views, dropped = _posed(camera, boards, board) if boards else ([], [])
     if not views:

@@ -493,7 +493,7 @@ def _through_lens(problem: Problem, rows: np.ndarray) -> np.ndarray:
 
 
 def _pose_rows(problem: Problem, estimate: PoseEstimate, information: np.ndarray) -> np.ndarray:
-    """Rows (6, size) that add the given information (6, 6) on the camera's pose by one method."""
+    """Rows (6, size) that add the information (6, 6) on the camera's pose by one method."""
     values, axes = np.linalg.eigh(information)
     root = (axes * np.sqrt(np.maximum(values, 0.0))).T
     rows = _through_lens(problem, -root @ estimate.lens_sensitivity)

@@ -247,7 +247,7 @@ def unfolded(
     image_size: tuple[int, int],
     known: Mapping[str, Bundle] | None = None,
 ) -> Bundle:
-    """A solution whose lens does not fold inside the picture, where the corners allow one; otherwise the same
+    """A solution with a lens that does not fold inside the picture, where the corners allow one; otherwise the same
     solution.
 
     A penalty keeps up the slope of the radial curve as far as the picture's corner. It may cost 1 % of the squared

@@ -96,7 +96,7 @@ def _shading_of(channels: int, settings: RodSettings) -> np.ndarray:
 
 
 def _ribbon_evidence(level: _Level, width: float, texture: np.ndarray, settings: RodSettings) -> np.ndarray:
-    """Log odds (steps, directions, columns) of ribbons of the given width, from row to row of a picture with this
+    """Log odds (steps, directions, columns) of ribbons of one width, from row to row of a picture with this
     texture (channels,)."""
     shading = np.hypot(_shading_of(len(level.planes), settings), texture)
     shares = (settings.flat, settings.edge, settings.chance)
