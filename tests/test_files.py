@@ -126,16 +126,6 @@ class TestWriting:
         write_text(path, "theirs", force=True)
         assert path.read_text() == "theirs"
 
-    def test_a_link_is_followed(self, path: Path, tmp_path: Path) -> None:
-        (tmp_path / "far").mkdir()
-        path.symlink_to(tmp_path / "far" / "target.txt")
-        with pytest.raises(InputError) as caught:
-            refuse_overwrite(path, force=False)
-        refused(caught, path, "exists already")
-        write_text(path, "through", force=True)
-        assert path.is_symlink()
-        assert (tmp_path / "far" / "target.txt").read_text() == "through"
-
     @pytest.mark.parametrize("force", [False, True])
     def test_what_cannot_be_written_is_refused_before_the_work(self, tmp_path: Path, force: bool) -> None:
         fifo, file = tmp_path / "fifo", tmp_path / "file"

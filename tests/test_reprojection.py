@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from vbaa_calib.antenna.shape import Curves, bend
-from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
-from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, image_curves, see, whitened_residuals
+from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, image_curves, whitened_residuals
 
-from .rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose, pushing
+from .rod_scenes import LENGTH_M, World, camera_pose, pushing
 
-CAMERA = Camera("opencv", (960, 720), MATRIX, BROWN)
 T_ANTENNA_CAMERA = camera_pose(0.5, 0.7)
 
 
@@ -51,31 +48,6 @@ def beside(image: ImageCurves, s: np.ndarray, away: np.ndarray) -> np.ndarray:
     point, slope = image.at(0, s)
     normal = np.stack([-slope[:, 1], slope[:, 0]], axis=1) / np.linalg.norm(slope, axis=1)[:, None]
     return point + away[:, None] * normal
-
-
-def test_points_undistort_with_their_covariance() -> None:
-    rng = np.random.default_rng(0)
-    pixels = rng.uniform([0, 0], [960, 720], (200, 2))
-    sigma = rng.uniform(0.02, 0.2, 200)
-    seen = see(CAMERA, pixels, sigma)
-    distorted = cv2.projectPoints(np.insert(seen.points, 2, 1.0, axis=1), np.zeros(3), np.zeros(3), MATRIX, BROWN)[0]
-    np.testing.assert_allclose(distorted[:, 0], pixels, atol=1e-9)
-    noisy = pixels[:, None] + sigma[:, None, None] * rng.normal(size=(200, 4000, 2))
-    sampled = CAMERA.unproject_normalized(noisy)[0]
-    spread = np.einsum("nki,nkj->nij", sampled - seen.points[:, None], sampled - seen.points[:, None]) / 4000
-    assert (np.abs(spread - seen.covariance).max(axis=(1, 2)) < 0.15 * seen.covariance.max(axis=(1, 2))).all()
-
-
-def test_projection_is_opencvs() -> None:
-    bent = curves(np.array([pushing(0.3, 0.02, 0.15), pushing(2.0, 0.01, 0.15)]))
-    image = image_curves(bent, T_ANTENNA_CAMERA.inverse())
-    T = T_ANTENNA_CAMERA.inverse()
-    for index in range(2):
-        ideal = cv2.projectPoints(bent.points_m[index], cv2.Rodrigues(T.rotation)[0], T.translation_m, np.eye(3), None)
-        np.testing.assert_allclose(image.nodes[index], ideal[0][:, 0], atol=1e-12)
-    other = image_curves(bent, [T, T_ANTENNA_CAMERA])
-    np.testing.assert_array_equal(other.nodes[0], image.nodes[0])
-    assert not np.allclose(other.nodes[1], image.nodes[1])
 
 
 def test_residuals_are_distances_over_their_deviation() -> None:

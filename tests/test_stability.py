@@ -6,22 +6,18 @@ deviation, and no status. A short form here; all scenes, lenses and photo sets a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 
-import vbaa_calib.calibrate.pipeline as calibration
-import vbaa_calib.calibrate.plane_c as session_plane
 from benchmarks.estimator.hard import CASES, Hard
-from benchmarks.processors import WAYS, Report, apart, of_budget, of_contacts, of_lens, of_rig, simulated
+from benchmarks.processors import WAYS, Report, apart, of_contacts, of_lens, simulated
 from estimator import ContactEstimator
-from estimator.budget.budget import error_budget
 from estimator.contact.recording import estimate_pictures
 from estimator.table.contacts import ContactRow, ContactTable
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
@@ -115,66 +111,12 @@ def done(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return Done(session, calibrate(session).rig)
 
 
-@pytest.fixture
-def moving_corners(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Rng], list[BoardView]]]:
-    """What makes every corner that is detected come out moved by nothing, in another order; and the views so moved."""
-
-    def begin(rng: Rng) -> list[BoardView]:
-        given: list[BoardView] = []
-        for module, name in (
-            (calibration, "detect_folder"),
-            (session_plane, "detect_folder"),
-            (session_plane, "detect_files"),
-        ):
-            plain = getattr(module, name)
-
-            def detect(*args: Any, plain: Callable[..., Any] = plain) -> list[BoardView]:
-                views = [moved_view(view, rng) for view in plain(*args)]
-                given.extend(views)
-                return views
-
-            monkeypatch.setattr(module, name, detect)
-        return given
-
-    return begin
-
-
-@pytest.mark.slow
-def test_calibration(done: Done, moving_corners: Callable[[Rng], list[BoardView]]) -> None:
-    """From corners moved by nothing: the antenna is looked for in its pictures along a path that moved by as little."""
-    found = calibrate(done.session)
-    given = moving_corners(np.random.default_rng(1))
-    other = calibrate(done.session)
-    assert len(given) > 5
-    assert not np.array_equal(found.lens.camera.parameters, other.lens.camera.parameters), "nothing was moved"
-    held(of_lens(found.lens), of_lens(other.lens))
-    held(of_rig(found.rig), of_rig(other.rig))
-    assert found.joint.kept.tolist() == other.joint.kept.tolist()
-    assert [str(one) for one in found.still_diagnoses] == [str(one) for one in other.still_diagnoses]
-
-
-def moved_rig(rig: Rig, rng: Rng) -> Rig:
-    """Camera, pose, antenna and sensor moved by nothing, and the covariance so that it stays one."""
-    sensor = rig.moment_sensor
-    values = [np.ones(6), rig.antenna.parameters, [sensor.gain, sensor.offset_Nm], rig.camera.parameters]
-    step = MOVED * rng.uniform(-1.0, 1.0, sum(map(len, values))) * np.concatenate(values)
-    turn = 1.0 + MOVED * rng.uniform(-1.0, 1.0, len(rig.covariance))
-    return replace(rig.moved(step), covariance=rig.covariance * np.outer(turn, turn))
-
-
 @cache
 def table(rig: Rig, session: Session) -> ContactTable:
     frames = list(read_recording(session))
     found = estimate_pictures(ContactEstimator(rig), frames)
     rows = [ContactRow.of(each.frame, each.contact) for each in found]
     return ContactTable.from_rows(rows)
-
-
-def test_pictures_to_contacts_and_the_budget(done: Done) -> None:
-    """With a rig moved by nothing."""
-    other = moved_rig(done.rig, np.random.default_rng(2))
-    held(of_contacts(table(done.rig, done.session)), of_contacts(table(other, done.session)))
-    held(of_budget(error_budget(done.rig)), of_budget(error_budget(other)))
 
 
 # centrelines to contacts

@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 from vbaa_calib.calibrate.check.assessment import Assessment, _plane_map, assess
-from vbaa_calib.calibrate.check.finding import Checked, Discrepancy, Finding
+from vbaa_calib.calibrate.check.finding import Checked, Finding
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.least_squares import change_test, products
 from vbaa_calib.geometry import Pose
@@ -249,16 +249,3 @@ def test_a_change_is_estimated_as_plain_least_squares_does_it() -> None:
     design = np.linalg.solve(np.eye(40) + jacobian @ loosened @ jacobian.T, jacobian[:, wanted])
     expected = np.linalg.solve(jacobian[:, wanted].T @ design, design.T @ residuals)
     np.testing.assert_allclose(free.values, expected, rtol=1e-5)
-
-
-def test_a_difference_counts_only_when_improbable_and_large() -> None:
-    def level(distance: float, size: float) -> str:
-        return Discrepancy(distance, 6, size, 0.1, "mm").level
-
-    assert Discrepancy(0.0, 1, 0.0, 0.1, "mm").limits_std == (
-        pytest.approx(3.55, abs=0.01),
-        pytest.approx(5.0, abs=0.01),
-    )
-    assert level(100.0, 0.09) == level(2.0, 5.0) == "holds"
-    assert level(100.0, 0.15) == level(5.5, 5.0) == "look at"
-    assert level(100.0, 0.3) == "does not hold"

@@ -12,9 +12,7 @@ import pytest
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import adjust_bundle
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills
-from vbaa_calib.calibrate.check.boards import check_lens
 from vbaa_calib.calibrate.given_lens import GivenLens, given_solution, read_lens
-from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.pipeline import prior_of_session
 from vbaa_calib.calibrate.plane_c import find_plane, read_views
@@ -155,18 +153,6 @@ def test_rectified_pictures_are_told_by_straight_lines(rectified: bool, both: bo
             assert (names[rectified] in found) == wrong
             assert wrong <= ("given_lens_contradicted" not in found)
             assert not wrong or ("--rectified" in found[names[rectified]].remedy) == both
-
-
-def test_a_check_names_rectified_pictures_and_knows_how_corners_in_the_jig_scatter() -> None:
-    """Pictures of a calibration with another lens than a check's; a small board whose corners scatter as before."""
-    camera, shape = known(INTRINSICS, 0.5).camera, BoardShape.unseen(SPEC)
-    straight = pictures(70, np.ones(6), intrinsics=np.append(INTRINSICS[:4], np.zeros(4)))
-    fit = check_lens(camera, [("intrinsics", view) for view in straight], shape, 0.07).findings[0]
-    assert fit.is_bad
-    assert "rectified" in fit.words
-    small = [("plane", view) for view in pictures(71, np.ones(1), sigma_px=0.2)]
-    for in_jig_px, bad in ((None, True), (0.3, False)):
-        assert check_lens(camera, small, shape, 0.07, in_jig_px).findings[0].is_bad == bad
 
 
 def test_the_board_in_the_jig_contradicts_the_lens_of_another_camera(bare: Path) -> None:

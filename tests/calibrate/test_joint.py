@@ -14,7 +14,6 @@ from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
 from vbaa_calib.calibrate.antenna.session_rig import prior, solve_antenna
 from vbaa_calib.calibrate.doubts import _row_doubts as row_doubts
 from vbaa_calib.calibrate.doubts import prior_doubts
-from vbaa_calib.calibrate.lens.uncertainty import compensate, linear_axes, pixel_grid, projection_jacobian
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.robust import chi_square
@@ -229,48 +228,6 @@ def test_a_load_that_contradicts_the_others_is_left_out_though_its_points_fit(se
     assert np.flatnonzero(~found.kept).tolist() == [wrong]
     off = found.parameters[RIG_PARAMETERS.index("log_stiffness_Nm2")] - drawn.world.parameters[6]
     assert abs(off) < 3.0 * np.hypot(np.sqrt(found.covariance[12, 12]), 0.005)  # and the weights' own error
-
-
-def wide_lens(part: float) -> Camera:
-    """A wide lens with its principal point far off the middle, known from 200 corners of 0.05 px over so large a part
-    of the picture: what its numerator takes away its denominator gives back there."""
-    matrix = np.array([[523.0, 0.0, 387.0], [0.0, 523.0, 342.0], [0.0, 0.0, 1.0]])
-    camera = Camera("opencv", (960, 600), matrix, np.array([0.66, 0.07, 4e-4, -6e-4, 6e-4, 1.0, 0.2, 6.5e-3]))
-    pixels = pixel_grid((round(part * 960), round(part * 600)), (20, 10)).reshape(-1, 2)
-    rows = compensate(camera, pixels, projection_jacobian(camera, pixels)).reshape(2 * len(pixels), -1)
-    half = 0.05 * np.linalg.inv(np.linalg.qr(rows, mode="r"))
-    return replace(camera, covariance=half @ half.T)
-
-
-def through(camera: Camera, observations: list[Observation]) -> list[Observation]:
-    """The same antenna seen through another lens."""
-    return [replace(one, points_px=camera.project(CAMERA.unproject(one.points_px)[0])[0]) for one in observations]
-
-
-def test_a_lens_moves_only_as_far_as_the_picture_follows_it() -> None:
-    """One standard deviation straight ahead leads to a lens that folds inside the picture."""
-    camera = wide_lens(0.7)
-    known = jig_prior(TRUE.T_antenna_camera, camera)
-    axes, shares = linear_axes(camera)
-    std = np.sqrt(np.diag(camera.covariance))
-    assert (axes @ axes.T / np.outer(std, std)) == pytest.approx(camera.covariance / np.outer(std, std), abs=1e-9)
-    pixels = pixel_grid(camera.image_size, (7, 5)).reshape(-1, 2)
-    slopes, rays = projection_jacobian(camera, pixels), camera.unproject(pixels)[0]
-
-    def error_and_move(step: np.ndarray) -> tuple[float, float]:
-        seen, inside = camera.moved(step).project(rays)
-        assert inside.all()
-        move = slopes @ step
-        return float(np.linalg.norm(seen - pixels - move)), float(np.linalg.norm(move))
-
-    for axis in known.lens_axes.T:
-        error, move = error_and_move(axis)
-        assert error < 0.5 * move + 0.05 * np.sqrt(len(pixels))
-    wild = axes[:, np.argmin(shares)]
-    assert shares.min() < 0.1
-    assert not all(camera.moved(sign * wild).project(rays)[1].all() for sign in (-1.0, 1.0))
-    # what the pictures do determine is as free as ever
-    assert (shares == 1.0).sum() >= 6
 
 
 def test_a_thread_over_the_antenna_is_left_out_and_its_load_stays() -> None:

@@ -18,7 +18,6 @@ from vbaa_calib import calibrate_lens
 from vbaa_calib.calibrate.lens.board_shape import SHAPE
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, polished, refine
 from vbaa_calib.calibrate.lens.choice import (
-    _compare_split_half,
     _left_out_squares,
     _solved_squares,
     information,
@@ -26,7 +25,6 @@ from vbaa_calib.calibrate.lens.choice import (
 )
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
-from vbaa_calib.calibrate.lens.settings import LensSettings
 from vbaa_calib.calibrate.lens.uncertainty import compensate, pixel_grid, projection_jacobian, projection_uncertainty
 from vbaa_calib.calibrate.pipeline import first_solved, next_lenses
 from vbaa_calib.core.errors import Diagnosis, InputError
@@ -34,7 +32,6 @@ from vbaa_calib.core.errors import Diagnosis, InputError
 from .synthetic_views import projection
 
 RIGS, POINTS = rigs(), corner_points(BOARD)
-SPOILT = RIGS[4]
 
 
 @pytest.mark.parametrize(
@@ -60,21 +57,6 @@ def test_within_five_per_cent_of_the_oracle(rig: Rig, draws: int) -> None:
         assert caught in (None, 1.0)
         assert bool(solution.board_shape.findings) == any(rig.sagittas_m)
     assert np.median(errors) <= 1.05 * np.median(oracle)
-
-
-def test_outliers_and_bend_are_reported() -> None:
-    given = draw(SPOILT, 31)
-    solution = solve_ours(given, "auto")
-    shape = solution.board_shape
-    assert np.all(np.abs(shape.parameters - [*SPOILT.sagittas_m, 0.0, 0.0, 0.0]) < 4 * shape.std)
-    assert np.all(shape.std[:3] < 5e-5)
-    assert len(shape.findings) == 1
-    for view, good, used in zip(given.views, given.good, solution.views, strict=True):
-        assert set(view.ids[~good]) == set(used.outlier_ids)
-        assert used.left_out == len(used.outlier_ids)
-        assert used.corners == good.sum()
-    assert "bowed along x" in solution.verdict.words
-    assert solution.rms_inliers_px == pytest.approx(0.15 * np.sqrt(2), rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["opencv5", "fisheye"])
@@ -148,30 +130,6 @@ def test_predicted_uncertainty_is_that_of_repeated_noise(samples, compensated: b
     assert sampled / expected == pytest.approx(1.0, abs=0.15)
     each = np.sqrt(np.var(shifts, axis=0).sum(axis=-1) / np.trace(covariance_px2, axis1=-2, axis2=-1))
     assert np.all(np.abs(each - 1.0) < 0.3), "nowhere far off"
-
-
-def halves_of(views: list[BoardCorners], poses: np.ndarray) -> tuple[float | None, float | None]:
-    """Deviations and p-value."""
-    bundle = refine(Bundle.start(RIG.model, RIG.intrinsics, poses), views)
-    known = information(bundle, views)
-    assert known is not None
-    return _compare_split_half(RIG.model, bundle.intrinsics, known, RIG.image_size)
-
-
-def test_halves_of_two_cameras_do_not_agree() -> None:
-    """The second half is shown through a lens of another focal length, zoomed in between."""
-    given = draw(RIG, 44)
-    views = observations_of(given.views, POINTS_UNCERTAINTY)
-    deviations, p_value = halves_of(views, given.poses)
-    assert p_value > LensSettings.halves_agree
-    zoomed = [
-        view if index % 2 else BoardCorners(view.points_m, view.pixels + 6e-3 * (view.pixels - RIG.intrinsics[2:4]))
-        for index, view in enumerate(views)
-    ]
-    spoilt, chance = halves_of(zoomed, given.poses)
-    assert chance < LensSettings.halves_agree
-    assert spoilt > 2.0 * deviations
-    assert halves_of(views[:5], given.poses[:5]) == (None, None)
 
 
 @pytest.mark.parametrize("index", [0, 2])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
-from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, ReadingGroups, reading_keys
-from vbaa_calib.session import Load, LoadReadings, Still
+from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, reading_keys
+from vbaa_calib.session import Load, LoadReadings
 
 from .test_joint import TRUE, adjusted, errors, jig_prior, observed
 
@@ -73,28 +73,3 @@ def test_the_deviation_of_stiffness_holds_when_loads_are_misread() -> None:
     assert 0.75 < off < 1.25
     assert held >= 0.88
     assert better < 0.4
-
-
-def test_equal_numbers_are_one_reading_and_free_stills_have_none() -> None:
-    load = Load(None, 0.0, 0.0, 0.0, 0.1, 0.05, 0.0)
-    stills = [Still(None, 0.0, 0.0, 0.0), load, replace(load, force_y_N=-0.05), replace(load, distance_m=0.2)]
-    groups = ReadingGroups.of(stills, RULER)
-    assert groups.count == 3
-    assert groups.distance.tolist() == [-1, 0, 0, 2]
-    assert groups.force.tolist() == [-1, 1, 1, 1]
-    moved = groups.corrected(stills, np.array([2.0, 0.0, 0.0]))
-    assert moved[0] == stills[0]
-    assert [one.distance_m for one in moved[1:] if isinstance(one, Load)] == pytest.approx([0.101, 0.101, 0.2])
-    assert ReadingGroups.of(stills, LoadReadings(0.0, 0.01)).count == 1
-    # on a small rig a tenth of a millimetre is as much as a caliper's deviation
-    assert ReadingGroups.of([load, replace(load, distance_m=0.10002)], RULER).count == 3
-
-
-@pytest.mark.parametrize("seed", [101, 102])
-def test_loads_of_their_own_place_and_weight_are_kept_unless_far_off(seed: int) -> None:
-    """Ordinary readings, each with its own error: none is thrown out. A place 8 mm off is."""
-    rng = np.random.default_rng(seed)
-    noted = misread(observed(TRUE, rng), rng, alike=False, far_m=8e-3 if seed == 102 else 0.0)
-    joint = solved(noted, RULER)
-    assert np.flatnonzero(~joint.kept).tolist() == ([6] if seed == 102 else [])
-    assert [one.still for one in joint.noted] == [one.still for one in noted]

@@ -56,23 +56,6 @@ def test_the_first_load_is_suggested_and_brings_what_was_predicted(free) -> None
     assert std < 0.5 * progress.now.noise
 
 
-def test_the_forecast_with_weighed_readings_is_that_of_the_solve(free, loaded) -> None:
-    """Of EI now, and after the suggested load."""
-    world, known, _, _ = free
-    seen, _ = loaded
-    known = replace(known, readings=WEIGHED)
-    joint = solved(seen, known)
-    assert joint.problem.groups.count
-    progress = load_progress(joint, session(), MASSES_KG, Kinematics(), 1e-4)
-    std = np.sqrt(joint.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
-    assert progress.now.total == pytest.approx(std, rel=0.03)
-    assert progress.now.noise < 0.8 * std
-    more = observed(world, [progress.suggestion[0]], np.random.default_rng(7), TRUE_READINGS)
-    after = solved([*seen, *more], known)
-    std = np.sqrt(after.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
-    assert progress.suggestion[1].total == pytest.approx(std, rel=0.15)
-
-
 def test_the_forecast_of_all_parameters_is_that_of_a_further_solve(free, loaded) -> None:
     """Of a free antenna at another tilt and of a load: the whole covariance, with nothing more and with both."""
     world, known, _, _ = free

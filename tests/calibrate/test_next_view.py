@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -72,30 +70,6 @@ def test_enough_once_the_goal_is_reached_and_not_before_the_least_number():
     strict = lens_progress(made, SPEC, PLANE, goal_m=1e-7, solution=solution)
     assert not strict.enough
     assert strict.suggestion.std_m < strict.std_m
-
-
-def test_no_gain_is_promised_where_a_richer_lens_is_the_doubt(monkeypatch: pytest.MonkeyPatch):
-    """The next picture takes off noise; what a richer lens would move it only helps to find out."""
-    made, _ = views(9)
-    solution = solve_intrinsics(made, SPEC, "opencv4")
-    sure = LensInformation.of(solution, made, SPEC)
-    functional = plane_sensitivity(sure.design, PLANE, SPEC)
-    noise_m = sure.inflation * np.sqrt(mean_square(functional, sure.information))
-    moved_m = sure.inflation * np.sqrt(sure.bias_square(functional))
-
-    def progress(moved_by_noise: float):
-        doubted = replace(sure, gradient=sure.gradient * moved_by_noise * noise_m / moved_m)
-        monkeypatch.setattr(LensInformation, "of", lambda *_: doubted)
-        return lens_progress(made, SPEC, PLANE, goal_m=1e-6, solution=solution)
-
-    certain, doubtful = progress(0.5), progress(5.0)
-    assert certain.std_m == pytest.approx(noise_m)
-    assert doubtful.std_m == pytest.approx(5.0 * noise_m)
-    assert certain.suggestion.std_m == doubtful.suggestion.std_m < noise_m
-    assert f"takes off about {100 * (1 - certain.suggestion.std_m / noise_m):.0f} %" in certain.words
-    assert "takes off" not in doubtful.words
-    assert "which lens is right" in doubtful.words
-    assert not doubtful.enough
 
 
 def tilted(rotvec_rad: tuple[float, float, float], middle_m: tuple[float, float, float]) -> Pose:

@@ -112,20 +112,6 @@ def test_a_tip_load_by_the_closed_form(amount: str) -> None:
     assert found.inverse == pytest.approx(1.0 / stiffness, rel=0.03)
 
 
-def test_a_material_that_yields_is_not_given_one_stiffness() -> None:
-    def bend(s: float, moment: float) -> float:
-        return moment / 4e-3 + 8.0 * (moment / 0.018) ** 5
-
-    found = solved(drawn(rod(bend, 0.0, 1.0), np.random.default_rng(2)), PhotoSetting(LENGTH))
-    assert found.curved_p < 1e-3
-    moment = found.views[0].moment
-    true = np.array([bend(0.0, each) for each in moment])
-    clear = true > 3.0
-    assert clear.sum() > 10
-    # the uniform bow is free: curvature is told up to it
-    assert np.abs((found.curvature - true)[clear]).max() < 0.15 * true.max()
-
-
 def hand_drawn() -> dict[str, np.ndarray]:
     """Picture → (N, 2) middles between the edges that a person marked: yarns of 10 cm as lines along 84 rows, the
     others as chords. Chords of 10cm_4 marked twice agree within 0.7 px, chords and lines of a yarn within 2 px."""

@@ -172,17 +172,6 @@ class TestWrongRows:
         )
         assert squared(solved) < 25
 
-    def test_gross_corners(self) -> None:
-        views, pictures = sweep()
-        rng = np.random.default_rng(3)
-        wrong = [rng.random(len(view.ids)) < 0.05 for view in views]
-        spoilt = [
-            replace(view, corners_px=view.corners_px + which[:, None] * rng.uniform(5, 30, (len(which), 2)))
-            for view, which in zip(views, wrong, strict=True)
-        ]
-        solved = solve((spoilt, pictures))
-        assert squared(solved) < 25
-
 
 @pytest.fixture(scope="module")
 def small_scene() -> SceneSpec:

@@ -43,24 +43,6 @@ def test_points_on_the_plane_are_found_again(name, plane):
     np.testing.assert_allclose(again, pixels[valid], atol=1e-8)
 
 
-@pytest.mark.parametrize("shape", [(), (3,), (2, 0), (2, 1, 3)])
-def test_shapes_kinds_and_precision(shape):
-    camera = LENSES["decentred"]
-    layer = CameraOnPlane(camera, POSE)
-    pixels = np.random.default_rng(0).uniform(400, 500, (*shape, 2))
-    expected, _ = layer.project(pixels)
-    for given in (pixels, pixels.astype(np.float32), torch.tensor(pixels), torch.tensor(pixels).float()):
-        xy, valid = layer.project(given)
-        assert type(xy) is type(given)
-        assert xy.dtype == given.dtype
-        assert tuple(xy.shape) == (*shape, 2)
-        assert tuple(valid.shape) == shape
-        np.testing.assert_allclose(np.asarray(xy), expected, atol=2e-7)
-        assert tuple(layer.covariance(given, 0.1).shape) == (*shape, 2, 2)
-        assert layer.covariance(given, 0.1).dtype == given.dtype
-        assert tuple(layer.calibration_jacobian(given).shape) == (*shape, 2, 4 + 5 + 6)
-
-
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "tilted")) for name in NAMES])
 def test_gradients_by_pixels_lens_and_pose(name):
     camera = LENSES[name]
@@ -72,36 +54,6 @@ def test_gradients_by_pixels_lens_and_pose(name):
 
     inputs = (torch.tensor(middle(camera, 4)), *(getattr(layer, name).clone() for name in names))
     assert gradcheck(function, tuple(value.requires_grad_() for value in inputs), eps=1e-6, atol=1e-6)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_functional_transforms_go_through_it(name):
-    camera = LENSES[name]
-    layer = CameraOnPlane(camera, POSE)
-    pixels = torch.tensor(middle(camera, 5))
-    alone = torch.func.vmap(lambda pixel: layer(pixel)[0])(pixels)
-    torch.testing.assert_close(alone, layer(pixels)[0], rtol=0, atol=0)
-    for jacobian in (torch.func.jacfwd, torch.func.jacrev):
-        each = torch.func.vmap(jacobian(lambda pixel: layer(pixel)[0]))(pixels)
-        torch.testing.assert_close(each, layer.pixel_jacobian(pixels), rtol=1e-9, atol=1e-15)
-
-    def through(matrix, distortion, pixel):
-        return torch.func.functional_call(layer, {"matrix": matrix, "distortion": distortion}, (pixel,))[0]
-
-    lenses = torch.stack([layer.distortion, 0.9 * layer.distortion])
-    both = torch.func.vmap(through, in_dims=(None, 0, None))(layer.matrix, lenses, pixels)
-    torch.testing.assert_close(both[1], through(layer.matrix, lenses[1], pixels), rtol=0, atol=0)
-
-
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
-def test_casting_the_network_around_it_costs_no_accuracy(dtype):
-    camera = LENSES["decentred"]
-    network = torch.nn.Sequential(torch.nn.Linear(2, 2), CameraOnPlane(camera, POSE)).to(dtype)
-    assert network[0].weight.dtype == dtype
-    assert all(value.dtype == torch.float64 for value in network[1].buffers())
-    pixels = torch.tensor(middle(camera))
-    assert torch.equal(network[1](pixels)[0], CameraOnPlane(camera, POSE)(pixels)[0])
-    assert {value.device.type for value in network.to("meta").buffers()} == {"meta"}
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
@@ -163,19 +115,6 @@ def test_pixel_noise_against_sampling():
         np.testing.assert_allclose(predicted, sampled, atol=0.03 * np.trace(sampled))
     each = layer.covariance(pixels, np.arange(5) * 0.1)
     np.testing.assert_allclose(each, layer.covariance(pixels, 1.0) * (np.arange(5) * 0.1)[:, None, None] ** 2)
-
-
-@pytest.mark.parametrize("name", sorted(LENSES))
-def test_single_precision_is_good_to_a_thousandth_of_a_pixel(name):
-    camera = LENSES[name]
-    if camera.matrix[0, 0] > 5000:
-        pytest.skip("one rounding of a float32 pixel over the focal length is more")
-    layer, pixels = CameraOnPlane(camera, POSE), border_and_grid(camera).astype(np.float32)
-    expected, known = layer.project(pixels.astype(np.float64))
-    found, valid = layer.project(pixels)
-    m_per_px = np.linalg.svd(layer.pixel_jacobian(pixels.astype(np.float64))[valid & known], compute_uv=False)[:, 0]
-    assert (valid != known).mean() < 1e-2
-    assert (np.linalg.norm((found - expected)[valid & known], axis=1) <= 1e-3 * m_per_px).all()
 
 
 RNG = np.random.default_rng(0)

@@ -40,18 +40,6 @@ def test_help_needs_no_heavy_library() -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("report", [True, False])
-def test_an_estimate_loads_what_it_needs(made: Path, tmp_path: Path, report: bool) -> None:
-    """Neither torch nor VTK, matplotlib or what minimises in SciPy; a report needs the last."""
-    argv = ["estimate", f"{made / 'session'}", "--rig", f"{made / 'rig.json'}", "-o", f"{tmp_path / 'contacts.csv'}"]
-    heavy = {"torch", "kornia", "pyvista", "vtkmodules", "matplotlib", "dask", "pandas"}
-    heavy |= set() if report else {"scipy.optimize", "jinja2"}
-    lines = ["import sys", "from vbaa_calib.cli.main import main"]
-    lines += [f"assert main({argv + ['--no-report'] * (not report)}) == 0", f"print({heavy} & set(sys.modules))"]
-    done = in_fresh_python("\n".join(lines))
-    assert (done.returncode, done.stdout) == (0, "set()\n"), done.stderr
-
-
 def test_json_is_one_object_and_prose_goes_elsewhere(vbaa: Call, made: Path) -> None:
     call = ("look", made / "session" / "noload" / "noload_001.png", "--rig", made / "rig.json")
     quiet, loud = vbaa(*call), vbaa(*call, "--json")
@@ -136,19 +124,6 @@ def test_a_signal_that_ends_it_leaves_nothing_half_written(tmp_path: Path, name:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_caller_keeps_its_own_signals(vbaa: Call, raising: Callable[[BaseException], None]) -> None:
-    """Called in a program of the user's own, it leaves nothing behind, however it ends."""
-    for error in (InputError("is odd"), KeyboardInterrupt()):
-        raising(error)
-        for handler in (signal.SIG_DFL, signal.SIG_IGN):
-            before = signal.signal(signal.SIGTERM, handler)
-            try:
-                vbaa("schema", "rig")
-                assert signal.getsignal(signal.SIGTERM) is handler
-            finally:
-                signal.signal(signal.SIGTERM, before)
-
-
 @pytest.mark.parametrize(
     ("redirected", "code", "said"),
     [(">&-", 0, ""), ("| true", 1, ""), (">/dev/full", 1, "vbaa: No space left on device\n")],
@@ -213,16 +188,6 @@ def test_what_begins_with_a_minus_may_be_a_value(vbaa: Call) -> None:
     for words in (["--moment-axis", "-y"], ["--moment-axis=-y"]):
         refused(vbaa("live", "none.json", "none.mcap", *words), "none.json: no such file")
     refused(vbaa("live", "none.json", "none.mcap", "--moment-axis", "--lines"), "expected one argument")
-
-
-def test_bash_completes(vbaa: Call, tmp_path: Path) -> None:
-    script = tmp_path / "vbaa.bash"
-    script.write_text(vbaa("completion", "bash").out)
-    ask = 'source "$1"; COMP_WORDS=({words}); COMP_CWORD={at}; _vbaa; echo "${{COMPREPLY[@]}}"'
-    for words, at, wanted in (("vbaa esti", 1, "estimate"), ("vbaa estimate --no-m", 2, "--no-moment")):
-        code = ask.format(words=words, at=at)
-        done = subprocess.run(["bash", "-c", code, "bash", script], capture_output=True, text=True, check=True)
-        assert done.stdout.strip() == wanted
 
 
 def test_module_and_version(tmp_path: Path) -> None:

@@ -10,12 +10,10 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from scipy.special import erf
 
 from targets.board import BoardSpec, corner_points, opencv_board
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import detect_corners, detect_folder
-from vbaa_calib.detect.board.covariance import corner_covariances
 from vbaa_calib.detect.board.markers import Markers, marker_cells, marker_grids
 from vbaa_calib.simulate.render.board import print_sheet
 
@@ -163,7 +161,6 @@ def test_turned_pictures_are_named_as_the_cause(tmp_path: Path, change: dict, mi
 
 SPEC_COVARIANCE = BoardSpec(6, 5, 0.02, 0.012)
 SHEET = print_sheet(SPEC_COVARIANCE)
-STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-4)
 
 
 def sampled(condition: Conditions, draws: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -203,31 +200,3 @@ def test_they_agree_at_every_noise_blur_and_size(square_px: float, blur_px: floa
     predicted, seen, bias = sampled(Conditions(square_px, blur_px, noise), 100)
     assert std_ratio(predicted, seen) == pytest.approx(1.0, abs=0.1)
     assert np.sqrt((bias**2).sum(axis=1).mean()) < 0.05
-
-
-def crossing(angle_rad: float, turn_rad: float, centre: np.ndarray, blur_px: float) -> np.ndarray:
-    """(81, 81) grey levels where two straight edges cross at an angle, drawn without the simulator."""
-    grid = np.stack(np.meshgrid(np.arange(81.0), np.arange(81.0)), axis=-1) - centre
-    sides = []
-    for direction in (turn_rad - angle_rad / 2, turn_rad + angle_rad / 2):
-        distance = grid @ np.array([-np.sin(direction), np.cos(direction)])
-        sides.append(erf(distance / (blur_px * np.sqrt(2.0))))
-    return 120.0 + 80.0 * sides[0] * sides[1]
-
-
-@pytest.mark.parametrize("turn_rad", [0.3, 2.5])
-def test_an_acute_corner_is_uncertain_along_its_point(turn_rad: float) -> None:
-    rng, centre, window = np.random.default_rng(0), np.array([40.3, 39.8]), 8
-    grey = crossing(np.radians(50.0), turn_rad, centre, 1.2)
-    found, predicted = [], []
-    for _ in range(400):
-        picture = np.clip(np.rint(grey + rng.normal(0.0, 3.0, grey.shape)), 0, 255).astype(np.uint8)
-        start = centre.astype(np.float32).reshape(1, 1, 2)
-        corner = cv2.cornerSubPix(picture, start, (window, window), (-1, -1), STOP).reshape(1, 2).astype(float)
-        found.append(corner[0])
-        predicted.append(corner_covariances(picture, corner, np.array([window]))[0])
-    seen, mean = np.cov(np.array(found).T), np.mean(predicted, axis=0)
-    np.testing.assert_allclose(np.linalg.eigvalsh(mean), np.linalg.eigvalsh(seen), rtol=0.25)
-    longest = np.linalg.eigh(mean)[1][:, 1]
-    assert abs(longest @ [np.cos(turn_rad), np.sin(turn_rad)]) > 0.98
-    assert np.linalg.eigvalsh(mean)[1] > 2.5 * np.linalg.eigvalsh(mean)[0]

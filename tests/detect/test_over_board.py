@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from targets.board import BoardSpec, opencv_board
-from vbaa_calib.detect.over_board.line import BoardLine, LineEnd, PlaneAbove, _pattern_texture, find_over_board
+from vbaa_calib.detect.over_board.line import BoardLine, LineEnd, PlaneAbove, find_over_board
 from vbaa_calib.detect.over_board.line import _board_picture as board_picture
 from vbaa_calib.detect.over_board.line import _fit as fit
 from vbaa_calib.detect.over_board.line import _LinePaint as LinePaint
@@ -38,21 +37,6 @@ def aside(line: BoardLine, truth: np.ndarray) -> np.ndarray:
     along = np.gradient(truth, axis=0)[nearest]
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
     return ((line.points_px - truth[nearest]) * normal).sum(axis=1)
-
-
-@pytest.mark.parametrize(
-    "spec",
-    [BoardSpec(5, 4, 0.03, 0.0225, "DICT_6X6_250", legacy_pattern=True), BoardSpec(6, 7, 0.02, 0.012, "DICT_5X5_50")],
-)
-def test_the_texture_is_the_board_that_opencv_prints(spec: BoardSpec) -> None:
-    ours = _pattern_texture(spec, 96)
-    printed = opencv_board(spec).generateImage(ours.shape[::-1], marginSize=0, borderBits=1) / 255.0
-    assert ours.shape == (96 * spec.squares_y, 96 * spec.squares_x)
-    # they may differ where a marker's bits begin, by a texel
-    assert (np.abs(ours - printed) > 0.5).mean() < 0.03
-    inner = printed[1:-1, 1:-1]
-    flat = np.all([printed[1 + a : a - 1 or None, 1 + b : b - 1 or None] == inner for a in (-1, 1) for b in (-1, 1)], 0)
-    assert (np.abs(ours[1:-1, 1:-1] - inner) > 0.5)[flat].mean() < 0.005
 
 
 def test_the_bare_board_is_predicted_to_its_noise() -> None:

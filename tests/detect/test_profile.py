@@ -146,18 +146,6 @@ def test_an_objects_edge_along_the_antenna_is_doubt(beside_px: float) -> None:
     assert abs(along_edge[0].mean()) < along_edge[1].mean()
 
 
-def test_a_line_that_an_inclined_camera_sees_broader_at_one_end_is_as_good_as_it_says() -> None:
-    """Three to five px wide, from one end to the other."""
-    rng, path = np.random.default_rng(11), dense(straight(5.0))
-    starts = range(0, len(path) - 1, 3)
-    widths = np.linspace(3.0, 5.0, len(starts))
-    pieces = [tube(path[start : start + 4], width, 150.0) for start, width in zip(starts, widths, strict=True)]
-    line = measure(exposed(60.0 + np.max(pieces, axis=0), rng), path, 4.0)
-    error = aside(straight(5.0), line.points_px)
-    assert line.seen > 0.93
-    assert 0.75 < np.sqrt(np.mean((error / line.sigma_px) ** 2)) < 1.25
-
-
 PER_PX = 32
 HALF, WIDTH_PX_FIT, BLUR_PX = 9, 3.4, 0.9
 AT = np.arange(-(HALF + 2) * PER_PX, (HALF + 2) * PER_PX + 1) / PER_PX

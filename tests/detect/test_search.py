@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from vbaa_calib.detect.whisker.centreline import Centreline
-from vbaa_calib.detect.whisker.corridor import Corridor, of_antennas_shape
+from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.profile import refine_path
 from vbaa_calib.native import core
 
-from .drawn_lines import SIZE, aside, background, bent, exposed, straight, trace, tube
+from .drawn_lines import SIZE, aside, background, bent, exposed, trace, tube
 
 
 @pytest.mark.parametrize("bright", [True, False])
@@ -55,51 +54,6 @@ def test_finds_bent_lines(turn_deg: float, bright: bool | None) -> None:
     inside = found[:, 0] < path[:, 0].max() - 4
     assert inside.sum() > 60
     assert np.abs(aside(path, found[inside])).max() < (3.0 if bright is None else 2.5)
-
-
-def test_bridges_what_hides_the_antenna() -> None:
-    rng = np.random.default_rng(1)
-    path = bent((40.0, 120.0), 0.0, 30.0)
-    picture = background(rng) + tube(path, WIDTH_PX, 80.0)
-    picture[:, 130:165] = 150.0
-    found = trace(exposed(picture, rng), corridor(free()))
-    seen = (found[:, 0] < 122) | (found[:, 0] > 175)
-    inside = seen & (found[:, 0] < path[:, 0].max() - 4)
-    assert np.abs(aside(path, found[inside])).max() < 2.5
-    assert np.abs(aside(path, found[(found[:, 0] > 130) & (found[:, 0] < 165)])).max() < 12.0
-
-
-def test_a_brighter_edge_and_a_line_that_does_not_start_at_the_clamp_are_no_lure() -> None:
-    rng = np.random.default_rng(2)
-    path = bent((40.0, 120.0), 0.0, 15.0)
-    picture = background(rng, 2.0) + tube(path, WIDTH_PX, 60.0)
-    picture[:60] += 120.0
-    picture = picture + tube(np.array([[180.0, 80.0], [260.0, 84.0]]), WIDTH_PX, 90.0)
-    found = trace(exposed(picture, rng), corridor(free()))
-    inside = found[:, 0] < path[:, 0].max() - 4
-    assert np.abs(aside(path, found[inside])).max() < 2.5
-
-
-def test_a_corridor_that_leaves_the_picture_is_followed_as_far_as_it_goes() -> None:
-    rng = np.random.default_rng(3)
-    path = straight(0.0, 500.0, (290.0, 120.0))
-    found = trace(exposed(background(rng) + tube(path, WIDTH_PX, 80.0), rng), corridor(free(500.0)))
-    assert np.isfinite(found).all()
-    assert np.abs(aside(path, found[found[:, 0] < 315])).max() < 2.5
-
-
-@pytest.mark.parametrize("changing", [True, False])
-@pytest.mark.parametrize(
-    ("passes_px", "turned_rad", "verdict"), [(1.0, 0.0, "ok"), (30.0, 0.0, "no_antenna"), (0.0, 0.3, "no_antenna")]
-)
-def test_before_the_rig_is_known_a_line_must_leave_the_clamp(
-    passes_px: float, turned_rad: float, verdict: str, changing: bool
-) -> None:
-    """A cable that passes it, or leaves it at an angle, is none, however much of it is seen."""
-    points = free() + np.outer(np.linspace(0.0, 225.0, 60) * np.tan(turned_rad) + passes_px, [0.0, 1.0])
-    seen = np.zeros(60, np.uint8)
-    line = Centreline(points, np.full(60, 0.1), 1.0, 50.0, 1.0, "ok", "", guide_px=points, visibility=seen)
-    assert of_antennas_shape(line, corridor(free()), changing).verdict == verdict
 
 
 WIDTH_PX_SEARCH, SPACING_PX, LENGTH_PX = 5.0, 6.0, 200.0

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.paper.baselines import Answer, Noise, Press, Ring, Wire, run_method
+from estimator.paper.baselines import Noise, Press, Ring, Wire, run_method
 from estimator.paper.baselines.press import _world_turn
 from estimator.paper.inclined import project
 from vbaa_calib.antenna.rod import Rod, sample_shape
@@ -136,18 +136,3 @@ def test_the_objects_stiffness_and_its_deviation() -> None:
     assert plain.object_stiffness_N_m == pytest.approx(60.0, rel=0.03)
     assert compliance.mean() == pytest.approx(1.0 / plain.object_stiffness_N_m, abs=0.7 * compliance.std())
     assert compliance.std() == pytest.approx(np.sqrt(np.mean(stated**2)), rel=0.25)
-
-
-def heard(ring: Ring, wire: Wire = WIRE) -> Answer:
-    return run_method("Dynamic Active Antenna", Press(wire, ring=ring))
-
-
-@pytest.mark.parametrize("contact", [0.5, pytest.param(0.15, marks=pytest.mark.slow)])
-def test_the_distance_is_found_and_is_as_uncertain_as_stated(contact: float) -> None:
-    rng = np.random.default_rng(int(100 * contact))
-    found = [heard(ringing(contact, (4e-4,), 2e-5, rng)) for _ in range(24)]
-    off = np.array([each.distance_m for each in found]) - contact * LENGTH_M
-    stated = np.sqrt(np.mean([each.distance_std_m**2 for each in found]))
-    assert abs(off.mean()) < 4.0 * stated / np.sqrt(24)
-    assert off.std() == pytest.approx(stated, rel=0.4)
-    assert stated < 2e-3

@@ -19,7 +19,7 @@ from estimator.table.contacts import Measured
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import DRIFTS, Drift
+from vbaa_calib.session import DRIFTS
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, World, along, camera_pose, gravity_antenna, press
 from .contact_scenes import RIG, frame
@@ -130,19 +130,6 @@ def test_what_all_frames_share_is_what_the_rig_moves() -> None:
     assert np.sqrt(np.square(by_axis).sum(axis=0)) == pytest.approx(here.point_shared_std_m, rel=0.1, abs=1e-6)
     assert here.distance_shared_std_m < here.distance_std_m
     assert (here.force_shared_std_N[1:] < here.force_std_N[1:]).all()
-
-
-def test_drift_widens_the_covariance_and_wanders_on(rig: Rig) -> None:
-    widened = replace(rig, drift=LAB).drifted()
-    added = np.diag(widened.covariance) - np.diag(rig.covariance)
-    assert (added >= 0).all()
-    assert added[0] == pytest.approx(LAB.camera_turn_rad**2, rel=1e-6)
-    assert replace(rig, drift=Drift()).drifted().covariance is rig.covariance
-    estimator = ContactEstimator(replace(rig, drift=LAB))
-    first = replace(estimator.drift, time_s=0.0)
-    later = first.later(3600.0)
-    wandered = np.diag(later.now.covariance) - np.diag(first.now.covariance)
-    assert wandered[0] == pytest.approx((LAB.hourly * LAB.camera_turn_rad) ** 2, rel=1e-6)
 
 
 def written(folder: Path, drift: str) -> None:

@@ -13,7 +13,6 @@ from estimator import ContactEstimator
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import ContactRow, ContactTable
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
@@ -98,15 +97,3 @@ def test_own_and_shared_make_the_whole() -> None:
     nobody = CommonErrors.none(table)
     assert nobody.point_m.shape[-1] == 0
     np.testing.assert_array_equal(nobody.own_m2, table.covariance_world_m2)
-
-
-def test_joints_follow_from_the_points_and_another_rigs_contacts_are_refused() -> None:
-    table = table_of(scenes_of(RIG, RIG))
-    elsewhere = replace(RIG, kinematics=Kinematics(position_world_m=np.array([0.1, 0.0, 0.0])))
-    unknown = np.full(len(table), np.nan)
-    bare = replace(table, pan_rad=unknown, tilt_rad=unknown)
-    np.testing.assert_allclose(shared_errors(RIG, bare).point_m, shared_errors(RIG, table).point_m, atol=1e-9)
-    with pytest.raises(InputError, match="do not fit the rig's kinematics"):
-        shared_errors(elsewhere, table)
-    nothing = ContactTable.from_rows([ContactRow(frame=0, time_s=0.0, status="no_contact")])
-    assert np.isnan(shared_errors(RIG, nothing).point_m).all()

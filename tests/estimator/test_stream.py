@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from benchmarks.estimator.scenes import Scenes, rod_shapes, rolled, scenes
 from estimator import Contact, ContactEstimator, Measured
-from estimator.contact import recording
-from vbaa_calib.detect.whisker.centreline import NOTHING
-from vbaa_calib.session import Frame
 
 from .contact_scenes import WORLD
 
@@ -64,24 +59,3 @@ def test_a_swing_is_named_where_inertia_is_largest(live: bool) -> None:
     phase = (np.arange(COUNT) * SWING_HZ / RATE_HZ) % 0.5
     assert moving[np.isclose(phase, 0.25)][1:-1].mean() > 0.7 if not live else moving.any()
     assert moving[np.isclose(phase, 0.0)][1:-1].mean() < 0.3 if not live else moving.any()
-
-
-def test_pictures_are_judged_for_motion_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What was seen in each picture goes through the same stream; a picture without an antenna keeps its own words."""
-    lost = 20
-    seen = [
-        recording.Detection(NOTHING if index == lost else NOTHING.with_verdict("ok", ""), measured)
-        for index, measured in enumerate(recorded(touched(0.02)))
-    ]
-    seen[lost] = replace(
-        seen[lost], measured=replace(seen[lost].measured, points_px=np.empty((0, 2)), sigma_px=np.empty(0))
-    )
-    monkeypatch.setattr(recording, "read_own", lambda _, path: path)
-    monkeypatch.setattr(recording, "first_look", lambda _, frame, picture, ground: SimpleNamespace(frame=frame))
-    monkeypatch.setattr(recording, "_in_order", lambda _, glances: glances)
-    monkeypatch.setattr(recording, "_detections", lambda _, glances: (seen[each.frame.frame] for each in glances))
-    frames = [Frame(None, 0.0, 0.0, 0.0, frame=index, time_s=index / RATE_HZ) for index in range(COUNT)]
-    found = list(recording.estimate_pictures(ContactEstimator(RIG), frames))
-    assert [item.frame.frame for item in found] == list(range(COUNT))
-    assert sum(item.contact.status == "not_quasistatic" for item in found) >= COUNT // 3
-    assert (found[lost].contact.status, found[lost].contact.reason) == ("no_antenna", NOTHING.reason)

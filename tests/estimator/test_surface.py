@@ -10,10 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from estimator.object.surface import Surface, Touches, reconstruct
 from estimator.object.surface.settings import SurfaceSettings
-from estimator.table.contacts import ContactTable
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 
-from ..viz.touching import ANTENNA_RADIUS_M, cylinder, touch
+from ..viz.touching import cylinder
 
 RADIUS_M = 4e-4
 """Of the antenna."""
@@ -134,46 +133,13 @@ def angles_rad(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.arccos(np.clip(np.sum(first * second, axis=1), -1.0, 1.0))
 
 
-CYLINDER_RADIUS_M = 0.015
-
-
-def rebuilt(points: np.ndarray, normals: np.ndarray, seed: int = 0, **noise: float) -> Surface:
-    rows = touch(points, normals, np.random.default_rng(seed), **noise)
-    return reconstruct(ContactTable.from_rows(rows), ANTENNA_RADIUS_M)
-
-
 def grid(low_rad: float, high_rad: float, around: int = 7, up: int = 9) -> tuple[np.ndarray, np.ndarray]:
     angle, height = np.meshgrid(np.linspace(low_rad, high_rad, around), np.linspace(-0.03, 0.03, up))
     return cylinder(angle.ravel(), height.ravel())
 
 
-def off_cylinder(points_m: np.ndarray) -> np.ndarray:
-    return np.linalg.norm((points_m - CENTRE)[:, :2], axis=1) - CYLINDER_RADIUS_M
-
-
 def both(*parts: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([p for p, _ in parts]), np.concatenate([n for _, n in parts])
-
-
-def face_normals(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normal and area of each triangle."""
-    a, b, c = (surface.points_m[surface.triangles[:, i]] for i in range(3))
-    cross = np.cross(b - a, c - a)
-    size = np.linalg.norm(cross, axis=1)
-    return cross / size[:, None], size / 2
-
-
-def test_exact_contacts_give_the_object_one_radius_away_facing_out() -> None:
-    surface = rebuilt(*grid(0.9, 2.1), std_along_m=1e-7, std_across_m=1e-7)
-    assert np.abs(off_cylinder(surface.touched_m)).max() < 2e-6
-    between = np.abs(off_cylinder(surface.points_m))
-    assert between.max() < 1e-4
-    assert (between < np.maximum(4 * surface.std_m, 2e-6)).all()
-    normal, area = face_normals(surface)
-    assert (np.sum(normal * surface.normals[surface.triangles[:, 0]], axis=1) > 0.99).all()
-    # the footprint ends a little beyond the outermost contacts
-    assert CYLINDER_RADIUS_M * 1.2 * 0.06 < area.sum() < 1.6 * CYLINDER_RADIUS_M * 1.2 * 0.06
-    assert not surface.notes
 
 
 @pytest.mark.parametrize(("obj", "friction", "seed"), [(CYLINDER, 0.0, 0), (SPHERE, 0.5, 2), (FREEFORM, 0.0, 0)])

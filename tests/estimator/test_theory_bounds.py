@@ -28,6 +28,8 @@ from ..beam import deflection_by_contact
 from .contact_scenes import answered, fitted_std
 
 POINTS, SLOPE_RAD, REACH = 200, 0.03, 0.5
+UNFELT = MomentSensor(1.0, 0.0, 1e6)
+"""A sensor that says nothing."""
 FAR_M = 2.9
 STEEPNESS = 1.5
 """sd(l) = 1.5·K_l·σ/(θ_c·√N): the contact's deflection is 2/3·l·θ_c."""
@@ -150,6 +152,37 @@ class TestAgainstTheNumericalBound:
             stated = 1.0 / (1.0 / alone + (mean - 1.0) ** 2 / (read**2 + 1.0 / (table[1] @ table[1])))
             assert np.linalg.inv(information)[0, 0] == pytest.approx(stated, rel=1e-9)
         assert mean == pytest.approx(1.707, abs=1e-3)
+
+
+class TestWithoutAMoment:
+    def force_z(self, tilt: float, slope: float, away_m: float = 0.4) -> float:
+        given = touched(camera_at(away_m, tilt, TOWARDS_CLAMP, UNFELT), np.pi / 4, slope)
+        return float(relative(given, bound(given))[2])
+
+    def test_depth_is_seen_to_second_order(self) -> None:
+        """Inclined along the antenna: like 1/θ_c² and like σ; upright steeper in both, since perspective fades."""
+        inclined = self.force_z(0.7, 0.05, 0.8) / np.array([self.force_z(0.7, 0.1, 0.8), self.force_z(0.7, 0.05, 0.4)])
+        np.testing.assert_allclose(inclined, [4.0, 2.0], rtol=0.1)
+        upright = self.force_z(0.0, 0.05, 0.8) / np.array([self.force_z(0.0, 0.1, 0.8), self.force_z(0.0, 0.05, 0.4)])
+        assert 4.0 < upright[0] < 8.0
+        assert 3.0 < upright[1] < 4.0
+
+
+class TestTwoPointsInsteadOfAll:
+    """σ/δ_c = 0.025, l = L/2: the best pair of each case."""
+
+    def best(self, first: tuple[float, float], second: tuple[float, float]) -> float:
+        u1, u2 = np.meshgrid(np.linspace(*first, 300), np.linspace(*second, 300), indexing="ij")
+        s1, s2 = (linear.deflection(u, 1.0, 3.0, 1.0) for u in (u1, u2))
+        e1, e2 = (deflection_by_contact(u, 1.0, 3.0, 1.0) / s for u, s in ((u1, s1), (u2, s2)))
+        with np.errstate(divide="ignore"):
+            return float(np.nanmin(np.where(u2 > u1, 0.025 * np.hypot(1 / s1, 1 / s2) / np.abs(e2 - e1), np.nan)))
+
+    def test_the_pages_numbers(self) -> None:
+        assert self.best((0.05, 1.0), (0.05, 1.0)) == pytest.approx(0.25, abs=0.005)
+        assert self.best((1.0, 2.0), (1.0, 2.0)) == pytest.approx(0.090, abs=0.0005)
+        assert self.best((0.05, 1.0), (1.0, 2.0)) == pytest.approx(0.083, abs=0.001)
+        assert factors(0.5)[0] * 0.025 / np.sqrt(480) == pytest.approx(0.0077, abs=5e-5)
 
 
 AWAY_M, ALLOWED = 0.6, 1 / 3

@@ -17,7 +17,6 @@ from estimator.cli.track import COLUMNS, configure
 from estimator.cli.track import _run as run
 from estimator.contact.common_errors import CommonErrors
 from estimator.object.track import Event, Track, follow, smooth
-from estimator.object.track.smooth import _kalman_smooth, _smoothable_pieces
 from estimator.table.contacts import ContactRow, ContactTable
 from estimator.table.files import write_contacts
 from vbaa_calib.geometry import Kinematics
@@ -329,31 +328,3 @@ def test_smoothed_points_are_nearer_and_worth_what_they_say() -> None:
     assert np.sum(left) < 0.4 * np.sum(raw)
     assert 0.7 < np.mean(normalised) < 1.35
     assert 0.7 < np.std(distances) < 1.3
-
-
-def test_a_break_is_not_smoothed_over() -> None:
-    aside = np.where(np.arange(COUNT_SMOOTH) >= 25, 15e-3, 0.0)
-    truth = rubbed(np.zeros(COUNT_SMOOTH), aside, np.zeros(COUNT_SMOOTH))
-    table, shared = seen(truth, 3)
-    track = follow(table, RIG, shared)
-    several = _smoothable_pieces(table, track)
-    assert len(several) == 2
-    assert abs(several[1][0] - 25) <= 3
-    step = np.where(np.arange(COUNT_SMOOTH) >= several[1][0], 0.01, 0.0)[:, None] * [0.0, 0.0, 1.0]
-    points = {"point_world_m": table.point_world_m + step, "point_antenna_m": table.point_antenna_m + step}
-    before, after = (smooth(each, RIG, shared, track) for each in (table, replace(table, **points)))
-    np.testing.assert_array_equal(before.point_world_m[several[0]], after.point_world_m[several[0]])
-    assert (before.point_world_m[several[1]] != after.point_world_m[several[1]]).any()
-
-
-def test_without_a_walk_the_smoother_is_the_straight_line() -> None:
-    """By another route: with no random walk it is the weighted least-squares line, covariance included."""
-    rng = np.random.default_rng(5)
-    time, variance = np.sort(rng.uniform(0.0, 1.0, 15)), rng.uniform(0.5, 2.0, 15)
-    values = 3.0 - 2.0 * time + np.sqrt(variance) * rng.normal(size=15)
-    found, left = _kalman_smooth(time, values[:, None], variance[:, None, None], np.zeros(1))
-    design = np.column_stack([np.ones(15), time])
-    covariance = np.linalg.inv(design.T @ (design / variance[:, None]))
-    expected = design @ covariance @ design.T @ (values / variance)
-    np.testing.assert_allclose(found[:, 0], expected, rtol=2e-2, atol=2e-2)
-    np.testing.assert_allclose(left[:, 0, 0], np.diag(design @ covariance @ design.T), rtol=2e-2)

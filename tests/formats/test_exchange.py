@@ -342,24 +342,6 @@ def test_the_lens_of_binned_and_cropped_pictures(tmp_path: Path) -> None:
         read_files(path, Wanted(roi=(1000, 0, 800, 600)))
 
 
-def test_rectified_pictures_have_the_projections_lens(tmp_path: Path) -> None:
-    path = tmp_path / "ost.ini"
-    text(OST)(path)
-    camera = read_files(path, Wanted(rectified=True)).camera
-    assert (camera.matrix[0, 0], camera.matrix[1, 1], camera.distortion.size) == (850.0, 860.0, 0)
-    for rectified in (False, True):
-        (note,) = read_files(path, Wanted(rectified=rectified)).notes
-        for part in ("image_raw", "fx 900 px", "image_rect", "fx 850 px"):
-            assert part in note
-    bag(tmp_path / "a.mcap", "/left/image_rect")
-    assert "/left/image_rect" in read_files(tmp_path / "a.mcap", Wanted("/left/camera_info")).notes[-1]
-    bag(tmp_path / "b.mcap", "/right/image_rect")
-    assert not read_files(tmp_path / "b.mcap", Wanted("/left/camera_info")).notes
-    text(ORB)(tmp_path / "a.yaml")
-    with pytest.raises(InputError, match="rectified"):
-        read_files(tmp_path / "a.yaml", Wanted(size=SIZE, rectified=True))
-
-
 def rays_of(model: str, values: list[float], pixels: np.ndarray) -> np.ndarray:
     """Directions of pixels by the closed inverses of the models' papers, which the reader does not use."""
     *own, fx, fy, cx, cy = values

@@ -94,19 +94,6 @@ def test_what_the_data_do_not_show_is_refused() -> None:
             clock_offset(estimator(), *given)
 
 
-def test_no_motion_and_one_that_repeats_itself_are_refused() -> None:
-    rng = np.random.default_rng(3)
-    at, times_s = np.arange(0.0, 6.0, 1 / 30.0), np.arange(-1.0, 7.0, 0.01)
-    same = Motion(np.arange(-1.0, 9.0, 0.5), np.full(20, 0.7), np.full(20, 0.5))
-    with pytest.raises(InputError, match="repeats itself"):
-        clock_offset(estimator(), pictures(same, at, rng), times_s, readings(same, times_s, rng))
-    held = pictures(same, np.full(len(at), 0.15), rng)
-    several = [Measured(e.points_px, e.sigma_px, np.nan, 0.0, 0.3, time_s=t) for e, t in zip(held, at, strict=True)]
-    values = readings(same, np.full(len(times_s), 0.15), rng)
-    with pytest.raises(InputError, match="hardly changes"):
-        clock_offset(estimator(), several, times_s, values)
-
-
 @pytest.mark.parametrize(("offset_s", "rate_Hz"), [(0.137, 24.0), (-2000.0, 30.0)])
 def test_another_cameras_clock_is_found(offset_s: float, rate_Hz: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the bend that both cameras see from different sides, at other rates; also clocks that are far apart."""

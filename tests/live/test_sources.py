@@ -8,7 +8,6 @@ import json
 import socket
 import sys
 import tempfile
-import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -25,7 +24,7 @@ from vbaa_calib.streams import Reading, Taken, now_s
 from vbaa_calib.streams.bags import BagWriter, Logged
 from vbaa_calib.streams.devices import _datagrams, udp_socket
 from vbaa_calib.streams.pictures import BagPictures, thinned
-from vbaa_calib.streams.recorded import _open_folder, _open_lines
+from vbaa_calib.streams.recorded import _open_lines
 from viz.batch.recordings import BatchRecording
 from viz.batch.results import Results
 from viz.batch.work import BatchSettings, do
@@ -62,26 +61,6 @@ def test_lines_on_standard_input() -> None:
     np.testing.assert_array_equal(several[2].image, several[4].image)
     assert "rubbish" in notes[0]
     assert notes[1] == "5 lines were left out"
-
-
-def test_a_folder_that_fills(tmp_path: Path) -> None:
-    folder = tmp_path / "pictures"
-    folder.mkdir()
-
-    def fill() -> None:
-        for number, frame in enumerate(frames()):
-            assert frame.image is not None
-            (folder / f"{number}.png").write_bytes(frame.image.read_bytes())
-            time.sleep(0.15)
-
-    thread = threading.Thread(target=fill)
-    thread.start()
-    source = _open_folder(folder, 1.5)
-    several = [each for each in source.messages() if isinstance(each, Taken)]
-    thread.join()
-    assert len(several) == len(frames())
-    assert np.diff([each.time_s for each in several]).min() > 0.0
-    assert "gave nothing new" in source.notes[-1]
 
 
 def listening_at() -> tuple[socket.socket, int]:

@@ -238,20 +238,3 @@ def test_pictures_of_one_instant_are_one_frame(
     assert (np.diff([each.frame.time_s for each in found]) > 0.0).all()
     for each in found:
         assert all(abs(one.time_s - each.taken.time_s) <= Timing.together_s for one in each.others)
-
-
-@pytest.mark.parametrize("live", [True, False])
-def test_a_camera_that_ends_does_not_stop_the_others(live: bool) -> None:
-    """Frames go on without it, live after one wait, and it is counted; so do those of a camera that never came."""
-    synchronizer, waits = Synchronizer(Timing(wait_s=0.2), image_size=CAMERAS, live=live), []
-    for index in range(60):
-        now_s = 0.05 * index
-        for message in [of("left", now_s), of("right", now_s)][: 1 + (index < 20)]:
-            waits += [now_s - each.taken.arrived_s for each in synchronizer.push(message)]
-    waits += [0.0 for _ in synchronizer.finish()]
-    assert len(waits) == 60
-    assert max(waits) < 0.3
-    assert (np.array(waits[30:]) < 0.051).all()
-    assert any("40 frames without right" in line for line in synchronizer.left_out())
-    alone = [of("right", at) for at in (1.0, 2.0, 3.0)]
-    assert len(through(Synchronizer(Timing(), image_size=CAMERAS, live=live), *alone)) == 3

@@ -16,7 +16,6 @@ from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import rig_document
 from vbaa_calib.cli.main import main
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import detect_folder
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
@@ -69,29 +68,6 @@ def test_it_calibrates_also_as_kalibr_describes_it(tmp_path: Path) -> None:
     document = rig_document(made, [], {})
     assert "target.yaml" in document["inputs_sha256"]
     assert document["quality"]["lens"]["board"] == BOARD.to_dict()
-
-
-def test_the_board_may_be_named_or_written_there(tmp_path: Path) -> None:
-    (root := written(tmp_path / "session", KALIBR)).joinpath("target.yaml").write_text(KALIBR)
-    thick = dataclasses.replace(BOARD, thickness_m=0.003)
-    for text, board in ((KALIBR, BOARD), ("target.yaml", BOARD), (str(thick.to_dict()), thick)):
-        (root / "session.yaml").write_text(_with_board(root, text))
-        assert load_session(root).board == board
-    for text, words in (
-        ("elsewhere.yaml", "no such file"),
-        ("session.yaml", "no such file"),
-        ("{target_type: checkerboard, targetCols: 8}", "targetRows is missing"),
-        ("{type: aprilgrid, columns: 4, rowz: 3}", "is rows meant"),
-        ("{type: chessboard, squares_x: 9, squares_y: 6, square_m: 0.02}", "a ChArUco board or an AprilGrid"),
-    ):
-        (root / "session.yaml").write_text(_with_board(root, text))
-        with pytest.raises(InputError, match=words):
-            load_session(root)
-
-
-def _with_board(root: Path, board: str) -> str:
-    rest = (root / "session.yaml").read_text().splitlines()
-    return "\n".join([rest[0], f"board: {board}", *rest[2:]]) + "\n"
 
 
 @pytest.mark.parametrize("off", [0.0, 0.003, -0.01])

@@ -17,7 +17,6 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.session import (
     Still,
     check_pictures,
-    has_over,
     load_session,
     read_loads,
     read_noload,
@@ -146,18 +145,6 @@ class TestStills:
         assert [still.time_s for still in read(load_session(root))] == [12.5, -3.0]
         path.write_text(f"{header},time_s\n{first},12.5\n{second},\n")
         assert "line 3: time_s is ''" in complaint(lambda: read(load_session(root)), path)
-
-
-class TestOver:
-    def test_pictures_and_height_belong_together(self, root: Path) -> None:
-        assert not has_over(load_session(root))
-        (root / "over").mkdir()
-        text = complaint(lambda: has_over(load_session(root)), root / "session.yaml")
-        assert "over is missing, but there is a folder over/; give over.height_m" in text
-        write(root, changed("over", to={"height_m": 0.002}))
-        assert has_over(load_session(root))
-        (root / "over").rmdir()
-        assert not has_over(load_session(root))
 
 
 class TestRecording:

@@ -7,14 +7,13 @@ import os
 import threading
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
 from vbaa_calib.core.images import read_gray
-from vbaa_calib.sources import Picture, PictureSource, files, open_source
+from vbaa_calib.sources import Picture, PictureSource, open_source
 from vbaa_calib.sources.files import FolderSettings, FolderSource
 
 QUICK = FolderSettings(scan_s=0.02, steady_s=0.05, patience_s=0.25)
@@ -67,48 +66,6 @@ def test_a_picture_is_offered_only_when_it_is_written_whole(tmp_path: Path, suff
     writer.join()
     assert offered.data == data
     assert source.notes == ()
-
-
-def test_a_file_whose_size_is_set_before_it_is_filled_is_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A TIFF without compression, that decodes from its head and tail on, with black for what is missing."""
-    pixels = np.random.default_rng(6).integers(1, 256, (48, 64), dtype=np.uint8)
-    done, encoded = cv2.imencode(".tif", pixels, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
-    assert done
-    data, path, now_s = encoded.tobytes(), tmp_path / "x.tif", [0.0]
-    clock = SimpleNamespace(monotonic=lambda: now_s[0], time=time.time, sleep=time.sleep)
-    monkeypatch.setattr(files, "time", clock)
-    source = FolderSource(tmp_path, wait=True, pace=FolderSettings(0.02, 0.05, 3.0))
-    for written in range(8, len(data) - 400, 500):
-        path.write_bytes(data[:written] + bytes(len(data) - 400 - written) + data[-400:])
-        os.utime(path, ns=(written, written))
-        now_s[0] += 0.03
-        assert source.next(0.0) is None
-    path.write_bytes(data)
-    found = []
-    for _ in range(5):
-        now_s[0] += 0.03
-        found.append(source.next(0.0))
-    (offered,) = [each for each in found if each is not None]
-    np.testing.assert_array_equal(offered.image, pixels)
-
-
-def test_a_picture_that_is_replaced_while_it_is_read_is_read_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, read, whole = tmp_path / "x.png", Path.read_bytes, picture(2) + b"longer"
-    put(path, picture(1))
-
-    def replaced(path: Path) -> bytes:
-        data = read(path)
-        if data != whole:
-            put(path, whole, age_s=60)
-        return data
-
-    monkeypatch.setattr(Path, "read_bytes", replaced)
-    offered = FolderSource(tmp_path, pace=QUICK).next(2.0)
-    assert offered.data == whole
 
 
 @pytest.mark.parametrize("data", [b"", picture(4)[:-30]])

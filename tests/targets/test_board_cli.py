@@ -17,7 +17,7 @@ import yaml
 
 from targets.board import BoardSpec
 from targets.jig import _write_jig
-from targets.print_scale import print_scale, rescaled
+from targets.print_scale import print_scale
 from targets.sheet import lay_out, paper_named
 from vbaa_calib.cli import board as board_cli
 from vbaa_calib.core.errors import InputError
@@ -149,9 +149,6 @@ def test_the_boards_pose_is_that_of_the_tray(tmp_path: Path) -> None:
     assert corners[0, 1] == pytest.approx(-corners[1, 1])
 
 
-SPEC = BoardSpec(11, 7, 0.020, 0.015, thickness_m=0.003)
-
-
 def test_deviations_against_sampling() -> None:
     """Scatter of scale and aspect over readings with noise, against what is predicted for one of them."""
     rng = np.random.default_rng(3)
@@ -167,19 +164,3 @@ def test_deviations_against_sampling() -> None:
     assert np.std([each.aspect for each in drawn]) == pytest.approx(one.aspect_std, rel=0.05)
     # square prints are called different as seldom as three deviations say: 0.27 %, ± 3 deviations of the count
     assert sum(each.differs for each in drawn) == pytest.approx(4000 * 0.0027, abs=10)
-
-
-def test_axes_that_differ_are_a_stretched_board() -> None:
-    """Beyond the readings' doubt and beyond what matters."""
-    scale = print_scale(260, 260.0, 150, 148.5)
-    assert scale.differs
-    assert scale.aspect == pytest.approx(1 / 0.99 - 1)
-    board = rescaled(SPEC, scale)
-    x, y = (board.square_m * (1.0 + sign * 0.5 * board.stretch) for sign in (1, -1))
-    assert (x, y) == pytest.approx((SPEC.square_m, 0.99 * SPEC.square_m), rel=1e-6)
-    assert board.stretch_std == pytest.approx(scale.aspect_std, rel=0.01)
-    assert BoardSpec(**board.to_dict()) == board
-    readings = (150, 150.0, 150, 149.6)
-    assert not print_scale(*readings).differs
-    assert print_scale(*readings, 0.03).differs, "a caliper sees what a ruler does not"
-    assert not print_scale(150, 150.0, 150, 149.865, 0.005).differs, "too little to matter"

@@ -8,15 +8,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 
-from estimator.table.contacts import ContactTable
-from viz.figures.contacts import friction_cone, indentation
+from viz.figures.contacts import friction_cone
 from viz.figures.drawing import Plot
 from viz.figures.settings import STYLE
 from viz.figures.time import TimeAxis
-
-from .estimates import STIFFNESS_N_M, object_estimate
 
 
 def marks(axes: Plot, name: str, colour: str = "") -> list[np.ndarray]:
@@ -63,16 +59,3 @@ def test_the_cone_has_the_slope_that_it_says() -> None:
     rim = np.concatenate(marks(axes, "band")).reshape(-1, 2)
     rim = rim[rim[:, 0] > 0]
     np.testing.assert_allclose(np.unique(np.round(rim[:, 1] / rim[:, 0], 9)), [-0.35, -0.25, 0.25, 0.35])
-
-
-@pytest.mark.parametrize("determined", [True, False])
-def test_indentations_have_the_slope_of_the_compliance(table: ContactTable, determined: bool) -> None:
-    surface = object_estimate(table, determined=determined).surface
-    axes = indentation(surface, table.picked(surface.touched_row), 0.0, 1 / STIFFNESS_N_M)
-    x, y = points(axes, STYLE.sliding).T
-    np.testing.assert_allclose(x, 1e3 * np.linalg.norm(table.force_world_N[surface.touched_row], axis=1))
-    np.testing.assert_allclose(y, x / STIFFNESS_N_M)
-    fit = marks(axes, "fit")
-    assert len(fit) == determined
-    if fit:
-        np.testing.assert_allclose(np.interp(x, *fit[0][0].T), y)

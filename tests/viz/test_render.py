@@ -111,25 +111,6 @@ def test_gltf_is_sound_and_comes_back_without_opengl(
     assert read.n_cells == count
 
 
-def test_a_contact_is_picked_stepped_to_and_measured_from(scene: Scene, no_opengl: None) -> None:
-    stage = Stage(scene, all_parts(scene))
-    controls = _Controls(stage, "force")
-    points = scene.contacts.points_m
-    controls.pick(7)
-    assert scene.instants.row[controls.instant] == scene.contacts.row[7]
-    assert scene.contacts.words[7] in stage.plotter.actors["numbers"].GetText(6)
-    controls.measure()
-    controls.step(1)
-    away = 1e3 * np.linalg.norm(points[8] - points[7])
-    assert f"{away:.2f} ± " in stage.plotter.actors["numbers"].GetText(6)
-    assert "mm from frame" in stage.plotter.actors["numbers"].GetText(6)
-    controls.measure()
-    controls.pick(-1)
-    assert controls.contact == len(points) - 1
-    assert " mm from frame" not in stage.plotter.actors["numbers"].GetText(6)
-    stage.plotter.close()
-
-
 @pytest.mark.parametrize("close", [False, True])
 def test_a_click_takes_the_contact_that_is_drawn_there(scene: Scene, no_opengl: None, close: bool) -> None:
     """By rays of a pinhole camera, worked out here without VTK's matrices."""

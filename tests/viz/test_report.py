@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -21,7 +20,7 @@ from estimator.table.contacts import COLUMNS, STATUSES, ContactRow, ContactTable
 from estimator.table.files import write_contacts
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
-from viz.report.make import Sources, _scene_picture, make_report
+from viz.report.make import Sources, make_report
 from viz.report.recording import SYMBOLS, Report, page
 from viz.report.words import _facts_of, origin
 from viz.scene.truth import true_contacts
@@ -88,22 +87,6 @@ def test_the_report_stands_alone_and_holds_everything(table: ContactTable, rig: 
         for row in ("contact point", "force", "focal length")
     }
     assert goals == {"contact point": ["met"], "force": ["missed"], "focal length": []}
-
-
-def test_the_scene_is_drawn_or_a_reason_is_named(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> None:
-    free = replace(table, status=np.full(len(table), "no_contact"))
-    assert "<svg" not in _scene_picture(free, rig, None, None, None)
-    drawn = _scene_picture(table, rig, object_estimate(table), truth, None)
-    root = ElementTree.fromstring(drawn)
-    assert len(root.findall(".//svg[@role='img']")) == 2
-    assert "nan" not in drawn.replace("antenna", "")
-    radii = [float(radius) for radius in re.findall(r"a([\d.]+) ", "".join(re.findall(r' d="([^"]*)"', drawn)))]
-    assert 0.0 < max(radii) < 150.0, "ellipsoids and discs are small parts of the picture"
-    assert {"plane C", "camera and its picture", "true object"} <= {span.strip() for span in root.itertext()}
-    assert _scene_picture(table, None, None, None, None).count('role="img"') == 1
-    damaged = _scene_picture(table, rig, None, {"object": {"shape": "cube"}}, None)
-    assert "cube" in damaged
-    assert "<svg" not in damaged
 
 
 def test_the_recordings_picture_shows_the_tables_contact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

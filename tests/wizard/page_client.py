@@ -13,27 +13,6 @@ import numpy as np
 
 from vbaa_calib.wizard.server import PageServer
 
-QUESTION: dict[str, Any] = {
-    "key": "loads.1.mass",
-    "words": "What does the weight weigh?",
-    "why": "With its hook.",
-    "kind": "number",
-    "unit": "kg",
-    "default": None,
-    "choices": [],
-}
-
-LIVE: dict[str, Any] = {
-    "image_size": [320, 240],
-    "corners_px": [[40.0, 50.0], [80.5, 52.25], [120.0, 54.0]],
-    "coverage": {"columns": 4, "rows": 3, "counts": [[0, 1, 2, 0], [0, 3, 1, 0], [0, 0, 0, 0]]},
-    "suggested_px": [[100.0, 60.0], [260.0, 70.0], [250.0, 180.0], [110.0, 170.0]],
-    "suggestion": "further right, nearer",
-    "closeness": 0.5,
-    "hold": 0.25,
-    "hints": [{"name": "blur", "words": "the picture is blurred", "remedy": "hold still", "grave": False}],
-}
-
 STATE: dict[str, Any] = {
     "session": "rig <b>",
     "steps": [

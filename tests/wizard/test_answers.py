@@ -23,7 +23,6 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import load_session, read_noload
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.wizard import flow, steps
 from vbaa_calib.wizard.against_answers import antenna_diagnoses, camera_place, entries_that_show_it
@@ -187,19 +186,6 @@ def test_back_reaches_the_questions_of_a_step_whose_pictures_have_begun(source: 
     assert typist.offered["camera_distance_mm"] == 370
     assert len(store.journal.of("lens").taken) == 3
     assert store.journal.of("lens").closed
-
-
-def test_without_a_moment_sensor_no_moment_is_asked_for(source: Path, tmp_path: Path) -> None:
-    """A line has the angles alone, session.yaml says null, and the table has no such column."""
-    (source / "noload" / "noload.csv").unlink()
-    script: list[tuple[str | int, Any]] = [(3, "!enough"), (1, "!enough"), ("moment_sensor", "no")]
-    script += [("readings", "0 0"), ("readings", "0 20"), (2, QUIT)]
-    store, _ = walked(tmp_path / "session", until(source, "antenna_diameter_mm"), script)
-    assert all("moment_Nm" not in one.readings for one in store.journal.of("noload").taken)
-    session = load_session(tmp_path / "session")
-    assert not session.with_sensor
-    assert [np.isnan(still.moment_Nm) for still in read_noload(session)] == [True, True]
-    assert SessionState.answers_of(tmp_path / "session" / "session.yaml")["moment_sensor"] is False
 
 
 MADE_OF, OTHER = "stainless steel", "nylon"

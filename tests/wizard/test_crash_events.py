@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vbaa_calib.sources.files import Picture, SourceLost, frame_picture
+from vbaa_calib.sources.files import Picture
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard import flow as opening
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Store, _Journal
 
@@ -69,35 +68,6 @@ def test_the_source_goes(tiny: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:
     (tiny.source / "gone").rename(folder)
     assert call(tiny.session)[0] == 0
     assert len(journal(tiny).of("lens").taken) == 3
-
-
-class Unplugged:
-    """A camera that gives the same still picture for a while, then is gone."""
-
-    live, ended, name, notes = True, False, "camera:0", ()
-
-    def __init__(self, frames: int) -> None:
-        self.left, self.frames = frames, frames
-        self.pixels = np.random.default_rng(4).integers(0, 255, (60, 80), np.uint8)
-
-    def next(self, timeout_s: float) -> Picture:
-        if not self.left:
-            raise SourceLost("is unplugged", where=self.name, remedy="plug it in and run the wizard again")
-        self.left -= 1
-        return frame_picture(f"frame {self.left}", self.pixels, 0.1 * (self.frames - self.left))
-
-    def close(self) -> None:
-        self.left = 0
-
-
-def test_the_camera_is_unplugged(tiny: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(opening, "open_source", lambda *_: Unplugged(80))
-    found = replace(flow.STEP_BY_NAME["lens"], progress=lambda state: flow.STEP_BY_NAME["plane"].progress(state))
-    monkeypatch.setitem(flow.STEP_BY_NAME, "lens", found)
-    before = len(journal(tiny).of("lens").taken)
-    outcome = call(tiny.session, "--reopen", "lens")
-    expect_refused(tiny, outcome, "camera:0", "is unplugged", "plug it in")
-    assert len(journal(tiny).of("lens").taken) >= before
 
 
 def test_ctrl_c(tiny: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,6 @@ from vbaa_calib.core.images import read_picture
 from vbaa_calib.session import load_session, read_loads, read_noload
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.against_answers import entries_that_show_it
-from vbaa_calib.wizard.asking import change
 from vbaa_calib.wizard.questions import Question
 from vbaa_calib.wizard.session_state import SessionState, still_of
 from vbaa_calib.wizard.steps import Progress, Step
@@ -187,21 +186,3 @@ def test_a_wrong_thickness_is_named_by_the_first_free_picture(state: SessionStat
     with pytest.raises(InputError):
         state.observe(still, "noload", image)
     assert f"`board_thickness_mm = {right_mm:g}`" in entries_that_show_it(state, still, "noload", image)
-
-
-def test_a_load_that_was_typed_wrong_is_typed_again(state: SessionState, walked: tuple[SessionState, Person]) -> None:
-    """By its number: the table is that of the new line, what was solved is void, and a wrong line changes nothing."""
-    before, person = state.taken("loads")[1], walked[1]
-    line = person._line("loads", still_of("loads", None, before.readings))
-    table = (state.store.root / "loads" / "loads.csv").read_text()
-    inputs = state.inputs("loads")
-    for typed in (f"{line} 1 2", "no numbers"):
-        assert change(state, person, "loads_2", typed)
-        assert state.taken("loads")[1] == before
-    heavier = " ".join([repr(3 * float(line.split()[0])), *line.split()[1:]])
-    assert change(state, person, "loads_2", heavier)
-    assert state.taken("loads")[1].readings["force_z_N"] == pytest.approx(3 * before.readings["force_z_N"])
-    assert state.inputs("loads") != inputs
-    assert change(state, person, "loads_2", line)
-    assert (state.store.root / "loads" / "loads.csv").read_text().splitlines()[0] == table.splitlines()[0]
-    assert not change(state, person, "loads_9", line)

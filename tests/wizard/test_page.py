@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import socket
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -18,81 +15,15 @@ import pytest
 
 from vbaa_calib.sources.files import frame_picture
 from vbaa_calib.wizard import server as module
-from vbaa_calib.wizard.page import Page
-from vbaa_calib.wizard.questions import Question
-from vbaa_calib.wizard.server import FILES, SERVER, PageServer, _PageCommand
-from vbaa_calib.wizard.session_state import SessionState
+from vbaa_calib.wizard.server import FILES, SERVER, PageServer
 from vbaa_calib.wizard.store import Store
-from vbaa_calib.wizard.ui import Ui
 
 from .page_client import ask, command, cookie, jpeg, raw, state, token
-
-
-class Shown:
-    """A server that only keeps what it was shown last, and commands to take."""
-
-    url = "http://127.0.0.1:0/"
-
-    def __init__(self, port: int = 0) -> None:
-        self.number, self.state = 0, dict[str, Any]()
-        self.jpeg: bytes | None = None
-        self.commands: list[_PageCommand] = []
-
-    def show(self, state: Mapping[str, Any], jpeg: bytes | None = None) -> int:
-        self.number += 1
-        self.state, self.jpeg = json.loads(json.dumps(state)), jpeg
-        return self.number
-
-    def take_commands(self) -> list[_PageCommand]:
-        taken, self.commands = self.commands, []
-        return taken
-
-
-@dataclass
-class Dialogue:
-    """A page with the wizard's side of it, the server that it shows itself on, and the session."""
-
-    ui: Ui
-    page: Page
-    shown: Shown
-    store: Store
-
-    def clicked(self, *commands: _PageCommand) -> list[tuple[str, Any]]:
-        """What arrives of these."""
-        self.shown.commands = list(commands)
-        return list(self.page.events(self.ui))
-
-    def asked(self, question: Question, problem: str = "") -> int:
-        """Ask without waiting; the number of what the page shows then."""
-        self.ui.question, self.ui.words, self.ui.problem = question, question.words, problem
-        self.page.update(self.ui, "question")
-        return self.shown.number
-
-
-@pytest.fixture
-def led(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Dialogue]:
-    monkeypatch.setattr("vbaa_calib.wizard.page.PageServer", Shown)
-    monkeypatch.setattr(SessionState, "views", lambda *_: [SimpleNamespace(corners_px=np.array([[5.0, 5.0]]))])
-    with Store(tmp_path / "rig") as store:
-        page = Page(SessionState(store))
-        shown = page._server
-        assert isinstance(shown, Shown)
-        yield Dialogue(Ui(page, interactive=True), page, shown, store)
 
 
 def taken(store: Store) -> None:
     """A picture of the lens."""
     store.take("lens", frame_picture("frame 1", np.zeros((4, 4), np.uint8), 0.0), {})
-
-
-def test_an_answer_is_for_the_question_that_was_seen(led: Dialogue) -> None:
-    mass = Question("mass_g", "loads", "Mass?", unit="g")
-    first = led.asked(mass)
-    again = led.asked(mass, "too heavy")
-    assert led.shown.state["question"]["problem"] == "too heavy"
-    assert led.clicked(_PageCommand(kind="answer", value={"mass_g": 5.0}, seen=first)) == []
-    assert led.clicked(_PageCommand(kind="answer", value={"pan_deg": 5.0}, seen=again)) == []
-    assert led.clicked(_PageCommand(kind="answer", value={"mass_g": 6.0}, seen=again)) == [("answer", 6.0)]
 
 
 @pytest.fixture(scope="module")

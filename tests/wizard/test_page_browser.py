@@ -11,7 +11,7 @@ import pytest
 from vbaa_calib.wizard.server import PageServer, _PageCommand
 
 from .browser import BROWSER, Browser
-from .page_client import LIVE, QUESTION, STATE, jpeg, state
+from .page_client import STATE, jpeg, state
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no browser here")
 
@@ -69,30 +69,4 @@ def test_it_shows_the_state_as_text_and_follows_it(browser: Browser, server: Pag
     page.until("document.getElementById('title').textContent === 'Now something else'")
     assert page.value("document.title") == f"Now something else · {STATE['session']}"
     assert page.text("#enough") == "✓ Enough: you can go on."
-    assert page.complaints() == []
-
-
-def test_buttons_and_the_space_key(browser: Browser, server: PageServer) -> None:
-    page = opened(browser, server, live=LIVE)
-    for kind in ("take", "enough", "drop", "back"):
-        page.click(f"[data-kind={kind}]")
-        assert given(server) == _PageCommand(kind=kind, seen=1)
-    page.press(" ", 32)
-    assert given(server).kind == "take", "and not once more what was clicked before"
-    for kind in ("redo", "quit"):
-        page.click(f"[data-kind={kind}]")
-        page.until("document.getElementById('sure').open")
-        page.click("#no")
-        page.until("!document.getElementById('sure').open")
-        page.click(f"[data-kind={kind}]")
-        page.until("document.getElementById('sure').open")
-        page.click("#yes")
-        assert given(server).kind == kind
-    server.show(state(live=LIVE, question=QUESTION, can=["enough"]), jpeg())
-    page.until("document.activeElement.id === 'field'")
-    page.press(" ", 32)
-    assert page.value("document.getElementById('field').value") == " "
-    shown = "[...document.querySelectorAll('#buttons button')].filter(b => !b.hidden).map(b => b.dataset.kind)"
-    assert page.value(shown) == ["enough"]
-    assert server.take_commands() == []
     assert page.complaints() == []
