@@ -66,15 +66,23 @@ def test_without_rows_and_with_further_ones() -> None:
 
 def offered(name: str, odds: float, after: int = -1, covers: tuple[str, ...] = ()) -> Explanation[int]:
     applied = None if after < 0 else lambda: after
-    return Explanation(Diagnosis(name, name, f"undo {name}"), odds, applied, covers)
+    return Explanation(Diagnosis(name, name, f"undo {name}", "wrong"), odds, applied, covers)
 
 
 def test_the_likeliest_is_named_and_near_ones_with_it() -> None:
-    """From odds of 150 on; alone from a lead of 2 on, else with those that come as near."""
-    assert decide([offered("a", 4.9)]) == []
+    """Alone from a lead of 2 on, else with those that come as near."""
     assert [one.diagnosis.name for one in decide([offered("a", 9.0), offered("b", 12.0)])] == ["b"]
     assert [one.diagnosis.name for one in decide([offered("a", 11.0), offered("b", 12.0)])] == ["b", "a"]
     assert [one.diagnosis.name for one in decide([offered("a", 11.0), offered("b", 12.0, covers=("a",))])] == ["b"]
+
+
+def test_what_is_likely_but_not_sure_is_a_doubt() -> None:
+    """Between the two thresholds a cause is reported as a doubt, and nothing is sought behind it."""
+    [likely] = decide([offered("a", 3.7, after=1), offered("b", 1.0)])
+    assert likely.diagnosis.severity == "doubt" and likely.applied is None
+    [sure] = decide([offered("a", 7.0, after=1), offered("b", 4.0)])
+    assert sure.diagnosis.severity == "wrong" and sure.applied is not None
+    assert not decide([offered("a", 1.0)])
 
 
 def test_a_second_mistake_is_sought_behind_the_first() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar, get_args
 
 from vbaa_calib.core.errors import Diagnosis, Severity
@@ -17,6 +17,7 @@ class DecisionSettings:
     """When a hypothesis is reported."""
 
     least_log_odds: float = 5.0  # posterior log odds over "as reported": 150 to 1
+    least_doubt: float = 2.5  # the same from which it is reported as a doubt: 12 to 1; clean material stays below 0
     lead: float = 2.0  # log odds by which one must lead the next to be named alone
     rounds: int = 3  # further hypotheses are sought with the best one applied
     named: int = 3  # hypotheses that are named together, where the data do not decide
@@ -49,10 +50,18 @@ Hypothesis = Callable[[_Data], Iterable[Explanation[_Data]]]
 def decide(
     explanations: Iterable[Explanation[_Data]], settings: DecisionSettings = DecisionSettings()
 ) -> list[Explanation[_Data]]:
-    """The likeliest explanation, with those that the data hardly tell from it; none where all may be as reported."""
-    likely = sorted((one for one in explanations if one.log_odds >= settings.least_log_odds), key=_odds, reverse=True)
+    """The likeliest explanation, with those that the data hardly tell from it, as doubts where the odds are low; none
+    where all may be as reported."""
+    likely = sorted((one for one in explanations if one.log_odds >= settings.least_doubt), key=_odds, reverse=True)
     close = [one for one in likely if one.log_odds > likely[0].log_odds - settings.lead]
-    return [one for one in close if one.diagnosis.name not in close[0].covers][: settings.named]
+    named = [one for one in close if one.diagnosis.name not in close[0].covers][: settings.named]
+    return named if not named or named[0].log_odds >= settings.least_log_odds else [_doubtful(one) for one in named]
+
+
+def _doubtful(one: Explanation[_Data]) -> Explanation[_Data]:
+    """An explanation that is not sure enough for others to be sought behind it."""
+    severity: Severity = "doubt" if one.diagnosis.severity == "wrong" else one.diagnosis.severity
+    return replace(one, diagnosis=replace(one.diagnosis, severity=severity), applied=None)
 
 
 def _odds(one: Explanation[_Data]) -> float:
