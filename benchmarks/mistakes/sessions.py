@@ -509,7 +509,7 @@ SESSION = (
     _row("two pictures exchanged", NAMED, ROWS, _pictures_exchanged),
     _row("loads turned by 4 to 8°", NAMED, "loads_turned", _forces(_turned(0.09))),
     _row("loads' y and z exchanged", NAMED, "loads_turned loads_exchanged", _forces(lambda f, rng: f[:, ::-1])),
-    _row("loads' sign", NAMED, "loads_turned load_sign", _forces(lambda f, rng: -f)),
+    _row("loads' sign", NAMED, "loads_turned load_force_mistyped", _forces(lambda f, rng: -f)),
     _row("loads in grams", NAMED, FORCE, _forces(lambda f, rng: f / 9.80665e-3)),
     _row("loads × 9.81", NAMED, FORCE, _forces(lambda f, rng: f * 9.80665)),
     _row("loads in pounds", NAMED, FORCE, _forces(lambda f, rng: f / 4.4482)),

@@ -586,8 +586,9 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
         scaled = next((each for each in ranked if each[2].starts), ranked[0])
         ranked.insert(0, (np.inf, *scaled[1:]))
     followed: list[Change] = []
+    # far from where the frames are linear, first order does not rank the rows
+    most = len(rows) if case.many_lost else settings.followed
     for gained, first, row, own in ranked:
-        most = settings.followed * (2 if case.many_lost else 1)
         if gained < settings.promising or len(followed) >= most or row in followed:
             continue
         followed.append(row)

@@ -150,7 +150,7 @@ def _question(what: str, how: str, before: Load, after: Load) -> str:
     if what == "distance":
         return f"{1e3 * after.distance_m:.4g} mm from the clamp that was typed as distance_m {before.distance_m:.4g}"
     if "exchanged" in how or "sign" in how:
-        y, z = after.force_y_N, after.force_z_N
+        y, z = after.force_y_N + 0.0, after.force_z_N + 0.0
         return f"({y:.4g}, {z:.4g}) N in (y, z) that was typed as ({before.force_y_N:.4g}, {before.force_z_N:.4g})"
     typed, meant = weighed(before), weighed(after)
     return f"{1e3 * meant / G:.4g} g, which is {meant:.4g} N, that was typed as {typed:.4g} newtons"
@@ -731,10 +731,12 @@ def _explanations(
             ranked.append((forecast, cause, at))
     ranked.sort(key=lambda one: one[0], reverse=True)
     moments = None if reported is None else _moments_of(witness, reported)
+    best = base
     for _, cause, at in ranked[: s.tried]:
-        fit = witness.fit(cause.alter, cause.prior_std, at)
+        fit = witness.fit(cause.alter, cause.prior_std, at, best - s.behind)
         if fit is None or not cause.within(fit):
             continue
+        best = max(best, fit.log_likelihood)
         odds = fit.log_likelihood - base + cause.log_prior
         if moments is not None:
             odds += _moments_of(witness, fit) - moments

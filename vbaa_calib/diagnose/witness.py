@@ -277,9 +277,11 @@ class Witness:
         alter: Alteration = lambda problem, values: problem,
         prior_std: Sequence[float] = (),
         at: np.ndarray | None = None,
+        least: float = -np.inf,
     ) -> RigFit | None:
         """The rig that explains the pictures best under an alteration with values N(0, prior_std²); None where
-        none has a shape. at : parameters and values to begin with, as `forecast` has them."""
+        none has a shape. at : parameters and values to begin with, as `forecast` has them. least : log likelihood that
+        is of interest; the descent is broken off where it does not lead there."""
         std = np.array(prior_std, float)
         begin = [np.append(one, 0.0 * std) for one in self.starts]
         begin += [] if at is None else [at]
@@ -300,7 +302,10 @@ class Witness:
 
             end = minimise(roughly, _weighted(now, even), replace(_RULES, iterations=6), upper)[0]
             now = self._evaluated(alter, std, end.parameters) or now
-        now = minimise(partial(self._evaluated, alter, std), now, _RULES, upper)[0]
+        evaluate = partial(self._evaluated, alter, std)
+        now, promise, more = minimise(evaluate, now, replace(_RULES, iterations=self.settings.tries), upper)
+        if more and promise - self._cost(now) > least:
+            now = minimise(evaluate, now, _RULES, upper)[0]
         occam = 0.0
         values, own = now.parameters[count:], np.zeros((len(std), len(std)))
         if len(std):

@@ -381,7 +381,8 @@ class Problem:
         places = self.places
         if places is None or len(places) != len(seen):
             places = np.linspace(-1.0, 1.0, len(seen))
-        return np.polynomial.legendre.legvander(places, LINE_MODES - 1) / std[:, None]
+        legendre = [np.ones(len(places)), places, 0.5 * (3.0 * places**2 - 1.0)]
+        return np.column_stack(legendre[:LINE_MODES]) / std[:, None]
 
     def line_modes(self, index: int) -> np.ndarray:
         """(N, 3) derivatives of an observation's residuals by its own line's offset, slope and curvature errors, each
