@@ -79,9 +79,11 @@ def test_the_likeliest_is_named_and_near_ones_with_it() -> None:
 def test_what_is_likely_but_not_sure_is_a_doubt() -> None:
     """Between the two thresholds a cause is reported as a doubt, and nothing is sought behind it."""
     [likely] = decide([offered("a", 3.7, after=1), offered("b", 1.0)])
-    assert likely.diagnosis.severity == "doubt" and likely.applied is None
+    assert likely.diagnosis.severity == "doubt"
+    assert likely.applied is None
     [sure] = decide([offered("a", 7.0, after=1), offered("b", 4.0)])
-    assert sure.diagnosis.severity == "wrong" and sure.applied is not None
+    assert sure.diagnosis.severity == "wrong"
+    assert sure.applied is not None
     assert not decide([offered("a", 1.0)])
 
 
