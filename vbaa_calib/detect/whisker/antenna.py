@@ -15,6 +15,7 @@ from vbaa_calib.geometry import Pose
 from .centreline import NOTHING, Centreline
 from .corridor import CLAMP_REACH_PX, Corridor, FreeShape
 from .finder import AntennaFinder, sampled_axis
+from .settings import SearchSettings
 
 REACH_PER_LENGTH = 0.9
 """How far to the side the antenna may be, as a fraction of the distance from the clamp: 42°."""
@@ -36,12 +37,25 @@ def pixels(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray) -> np.n
 
 
 def width_px(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray, diameter_m: float) -> float:
-    """The antenna's width in the picture, halfway along its points (N, 3), antenna frame; 0 where the camera does not
-    see it there, and no more than the picture's shorter side."""
-    depth = (T_camera_antenna @ points_m[len(points_m) // 2])[2]
-    if not depth > 0.0:
+    """The antenna's width in the picture, halfway along its points (N, 3), antenna frame; where it is so near that it
+    becomes much thinner, the mean of its ends. 0 where the camera does not see it there, and no more than the picture's
+    shorter side."""
+    nearness, halfway = _nearness(T_camera_antenna, points_m)
+    if not halfway > 0.0:
         return 0.0
-    return min(float(diameter_m * 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]) / depth), *camera.image_size)
+    per_m = halfway if nearness is None else nearness.mean()
+    return min(float(diameter_m * 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]) * per_m), *camera.image_size)
+
+
+def _nearness(T_camera_antenna: Pose, points_m: np.ndarray) -> tuple[np.ndarray | None, float]:
+    """(2,) one over the depths of the clamp and the tip of points (N, 3), None where they are about the same: the width
+    that profiles show is learnt then; and that halfway, 0 behind the camera."""
+    depth = (T_camera_antenna @ points_m[[0, len(points_m) // 2, -1]])[:, 2]
+    if not depth[1] > 0.0:
+        return None, 0.0
+    ends = 1.0 / depth[[0, 2]]
+    apart = abs(ends[1] - ends[0]) > SearchSettings.perspective * abs(ends.mean())
+    return (ends if depth.min() > 0.0 and apart else None), float(1.0 / depth[1])
 
 
 def corridor(
@@ -59,7 +73,8 @@ def corridor(
     points = free.points_m[0]
     axis, shape = pixels(camera, T_camera_antenna, points), FreeShape.of(camera, T_camera_antenna @ points)
     width = width_px(camera, T_camera_antenna, points, diameter_m * taper.middle)
-    thick, thin = taper.diameter(np.array([0.0, 1.0]))
+    nearness, _ = _nearness(T_camera_antenna, points)
+    thick, thin = taper.diameter(np.array([0.0, 1.0])) * (1.0 if nearness is None else nearness)
     broader = float((thin - thick) / (0.5 * (thin + thick)))
     return Corridor(axis, CLAMP_REACH_PX + reach * arc_lengths(axis), width, free=shape, taper=broader)
 

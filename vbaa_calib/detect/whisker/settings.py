@@ -13,6 +13,8 @@ class SearchSettings:
     a plain one) unless a line says otherwise.
     """
 
+    perspective: float = 0.5  # change of the width from clamp to tip over its mean by the camera's nearness alone, from
+    # which it is known beforehand: profiles show less
     row_blocks: int = 16  # in which pixels of a row are averaged to see what they share: many, and each of many pixels
     row_run: int = (
         12  # points of a line on one row, from which noise of rows matters: as long as other errors are shared
