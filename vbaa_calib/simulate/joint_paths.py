@@ -1,4 +1,4 @@
-"""Joint angles: of a recording, by where the free antenna first touches; of a sweep, by what the camera sees."""
+"""Joint angles of a recording, from where the free antenna first touches, and of a sweep, from what the camera sees."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vbaa_calib.simulate.scene.scene import Joints, SceneSpec, Sweep
 
 @dataclass(frozen=True)
 class _PathSettings:
-    """How joint angles are chosen that bring antenna and board to where they are wanted."""
+    """Settings of the choice of joint angles that bring antenna and board to the wanted places."""
 
     points: int = 500  # along the antenna
     divisions: int = 4  # of the degree in which the object is first touched
@@ -47,7 +47,7 @@ class Place:
 
 
 def _free_points(place: Place, rod: Rod, tilts_rad: np.ndarray) -> np.ndarray:
-    """(B, 500, 3) the free antenna's centreline at each tilt, antenna frame; pan does not change the weight on it."""
+    """(B, 500, 3) centreline of the free antenna at each tilt, antenna frame; pan does not change gravity in it."""
     poses = [place.kinematics.T_world_antenna(0.0, tilt) for tilt in tilts_rad]
     gravity = np.array([pose.rotation.T @ place.gravity_world_m_s2 for pose in poses])
     shape = solve_rod(rod, gravity, np.full(len(poses), rod.length_m), np.zeros((len(poses), 3)))
@@ -61,15 +61,15 @@ def _free_points(place: Place, rod: Rod, tilts_rad: np.ndarray) -> np.ndarray:
 
 
 def _joints(press: str, pressed_rad: np.ndarray, other_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pan and tilt."""
+    """Pan and tilt from the angles of the pressing and of the other joint."""
     return (pressed_rad, other_rad) if press == "pan" else (other_rad, pressed_rad)
 
 
 def _first_touch(
     place: Place, sweep: Sweep, points_antenna_m: np.ndarray, radius_m: np.ndarray, other_rad: float
 ) -> float:
-    """Angle of the pressing joint, rad, at first touch by the free antenna's points (N, 3), of
-    these radii (N,). Raises InputError."""
+    """Angle of the pressing joint, rad, at which the free antenna's points (N, 3), of radii (N,), first touch.
+    Raises InputError."""
     angles = sweep.toward * np.deg2rad(np.arange(-70.0, 70.5, 1.0))
     for divided in range(_PATHS.divisions + 1):
         poses = place.kinematics.world_antenna(*_joints(sweep.press, angles, np.full_like(angles, other_rad)))
@@ -137,7 +137,7 @@ def _pattern(reach: float) -> list[Joints]:
 
 
 def _board_in_front(scene: SceneSpec, share: float) -> Pose:
-    """T_world_board of a leaning board in the middle of the picture with the joints at zero, filling a share of it."""
+    """T_world_board of a tilted board in the middle of the picture with the joints at zero, filling a share of it."""
     size = np.array(scene.board.size_m)
     focal = np.diag(scene.lens.matrix)[:2]
     distance = float((focal * size / (share * np.array(scene.lens.image_size))).max())

@@ -1,4 +1,4 @@
-"""The plan of a session, made before the first picture: shapes, readings, truth."""
+"""The plan of a session, made before the first picture: shapes, readings, true values."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .joint_paths import Place, sweep_joints
 
 
 def _board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.random.Generator) -> list[Pose]:
-    """T_camera_board of every picture: about inside the picture, and reaching its borders and corners."""
+    """T_camera_board of every lens picture: in the middle of the picture, and reaching its borders and corners."""
     size, middle_m = np.array(board.size_m), board.outline_m.mean(axis=0)
     focal = np.diag(lens.matrix)[:2]
     middle = (np.array(lens.image_size) - 1) / 2
@@ -43,7 +43,7 @@ def _board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.
 
 
 def _frame_truth(scene: SceneSpec, rod: Rod, touched: Touch, index: int, T_world_antenna: Pose) -> dict[str, Any]:
-    """What is true of one frame; None where there is no contact."""
+    """True values of one frame; None without contact."""
     contact = T_world_antenna @ touched.contact_antenna_m[index]
     surface, normal = touched.touched_world_m[index], touched.normal_world[index]
     radius_m = scene.radius_m * rod.taper.diameter(touched.contact_m[index] / rod.length_m)
@@ -65,13 +65,13 @@ def _frame_truth(scene: SceneSpec, rod: Rod, touched: Touch, index: int, T_world
 
 
 def _plain(data: Any) -> dict[str, Any]:
-    """A dataclass as JSON has it: lists for arrays, null for what is infinite."""
+    """A dataclass as JSON data: lists for arrays, null for infinite numbers."""
     fields = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(data).items()}
     return {name: None if value == np.inf else value for name, value in fields.items()}
 
 
 def _rig_truth(scene: SceneSpec, rod: Rod) -> dict[str, Any]:
-    """The rig, its sensors and the object."""
+    """True values of the rig, its sensors and the object."""
     return {
         "schema": "vbaa.truth/1",
         "scene": scene.name,
@@ -97,7 +97,7 @@ def _rig_truth(scene: SceneSpec, rod: Rod) -> dict[str, Any]:
 
 
 def stream(scene: SceneSpec, purpose: str, index: int = 0) -> np.random.Generator:
-    """The random numbers of one purpose, or of one picture."""
+    """The random generator of one purpose, or of one picture."""
     # an independent stream of random numbers for each purpose
     streams = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines": 4, "over": 5}
     return np.random.default_rng(np.random.SeedSequence(scene.seed, spawn_key=(streams[purpose], index)))
@@ -105,8 +105,8 @@ def stream(scene: SceneSpec, purpose: str, index: int = 0) -> np.random.Generato
 
 @dataclass(frozen=True, eq=False)
 class BoardShot:
-    """One picture of the board. `path` is relative to the session; the pose is that of the printed face; `camera` is
-    its name, of several."""
+    """One planned picture of the board. path : relative to the session. The pose is of the printed face. camera :
+    the camera's name, if there are several."""
 
     path: str
     joints: Joints
@@ -116,7 +116,7 @@ class BoardShot:
 
 @dataclass(frozen=True, eq=False)
 class AntennaShot:
-    """One picture of the antenna.
+    """One planned picture of the antenna.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class AntennaShot:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A whole session: pictures to take, tables to write (path → rows), truth to keep."""
+    """A planned session: pictures to take, tables to write (path → rows), true values."""
 
     shots: Sequence[BoardShot | AntennaShot]
     tables: Mapping[str, Sequence[Mapping[str, Any]]]
@@ -208,8 +208,8 @@ def _measured(
     gravity_m_s2: np.ndarray,
     noise: np.random.Generator,
 ) -> tuple[list[float], list[dict[str, float]]]:
-    """The true moments, x·f_z − z·f_x (the paper's τ_y), of forces (B, 3) and the weight, and what the sensor reads, by
-    columns."""
+    """The true moments x·f_z − z·f_x (the paper's τ_y) of forces (B, 3) and weight, and the sensor's readings, by
+    column."""
     # minus the right-handed y moment
     true_Nm, sensor, several = -shape.clamp_moment_Nm[:, 1], scene.moment, scene.wrench
     if several is not None:
@@ -230,7 +230,7 @@ def _row(image: str, joints: Joints, readings: Mapping[str, float]) -> dict[str,
 def _held(
     scene: SceneSpec, rod: Rod, cases: Sequence[Joints | KnownLoad], folder: str, noise: np.random.Generator
 ) -> tuple[list[AntennaShot], list[dict[str, Any]], list[dict[str, Any]]]:
-    """Pictures, rows and truth of the antenna at rest, free or under a known load."""
+    """Pictures, rows and true values of the antenna at rest, free or under a known load."""
     gravity = np.array([scene.T_world_antenna(at).rotation.T @ scene.gravity_world_m_s2 for at in cases])
     loads = [
         {name: getattr(case, name) for name in ("distance_m", "force_y_N", "force_z_N")}
@@ -299,7 +299,7 @@ def _recording(
 
 
 def _rolled(scene: SceneSpec, shape: RodShape, index: int, readout: float) -> np.ndarray:
-    """(N, 3) a stroke's antenna where it is when the row of the picture in which it appears is read.
+    """(N, 3) a moving antenna as a rolling shutter sees it: each point at the time when its picture row is read.
 
     The middle row is read at the frame's time. The last frame of a stroke is an instant.
     """

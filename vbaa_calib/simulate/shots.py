@@ -1,4 +1,4 @@
-"""One picture, from back to front: the surroundings, the board or the object, the antenna, its holder."""
+"""One picture, from back to front: background, board or object, antenna, its holder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vbaa_calib.simulate.scene.scene import Joints, OverSpec, SceneSpec, true_ro
 
 @dataclass(frozen=True, eq=False)
 class Strand:
-    """A curve in the antenna frame, (N,) and (N, 3), with the radius (N,) and the paint of the tube around it."""
+    """A curve in the antenna frame, (N,) and (N, 3), with the radii (N,) and the paint of the tube around it."""
 
     arclength_m: np.ndarray
     points_m: np.ndarray
@@ -30,8 +30,8 @@ class Strand:
     asymmetry: float = 0.0
 
     def cut(self, bounds_m: np.ndarray, step_m: float = 5e-4) -> list[Strand]:
-        """The parts between rising arc lengths. Their nodes are `step_m` apart: their axis is the whole wire's within a
-        nanometre."""
+        """The parts between increasing arc lengths, with nodes `step_m` apart: their axes are within a nanometre of
+        the whole wire's."""
         if len(bounds_m) == 2:
             return [self]
         parts = [np.linspace(a, b, 4 + int((b - a) / step_m)) for a, b in pairwise(bounds_m)]
@@ -46,7 +46,7 @@ class Strand:
         ]
 
     def seen(self, scene: SceneSpec, lamp_camera: np.ndarray) -> Tube:
-        """In the camera's picture."""
+        """The strand as a tube in the camera's picture."""
         points = scene.T_antenna_camera.inverse() @ self.points_m
         return tube(scene.lens, self.arclength_m, points, self.radius_m, lamp_camera)
 
@@ -92,13 +92,13 @@ def render_shot(
 
 
 def seen_antenna(scene: SceneSpec, shot: AntennaShot) -> Tube:
-    """The antenna of this shot in the camera's picture."""
+    """The antenna of this shot as a tube in the camera's picture."""
     antenna = wires_of(scene, shot.arclength_m, shot.points_m)[0]
     return antenna.seen(scene, scene.T_world_camera(shot.joints).rotation.T @ LAMP_WORLD)
 
 
 def obstacle_of(scene: SceneSpec, place: Studio, shot: AntennaShot) -> DepthOfObstacle | None:
-    """What may hide the antenna of this shot."""
+    """The object that may cover the antenna in this shot; None without one."""
     if shot.indentation_m is None:
         return None
     return obstacle(place, pressed_in(scene.object, shot.indentation_m), scene.T_world_camera(shot.joints))
@@ -114,7 +114,7 @@ def _wire_patch(
 def render_over(
     scene: SceneSpec, place: Studio, sheet: Sheet, over: OverSpec, wires: list[Strand], rng: np.random.Generator
 ) -> np.ndarray:
-    """(height, width) uint8: these wires over the board under the antenna."""
+    """(height, width) uint8 picture of these wires over the board under the antenna."""
     T_world_camera = scene.T_world_camera(over.joints)
     T_camera_board = scene.T_antenna_camera.inverse() @ over.T_antenna_board(sheet.spec)
     canvas = surroundings(place, T_world_camera.rotation)
@@ -128,7 +128,7 @@ def render_over(
 
 
 def _in_front(canvas: np.ndarray, patch: ImagePatch, board: ImagePatch) -> ImagePatch:
-    """A patch that hides the board when `expose` lays both over the canvas.
+    """The board's patch with another patch in front of it, for `expose` to lay over the canvas.
 
     `expose` adds each patch's change of the canvas alone, so the difference between board and canvas goes into its
     brightness.
@@ -139,7 +139,7 @@ def _in_front(canvas: np.ndarray, patch: ImagePatch, board: ImagePatch) -> Image
 
 
 def _resampled(values: np.ndarray, own: ImagePatch, other: ImagePatch) -> np.ndarray:
-    """Values in the sub-pixels of one patch in those of another; zero where the first does not reach."""
+    """Values of one patch's sub-pixels resampled to another's; zero outside the first."""
     scale = own.factor / other.factor
     shift = (np.array([other.left - own.left, other.top - own.top])) * own.factor + 0.5 * scale - 0.5
     inner = np.array([[scale, 0.0, shift[0]], [0.0, scale, shift[1]]])

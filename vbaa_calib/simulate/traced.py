@@ -53,7 +53,7 @@ class TracedPictures:
         return self._taken(self._tracer, exposures, things, rng)
 
     def over(self, rng: np.random.Generator) -> np.ndarray:
-        """The free antenna over the board that lies under it."""
+        """The picture of the free antenna over the board that lies under it."""
         over = self._scene.over
         assert over is not None
         T_world_board = self._scene.T_world_antenna(over.joints) @ over.T_antenna_board(self._sheet.spec)
@@ -86,7 +86,7 @@ class TracedPictures:
 
 
 def _antenna_tubes(scene: SceneSpec, antenna: Strand) -> Iterator[_SurfacedTube]:
-    """The antenna as tubes one behind the other, each with its own surface."""
+    """The antenna as a sequence of tubes, each with its own surface."""
     spec, first, last = scene.traced, antenna.arclength_m[0], antenna.arclength_m[-1]
     looks: list[Stretch] = [(first, last, spec.material, spec.colour, 0.0), *spec.stretches]
     bounds = np.unique(np.clip([bound for one in looks for bound in one[:2]], first, last))
@@ -98,7 +98,7 @@ def _antenna_tubes(scene: SceneSpec, antenna: Strand) -> Iterator[_SurfacedTube]
 
 
 def _while_open(shot: AntennaShot, after: AntennaShot, shutter: float) -> list[AntennaShot]:
-    """The antenna at instants while the shutter is open, centred on the shot, on the way to the next frame."""
+    """The antenna at instants while the shutter is open, centred on the shot and moving towards the next frame."""
     ahead, _ = core.simulate.spline(after.arclength_m, after.points_m, shot.arclength_m)
     turn = np.subtract(*(np.array([at.pan_rad, at.tilt_rad]) for at in (after.joints, shot.joints)))
     shares = shutter * ((np.arange(5) + 0.5) / 5 - 0.5)
@@ -117,7 +117,7 @@ _MM = 1000.0
 
 @cache
 def _load_mitsuba() -> Any:
-    """The module, set to its fastest variant. Raises InputError if it is not installed."""
+    """The mitsuba module, set to its fastest variant. Raises InputError if it is not installed."""
     try:
         import mitsuba
     except ImportError as error:
@@ -143,7 +143,7 @@ _SurfacedTube = tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """The rig at one instant. wires : the antenna and its holder."""
+    """The rig at one instant of the exposure. wires : the antenna and its holder."""
 
     T_world_camera: Pose
     T_world_antenna: Pose
@@ -152,7 +152,7 @@ class Exposure:
 
 @dataclass(frozen=True, eq=False)
 class Tracer:
-    """What all pictures of a scene share: mitsuba, the lens, the surroundings, and the radiance of a white card."""
+    """What all traced pictures of a scene share: mitsuba, the lens, the surroundings, the radiance of a white card."""
 
     mi: Any
     scene: SceneSpec
@@ -162,7 +162,7 @@ class Tracer:
     lift_m: float = 0.0
 
     def picture(self, exposures: Sequence[Exposure], things: dict[str, Any], seed: int) -> np.ndarray:
-        """(height, width, 3) float32 brightness in linear red, green, blue; the mean over the exposures."""
+        """(height, width, 3) float32 linear red, green, blue: the mean over the exposures."""
         spec = self.scene.traced
         each = round(spec.samples / TRACE.finer**2 / len(exposures))
         total: Any = sum(
@@ -183,22 +183,22 @@ class Tracer:
         return self.around | things | wires
 
     def at(self, points_world_m: np.ndarray) -> np.ndarray:
-        """Points (..., 3) as mitsuba has them."""
+        """Points (..., 3) in mitsuba's coordinates, mm."""
         return _MM * (points_world_m - _origin(self.scene) + np.array([0.0, 0.0, self.lift_m]))
 
     def raised_above(self, points_world_m: np.ndarray) -> Tracer:
-        """The same with the rig lifted until points (N, 3) are above everything on the bench."""
+        """The tracer with the rig lifted until points (N, 3) are above everything on the bench."""
         needed = TRACE.clear_m - self.scene.traced.bench_below_m + _origin(self.scene)[2] - points_world_m[:, 2].min()
         return replace(self, lift_m=max(float(needed), 0.0))
 
     def touched(self, obj: TouchObject) -> Any:
-        """The touched object."""
+        """The touched object as a mitsuba mesh."""
         shape = object_mesh(obj)
         look = _matt(_rgb(self.scene.picture.object))
         return _mesh(self.mi, Triangles(self.at(shape.vertices), shape.normals, shape.faces), look)
 
     def board(self, sheet: Sheet, T_world_board: Pose) -> Any:
-        """The printed sheet."""
+        """The printed sheet as a mitsuba mesh."""
         rows, columns = sheet.texture.shape[:2]
         corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]]) / sheet.texels_per_m - sheet.margin_m
         vertices = self.at(T_world_board @ np.pad(corners, ((0, 0), (0, 1))))
@@ -257,7 +257,7 @@ def _origin(scene: SceneSpec) -> np.ndarray:
 
 
 def _card(mi: Any, lit: dict[str, Any], middle: np.ndarray) -> float:
-    """Radiance of a white card that lies where the antenna is."""
+    """Radiance of a white card at the antenna's place."""
     white = _matt(_rgb(1.0))
     card = {"type": "rectangle", "to_world": _placed(middle, scale=(5.0, 5.0, 1.0)), "bsdf": white}
     eye = middle + np.array([0.0, 0.0, 60.0])
@@ -267,7 +267,7 @@ def _card(mi: Any, lit: dict[str, Any], middle: np.ndarray) -> float:
 
 
 def _mesh(mi: Any, shape: Triangles, look: dict[str, Any], uv: np.ndarray | None = None) -> Any:
-    """One of mitsuba's meshes."""
+    """A mitsuba mesh of triangles with a material."""
     holds = mi.Properties()
     holds["surface"] = mi.load_dict(_native(mi, look))
     made = mi.Mesh("mesh", len(shape.vertices), len(shape.faces), holds, True, uv is not None)
@@ -282,7 +282,7 @@ def _mesh(mi: Any, shape: Triangles, look: dict[str, Any], uv: np.ndarray | None
 
 
 def _loaded(mi: Any, thing: Any, shift: np.ndarray) -> Any:
-    """A thing of the bench, set to where the bench is."""
+    """A mitsuba object of the bench, moved by `shift`."""
     if isinstance(thing, tuple):
         shape, look = thing
         return _mesh(mi, Triangles(shape.vertices + shift, shape.normals, shape.faces), look)
@@ -292,7 +292,7 @@ def _loaded(mi: Any, thing: Any, shift: np.ndarray) -> Any:
 
 
 def _native(mi: Any, thing: Any) -> Any:
-    """A dictionary with arrays as mitsuba wants them."""
+    """A dictionary with its arrays converted to mitsuba's types."""
     if not isinstance(thing, dict):
         return thing
     made = {key: _native(mi, value) for key, value in thing.items()}
@@ -310,14 +310,14 @@ def _render(mi: Any, things: dict[str, Any], sensor: dict[str, Any], samples: in
 
 
 def _pinhole(rays: RayMap) -> tuple[float, tuple[int, int]]:
-    """Focal length and size, px, of the pinhole picture that holds all of the lens's rays, axis in its middle."""
+    """Focal length and size, px, of a centred pinhole picture that contains all of the lens's rays."""
     focal = TRACE.finer * float(np.diag(rays.lens.matrix)[:2].mean())
     width, height = 2 * np.ceil(focal * np.abs(rays.padded).max(axis=(0, 1))).astype(int) + 4
     return focal, (int(width), int(height))
 
 
 def _through_lens(rays: RayMap, pinhole: tuple[float, tuple[int, int]], fine: np.ndarray) -> np.ndarray:
-    """(height, width, 3) what the lens makes of the pinhole's picture: the mean over each of its own pixels."""
+    """(height, width, 3) the pinhole picture resampled through the lens: the mean over each of its pixels."""
     focal, size = pinhole
     width, height = rays.lens.image_size
     where = rays.block(0, 0, width, height, TRACE.subpixels) * np.float32(focal) + np.float32(np.array(size) / 2 - 0.5)
@@ -349,12 +349,12 @@ TRACE = _TraceSettings()
 
 
 def _rgb(*value: float) -> _Thing:
-    """A colour; of one number a grey."""
+    """A mitsuba colour; from a single number a grey."""
     return {"type": "rgb", "value": list(value) if len(value) == 3 else 3 * [float(value[0])]}
 
 
 def _placed(middle: Any, turn: np.ndarray | None = None, scale: Any = (1.0, 1.0, 1.0)) -> np.ndarray:
-    """(4, 4) scale, then turn (3, 3), then shift."""
+    """(4, 4) transform: scale, then rotation (3, 3), then translation."""
     matrix = np.eye(4)
     matrix[:3, :3] = (np.eye(3) if turn is None else turn) @ np.diag(np.asarray(scale, float))
     matrix[:3, 3] = middle
@@ -362,7 +362,7 @@ def _placed(middle: Any, turn: np.ndarray | None = None, scale: Any = (1.0, 1.0,
 
 
 def _facing(middle: Any, target: Any) -> np.ndarray:
-    """(3, 3) rotation with z from `middle` to `target`."""
+    """(3, 3) rotation with its z axis from `middle` to `target`."""
     z = np.asarray(target, float) - np.asarray(middle, float)
     z /= np.linalg.norm(z)
     x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
@@ -371,12 +371,12 @@ def _facing(middle: Any, target: Any) -> np.ndarray:
 
 
 def _matt(colour: _Thing) -> _Thing:
-    """A surface without gloss: a colour or a texture."""
+    """A diffuse surface with a colour or a texture."""
     return {"type": "diffuse", "reflectance": colour}
 
 
 def _picture_of(texture: np.ndarray) -> _Thing:
-    """A texture (rows, columns, 3) of linear brightness."""
+    """A mitsuba texture from linear brightness (rows, columns, 3)."""
     return {"type": "bitmap", "data": texture.astype(np.float32), "raw": True, "wrap_mode": "mirror"}
 
 
@@ -384,7 +384,7 @@ def _picture_of(texture: np.ndarray) -> _Thing:
 
 
 def _antenna_surface(material: str, paint: Sequence[float]) -> _Thing | None:
-    """What the antenna is made of, with the reflectance of its paint; None: it is not there."""
+    """The antenna's material with the reflectance of its paint; None: a stretch that is not there."""
     if material == "none":
         return None
     metal = {"type": "roughconductor", "material": "Cr", "distribution": "ggx"}
@@ -411,7 +411,7 @@ def _antenna_surface(material: str, paint: Sequence[float]) -> _Thing | None:
 
 
 def _lights(kind: str) -> dict[str, _Thing]:
-    """Soft boxes, one small lamp from above or low from the side, or a room with a window."""
+    """Lights of one kind: soft boxes, one small lamp from above or low from the side, or a room with a window."""
 
     def panel(middle: tuple[float, float, float], half: tuple[float, float], radiance: float) -> _Thing:
         matrix = _placed(middle, _facing(middle, (60.0, 0.0, 150.0)), (*half, 1.0))
@@ -436,7 +436,7 @@ def _lights(kind: str) -> dict[str, _Thing]:
 def _bench(
     kind: str, roughness: float | None, middle: np.ndarray, along: float, rng: np.random.Generator
 ) -> dict[str, _Solid]:
-    """The bench and what lies on it: matt, which is quick to trace, but for metal.
+    """The bench and the things on it: diffuse, which is quick to trace, except metal.
 
     roughness : of a gloss on the bench itself; None: none. middle : (2,) under the middle of the antenna.
     along : direction of the antenna at rest, rad from x.
@@ -474,7 +474,7 @@ def _box(middle: Any, size: Any, angle: float, surface: _Thing) -> _Thing:
 
 
 def _clutter(middle: np.ndarray, along: float, rng: np.random.Generator) -> list[_Solid]:
-    """Boxes, circuit boards, tools, cables: some of the long thin ones run with the antenna."""
+    """Boxes, circuit boards, tools, cables; some of the long thin ones are parallel to the antenna."""
     metal = {"type": "roughconductor", "material": "Cr", "alpha": 0.2}
     things: list[_Solid] = []
 
@@ -510,7 +510,7 @@ def _clutter(middle: np.ndarray, along: float, rng: np.random.Generator) -> list
 
 
 def _noise(rng: np.random.Generator, columns: int, rows: int) -> np.ndarray:
-    """(texels, texels) smooth random values of standard deviation about 1, so many hills across and down."""
+    """(texels, texels) smooth random values of standard deviation about 1, with `columns` × `rows` hills."""
     coarse = rng.standard_normal((rows, columns)).astype(np.float32)
     return cv2.resize(coarse, (TRACE.texels, TRACE.texels), interpolation=cv2.INTER_CUBIC)
 

@@ -1,7 +1,8 @@
-"""A simulated recording of whiskers: antennas side by side in follicles that move and turn, one of them at a post.
+"""A simulated recording of whiskers: antennas next to each other in follicles that move and rotate, one of them at a
+post.
 
-As a tracker gives it: the whiskers' pixels from the follicle on. World: the picture's middle in the whiskers' plane, x
-to the right, y up, z to the camera.
+The output is a tracker's: the whiskers' pixels from the follicle on. World frame: origin in the picture's middle in the
+whiskers' plane, x to the right, y up, z to the camera.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ _Plane = Annotated[np.ndarray, ArrayOf(2, ge=-1, le=1)]
 
 
 class _WhiskingFile(StatedFile):
-    """A scene of whiskers: what is stated of them, which here is true, and what they do.
+    """A scene of whiskers: the stated parameters (here also the true ones) and their motion.
 
     Follicles move with one frequency: amplitudes of the angle in the picture, of their way, of turns out of the plane
     and about the whisker's own axis, and of the depth. The post is upright; some whiskers reach it.
@@ -71,15 +72,15 @@ class _WhiskingFile(StatedFile):
         return [Pose(turn, where) for turn, where in zip(turns, place, strict=True)]
 
     def pixels(self, points_m: np.ndarray) -> np.ndarray:
-        """(N, 2) of world points (N, 3), by the pinhole alone."""
+        """(N, 2) pinhole projections of world points (N, 3)."""
         view = self.camera
         seen = view.focal_px * points_m[:, :2] / (view.distance_m - points_m[:, 2:])
         return seen * [1.0, -1.0] + view.centre_px
 
 
 def write_whiskers(path: Path, folder: Path, *, force: bool = False, seed: int | None = None) -> dict[str, Any]:
-    """Simulate the scene in a YAML file into a folder: centrelines.csv (antenna,frame,u_px,v_px), readings.csv, what is
-    known of the rig in whiskers.yaml, and what is true in truth.json. Returns the truth.
+    """Simulate the scene in a YAML file into a folder: centrelines.csv (antenna,frame,u_px,v_px), readings.csv, the
+    stated rig in whiskers.yaml, and the true values in truth.json. Returns the true values.
 
     Raises InputError for a wrong scene, a whisker that the post bends too far, a folder in the way.
     """
@@ -111,7 +112,7 @@ def write_whiskers(path: Path, folder: Path, *, force: bool = False, seed: int |
 
 
 def _touched(scene: _WhiskingFile, name: str, poses: list[Pose], path: Path) -> Touch:
-    """The whisker in every frame; the post is far away for those that do not reach it."""
+    """The whisker's contacts in every frame; the post is moved far away for whiskers that do not reach it."""
     whisker = scene.antennas[name]
     place = scene.post_m if scene.post_m is not None and name in scene.reach_post else np.array([1e3, 1e3])
     post = TouchObject("cylinder", np.append(place, 0.0), np.array([0.0, 0.0, 1.0]), scene.post_radius_m, 0.1)
@@ -126,7 +127,7 @@ def _touched(scene: _WhiskingFile, name: str, poses: list[Pose], path: Path) -> 
 
 
 def _lines(scene: _WhiskingFile, touched: Touch, poses: list[Pose], rng: np.random.Generator) -> Iterator[np.ndarray]:
-    """(N, 2) pixels of each frame, a pixel apart, the first ones at the follicle."""
+    """(N, 2) pixels of each frame's line, a pixel apart, beginning at the follicle."""
     step_m = 1e-3 * scene.camera.mm_per_px
     for pose, arclength, points in zip(poses, touched.shape.arclength_m, touched.shape.points_m, strict=True):
         s = np.arange(step_m * scene.first_px * rng.uniform(), scene.visible * arclength[-1], step_m)
@@ -135,7 +136,7 @@ def _lines(scene: _WhiskingFile, touched: Touch, poses: list[Pose], rng: np.rand
 
 
 def _truth(touched: Touch, frame: int, pose: Pose) -> dict[str, Any]:
-    """Of one frame: as other scenes' truth.json has it, None where there is no contact; and the follicle."""
+    """True values of one frame in the form of other scenes' truth.json (None without contact), and the follicle."""
     turn = pose.rotation[:, 0]
     clamp = {"clamp_world_m": pose.translation_m.tolist(), "clamp_angle_rad": math.atan2(turn[1], turn[0])}
     if not touched.in_contact[frame]:
@@ -153,7 +154,7 @@ def _truth(touched: Touch, frame: int, pose: Pose) -> dict[str, Any]:
 
 
 def _rig_yaml(data: Mapping[str, Any]) -> str:
-    """What the user of such a rig would know: no bow."""
+    """The content of whiskers.yaml: what the user of such a rig would know, which excludes the bow."""
     antennas = {
         name: {key: value for key, value in whisker.items() if key != "bow_per_m"}
         for name, whisker in data["antennas"].items()

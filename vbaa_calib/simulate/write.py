@@ -1,4 +1,4 @@
-"""A planned session to a folder, whole or not at all."""
+"""Writes a planned session to a folder, completely or not at all."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def _antenna_mask(scene: SceneSpec, place: Studio, shot: AntennaShot) -> np.ndarray:
-    """(height, width) uint8, 255 times the share of each pixel that the antenna covers."""
+    """(height, width) uint8 mask: 255 times the fraction of each pixel that the antenna covers."""
     width, height = scene.lens.image_size
     mask = np.zeros((height, width), np.uint8)
     patch = tube_patch(place, seen_antenna(scene, shot), 1.0, obstacle=obstacle_of(scene, place, shot))
@@ -47,7 +47,8 @@ def _antenna_mask(scene: SceneSpec, place: Studio, shot: AntennaShot) -> np.ndar
 
 
 def _centreline_rows(scene: SceneSpec, place: Studio, shot: AntennaShot) -> list[dict[str, Any]]:
-    """The whole centreline, about a row a pixel from clamp to tip, also where it is hidden or outside the picture."""
+    """Rows of the whole centreline from clamp to tip, about one a pixel, including covered parts and those outside
+    the picture."""
     seen = seen_antenna(scene, shot)
     s = np.linspace(shot.arclength_m[0], shot.arclength_m[-1], len(seen.pixels))
     in_sight = visible(scene.lens, seen.pixels, seen.depth_m, obstacle_of(scene, place, shot))
@@ -60,7 +61,7 @@ def _centreline_rows(scene: SceneSpec, place: Studio, shot: AntennaShot) -> list
 
 
 def _contact_row(scene: SceneSpec, place: Studio, shot: AntennaShot, truth: Mapping[str, Any]) -> dict[str, Any]:
-    """The contact in one picture, with empty cells without contact. truth : of the frame."""
+    """The row of the contact in one picture, with empty cells without contact. truth : of the frame."""
     row: dict[str, Any] = dict.fromkeys(("distance_m", "u_px", "v_px", "visible", "force_y_N", "force_z_N"), "")
     if truth.get("in_contact"):
         point = scene.T_antenna_camera.inverse() @ np.array([truth["contact_antenna_m"]])
@@ -76,8 +77,8 @@ Take = Callable[[BoardShot | AntennaShot, AntennaShot | None, np.random.Generato
 
 
 def refuse_target(path: Path, force: bool, marker: str = "session.yaml") -> None:
-    """Raises InputError unless a session may be written to `path`; only folders with a `marker`, as sessions have, and
-    empty ones are replaced."""
+    """Raises InputError unless a session may be written to `path`: only empty folders, and folders with a `marker`
+    as sessions have, are replaced."""
     refuse_folder_of(path)
     if not os.path.lexists(path):
         return
@@ -157,7 +158,7 @@ def write_session(
 
 
 def _by_camera(scene: SceneSpec, sheet: Sheet) -> Take:
-    """Takes pictures as `_drawn_pictures`, each by the camera that it names."""
+    """A function that takes pictures as `_drawn_pictures` does, each by the camera that it names."""
     takes = {}
     for index, name in enumerate(scene.cameras):
         one = scene.of_camera(name)
@@ -184,7 +185,7 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _drawn_pictures(scene: SceneSpec, place: Studio, sheet: Sheet) -> Take:
-    """Takes pictures by our own drawing, each at one instant."""
+    """A function that draws pictures with our own renderer, each at one instant."""
     return lambda shot, after, rng: render_shot(scene, place, sheet, shot, rng)
 
 
@@ -205,7 +206,7 @@ def _write_pictures(
 
 
 def _following(planned: Plan, step_s: float) -> Iterator[tuple[str, AntennaShot]]:
-    """Of each frame of a stroke but its last: its path, and the next frame's shot."""
+    """For each frame of a stroke but its last: its path, and the next frame's shot."""
     shots = [shot for shot in planned.shots if isinstance(shot, AntennaShot) and shot.path.startswith("recording/")]
     times = [row["time_s"] for row in planned.tables["recording/recording.csv"]]
     for (shot, after), (start, end) in zip(pairwise(shots), pairwise(times), strict=True):
@@ -214,7 +215,7 @@ def _following(planned: Plan, step_s: float) -> Iterator[tuple[str, AntennaShot]
 
 
 def _write_labels(scene: SceneSpec, place: Studio, planned: Plan, taken: Sequence[bool], root: Path) -> None:
-    """Write labels/: a mask for each picture of the antenna that was taken, centrelines.csv, contacts.csv."""
+    """Write labels/: a mask for each picture of the antenna, centrelines.csv, contacts.csv."""
     shots = [shot for shot, wish in zip(planned.shots, taken, strict=True) if wish and isinstance(shot, AntennaShot)]
     truths = {f"recording/frame_{row['frame']:04d}.png": row for row in planned.truth["frames"]}
     for folder in {Path(shot.path).parent for shot in shots}:
@@ -249,7 +250,7 @@ def _write_sweep(scene: SceneSpec, take: Take, sheet: Sheet, root: Path) -> Pose
 def _write_over(
     scene: SceneSpec, place: Studio, sheet: Sheet, root: Path, photographer: TracedPictures | None
 ) -> dict[str, Any]:
-    """Write over/over_000.png …, and return what truth.json should hold of them."""
+    """Write over/over_000.png …; returns its entry of truth.json."""
     assert scene.over is not None
     folder, over = root / "over", scene.over
     folder.mkdir()
@@ -280,7 +281,7 @@ def _centrelines(scene: SceneSpec, place: Studio, planned: Plan) -> Iterator[dic
 
 
 def _sensor(scene: SceneSpec) -> dict[str, Any]:
-    """What session.yaml says of the sensor."""
+    """The sensor's entry of session.yaml."""
     several = scene.wrench
     if several is None:
         return {"moment_sensor": scene.moment and {"std_Nm": scene.moment.std_Nm}}
@@ -291,7 +292,7 @@ def _sensor(scene: SceneSpec) -> dict[str, Any]:
 
 
 def _session_yaml(scene: SceneSpec) -> str:
-    """session.yaml: what the user of such a rig would know, not what is true of it."""
+    """The content of session.yaml: what the user of such a rig would know, not the true values."""
     antenna, over = scene.antenna, scene.over
     numbers = ("length_m", "diameter_m", "youngs_modulus_Pa", "density_kg_m3")
     data = {
@@ -314,5 +315,5 @@ def _session_yaml(scene: SceneSpec) -> str:
 
 
 def _seen_centreline(scene: SceneSpec, place: Studio, shot: AntennaShot) -> np.ndarray:
-    """(M, 4) pixels and unit normals of the antenna's centreline where this shot shows it, about one per pixel."""
+    """(M, 4) pixels and unit normals, about one per pixel, of the antenna's visible centreline in this shot."""
     return visible_centreline(scene.lens, seen_antenna(scene, shot), obstacle_of(scene, place, shot))

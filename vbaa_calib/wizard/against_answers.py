@@ -1,4 +1,5 @@
-"""Pictures against what was typed about the jig, the camera and the material; and the jig's axes drawn in a picture."""
+"""Consistency of the pictures with the typed entries on jig, camera and material; and the jig's axes drawn in a
+picture."""
 
 from __future__ import annotations
 
@@ -39,7 +40,7 @@ from .session_state import SessionState
 
 @dataclass(frozen=True)
 class _ContradictionSettings:
-    """From when on a picture contradicts what was typed."""
+    """Thresholds from which a picture contradicts what was typed."""
 
     moved_px: float = 2.0  # median of the corners, of a jig that stands still
     times_lens_rms: float = 4.0  # scatter of the jig's corners, over that of the lens' own pictures
@@ -59,7 +60,8 @@ _LIMITS = _ContradictionSettings()
 
 
 def jig_moved(state: SessionState, corners_px: np.ndarray, ids: np.ndarray) -> str:
-    """How far corners (N, 2) px with ids (N,) are from the jig's first picture: "by 59 px"; "" if they rest."""
+    """Distance of corners (N, 2) px with ids (N,) from those in the jig's first picture, in words ("by 59 px"); ""
+    if they are at rest."""
     taken = state.views("plane")
     if not taken:
         return ""
@@ -71,7 +73,8 @@ def jig_moved(state: SessionState, corners_px: np.ndarray, ids: np.ndarray) -> s
 
 
 def jig_refusal(state: SessionState, view: BoardView, fast: bool) -> str:
-    """Why a picture cannot be of the board in its jig, or "". fast : without solving for the board's pose."""
+    """The reason why a picture cannot be of the board in its jig; "" if it can. fast : without solving for the
+    board's pose."""
     if how := jig_moved(state, view.corners_px, view.ids):
         first = state.views("plane")[0].name
         moved = f"the board has moved {how} since {first}, and the jig stands still"
@@ -106,14 +109,14 @@ def jig_refusal(state: SessionState, view: BoardView, fast: bool) -> str:
 
 
 def _share_in_view(state: SessionState, T_antenna_camera: Pose) -> float:
-    """The share of the straight antenna that is in the picture."""
+    """Fraction of the straight antenna that is in the picture."""
     camera, along = state.lens().camera, np.linspace(0.0, state.session.antenna.length_m, 41)
     pixels, valid = camera.project(T_antenna_camera.inverse() @ np.pad(along[:, None], ((0, 0), (0, 2))))
     return float(np.mean(valid & camera.in_picture(pixels)))
 
 
 def _others(state: SessionState, T_camera_board: Pose) -> Iterator[tuple[str, str, Pose]]:
-    """What may have been meant about the jig: which entry would be wrong, what would be right, and T_antenna_camera."""
+    """Alternative entries on the jig: for each the wrong entry, the corrected one, and T_antenna_camera with it."""
     session, answers = state.session, state.store.journal.answers
     jig, board = session.T_antenna_board, session.board
     if jig is None:
@@ -151,7 +154,8 @@ def _others(state: SessionState, T_camera_board: Pose) -> Iterator[tuple[str, st
 
 
 def camera_place(state: SessionState, T_antenna_camera: Pose) -> tuple[str, list[Diagnosis]]:
-    """Where plane C and what was typed put the camera, and what contradicts the answers, or cannot be."""
+    """The camera's position relative to the antenna in words, from plane C and the typed entries, and what
+    contradicts these or is impossible."""
     answers, session = state.store.journal.answers, state.session
     doubts = [] if session.T_antenna_board is None else jig_doubts(session.T_antenna_board, session.antenna.length_m)
     if T_antenna_camera.translation_m[2] < 0:
@@ -174,7 +178,7 @@ def camera_place(state: SessionState, T_antenna_camera: Pose) -> tuple[str, list
 
 
 def _misfit_std(state: SessionState, seen: Observation, T_antenna_camera: Pose) -> float:
-    """As `_misfit_of`, the least of stiffnesses that it may have: of another material it sags otherwise."""
+    """`_misfit_of` at the best of the possible stiffnesses: an antenna of another material sags differently."""
     nominal = nominal_parameters(state.session.antenna)
     stiffness = np.eye(len(nominal))[6]  # its logarithm
     softer = (nominal - np.log(factor) * stiffness for factor in _LIMITS.softer)
@@ -182,8 +186,8 @@ def _misfit_std(state: SessionState, seen: Observation, T_antenna_camera: Pose) 
 
 
 def _misfit_of(state: SessionState, seen: Observation, T_antenna_camera: Pose, parameters: np.ndarray) -> float:
-    """How far the free antenna is from where a pose of the camera puts it, in standard deviations of a careful builder:
-    offset and turn at the clamp, bow, where it ends, and how much of it is not seen."""
+    """Distance of the detected free antenna from its prediction under a camera pose, in standard deviations of a
+    careful assembly: clamp offset and angle, bow, length, and the part that is not visible."""
     antenna, camera = state.session.antenna, state.lens().camera
     shape = free_curve(parameters, antenna.length_m, seen.gravity_m_s2, antenna.taper).points_m[0]
     at_m = np.linspace(0.0, antenna.length_m, 201)
@@ -218,8 +222,8 @@ def _misfit_of(state: SessionState, seen: Observation, T_antenna_camera: Pose, p
 
 
 def entries_that_show_it(state: SessionState, still: Still, step: str, image: np.ndarray) -> str:
-    """Entries, about the material or the jig, with which the free antenna is found in a picture, where they put it; ""
-    without any. Materials come first."""
+    """Alternative entries on material or jig with which the free antenna is found in a picture where they predict
+    it, in words; "" without any. Materials come first."""
     board, antenna = state.plane().jig, state.session.antenna
     of_materials, tried = list[tuple[float, str]](), [antenna.youngs_modulus_Pa]
     for other in MATERIALS.values() if antenna.material else ():
@@ -246,7 +250,7 @@ def entries_that_show_it(state: SessionState, still: Still, step: str, image: np
 
 
 def antenna_diagnoses(state: SessionState, together: bool = True) -> list[Diagnosis]:
-    """What is wrong, or looks wrong, with jig, material, the antenna's pictures and their readings; materials first.
+    """Diagnoses of jig, material, the antenna's pictures and their readings; materials first.
 
     together : by the solution of all pictures, too, which takes more than one.
     """
@@ -262,7 +266,8 @@ def antenna_diagnoses(state: SessionState, together: bool = True) -> list[Diagno
 
 
 def _material_by_sag(state: SessionState) -> list[Diagnosis]:
-    """Whether the free antenna sags as one of its material, by EI over mass; with those that would."""
+    """Diagnosis of a material for which the free antenna sags too much or too little (EI over mass), with the
+    materials that would fit."""
     antenna, joint = state.session.antenna, state.joint()
     ratio = np.array([1.0, -1.0])
     log_ei_mass = joint.parameters[ANTENNA][6:8] @ ratio
@@ -292,7 +297,7 @@ def _material_by_sag(state: SessionState) -> list[Diagnosis]:
 
 
 def _first_doubts(state: SessionState) -> list[Diagnosis]:
-    """Of material and jig, for which no solution of all pictures is needed."""
+    """Diagnoses of material and jig that need no solution from all pictures."""
     antenna, taken = state.session.antenna, state.taken("noload")
     found = antenna.material_doubts
     board, jig = state.plane().jig if taken else None, state.session.T_antenna_board
@@ -315,9 +320,9 @@ def _first_doubts(state: SessionState) -> list[Diagnosis]:
 
 
 def draw_axes(state: SessionState, image: np.ndarray, in_jig: bool) -> tuple[Path, np.ndarray]:
-    """The last picture (H, W) of the board, in colour, with the board's x and y, and in the jig with the antenna where
-    the answers put it; and where that is kept in the session. Raises SolveError, InputError as the board's pose does.
-    """
+    """The last picture (H, W) of the board in colour, with the board's x and y axes drawn, and in the jig the
+    antenna as the entries place it; and the file to keep it in. Raises SolveError or InputError as the board's pose
+    does."""
     lens, spec, length_m = state.lens(), state.board, state.session.antenna.length_m
     view = state.views("plane" if in_jig else "lens")[-1]
     T_camera_board = solve_board_pose([view], lens.board_shape, lens.camera).T_camera_board

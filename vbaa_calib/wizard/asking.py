@@ -1,4 +1,4 @@
-"""Ask a step's questions, act on the answers, take them back; and adopt a session made without the wizard."""
+"""The questions of a step: asking, storing and taking back answers; and adopting a session made without the wizard."""
 
 from __future__ import annotations
 
@@ -52,7 +52,8 @@ _JIG = {key for key in BY_KEY if key.startswith("jig_")} | {"board_thickness_mm"
 
 
 def take_back(store: Store, step: str) -> bool:
-    """Forget a step's last answer and what depends on it; False if there is none. It becomes the question's default.
+    """Remove a step's last answer and what depends on it; False if there is none. The answer becomes the question's
+    default.
 
     The way to plane C stays while it has pictures, which are in its folder.
     """
@@ -73,7 +74,7 @@ def take_back(store: Store, step: str) -> bool:
 
 
 def _keep_answer(store: Store, key: str, value: Any) -> None:
-    """Store an answer. If it differs from the one taken back, what depended on that one is dropped."""
+    """Store an answer; if it differs from the one that was taken back, drop what depended on that."""
     other = store.retracted.get(key, value) != value
     if other:
         store.offer_no_more(_VOIDS.get(key, ()))
@@ -145,7 +146,7 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
 
 
 def _typed_doubts(state: SessionState, key: str) -> list[Diagnosis]:
-    """What is suspicious about an answer, before anything is seen."""
+    """Doubts about an answer that need no picture."""
     if key == "jig_translation_mm" and (jig := state.session.T_antenna_board) is not None:
         return jig_doubts(jig, state.session.antenna.length_m)
     if key not in ("material", *OF_MATERIAL):
@@ -154,8 +155,8 @@ def _typed_doubts(state: SessionState, key: str) -> list[Diagnosis]:
 
 
 def show_axes(state: SessionState, ui: Ui, live: Picture | None = None) -> None:
-    """Draw the board's axes into a picture of it, and keep that in the session: into the jig's picture, with the
-    antenna where the answers put it; or into the last one for the lens, since the board is not in the jig yet."""
+    """Draw the board's axes into a picture, and store it in the session: into the jig's picture, with the antenna as
+    the answers place it; or into the last lens picture while the board is not in the jig yet."""
     in_jig = state.taken("plane") if state.store.folder("plane") == "plane" else ()
     if not (taken := in_jig or state.taken("lens")):
         return
@@ -172,7 +173,7 @@ def show_axes(state: SessionState, ui: Ui, live: Picture | None = None) -> None:
 
 
 def _take_usual(store: Store, ui: Ui, step: Step) -> None:
-    """Answer the questions that are not asked with their defaults, and show them."""
+    """Answer with their defaults the questions that are not asked, and print them."""
     usual = _open_questions(step.name, store.journal.answers, usual=True)
     if not usual:
         return
@@ -213,7 +214,7 @@ def change(state: SessionState, ui: Ui, key: str, value: str) -> bool:
 
 
 def _retype(state: SessionState, ui: Ui, step: str, number: int, line: str) -> bool:
-    """Replace the readings of a step's picture, counted from 1, by a line like the one that is typed for a new one."""
+    """Replace the readings of a step's picture (number from 1) by a typed line, as for a new picture."""
     taken, folder = state.taken(step), state.store.folder(step)
     questions = asked(folder, [one.readings for one in taken[: number - 1]], state.session.columns)
     if not questions or not 0 < number <= len(taken):
@@ -231,7 +232,7 @@ def _retype(state: SessionState, ui: Ui, step: str, number: int, line: str) -> b
 
 
 def _make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
-    """Write board.yaml into the session, and a sheet to print if the board is new; the rulers' lengths, mm."""
+    """Write board.yaml into the session, and a sheet to print if the board is new; returns the rulers' lengths, mm."""
     if answers["board"] != "new":
         spec = load_board(Path(str(answers["board"])))
         store.write(BOARD, spec_document(spec, f"from {answers['board']}").encode())
@@ -253,7 +254,7 @@ def absolute(folder: Path, text: str) -> str:
 
 
 def _forget_if_inconsistent(store: Store, ui: Ui) -> None:
-    """Drop contradictory answers, so that they are asked again. Raises InputError where nobody answers."""
+    """Drop contradictory answers so that they are asked again. Raises InputError in a run without a user."""
     try:
         check_together(store.journal.answers)
     except InputError as error:
@@ -264,7 +265,7 @@ def _forget_if_inconsistent(store: Store, ui: Ui) -> None:
 
 
 def check_together(answers: Mapping[str, Any]) -> None:
-    """Raises InputError for answers that contradict each other; `where` names their keys."""
+    """Raises InputError for answers that contradict each other, with their keys in `where`."""
     if answers.get("board") not in (None, "new") and "measure_x_mm" not in answers:
         try:
             load_board(Path(str(answers["board"])))
@@ -319,7 +320,7 @@ def adopt(store: Store, ui: Ui) -> None:
 
 
 def _accepted(folder: Path, image: Path, row: Any) -> AcceptedPicture:
-    """A picture that exists already, with the readings in its table's `row`, if it has a table."""
+    """An existing picture as an accepted one, with the readings in its table's `row`, if it has a table."""
     read_picture(image)
     if image.parent.resolve() != folder.resolve():
         raise InputError(
@@ -335,7 +336,8 @@ def _accepted(folder: Path, image: Path, row: Any) -> AcceptedPicture:
 
 
 def archive_unlisted(store: Store, ui: Ui) -> None:
-    """Move away pictures that wizard.json does not list: left by an interruption, or put there by hand."""
+    """Move pictures that wizard.json does not list into another folder: an interruption left them, or someone put
+    them there."""
     unlisted = store.unlisted()
     if unlisted:
         names = [path.relative_to(store.root).as_posix() for path in unlisted]
@@ -345,6 +347,7 @@ def archive_unlisted(store: Store, ui: Ui) -> None:
 
 
 def _open_questions(step: str, answers: Answers, *, usual: bool = False) -> list[Question]:
-    """What a step has to ask after the answers so far; or (`usual`) what it takes by default without asking."""
+    """The questions that a step has to ask after the answers so far; usual : instead those that it answers by
+    default."""
     mine = (one.as_known(answers) for one in QUESTIONS if one.step == step)
     return [one for one in mine if one.usual == usual and one.key not in answers and one.needed(answers)]

@@ -28,7 +28,7 @@ GO_ON = Question(
 
 @dataclass
 class Capture:
-    """Takes a step's pictures. declined : the user wants more although there are enough."""
+    """Takes a step's pictures. declined : whether the user wants more although there are enough."""
 
     state: SessionState
     ui: Ui
@@ -55,7 +55,8 @@ class Capture:
         self.refused_before = {one.source for one in record.left}
 
     def run(self) -> str:
-        """Until "closed", "again" (an answer was changed) or a command that leaves the step.
+        """Takes pictures until the step ends: returns "closed", "again" (an answer was changed) or a command that
+        leaves it.
 
         Raises SourceLost, also where the source has ended before the step had enough pictures; InputError.
         """
@@ -69,7 +70,7 @@ class Capture:
                 return ended
 
     def _once(self) -> str | None:
-        """Handle commands, then one picture. Raises Interrupted for a command in answer to a question."""
+        """Handle pending commands, then one picture. Raises Interrupted for a command in reply to a question."""
         self._pass_notes()
         # progress is of use while pictures come: somebody is there, or the next picture depends on it
         if self.progress is None and (self.ui.interactive or (self.source.live and not self.source.ended)):
@@ -119,14 +120,14 @@ class Capture:
         self.ui.live(LivePicture(picture.image, self._check(picture, None), 0.0, taken[-1].source, live=False))
 
     def _advised(self, progress: Progress) -> Progress:
-        """The progress; advice that repeats itself says why."""
+        """The progress, with the reason added to advice that is repeated."""
         before, self.wanted = self.wanted, progress.next
         if progress.next and progress.next == before and self.match and progress.target is not None:
             return replace(progress, next=f"still the pose suggested before: {self.match}")
         return progress
 
     def _obey(self, command: str) -> str | None:
-        """Execute a command; returned if it leaves the step."""
+        """Execute a command; returns it if it leaves the step."""
         if command == "enough":
             progress = self.step.progress(self.state)
             if progress.usable:
@@ -176,7 +177,8 @@ class Capture:
             self.detector.rearm()
 
     def _jig_begins(self, check: PictureCheck) -> bool:
-        """Whether the board came into its jig only now: it has moved since, and what was taken is moved away."""
+        """Whether the board came into its jig only with this picture, since it has moved; the earlier pictures are
+        moved away."""
         if not self.as_it_stands or (self.progress is not None and self.progress.enough):
             return False
         how = (
@@ -222,7 +224,7 @@ class Capture:
         self.progress = None
 
     def _readings_of(self, picture: Picture) -> dict[str, float]:
-        """A picture's readings in SI, from the table or by asking; none if the step has none.
+        """A picture's readings in SI units, from the table or by asking; empty if the step has none.
 
         Nothing is asked about a picture that cannot be taken; a line typed for one that was left out is offered again.
 
@@ -264,7 +266,7 @@ class Capture:
         raise Interrupted("drop")
 
     def _judged(self, typed: Mapping[str, Any], where: str) -> tuple[dict[str, float], list[Diagnosis]]:
-        """Readings as the session's tables hold them, and what looks wrong with a load."""
+        """Readings in the form of the session's tables, and doubts about a load."""
         readings = self.state.readings(self.step.name, typed, where)
         load = still_of(self.step.name, None, readings) if self.step.name == "loads" else None
         if not isinstance(load, Load):
@@ -277,7 +279,7 @@ class Capture:
         return readings, [*doubts, *self._of_weights(typed)]
 
     def _of_weights(self, line: Mapping[str, Any]) -> list[Diagnosis]:
-        """Whether a mass is one of the weights that there are, or several of them together."""
+        """Whether a mass is one of the available weights, or a sum of several."""
         mass_g = 1e3 * in_si(line, None).get("mass_kg", 0.0)
         weights = self.store.journal.answers.get("weights_g") or []
         sums = {0.0}
@@ -302,7 +304,7 @@ class Capture:
 
 
 def _line_of(questions: Sequence[Question], picture: str) -> Question:
-    """One question for all readings of a picture, answered in one line."""
+    """A single question for all readings of a picture, to be answered in one line."""
     names = ", ".join(f"{question.words.lower()} ({question.unit})" for question in questions)
     kept = [question for question in questions if question.default is not None]
     default = [question.default for question in questions] if len(kept) == len(questions) else None

@@ -32,7 +32,7 @@ _ASKED_AGAIN = {
 
 
 def walk(state: SessionState, ui: Ui, report: Report, advise: Advise | None = None) -> dict[str, Any]:
-    """Take all open steps to the verdict. Returns check.json's content, of which `report` makes the page.
+    """Take all open steps up to the verdict. Returns check.json's content. report : writes its page.
 
     Raises Interrupted("quit") where the person stops, InputError, SolveError.
     """
@@ -79,7 +79,7 @@ def walk(state: SessionState, ui: Ui, report: Report, advise: Advise | None = No
 
 
 def _step_before(store: Store, ui: Ui, at: int) -> int:
-    """Reopen the step to go back to: this one if an answer was taken back, else an earlier one."""
+    """Reopen the step to go back to: this one if one of its answers was taken back, else an earlier one."""
     for index in range(at, -1, -1):
         step = STEP_BY_NAME[STEPS[index]]
         found = (index < at and step.check is not None) or take_back(store, step.name)
@@ -105,7 +105,7 @@ def _conclude(state: SessionState, ui: Ui, report: Report, advise: Advise | None
 
 
 def _archive_results(store: Store, ui: Ui) -> None:
-    """A rig solved from other pictures must not be taken for this session's."""
+    """Move away a rig solved from other pictures, so that it is not taken for this session's."""
     there = [path for path in (store.root / RIG, store.root / REPORT) if path.exists()]
     if there:
         place = store.archive(there, "before")
@@ -113,7 +113,7 @@ def _archive_results(store: Store, ui: Ui) -> None:
 
 
 def redo(store: Store, ui: Ui, step: str, *, by_flag: bool = False) -> None:
-    """Start a step again, and say where its old pictures are and which come next.
+    """Start a step again; prints where its old pictures are and which come next.
 
     Somebody who is there takes new pictures: those of a folder that were judged before do not count. A program gives
     what its folder holds now, and so does `--redo` (by_flag) where that holds nothing new: nothing is waited for.
@@ -131,7 +131,7 @@ def redo(store: Store, ui: Ui, step: str, *, by_flag: bool = False) -> None:
 
 
 def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
-    """One step, from its questions to "closed", or to a command that leaves it (returned or raised)."""
+    """Run one step from its questions to "closed", or to a command that leaves it (returned or raised)."""
     answer_all(state, ui, step)
     if step.check is None or (step.name == "lens" and state.given_lens is not None):
         progress = step.progress(state)
@@ -177,7 +177,7 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
 
 
 def _closes_as_it_is(state: SessionState, ui: Ui, step: Step) -> tuple[bool, bool]:
-    """Whether the step closes with the pictures it has, and whether the user wants more of them."""
+    """Whether the step closes with the pictures that it has, and whether the user wants more of them."""
     if not ui.interactive and _source_text(state.store, step.name):
         return False, False
     progress = step.progress(state)
@@ -201,7 +201,7 @@ def _closes_as_it_is(state: SessionState, ui: Ui, step: Step) -> tuple[bool, boo
 
 
 def _open(store: Store, ui: Ui, step: Step) -> PictureSource:
-    """Open the source of a step's pictures, without those judged before; asks for another if it cannot be opened.
+    """Open the source of a step's pictures, behind those already judged; asks for another if it cannot be opened.
 
     Raises InputError where nobody answers.
     """
@@ -231,7 +231,7 @@ def _open(store: Store, ui: Ui, step: Step) -> PictureSource:
 
 
 def _start_in(store: Store, step: str, text: str) -> int:
-    """The frame of a video or bag at which a step begins: behind those that the steps before judged in it."""
+    """The frame of a video or bag at which a step begins: after those that earlier steps have judged."""
     before = list(PICTURES)[: list(PICTURES).index(step)]
     names = {name for other in before if _source_text(store, other) == text for name in store.journal.of(other).judged}
     return max((1 + int(name.split()[1]) for name in names if name.startswith("frame ")), default=0)
@@ -245,7 +245,7 @@ def _pictures_in(text: str) -> list[Path]:
 
 
 def _begin(store: Store, ui: Ui, step: str) -> None:
-    """Note the pictures of a shared folder that belong to earlier steps; a folder of the step's own counts whole.
+    """Note which pictures of a shared folder belong to earlier steps; of a step's own folder all count.
 
     Not before the step's questions are answered: until then somebody may be at the step before.
     """
@@ -267,7 +267,7 @@ def _ask_for_source(store: Store, ui: Ui, step: str) -> None:
 
 
 def _source_text(store: Store, step: str) -> str:
-    """A step's source: its own, or the folder of its name in the common source; "" if unknown."""
+    """A step's source: its own, or the folder of the step's name in the common source; "" if unknown."""
     answers = store.journal.answers
     own = answers.get(f"{step}_source")
     if own:
@@ -278,7 +278,7 @@ def _source_text(store: Store, step: str) -> str:
 
 
 def _readings_table(store: Store, step: str) -> ReadingsTable:
-    """Readings written down beforehand: the table that is named, or the one in the pictures' folder."""
+    """The table of readings taken beforehand: the named one, or the one in the pictures' folder."""
     named = store.journal.answers.get(f"{step}_readings")
     if isinstance(named, list):
         return ReadingsTable.written(named, f"{step}_readings")

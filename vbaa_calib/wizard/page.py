@@ -1,4 +1,4 @@
-"""The wizard's page in the browser: the content of the terminal, and the live picture."""
+"""The wizard's page in the browser: the same content as in the terminal, and the live picture."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .ui import LivePicture, Ui, WizardView
 
 
 class Page(WizardView):
-    """The view in a browser."""
+    """The wizard's view in a browser."""
 
     def __init__(self, state: SessionState, port: int = 0) -> None:
         self._state, self._server = state, PageServer(port)
@@ -35,7 +35,7 @@ class Page(WizardView):
         self._server.close()
 
     def events(self, ui: Ui) -> Iterator[tuple[str, Any]]:
-        """Commands and answers since the last call, without those that refer to an earlier state."""
+        """Commands and answers since the last call, without those that refer to an earlier state of the page."""
         for command in self._server.take_commands():
             seen = self._number if command.seen is None else command.seen
             late = seen < self._commands_from and command.kind not in ("take", "quit")

@@ -1,4 +1,5 @@
-"""The wizard's questions, each a prompt, a flag and a key of the answers file; and the readings of pictures."""
+"""The wizard's questions, each of which is a prompt, a flag and a key of the answers file; and the readings of
+pictures."""
 
 from __future__ import annotations
 
@@ -48,11 +49,11 @@ class Question:
 
     @property
     def flag(self) -> str:
-        """On the command line."""
+        """The question's flag on the command line."""
         return "--" + self.key.replace("_", "-")
 
     def as_known(self, answers: Answers) -> Question:
-        """With what follows from the material: its numbers as defaults; of another one they are asked for."""
+        """The question with the chosen material's numbers as defaults; for another material it is asked."""
         if self.key not in OF_MATERIAL or (material := answers.get("material")) is None:
             return self
         if (known := MATERIALS.get(material)) is None:
@@ -61,7 +62,7 @@ class Question:
         return replace(self, default=typical[self.key])
 
     def read(self, entered: object, where: object = None) -> Any:
-        """The answer, converted and checked. Raises InputError saying what is expected."""
+        """The answer, converted and checked. Raises InputError with what is expected."""
         readers = {"number": self._number, "numbers": self._numbers, "choice": self._choice}
         try:
             return (readers | {"yesno": _yesno, "sides": _sides}).get(self.kind, _text)(entered)
@@ -123,7 +124,7 @@ def typed(value: Any) -> str:
 
 
 def _as_number(entered: object, unit: str) -> float:
-    """A number in this unit, also one with another unit of the same kind behind it.
+    """A number in the question's unit, which may be typed with another unit of the same kind.
 
     Raises ValueError, also for 1_0, true and a decimal comma.
     """
@@ -188,7 +189,7 @@ READINGS: Mapping[str, tuple[str, ...]] = {
 
 
 def keeps_jig(answers: Answers) -> bool:
-    """Whether the jig is the session's own, and no other is described."""
+    """Whether an adopted session's own jig is kept because no other is described."""
     return bool(answers.get("jig_given")) and "jig_translation_mm" not in answers
 
 
@@ -276,7 +277,7 @@ _ASKED = {
 
 
 def _sensed(column: str) -> Question:
-    """What is asked for a column of the sensor's readings."""
+    """The question for one column of the sensor's readings."""
     if column == "moment_Nm":
         return Question("moment_mNm", "", "Moment sensor's reading", unit="mN·m", low=-1e5, high=1e5)
     quantity, axis, _ = column.rsplit("_", 2)
@@ -286,14 +287,14 @@ def _sensed(column: str) -> Question:
 
 
 def free_pose_deg(taken: int) -> tuple[float, float]:
-    """Pan and tilt at which the free antenna is asked for after so many pictures of it."""
+    """Pan and tilt, degrees, for the next picture of the free antenna after `taken` of them."""
     return _FREE_POSES_DEG[min(taken, len(_FREE_POSES_DEG) - 1)]
 
 
 def asked(
     folder: str, taken: Sequence[Mapping[str, float]] = (), columns: Sequence[str] = ("moment_Nm",)
 ) -> list[Question]:
-    """The readings of each picture of a folder. taken : those of the pictures before. columns : of the
+    """The readings to ask for with each picture of a folder. taken : those of the pictures before. columns : of the
     sensor.
 
     Angles that are not typed are those that the step asks for, where it asks for some; else those of the last picture.
@@ -310,7 +311,7 @@ def asked(
 
 
 def split_line(questions: Sequence[Question], numbers: Sequence[float]) -> dict[str, Any]:
-    """The readings of one line; joint angles may be missing. Raises InputError."""
+    """The readings typed in one line; joint angles may be missing. Raises InputError."""
     needed = [question for question in questions if question.default is None]
     read_in = questions if len(numbers) == len(questions) else needed
     if len(numbers) != len(read_in):
@@ -322,7 +323,7 @@ def split_line(questions: Sequence[Question], numbers: Sequence[float]) -> dict[
 
 @dataclass(frozen=True)
 class ReadingsTable:
-    """Readings of a file: rows by picture, and rows without a picture in the order of taking."""
+    """Readings from a file: rows by picture name, and rows without a name in the order of taking."""
 
     by_image: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     in_order: Sequence[Mapping[str, Any]] = ()
@@ -372,7 +373,7 @@ class ReadingsTable:
 
 
 def in_si(typed: Mapping[str, Any], where: object) -> dict[str, float]:
-    """Readings in SI by their first names. Raises InputError for what is no number or is there twice."""
+    """Readings in SI units under their main names. Raises InputError for what is not a number or is there twice."""
     found: dict[str, float] = {}
     for names in UNITS.values():
         entered = [name for name in names if name in typed]
@@ -394,7 +395,7 @@ def complete(
     where: object,
     columns: Sequence[str] = ("moment_Nm",),
 ) -> dict[str, float]:
-    """Readings of a picture as the session's tables hold them. Raises InputError naming what is missing or wrong.
+    """Readings of a picture in the form of the session's tables. Raises InputError naming what is missing or wrong.
 
     gravity_antenna_m_s2 : (3,) at these joint angles. length_m : of the antenna. columns : of the sensor.
     """

@@ -71,7 +71,7 @@ _log = logging.getLogger(__name__)
 
 
 def _printable(text: str) -> str:
-    """Refuse control characters: the text is printed to a terminal."""
+    """Raises for text with control characters, because it is printed to a terminal."""
     if not text.isprintable():
         raise ValueError("not printable")
     return text
@@ -176,11 +176,11 @@ class PageServer:
 
     @property
     def url(self) -> str:
-        """The address with this run's token; whoever has it can see the page and send commands."""
+        """The address, with this run's token: whoever has it can see the page and send commands."""
         return f"http://127.0.0.1:{self.port}/?token={self._token}"
 
     def show(self, state: Mapping[str, Any], jpeg: bytes | None = None) -> int:
-        """Publish a state. Returns its number, which commands refer to. NaN becomes null."""
+        """Publish a state of the page. Returns its number, to which commands refer. NaN becomes null."""
         with self._lock:
             self._number += 1
             if jpeg is not None and (not self._pictures or self._pictures[-1][1] is not jpeg):
@@ -198,7 +198,7 @@ class PageServer:
         return [self._commands.get_nowait() for _ in range(self._commands.qsize())]
 
     def close(self) -> None:
-        """Stop, after a second for answers being sent. May be called twice."""
+        """Stop the server, after at most a second for responses in progress. May be called twice."""
         self._server.should_exit = True
         self._wake()
         self._thread.join()
@@ -225,7 +225,8 @@ class PageServer:
         await (self._refusal(Request(scope)) or self._app)(scope, receive, with_policy)
 
     def _refusal(self, request: Request) -> Response | None:
-        """The response to a refused request, or to the one with the token in its address; None for all others."""
+        """The response to a request that is refused, or that has the token in its address (a redirect); None for all
+        others."""
         headers, tokens = request.headers, request.query_params.getlist("token")
         if len(headers.getlist("host")) != 1 or headers["host"].lower() not in self._hosts:
             return PlainTextResponse("this server answers only to its own address\n", 421)

@@ -1,4 +1,4 @@
-"""What follows from answers and pictures: session.yaml, its tables, and the calibration so far."""
+"""The session that follows from answers and pictures: session.yaml, its tables, and the calibration so far."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ _UNITS = {
 
 
 def scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
-    """The print's scale, None before both readings are known. Raises InputError for impossible readings."""
+    """The print's scale; None until both readings are known. Raises InputError for impossible readings."""
     measured = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
     if any(name not in answers for name in measured):
         return None
@@ -103,7 +103,7 @@ def _jig(value: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _write_table(path: Path, taken: Sequence[AcceptedPicture]) -> None:
-    """Write the table of a folder of pictures, numbers in full precision, unless it is the same already."""
+    """Write a picture folder's table with numbers in full precision, unless the file is already the same."""
     timed = ["time_s"] if all("time_s" in one.readings for one in taken) else []
     read = [name for name in READINGS[path.stem] if name not in SILENT or all(name in one.readings for one in taken)]
     columns, text = ["image", *read, *timed], io.StringIO()
@@ -116,7 +116,7 @@ def _write_table(path: Path, taken: Sequence[AcceptedPicture]) -> None:
 
 
 class SessionState:
-    """A store and what follows from it, computed on demand and again when its inputs change.
+    """A store and all results that follow from it, computed on demand and again when their inputs change.
 
     Methods raise InputError and SolveError as the calibration does. live_size : (width, height) px of live pictures.
     """
@@ -153,7 +153,7 @@ class SessionState:
         return found if way is None else found | {"plane_way": way}
 
     def cached(self, name: Hashable, inputs: Hashable, make: Callable[[], _Result]) -> _Result:
-        """The result for these inputs, computed once; a failure is remembered, too."""
+        """The result for these inputs, computed once; a failure is cached, too."""
         if name not in self._cache or self._cache[name][0] != inputs:
             try:
                 self._cache[name] = inputs, make()
@@ -165,7 +165,7 @@ class SessionState:
         return found
 
     def inputs(self, *steps: str) -> Hashable:
-        """A key that changes with any answer, and any picture of these steps and its readings."""
+        """A cache key that changes with any answer, any picture of these steps, and its readings."""
         answers = tuple(sorted((key, repr(value)) for key, value in self._answers.items()))
         return answers, tuple(
             (step, tuple((one.sha256, *one.readings.items()) for one in self.taken(step))) for step in steps
@@ -195,14 +195,14 @@ class SessionState:
 
     @property
     def session(self) -> Session:
-        """session.yaml as far as it is answered. Raises InputError for contradictory answers."""
+        """The session of session.yaml as far as it is answered. Raises InputError for contradictory answers."""
         return session_from(self._session_data(self._written()), self.store.root, self._session_yaml)
 
     def _written(self) -> dict[str, Any]:
         return read_yaml(self._session_yaml) if self._session_yaml.exists() else {}
 
     def _session_data(self, before: Mapping[str, Any]) -> dict[str, Any]:
-        """session.yaml from answers and defaults. before : its content; other keys stay."""
+        """The content of session.yaml from answers and defaults. before : its previous content; other keys are kept."""
         answers, board, scale = self._answers, self.board, self.scale
         value = {key: answers.get(key, question.as_known(answers).default) for key, question in BY_KEY.items()}
         # Taken until they are answered, since they have no default.
@@ -252,7 +252,7 @@ class SessionState:
         return data
 
     def write_files(self) -> None:
-        """Bring session.yaml and the tables up to date, where they are not so already."""
+        """Write session.yaml and the tables where their content has changed."""
         before = self._written()
         data = self._session_data(before)
         without_default = ("board", "antenna_length_mm", "antenna_diameter_mm", "plane_way")
@@ -268,7 +268,8 @@ class SessionState:
         return self.store.journal.of(step).taken
 
     def readings(self, step: str, typed: Mapping[str, Any], where: str) -> dict[str, float]:
-        """Readings of a picture, under whichever names, as the session's tables hold them. Raises InputError."""
+        """Readings of a picture, typed under any of their names, in the form of the session's tables. Raises
+        InputError."""
         session, si = self.session, in_si(typed, where)
         frame = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
         pull = session.gravity_antenna([frame])[0]
@@ -297,7 +298,7 @@ class SessionState:
         return self._view(first[0]).image_size if first else None
 
     def lens(self) -> LensSolution:
-        """The known lens, or the one solved from the pictures so far; judged."""
+        """The known lens, or the one solved from the pictures so far, with its verdict."""
 
         def made() -> LensSolution:
             views, board = self.views("lens"), self.board
@@ -326,7 +327,7 @@ class SessionState:
         return find_plane(self.session, lens.camera, lens.board_shape, views)
 
     def work_plane(self) -> WorkPlane:
-        """Where the antenna will move, seen from the camera: by plane C if known, else by the answers."""
+        """The antenna's work area as seen from the camera: by plane C if that is known, else by the answers."""
         length_m, answers = self.session.antenna.length_m, self._answers
         if self.taken("plane"):
             try:
@@ -345,9 +346,8 @@ class SessionState:
         pose: Pose | None = None,
         antenna: NominalAntenna | None = None,
     ) -> Observation:
-        """The antenna in a static frame's picture (as `read_picture` gives it). pose : T_antenna_camera, if not plane
-        C's.
-        antenna : if not the session's."""
+        """The antenna detected in a static frame's picture, as `read_picture` returns it. pose : T_antenna_camera,
+        if not plane C's. antenna : if not the session's."""
         session, plane, camera = self.session, self.plane(), self.lens().camera
         antenna = antenna or session.antenna
         pull = gravity_antenna(plane.kinematics, session.gravity_world_m_s2, [frame])[0]
@@ -359,7 +359,7 @@ class SessionState:
         return expected.observe(frame, image, pull)
 
     def observation(self, step: str, taken: AcceptedPicture) -> Observation:
-        """The antenna in an accepted picture of a step."""
+        """The antenna detected in an accepted picture of a step."""
         inputs = taken.sha256, tuple(taken.readings.items()), self.inputs("lens", "plane")
         path = self.store.path(taken)
         frame = still_of(step, path, taken.readings)
@@ -390,7 +390,7 @@ class SessionState:
         return self.cached("joint", self.inputs("lens", "plane", *_STILLS), made)
 
     def still_diagnoses(self) -> list[Diagnosis]:
-        """What is wrong, or looks wrong, with the antenna's pictures and their readings."""
+        """Diagnoses of the antenna's pictures and their readings."""
         joint = self.joint()
         remedy = "check the answers about the jig (place, axes, turn, how well it is known) and the clamp"
 

@@ -1,4 +1,4 @@
-"""The wizard's steps in order: the progress of each, and whether a picture is good for it."""
+"""The wizard's steps in order: the progress of each, and the check of a picture for it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from .session_state import SessionState, still_of
 
 @dataclass(frozen=True)
 class _Number:
-    """A number and its goal, with units; `met` is None without a goal."""
+    """A number and its goal with units; `met` is None without a goal."""
 
     label: str
     value: str
@@ -55,7 +55,7 @@ class _Number:
 
 @dataclass(frozen=True, eq=False)
 class Progress:
-    """Progress of a step. enough : more pictures will not help. usable : the step may be closed."""
+    """Progress of a step. enough : whether more pictures would not help. usable : whether the step may be closed."""
 
     seen: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
@@ -68,7 +68,7 @@ class Progress:
 
     @property
     def lines(self) -> list[str]:
-        """As text: grave problems before doubts, the next thing to do last."""
+        """The progress as text: grave problems, then doubts, the next thing to do last."""
         lines = [f"seen      {line}" for line in self.seen]
         for number in self.numbers:
             goal = f" (goal {number.goal}{', reached' if number.met else ''})" if number.goal else ""
@@ -82,7 +82,7 @@ class Progress:
 
 @dataclass(frozen=True, eq=False)
 class PictureCheck:
-    """Whether a picture is good for a step.
+    """Result of checking a picture for a step.
 
     refusal : why it is refused, or "". words : what it shows, for the log. hints : what could be better.
     corners_px : (N, 2) corners of the board with their ids (N,), or points on the antenna.
@@ -104,7 +104,8 @@ Readings = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Step:
-    """A step. check : judges a picture, None for a step without pictures; readings are None for a preview."""
+    """A step of the wizard. check : checks a picture, None for a step without pictures; its readings are None for a
+    preview."""
 
     name: str
     title: str
@@ -115,12 +116,12 @@ class Step:
 
 
 def _counted(number: int, word: str) -> str:
-    """ "1 picture", "2 pictures"."""
+    """A number with its noun in the singular or plural: "1 picture", "2 pictures"."""
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
 def _other_size(state: SessionState, size: tuple[int, int]) -> Diagnosis | None:
-    """Why a picture of `size` (width, height) px does not belong to this session."""
+    """The reason why a picture of `size` (width, height) px does not belong to this session; "" if it does."""
     known, wanted = state.given_lens, state.image_size
     if known is None or size == wanted:
         return None if wanted is None else resolution_changed(size, wanted)
@@ -131,7 +132,7 @@ def _other_size(state: SessionState, size: tuple[int, int]) -> Diagnosis | None:
 
 
 def _check_board(state: SessionState, picture: Picture, live: bool) -> tuple[BoardView, PictureCheck]:
-    """The board in a picture, and whether the picture is good. live : without the slow search for other boards."""
+    """Check of a picture of the board, and the board's view. live : without the slow search for other boards."""
     image = picture.image
     view = detect_corners(image, state.board, picture.name)
     changed = _other_size(state, view.image_size)
@@ -155,7 +156,7 @@ def _check_plane(state: SessionState, picture: Picture, readings: Readings | Non
 
 
 def _board_in_the_way(state: SessionState, image: np.ndarray) -> str:
-    """Why a picture (H, W) uint8 is not of the antenna: the jig's board is in it; or ""."""
+    """The reason why a picture (H, W) uint8 cannot be of the antenna: the jig's board is in it; "" otherwise."""
     if (
         state.store.folder("plane") != "plane"
         or len(detect_corners(image, state.board, "").ids) < QualitySettings.least_corners
@@ -165,7 +166,7 @@ def _board_in_the_way(state: SessionState, image: np.ndarray) -> str:
 
 
 def _check_antenna(step: str, state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
-    """Whether the antenna is found in a picture; without readings, whether to ask for them."""
+    """Check of a picture of the antenna; without readings, whether to ask for them."""
     height, width = picture.image.shape
     changed = _other_size(state, (width, height))
     if changed is not None:
@@ -230,7 +231,7 @@ def _check_lens(state: SessionState, picture: Picture, readings: Readings | None
 
 
 def _guidance(state: SessionState) -> ViewProgress:
-    """How well the pictures determine points on plane C, and which pose would improve that most."""
+    """Uncertainty of points on plane C from the pictures so far, and the board pose that would reduce it most."""
     size = state.live_size or (1280, 720)
 
     def made() -> ViewProgress:
@@ -407,7 +408,7 @@ Advise = Callable[[Calibration], Mapping[str, Any]]
 def conclude(
     root: Path, report: Report, known_lens: GivenLens | None = None, advise: Advise | None = None
 ) -> dict[str, Any]:
-    """Calibrate the session, write rig.json and check.html into it. Returns check.json's content.
+    """Calibrate the session and write rig.json and check.html into it. Returns check.json's content.
 
     rig.json does not depend on how the wizard was called. Raises InputError and SolveError as `calibrate` does.
     """
@@ -436,8 +437,8 @@ _PROGRESS = {
 
 
 def _open_while_wrong(progress: Callable[[SessionState], Progress], state: SessionState) -> Progress:
-    """A step's progress, kept open while something is wrong that more pictures do not mend: what is to be done next is
-    then its remedy, not another picture."""
+    """A step's progress, kept open while a diagnosis is wrong that more pictures do not mend; its remedy is then the
+    next thing to do."""
     now = progress(state)
     wrong = next((one for one in now.diagnoses if one.grave), None)
     if wrong is None or now.target is not None:

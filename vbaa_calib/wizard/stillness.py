@@ -11,7 +11,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class _TileSettings:
-    """How motion between two frames is read from their tiles. Small pixels: a frame shrunk to `small_px`."""
+    """Settings of the motion measurement between two frames, by tiles. Small pixels are those of a frame reduced to
+    `small_px`."""
 
     small_px: int = 320  # longer side of a shrunk frame
     tile_px: int = 20  # side of a tile, small pixels
@@ -33,7 +34,7 @@ _NO_CORNERS, _NO_IDS = np.zeros((0, 2)), np.zeros(0, int)
 
 @dataclass(frozen=True, eq=False)
 class _FrameFeatures:
-    """A frame, shrunk and cut into T tiles of P small pixels. size : (width, height) px of the frame.
+    """A reduced frame, cut into T tiles of P small pixels. size : (width, height) px of the frame.
 
     scale : pixels per small pixel. noise : std of a small pixel, grey levels. tiles : (T, P) grey levels.
     basis : (T, P, 8) slopes along u and v, then the effect of light. slope : (T,) rms, grey levels per small pixel.
@@ -75,7 +76,7 @@ def _features_of(image: np.ndarray, time_s: float, corners_px: np.ndarray, ids: 
 
 
 def _motion_px(frame: _FrameFeatures, other: _FrameFeatures) -> float:
-    """The largest shift between two frames of one size, px; NaN without any texture, 0 within the noise.
+    """The largest shift between two frames of the same size, px; NaN without texture, 0 within the noise.
 
     Small shifts come out up to twice too large; those above about 2 small pixels count as 16.
     """
@@ -121,7 +122,8 @@ def _shifts(basis: np.ndarray, change: np.ndarray, least_slope: float) -> tuple[
 
 
 def _noise(image: np.ndarray) -> float:
-    """Std of a pixel's noise, grey levels: lower quartile of second differences, as edges only enlarge them."""
+    """Standard deviation of a pixel's noise in grey levels, from the lower quartile of second differences, which
+    edges only enlarge."""
     rows = image[::8].astype(np.int16)
     bends = np.abs(rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:])
     # 0.3186 is the lower quartile of |x| for standard normal x
@@ -136,7 +138,7 @@ def _cut(small: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _StillnessSettings:
-    """When a scene counts as resting; the defaults are for a board in the hand.
+    """Thresholds for a scene at rest; the defaults are for a board in the hand.
 
     hold_s, hold_frames : duration and number of frames. gap_s : pause between frames that restarts the hold.
     step_px, speed_px_s : motion between frames that counts as none, whichever is more: 30 px/s blur 1/60 s by 0.5 px.
@@ -162,7 +164,7 @@ ON_A_STAND = _StillnessSettings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0, same
 
 @dataclass(frozen=True)
 class _Stillness:
-    """The completed share of the hold, and whether to take this frame."""
+    """Fraction of the required rest that has passed, and whether to take this frame."""
 
     share: float
     take: bool
@@ -170,7 +172,7 @@ class _Stillness:
 
 
 class StillnessDetector:
-    """Decides for each frame whether the scene has rested for long enough to take it.
+    """Decides for each frame whether the scene has been at rest long enough to take it.
 
     A frame must be nearly as sharp as the hold's best: the lens may be focusing. Then the scene must move clearly, and
     differ from the taken frame, before another is taken. Deterministic in frames and times.

@@ -1,6 +1,6 @@
-"""The wizard's state on the disk: pictures in the session folder, answers and their list in wizard.json.
+"""The wizard's state on disk: pictures in the session folder; answers and the list of pictures in wizard.json.
 
-Each picture is written (write, fsync, rename) before wizard.json that lists it. A picture that an interruption left
+Each picture is written (write, fsync, rename) before the wizard.json that lists it. A picture that an interruption left
 unlisted is moved away at the next start. session.yaml and the tables are derived from wizard.json.
 """
 
@@ -75,7 +75,7 @@ def _answers(answers: dict[str, Any]) -> dict[str, Any]:
 
 
 class AcceptedPicture(BaseModel, frozen=True, strict=True):
-    """An accepted picture: its file relative to the session, its name at the source, its readings in SI."""
+    """An accepted picture: its file relative to the session, its name at the source, its readings in SI units."""
 
     file: Annotated[str, AfterValidator(_inside)]
     source: str
@@ -97,7 +97,7 @@ class _RefusedPicture(BaseModel, frozen=True, strict=True):
 
 
 class _StepRecord(BaseModel, frozen=True, strict=True):
-    """One step. closed : how it ended ("enough", "by hand", "all pictures seen"), "" while it is open.
+    """Record of one step. closed : how it ended ("enough", "by hand", "all pictures seen"), "" while it is open.
 
     past : pictures that were at the source before the step waited for its own, which do not count; None until then.
     """
@@ -114,7 +114,7 @@ class _StepRecord(BaseModel, frozen=True, strict=True):
 
 
 class _Journal(BaseModel, frozen=True, strict=True):
-    """wizard.json: all answers and pictures. Immutable."""
+    """Content of wizard.json: all answers and pictures. Immutable."""
 
     answers: Annotated[dict[str, Any], AfterValidator(_answers)]
     steps: dict[Annotated[str, AfterValidator(_step)], _StepRecord]
@@ -129,7 +129,7 @@ class _Journal(BaseModel, frozen=True, strict=True):
         return self.with_answers(_without(self.answers, keys))
 
     def with_step(self, step: str, **changes: Any) -> _Journal:
-        """With these fields of the step's record changed."""
+        """The journal with these fields of the step's record changed."""
         return self.model_copy(update={"steps": {**self.steps, step: self.of(step).model_copy(update=changes)}})
 
     def to_dict(self) -> dict[str, Any]:
@@ -137,7 +137,7 @@ class _Journal(BaseModel, frozen=True, strict=True):
 
     @staticmethod
     def read(path: Path) -> _Journal:
-        """wizard.json. Raises InputError naming what is wrong with it."""
+        """The journal in a wizard.json. Raises InputError naming what is wrong with it."""
         try:
             data = read_json(path)
         except InputError as error:
@@ -213,7 +213,7 @@ class Store:
         return self.root / taken.file
 
     def save(self, journal: _Journal) -> None:
-        """Write a journal, then continue with it."""
+        """Write a journal to the disk, then use it."""
         write_json(self.root / NAME, journal.to_dict())
         self.journal = journal
 
@@ -221,7 +221,7 @@ class Store:
         self.save(self.journal.with_step(step, **changes))
 
     def answer(self, answers: Mapping[str, Any], corrected: bool = False) -> None:
-        """Store answers. corrected : they replace others that were taken back.
+        """Store answers. corrected : whether they replace others that were taken back.
 
         Refused pictures of jig and antenna are offered again: a wrong answer may have been the reason.
         """
@@ -243,7 +243,7 @@ class Store:
         self.save(self.journal.without_answers(keys))
 
     def offer_no_more(self, keys: Collection[str]) -> None:
-        """Forget answers that were taken back as defaults."""
+        """Stop offering as defaults the answers of these keys that were taken back."""
         self.retracted = _without(self.retracted, keys)
 
     def take(self, step: str, picture: Picture, readings: Mapping[str, float]) -> AcceptedPicture:
@@ -274,16 +274,16 @@ class Store:
         self._record(step, left=(*self.journal.of(step).left, refused))
 
     def begin(self, step: str, past: Sequence[str]) -> None:
-        """Begin a step; pictures that are there already (`past`) do not count."""
+        """Begin a step; pictures that exist already (`past`) do not count."""
         self._record(step, past=tuple(past))
 
     def close(self, step: str, how: str) -> None:
-        """Close a step, or open it again with `how` = ""."""
+        """Close a step; reopen it with `how` = ""."""
         if self.journal.of(step).closed != how:
             self._record(step, closed=how)
 
     def drop(self, step: str, taken: AcceptedPicture) -> Path:
-        """Move a picture away, never to be offered again. Returns where it is now."""
+        """Move a picture into another folder and do not offer it again. Returns its new path."""
         record = self.journal.of(step)
         kept = tuple(one for one in record.taken if one is not taken)
         refused = _RefusedPicture(source=taken.source, sha256=taken.sha256, why="taken back")
@@ -294,7 +294,8 @@ class Store:
         return target
 
     def redo(self, step: str, forget: Collection[str] = (), past: Sequence[str] | None = None) -> Path | None:
-        """Start a step again, without these answers. past : as in `_StepRecord`. Returns where its pictures are now."""
+        """Start a step again, without these answers. past : as in `_StepRecord`. Returns the new folder of its
+        pictures."""
         record, place = self.journal.of(step), None
         again = self.journal.without_answers(forget)
         again = again.model_copy(
@@ -310,7 +311,7 @@ class Store:
         return place
 
     def forget_lost(self) -> list[AcceptedPicture]:
-        """Forget the pictures that have disappeared or changed. Returns them."""
+        """Remove from the journal the pictures that have disappeared or changed. Returns them."""
         journal, lost = self.journal, list[AcceptedPicture]()
         for step, record in self.journal.steps.items():
             kept = [one for one in record.taken if self.path(one).is_file() and sha256(self.path(one)) == one.sha256]
@@ -322,7 +323,8 @@ class Store:
         return lost
 
     def unlisted(self) -> list[Path]:
-        """Pictures in the steps' folders that the journal does not list, and folders of ways that were not chosen.
+        """Pictures in the steps' folders that the journal does not list, and the folders of alternatives that were
+        not chosen.
 
         The calibration uses every way to plane C that it finds; in an adopted session all of them are meant.
         """
@@ -337,7 +339,7 @@ class Store:
         return unlisted + [folder for folder in ways if folder.is_dir()]
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file that the user may have changed; its previous version is kept in another folder."""
+        """Write a file that the user may have edited; its previous version is kept in another folder."""
         path = self.root / name
         if path.exists():
             if path.read_bytes() == data:
@@ -347,7 +349,7 @@ class Store:
             temporary.write_bytes(data)
 
     def archive(self, paths: Sequence[Path], why: str) -> Path:
-        """Move files or folders out of the way. Returns the folder where they are now."""
+        """Move files or folders into an archive folder of the session. Returns that folder."""
         place = self._new_archive(why)
         for path in paths:
             target = place / path.relative_to(self.root)

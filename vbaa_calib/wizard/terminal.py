@@ -1,4 +1,4 @@
-"""The wizard in a terminal."""
+"""The wizard's view in a terminal."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .ui import COMMANDS, LivePicture, Ui, WizardView
 
 
 def _wrapped(text: str, width: int, indent: str = "", hang: str | None = None) -> str:
-    """Text wrapped at blanks only, so that paths and addresses can be copied. hang : indent of continued lines."""
+    """Text wrapped at blanks only, so that paths and addresses can be copied. hang : indent of continuation lines."""
     fold = textwrap.TextWrapper(
         width,
         initial_indent=indent,
@@ -34,7 +34,7 @@ def _clipped(text: str, width: int) -> str:
 
 
 class _Screen:
-    """A terminal (default: stderr) with a prompt in its last line, below what is written.
+    """A terminal (default: stderr) with a prompt in its last line, below the text.
 
     With TERM=dumb nothing is overwritten; NO_COLOR disables styles.
     """
@@ -63,7 +63,7 @@ class _Screen:
         self._put(f"{begin}{_wrapped(text, self.width, indent, hang)}{end}\n")
 
     def below(self, prompt: str, status: str | None = None) -> None:
-        """Draw the prompt and the status line above it; what was typed so far stays."""
+        """Draw the prompt with the status line above it; what was typed so far is kept."""
         status = None if status is None else _clipped(status, self.width)
         prompt = _clipped(prompt, self.width)
         if prompt == self._prompt and (status is None) == (self._status is None):
@@ -78,11 +78,11 @@ class _Screen:
         self._prompt, self._status = prompt, status
 
     def line_typed(self) -> None:
-        """A line was completed: the prompt scrolls away with it."""
+        """Note that a line was completed: the prompt scrolls away with it."""
         self._prompt = self._status = None
 
     def passing(self, text: str) -> None:
-        """Show a line until the next one."""
+        """Print a line that the next one replaces."""
         self.clear()
         if self._moves:
             self._prompt = _clipped(text, self.width)
@@ -131,7 +131,7 @@ class Terminal(WizardView):
         self._typed.put(None)
 
     def events(self, ui: Ui) -> Iterator[tuple[str, Any]]:
-        """The lines that were typed; the end of input is the command quit."""
+        """The typed lines as events; the end of input is the command quit."""
         question = ui.question
         if question is not None:
             self._screen.below(_prompt(question))

@@ -1,4 +1,4 @@
-"""What the wizard shows and asks, and the views (terminal, page) that display it and deliver the input."""
+"""What the wizard displays and asks, and the interface of its views (terminal, page)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ COMMANDS = {
 
 
 class Interrupted(Exception):
-    """A command came where an answer was asked for."""
+    """Raised when a command comes in reply to a question."""
 
     @property
     def command(self) -> str:
@@ -37,7 +37,7 @@ class Interrupted(Exception):
 
 @dataclass(frozen=True, eq=False)
 class LivePicture:
-    """A picture (H, W) uint8, its check, how long it has rested (0 to 1), and a comment.
+    """A live picture (H, W) uint8, its check, the fraction of the required rest that has passed, and a comment.
 
     live : of a stream; else the last one of a folder. drawn : the same in colour with what is drawn in it, of any size.
     """
@@ -51,7 +51,7 @@ class LivePicture:
 
 
 class WizardView:
-    """Displays a `Ui`. This one, for runs without a user, writes lines to stderr and delivers no input."""
+    """Displays a `Ui`. This base class, for runs without a user, writes lines to stderr and delivers no input."""
 
     def update(self, ui: Ui, change: str) -> None:
         """Display a change: greeting, step, progress, question, problem, answered, doing, live, line, verdict."""
@@ -75,7 +75,7 @@ class WizardView:
 
 
 class Ui:
-    """What is displayed and asked, the same on all views; any of them may answer.
+    """What is displayed and asked, the same in all views; any of them may answer.
 
     interactive : whether a user is there; else answers come from flags and files, and nothing waits.
     """
@@ -100,7 +100,7 @@ class Ui:
             view.update(self, change)
 
     def ask(self, question: Question, facts: Mapping[str, Any] | None = None) -> Any:
-        """Ask a question, with `facts` in its words, until the answer is valid.
+        """Ask a question, with `facts` inserted in its words, until the answer is valid.
 
         Raises Interrupted for a command; InputError without a user and a default.
         """
@@ -122,7 +122,7 @@ class Ui:
             self._changed("answered", question=before[0], words=before[1], problem="")
 
     def keeps(self, doubts: Sequence[Diagnosis]) -> bool:
-        """Whether what looks wrong is to stay, which is asked where somebody is there."""
+        """Whether doubtful input is to be kept; asks the user if there is one."""
         for doubt in doubts:
             self.wrong(str(doubt))
         keep = Question("keep", "", "Keep this as it is?", kind="yesno", default="no")
@@ -152,12 +152,12 @@ class Ui:
         return commands
 
     def _is_change(self, entered: object) -> bool:
-        """Whether `key = value` was typed; it is carried out then."""
+        """Whether `key = value` was typed; if so the change is made."""
         found = re.fullmatch(r"\s*(\w+)\s*=\s*(\S.*)", entered) if isinstance(entered, str) else None
         return found is not None and self.change(*found.groups())
 
     def take_usual(self, lines: Sequence[str]) -> None:
-        """Show answers that were taken without asking, as `key = value`."""
+        """Display as `key = value` the answers that were taken by default."""
         self.say(f"assumed; to change one, type it with another value: {'; '.join(lines)}")
         self._changed("usual", usual=[*self.usual, *lines])
 
@@ -171,7 +171,7 @@ class Ui:
         self._changed("progress", step=step, progress=progress, doing="")
 
     def working(self, words: str) -> None:
-        """Show what takes a while now."""
+        """Display what is being computed."""
         self._changed("doing", doing=words)
 
     def live(self, picture: LivePicture) -> None:
@@ -181,17 +181,17 @@ class Ui:
         self._changed("line", lines=[*self.lines[-59:], line])
 
     def wrong(self, line: str) -> None:
-        """Log a line, and show it with the next question, too."""
+        """Log a problem, and display it with the next question, too."""
         self.problem = line
         self.say(line)
 
     def done(self, document: Mapping[str, Any], report: str) -> None:
-        """Show the verdict. document : check.json's content. report : path of its page."""
+        """Display the verdict. document : check.json's content. report : path of its page."""
         self._changed("verdict", document=document, report=report, question=None, picture=None)
 
     @property
     def to_be_done(self) -> list[Mapping[str, Any]]:
-        """The findings of the verdict that have a remedy."""
+        """The verdict's findings that have a remedy."""
         document = self.document or {"session_findings": [], "findings": []}
         return [one for one in (*document["session_findings"], *document["findings"]) if one["remedy"]]
 

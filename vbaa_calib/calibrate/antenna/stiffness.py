@@ -5,11 +5,6 @@ The deflection that the load adds is y(x) = h(x; EI) + offset: h is the beam's o
 of the gauge, which was set to zero twice. A clamp that turns cannot be separated from bending: its rotation is fixed at
 zero, and its prior enters the standard deviation. Errors that neighbouring readings share widen the interval; force and
 distance count as exact. EI with a free clamp rotation, and with a fixed offset, is reported as well.
-
-The deflection that the load adds is y(x) = h(x; EI) + offset: h the beam's or the elastica's, the offset the gauge's,
-which was set to zero twice. What a table cannot separate is not left to the fit: a clamp that turns is fixed at zero,
-and a prior for it goes into the standard deviation; errors that neighbouring readings share widen the interval; force
-and distance are taken as exact. EI with a clamp free to turn, and with the offset fixed, is reported besides.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 EI's uncertainty by each load.
 
 The errors of the loads' distances and weights are parameters of the bundle adjustment, and of the forecast.
-
-The readings of places and weights are parameters of the bundle adjustment, and of the forecast.
 """
 
 from __future__ import annotations

@@ -3,10 +3,6 @@
 Errors of the lens and of the camera's rotation look much the same in the picture, and whoever solves for the camera
 pose with this lens, as every rig does, absorbs that part in the pose. `compensated` removes from the uncertainty what a
 rotation explains.
-
-A lens that is a little wrong and a camera that is a little turned look much the same. Who solves for the camera's pose
-with this lens, as every rig does, has that part taken up by the pose. `compensated` leaves out of the uncertainty what
-a turn of the camera explains.
 """
 
 from __future__ import annotations

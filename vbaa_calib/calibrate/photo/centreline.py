@@ -4,11 +4,6 @@ Nothing is assumed about the rod's colour, which may change along it, except tha
 either side. Candidates are ribbons between two backgrounds. Along each, both edges are measured from the inside
 outwards, so that protruding hairs do not count, and points at which the rod is wider or narrower than nearby are left
 out. Pixel (0, 0) is the centre of the upper left one.
-
-Nothing is assumed of the rod's colour, nor that it is one all along, only that it differs from what is on either side
-of it. Candidates are ribbons between two backgrounds; along each both edges are measured, searched from the inside, so
-that hairs that stick out do not count, and points at which the rod is wider or narrower than near by, as by hairs along
-it, are left out. Pixel (0, 0) is the middle of the upper left one.
 """
 
 from __future__ import annotations

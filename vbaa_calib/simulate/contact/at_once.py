@@ -37,7 +37,8 @@ from .stick_slip import STROKE, Bases, Held, Setting, SlidContacts, tangent_axes
 
 @dataclass(frozen=True, eq=False)
 class _Core:
-    """The object's core line or point in B antenna frames; `across` (B, 3, 3) projects on what lies across it."""
+    """The object's axis or centre in B antenna frames; `across` (B, 3, 3) projects onto the directions across the
+    axis."""
 
     center_m: np.ndarray
     axis: np.ndarray
@@ -45,14 +46,14 @@ class _Core:
     across: np.ndarray
 
     def offset(self, points_m: np.ndarray) -> np.ndarray:
-        """(B, ..., 3) from the nearest point of the core to points (B, ..., 3)."""
+        """(B, ..., 3) vectors from the nearest point of the core to points (B, ..., 3)."""
         center = self.center_m.reshape(len(points_m), *(1,) * (points_m.ndim - 2), 3)
         return np.einsum("bij,b...j->b...i", self.across, points_m - center)
 
 
 @dataclass(frozen=True, eq=False)
 class _FrictionlessProblem:
-    """All B frames of a stroke, each in its own antenna frame.
+    """Equilibrium problem of all B frames of a stroke, each in its own antenna frame.
 
     gravity : (B, 3). unloaded : the antenna under its weight alone. reach_m : the object's radius plus the antenna's
         at its clamp, antenna_radius_m.
@@ -74,7 +75,7 @@ class _FrictionlessProblem:
 
 
 def touch_at_once(setting: Setting, bases: Bases) -> SlidContacts:
-    """The contacts of one stroke of B frames; the object's friction is left out.
+    """The frictionless contacts of one stroke of B frames.
 
     Raises SolveError naming the first frame in which a real antenna could not be in equilibrium.
     """
@@ -123,7 +124,7 @@ def _problem(setting: Setting, bases: Bases) -> _FrictionlessProblem:
 
 
 def _nearest(core: _Core, shape: RodShape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Arc length (B,), point and tangent (B, 3) where each shape is nearest to the core."""
+    """Arc length (B,), point and tangent (B, 3) at which each shape is nearest to the core."""
     length = shape.arclength_m[:, -1:]
     grid = np.linspace(0.0, 1.0, STROKE.samples + 1) * length
     square = (core.offset(sample_shape(shape, grid)[0]) ** 2).sum(axis=-1)
@@ -140,7 +141,7 @@ def _nearest(core: _Core, shape: RodShape) -> tuple[np.ndarray, np.ndarray, np.n
 def _sphere(
     offset: np.ndarray, reaches: np.ndarray, rotations: np.ndarray, reach_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Touches, depth and normal."""
+    """Contact mask (B,), depth (B,) and normal (B, 3) for a sphere."""
     away = np.linalg.norm(offset, axis=1)
     in_world = np.einsum("bij,bj->bi", rotations, offset)
     for i in range(1, len(away)):
@@ -164,7 +165,7 @@ def _line(
     reaches_within: tuple[np.ndarray, np.ndarray],
     reach_m: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Touches, depth and normal."""
+    """Contact mask (B,), depth (B,) and normal (B, 3) for a cylinder or a knife edge."""
     reaches, within = reaches_within
     normal = np.cross(tangent, core.axis)
     sine = np.linalg.norm(normal, axis=1)
@@ -188,7 +189,8 @@ def _line(
 
 
 def _first_guess(problem: _FrictionlessProblem, rows: np.ndarray) -> np.ndarray:
-    """(R, 7) of frames `rows` (R,): a straight cantilever and the object's spring in series, displaced by the depth."""
+    """(R, 7) initial states of frames `rows` (R,): a straight cantilever in series with the object's spring,
+    displaced by the depth."""
     rod = problem.rod
     arclength = np.clip(problem.arclength_m[rows], 0.05 * rod.length_m, 0.999 * rod.length_m)
     compliance = rod.yielding_m(arclength) + problem.compliance_m_N
@@ -205,7 +207,8 @@ def _first_guess(problem: _FrictionlessProblem, rows: np.ndarray) -> np.ndarray:
 
 
 def _solved(problem: _FrictionlessProblem, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Arc length, normal force (R,) and normal (R, 3); frames that do not converge are pushed in step by step."""
+    """Arc lengths, normal forces (R,) and normals (R, 3); frames that do not converge are solved again with the
+    indentation increased step by step."""
     rod, normal = problem.rod, problem.normal[rows]
     state = _first_guess(problem, rows)
     steep = rod.length_m / np.maximum(problem.arclength_m[rows], 0.05 * rod.length_m)

@@ -33,7 +33,7 @@ from vbaa_calib.simulate.scene.objects import TouchObject
 
 @dataclass(frozen=True)
 class _StrokeSettings:
-    """How finely the motion between two frames is followed.
+    """Step sizes and tolerances of the motion between two frames.
 
     On a cylinder at μ = 0.3, steps of 4 mm agree with steps of 0.5 mm within 0.3 µm of the contact's place, 0.5 % of N,
     and 0.5° of the direction of friction but in the frame of first touch.
@@ -57,7 +57,7 @@ STROKE = _StrokeSettings()
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What does not change in a recording. `antenna_radius_m` is half the antenna's diameter at the clamp, gravity
+    """Constants of a recording. antenna_radius_m : half the antenna's diameter at the clamp. gravity_world_m_s2 :
     (3,)."""
 
     rod: Rod
@@ -72,26 +72,26 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Bases(Rows):
-    """Where B bases are: R_world_antenna (B, 3, 3), and the antenna frame's origin (B, 3) in the world."""
+    """Poses of B bases: R_world_antenna (B, 3, 3), and the antenna frame's origin (B, 3) in the world."""
 
     rotation: np.ndarray
     origin_m: np.ndarray
 
     @staticmethod
     def of(T_world_antenna: Sequence[Pose]) -> Bases:
-        """Of B poses."""
+        """The bases of B poses T_world_antenna."""
         turns, origins = zip(*((pose.rotation, pose.translation_m) for pose in T_world_antenna), strict=True)
         return Bases(np.stack(turns), np.stack(origins))
 
     def world(self, points_m: np.ndarray) -> np.ndarray:
-        """(B, ..., 3) points of the antenna frames in the world."""
+        """(B, ..., 3) points in the world, from points in the antenna frames."""
         turned = np.einsum("bij,b...j->b...i", self.rotation, points_m)
         return turned + self.origin_m.reshape(len(turned), *(1,) * (turned.ndim - 2), 3)
 
 
 @dataclass(frozen=True, eq=False)
 class Held(Rows):
-    """B contacts.
+    """States of B contacts: clamp moment, arc length, forces and place, see the module.
 
     Attributes
     ----------
@@ -113,30 +113,31 @@ class Held(Rows):
 
     @property
     def packed(self) -> np.ndarray:
-        """(B, 23) all fields side by side."""
+        """(B, 23) all fields in one array."""
         return np.column_stack([getattr(self, each.name) for each in fields(self)])
 
     @staticmethod
     def of(packed: np.ndarray) -> Held:
-        """Of (B, 23)."""
+        """The contacts in an array (B, 23), see `packed`."""
         moment, arclength, press, *others = np.split(packed, [3, 4, 5, 8, 11, 14, 17, 20], axis=1)
         return Held(moment, arclength[:, 0], press[:, 0], *others)
 
     def put(self, rows: np.ndarray, others: Held) -> None:
-        """Overwrite some of them."""
+        """Overwrite the contacts `rows` by others."""
         for each in fields(self):
             getattr(self, each.name)[rows] = getattr(others, each.name)
 
     @staticmethod
     def nowhere(count: int) -> Held:
-        """No contacts yet: NaN."""
+        """`count` missing contacts: NaN."""
         short = ("arclength_m", "press_N")
         return Held(*(np.full(count if each.name in short else (count, 3), np.nan) for each in fields(Held)))
 
 
 @dataclass(frozen=True, eq=False)
 class SlidContacts:
-    """One stroke of B frames: who touches, who sticks (B,), and the contacts, which mean nothing where none is.
+    """Contacts of one stroke of B frames: masks (B,) of the frames that touch and of those that stick; the contacts
+    are meaningless where there is none.
 
     A contact sticks if it has slid by less than `STROKE.sticks_m` since the frame before, in which it touched too.
     """
@@ -155,7 +156,7 @@ def tangent_axes(normal: np.ndarray) -> np.ndarray:
 
 
 def advance(setting: Setting, bases: Bases, before: Held, start: Held, friction: float) -> tuple[Held, np.ndarray]:
-    """The contacts at these bases, and which of them (B,) were found.
+    """The contacts after a step to these bases, and the mask (B,) of those that were found.
 
     `before` is the state at the step's beginning, `start` where the search begins, `friction` the coefficient.
     """

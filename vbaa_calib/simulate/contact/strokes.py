@@ -1,4 +1,4 @@
-"""Antennas that stroke an object, frame by frame: where they touch, stick, slide and lift off.
+"""Strokes of antennas along an object, frame by frame: where they touch, stick, slide and lift off.
 
 All strokes of a recording advance together. Between two frames the base moves evenly, in steps of at most `step_m`; a
 step without an equilibrium is halved.
@@ -61,7 +61,7 @@ class _Path:
     arclength_m: np.ndarray
 
     def at(self, frame: int, share: float) -> _Place:
-        """A share of the way from the frame before to a frame."""
+        """The bases at a fraction of the way from the previous frame to this one."""
         points = self.points_m[frame - 1] * (1.0 - share) + self.points_m[frame] * share
         return _between(self.bases[frame - 1], self.bases[frame], share), points
 
@@ -78,7 +78,8 @@ def _between(start: Bases, end: Bases, share: float) -> Bases:
 
 
 def _path(setting: Setting, strokes: Sequence[Bases]) -> _Path:
-    """The joint path over all frames, after one without a touch; shorter strokes rest at their ends."""
+    """The motion of all strokes over all frames, after an added first frame without contact; shorter strokes rest at
+    their ends."""
     bases = []
     for frame in range(max(len(each.origin_m) for each in strokes)):
         at = [min(frame, len(each.origin_m) - 1) for each in strokes]
@@ -96,7 +97,7 @@ def _path(setting: Setting, strokes: Sequence[Bases]) -> _Path:
 
 
 def _drawn_back(setting: Setting, path: _Path) -> Bases:
-    """The first frame's bases, moved out of the object where a stroke begins in contact."""
+    """The first frame's bases, moved out of the object if a stroke begins in contact."""
     home, points = path.at(1, 1.0)
     gap, _, _, normal = _gaps(setting, (home, points), path.arclength_m)
     outward = -setting.object.wedge_world if setting.object.shape in WEDGES else normal
@@ -117,7 +118,8 @@ def _refused(count: int, stroke: int, frame: int, reason: str) -> SolveError:
 def _gaps(
     setting: Setting, place: _Place, arclength_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Clearance (B,) of the free antenna from the object, with arc length (B,), point and normal (B, 3), world frame.
+    """Clearance (B,) of the free antenna from the object, with its arc length (B,), and point and normal (B, 3)
+    there, world frame.
 
     A nearest point beyond the object's ends, or at the clamp, counts as clear.
     """
@@ -145,7 +147,7 @@ def _interpolated(points_m: np.ndarray, arclength_m: np.ndarray, at_m: np.ndarra
 
 @dataclass(frozen=True, eq=False)
 class _Walk:
-    """State of the strokes: contacts, which ones touch (B,), and the clearance (B,) of the free ones."""
+    """State of all strokes: contacts, the mask (B,) of those that touch, and the clearance (B,) of the free ones."""
 
     setting: Setting
     path: _Path
@@ -155,7 +157,7 @@ class _Walk:
 
 
 def _to_frame(walk: _Walk, frame: int, friction: float) -> tuple[_Walk, np.ndarray, np.ndarray]:
-    """Advance to a frame. Returns slip (B, 3) and its length along the way (B,), too."""
+    """Advance to a frame. Returns the slip vector (B, 3) and the slip path's length (B,)."""
     setting, path = walk.setting, walk.path
     ways, gap = path.ways(frame), _gaps(setting, path.at(frame, 1.0), path.arclength_m)[0]
     # a free antenna may also have met the object on its way
@@ -170,7 +172,7 @@ def _to_frame(walk: _Walk, frame: int, friction: float) -> tuple[_Walk, np.ndarr
 
 
 def _step(walk: _Walk, ends: tuple[_Place, _Place], friction: float, frame: int) -> tuple[_Walk, np.ndarray]:
-    """One step of the base: contacts that last, begin and end; and their slip (B, 3)."""
+    """Advance by one step of the base: contacts that last, begin and end; returns their slip (B, 3)."""
     near = _gaps(walk.setting, ends[1], walk.path.arclength_m)
     gap, count = near[0], len(near[0])
     before, guess, after = (Held.nowhere(count) for _ in range(3))
@@ -204,7 +206,7 @@ def _step(walk: _Walk, ends: tuple[_Place, _Place], friction: float, frame: int)
 def _landing(
     walk: _Walk, ends: tuple[_Place, _Place], near: tuple[np.ndarray, ...], rows: np.ndarray
 ) -> tuple[Held, Held]:
-    """The contact at first touch within a step, and a guess of the one at its end.
+    """The contact at first touch within a step, and an initial value for the contact at the step's end.
 
     The guess is a straight cantilever in series with the object's spring, displaced by the depth.
     """
@@ -232,7 +234,7 @@ def _landing(
 def _carry(
     setting: Setting, ends: tuple[Bases, Bases], before: Held, guess: Held, friction: float, halvings: int
 ) -> tuple[Held, np.ndarray]:
-    """The contacts at the end of a step, and which were found; failures are retried in two halves."""
+    """The contacts at the end of a step, and the mask of those found; failures are retried in two half steps."""
     found, good = advance(setting, ends[1], before, guess, friction)
     rows = np.flatnonzero(~good)
     if rows.size == 0 or halvings == 0:

@@ -1,4 +1,4 @@
-"""Pressing the antenna against an object: where it touches and how hard, for each frame of a recording.
+"""The antenna pressed against an object: contact point and force in each frame of a recording.
 
 Frictionless contacts with a cylinder, a sphere or a knife edge depend only on the side from which the antenna came: all
 frames are solved at once (`at_once`). With friction, and on other objects, frames are solved in order (`strokes`), with
@@ -27,7 +27,7 @@ from .strokes import follow
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """The contact in each of B frames.
+    """The contacts in B frames.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ def touch_strokes(
     strokes: Sequence[Sequence[Pose]],
     gravity_world_m_s2: np.ndarray,
 ) -> list[Touch]:
-    """As `touch`, for several independent strokes, which is faster than one by one."""
+    """`touch` for several independent strokes, which is faster than one by one."""
     setting = Setting(rod, antenna_radius_m, obj, np.asarray(gravity_world_m_s2, float))
     bases = [Bases.of(poses) for poses in strokes]
     if obj.friction == 0.0 and obj.shape in ("cylinder", "sphere", "knife_edge"):
@@ -91,7 +91,7 @@ def touch_strokes(
 
 
 def _touch(setting: Setting, bases: Bases, contacts: SlidContacts) -> Touch:
-    """The antenna's shapes under the contacts' forces. Raises SolveError for contacts that are impossible."""
+    """The antenna's shapes under the contacts' forces. Raises SolveError for impossible contacts."""
     rod, obj = setting.rod, setting.object
     touching, gripped = contacts.touches, contacts.held
     lost = ~touching[:, None]
@@ -122,7 +122,7 @@ def _touch(setting: Setting, bases: Bases, contacts: SlidContacts) -> Touch:
 
 
 def _slips(points: np.ndarray, arclength: np.ndarray, tangents: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(B, 3) ΔX − t Δs across the normal, world frame; zero where the frame before has no contact."""
+    """(B, 3) slip ΔX − t Δs tangential to the object, world frame; zero where the previous frame has no contact."""
     middle = tangents[1:] + tangents[:-1]
     middle = middle / np.linalg.norm(middle, axis=1, keepdims=True)
     way = np.diff(points, axis=0) - np.diff(arclength)[:, None] * middle

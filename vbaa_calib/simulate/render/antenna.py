@@ -45,8 +45,8 @@ def tube(
     radius_m: np.ndarray | float,
     lamp_camera: np.ndarray,
 ) -> Tube:
-    """The tube around a curve: arc lengths (n,), its points (n, 3) in the camera frame, all in front of the camera, its
-    radius () or (n,)."""
+    """The tube of radius () or (n,) around a curve with arc lengths (n,) and points (n, 3), camera frame, in front
+    of the camera."""
     even = np.linspace(arclength_m[0], arclength_m[-1], 200)
     rough = project(lens, core.simulate.spline(arclength_m, points_camera_m, even)[0])
     # two for every pixel; near the camera's plane it would be longer than anything in the picture
@@ -78,7 +78,7 @@ def tube(
 def tube_patch(
     place: Studio, seen: Tube, paint: float, asymmetry: float = 0.0, obstacle: DepthOfObstacle | None = None
 ) -> ImagePatch | None:
-    """The tube's picture, hidden where the obstacle is nearer to the camera; None when it is outside the picture.
+    """The tube's picture, covered where the obstacle is nearer to the camera; None outside the picture.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def tube_patch(
 
 
 def visible_centreline(lens: Lens, seen: Tube, obstacle: DepthOfObstacle | None, step_px: float = 1.0) -> np.ndarray:
-    """(M, 4) of u, v and the unit normal, about every `step_px`, where the centreline is seen in the picture."""
+    """(M, 4) u, v and unit normal, about every `step_px`, of the visible centreline."""
     stride = max(1, round(2 * step_px))
     keep = np.arange(0, len(seen.pixels), stride)
     pixels = seen.pixels[keep]
@@ -120,7 +120,7 @@ def visible_centreline(lens: Lens, seen: Tube, obstacle: DepthOfObstacle | None,
 
 
 def visible(lens: Lens, pixels: np.ndarray, depth_m: np.ndarray, obstacle: DepthOfObstacle | None) -> np.ndarray:
-    """(N,) whether points at these pixels (N, 2) and depths (N,) are in the picture and not behind the obstacle."""
+    """(N,) mask of the points at pixels (N, 2) and depths (N,) that are in the picture and in front of the obstacle."""
     inside = np.all((pixels >= 0) & (pixels <= np.array(lens.image_size) - 1), axis=1)
     if obstacle is None:
         return np.asarray(inside)

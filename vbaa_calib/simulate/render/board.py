@@ -1,4 +1,4 @@
-"""The board as the camera sees it: every sub-pixel's ray is met with the printed sheet."""
+"""The board as the camera sees it: the ray of every sub-pixel is intersected with the printed sheet."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Sheet:
 
 
 def print_sheet(spec: BoardWithIds) -> Sheet:
-    """Draw the board so finely, and at such a scale, that squares, markers and their bits begin at whole texels."""
+    """Draw the board at a resolution at which squares, markers and their bits begin at whole texels."""
     if isinstance(spec, AprilGrid):
         sides = range(10 * spec.modules, 21 * spec.modules, spec.modules)
         tag = min(sides, key=lambda texels: round(abs(spec.spacing * texels - round(spec.spacing * texels)), 6))
@@ -58,7 +58,7 @@ def print_sheet(spec: BoardWithIds) -> Sheet:
 
 
 def _printed(spec: BoardWithIds, drawing: np.ndarray, texels_per_m: float, margin_m: float) -> Sheet:
-    """The sheet of a drawing (rows, columns) uint8."""
+    """The sheet from a drawing (rows, columns) uint8."""
     brightness = np.where(drawing > 127, np.uint16(PAINT.paper * _FULL), np.uint16(PAINT.ink * _FULL))
     texture = np.stack([brightness, np.full_like(brightness, _FULL)], axis=-1)
     return Sheet(spec, texture, texels_per_m, margin_m)
@@ -74,7 +74,7 @@ def outline(sheet: Sheet) -> np.ndarray:
 
 
 def board_patch(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camera: np.ndarray) -> ImagePatch | None:
-    """The sheet in front of the camera, or None when it is outside the picture or seen from behind.
+    """The sheet's picture; None outside the picture or seen from behind.
 
     R_world_camera : (3, 3), for the light on it.
     """

@@ -1,4 +1,4 @@
-"""Surfaces as triangles: tubes around curves, and the touched object. Positions in the unit and frame of the input."""
+"""Triangle meshes: tubes around curves, and the touched object. Positions in the unit and frame of the input."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from .settings import PAINT
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """A surface: vertices (V, 3), their outward normals (V, 3), faces (F, 3) counter-clockwise seen from outside."""
+    """A surface of triangles: vertices (V, 3), their outward normals (V, 3), faces (F, 3) counter-clockwise from
+    outside."""
 
     vertices: np.ndarray
     normals: np.ndarray
@@ -32,8 +33,8 @@ def _grid_faces(rows: int, columns: int) -> np.ndarray:
 
 
 def tube_mesh(s: np.ndarray, points: np.ndarray, radius: np.ndarray | float, step: float) -> Triangles:
-    """The tube of radius () or (N,) around the cubic spline through points (N, 3) at s (N,), with flat ends; a ring
-    about every `step`.
+    """The tube of radius () or (N,) around the cubic spline through points (N, 3) at s (N,), with flat ends and a
+    ring about every `step`.
 
     The curve itself is interpolated: the tube's axis is the one that `render.antenna.tube` projects.
     """
@@ -61,7 +62,7 @@ def tube_mesh(s: np.ndarray, points: np.ndarray, radius: np.ndarray | float, ste
 
 
 def object_mesh(obj: TouchObject, rings: int = 160) -> Triangles:
-    """The object's surface, world frame, m; that of spheres and free forms in so many rings."""
+    """The object's surface, world frame, m; spheres and free forms in `rings` rings."""
     if obj.shape in ("sphere", "freeform"):
         return _round_mesh(obj, rings)
     normals, offsets = _planes(obj)
@@ -77,7 +78,8 @@ def object_mesh(obj: TouchObject, rings: int = 160) -> Triangles:
 
 
 def _planes(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
-    """Half-spaces normal·(x − centre) ≤ offset, (K, 3) and (K,), of cylinder, knife and box; round sides in facets."""
+    """Half-spaces normal·(x − centre) ≤ offset, (K, 3) and (K,), of cylinder, knife and box, with round sides as
+    facets."""
     normals, offsets = flat_sides(obj)
     axis, into = obj.axis_world, obj.wedge_world
     if obj.shape == "knife_edge":

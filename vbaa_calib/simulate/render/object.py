@@ -1,4 +1,4 @@
-"""The touched object as the camera sees it: ray casting, shaded and antialiased."""
+"""The touched object as the camera sees it: ray cast, shaded and antialiased."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from .settings import PAINT
 
 
 def _cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First hits of rays from one origin (3,) along directions (N, 3), world frame: depth (N,) in lengths of the ray's
-    vector (inf: a miss), normal (N, 3), face (N,), a round side being face 0."""
+    """First intersections of rays from one origin (3,) along directions (N, 3), world frame: depth (N,) in lengths
+    of the direction (inf for a miss), normal (N, 3), face (N,), 0 for a round side."""
     found: tuple[np.ndarray, np.ndarray, np.ndarray] = core.simulate.cast_rays(_body(obj), origin_m, directions)
     return found
 
 
 class _Body(NamedTuple):
-    """What is drawn of an object, as the core reads it.
+    """The object's drawn shape, in the core's form.
 
     sides : (K, 4) half-spaces normal·(x − centre) ≤ offset. across : (3, 3) projects on the directions across its axis.
     reach_m : radius about the centre that holds it. steepest : how fast F grows at most along a way in a free form.
@@ -47,7 +47,7 @@ def _body(obj: TouchObject) -> _Body:
 
 
 def flat_sides(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
-    """Half-spaces normal·(x − centre) ≤ offset, (K, 3) and (K,): faces and ends of what is drawn, if not round."""
+    """Half-spaces normal·(x − centre) ≤ offset, (K, 3) and (K,), of the flat faces and ends of the drawn shape."""
     axis, into, radius, half = obj.axis_world, obj.wedge_world, obj.radius_m, obj.half_length_m
     if obj.shape == "knife_edge":
         side = np.cross(axis, into)
@@ -60,27 +60,27 @@ def flat_sides(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _reach_m(obj: TouchObject) -> float:
-    """Radius about the centre that holds what is drawn."""
+    """Radius about the centre of a sphere that contains the drawn shape."""
     if obj.shape == "freeform":
         return obj.radius_m + sum(max(one.height_m, 0.0) for one in obj.bumps)
     return math.hypot(obj.half_length_m, math.sqrt(2.0) * max(BOX_FACE_M, obj.radius_m))
 
 
 def pressed_in(obj: TouchObject, depth_m: float) -> TouchObject:
-    """The object with its skin drawn back: a soft one gives way to the antenna, which then is not buried in it."""
+    """The object with its surface moved inwards by the indentation, so that a soft one does not cover the antenna."""
     if obj.shape in WEDGES:
         return replace(obj, center_world_m=obj.center_world_m + depth_m * obj.wedge_world)
     return replace(obj, radius_m=max(obj.radius_m - depth_m, 0.2 * obj.radius_m))
 
 
 def _world_rays(rays: np.ndarray, T_world_camera: Pose) -> np.ndarray:
-    """(N, 2) x/z, y/z to (N, 3) directions in the world, as long as depth 1 along the camera's z makes them."""
+    """World directions (N, 3), of unit depth along the camera's z, from (N, 2) x/z and y/z."""
     turn = T_world_camera.rotation
     return rays @ turn[:, :2].T + turn[:, 2]
 
 
 def obstacle(place: Studio, obj: TouchObject, T_world_camera: Pose) -> DepthOfObstacle:
-    """The object as something that may stand in front of the antenna."""
+    """The object as an obstacle between camera and antenna."""
     left, top, right, bottom = _frame(place, obj, T_world_camera)
 
     def depth(pixels: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ def obstacle(place: Studio, obj: TouchObject, T_world_camera: Pose) -> DepthOfOb
 
 
 def _frame(place: Studio, obj: TouchObject, T_world_camera: Pose) -> tuple[int, int, int, int]:
-    """(left, top, right, bottom) of the pixels that may show the object."""
+    """(left, top, right, bottom) bounds of the pixels that may contain the object."""
     corners = T_world_camera.inverse() @ _bounding_points(obj)
     return frame_around(place, project(place.rays.lens, corners))
 
@@ -114,7 +114,7 @@ def _bounding_points(obj: TouchObject) -> np.ndarray:
 def _shaded(
     obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray, albedo: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Brightness, whether the object is hit, and its face, each (N,)."""
+    """Brightness, mask of the rays that hit the object, and its face, each (N,)."""
     depth, normal, face = _cast(obj, origin_m, directions)
     light = PAINT.ambient + (1.0 - PAINT.ambient) * np.maximum(normal @ LAMP_WORLD, 0.0)
     shade = core.simulate.shade(obj.center_world_m, origin_m, directions, depth, light)
@@ -122,7 +122,7 @@ def _shaded(
 
 
 def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> ImagePatch | None:
-    """The object's picture, edges antialiased; None when it is outside the picture."""
+    """The object's picture with antialiased edges; None outside the picture."""
     left, top, right, bottom = _frame(place, obj, T_world_camera)
     if right <= left or bottom <= top:
         return None

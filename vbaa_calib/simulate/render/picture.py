@@ -1,6 +1,6 @@
-"""From brightness to grey levels: the bench behind everything, the light on it, blur, noise, quantisation.
+"""From brightness to grey levels: the background, its illumination, blur, noise, quantisation.
 
-Brightness is linear: 0 is black, 1 the whitest that the sensor can hold.
+Brightness is linear: 0 is black, 1 saturates the sensor.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LAMP_WORLD = np.array([-0.32, 0.38, 0.87]) / np.linalg.norm([-0.32, 0.38, 0.87])
 
 @dataclass(frozen=True, eq=False)
 class Studio:
-    """What all pictures of a scene share.
+    """What all pictures of a scene share: rays, illumination, background.
 
     Attributes
     ----------
@@ -40,7 +40,8 @@ class Studio:
 
 @dataclass(frozen=True, eq=False)
 class ImagePatch:
-    """Something in front of what was drawn before; in sub-pixels where its edges are measured: blur before sampling.
+    """A part of the picture in front of what was drawn before, in sub-pixels where its edges matter: blur comes
+    before sampling.
 
     Attributes
     ----------
@@ -58,23 +59,23 @@ class ImagePatch:
 
     @property
     def where(self) -> tuple[slice, slice]:
-        """Slices of the picture that it covers."""
+        """Slices of the picture that the patch covers."""
         rows, columns = (length // self.factor for length in self.alpha.shape)
         return slice(self.top, self.top + rows), slice(self.left, self.left + columns)
 
     def behind(self, canvas: np.ndarray) -> np.ndarray:
-        """The canvas behind the patch, in its sub-pixels."""
+        """The part of the canvas behind the patch, in its sub-pixels."""
         return cv2.resize(canvas[self.where], self.alpha.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
     def over(self, canvas: np.ndarray) -> np.ndarray:
-        """A new picture, (H, W) as the canvas is, with this patch of whole pixels in front."""
+        """A copy of the canvas (H, W) with this patch of whole pixels in front."""
         result = canvas.copy()
         result[self.where] = result[self.where] * (1.0 - self.alpha) + self.brightness
         return result
 
 
 def studio(lens: Lens, spec: PictureSpec, rng: np.random.Generator) -> Studio:
-    """Work out what all pictures share. Raises InputError when the lens folds inside the picture."""
+    """Compute what all pictures share. Raises InputError when the lens folds inside the picture."""
     return Studio(spec, ray_map(lens), _light(lens, spec), _bench(spec, rng))
 
 
@@ -99,7 +100,7 @@ def _bench(spec: PictureSpec, rng: np.random.Generator) -> np.ndarray:
 
 
 def _soft_shapes(rng: np.random.Generator, softness: float) -> np.ndarray:
-    """Boards, discs and edges lying about, out of focus."""
+    """Random boards, discs and edges on the bench, out of focus."""
     canvas, one = np.zeros((2, PAINT.bench_texels, PAINT.bench_texels), np.float32)
     for _ in range(PAINT.bench_things):
         centre, size = rng.uniform(0, PAINT.bench_texels, 2), rng.uniform(25, 260, 2)
@@ -117,7 +118,7 @@ def _soft_shapes(rng: np.random.Generator, softness: float) -> np.ndarray:
 
 
 def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
-    """(height, width) float32 brightness behind everything, seen by a camera turned like this.
+    """(height, width) float32 brightness of the background, seen by a camera in this orientation.
 
     The bench is far away: it turns with the camera and does not shift. Directions are laid out stereographically,
     straight down in the middle, so that it goes on past the horizon.
@@ -128,7 +129,7 @@ def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
 
 
 def frame_around(place: Studio, pixels: np.ndarray) -> tuple[int, int, int, int]:
-    """(left, top, right, bottom) of the pixels around points (n, 2), with room for the blur.
+    """(left, top, right, bottom) bounds of the pixels around points (n, 2), with a margin for the blur.
 
     The whole picture when a point has no pixel.
     """
@@ -142,7 +143,8 @@ def frame_around(place: Studio, pixels: np.ndarray) -> tuple[int, int, int, int]
 
 
 def expose(place: Studio, canvas: np.ndarray, patches: Sequence[ImagePatch] = ()) -> np.ndarray:
-    """(height, width) grey levels, float, before noise and quantisation: the patches in front, blur, light.
+    """(height, width) float grey levels before noise and quantisation: the canvas with the patches in front, blurred
+    and illuminated.
 
     The patches must not overlap one another.
     """

@@ -1,4 +1,4 @@
-"""How finely and how bright antenna, board, object and bench are drawn."""
+"""Sampling and brightness of antenna, board, object and bench in drawn pictures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class _PaintSettings:
-    """Samples, brightness and sizes of what is drawn; brightness from 0 to 1."""
+    """Samples, sizes and brightness (0 to 1) of what is drawn."""
 
     antenna_subpixels: int = 4  # samples per pixel and axis, of the antenna
     board_subpixels: int = 3  # of the board

@@ -1,1 +1,1 @@
-"""What a simulated rig is made of: scene files, lens, objects."""
+"""The parts of a simulated rig: scene files, lens, objects."""

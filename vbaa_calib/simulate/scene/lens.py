@@ -49,7 +49,7 @@ def project(lens: Lens, points_camera_m: np.ndarray) -> np.ndarray:
 
 
 def normalise(lens: Lens, pixels: np.ndarray) -> np.ndarray:
-    """(x/z, y/z) of the rays through pixels, (N, 2) to (N, 2); meaningless where the lens cannot be inverted."""
+    """(N, 2) x/z and y/z of the rays through pixels (N, 2); meaningless where the lens cannot be inverted."""
     points = np.asarray(pixels, float).reshape(-1, 1, 2)
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
     if lens.model == "fisheye":
@@ -62,7 +62,7 @@ def normalise(lens: Lens, pixels: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class RayMap:
-    """Rays of all pixels, worked out once for a scene.
+    """Rays of all pixels, computed once for a scene.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class RayMap:
         return self.padded[1:-1, 1:-1]
 
     def block(self, left: int, top: int, right: int, bottom: int, factor: int) -> np.ndarray:
-        """(rows·factor, columns·factor, 2) float32 rays of the sub-pixels of the pixels [left, right) × [top, bottom).
+        """(rows·factor, columns·factor, 2) float32 rays of the sub-pixels of pixels [left, right) × [top, bottom).
 
         Between pixel centres the map is interpolated linearly: its bend within a pixel is below 1e-3 px.
         """
@@ -94,7 +94,7 @@ class RayMap:
 
 
 def invertible(lens: Lens, step_px: int = 8) -> bool:
-    """Whether every pixel has its own ray: tested at every few pixels, and one pixel beyond the picture."""
+    """Whether every pixel has its own ray, tested every few pixels and one pixel beyond the picture."""
     return _inverted(lens, step_px)[1]
 
 
@@ -112,7 +112,7 @@ def ray_map(lens: Lens) -> RayMap:
 
 
 def _between(place: np.ndarray, count: int) -> np.ndarray:
-    """(P, K) what each of K evenly spaced values adds to those at places (P,) from the first one on: cubic."""
+    """(P, K) cubic interpolation weights of K evenly spaced values at places (P,), relative to the first value."""
     first = np.clip(place.astype(int) - 1, 0, count - 4)
     off, nodes = place - first, np.arange(4.0)
     found = np.zeros((len(place), count))
@@ -123,13 +123,14 @@ def _between(place: np.ndarray, count: int) -> np.ndarray:
 
 
 def _right_way_round(rays: np.ndarray) -> bool:
-    """Whether rays (rows, columns, 2) run as the pixels do."""
+    """Whether rays (rows, columns, 2) have the orientation of the pixels, without a fold."""
     along_u, along_v = np.diff(rays, axis=1)[:-1], np.diff(rays, axis=0)[:, :-1]
     return bool((along_u[..., 0] * along_v[..., 1] > along_u[..., 1] * along_v[..., 0]).all())
 
 
 def _inverted(lens: Lens, step_px: int) -> tuple[np.ndarray, bool]:
-    """(rows, columns, 2) rays on a grid from pixel −1 on, and whether they lead back and run the right way round."""
+    """(rows, columns, 2) rays on a grid from pixel −1 on, and whether they project back and have the right
+    orientation."""
     width, height = lens.image_size
     u, v = np.meshgrid(np.arange(-1.0, width + step_px, step_px), np.arange(-1.0, height + step_px, step_px))
     pixels = np.stack([u, v], axis=-1).reshape(-1, 2)

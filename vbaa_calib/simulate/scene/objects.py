@@ -30,7 +30,7 @@ BOX_FACE_M = 0.03
 
 @dataclass(frozen=True, eq=False)
 class Bump:
-    """A bump, or a dent where its height is negative.
+    """A bump of the surface; a dent where its height is negative.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Bump:
 
 
 class ObjectNumbers(NamedTuple):
-    """An object as the core reads it: its kind, vectors (3,), and bumps (K, 5), directions, heights and widths."""
+    """An object in the core's form: its kind, vectors (3,), and bumps (K, 5): directions, heights and widths."""
 
     kind: int
     center_m: np.ndarray
@@ -85,18 +85,18 @@ class TouchObject:
 
     @property
     def across(self) -> np.ndarray:
-        """(3, 3) world: projects on the directions across the axis, the identity where there is none."""
+        """(3, 3) projection onto the directions across the axis, world frame; the identity where there is no axis."""
         along = np.asarray(self.axis_world, float) if self.shape in LINES else np.zeros(3)
         return np.eye(3) - np.outer(along, along)
 
     @property
     def into_faces(self) -> np.ndarray:
-        """(2, 3) unit vectors into the box, each across one of its two faces."""
+        """(2, 3) unit vectors into the box, normal to its two faces."""
         side = np.cross(self.axis_world, self.wedge_world)
         return np.stack([self.wedge_world - side, self.wedge_world + side]) / math.sqrt(2.0)
 
     def within(self, points_world: np.ndarray) -> np.ndarray:
-        """(...) whether points (..., 3) lie between the ends of cylinder or edge, and on the faces of the box."""
+        """(...) mask of points (..., 3) that lie between the ends of cylinder or edge, and on the faces of the box."""
         if self.shape not in LINES:
             return np.ones(np.shape(points_world)[:-1], bool)
         from_centre = np.asarray(points_world, float) - self.center_world_m
@@ -124,13 +124,14 @@ class TouchObject:
         return distance.reshape(points.shape[:-1]), normal.reshape(points.shape)
 
     def rough_distance(self, points_world: np.ndarray) -> np.ndarray:
-        """(...) a cheaper distance with the same order over points (..., 3), zero on the surface too."""
+        """(...) a cheaper distance of points (..., 3) from the surface: zero on it and in the same order, but not in
+        metres."""
         points = np.asarray(points_world, float)
         return core.simulate.rough_distances(self.numbers, points.reshape(-1, 3)).reshape(points.shape[:-1])
 
     @property
     def numbers(self) -> ObjectNumbers:
-        """As the core reads it."""
+        """The object in the core's form."""
         center, axis, wedge = (
             np.ascontiguousarray(v, float) for v in (self.center_world_m, self.axis_world, self.wedge_world)
         )
@@ -138,13 +139,14 @@ class TouchObject:
 
 
 def _rows(bumps: Sequence[Bump]) -> np.ndarray:
-    """(K, 5) directions, heights and widths."""
+    """(K, 5) directions, heights and widths of the bumps."""
     rows = [[*bump.direction_world, bump.height_m, bump.width_m] for bump in bumps]
     return np.array(rows, float) if rows else np.zeros((0, 5))
 
 
 def implicit(points_m: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> tuple[np.ndarray, np.ndarray]:
-    """F (...) and its gradient (..., 3) at points (..., 3) from the centre; in it, the gradient is NaN."""
+    """F (...) and its gradient (..., 3) at points (..., 3) relative to the centre; at the centre the gradient is
+    NaN."""
     points = np.asarray(points_m, float)
     value, slope = core.simulate.elevations(points.reshape(-1, 3), radius_m, _rows(bumps))
     return value.reshape(points.shape[:-1]), slope.reshape(points.shape)

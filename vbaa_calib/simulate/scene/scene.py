@@ -1,4 +1,4 @@
-"""A simulated rig and its session: the content of a scene file, checked, in SI units and radians."""
+"""A simulated rig and its session: the checked content of a scene file, in SI units and radians."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from .objects import TouchObject
 
 
 def _radians(angle_deg: Any) -> Any:
-    """Of a number or a pair."""
+    """Degrees to radians, for a number or a pair."""
     if isinstance(angle_deg, tuple):
         return _radians(angle_deg[0]), _radians(angle_deg[1])
     return float(np.deg2rad(angle_deg))
 
 
 class Degrees(ReadAs):
-    """Annotation of an angle that the scene file gives in degrees, from `low` to `high`."""
+    """Annotation of an angle that the scene file has in degrees, between `low` and `high`."""
 
     def __init__(self, low: float, high: float) -> None:
         super().__init__(Annotated[Number, Field(ge=low, le=high)], _radians)
 
 
 class _Range(ReadAs):
-    """Annotation of a smallest and a largest value, both from `low` to `high` as the file writes them."""
+    """Annotation of a pair of a smallest and a largest value, both between `low` and `high` in the file's units."""
 
     def __init__(self, low: float, high: float, convert: Callable[[Any], Any] = tuple) -> None:
         def rising(pair: tuple[float, float]) -> Any:
@@ -51,7 +51,7 @@ class _Range(ReadAs):
 
 @dataclass(frozen=True, eq=False)
 class TrueAntenna:
-    """How the simulated antenna differs from what session.yaml says of it.
+    """Differences of the simulated antenna from what session.yaml states.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class TrueAntenna:
 
 @dataclass(frozen=True)
 class SceneSensor:
-    """The sensor reads gain · moment + offset + noise."""
+    """A moment sensor that reads gain · moment + offset + noise."""
 
     std_Nm: Annotated[Number, Field(ge=1e-12, le=10)]
     gain: Annotated[Number, Field(ge=0.1, le=10)] = 1.0
@@ -82,7 +82,7 @@ class SceneSensor:
 
 @dataclass(frozen=True, eq=False)
 class WrenchSpec:
-    """A sensor of several axes: as session.yaml describes it, and what is true of it.
+    """A sensor of several axes: session.yaml's description, and its true parameters.
 
     Each component reads gain · component + offset + noise, right-handed, in the sensor's axes.
 
@@ -104,14 +104,14 @@ class WrenchSpec:
     offset_Nm: Number = 3e-4
 
     def true(self, force_N: np.ndarray, moment_Nm: np.ndarray) -> np.ndarray:
-        """(B, C) components of forces and moments (B, 3) about the antenna frame's origin."""
+        """(B, C) true components, from forces and moments (B, 3) about the antenna frame's origin."""
         turned = Pose.from_rotvec(self.turn_rad, np.zeros(3)).rotation @ self.T_antenna_sensor.rotation
         about = moment_Nm - np.cross(self.T_antenna_sensor.translation_m, force_N)
         both = {"f": force_N @ turned, "m": about @ turned}
         return np.stack([both[name[0]][:, "xyz".index(name[1])] for name in self.components], axis=1)
 
     def read(self, true: np.ndarray, noise: np.random.Generator) -> np.ndarray:
-        """(B, C) readings of them."""
+        """(B, C) readings of true components."""
         forces = np.array([name.startswith("f") for name in self.components])
         std, offset = np.where(forces, self.std_N, self.std_Nm), np.where(forces, self.offset_N, self.offset_Nm)
         return np.asarray(self.gain * true + offset + std * noise.standard_normal(true.shape))
@@ -122,7 +122,7 @@ _Share = Annotated[Number, Field(ge=0, le=1)]
 
 @dataclass(frozen=True)
 class PictureSpec:
-    """How a picture comes about.
+    """Exposure, noise and blur of the pictures.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ larger (m; labels have the bare antenna)."""
 
 @dataclass(frozen=True)
 class TraceSpec:
-    """What a path-traced picture shows in addition to what every picture shows.
+    """Properties of path-traced pictures in addition to those of all pictures.
 
     Attributes
     ----------
@@ -199,7 +199,7 @@ class TraceSpec:
 
 @dataclass(frozen=True)
 class IntrinsicsSpec:
-    """Pictures of the board in the hand: how many, and the ranges of distance and tilt."""
+    """Pictures of the board in the hand: their number, and the ranges of distance and tilt."""
 
     pictures: Annotated[WholeNumber, Field(ge=1, le=1000)]
     distance_m: Annotated[tuple[float, float], _Range(0.01, 10)]
@@ -225,7 +225,8 @@ class KnownLoad(Joints):
 
 @dataclass(frozen=True)
 class Sweep:
-    """One stroke of a recording: `press` moves toward the object, past first touch, while the other joint sweeps.
+    """One stroke of a recording: the joint `press` moves towards the object, beyond first touch, while the other
+    joint sweeps.
 
     Attributes
     ----------
@@ -258,7 +259,7 @@ class PlannedStrokes:
 
 @dataclass(frozen=True)
 class OverSpec:
-    """How the board lies under the antenna.
+    """Pose of the board under the antenna.
 
     Attributes
     ----------
@@ -279,11 +280,11 @@ class OverSpec:
 
     @property
     def joints(self) -> Joints:
-        """Its joint angles."""
+        """The joint angles of that picture."""
         return Joints(self.pan_rad, self.tilt_rad)
 
     def T_antenna_board(self, spec: BoardWithIds) -> Pose:
-        """Pose of the printed face: its z is the antenna frame's, turned round."""
+        """Pose of the printed face, with z opposite to the antenna frame's."""
         cos, sin = np.cos(self.turn_rad), np.sin(self.turn_rad)
         rotation = np.array([[cos, -sin, 0.0], [-sin, -cos, 0.0], [0.0, 0.0, -1.0]])
         return Pose(
@@ -293,7 +294,7 @@ class OverSpec:
 
 @dataclass(frozen=True, eq=False)
 class SceneSpec:
-    """A whole scene file.
+    """The content of a whole scene file.
 
     Attributes
     ----------
@@ -329,7 +330,7 @@ class SceneSpec:
     camera: str = ""
 
     def of_camera(self, name: str) -> SceneSpec:
-        """As one of its cameras sees it."""
+        """The scene with one of its cameras as its only one."""
         lens, T_antenna_camera = self.cameras[name]
         return replace(self, lens=lens, T_antenna_camera=T_antenna_camera, camera=name)
 
@@ -353,7 +354,7 @@ class SceneSpec:
 
 
 def true_rod(scene: SceneSpec) -> Rod:
-    """The antenna as it really is. A round wire: GJ = EI / (1 + ν)."""
+    """The antenna with its true parameters. A round wire: GJ = EI / (1 + ν)."""
     stiffness = scene.antenna.stiffness_Nm2 * scene.true.stiffness_factor
     taper, tip = scene.antenna.taper, scene.true.tip_factor
     about_y, about_z = scene.true.clamp_angle_rad

@@ -183,7 +183,7 @@ class _SceneKinematics:
 
 
 class _SceneFile(FileModel):
-    """A scene file: what a simulated rig is made of and what is done with it."""
+    """A scene file: the parts of a simulated rig, and its session."""
 
     VERSION = "vbaa.scene/1"
     FURTHER_KEYS = False
